@@ -264,6 +264,18 @@ impl Deref for RunArg {
     }
 }
 
+/// A part of a run.
+#[derive(Debug, Args)]
+pub struct PartArgs {
+    /// Only what these variants have, and what all share.
+    #[arg(long, value_name = "GLOB,...")]
+    pub variant: Option<String>,
+
+    /// Only these stages.
+    #[arg(long, value_name = "GLOB,...")]
+    pub stage: Option<String>,
+}
+
 /// The form of an output.
 #[derive(Debug, Args)]
 pub struct JsonArgs {

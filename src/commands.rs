@@ -72,7 +72,7 @@ outputs! {
     "runs-prune" => runs::RunsPrune,
     "runs-rm" => runs::RunsRm,
     "runs-show" => runs::RunsShow,
-    "runs-why" => runs::RunsWhy,
+    "runs-why" => depthloom_runs::RunDifference,
     "samples" => samples::Samples,
     "table" => depthloom_analysis::TableOutput,
     "timings" => timings::Timings,

@@ -8,9 +8,8 @@ use std::sync::OnceLock;
 
 use clap_complete::CompleteEnv;
 use clap_complete::engine::{ArgValueCandidates, CompletionCandidate, PathCompleter, ValueCompleter as _};
-use depthloom_graphs::Registry;
-use depthloom_graphs::language;
 use depthloom_graphs::plan::{Plan, RunId};
+use depthloom_graphs::{Registry, language};
 use depthloom_recording::{RecordedPlan, Recording};
 use depthloom_runs::recording_of;
 use depthloom_terminal::{CliError, ExitCode};

@@ -8,19 +8,18 @@ use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::{NodeId, Plan, RunId};
 use depthloom_graphs::ready::Ready;
-use depthloom_graphs::render;
-use depthloom_graphs::{Frame, counted};
+use depthloom_graphs::{Frame, counted, render};
 use depthloom_nodes::{onnx, process};
 use depthloom_recording::{Condition, EarlierRuns, Recorder, Recording, RecordingError};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
 use depthloom_runs::{
     File,
-    earlier::{self, OUTDATED, Reused},
     environment::{self, ENVIRONMENT, Environment},
     files_in, models,
+    reuse::{self, OUTDATED, Reused},
     run_folder::{Begun, RunFolder},
 };
-use depthloom_runs::{RECORDING, TIMINGS, run_failed};
+use depthloom_runs::{FrameFailure, Frames, RECORDING, TIMINGS, frames_and_failures, run_failed, write_timings};
 use depthloom_terminal::{CliError, ExitCode, print, print_path, say};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -28,13 +27,11 @@ use serde_json::json;
 
 use crate::args::RunArgs;
 use crate::diagnostics::{self, Error};
-use crate::failures::{self, Frames};
 use crate::output;
 use crate::page;
 use crate::progress::Progress;
 use crate::report::{self, analyse, no_pixel_counted, summary};
 use crate::samples;
-use crate::timings::write_timings;
 use crate::truths;
 
 /// Of `run`: what was run, and what came of it.
@@ -52,7 +49,7 @@ pub struct Run {
     /// How many frames failed.
     failed_frames: u64,
     /// What failed, frame by frame.
-    failures: Vec<failures::Failure>,
+    failures: Vec<FrameFailure>,
     reused: Reused,
     warnings: Vec<String>,
     environment: Environment,
@@ -87,8 +84,8 @@ pub fn carry_out(
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     tell(args, &of_sources);
     let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
-    let earlier = earlier::of(args.is_fresh(), &folder, &plan);
-    let unreadable = earlier::unreadable(&earlier);
+    let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &plan);
+    let unreadable = reuse::unreadable(&earlier);
     tell(args, &unreadable);
     let begun = Earlier { begun, earlier }.verified(args, &folder, &ready, elsewhere.is_some())?;
     let mut options = options(args, &folder);
@@ -127,7 +124,7 @@ pub fn carry_out(
         CliError::new(ExitCode::FrameFailures, format!("{frames} failed; what depended on them is left out"))
     });
     let incomplete = incomplete.or_else(|| no_pixel_counted(&report));
-    let told = || Run {
+    let output = || Run {
         experiment: plan.experiment.clone(),
         run: out.to_string_lossy().into_owned(),
         key,
@@ -142,7 +139,7 @@ pub fn carry_out(
         report: report::Report::of(&report, None),
         error: incomplete.as_ref().map(Error::from),
     };
-    show(args, &report, told, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
+    show(args, &report, output, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
     if args.page.open {
         page::open(&out);
     }
@@ -268,9 +265,9 @@ impl Ended {
             folder.discard();
             stop = stop.also("no frame was recorded");
         } else {
-            let told = counted(frames, "frame");
+            let count = counted(frames, "frame");
             let (at, report) = (partial.display(), partial.display());
-            stop = stop.also(format!("{told} can be read from {at}: `depthloom report {report}`"));
+            stop = stop.also(format!("{count} can be read from {at}: `depthloom report {report}`"));
             let printed = partial.join(PRINTED);
             if printed.is_file() {
                 stop = stop.also(format!("what programs printed is in {}", printed.display()));
@@ -311,7 +308,7 @@ impl Earlier {
         let outdated = if is_elsewhere {
             Some("dora computes all values again".to_owned())
         } else {
-            earlier::outdated(ready, &earlier, &recording)?
+            reuse::outdated(ready, &earlier, &recording)?
         };
         let Some(why) = outdated else { return Ok(Self { begun: Some(recording), earlier }) };
         drop((recording, earlier));
@@ -326,7 +323,7 @@ impl Earlier {
         depthloom_durable::rename(&recording, &aside).map_err(|error| {
             CliError::of_writing(ExitCode::Engine, format_args!("failed to rename {}", recording.display()), &error)
         })?;
-        Ok(Self { begun: None, earlier: earlier::of(args.is_fresh(), folder, &ready.plan) })
+        Ok(Self { begun: None, earlier: reuse::earlier_runs(args.is_fresh(), folder, &ready.plan) })
     }
 }
 
@@ -383,7 +380,7 @@ fn record<'a>(
     let recorder = recorder.map_err(|error| Ended {
         why: CliError::remedied(ExitCode::Engine, "failed to start the recording", &error),
         // What an earlier process wrote stays.
-        frames: begun.as_ref().map_or(0, |begun| earlier::frames(begun)),
+        frames: begun.as_ref().map_or(0, |begun| reuse::frames(begun)),
         is_suspect: false,
     })?;
     // Values that come from elsewhere are not looked for in earlier runs: their keys come with them.
@@ -422,18 +419,18 @@ fn record<'a>(
     })?;
     finished.map_err(ended)?;
     let (has_printed, failed_programs) = printed.map_err(ended)?;
-    let warnings = [warnings(&ran, plan), failed_programs, earlier::warnings(&earlier)].concat();
+    let warnings = [warnings(&ran, plan), failed_programs, reuse::warnings(&earlier)].concat();
     tell(args, &warnings);
     write_timings(&ran.timings, plan, &recorder, &folder.file(TIMINGS)).map_err(ended)?;
     if ran.interrupted {
         return Err(ended(CliError::new(ExitCode::Interrupted, "interrupted")));
     }
     let failed = ran.stages.iter().map(|stage| stage.failed).sum();
-    let reused = earlier::told(&ran, plan, &earlier);
+    let reused = reuse::reuse_counts(&ran, plan, &earlier);
     if let (Some(text), false) = (reused.text(), is_silent(args)) {
         say(text);
     }
-    let prepared = Prepared { sampled, reports: earlier::reports(&earlier, options.audit) };
+    let prepared = Prepared { sampled, reports: reuse::reports(&earlier, options.audit) };
     Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.output(), prepared, has_printed })
 }
 
@@ -499,7 +496,7 @@ struct Finished {
     /// Of its plan.
     key: String,
     frames: Vec<Frames>,
-    failures: Vec<failures::Failure>,
+    failures: Vec<FrameFailure>,
 }
 
 /// Makes of a whole recording what else lies in its folder: models, tables, figures, and where it was made.
@@ -532,14 +529,14 @@ fn finish(
         environment.measure_again();
         folder.write(ENVIRONMENT, &environment.text())?;
     }
-    let (frames, failures) = failures::told(&recording);
+    let (frames, failures) = frames_and_failures(&recording);
     Ok(Finished { report, environment, key: plan_key(recording.plan()).to_string(), frames, failures })
 }
 
 /// Prints what was asked for.
-fn show(args: &RunArgs, report: &Summary, told: impl FnOnce() -> Run, out: &Path) -> Result<(), CliError> {
+fn show(args: &RunArgs, report: &Summary, output: impl FnOnce() -> Run, out: &Path) -> Result<(), CliError> {
     if args.output.json {
-        return output::print(&told());
+        return output::print(&output());
     }
     if !args.quiet {
         print(summary(report, out))?;

@@ -28,7 +28,6 @@ mod delivery;
 mod diagnostics;
 mod execution;
 mod experiment;
-mod failures;
 mod frame_progress;
 mod memory;
 mod output;
@@ -38,8 +37,6 @@ mod progress;
 mod report;
 mod samples;
 mod signals;
-mod sizes;
-mod timings;
 mod truths;
 mod warnings;
 

@@ -9,8 +9,7 @@ use std::time::{Duration, Instant};
 use depthloom_analysis::{AnalysisError, PAGE, Summary, Surroundings, read_timings, write_page};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
-use depthloom_runs::TIMINGS;
-use depthloom_runs::environment;
+use depthloom_runs::{TIMINGS, environment};
 use depthloom_terminal::{CliError, ExitCode, say};
 use indicatif::ProgressBar;
 
@@ -31,19 +30,8 @@ pub fn write(
         spinner.enable_steady_tick(Duration::from_millis(200));
         spinner
     });
-    let written = write_silently(recording, folder, summary, surroundings, interrupt);
-    spinner.iter().for_each(ProgressBar::finish_and_clear);
-    written
-}
-
-fn write_silently(
-    recording: &Recording,
-    folder: &Path,
-    summary: &Summary,
-    surroundings: &Surroundings,
-    interrupt: &Interrupt,
-) -> Result<(), CliError> {
     let written = write_page(recording, folder, summary, surroundings, &|| interrupt.stops_admission());
+    spinner.iter().for_each(ProgressBar::finish_and_clear);
     written.map(|_| ()).map_err(|error| match error {
         AnalysisError::Stopped => CliError::new(ExitCode::Interrupted, format!("interrupted while writing {PAGE}")),
         error => {
@@ -55,13 +43,13 @@ fn write_silently(
 
 /// What lies beside a recording and says where it was made: as far as it is there, and was known before the page was made.
 pub fn surroundings(folder: &Path) -> Surroundings {
-    let mut environment = environment::of(folder);
-    if let Some(told) = environment.as_object_mut() {
+    let mut environment = environment::read(folder);
+    if let Some(entries) = environment.as_object_mut() {
         // Other files of this machine concern nobody, and the memory of a run is known when its page is written.
-        told.remove("reads");
-        told.remove("peak_resident_bytes");
+        entries.remove("reads");
+        entries.remove("peak_resident_bytes");
         // Measured again after the page.
-        told.remove("wall_s");
+        entries.remove("wall_s");
     }
     let timings = folder.join(TIMINGS);
     let timings = timings.is_file().then(|| read_timings(&timings).ok()).flatten().unwrap_or_default();
@@ -73,8 +61,8 @@ pub fn open(folder: &Path) {
     let page = folder.join(PAGE);
     // A browser has a folder of its own to start from.
     let page = std::fs::canonicalize(&page).unwrap_or(page);
-    let told = std::env::var_os("BROWSER").filter(|browser| !browser.is_empty());
-    let mut command = match told {
+    let entries = std::env::var_os("BROWSER").filter(|browser| !browser.is_empty());
+    let mut command = match entries {
         Some(browser) => Command::new(browser),
         None if cfg!(target_os = "macos") => Command::new("open"),
         None if cfg!(windows) => Command::new("explorer"),

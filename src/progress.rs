@@ -67,6 +67,12 @@ impl Progress {
     }
 }
 
+/// A bar for a terminal, hidden if it is `quiet`.
+pub fn bar(quiet: bool, length: u64, template: &str) -> ProgressBar {
+    let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(length) };
+    bar.with_style(style(template))
+}
+
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }

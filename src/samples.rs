@@ -7,7 +7,8 @@ use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
 use depthloom_runs::{failed, open, recording_of, run_folder};
 use depthloom_terminal::{CliError, ExitCode, say};
-use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::progress::bar;
 
 /// The folder of a file.
 pub fn folder_of(file: &Path) -> &Path {
@@ -24,7 +25,7 @@ pub fn write(
     if *recording.condition() != Condition::Whole {
         say(format_args!("warning: the recording is {}", recording.condition()));
     }
-    let bar = bar(is_silent, "samples: {bar:30} {pos}/{len} frames  {eta} left");
+    let bar = bar(is_silent, 1, "samples: {bar:30} {pos}/{len} frames  {eta} left");
     let progress = |done: usize, all: usize| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
@@ -32,14 +33,6 @@ pub fn write(
     let written = write_samples(recording, out, &progress, &|| interrupt.stops_admission());
     bar.finish_and_clear();
     written.map_err(failed)
-}
-
-pub fn bar(is_silent: bool, template: &str) -> ProgressBar {
-    let bar = if is_silent { ProgressBar::hidden() } else { ProgressBar::new(1) };
-    if let Ok(style) = ProgressStyle::with_template(template) {
-        bar.set_style(style);
-    }
-    bar
 }
 
 /// Whether what is named is a file of samples itself.

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 pub use bins::Bins;
 pub(crate) use bins::Edges;
+use clap::ValueEnum;
 use depthloom_graphs::Key;
 use depthloom_graphs::key::KeyBuilder;
 use depthloom_graphs::language::glob;
@@ -103,7 +104,7 @@ impl By {
 }
 
 /// The pixels that samples are of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SampleSet {
     /// Those that an estimator answered, which are its own.
     Answered,

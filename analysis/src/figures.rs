@@ -12,6 +12,7 @@ mod spreads;
 
 use std::path::PathBuf;
 
+use clap::ValueEnum;
 use depthloom_figures::{Drawing, Sheet};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
@@ -34,25 +35,25 @@ const MOST_PANELS: usize = 16;
 const A4_WIDE_MM: f64 = 210.0;
 const A4_MM: f64 = 297.0;
 /// What a figure shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FigureKind {
-    /// The paper's: median and percentiles of the absolute error by true distance.
+    /// The paper's: median, 25 to 75 % and 5 to 95 % of the absolute error by true distance.
     ErrorVsDistance,
-    /// How much farther off one estimator is than another by distance.
+    /// How much farther off one estimator is than another, by distance, and where one hands over to the other.
     Difference,
     /// How often errors of which size are.
     Histogram,
-    /// Of how many pixels the error is below what.
+    /// The share of pixels whose error is below what.
     Cdf,
-    /// A score on every frame.
+    /// A score on every frame: a strip an estimator.
     Frames,
-    /// A score against the parameters of a matrix.
+    /// A score against a parameter of `matrix:`: a line for one, a heat map for two.
     Parameter,
     /// Errors by the weight that was given to them.
     Reliability,
     /// Losses by step of learning.
     Learning,
-    /// Frames: image, estimates, weight, difference of errors, truth.
+    /// Frames as the paper shows them: image, stereo, mono, fused, weight, difference of errors, truth.
     Panels,
 }
 

@@ -19,7 +19,7 @@ pub use self::artifact::Artifact;
 pub use self::calibration::Calibration;
 pub use self::curve::{Curve, CurvePoint};
 pub use self::depth::Depth;
-pub use self::difference::{Difference, Differs, Place, number};
+pub use self::difference::{Differs, Place, ValueDifference, number};
 pub use self::disparity::Disparity;
 pub use self::float_disparity::FloatDisparity;
 pub use self::image::{Encoded, Image, ImageFormat, Pixels};

@@ -17,6 +17,7 @@ mod provider;
 mod runtime;
 mod session;
 mod shapes;
+mod stanza;
 #[cfg(feature = "tract")]
 mod tract;
 
@@ -55,5 +56,5 @@ pub(crate) use network::{Network, outlet};
 pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout};
 pub(crate) use pool::{Pool, declared};
 pub(crate) use session::{Binding, Feed};
-pub use shapes::may_be_map;
 pub(crate) use shapes::{Axes, Maps, batch, map_of, map_output, numberless, planes, sizes};
+pub use stanza::{closed_shape, shape_text, stanza};

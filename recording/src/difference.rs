@@ -8,6 +8,7 @@ use std::fmt;
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{NodeId, NodeRef, RunId};
+use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
 
@@ -27,13 +28,13 @@ pub struct NodePair {
     /// The node in the later plan; `None` if it has no such node.
     pub after: Option<NodeRef>,
     /// What differs; nothing if the recipes are equal, or one of the plans lacks it.
-    pub differences: Vec<Difference>,
+    pub differences: Vec<PlanDifference>,
 }
 
 /// Something in which two nodes or sources differ. In JSON, `what` is the name of the variant.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 #[serde(tag = "what", rename_all = "lowercase")]
-pub enum Difference {
+pub enum PlanDifference {
     /// They are of other kinds.
     Kind {
         /// The earlier one's.
@@ -81,6 +82,27 @@ pub enum Difference {
     },
 }
 
+impl NodePair {
+    /// `stage.node`, with at most `most` of its variants where it does not serve all those of `plan`.
+    #[must_use]
+    pub fn label(&self, plan: &RecordedPlan, most: usize) -> String {
+        let Self { stage, name, variants, .. } = self;
+        if variants.is_empty() || variants.len() == plan.variants.len() {
+            return format!("{stage}.{name}");
+        }
+        let more = if variants.len() > most { ", ..." } else { "" };
+        format!("{stage}.{name} of {}{more}", variants[..variants.len().min(most)].join(", "))
+    }
+}
+
+impl PlanDifference {
+    /// Whether the node differs only because one that it reads does.
+    #[must_use]
+    pub const fn is_upstream(&self) -> bool {
+        matches!(self, Self::Upstream { .. })
+    }
+}
+
 /// The nodes of two plans side by side: those of the later in their order, then those that only the earlier has.
 ///
 /// A node's counterpart is that of its name in its stage and variant; where no variant has the same name, one of the same recipe, or the
@@ -111,12 +133,12 @@ pub fn node_pairs(before: &RecordedPlan, after: &RecordedPlan) -> Vec<NodePair> 
 
 /// What differs between the sources of two stage runs.
 #[must_use]
-pub fn source_differences(before: &RecordedSource, after: &RecordedSource) -> Vec<Difference> {
+pub fn source_differences(before: &RecordedSource, after: &RecordedSource) -> Vec<PlanDifference> {
     if before.parts.len() != after.parts.len() {
         let kinds = |parts: &[RecordedSourcePart]| {
             parts.iter().map(|part| part.kind.as_str()).collect::<Vec<_>>().join(", then ")
         };
-        return vec![Difference::Kind { before: kinds(&before.parts), after: kinds(&after.parts) }];
+        return vec![PlanDifference::Kind { before: kinds(&before.parts), after: kinds(&after.parts) }];
     }
     let mut found = Vec::new();
     for (one, other) in before.parts.iter().zip(&after.parts) {
@@ -168,7 +190,7 @@ fn counterpart(before: &RecordedPlan, after: &RecordedPlan, place: NodeRef, vari
 }
 
 /// What differs between two nodes; nothing if they have one recipe.
-fn differences(before: &RecordedPlan, one: NodeRef, after: &RecordedPlan, other: NodeRef) -> Vec<Difference> {
+fn differences(before: &RecordedPlan, one: NodeRef, after: &RecordedPlan, other: NodeRef) -> Vec<PlanDifference> {
     let (earlier, later) = (node(before, one), node(after, other));
     if earlier.recipe == later.recipe {
         return Vec::new();
@@ -187,27 +209,27 @@ fn differences(before: &RecordedPlan, one: NodeRef, after: &RecordedPlan, other:
             (Wire::File(was), Wire::File(is)) if was == is => files.push(is.clone()),
             (Wire::Node(_, was), Wire::Node(_, is)) if was == is => {}
             (Wire::Node(was, _), Wire::Node(from, _)) if was == from => {
-                found.push(Difference::Upstream { port, from: from.clone() });
+                found.push(PlanDifference::Upstream { port, from: from.clone() });
             }
             (was, is) if was == is => {}
-            (was, is) => found.push(Difference::Input { port, before: was.text(), after: is.text() }),
+            (was, is) => found.push(PlanDifference::Input { port, before: was.text(), after: is.text() }),
         }
     }
     for input in earlier.inputs.iter().filter(|input| !later.inputs.iter().any(|of| of.port == input.port)) {
         let was = wire(before, one, input);
         if was != Wire::Nothing {
-            found.push(Difference::Input { port: input.port.clone(), before: was.text(), after: None });
+            found.push(PlanDifference::Input { port: input.port.clone(), before: was.text(), after: None });
         }
     }
     if found.is_empty() {
-        found.push(Difference::Unseen { files });
+        found.push(PlanDifference::Unseen { files });
     }
     found
 }
 
-fn of_kind(before: (&str, u32, &Json), after: (&str, u32, &Json), found: &mut Vec<Difference>) {
+fn of_kind(before: (&str, u32, &Json), after: (&str, u32, &Json), found: &mut Vec<PlanDifference>) {
     if before.0 != after.0 {
-        found.push(Difference::Kind { before: before.0.to_owned(), after: after.0.to_owned() });
+        found.push(PlanDifference::Kind { before: before.0.to_owned(), after: after.0.to_owned() });
         // Of the parameters those that both kinds have: a new kind drops the values that the old one was given.
         let shared = |params: &Json, other: &Json| {
             let entries = params.as_object().into_iter().flatten();
@@ -217,21 +239,21 @@ fn of_kind(before: (&str, u32, &Json), after: (&str, u32, &Json), found: &mut Ve
         return found.extend(json_differences(&shared(before.2, after.2), &shared(after.2, before.2)));
     }
     if before.1 != after.1 {
-        found.push(Difference::Version { before: before.1, after: after.1 });
+        found.push(PlanDifference::Version { before: before.1, after: after.1 });
     }
     found.extend(json_differences(before.2, after.2));
 }
 
-/// The places at which two values differ, each a [`Difference::Parameter`]. Lists are compared as a whole.
+/// The places at which two values differ, each a [`PlanDifference::Parameter`]. Lists are compared as a whole.
 #[must_use]
-pub fn json_differences(before: &Json, after: &Json) -> Vec<Difference> {
-    fn add(path: &str, before: Option<&Json>, after: Option<&Json>, found: &mut Vec<Difference>) {
+pub fn json_differences(before: &Json, after: &Json) -> Vec<PlanDifference> {
+    fn add(path: &str, before: Option<&Json>, after: Option<&Json>, found: &mut Vec<PlanDifference>) {
         let (one, other) = match (before, after) {
             (before, after) if before == after => return,
             (Some(Json::Object(one)), Some(Json::Object(other))) => (one, other),
             (before, after) => {
                 let (path, before, after) = (path.to_owned(), before.cloned(), after.cloned());
-                return found.push(Difference::Parameter { path, before, after });
+                return found.push(PlanDifference::Parameter { path, before, after });
             }
         };
         let gone = one.keys().filter(|key| !other.contains_key(*key));
@@ -290,7 +312,7 @@ fn wire(plan: &RecordedPlan, place: NodeRef, input: &RecordedInput) -> Wire {
     }
 }
 
-impl fmt::Display for Difference {
+impl fmt::Display for PlanDifference {
     /// As a lower-case fragment, the earlier before the later.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let wired = |to: &Option<String>| to.clone().unwrap_or_else(|| "nothing".to_owned());

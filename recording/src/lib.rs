@@ -106,7 +106,7 @@ mod write;
 
 pub use condition::Condition;
 pub use depthloom_mcap::FileError;
-pub use difference::{Difference, NodePair, json_differences, node_pairs, source_differences};
+pub use difference::{NodePair, PlanDifference, json_differences, node_pairs, source_differences};
 pub use error::RecordingError;
 pub use plan::{
     RecordedEstimate, RecordedInput, RecordedNode, RecordedOutput, RecordedPlan, RecordedRun, RecordedSource,

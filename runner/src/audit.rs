@@ -14,7 +14,7 @@ use std::sync::atomic::AtomicU64;
 use depthloom_graphs::contracts::{Contract, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, StageRun};
 use depthloom_graphs::ready::NodeBuilder;
-use depthloom_graphs::values::Difference;
+use depthloom_graphs::values::ValueDifference;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Scratch, Value};
 use depthloom_threads::caught;
 
@@ -319,7 +319,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         };
         match (stored, now) {
             (Some(stored), Some(now)) => {
-                let difference = Difference::between(&stored, now, 0.0);
+                let difference = ValueDifference::between(&stored, now, 0.0);
                 let first = difference.first?.text(port.value_type);
                 Some(format!(
                     "`{}`, {first}; {} of {} numbers differ",
@@ -343,7 +343,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         self.recompute(values, step).ok()?;
         let others = values.computed[step].as_ref()?;
         let is_equal = outputs.iter().zip(others).all(|(a, b)| match (a, b) {
-            (Some(a), Some(b)) => Difference::between(a, b, 0.0).different == 0,
+            (Some(a), Some(b)) => ValueDifference::between(a, b, 0.0).different == 0,
             (a, b) => a.is_none() && b.is_none(),
         });
         (!is_equal).then_some(Cause::NotDeterministic)
@@ -429,7 +429,7 @@ pub(crate) fn compare_aggregates(
     for ((port, stored), now) in ports.iter().zip(stored).zip(&made) {
         let what = match (stored, now) {
             (Some(stored), Some(now)) => {
-                let first = Difference::between(stored, now, 0.0).first;
+                let first = ValueDifference::between(stored, now, 0.0).first;
                 first.map(|first| format!("`{}`, {}", port.name, first.text(port.value_type)))
             }
             (None, None) => None,

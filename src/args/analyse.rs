@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
 use depthloom_analysis::{Bins, Gross, SampleSet};
 
-use super::{JsonArgs, RunArg, TableOutputArgs};
+use super::{JsonArgs, PartArgs, RunArg, TableOutputArgs};
 use crate::completion::{folders, runs};
 
 #[derive(Debug, Args)]
@@ -28,25 +28,6 @@ pub struct SamplesArgs {
 
     #[command(flatten)]
     pub output: JsonArgs,
-}
-
-/// The pixels that errors are of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum SampleSetOption {
-    /// Those that an estimator answered, which are its own.
-    Answered,
-    /// Those that all estimators answered that are asked for and were scored in the same way.
-    Common,
-}
-
-impl SampleSetOption {
-    /// As the analysis has it.
-    pub const fn set(self) -> SampleSet {
-        match self {
-            Self::Answered => SampleSet::Answered,
-            Self::Common => SampleSet::Common,
-        }
-    }
 }
 
 #[derive(Debug, Args)]
@@ -79,17 +60,12 @@ pub struct AnalyseArgs {
     #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 
-    /// Only what these variants have, and what all share.
-    #[arg(long, value_name = "GLOB,...")]
-    pub variant: Option<String>,
-
-    /// Only these stages.
-    #[arg(long, value_name = "GLOB,...")]
-    pub stage: Option<String>,
+    #[command(flatten)]
+    pub part: PartArgs,
 
     /// Over which pixels; several with commas between.
     #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "answered")]
-    pub set: Vec<SampleSetOption>,
+    pub set: Vec<SampleSet>,
 
     /// Errors as shares of the true distance, in place of metres.
     #[arg(long)]

@@ -18,7 +18,7 @@ pub struct IntervalArgs {
 
     /// How an interval is read off the resamples.
     #[arg(long, value_enum, value_name = "METHOD", default_value = "bca")]
-    pub interval: IntervalOption,
+    pub interval: IntervalMethod,
 
     /// How often frames are resampled; by default 100,000 times for scores, 10,000 times for errors by distance.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
@@ -32,22 +32,9 @@ pub struct IntervalArgs {
 impl IntervalArgs {
     /// The resampling of the analysis; `resamples` is the default number.
     pub fn resampling(&self, resamples: u32) -> Resampling {
-        let method = match self.interval {
-            IntervalOption::Bca => IntervalMethod::Bca,
-            IntervalOption::Percentile => IntervalMethod::Percentile,
-        };
         let resamples = self.resamples.unwrap_or(resamples);
-        Resampling { resamples, seed: self.seed, confidence: self.confidence, method }
+        Resampling { resamples, seed: self.seed, confidence: self.confidence, method: self.interval }
     }
-}
-
-/// How an interval is read off the resamples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum IntervalOption {
-    /// Bias-corrected and accelerated (Efron 1987).
-    Bca,
-    /// The percentiles themselves.
-    Percentile,
 }
 
 /// Reads a confidence in per cent.
@@ -83,7 +70,6 @@ pub struct CompareArgs {
     #[arg(long, value_name = "SIDE")]
     pub baseline: Option<String>,
 
-    /// Which scores.
     #[command(flatten)]
     pub pixels: ScoresArgs,
 
@@ -104,7 +90,6 @@ pub struct CompareArgs {
     #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 
-    /// How sure.
     #[command(flatten)]
     pub intervals: IntervalArgs,
 
@@ -113,7 +98,6 @@ pub struct CompareArgs {
     #[arg(long, value_name = "LIMIT")]
     pub fail_if: Vec<String>,
 
-    /// How it is set.
     #[command(flatten)]
     pub typesetting: TypesettingArgs,
 

@@ -12,7 +12,6 @@ use super::RunArgs;
     "dora first.yaml --machine '*.mono=jetson' > dataflow.yml" => "and one of them on another machine",
 ])]
 pub struct DoraArgs {
-    /// The run: what `run` takes. `--window` is how many frames are on their way at most (8 by default), `--workers` how many threads every node has (1 by default).
     #[command(flatten)]
     pub run: RunArgs,
 
@@ -50,7 +49,6 @@ pub struct DoraNodeArgs {
     #[arg(long, value_name = "DIR")]
     pub folder: PathBuf,
 
-    /// What `depthloom dora` was given.
     #[command(flatten)]
     pub dora: DoraArgs,
 }

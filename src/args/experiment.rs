@@ -52,7 +52,6 @@ pub struct ExecArgs {
     "check first.yaml --data" => "every frame of its data too, before an hour is computed on them",
 ])]
 pub struct CheckArgs {
-    /// The experiment.
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
@@ -68,7 +67,6 @@ pub struct CheckArgs {
     #[arg(long, conflicts_with = "sarif")]
     pub data: bool,
 
-    /// Programs.
     #[command(flatten)]
     pub exec: ExecArgs,
 
@@ -83,7 +81,6 @@ pub struct CheckArgs {
     "plan first.yaml --reuse --set look.stereo.with.block=7" => "what a run would take from earlier ones",
 ])]
 pub struct PlanArgs {
-    /// The experiment.
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
@@ -92,7 +89,6 @@ pub struct PlanArgs {
     #[arg(long)]
     pub reuse: bool,
 
-    /// Programs.
     #[command(flatten)]
     pub exec: ExecArgs,
 
@@ -120,7 +116,6 @@ pub enum GraphFormat {
     "graph first.yaml --json | jq '.edges[]'" => "for programs",
 ])]
 pub struct GraphArgs {
-    /// The experiment.
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 

@@ -6,48 +6,8 @@ use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use depthloom_analysis::{Bins, FigureKind, FrameChoice, Layout};
 
-use super::{JsonArgs, SetOption, compare::IntervalArgs};
+use super::{JsonArgs, PartArgs, SetOption, compare::IntervalArgs};
 use crate::completion::{folders, metrics, runs};
-
-/// What a figure shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum FigureOption {
-    /// The paper's: median, 25 to 75 % and 5 to 95 % of the absolute error by true distance.
-    ErrorVsDistance,
-    /// How much farther off one estimator is than another, by distance, and where one hands over to the other.
-    Difference,
-    /// How often errors of which size are.
-    Histogram,
-    /// The share of pixels whose error is below what.
-    Cdf,
-    /// A score on every frame: a strip an estimator.
-    Frames,
-    /// A score against a parameter of `matrix:`: a line for one, a heat map for two.
-    Parameter,
-    /// Errors by the weight that was given to them.
-    Reliability,
-    /// Losses by step of learning.
-    Learning,
-    /// Frames as the paper shows them: image, stereo, mono, fused, weight, difference of errors, truth.
-    Panels,
-}
-
-impl FigureOption {
-    /// As the analysis has it.
-    pub const fn kind(self) -> FigureKind {
-        match self {
-            Self::ErrorVsDistance => FigureKind::ErrorVsDistance,
-            Self::Difference => FigureKind::Difference,
-            Self::Histogram => FigureKind::Histogram,
-            Self::Cdf => FigureKind::Cdf,
-            Self::Frames => FigureKind::Frames,
-            Self::Parameter => FigureKind::Parameter,
-            Self::Reliability => FigureKind::Reliability,
-            Self::Learning => FigureKind::Learning,
-            Self::Panels => FigureKind::Panels,
-        }
-    }
-}
 
 /// What a figure is written as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -94,7 +54,7 @@ pub struct FigureArgs {
 
     /// What the figure shows.
     #[arg(required = true, value_enum, value_name = "KIND")]
-    pub kind: FigureOption,
+    pub kind: FigureKind,
 
     /// The file to write; its ending (`.svg`, `.png`, `.pdf`) says what it is written as.
     #[arg(long, short, required = true, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
@@ -129,13 +89,8 @@ pub struct FigureArgs {
     #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 
-    /// Only what these variants have, and what all share.
-    #[arg(long, value_name = "GLOB,...")]
-    pub variant: Option<String>,
-
-    /// Only these stages.
-    #[arg(long, value_name = "GLOB,...")]
-    pub stage: Option<String>,
+    #[command(flatten)]
+    pub part: PartArgs,
 
     /// Over which pixels: of errors `common` (which all answered) or `answered`, by default both where there is room for both; of scores those that were
     /// scored.
@@ -179,7 +134,6 @@ pub struct FigureArgs {
     #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
     pub frames: Option<FrameChoice>,
 
-    /// How sure the band of `difference` is.
     #[command(flatten)]
     pub intervals: IntervalArgs,
 

@@ -71,7 +71,6 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "[TYPE=]MOST", value_parser = Tolerance::parse)]
     pub tolerance: Vec<Tolerance>,
 
-    /// Programs.
     #[command(flatten)]
     pub exec: ExecArgs,
 

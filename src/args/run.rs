@@ -18,7 +18,6 @@ use crate::completion::folders;
     "run first.yaml --json | jq .report.table" => "for programs",
 ])]
 pub struct RunArgs {
-    /// The experiment.
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
@@ -59,7 +58,6 @@ pub struct RunArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub window: Option<u16>,
 
-    /// Programs.
     #[command(flatten)]
     pub exec: ExecArgs,
 
@@ -76,7 +74,6 @@ pub struct RunArgs {
     #[arg(long)]
     pub samples: bool,
 
-    /// The page.
     #[command(flatten)]
     pub page: PageArgs,
 
@@ -152,7 +149,6 @@ pub struct ReportArgs {
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence)]
     pub ci: Option<f64>,
 
-    /// The page.
     #[command(flatten)]
     pub page: PageArgs,
 

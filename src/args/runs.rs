@@ -6,8 +6,9 @@ use std::time::Duration;
 use clap::{ArgGroup, Args, Subcommand};
 use clap_complete::engine::ArgValueCompleter;
 
+use depthloom_terminal::{parse_age, parse_size};
+
 use crate::completion::{folders, runs};
-use crate::sizes::{parse_age, parse_size};
 
 #[derive(Debug, Args)]
 #[command(disable_help_subcommand = true)]

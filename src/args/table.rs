@@ -134,7 +134,6 @@ pub struct TableArgs {
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
-    /// Which scores.
     #[command(flatten)]
     pub scores: ScoresArgs,
 
@@ -189,7 +188,6 @@ pub struct TableArgs {
     #[arg(long, default_value_t = 1, requires = "ci")]
     pub seed: u64,
 
-    /// How it is set.
     #[command(flatten)]
     pub typesetting: TypesettingArgs,
 
@@ -222,7 +220,6 @@ pub struct ExplainArgs {
     /// The estimator as tables name it: `fused`, `full/fused`.
     pub estimator: String,
 
-    /// Which scores.
     #[command(flatten)]
     pub scores: ScoresArgs,
 

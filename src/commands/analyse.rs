@@ -10,7 +10,8 @@ use serde::Serialize;
 
 use crate::args::AnalyseArgs;
 use crate::delivery::Delivery;
-use crate::samples::{bar, is_samples, samples_of};
+use crate::progress::bar;
+use crate::samples::{is_samples, samples_of};
 use crate::signals;
 
 // Of `analyse`. The schema has the description of the table: one here would make it refer to the table's.
@@ -32,9 +33,9 @@ pub fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
         bins: args.bins.clone(),
         percentiles: args.percentiles.clone(),
         estimators: args.estimators.clone(),
-        variants: args.variant.clone(),
-        stages: args.stage.clone(),
-        sets: args.set.iter().map(|set| set.set()).collect(),
+        variants: args.part.variant.clone(),
+        stages: args.part.stage.clone(),
+        sets: args.set.clone(),
         unit: if args.relative { Unit::OfTruth } else { Unit::Metres },
         gross: args.gross,
     };
@@ -47,7 +48,7 @@ pub fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     for run in &args.runs {
         files.push((run.to_string_lossy().into_owned(), samples_of(run, is_silent, &interrupt)?));
     }
-    let bar = bar(is_silent, "{bar:30} {percent} %  {eta} left");
+    let bar = bar(is_silent, 1, "{bar:30} {percent} %  {eta} left");
     let progress = |done: u64, all: u64| {
         bar.set_length(all);
         bar.set_position(done);

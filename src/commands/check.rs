@@ -18,7 +18,7 @@ use crate::experiment::load;
 use crate::output;
 
 /// Of `check`: the counts where the experiment is without error.
-#[derive(JsonSchema, Serialize)]
+#[derive(Default, JsonSchema, Serialize)]
 pub struct Check {
     /// The file.
     experiment: String,
@@ -73,13 +73,9 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<ExitCode, CliError
         (Err(stop), _, true) => {
             let wrong = Check {
                 experiment: experiment.to_string_lossy().into_owned(),
-                variants: None,
-                stage_runs: None,
-                nodes: None,
-                dora_nodes: None,
                 diagnostics: diagnostics::placed(&stop).map(DiagnosticJson::from).collect(),
-                data: None,
                 error: Some(Error::from(&stop)),
+                ..Check::default()
             };
             output::print(&wrong).map(|()| stop.exit)
         }

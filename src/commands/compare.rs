@@ -6,10 +6,7 @@ use depthloom_analysis::{CompareOptions, ComparedRun, ComparisonOutput, Resampli
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
-use depthloom_runs::end;
-use depthloom_runs::failed;
-use depthloom_runs::open;
-use depthloom_runs::recording_of;
+use depthloom_runs::{end, failed, open, recording_of};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -172,7 +169,7 @@ impl Opened {
     }
 
     fn has(&self, run: usize, name: &str) -> Result<bool, CliError> {
-        Ok(self.names(run)?.iter().any(|of| glob(name, of)))
+        Ok(self.names(run)?.iter().any(|known| glob(name, known)))
     }
 
     fn no_such(&self, run: usize, name: &str) -> Result<CliError, CliError> {

@@ -1,9 +1,6 @@
 //! `depthloom explain`: where a number comes from.
 
-use depthloom_runs::end;
-use depthloom_runs::failed;
-use depthloom_runs::open;
-use depthloom_runs::recording_of;
+use depthloom_runs::{end, failed, open, recording_of};
 use depthloom_terminal::{CliError, ExitCode, print};
 
 use crate::args::{ExplainArgs, SetOption};

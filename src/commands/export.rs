@@ -6,19 +6,17 @@ use std::path::Path;
 
 use depthloom_codecs::files::Colours;
 use depthloom_recording::{Condition, Recording};
-use depthloom_runs::open;
-use depthloom_runs::recording_of;
-use indicatif::{ProgressBar, ProgressStyle};
+use depthloom_runs::{environment, open, recording_of};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::args::{ColoursOption, ExportArgs};
 use crate::diagnostics::Error;
 use crate::output;
+use crate::progress::bar;
 use crate::signals;
 use depthloom_export::{Chosen, ExportFormat, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
 use depthloom_graphs::{chain, counted};
-use depthloom_runs::environment;
 use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 
 /// Of `export`: what was written.
@@ -52,10 +50,7 @@ pub fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     folder.check(maps.files().chain(files().map(|(chosen, format)| chosen.path_with(format.name()))))?;
     folder.create()?;
 
-    let bar = if args.quiet || args.output.json { ProgressBar::hidden() } else { ProgressBar::new(maps.work()) };
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len}  {eta} left") {
-        bar.set_style(style);
-    }
+    let bar = bar(args.quiet || args.output.json, maps.work(), "{bar:30} {pos}/{len}  {eta} left");
     let stop = || interrupt.stops_admission();
     let mut damaged = maps.write(&folder, environment::cores(), &stop, &|| bar.inc(1))?;
     bar.finish_and_clear();
@@ -78,7 +73,7 @@ pub fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     for error in &damaged {
         say(format_args!("warning: left out: {}", chain(error)));
     }
-    told(args, &recording, &exported);
+    print_warnings(args, &recording, &exported);
     let is_damaged = !damaged.is_empty() || matches!(recording.condition(), Condition::Damaged { .. });
     let faulty = is_damaged.then(|| CliError::new(ExitCode::FrameFailures, "the recording is damaged"));
     if args.output.json {
@@ -125,8 +120,8 @@ fn meant(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colours>) -> 
     Ok(())
 }
 
-/// What is to be said of the recording and the numbers.
-fn told(args: &ExportArgs, recording: &Recording, exported: &[Exported]) {
+/// Prints warnings about the recording and the numbers.
+fn print_warnings(args: &ExportArgs, recording: &Recording, exported: &[Exported]) {
     if *recording.condition() != Condition::Whole {
         say(format_args!("warning: the recording is {}", recording.condition()));
     }

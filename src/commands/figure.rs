@@ -4,10 +4,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{FigureKind, FigureRequest, FigureRun, Resampling, SampleSet, Size, Unit};
 use depthloom_recording::Recording;
-use depthloom_runs::end;
-use depthloom_runs::failed;
-use depthloom_runs::open;
-use depthloom_runs::recording_of;
+use depthloom_runs::{end, failed, open, recording_of};
 use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -15,7 +12,8 @@ use serde::Serialize;
 use crate::args::{FigureArgs, FigureFormat, SetOption};
 use crate::delivery::{can_be_written, write_named};
 use crate::output;
-use crate::samples::{bar, samples_of};
+use crate::progress::bar;
+use crate::samples::samples_of;
 use crate::signals;
 
 /// Of `figure`: what was drawn.
@@ -59,7 +57,7 @@ pub fn figure(args: &FigureArgs) -> Result<ExitCode, CliError> {
         .iter()
         .map(|(called, recording, samples)| FigureRun { called, recording, samples: samples.clone() })
         .collect();
-    let bar = bar(args.output.json, "{bar:30} {percent} %  {eta} left");
+    let bar = bar(args.output.json, 1, "{bar:30} {percent} %  {eta} left");
     let progress = |done: u64, all: u64| {
         bar.set_length(all);
         bar.set_position(done);
@@ -119,7 +117,7 @@ fn format_of(args: &FigureArgs) -> Result<FigureFormat, CliError> {
 }
 
 fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
-    let kind = args.kind.kind();
+    let kind = args.kind;
     let is_of_errors = kind.is_of_samples();
     let set = match args.set {
         Some(SetOption::Common) => Some(SampleSet::Common),
@@ -153,8 +151,8 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
         size: Size { width_mm: args.width, height_mm: args.height },
         title: args.title.clone(),
         estimators: args.estimators.clone(),
-        variants: args.variant.clone(),
-        stages: args.stage.clone(),
+        variants: args.part.variant.clone(),
+        stages: args.part.stage.clone(),
         set,
         scored_set: args.set.and_then(SetOption::recorded),
         by: args.by.clone(),

@@ -1,15 +1,14 @@
 //! `depthloom info`: what a recording holds, and what each topic takes.
 
-use depthloom_graphs::plan::{FrameIndex, RunId};
+use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use std::collections::{BTreeMap, BTreeSet};
 
 use depthloom_analysis::{StageFrames, variant_of};
-use depthloom_graphs::contracts::Slot;
+use depthloom_graphs::contracts::{Slot, SlotKey};
 use depthloom_graphs::{Key, counted};
-use depthloom_recording::{Condition, Damage as RecordedDamage, RecordedRun, Recording, TopicSize};
-use depthloom_runs::open;
-use depthloom_runs::recording_of;
-use depthloom_terminal::{CliError, ExitCode, aligned, print};
+use depthloom_recording::{Condition, Damage as RecordedDamage, Recording, TopicSize};
+use depthloom_runs::{open, recording_of};
+use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -17,7 +16,6 @@ use crate::args::InfoArgs;
 use crate::diagnostics::Error;
 use crate::output;
 use crate::signals;
-use crate::sizes::size;
 
 /// Of a key as many digits as tell it from others.
 const KEY_DIGITS: usize = 12;
@@ -83,6 +81,9 @@ pub struct Damage {
 /// The key of a value.
 #[derive(JsonSchema, Serialize)]
 pub struct KeyOf {
+    /// The name of its stage run.
+    #[serde(skip)]
+    run: String,
     stage: String,
     /// Null where all variants share the node; of several, the first.
     variant: Option<String>,
@@ -158,7 +159,7 @@ fn keys_of(recording: &Recording, run: RunId, slot: Slot) -> impl Iterator<Item 
     let frames = FrameIndex::enumerate(recording.frames(run)).filter_map(move |(position, frame)| {
         let key = match slot {
             Slot::Source { .. } => frame.source_key,
-            Slot::Node { node, .. } => frame.keys.iter().find(|of| of.node == node).map(|of| of.key),
+            Slot::Node { node, .. } => frame.keys.iter().find(|entry| entry.node == node).map(|entry| entry.key),
         };
         key.map(|key| (position, key))
     });
@@ -184,10 +185,10 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
 
     let head = ["topic", "type", "messages", "raw", "stored", "ratio", "keys", "recipe"];
     let mut rows = vec![head.map(str::to_owned)];
-    for of in topics {
-        let recipe = of.recipe.as_ref().map_or_else(|| "-".to_owned(), |recipe| recipe[..KEY_DIGITS].to_owned());
-        let keys = if of.keys == 0 { "-".to_owned() } else { of.keys.to_string() };
-        rows.push(row(of, keys, recipe));
+    for entry in topics {
+        let recipe = entry.recipe.as_ref().map_or_else(|| "-".to_owned(), |recipe| recipe[..KEY_DIGITS].to_owned());
+        let keys = if entry.keys == 0 { "-".to_owned() } else { entry.keys.to_string() };
+        rows.push(row(entry, keys, recipe));
     }
     let all = total(topics);
     rows.push(row(&all, String::new(), String::new()));
@@ -196,7 +197,8 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
     let attachments = recording.attachments();
     let attached: u64 = attachments.iter().map(|attachment| attachment.size).sum();
     text += &format!("\n{}, {}\n", counted(attachments.len(), "attachment"), size(attached));
-    let of_attachments = attachments.iter().map(|of| [of.name.clone(), of.media_type.clone(), size(of.size)]);
+    let of_attachments =
+        attachments.iter().map(|entry| [entry.name.clone(), entry.media_type.clone(), size(entry.size)]);
     text += &aligned(&of_attachments.map(|row| row.map(|cell| format!("  {cell}"))).collect::<Vec<_>>(), &[2]);
     let other = recording.file_bytes().saturating_sub(all.stored_bytes + attached);
     text += &format!(
@@ -208,21 +210,22 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
         let mut rows = vec![["stage", "frame", "node", "key"].map(str::to_owned)];
         rows.extend(
             all_keys(recording)
-                .map(|of| [of.planned.name(), of.frame, of.node, &of.key.to_string()].map(str::to_owned)),
+                .into_iter()
+                .map(|entry| [entry.run, entry.frame.unwrap_or_default(), entry.node, entry.key]),
         );
         text += &format!("\n{}", aligned(&rows, &[]));
     }
     text
 }
 
-fn row(of: &Topic, keys: String, recipe: String) -> [String; 8] {
-    let ratio = of.raw_bytes as f64 / of.stored_bytes.max(1) as f64;
+fn row(entry: &Topic, keys: String, recipe: String) -> [String; 8] {
+    let ratio = entry.raw_bytes as f64 / entry.stored_bytes.max(1) as f64;
     [
-        of.topic.clone(),
-        of.carries.clone(),
-        of.messages.to_string(),
-        size(of.raw_bytes),
-        size(of.stored_bytes),
+        entry.topic.clone(),
+        entry.carries.clone(),
+        entry.messages.to_string(),
+        size(entry.raw_bytes),
+        size(entry.stored_bytes),
         format!("{ratio:.2}"),
         keys,
         recipe,
@@ -231,70 +234,58 @@ fn row(of: &Topic, keys: String, recipe: String) -> [String; 8] {
 
 /// All topics together.
 fn total(topics: &[Topic]) -> Topic {
-    let sum = |of: fn(&Topic) -> u64| topics.iter().map(of).sum();
+    let sum = |entry: fn(&Topic) -> u64| topics.iter().map(entry).sum();
     Topic {
         topic: counted(topics.len(), "topic"),
         carries: String::new(),
         schema: String::new(),
-        messages: sum(|of| of.messages),
-        raw_bytes: sum(|of| of.raw_bytes),
-        stored_bytes: sum(|of| of.stored_bytes),
+        messages: sum(|entry| entry.messages),
+        raw_bytes: sum(|entry| entry.raw_bytes),
+        stored_bytes: sum(|entry| entry.stored_bytes),
         keys: 0,
         recipe: None,
     }
 }
 
-/// The key of what a source or a node gave on a frame, or once.
-struct RecordedKey<'a> {
-    planned: &'a RecordedRun,
-    /// Of the node, or of the source.
-    variant: Option<&'a str>,
-    /// Empty for what was given once.
-    frame: &'a str,
-    node: &'a str,
-    key: Key,
-}
-
-fn all_keys(recording: &Recording) -> impl Iterator<Item = RecordedKey<'_>> {
+/// The keys of all values: of sources and nodes by frame, then of aggregates.
+fn all_keys(recording: &Recording) -> Vec<KeyOf> {
     let plan = recording.plan();
-    let of_frames = RunId::enumerate(&plan.runs).flat_map(move |(run, planned)| {
-        recording.frames(run).iter().flat_map(move |frame| {
-            let of_source = frame.source_key.map(|key| ("source", planned.variants.as_slice(), key));
-            let of_nodes = frame.keys.iter().filter_map(|of| {
-                let node = planned.nodes.get(of.node.0)?;
-                Some((node.name.as_str(), node.variants.as_slice(), of.key))
-            });
-            of_source.into_iter().chain(of_nodes).map(move |(node, variants, key)| {
-                let variant = variant_of(plan, variants);
-                RecordedKey { planned, variant, frame: &frame.id, node, key }
-            })
-        })
-    });
-    let of_once = recording.once_values().iter().filter_map(move |once| {
-        let planned = plan.runs.get(once.run.0)?;
-        let node = planned.nodes.get(once.node.0)?;
-        let variant = variant_of(plan, &node.variants);
-        Some(RecordedKey { planned, variant, frame: "", node: &node.name, key: once.key })
-    });
-    of_frames.chain(of_once)
+    let entry = |run: RunId, variants: &[VariantId], frame: Option<&str>, node: &str, key: Key| KeyOf {
+        run: plan.runs[run].name().to_owned(),
+        stage: plan.runs[run].stage.clone(),
+        variant: variant_of(plan, variants).map(str::to_owned),
+        frame: frame.map(str::to_owned),
+        node: node.to_owned(),
+        key: key.to_string(),
+    };
+    let mut keys = Vec::new();
+    for (run, planned) in RunId::enumerate(&plan.runs) {
+        for frame in recording.frames(run) {
+            let id = Some(&*frame.id);
+            keys.extend(frame.source_key.map(|key| entry(run, &planned.variants, id, "source", key)));
+            for SlotKey { node, key } in &frame.keys {
+                let Some(node) = planned.nodes.get(node.0) else { continue };
+                keys.push(entry(run, &node.variants, id, &node.name, *key));
+            }
+        }
+    }
+    for once in recording.once_values() {
+        let Some(node) = plan.runs.get(once.run.0).and_then(|run| run.nodes.get(once.node.0)) else { continue };
+        keys.push(entry(once.run, &node.variants, None, &node.name, once.key));
+    }
+    keys
 }
 
 fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], args: &InfoArgs) -> Info {
     let plan = recording.plan();
     let is_whole = *recording.condition() == Condition::Whole;
-    let attachments = recording.attachments().iter().map(|of| Attachment {
-        name: of.name.clone(),
-        media_type: of.media_type.clone(),
-        bytes: of.size,
+    let attachments = recording.attachments().iter().map(|entry| Attachment {
+        name: entry.name.clone(),
+        media_type: entry.media_type.clone(),
+        bytes: entry.size,
     });
-    let place = |of: &RecordedDamage| Damage { offset: of.offset, bytes: of.bytes, held: of.content.to_string() };
-    let key = |of: RecordedKey<'_>| KeyOf {
-        stage: of.planned.stage.clone(),
-        variant: of.variant.map(str::to_owned),
-        frame: (!of.frame.is_empty()).then(|| of.frame.to_owned()),
-        node: of.node.to_owned(),
-        key: of.key.to_string(),
-    };
+    let place =
+        |entry: &RecordedDamage| Damage { offset: entry.offset, bytes: entry.bytes, held: entry.content.to_string() };
     Info {
         file: recording.path().to_string_lossy().into_owned(),
         bytes: recording.file_bytes(),
@@ -307,7 +298,7 @@ fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], 
         topics,
         attachments: attachments.collect(),
         damage: damage.iter().map(place).collect(),
-        keys: args.keys.then(|| all_keys(recording).map(key).collect()),
+        keys: args.keys.then(|| all_keys(recording)),
         error: None,
     }
 }

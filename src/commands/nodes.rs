@@ -1,7 +1,6 @@
 //! `depthloom nodes` and `depthloom schema`: what can stand in an experiment.
 
-use depthloom_graphs::Registry;
-use depthloom_graphs::render;
+use depthloom_graphs::{Registry, render};
 use depthloom_terminal::{CliError, ExitCode, print};
 
 use crate::args::NodesArgs;

@@ -9,7 +9,7 @@ use depthloom_graphs::language::Loaded;
 use depthloom_graphs::ready::Ready;
 use depthloom_recording::{RecordedPlan, node_pairs};
 use depthloom_runner::Foreseen;
-use depthloom_runs::earlier;
+use depthloom_runs::reuse;
 use depthloom_terminal::{CliError, ExitCode, aligned, print};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -62,8 +62,8 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCod
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let ready = Ready::new(loaded.plan, registry).map_err(|missing| CliError::of_missing(&missing))?;
     let plan = ready.plan.clone();
-    let earlier = earlier::beside(args.out.as_deref(), &plan);
-    let warnings = earlier::unreadable(&earlier);
+    let earlier = reuse::beside(args.out.as_deref(), &plan);
+    let warnings = reuse::unreadable(&earlier);
     if !args.output.json {
         warnings.iter().for_each(|warning| print_warning(warning));
     }

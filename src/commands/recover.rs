@@ -3,9 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use depthloom_recording::RecordingError;
-use depthloom_runs::RECORDING;
-use depthloom_runs::open;
-use depthloom_runs::recording_of;
+use depthloom_runs::{RECORDING, open, recording_of};
 use schemars::JsonSchema;
 use serde::Serialize;
 

@@ -9,7 +9,7 @@ mod why;
 use std::path::Path;
 
 use depthloom_runs::{FoundRun, all, bytes_in, run_folder::Removal};
-use depthloom_terminal::{CliError, ExitCode, print};
+use depthloom_terminal::{CliError, ExitCode, print, size};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -17,20 +17,18 @@ pub use list::RunsList;
 pub use prune::RunsPrune;
 pub use rm::RunsRm;
 pub use show::RunsShow;
-pub use why::RunsWhy;
 
 use crate::args::{RunsArgs, RunsCommand};
 use crate::diagnostics::{Error, print_stop};
 use crate::output::{self, CommandOutput};
-use crate::sizes::size;
 
 /// Lists runs, or does what else is asked for with them.
 pub fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
     match &args.command {
         None | Some(RunsCommand::List) => list::list(args),
-        Some(RunsCommand::Show(asked)) => show::show(args, asked),
-        Some(RunsCommand::Why(asked)) => why::why(args, asked),
-        Some(RunsCommand::Rm(asked)) => rm::rm(args, asked),
+        Some(RunsCommand::Show(command)) => show::show(args, command),
+        Some(RunsCommand::Why(command)) => why::why(args, command),
+        Some(RunsCommand::Rm(command)) => rm::rm(args, command),
         Some(RunsCommand::Prune(rules)) => prune::prune(args, rules),
     }
 }

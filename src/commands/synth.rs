@@ -10,9 +10,10 @@ use depthloom_runner::Interrupt;
 use depthloom_runs::environment;
 use depthloom_terminal::{CliError, ExitCode, print_path};
 use depthloom_threads::Budget;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
 use crate::args::SynthArgs;
+use crate::progress::bar;
 use crate::signals;
 
 /// Writes the frames.
@@ -24,10 +25,7 @@ pub fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
         height: args.height,
         ..SyntheticRoadParams::default()
     };
-    let bar = if args.quiet { ProgressBar::hidden() } else { ProgressBar::new(u64::from(args.frames)) };
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} frames  {eta} left") {
-        bar.set_style(style);
-    }
+    let bar = bar(args.quiet, u64::from(args.frames), "{bar:30} {pos}/{len} frames  {eta} left");
     let (budget, interrupt) =
         (Budget::new(environment::cores()), signals::listen("stopping: frames begun are finished")?);
     let _own = budget.permit();

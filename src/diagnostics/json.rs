@@ -44,7 +44,7 @@ impl From<&CliError> for Error {
 }
 
 /// A problem, and where it is if it is in a file. Lines and columns count from 1, columns in characters.
-#[derive(JsonSchema, Serialize)]
+#[derive(Default, JsonSchema, Serialize)]
 pub struct Diagnostic {
     severity: Severity,
     message: String,
@@ -95,22 +95,17 @@ impl From<&Problem> for Diagnostic {
                 severity: Severity::Error,
                 message: message.what.clone(),
                 help: help_of(message),
-                label: None,
-                file: None,
-                line: None,
-                column: None,
-                end: None,
-                key: None,
-                related: None,
+                ..Self::default()
             },
         }
     }
 }
 
 /// How bad a problem is.
-#[derive(JsonSchema, Serialize)]
+#[derive(Default, JsonSchema, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
+    #[default]
     Error,
     Warning,
 }

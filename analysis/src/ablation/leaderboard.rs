@@ -3,7 +3,7 @@
 use depthloom_graphs::plan::VariantId;
 use std::collections::HashMap;
 
-use depthloom_recording::{Difference, Recording};
+use depthloom_recording::{PlanDifference, Recording};
 use depthloom_scores::PixelSet;
 use serde_json::Value as Json;
 
@@ -300,7 +300,7 @@ impl<'a> Board<'a> {
                     let of = (self.runs[entry.run].recording.plan(), variant);
                     let changes = parameter_changes(base, of).into_iter();
                     let setting = |(node, difference)| match difference {
-                        Difference::Parameter { path, before, after } => Some(Setting {
+                        PlanDifference::Parameter { path, before, after } => Some(Setting {
                             name: format!("{node}.{path}"),
                             before: before.map(text),
                             after: after.map(text),

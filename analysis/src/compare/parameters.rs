@@ -1,8 +1,11 @@
 //! What was set otherwise: which parameter, version, input or file of which node.
 
 use depthloom_graphs::plan::VariantId;
-use depthloom_recording::{Difference, NodePair, RecordedPlan, RecordedRun, node_pairs, source_differences};
+use depthloom_recording::{PlanDifference, RecordedPlan, RecordedRun, node_pairs, source_differences};
 use serde::Serialize;
+
+/// How many variants of a node are named.
+const NAMED: usize = 3;
 
 /// Where two sides differ by themselves, not for what they read.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -22,7 +25,7 @@ enum Change {
     /// The side lacks it.
     Gone,
     #[serde(untagged)]
-    Difference(Difference),
+    Difference(PlanDifference),
 }
 
 impl Changed {
@@ -40,7 +43,7 @@ impl Changed {
 pub(crate) fn parameter_changes(
     before: (&RecordedPlan, Option<VariantId>),
     after: (&RecordedPlan, Option<VariantId>),
-) -> Vec<(String, Difference)> {
+) -> Vec<(String, PlanDifference)> {
     let all = changed(before, after).into_iter();
     let difference = |changed: Changed| match changed.change {
         Change::Difference(difference) => Some((changed.node, difference)),
@@ -73,7 +76,7 @@ pub(super) fn changed(
         }
     }
     for pair in node_pairs(&before, &after) {
-        let node = label(&pair, if pair.after.is_some() { &after } else { &before });
+        let node = pair.label(if pair.after.is_some() { &after } else { &before }, NAMED);
         // Of stages and variants that one side lacks, a reader knows.
         let has_stage = |plan: &RecordedPlan| plan.runs.iter().any(|run| run.stage == pair.stage);
         let has_variant = |plan: &RecordedPlan| {
@@ -82,8 +85,7 @@ pub(super) fn changed(
         let is_of_both = [&before, &after].into_iter().all(|plan| has_stage(plan) && has_variant(plan));
         match (pair.before, pair.after) {
             (Some(_), Some(_)) => {
-                let own = |of: &Difference| !matches!(of, Difference::Upstream { .. });
-                for difference in pair.differences.into_iter().filter(own) {
+                for difference in pair.differences.into_iter().filter(|difference| !difference.is_upstream()) {
                     add(Changed { node: node.clone(), change: Change::Difference(difference) });
                 }
             }
@@ -93,17 +95,6 @@ pub(super) fn changed(
         }
     }
     found
-}
-
-/// `stage.node`, with its variants where it does not serve all.
-fn label(pair: &NodePair, plan: &RecordedPlan) -> String {
-    const NAMED: usize = 3;
-    let NodePair { stage, name, variants, .. } = pair;
-    if variants.is_empty() || variants.len() == plan.variants.len() {
-        return format!("{stage}.{name}");
-    }
-    let more = if variants.len() > NAMED { ", ..." } else { "" };
-    format!("{stage}.{name} of {}{more}", variants[..variants.len().min(NAMED)].join(", "))
 }
 
 /// The plan as it were, had it this variant alone, without a name: so that it can be held against another variant.
@@ -129,7 +120,7 @@ mod tests {
     #[test]
     fn json_has_the_keys_of_the_difference_between_what_and_node() {
         let json = |change| serde_json::to_string(&Changed { change, node: "look.stereo".to_owned() }).unwrap();
-        let difference = Difference::Parameter { path: "block".to_owned(), before: Some(json!(3)), after: None };
+        let difference = PlanDifference::Parameter { path: "block".to_owned(), before: Some(json!(3)), after: None };
         assert_eq!(
             json(Change::Difference(difference)),
             r#"{"what":"parameter","path":"block","before":3,"after":null,"node":"look.stereo"}"#

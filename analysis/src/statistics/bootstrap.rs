@@ -1,5 +1,6 @@
 //! Intervals by the bootstrap: frames are drawn again and again, with replacement.
 
+use clap::ValueEnum;
 use std::num::NonZero;
 use std::sync::Mutex;
 use std::thread;
@@ -18,9 +19,10 @@ const AT_ONCE: usize = 250;
 const NUMBERS: usize = 64;
 
 /// How an interval is read off the resamples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum IntervalMethod {
-    /// Bias-corrected and accelerated (Efron 1987; `scipy.stats.bootstrap(method="BCa")`).
+    // `scipy.stats.bootstrap(method="BCa")`.
+    /// Bias-corrected and accelerated (Efron 1987).
     #[default]
     Bca,
     /// The percentiles themselves.

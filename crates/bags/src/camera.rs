@@ -1,11 +1,12 @@
 //! Cameras: `sensor_msgs/msg/CameraInfo`, `foxglove.CameraCalibration`.
 
 use depthloom_codecs::wire_format::{Content, Fields};
+use depthloom_graphs::ErrorMessage;
 
 use crate::cdr::Cdr;
 use crate::form::{Wire, frame, timestamp};
 use crate::images::text;
-use crate::{Form, Header, Malformed, Sort};
+use crate::{Form, Header, Sort};
 
 /// What a camera is.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,7 +37,7 @@ pub struct CameraInfo {
 ///
 /// # Errors
 /// If it is not of that form.
-pub fn camera_info(form: Form, message: &[u8]) -> Result<CameraInfo, Malformed> {
+pub fn camera_info(form: Form, message: &[u8]) -> Result<CameraInfo, ErrorMessage> {
     match (form.sort, form.wire) {
         (Sort::CameraInfo, Wire::Cdr) => {
             let mut cdr = Cdr::new(message)?;
@@ -51,16 +52,16 @@ pub fn camera_info(form: Form, message: &[u8]) -> Result<CameraInfo, Malformed> 
             Ok(CameraInfo { header, width, height, distortion_model, d, k, r, p, binning, part: [x, y, w, h] })
         }
         (Sort::CameraInfo, Wire::Protobuf) => protobuf(message),
-        _ => Err(Malformed::new("it is no camera info")),
+        _ => Err(ErrorMessage::new("it is no camera info")),
     }
 }
 
-fn protobuf(message: &[u8]) -> Result<CameraInfo, Malformed> {
+fn protobuf(message: &[u8]) -> Result<CameraInfo, ErrorMessage> {
     let mut header = Header { stamp_ns: 0, frame_id: String::new() };
     let (mut width, mut height, mut distortion_model) = (0, 0, String::new());
     let mut matrices: [Vec<f64>; 4] = Default::default();
     for field in Fields(message) {
-        match field.map_err(|error| Malformed::new(error.to_string()))? {
+        match field.map_err(|error| ErrorMessage::new(error.to_string()))? {
             (1, content) => header.stamp_ns = timestamp(content)?,
             (2, content) => width = content.fixed32(),
             (3, content) => height = content.fixed32(),
@@ -94,8 +95,10 @@ fn protobuf(message: &[u8]) -> Result<CameraInfo, Malformed> {
     })
 }
 
-fn matrix<const N: usize>(numbers: &[f64], name: &str) -> Result<[f64; N], Malformed> {
-    numbers.try_into().map_err(|_| Malformed::new(format!("{name} holds {} numbers where it has {N}", numbers.len())))
+fn matrix<const N: usize>(numbers: &[f64], name: &str) -> Result<[f64; N], ErrorMessage> {
+    numbers
+        .try_into()
+        .map_err(|_| ErrorMessage::new(format!("{name} holds {} numbers where it has {N}", numbers.len())))
 }
 
 impl CameraInfo {

@@ -3,7 +3,7 @@
 //! A reader of our own: the published ones decode through serde into values of their own, an image's bytes copied, and trust the lengths they meet. Here
 //! bytes and texts are borrowed from the message, and no length is believed before the bytes are there.
 
-use crate::Malformed;
+use depthloom_graphs::ErrorMessage;
 
 /// Bytes before the content: what representation it is in, and options.
 const HEADER: usize = 4;
@@ -21,16 +21,19 @@ impl<'a> Cdr<'a> {
     ///
     /// # Errors
     /// If there is none, or the content is in another representation.
-    pub fn new(message: &'a [u8]) -> Result<Self, Malformed> {
+    pub fn new(message: &'a [u8]) -> Result<Self, ErrorMessage> {
         let Some((header, bytes)) = message.split_first_chunk::<HEADER>() else {
-            return Err(Malformed::new(format!("{} bytes are no CDR: its header alone has {HEADER}", message.len())));
+            return Err(ErrorMessage::new(format!(
+                "{} bytes are no CDR: its header alone has {HEADER}",
+                message.len()
+            )));
         };
         let is_big_endian = match header[..2] {
             [0, 0] => true,
             [0, 1] => false,
             [first, second] => {
                 let what = format!("its CDR header says representation {first:#04x} {second:#04x}, which is not read");
-                return Err(Malformed::new(what).remedy(
+                return Err(ErrorMessage::new(what).remedy(
                     "plain CDR (XCDR1: 0x00 0x00 or 0x00 0x01) is what ROS 2 writes; `ros2 bag convert` with a `cdr` output writes it again",
                 ));
             }
@@ -39,11 +42,11 @@ impl<'a> Cdr<'a> {
         Ok(Self { bytes, at: 0, is_big_endian })
     }
 
-    fn take(&mut self, length: usize, name: &str) -> Result<&'a [u8], Malformed> {
+    fn take(&mut self, length: usize, name: &str) -> Result<&'a [u8], ErrorMessage> {
         let rest = self.bytes.get(self.at..).unwrap_or_default();
         let Some(taken) = rest.get(..length) else {
             let (at, whole) = (self.at + HEADER, self.bytes.len() + HEADER);
-            return Err(Malformed::new(format!(
+            return Err(ErrorMessage::new(format!(
                 "`{name}` has {length} bytes from byte {at} on, and the message has {whole}"
             )));
         };
@@ -51,7 +54,7 @@ impl<'a> Cdr<'a> {
         Ok(taken)
     }
 
-    fn number<const N: usize>(&mut self, name: &str) -> Result<[u8; N], Malformed> {
+    fn number<const N: usize>(&mut self, name: &str) -> Result<[u8; N], ErrorMessage> {
         self.at = self.at.next_multiple_of(N);
         let taken = self.take(N, name)?;
         let mut array: [u8; N] = taken.try_into().expect("so many were taken");
@@ -61,24 +64,24 @@ impl<'a> Cdr<'a> {
         Ok(array)
     }
 
-    pub fn u8(&mut self, name: &str) -> Result<u8, Malformed> {
+    pub fn u8(&mut self, name: &str) -> Result<u8, ErrorMessage> {
         self.number(name).map(u8::from_le_bytes)
     }
 
-    pub fn u32(&mut self, name: &str) -> Result<u32, Malformed> {
+    pub fn u32(&mut self, name: &str) -> Result<u32, ErrorMessage> {
         self.number(name).map(u32::from_le_bytes)
     }
 
-    pub fn i32(&mut self, name: &str) -> Result<i32, Malformed> {
+    pub fn i32(&mut self, name: &str) -> Result<i32, ErrorMessage> {
         self.number(name).map(i32::from_le_bytes)
     }
 
-    pub fn f64(&mut self, name: &str) -> Result<f64, Malformed> {
+    pub fn f64(&mut self, name: &str) -> Result<f64, ErrorMessage> {
         self.number(name).map(f64::from_le_bytes)
     }
 
     /// So many numbers, without a length before them.
-    pub fn f64s<const N: usize>(&mut self, name: &str) -> Result<[f64; N], Malformed> {
+    pub fn f64s<const N: usize>(&mut self, name: &str) -> Result<[f64; N], ErrorMessage> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             *number = self.f64(name)?;
@@ -87,13 +90,13 @@ impl<'a> Cdr<'a> {
     }
 
     /// `sequence<double>`.
-    pub fn f64_sequence(&mut self, name: &str) -> Result<Vec<f64>, Malformed> {
+    pub fn f64_sequence(&mut self, name: &str) -> Result<Vec<f64>, ErrorMessage> {
         let count = self.count(8, name)?;
         (0..count).map(|_| self.f64(name)).collect()
     }
 
     /// The length of a sequence whose elements have at least so many bytes each: as many must be left.
-    pub fn count(&mut self, least: usize, name: &str) -> Result<usize, Malformed> {
+    pub fn count(&mut self, least: usize, name: &str) -> Result<usize, ErrorMessage> {
         let count = self.u32(name)? as usize;
         let left = self.bytes.len().saturating_sub(self.at);
         if count.saturating_mul(least) > left {
@@ -101,22 +104,22 @@ impl<'a> Cdr<'a> {
             let what = format!(
                 "`{name}` is said to have {count} elements of at least {least} bytes from byte {at} on, and the message has {whole}"
             );
-            return Err(Malformed::new(what));
+            return Err(ErrorMessage::new(what));
         }
         Ok(count)
     }
 
     /// `sequence<octet>`.
-    pub fn bytes(&mut self, name: &str) -> Result<&'a [u8], Malformed> {
+    pub fn bytes(&mut self, name: &str) -> Result<&'a [u8], ErrorMessage> {
         let length = self.u32(name)? as usize;
         self.take(length, name)
     }
 
     /// A string: its length counts the zero at its end.
-    pub fn text(&mut self, name: &str) -> Result<&'a str, Malformed> {
+    pub fn text(&mut self, name: &str) -> Result<&'a str, ErrorMessage> {
         let bytes = self.bytes(name)?;
         let bytes = bytes.strip_suffix(&[0]).unwrap_or(bytes);
-        std::str::from_utf8(bytes).map_err(|_| Malformed::new(format!("`{name}` is no UTF-8")))
+        std::str::from_utf8(bytes).map_err(|_| ErrorMessage::new(format!("`{name}` is no UTF-8")))
     }
 }
 
@@ -146,10 +149,10 @@ mod tests {
         for big in [false, true] {
             let message = message(big);
             let mut cdr = Cdr::new(&message).unwrap();
-            assert_eq!(cdr.u8("a"), Ok(7));
-            assert_eq!(cdr.text("s"), Ok("ab"));
-            assert_eq!(cdr.f64("x"), Ok(2.5));
-            assert_eq!(cdr.bytes("d"), Ok(&[8, 9][..]));
+            assert_eq!(cdr.u8("a").unwrap(), 7);
+            assert_eq!(cdr.text("s").unwrap(), "ab");
+            assert_eq!(cdr.f64("x").unwrap(), 2.5);
+            assert_eq!(cdr.bytes("d").unwrap(), &[8, 9][..]);
             assert!(cdr.u8("more").is_err());
         }
     }

@@ -1,10 +1,11 @@
 //! What a topic's messages are, and how they are written.
 
 use depthloom_codecs::wire_format::{Content, Fields};
+use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::Fault;
 
+use crate::Topic;
 use crate::cdr::Cdr;
-use crate::{Malformed, Topic};
 
 /// What messages tell of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,7 +103,7 @@ pub struct Header {
 }
 
 impl Header {
-    pub(crate) fn cdr(cdr: &mut Cdr<'_>) -> Result<Self, Malformed> {
+    pub(crate) fn cdr(cdr: &mut Cdr<'_>) -> Result<Self, ErrorMessage> {
         let stamp_ns = cdr_stamp(cdr)?;
         Ok(Self { stamp_ns, frame_id: frame(cdr.text("header.frame_id")?) })
     }
@@ -113,21 +114,21 @@ pub(crate) fn frame(name: &str) -> String {
     name.strip_prefix('/').unwrap_or(name).to_owned()
 }
 
-fn cdr_stamp(cdr: &mut Cdr<'_>) -> Result<u64, Malformed> {
+fn cdr_stamp(cdr: &mut Cdr<'_>) -> Result<u64, ErrorMessage> {
     stamp(cdr.i32("header.stamp.sec")?.into(), cdr.u32("header.stamp.nanosec")?.into())
 }
 
-fn stamp(seconds: i64, nanoseconds: u64) -> Result<u64, Malformed> {
+fn stamp(seconds: i64, nanoseconds: u64) -> Result<u64, ErrorMessage> {
     let whole = u64::try_from(seconds).ok().and_then(|seconds| seconds.checked_mul(1_000_000_000));
     let sum = whole.filter(|_| nanoseconds < 1_000_000_000).and_then(|whole| whole.checked_add(nanoseconds));
-    sum.ok_or_else(|| Malformed::new(format!("its stamp is {seconds} s and {nanoseconds} ns, which is no time")))
+    sum.ok_or_else(|| ErrorMessage::new(format!("its stamp is {seconds} s and {nanoseconds} ns, which is no time")))
 }
 
 /// The bytes of a protobuf message that surely hold its first field, and of a CDR message its stamp.
 pub(crate) const HEAD: usize = 64;
 
 /// The stamp, by a message's first bytes; `None` where they do not tell.
-pub(crate) fn stamp_of(wire: Wire, head: &[u8], is_whole: bool) -> Result<Option<u64>, Malformed> {
+pub(crate) fn stamp_of(wire: Wire, head: &[u8], is_whole: bool) -> Result<Option<u64>, ErrorMessage> {
     match wire {
         Wire::Cdr => cdr_stamp(&mut Cdr::new(head)?).map(Some),
         Wire::Protobuf => {
@@ -136,7 +137,7 @@ pub(crate) fn stamp_of(wire: Wire, head: &[u8], is_whole: bool) -> Result<Option
                     Ok((1, content)) => return timestamp(content).map(Some),
                     Ok(_) => {}
                     Err(_) if !is_whole => return Ok(None),
-                    Err(error) => return Err(Malformed::new(error.to_string())),
+                    Err(error) => return Err(ErrorMessage::new(error.to_string())),
                 }
             }
             Ok(is_whole.then_some(0))
@@ -145,10 +146,10 @@ pub(crate) fn stamp_of(wire: Wire, head: &[u8], is_whole: bool) -> Result<Option
 }
 
 /// `google.protobuf.Timestamp`.
-pub(crate) fn timestamp(content: Content<'_>) -> Result<u64, Malformed> {
+pub(crate) fn timestamp(content: Content<'_>) -> Result<u64, ErrorMessage> {
     let (mut seconds, mut nanoseconds) = (0, 0);
     for field in Fields(content.bytes()) {
-        match field.map_err(|error| Malformed::new(error.to_string()))? {
+        match field.map_err(|error| ErrorMessage::new(error.to_string()))? {
             (1, Content::Varint(value)) => seconds = value.cast_signed(),
             (2, Content::Varint(value)) => nanoseconds = value,
             _ => {}

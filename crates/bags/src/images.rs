@@ -2,6 +2,7 @@
 //! <https://docs.ros.org/en/rolling/p/sensor_msgs/>, <https://docs.foxglove.dev/docs/visualization/message-schemas/raw-image>
 
 use depthloom_codecs::wire_format::{Content, Fields};
+use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::values::{Pixels, Raster};
 use image::{GrayImage, RgbImage};
 
@@ -9,7 +10,7 @@ use crate::cdr::Cdr;
 use crate::form::{Wire, frame, timestamp};
 use crate::mosaic::Mosaic;
 use crate::yuv::{self, Packed};
-use crate::{Form, Header, Malformed, Sort};
+use crate::{Form, Header, Sort};
 
 /// The encodings that are read as camera images.
 const CAMERA: &str = "mono8, 8UC1, mono16, 16UC1, rgb8, bgr8, 8UC3 (as bgr8), rgba8, bgra8, rgb16, bgr16, bayer_rggb8 and its like, also with 16, \
@@ -95,7 +96,7 @@ pub struct CompressedImage<'a> {
 ///
 /// # Errors
 /// If it is not of that form.
-pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, Malformed> {
+pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, ErrorMessage> {
     match (form.sort, form.wire) {
         (Sort::Image, Wire::Cdr) => {
             let mut cdr = Cdr::new(message)?;
@@ -118,7 +119,7 @@ pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, Malformed> 
             let mut raw = RawImage { width: 0, height: 0, encoding: "", step: 0, is_big_endian: false, data: &[] };
             let mut header = Header { stamp_ns: 0, frame_id: String::new() };
             for field in Fields(message) {
-                match field.map_err(|error| Malformed::new(error.to_string()))? {
+                match field.map_err(|error| ErrorMessage::new(error.to_string()))? {
                     (1, content) => header.stamp_ns = timestamp(content)?,
                     (2, content) => raw.width = content.fixed32(),
                     (3, content) => raw.height = content.fixed32(),
@@ -135,7 +136,7 @@ pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, Malformed> 
             let mut image = CompressedImage { format: "", data: &[] };
             let mut header = Header { stamp_ns: 0, frame_id: String::new() };
             for field in Fields(message) {
-                match field.map_err(|error| Malformed::new(error.to_string()))? {
+                match field.map_err(|error| ErrorMessage::new(error.to_string()))? {
                     (1, content) => header.stamp_ns = timestamp(content)?,
                     (2, content) => image.data = content.bytes(),
                     (3, content) => image.format = text(content, "format")?,
@@ -145,54 +146,55 @@ pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, Malformed> 
             }
             Ok(ImageMessage { header, content: ImageContent::Compressed(image) })
         }
-        (Sort::CameraInfo | Sort::PointCloud | Sort::Transforms, _) => Err(Malformed::new("it is no image")),
+        (Sort::CameraInfo | Sort::PointCloud | Sort::Transforms, _) => Err(ErrorMessage::new("it is no image")),
     }
 }
 
 /// A protobuf string.
-pub(crate) fn text<'a>(content: Content<'a>, name: &str) -> Result<&'a str, Malformed> {
-    std::str::from_utf8(content.bytes()).map_err(|_| Malformed::new(format!("`{name}` is no UTF-8")))
+pub(crate) fn text<'a>(content: Content<'a>, name: &str) -> Result<&'a str, ErrorMessage> {
+    std::str::from_utf8(content.bytes()).map_err(|_| ErrorMessage::new(format!("`{name}` is no UTF-8")))
 }
 
 impl<'a> RawImage<'a> {
     /// Its rows, of that many bytes a pixel, held against the message.
-    fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &'a [u8]>, Malformed> {
+    fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &'a [u8]>, ErrorMessage> {
         self.planes(bytes_per_pixel, self.height)
     }
 
     /// The first `rows` rows of `data`. An image in several planes has more rows than its height.
-    fn planes(&self, bytes_per_pixel: usize, rows: u32) -> Result<impl Iterator<Item = &'a [u8]>, Malformed> {
+    fn planes(&self, bytes_per_pixel: usize, rows: u32) -> Result<impl Iterator<Item = &'a [u8]>, ErrorMessage> {
         let Self { width, height, step, data, .. } = *self;
         if width == 0 || height == 0 {
-            return Err(Malformed::new(format!("its image is {width}x{height}")));
+            return Err(ErrorMessage::new(format!("its image is {width}x{height}")));
         }
         let row = width as usize * bytes_per_pixel;
         if (step as usize) < row {
             let what = format!("step is {step} bytes, and a row of {width} pixels of {} has {row}", self.encoding);
-            return Err(Malformed::new(what));
+            return Err(ErrorMessage::new(what));
         }
         let wanted = u64::from(step) * u64::from(rows);
         if (data.len() as u64) < wanted {
             let what = format!("{rows} rows of {step} bytes are {wanted} bytes, and `data` has {}", data.len());
-            return Err(Malformed::new(what));
+            return Err(ErrorMessage::new(what));
         }
         Ok(data.chunks_exact(step as usize).take(rows as usize).map(move |line| &line[..row]))
     }
 
     /// The numbers of 16 bits, that many a pixel.
-    fn u16s(&self, channels: usize) -> Result<Vec<u16>, Malformed> {
+    fn u16s(&self, channels: usize) -> Result<Vec<u16>, ErrorMessage> {
         let of = if self.is_big_endian { u16::from_be_bytes } else { u16::from_le_bytes };
         Ok(self.rows(2 * channels)?.flat_map(|row| row.as_chunks::<2>().0).map(|sample| of(*sample)).collect())
     }
 
     /// Red, green and blue of each pixel, if colour differences are stored with brightness; `None` if they are not.
-    fn yuv(&self) -> Result<Option<Vec<u8>>, Malformed> {
+    fn yuv(&self) -> Result<Option<Vec<u8>>, ErrorMessage> {
         let Self { width, height, .. } = *self;
         let even = |side: u32, name: &str| match side % 2 {
             0 => Ok(()),
-            _ => {
-                Err(Malformed::new(format!("{name} is {side}, and pixels of {} share colours in pairs", self.encoding)))
-            }
+            _ => Err(ErrorMessage::new(format!(
+                "{name} is {side}, and pixels of {} share colours in pairs",
+                self.encoding
+            ))),
         };
         if let Some(packed) = Packed::named(self.encoding) {
             even(width, "width")?;
@@ -225,7 +227,7 @@ impl<'a> RawImage<'a> {
     ///
     /// # Panics
     /// Never: the rows were held against the size.
-    pub fn pixels(&self, bits: Option<u32>) -> Result<(Pixels, Option<Brightest>), Malformed> {
+    pub fn pixels(&self, bits: Option<u32>) -> Result<(Pixels, Option<Brightest>), ErrorMessage> {
         let size = (self.width, self.height);
         let grey = |samples| Pixels::Grey(GrayImage::from_raw(size.0, size.1, samples).expect("a byte a pixel"));
         let rgb = |rows: Vec<u8>| Pixels::Rgb(RgbImage::from_raw(size.0, size.1, rows).expect("three bytes a pixel"));
@@ -270,7 +272,7 @@ impl<'a> RawImage<'a> {
             "rgba8" => colours(4, [0, 1, 2]),
             "bgra8" => colours(4, [2, 1, 0]),
             other => {
-                let malformed = Malformed::new(format!("its encoding is `{other}`"));
+                let malformed = ErrorMessage::new(format!("its encoding is `{other}`"));
                 Err(malformed.remedy(match other {
                     "32FC1" | "64FC1" => {
                         "these are depths: a camera's image is wanted here, and `depth` takes the topic of depths"
@@ -279,7 +281,7 @@ impl<'a> RawImage<'a> {
                         "record the topic in bgr8 or mono8, as `image_proc` gives it"
                     }
                     _ => {
-                        return Err(Malformed::new(format!("its encoding is `{other}`"))
+                        return Err(ErrorMessage::new(format!("its encoding is `{other}`"))
                             .remedy(format!("these are read: {CAMERA}")));
                     }
                 }))
@@ -296,7 +298,7 @@ impl<'a> RawImage<'a> {
     ///
     /// # Panics
     /// Never: the rows were held against the size.
-    pub fn depths(&self, unit_m: Option<f64>) -> Result<Raster<f32>, Malformed> {
+    pub fn depths(&self, unit_m: Option<f64>) -> Result<Raster<f32>, ErrorMessage> {
         let metres: Vec<f32> = match self.encoding {
             "16UC1" | "mono16" => {
                 let unit_m = unit_m.unwrap_or(0.001);
@@ -313,7 +315,7 @@ impl<'a> RawImage<'a> {
             other => {
                 let what = format!("its encoding is `{other}`, and depths are 16UC1 (millimetres) or 32FC1 (metres)");
                 return Err(
-                    Malformed::new(what).remedy("`depth` takes a topic of depths, registered to the left image")
+                    ErrorMessage::new(what).remedy("`depth` takes a topic of depths, registered to the left image")
                 );
             }
         };
@@ -357,15 +359,15 @@ impl<'a> CompressedImage<'a> {
     ///
     /// # Errors
     /// If it is not the image of a camera.
-    pub fn camera(&self) -> Result<(&'a [u8], bool), Malformed> {
+    pub fn camera(&self) -> Result<(&'a [u8], bool), ErrorMessage> {
         let (encoding, how) = self.format.split_once(';').unwrap_or(("", self.format));
         if how.contains("compressedDepth") {
-            return Err(Malformed::new(format!("its format is `{}`: depths", self.format))
+            return Err(ErrorMessage::new(format!("its format is `{}`: depths", self.format))
                 .remedy("a camera's image is wanted here, and `depth` takes the topic of depths"));
         }
         let handed = how.rsplit_once("compressed").map_or("", |(_, handed)| handed.trim());
         if handed.starts_with("bayer_") || handed.is_empty() && encoding.starts_with("bayer_") {
-            return Err(Malformed::new(format!("its format is `{}`", self.format)).remedy(
+            return Err(ErrorMessage::new(format!("its format is `{}`", self.format)).remedy(
                 "a sensor's mosaic is not read: take the topic in colour or grey that `image_proc` makes of it (image_rect_color, image_rect)",
             ));
         }
@@ -376,10 +378,10 @@ impl<'a> CompressedImage<'a> {
     ///
     /// # Errors
     /// If it holds no depths, or in another form.
-    pub fn depths(&self) -> Result<(&'a [u8], DepthCoding), Malformed> {
+    pub fn depths(&self) -> Result<(&'a [u8], DepthCoding), ErrorMessage> {
         const REMEDY: &str =
             "depths are read of `16UC1; compressedDepth png`, `32FC1; compressedDepth png` and `16UC1; png compressed`";
-        let refused = || Malformed::new(format!("its format is `{}`", self.format)).remedy(REMEDY);
+        let refused = || ErrorMessage::new(format!("its format is `{}`", self.format)).remedy(REMEDY);
         let (encoding, how) = self.format.split_once(';').unwrap_or(("", self.format));
         if !how.contains("compressedDepth") {
             return if how.contains("png") { Ok((self.data, DepthCoding::Plain)) } else { Err(refused()) };
@@ -389,7 +391,7 @@ impl<'a> CompressedImage<'a> {
         }
         // The format's number and two parameters.
         let Some(([_, _, _, _, a0, a1, a2, a3, b0, b1, b2, b3], png)) = self.data.split_first_chunk::<12>() else {
-            return Err(Malformed::new(format!("`data` of {} bytes holds no compressed depths", self.data.len())));
+            return Err(ErrorMessage::new(format!("`data` of {} bytes holds no compressed depths", self.data.len())));
         };
         let (a, b) = (f32::from_le_bytes([*a0, *a1, *a2, *a3]), f32::from_le_bytes([*b0, *b1, *b2, *b3]));
         match encoding.trim() {

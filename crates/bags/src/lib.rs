@@ -24,7 +24,7 @@ pub mod camera;
 mod cdr;
 mod form;
 pub mod images;
-mod malformed;
+mod message_fault;
 mod metadata;
 mod mosaic;
 pub mod pace;
@@ -38,7 +38,7 @@ mod yuv;
 
 pub use bag::{Bag, Topic};
 pub use form::{Form, Header, Sort};
-pub use malformed::Malformed;
+pub use message_fault::message_fault;
 pub use storage::mcap_file::written_by;
 pub use storage::message::Message;
 

@@ -1,7 +1,7 @@
 //! The mosaic of a colour sensor (`bayer_rggb8` and its like), as OpenCV's bilinear `demosaicing` fills it in.
 //! <https://docs.opencv.org/4.x/de/d25/imgproc_color_conversions.html#color_convert_bayer>
 
-use crate::Malformed;
+use depthloom_graphs::ErrorMessage;
 
 /// Which of the four places of a mosaic's upper left square are red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,9 +36,11 @@ impl Mosaic {
     ///
     /// # Errors
     /// If the image is smaller than 3x3.
-    pub fn colours(self, samples: &[u16], width: u32, height: u32) -> Result<Vec<u16>, Malformed> {
+    pub fn colours(self, samples: &[u16], width: u32, height: u32) -> Result<Vec<u16>, ErrorMessage> {
         if width < 3 || height < 3 {
-            return Err(Malformed::new(format!("its mosaic is {width}x{height}, and at least 3x3 pixels are needed")));
+            return Err(ErrorMessage::new(format!(
+                "its mosaic is {width}x{height}, and at least 3x3 pixels are needed"
+            )));
         }
         let (width, height) = (width as usize, height as usize);
         let mut rgb = Vec::with_capacity(3 * samples.len());

@@ -2,7 +2,8 @@
 
 use crate::cdr::Cdr;
 use crate::form::Wire;
-use crate::{Form, Header, Malformed, Sort};
+use crate::{Form, Header, Sort};
+use depthloom_graphs::ErrorMessage;
 
 /// A cloud of points, each x, y, z in metres of its frame.
 #[derive(Debug)]
@@ -31,9 +32,9 @@ const FLOAT64: u8 = 8;
 ///
 /// # Errors
 /// If it is not of that form, or has no coordinates.
-pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, Malformed> {
+pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, ErrorMessage> {
     if (form.sort, form.wire) != (Sort::PointCloud, Wire::Cdr) {
-        return Err(Malformed::new("it is no point cloud"));
+        return Err(ErrorMessage::new("it is no point cloud"));
     }
     let mut cdr = Cdr::new(message)?;
     let header = Header::cdr(&mut cdr)?;
@@ -48,7 +49,7 @@ pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, Malform
         names.push(name);
         let Some(axis) = ["x", "y", "z"].iter().position(|axis| *axis == name) else { continue };
         if datatype != FLOAT32 && datatype != FLOAT64 {
-            return Err(Malformed::new(format!(
+            return Err(ErrorMessage::new(format!(
                 "`{name}` is of type {datatype}, and coordinates are floats ({FLOAT32} or {FLOAT64})"
             )));
         }
@@ -56,7 +57,10 @@ pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, Malform
     }
     let [Some(x), Some(y), Some(z)] = found else {
         names.truncate(16);
-        return Err(Malformed::new(format!("its points have the fields {}, and x, y, z are wanted", names.join(", "))));
+        return Err(ErrorMessage::new(format!(
+            "its points have the fields {}, and x, y, z are wanted",
+            names.join(", ")
+        )));
     };
     let is_big_endian = cdr.u8("is_bigendian")? != 0;
     let (point_step, row_step) = (cdr.u32("point_step")? as usize, cdr.u32("row_step")? as usize);
@@ -64,20 +68,20 @@ pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, Malform
     let end =
         [x, y, z].map(|of| of.offset.saturating_add(if of.is_double { 8 } else { 4 })).into_iter().max().unwrap_or(0);
     if end > point_step {
-        return Err(Malformed::new(format!("point_step is {point_step} bytes, and x, y, z end at {end}")));
+        return Err(ErrorMessage::new(format!("point_step is {point_step} bytes, and x, y, z end at {end}")));
     }
     let row = (width as usize).saturating_mul(point_step);
     // One row may say nothing of its length.
     let row_step = if height == 1 { row } else { row_step };
     if row_step < row {
-        return Err(Malformed::new(format!(
+        return Err(ErrorMessage::new(format!(
             "row_step is {row_step} bytes, and {width} points of {point_step} have {row}"
         )));
     }
     let wanted = (row_step as u64).saturating_mul(height.into());
     if (data.len() as u64) < wanted {
         let what = format!("{height} rows of {row_step} bytes are {wanted} bytes, and `data` has {}", data.len());
-        return Err(Malformed::new(what));
+        return Err(ErrorMessage::new(what));
     }
     let rows = if row == 0 {
         Vec::new()

@@ -3,6 +3,7 @@
 use depthloom_graphs::Fault;
 
 use crate::form::{HEAD, stamp_of};
+use crate::message_fault::message_fault;
 use crate::{Bag, Form, Message, Topic};
 
 /// A message with the time that it is known by.
@@ -24,8 +25,9 @@ pub fn by_header(bag: &Bag, topic: &Topic, form: Form, messages: &[Message]) -> 
     let mut stamped = Vec::with_capacity(messages.len());
     for (message, head) in messages.iter().zip(bag.heads(messages, HEAD)?) {
         let of = |bytes: &[u8], is_whole| {
-            stamp_of(form.wire, bytes, is_whole)
-                .map_err(|error| error.of(bag.path(), &topic.name, &format!("recorded at {}", seconds(message.log_ns))))
+            stamp_of(form.wire, bytes, is_whole).map_err(|error| {
+                message_fault(error, bag.path(), &topic.name, &format!("recorded at {}", seconds(message.log_ns)))
+            })
         };
         let known = match &head {
             Some(head) => of(head, head.len() < HEAD)?,

@@ -1,10 +1,11 @@
 //! Static transforms: `tf2_msgs/msg/TFMessage` of `/tf_static`.
 
+use depthloom_graphs::ErrorMessage;
 use std::collections::BTreeMap;
 
 use crate::cdr::Cdr;
 use crate::form::{Wire, frame};
-use crate::{Form, Header, Malformed, Sort};
+use crate::{Form, Header, Sort};
 
 /// A rigid motion, 3x4, row-major: rotation and translation (metres).
 pub type Motion = [f64; 12];
@@ -21,9 +22,9 @@ impl Transforms {
     ///
     /// # Errors
     /// If it is not of that form, or no motion.
-    pub fn add(&mut self, form: Form, message: &[u8]) -> Result<(), Malformed> {
+    pub fn add(&mut self, form: Form, message: &[u8]) -> Result<(), ErrorMessage> {
         if (form.sort, form.wire) != (Sort::Transforms, Wire::Cdr) {
-            return Err(Malformed::new("it holds no transforms"));
+            return Err(ErrorMessage::new("it holds no transforms"));
         }
         let mut cdr = Cdr::new(message)?;
         // A stamp, two names, seven doubles.
@@ -34,12 +35,12 @@ impl Transforms {
             let quaternion: [f64; 4] = cdr.f64s("rotation")?;
             let norm = quaternion.iter().map(|of| of * of).sum::<f64>().sqrt();
             if !((norm - 1.0).abs() < 0.01 && [x, y, z].iter().all(|of| of.is_finite())) {
-                return Err(Malformed::new(format!(
+                return Err(ErrorMessage::new(format!(
                     "the transform of {child} in {parent} is no motion: its quaternion has length {norm}"
                 )));
             }
             if self.0.len() >= MOST_FRAMES {
-                return Err(Malformed::new(format!("more than {MOST_FRAMES} frames are named")));
+                return Err(ErrorMessage::new(format!("more than {MOST_FRAMES} frames are named")));
             }
             self.0.insert(child, (parent, motion([x, y, z], quaternion.map(|of| of / norm))));
         }

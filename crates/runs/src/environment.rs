@@ -51,7 +51,7 @@ pub fn mark_start() {
 }
 
 /// What a run's folder says of where and when it was made; nothing where it says nothing.
-pub fn of(run: &Path) -> Json {
+pub fn read(run: &Path) -> Json {
     let bytes = regular_file::read(&run.join(ENVIRONMENT), LARGEST).unwrap_or_default();
     serde_json::from_slice(&bytes).unwrap_or_default()
 }

@@ -118,7 +118,7 @@ fn is_folder(path: &Path) -> bool {
 
 /// When a run was done: what it says itself, for a copy has other times.
 fn time(folder: &Path) -> DateTime<Utc> {
-    let environment = environment::of(folder);
+    let environment = environment::read(folder);
     let finished = environment["finished_utc"].as_str();
     let finished = finished.and_then(|stamp| NaiveDateTime::parse_from_str(stamp, STAMP).ok());
     let written = |name: &str| fs::metadata(folder.join(name)).and_then(|metadata| metadata.modified()).ok();

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use depthloom_analysis::Leader;
-use depthloom_graphs::{Remedied, chain};
+use depthloom_graphs::{Remedied, chain, counted};
 use depthloom_recording::{Condition, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -14,7 +14,6 @@ use super::reused;
 use crate::RECORDING;
 use crate::found::FoundRun;
 use crate::run_folder::is_held;
-use depthloom_graphs::counted;
 
 /// How far a run came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize)]
@@ -46,22 +45,28 @@ impl State {
 }
 
 /// A run at a glance.
-#[derive(Clone, Debug)]
+#[derive(JsonSchema, Serialize)]
 pub struct Glance {
+    /// Its path in the folder of runs.
+    pub name: String,
+    /// Its folder.
+    pub path: String,
+    /// When it was finished; of one that was not, when it last wrote.
+    pub time_utc: String,
     /// How far it came.
     pub state: State,
     /// Its experiment; `None` where its recording was not read.
     pub experiment: Option<String>,
-    /// How many variants it has.
+    /// How many.
     pub variants: u64,
     /// How many frames it recorded, of all stages.
     pub frames: u64,
-    /// On how many of them something failed.
-    pub failed: u64,
-    /// What all its files hold.
+    /// How many of them failed somewhere.
+    pub failed_frames: u64,
+    /// The size of all its files.
     pub bytes: u64,
     /// Its best score, if there is one.
-    pub best: Option<Leader>,
+    pub best: Option<Best>,
     /// What is wrong with it.
     pub trouble: Option<String>,
     /// Why its values may be wrong although it is complete.
@@ -71,10 +76,21 @@ pub struct Glance {
 impl Glance {
     /// Looks at a run; what another process writes at this moment is not read.
     pub fn at(run: &FoundRun) -> Self {
-        let (experiment, best, trouble, warning) = (None, None, None, None);
         let state = if is_held(&run.path) && !run.is_over() { State::Running } else { State::Unfinished };
-        let bytes = bytes_in(&run.path);
-        let glance = Self { state, experiment, variants: 0, frames: 0, failed: 0, bytes, best, trouble, warning };
+        let glance = Self {
+            name: run.name.clone(),
+            path: run.path.to_string_lossy().into_owned(),
+            time_utc: run.time_utc(),
+            state,
+            experiment: None,
+            variants: 0,
+            frames: 0,
+            failed_frames: 0,
+            bytes: bytes_in(&run.path),
+            best: None,
+            trouble: None,
+            warning: None,
+        };
         if state == State::Running {
             return glance;
         }
@@ -109,9 +125,9 @@ impl Glance {
             experiment: Some(plan.experiment.clone()),
             variants: plan.variants.len() as u64,
             frames: frames().count() as u64,
-            failed: frames().filter(|frame| !frame.failures.is_empty()).count() as u64,
+            failed_frames: frames().filter(|frame| !frame.failures.is_empty()).count() as u64,
             // A run that scored nothing has no best score.
-            best: depthloom_analysis::leader(recording, &|| false).ok().flatten(),
+            best: depthloom_analysis::leader(recording, &|| false).ok().flatten().map(Best::from),
             trouble,
             ..self
         }
@@ -119,7 +135,7 @@ impl Glance {
 
     /// How far it came, in words.
     pub fn state_text(&self) -> String {
-        match self.failed {
+        match self.failed_frames {
             0 => self.state.name().to_owned(),
             failed => format!("{}, {} failed", self.state.name(), counted(failed, "frame")),
         }
@@ -129,19 +145,31 @@ impl Glance {
 /// The best score of a run.
 #[derive(JsonSchema, Serialize)]
 pub struct Best {
-    score: &'static str,
-    value: f64,
-    stage: String,
-    variant: Option<String>,
-    estimator: String,
+    /// Which score.
+    pub score: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// The stage of the estimate.
+    pub stage: String,
+    /// Null where all variants share the estimate; of several, the first.
+    pub variant: Option<String>,
+    /// The estimate, as tables name it.
+    pub estimator: String,
+    #[serde(skip)]
+    label: String,
+}
+
+impl From<Leader> for Best {
+    fn from(leader: Leader) -> Self {
+        let Leader { metric, value, lead, estimator, label } = leader;
+        Self { score: metric, value, stage: lead.stage, variant: lead.variant, estimator, label }
+    }
 }
 
 impl Best {
-    /// Of what the analysis says.
-    pub fn of(leader: &Leader) -> Self {
-        let Leader { metric, value, lead, estimator, .. } = leader;
-        let (stage, variant) = (lead.stage.clone(), lead.variant.clone());
-        Self { score: metric, value: *value, stage, variant, estimator: estimator.clone() }
+    /// The score on a line.
+    pub fn text(&self) -> String {
+        format!("{} {:.4}  {}", self.score, self.value, self.label)
     }
 }
 

@@ -5,17 +5,21 @@
 
 #![forbid(unsafe_code)]
 
-pub mod earlier;
 pub mod environment;
+mod failures;
 mod found;
 mod glance;
 pub mod models;
 mod named;
 mod opening;
 mod plain;
+pub mod reuse;
 mod reused;
+mod run_difference;
 pub mod run_folder;
+mod timings;
 
+pub use failures::{FrameFailure, Frames, frames_and_failures};
 pub use found::{FOLDER, FoundRun, all, in_folder};
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};
@@ -24,3 +28,5 @@ pub use opening::{
     run_failed,
 };
 pub use plain::file_name;
+pub use run_difference::RunDifference;
+pub use timings::write_timings;

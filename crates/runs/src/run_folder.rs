@@ -63,7 +63,7 @@ impl RunFolder {
         read: &[PathBuf],
         begun: impl FnOnce(&Path) -> Begun,
     ) -> Result<Self, CliError> {
-        let out = &without_turns(out)?;
+        let out = &normalize_lexically(out)?;
         let partial = partial_name(out)?;
         make_parent(out)?;
         // So long a name would be refused when the run is done.
@@ -298,7 +298,7 @@ fn found(path: &Path) -> Result<Found, CliError> {
 
 /// The same path without `..`: a folder that goes aside must not lie on the way to its own name. And without a slash at its end,
 /// behind which a link is taken for what it leads to.
-fn without_turns(out: &Path) -> Result<PathBuf, CliError> {
+fn normalize_lexically(out: &Path) -> Result<PathBuf, CliError> {
     if !out.components().any(|part| part == Component::ParentDir) {
         return Ok(out.components().collect());
     }

@@ -8,10 +8,12 @@
 
 mod guard;
 mod plan;
+mod report;
 mod source;
 mod tally;
 mod tolerance;
 
 pub use plan::{Replay, Replayed, Unchecked};
+pub use report::{ComparedNode, NodeName, NumberDifference, OtherNode, Report, SHOWN, node_name};
 pub use tally::{Checker, Outcome, Placed, Tally};
 pub use tolerance::{Tolerance, Tolerances};

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, Slot, Tap, Warned};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, PartId, Plan, PortId, RunId};
-use depthloom_graphs::values::{Difference, Differs};
+use depthloom_graphs::values::{Differs, ValueDifference};
 use depthloom_graphs::{Frame, Key, Value, ValueType};
 use depthloom_recording::Recording;
 use depthloom_threads::{into_unlocked, locked};
@@ -168,7 +168,7 @@ impl Checker {
                         let value_type = output.port.value_type;
                         let why = self.failures.of(NodeRef { run, node }).map(|why| failed(&why));
                         let now = why.as_deref().unwrap_or(NONE);
-                        tally.take(None, (&output.topic, value_type), Difference::whole(THERE, now));
+                        tally.take(None, (&output.topic, value_type), ValueDifference::whole(THERE, now));
                     }
                 }
             }
@@ -179,15 +179,15 @@ impl Checker {
         f(&mut locked(&self.state))
     }
 
-    fn between(&self, recorded: Option<&Value>, now: Option<&Value>) -> Option<Difference> {
+    fn between(&self, recorded: Option<&Value>, now: Option<&Value>) -> Option<ValueDifference> {
         // Of no rows of scores nothing is recorded.
         let is_there = |value: &&Value| !matches!(value, Value::Scores(rows) if rows.is_empty());
         match (recorded.filter(is_there), now.filter(is_there)) {
             (Some(recorded), Some(now)) => {
-                Some(Difference::between(recorded, now, self.tolerances.of_type(now.value_type())))
+                Some(ValueDifference::between(recorded, now, self.tolerances.of_type(now.value_type())))
             }
-            (Some(_), None) => Some(Difference::whole(THERE, NONE)),
-            (None, Some(_)) => Some(Difference::whole(NONE, THERE)),
+            (Some(_), None) => Some(ValueDifference::whole(THERE, NONE)),
+            (None, Some(_)) => Some(ValueDifference::whole(NONE, THERE)),
             (None, None) => None,
         }
     }
@@ -215,7 +215,7 @@ impl Checker {
 }
 
 impl Tally {
-    fn take(&mut self, frame: Option<&Arc<str>>, (topic, value_type): (&str, ValueType), difference: Difference) {
+    fn take(&mut self, frame: Option<&Arc<str>>, (topic, value_type): (&str, ValueType), difference: ValueDifference) {
         self.numbers += difference.numbers;
         self.different_numbers += difference.different;
         let placed = |differs| Placed { frame: frame.cloned(), topic: topic.to_owned(), value_type, differs };
@@ -232,7 +232,7 @@ impl Tally {
 
 impl Tap for Checker {
     /// By output port that has a value on either side.
-    type Part = Vec<(PortId, Difference)>;
+    type Part = Vec<(PortId, ValueDifference)>;
 
     /// One a node.
     fn parts(&self, run: RunId) -> usize {

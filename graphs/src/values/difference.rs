@@ -6,7 +6,7 @@ use super::{Calibration, Curve, Image, Pixels, Raster, Value, ValueType};
 
 /// In how many numbers two values differ, and in which.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Difference {
+pub struct ValueDifference {
     /// How many numbers were compared.
     pub numbers: u64,
     /// How many of them differ by more than the tolerance; 1 where the values differ as a whole.
@@ -51,7 +51,7 @@ pub enum Place {
     Named(String),
 }
 
-impl Difference {
+impl ValueDifference {
     /// Between values of one port.
     pub fn between(recorded: &Value, now: &Value, tolerance: f64) -> Self {
         match (recorded, now) {
@@ -191,7 +191,12 @@ fn float(value: &f32) -> Option<f64> {
     (!value.is_nan()).then(|| f64::from(*value))
 }
 
-fn pixels<T>(recorded: Sized<'_, T>, now: Sized<'_, T>, tolerance: f64, of: impl Fn(&T) -> Option<f64>) -> Difference {
+fn pixels<T>(
+    recorded: Sized<'_, T>,
+    now: Sized<'_, T>,
+    tolerance: f64,
+    of: impl Fn(&T) -> Option<f64>,
+) -> ValueDifference {
     let (width, _) = recorded.1;
     samples(recorded, now, tolerance, of, |at| {
         let (x, y) = (at % u64::from(width), at / u64::from(width));
@@ -205,12 +210,12 @@ fn samples<T>(
     tolerance: f64,
     of: impl Fn(&T) -> Option<f64>,
     place: impl Fn(u64) -> Place,
-) -> Difference {
+) -> ValueDifference {
     if was != is || recorded.len() != now.len() {
         let size = |(width, height): (u32, u32)| format!("{width}x{height} pixels");
-        return Difference::whole(size(was), size(is));
+        return ValueDifference::whole(size(was), size(is));
     }
-    let mut difference = Difference::default();
+    let mut difference = ValueDifference::default();
     for (at, (a, b)) in recorded.iter().zip(now).enumerate() {
         difference.take(of(a), of(b), tolerance, || place(at as u64));
     }
@@ -218,7 +223,7 @@ fn samples<T>(
 }
 
 /// The pixels alone: the file that an image came in is not made again.
-fn images(recorded: &Image, now: &Image, tolerance: f64) -> Difference {
+fn images(recorded: &Image, now: &Image, tolerance: f64) -> ValueDifference {
     let (was, is) = (recorded.dimensions(), now.dimensions());
     let of = |value: &u8| Some(f64::from(*value));
     match (recorded.pixels(), now.pixels()) {
@@ -227,15 +232,15 @@ fn images(recorded: &Image, now: &Image, tolerance: f64) -> Difference {
             let (pixel, width) = (at / 3, u64::from(was.0));
             Place::Channel((pixel % width) as u32, (pixel / width) as u32, (at % 3) as u8)
         }),
-        (Pixels::Grey(_), Pixels::Rgb(_)) => Difference::whole("a grey image", "a coloured one"),
-        (Pixels::Rgb(_), Pixels::Grey(_)) => Difference::whole("a coloured image", "a grey one"),
+        (Pixels::Grey(_), Pixels::Rgb(_)) => ValueDifference::whole("a grey image", "a coloured one"),
+        (Pixels::Rgb(_), Pixels::Grey(_)) => ValueDifference::whole("a coloured image", "a grey one"),
     }
 }
 
 /// Numbers by name, in order.
 type Named = Vec<(String, Option<f64>)>;
 
-fn named(recorded: Named, now: Named, tolerance: f64) -> Difference {
+fn named(recorded: Named, now: Named, tolerance: f64) -> ValueDifference {
     let names = |of: &Named| of.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
     let (was, is) = (names(&recorded), names(&now));
     if was != is {
@@ -245,9 +250,9 @@ fn named(recorded: Named, now: Named, tolerance: f64) -> Difference {
             Some(name) => format!("{name} among {} numbers", of.len()),
             None => format!("{} numbers", of.len()),
         };
-        return Difference::whole(told(only(&was, &is), &was), told(only(&is, &was), &is));
+        return ValueDifference::whole(told(only(&was, &is), &was), told(only(&is, &was), &is));
     }
-    let mut difference = Difference::default();
+    let mut difference = ValueDifference::default();
     for ((name, a), (_, b)) in recorded.into_iter().zip(now) {
         difference.take(a, b, tolerance, || Place::Named(name));
     }
@@ -296,27 +301,27 @@ fn points(of: &Curve) -> Named {
 }
 
 /// Metres first; where these are alike, the inverse depth that they do not hold.
-fn depths(recorded: &Value, now: &Value, tolerance: f64) -> Difference {
+fn depths(recorded: &Value, now: &Value, tolerance: f64) -> ValueDifference {
     let difference = match (recorded.metres(), now.metres()) {
         (Some(a), Some(b)) => pixels(sized(a), sized(b), tolerance, float),
-        _ => Difference::default(),
+        _ => ValueDifference::default(),
     };
     match (recorded, now) {
         _ if difference.different > 0 => difference,
         (Value::RelativeDepth(a), Value::RelativeDepth(b)) => {
             pixels(sized(a.inverse()), sized(b.inverse()), tolerance, float)
         }
-        (Value::RelativeDepth(_), _) => Difference::whole("inverse depth that metres do not hold", "none"),
-        (_, Value::RelativeDepth(_)) => Difference::whole("no inverse depth that metres do not hold", "some"),
+        (Value::RelativeDepth(_), _) => ValueDifference::whole("inverse depth that metres do not hold", "none"),
+        (_, Value::RelativeDepth(_)) => ValueDifference::whole("no inverse depth that metres do not hold", "some"),
         _ => difference,
     }
 }
 
-fn bytes(recorded: &[u8], now: &[u8]) -> Difference {
+fn bytes(recorded: &[u8], now: &[u8]) -> ValueDifference {
     if recorded.len() != now.len() {
-        return Difference::whole(format!("{} bytes", recorded.len()), format!("{} bytes", now.len()));
+        return ValueDifference::whole(format!("{} bytes", recorded.len()), format!("{} bytes", now.len()));
     }
-    let mut difference = Difference::default();
+    let mut difference = ValueDifference::default();
     for (at, (a, b)) in recorded.iter().zip(now).enumerate() {
         difference.take(Some(f64::from(*a)), Some(f64::from(*b)), 0.0, || Place::Byte(at as u64));
     }
@@ -325,7 +330,7 @@ fn bytes(recorded: &[u8], now: &[u8]) -> Difference {
 
 #[cfg(test)]
 mod tests {
-    use super::{Difference, Differs, Place};
+    use super::{Differs, Place, ValueDifference};
     use crate::values::{Artifact, Depth, Disparity, Raster, Value};
 
     fn depth(metres: [f32; 4]) -> Value {
@@ -335,8 +340,8 @@ mod tests {
     #[test]
     fn the_first_and_the_worst_pixel_are_found_and_an_answer_lost_is_worse_than_any_number() {
         let recorded = depth([1.0, 2.0, f32::NAN, 4.5]);
-        let of = |now: [f32; 4], tolerance: f64| Difference::between(&recorded, &depth(now), tolerance);
-        assert_eq!(of([1.0, 2.0, f32::NAN, 4.5], 0.0), Difference { numbers: 4, ..Difference::default() });
+        let of = |now: [f32; 4], tolerance: f64| ValueDifference::between(&recorded, &depth(now), tolerance);
+        assert_eq!(of([1.0, 2.0, f32::NAN, 4.5], 0.0), ValueDifference { numbers: 4, ..ValueDifference::default() });
         let found = of([1.25, 2.0, f32::NAN, 5.5], 0.0);
         assert_eq!((found.numbers, found.different), (4, 2));
         let at = |x, y, recorded, now| Some(Differs::Number { place: Place::Pixel(x, y), recorded, now });
@@ -348,23 +353,23 @@ mod tests {
         assert_eq!(of([9.0, f32::NAN, f32::NAN, 4.5], 0.0).worst, at(1, 0, Some(2.0), None));
         // By their bits.
         let (zero, other) = (depth([0.0; 4]), depth([-0.0, 0.0, 0.0, 0.0]));
-        assert_eq!(Difference::between(&zero, &other, 0.0).different, 1);
-        assert_eq!(Difference::between(&zero, &other, 1e-9).different, 0);
+        assert_eq!(ValueDifference::between(&zero, &other, 0.0).different, 1);
+        assert_eq!(ValueDifference::between(&zero, &other, 1e-9).different, 0);
     }
 
     #[test]
     fn values_of_other_sizes_and_ranges_differ_as_a_whole() {
         let wide = Depth { metres: Raster::from_raw(4, 1, vec![1.0; 4]).unwrap() }.into();
-        let found = Difference::between(&depth([1.0; 4]), &wide, 9.0);
-        let whole = |recorded: &str, now: &str| Difference::whole(recorded, now);
+        let found = ValueDifference::between(&depth([1.0; 4]), &wide, 9.0);
+        let whole = |recorded: &str, now: &str| ValueDifference::whole(recorded, now);
         assert_eq!(found, whole("2x2 pixels", "4x1 pixels"));
         let searched = |min_disparity_px| {
             Value::from(Disparity { sixteenths_px: Raster::from_raw(1, 1, vec![32]).unwrap(), min_disparity_px })
         };
-        assert_eq!(Difference::between(&searched(0), &searched(1), 9.0).different, 1);
+        assert_eq!(ValueDifference::between(&searched(0), &searched(1), 9.0).different, 1);
         let model = |bytes: &[u8]| Value::Model(Artifact::model(bytes.to_vec()).into());
-        assert_eq!(Difference::between(&model(b"abc"), &model(b"abcd"), 9.0), whole("3 bytes", "4 bytes"));
-        let first = Difference::between(&model(b"abc"), &model(b"abd"), 0.0).first;
+        assert_eq!(ValueDifference::between(&model(b"abc"), &model(b"abcd"), 9.0), whole("3 bytes", "4 bytes"));
+        let first = ValueDifference::between(&model(b"abc"), &model(b"abd"), 0.0).first;
         assert_eq!(first, Some(Differs::Number { place: Place::Byte(2), recorded: Some(99.0), now: Some(100.0) }));
     }
 }

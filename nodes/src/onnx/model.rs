@@ -11,6 +11,8 @@ use depthloom_onnx::{
 };
 use ort::value::TensorElementType;
 use prost::Message;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 /// An input or output, as the model declares it.
 #[derive(Clone)]
@@ -91,7 +93,7 @@ pub struct Description {
 }
 
 /// An input or output of a model.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, JsonSchema, Serialize)]
 pub struct Tensor {
     /// Its name.
     pub name: String,

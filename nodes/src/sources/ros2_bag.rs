@@ -320,7 +320,14 @@ fn transforms(bag: &Bag) -> Result<Transforms, Fault> {
     }
     for message in &messages {
         let added = transforms.add(form, &bag.read(message)?);
-        added.map_err(|error| error.of(bag.path(), TF_STATIC, &format!("recorded at {}", seconds(message.log_ns))))?;
+        added.map_err(|error| {
+            depthloom_bags::message_fault(
+                error,
+                bag.path(),
+                TF_STATIC,
+                &format!("recorded at {}", seconds(message.log_ns)),
+            )
+        })?;
     }
     Ok(transforms)
 }

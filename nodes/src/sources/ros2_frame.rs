@@ -7,7 +7,8 @@ use depthloom_bags::camera::{CameraInfo, camera_info};
 use depthloom_bags::images::{self, ImageContent, ImageMessage};
 use depthloom_bags::points::point_cloud;
 use depthloom_bags::transforms::{Motion, Transforms, compose};
-use depthloom_bags::{Form, Malformed, Sort};
+use depthloom_bags::{Form, Sort, message_fault};
+use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::values::{Calibration, Depth, Image, Pixels, Raster};
 use depthloom_graphs::{Context, Fault, Key, Outputs};
 use depthloom_kernels::rectify::{Camera, Interpolation, Lens, Map, View};
@@ -204,11 +205,11 @@ impl Reading {
         &self,
         messages: &'a Messages,
         part: Part,
-        decode: impl FnOnce(Form, &'a [u8]) -> Result<T, Malformed>,
+        decode: impl FnOnce(Form, &'a [u8]) -> Result<T, ErrorMessage>,
     ) -> Result<T, Fault> {
         let Read { topic, form, .. } = self.topic(part)?;
         let what = if part.is_camera() { format!("of frame {}", messages.stamp) } else { messages.stamp.to_string() };
-        decode(*form, messages.the(part)?).map_err(|error| error.of(&self.path, topic, &what))
+        decode(*form, messages.the(part)?).map_err(|error| message_fault(error, &self.path, topic, &what))
     }
 
     /// What would be wrong with every frame, by one; and what is to be said of all.
@@ -298,7 +299,7 @@ impl Reading {
     fn image(&self, messages: &Messages, part: Part, ctx: &Context<'_>) -> Result<(Image, String), Fault> {
         let ImageMessage { header, content } = self.decoded(messages, part, images::image)?;
         let topic = &self.topic(part)?.topic;
-        let failed = |error: Malformed| error.of(&self.path, topic, &messages.stamp);
+        let failed = |error: ErrorMessage| message_fault(error, &self.path, topic, &messages.stamp);
         let (image, brightest) = match content {
             ImageContent::Raw(raw) => {
                 let (pixels, brightest) = raw.pixels(self.bits).map_err(failed)?;
@@ -339,7 +340,7 @@ impl Reading {
     fn depth(&self, messages: &Messages, size: (u32, u32)) -> Result<Raster<f32>, Fault> {
         let message = self.decoded(messages, Part::Depth, images::image)?;
         let topic = &self.topic(Part::Depth)?.topic;
-        let failed = |error: Malformed| error.of(&self.path, topic, &messages.stamp);
+        let failed = |error: ErrorMessage| message_fault(error, &self.path, topic, &messages.stamp);
         let metres = match message.content {
             ImageContent::Raw(raw) => raw.depths(self.depth_unit_m).map_err(failed)?,
             ImageContent::Compressed(compressed) => {

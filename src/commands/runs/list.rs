@@ -2,15 +2,14 @@
 
 use std::collections::BTreeSet;
 
-use depthloom_runs::{Best, FoundRun, State};
-use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
+use depthloom_runs::{Best, FoundRun, Glance};
+use depthloom_terminal::{CliError, ExitCode, aligned, print, say, size};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::all_in;
 use crate::args::RunsArgs;
 use crate::output;
-use crate::sizes::size;
 
 /// Of `runs`: the runs in a folder, newest first.
 #[derive(JsonSchema, Serialize)]
@@ -19,34 +18,12 @@ pub struct RunsList {
     runs: Vec<Glance>,
 }
 
-/// A run at a glance.
-#[derive(JsonSchema, Serialize)]
-pub struct Glance {
-    name: String,
-    path: String,
-    time_utc: String,
-    state: State,
-    experiment: Option<String>,
-    /// How many.
-    variants: u64,
-    frames: u64,
-    failed_frames: u64,
-    bytes: u64,
-    best: Option<Best>,
-    /// What is wrong with it.
-    trouble: Option<String>,
-    /// Why its values may be wrong although it is complete.
-    warning: Option<String>,
-}
-
 /// Prints a line a run.
 pub fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
     let runs = all_in(args)?;
-    let runs: Vec<(&FoundRun, depthloom_runs::Glance)> =
-        runs.iter().rev().map(|run| (run, depthloom_runs::Glance::at(run))).collect();
+    let glances: Vec<Glance> = runs.iter().rev().map(Glance::at).collect();
     if args.json {
-        let runs = runs.into_iter().map(|(run, glance)| Glance::of(run, glance)).collect();
-        output::print(&RunsList { folder: args.folder.to_string_lossy().into_owned(), runs })?;
+        output::print(&RunsList { folder: args.folder.to_string_lossy().into_owned(), runs: glances })?;
         return Ok(ExitCode::Success);
     }
     if runs.is_empty() {
@@ -55,9 +32,9 @@ pub fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
     }
     let head = ["run", "time (UTC)", "experiment", "variants", "frames", "size", "state", "best score"];
     let mut rows = vec![head.map(str::to_owned)];
-    rows.extend(runs.iter().map(|(run, glance)| row(run, glance)));
+    rows.extend(runs.iter().rev().zip(&glances).map(|(run, glance)| row(run, glance)));
     let mut text = aligned(&rows, &[3, 4, 5]);
-    let warnings: BTreeSet<&str> = runs.iter().filter_map(|(_, glance)| glance.warning.as_deref()).collect();
+    let warnings: BTreeSet<&str> = glances.iter().filter_map(|glance| glance.warning.as_deref()).collect();
     for warning in warnings {
         text += &format!("* {warning}\n");
     }
@@ -65,30 +42,10 @@ pub fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
     Ok(ExitCode::Success)
 }
 
-impl Glance {
-    fn of(run: &FoundRun, glance: depthloom_runs::Glance) -> Self {
-        Self {
-            name: run.name.clone(),
-            path: run.path.to_string_lossy().into_owned(),
-            time_utc: run.time_utc(),
-            state: glance.state,
-            experiment: glance.experiment,
-            variants: glance.variants,
-            frames: glance.frames,
-            failed_frames: glance.failed,
-            bytes: glance.bytes,
-            best: glance.best.as_ref().map(Best::of),
-            trouble: glance.trouble,
-            warning: glance.warning,
-        }
-    }
-}
-
-fn row(run: &FoundRun, glance: &depthloom_runs::Glance) -> [String; 8] {
-    let best = glance.best.as_ref();
+fn row(run: &FoundRun, glance: &Glance) -> [String; 8] {
     let nothing = || "-".to_owned();
     let count = |count: u64| if glance.experiment.is_some() { count.to_string() } else { nothing() };
-    let remark = best.map(|best| format!("{} {:.4}  {}", best.metric, best.value, best.label));
+    let remark = glance.best.as_ref().map(Best::text);
     [
         run.name.clone(),
         run.time.format("%Y-%m-%d %H:%M").to_string(),

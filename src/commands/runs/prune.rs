@@ -5,17 +5,15 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use depthloom_graphs::regular_file;
+use depthloom_graphs::{counted, regular_file};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::{Removed, RemovedRuns, all_in};
 use crate::args::{PruneArgs, RunsArgs};
 use crate::diagnostics::Error;
-use crate::sizes::size;
-use depthloom_graphs::counted;
 use depthloom_runs::{FoundRun, Glance, State, environment, run_folder::Removal};
-use depthloom_terminal::{CliError, ExitCode, print};
+use depthloom_terminal::{CliError, ExitCode, print, size};
 
 /// How much of an experiment is read, bytes: none is larger.
 const LARGEST: u64 = 64 << 20;
@@ -46,7 +44,7 @@ pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliError> {
     let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::of).collect();
     let chosen = chosen(&runs, rules, Utc::now());
     let (chosen, mut kept) = without_those_that_are_read(&runs, &chosen);
-    let asked = || runs.iter().filter(|run| run.is_of(rules));
+    let selected = || runs.iter().filter(|run| run.is_of(rules));
     let mut removed = RemovedRuns::default();
     for run in chosen.iter().map(|&run| &runs[run]) {
         match Removal::of(&run.found.path) {
@@ -60,15 +58,15 @@ pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliError> {
         for (run, why) in &kept {
             print(format!("kept {}: {why}\n", run.found.path.display()))?;
         }
-        let all = asked().map(|run| run.bytes).sum();
+        let all = selected().map(|run| run.bytes).sum();
         let verb = if rules.dry_run { "would remove" } else { "removed" };
         let (gone, bytes) = removed.sum();
-        let of = counted(asked().count(), "run");
+        let of = counted(selected().count(), "run");
         print(format!("{verb} {gone} of {of}, {} of {}\n", size(bytes), size(all)))?;
     }
     let path = |run: &Run| run.found.path.to_string_lossy().into_owned();
     let kept = kept.into_iter().map(|(run, why)| Kept { path: path(run), why }).collect();
-    let (dry_run, runs) = (rules.dry_run, asked().count() as u64);
+    let (dry_run, runs) = (rules.dry_run, selected().count() as u64);
     removed.tell(args, |removed, bytes, error| RunsPrune { dry_run, runs, kept, removed, bytes, error })
 }
 
@@ -152,7 +150,7 @@ struct Reads {
 impl Reads {
     fn of(run: &Path) -> Self {
         let resolved = regular_file::read(&run.join("experiment.resolved.yaml"), LARGEST).unwrap_or_default();
-        let files = environment::of(run)["reads"].as_array().cloned().unwrap_or_default();
+        let files = environment::read(run)["reads"].as_array().cloned().unwrap_or_default();
         let files = files.iter().filter_map(|file| file.as_str()).map(PathBuf::from).collect();
         Self { resolved: String::from_utf8_lossy(&resolved).into_owned(), files }
     }

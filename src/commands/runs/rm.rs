@@ -21,9 +21,9 @@ pub struct RunsRm {
 }
 
 /// Removes the runs that are named: all of them, or none if one may not be removed.
-pub fn rm(args: &RunsArgs, asked: &RmArgs) -> Result<ExitCode, CliError> {
+pub fn rm(args: &RunsArgs, named: &RmArgs) -> Result<ExitCode, CliError> {
     let mut removals: Vec<Removal> = Vec::new();
-    for run in &asked.runs {
+    for run in &named.runs {
         let folder = named_in_full(run, &args.folder)?;
         // A run may be named twice.
         let is_taken = |removal: &Removal| same(removal.folder(), &folder);

@@ -9,10 +9,9 @@ use serde_json::Value as Json;
 
 use crate::args::{RunsArgs, ShowArgs};
 use crate::output;
-use crate::sizes::size;
 use depthloom_graphs::counted;
 use depthloom_runs::{Best, File, FoundRun, Glance, RECORDING, State, environment, files_in, models, named};
-use depthloom_terminal::{CliError, ExitCode, aligned, print};
+use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 
 /// How many variants are named.
 const NAMED: usize = 12;
@@ -59,27 +58,27 @@ pub struct Stage {
 }
 
 /// Prints what a run is of, what became of it, and what lies in its folder.
-pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<ExitCode, CliError> {
-    let path = named(&asked.run, &args.folder)?;
+pub fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliError> {
+    let path = named(&show.run, &args.folder)?;
     let run = FoundRun::at(&path, &args.folder)?;
     let glance = Glance::at(&run);
     // What another process writes at this moment is not read, and of what cannot be read the glance says why.
     let recording = (glance.state != State::Running).then(|| Recording::open(path.join(RECORDING)).ok()).flatten();
-    let environment = environment::of(&path);
+    let environment = environment::read(&path);
     let files = files_in(&path);
     if args.json {
         let plan = recording.as_ref().map(Recording::plan);
         output::print(&RunsShow {
-            time_utc: run.time_utc(),
-            name: run.name,
-            path: run.path.to_string_lossy().into_owned(),
+            name: glance.name,
+            path: glance.path,
+            time_utc: glance.time_utc,
             state: glance.state,
             experiment: glance.experiment,
             variants: plan.map(|plan| plan.variants.clone()).unwrap_or_default(),
             frames: glance.frames,
-            failed_frames: glance.failed,
+            failed_frames: glance.failed_frames,
             bytes: glance.bytes,
-            best: glance.best.as_ref().map(Best::of),
+            best: glance.best,
             trouble: glance.trouble,
             warning: glance.warning,
             about: plan.map(|plan| plan.about.trim().to_owned()),
@@ -106,7 +105,7 @@ pub fn show(args: &RunsArgs, asked: &ShowArgs) -> Result<ExitCode, CliError> {
         }
     }
     if let Some(best) = &glance.best {
-        row("best score", format!("{} {:.4}  {}", best.metric, best.value, best.label));
+        row("best score", best.text());
     }
     if let Some(trouble) = &glance.trouble {
         row("trouble", trouble.clone());

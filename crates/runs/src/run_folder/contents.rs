@@ -8,8 +8,8 @@ use std::path::Path;
 use depthloom_analysis::{PAGE, SAMPLES};
 
 use super::marker::MARKER;
-use crate::earlier::OUTDATED;
 use crate::models;
+use crate::reuse::OUTDATED;
 
 /// The files that a run writes.
 const FILES: [&str; 8] = [

@@ -8,7 +8,7 @@ use depthloom_terminal::{CliError, ExitCode};
 
 use super::lock::{Lock, Refused};
 use super::marker::{Found, MARKER};
-use super::{aside, failed, found, harm, without_turns};
+use super::{aside, failed, found, harm, normalize_lexically};
 
 /// A run that is about to be removed: nobody else writes in it, or can begin to.
 #[derive(Debug)]
@@ -23,7 +23,7 @@ impl Removal {
     /// # Errors
     /// If it is no run's folder, a link, of a run that goes on, where the person stands, or holds what no run wrote.
     pub fn of(folder: &Path) -> Result<Self, CliError> {
-        let folder = without_turns(folder).map_err(may_not)?;
+        let folder = normalize_lexically(folder).map_err(may_not)?;
         let refuse = |why: &str, remedy: &str| {
             Err(CliError::usage(format!("{} is not removed: {why}", folder.display()), remedy))
         };

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use depthloom_bags::camera::camera_info;
 use depthloom_bags::images::{ImageContent, image};
 use depthloom_bags::points::point_cloud;
-use depthloom_bags::{Bag, Form, Header, Malformed, Sort, Topic, topics, written_by};
+use depthloom_bags::{Bag, Form, Header, Sort, Topic, topics, written_by};
+use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::contracts::Recognised;
 use serde_json::json;
 
@@ -172,7 +173,7 @@ fn first(bag: &Bag, topic: &Topic) -> Option<std::sync::Arc<[u8]>> {
 /// The coordinate frame that a topic's images or points are in.
 fn frame_of(bag: &Bag, topic: &Topic) -> Option<String> {
     let (form, bytes) = (Form::of(topic).ok()?, first(bag, topic)?);
-    let header: Result<Header, Malformed> = match form.sort {
+    let header: Result<Header, ErrorMessage> = match form.sort {
         Sort::PointCloud => point_cloud(form, &bytes).map(|of| of.header),
         _ => image(form, &bytes).map(|of| of.header),
     };

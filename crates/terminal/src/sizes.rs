@@ -15,6 +15,9 @@ pub fn size(bytes: u64) -> String {
 }
 
 /// A size as people write one: `50GB`, `1.5 TB`, `200000`.
+///
+/// # Errors
+/// What is expected, if it is not one.
 pub fn parse_size(text: &str) -> Result<u64, String> {
     let units = UNITS.map(|(name, unit)| (name, unit as f64));
     let known = units.into_iter().chain([("B", 1.0), ("", 1.0)]);
@@ -22,6 +25,9 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
 }
 
 /// An age as people write one: `30d`, `12h`, `2w`, `90min`.
+///
+/// # Errors
+/// What is expected, if it is not one.
 pub fn parse_age(text: &str) -> Result<Duration, String> {
     let known = [("min", 60.0), ("h", 3600.0), ("d", 86_400.0), ("w", 604_800.0)];
     let seconds = number_of(text, known).and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());

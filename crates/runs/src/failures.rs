@@ -20,7 +20,7 @@ pub struct Frames {
 
 /// What failed on a frame.
 #[derive(JsonSchema, Serialize)]
-pub struct Failure {
+pub struct FrameFailure {
     stage: String,
     /// Null where all variants share the node; of several, the first.
     variant: Option<String>,
@@ -31,8 +31,8 @@ pub struct Failure {
     message: String,
 }
 
-/// By stage the ids of its frames and how many of them failed; then every failure.
-pub fn told(recording: &Recording) -> (Vec<Frames>, Vec<Failure>) {
+/// Per stage, the ids of its frames and how many of them failed; then every failure.
+pub fn frames_and_failures(recording: &Recording) -> (Vec<Frames>, Vec<FrameFailure>) {
     let plan = recording.plan();
     let leads = Leads::new(plan);
     let (mut frames, mut failures) = (Vec::new(), Vec::new());
@@ -49,7 +49,7 @@ pub fn told(recording: &Recording) -> (Vec<Frames>, Vec<Failure>) {
             for failure in &frame.failures {
                 let node = failure.node.and_then(|node| planned.nodes.get(node.0));
                 let of_node = node.map(|node| leads.of_those(&planned.stage, &node.variants));
-                failures.push(Failure {
+                failures.push(FrameFailure {
                     stage: lead.stage.clone(),
                     variant: of_node.as_ref().unwrap_or(&lead).variant.clone(),
                     position: position as u64,

@@ -9,6 +9,9 @@ use depthloom_runner::Phase;
 use depthloom_terminal::{CliError, ExitCode};
 
 /// Writes a run's timings beside its recording.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn write_timings(
     timings: &[depthloom_runner::Timing],
     plan: &Plan,

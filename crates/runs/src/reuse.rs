@@ -23,7 +23,7 @@ pub const OUTDATED: &str = "recording.outdated.mcap";
 
 /// The recordings that a run may reuse, the newest first: those of its own folder, of the runs beside it, and of those under `runs/`.
 /// None with `--fresh`.
-pub fn of(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierRuns {
+pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierRuns {
     let mut recordings = Vec::new();
     if !is_fresh {
         let own = [folder.file(RECORDING), folder.file(OUTDATED)];
@@ -157,7 +157,7 @@ pub struct ReuseCounts {
 }
 
 /// What a run took from earlier ones.
-pub fn told(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> ReuseCounts {
+pub fn reuse_counts(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> ReuseCounts {
     let mut nodes = Vec::new();
     for (run, stage) in plan.runs.iter().zip(&report.stages) {
         for (node, (reused, fired)) in run.nodes.iter().zip(stage.reused.iter().zip(&stage.firings)) {
