@@ -4,9 +4,9 @@
 //! as a picture, and behind these the [pictures](Pictures) of frames, each in an element of its own that is decoded when it is looked at. Whatever
 //! comes from an experiment is text to the page, never markup: in JSON no `<` stands, and what stands in markup is escaped.
 
+mod maps;
 mod pictures;
 mod plan;
-mod planes;
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -15,9 +15,9 @@ use depthloom_recording::RecordingError;
 use depthloom_threads::Caught;
 use serde_json::Value as Json;
 
+pub use self::maps::{Scale, Steps};
 pub use self::pictures::{Layer, Pictures, Role, Series, evenly};
 pub use self::plan::plan_drawing;
-pub use self::planes::{Scale, Steps};
 use crate::xml::escaped;
 
 /// How a page of ours begins, for who must not replace another.

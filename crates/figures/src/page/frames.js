@@ -9,45 +9,29 @@ const colours = (terms) => Uint32Array.from({ length: 256 }, (_, i) => {
   return (255 << 24) | (b << 16) | (g << 8) | r;
 });
 const LOOKS = { turbo: colours(TURBO), magma: colours(MAGMA), grey: Uint32Array.from({ length: 256 }, (_, i) => (255 << 24) | (i << 16) | (i << 8) | i) };
-const KEPT = 192e6; // bytes of maps that were taken apart
+const KEPT = 192e6; // bytes of decoded maps
 
 let goTo = () => {};
 
-/** What was deflated, of known length; a reader and a writer cost a tenth of what a `Response` does. */
-async function inflated(bytes, length) {
-  const stream = new DecompressionStream("deflate-raw"), writer = stream.writable.getWriter(), reader = stream.readable.getReader();
-  const out = new Uint8Array(length);
-  writer.write(bytes).catch(() => {}); // the reader tells
-  writer.close().catch(() => {});
-  for (let at = 0; ;) {
-    const { done, value } = await reader.read();
-    if (done) return out;
-    out.set(value, at);
-    at += value.length;
-  }
+/** A picture of its base64, with its bytes as they are. */
+function bitmapOf(text, type) {
+  const raw = atob(text), bytes = new Uint8Array(raw.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = raw.charCodeAt(i);
+  return createImageBitmap(new Blob([bytes], { type }), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
 }
 
-/** A map of base64, deflated: see planes.rs. */
-async function takenApart(line) {
-  const [width, height, fullWidth, fullHeight, packed] = line.split(" ");
+/** A map of its PNG: see maps.rs. */
+async function decoded(line) {
+  const [width, height, fullWidth, fullHeight, png] = line.split(" ");
   const [w, h] = [+width, +height], n = w * h;
-  const text = atob(packed), bytes = new Uint8Array(text.length);
-  for (let i = 0; i < bytes.length; i++) bytes[i] = text.charCodeAt(i);
-  const low = Math.ceil(n / 8), planes = await inflated(bytes, low + 2 * n), high = low + n, codes = new Uint16Array(n), there = planes.subarray(0, low);
-  for (let y = 0, i = 0; y < h; y++) {
-    for (let x = 0; x < w; x++, i++) {
-      let promised = 0;
-      if (y === 0) promised = x === 0 ? 0 : codes[i - 1];
-      else if (x === 0) promised = codes[i - w];
-      else {
-        const left = codes[i - 1], above = codes[i - w], corner = codes[i - w - 1];
-        const less = left < above ? left : above, more = left < above ? above : left;
-        promised = corner >= more ? less : corner <= less ? more : left + above - corner;
-      }
-      const difference = planes[low + i] | (planes[high + i] << 8);
-      codes[i] = promised + ((difference >> 1) ^ -(difference & 1));
-    }
-  }
+  const bitmap = await bitmapOf(png, "image/png");
+  const context = new OffscreenCanvas(w, bitmap.height).getContext("2d", { willReadFrequently: true });
+  context.drawImage(bitmap, 0, 0);
+  const { data } = context.getImageData(0, 0, w, bitmap.height);
+  bitmap.close();
+  const codes = new Uint16Array(n), there = new Uint8Array(Math.ceil(n / 8));
+  for (let i = 0; i < n; i++) codes[i] = data[4 * i] | (data[4 * (n + i)] << 8);
+  for (let i = 0; i < there.length; i++) there[i] = data[4 * (2 * n + i)];
   return { w, h, full: [+fullWidth, +fullHeight], codes, there, bytes: 3 * n };
 }
 
@@ -70,8 +54,8 @@ function frameViews() {
     byId("frames-body").append(el("p", { className: "quiet" }, "No map was recorded: `record:` says what is kept."));
     return;
   }
-  if (!("DecompressionStream" in window)) {
-    byId("frames-body").append(el("p", { className: "note" }, "The pictures need a browser of 2023 or newer: this one has no DecompressionStream."));
+  if (!("OffscreenCanvas" in window)) {
+    byId("frames-body").append(el("p", { className: "note" }, "The pictures need a browser of 2023 or newer: this one has no OffscreenCanvas."));
     return;
   }
   // What was scored is looked at first.
@@ -114,7 +98,7 @@ function frameViews() {
     }
     const text = line(part, frame, layer);
     if (!text) return text;
-    const made = text[0] === "j" ? picture(text.slice(1)) : takenApart(text);
+    const made = text[0] === "j" ? picture(text.slice(1)) : decoded(text);
     kept.set(key, made);
     made.then((of) => {
       keptBytes += of.bytes;
@@ -127,9 +111,7 @@ function frameViews() {
     return made;
   };
   const picture = async (text) => {
-    const raw = atob(text), bytes = new Uint8Array(raw.length);
-    for (let i = 0; i < bytes.length; i++) bytes[i] = raw.charCodeAt(i);
-    const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/jpeg" }));
+    const bitmap = await bitmapOf(text, "image/jpeg");
     return { bitmap, w: bitmap.width, h: bitmap.height, bytes: 4 * bitmap.width * bitmap.height };
   };
 

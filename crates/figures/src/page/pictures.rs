@@ -27,7 +27,7 @@ use image::imageops::thumbnail;
 use serde_json::{Value as Json, json};
 
 use super::PageError;
-use super::planes::{COARSE, FINE, Samples, Scale, Steps, packed};
+use super::maps::{COARSE, FINE, Samples, Scale, Steps, png};
 use crate::scored_map::as_scored;
 
 /// The most bytes that the pictures take with the numbers of the page: with all else it has less than 40 MB.
@@ -89,13 +89,18 @@ const SIZES: [Size; 15] = [
 /// What a map is on the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
+    /// An image.
     Image,
+    /// Ground truth.
     Truth,
+    /// An estimate that is scored.
     Estimate,
+    /// Any other map.
     Other,
 }
 
 impl Role {
+    /// Its name on the page.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Image => "image",
@@ -109,14 +114,17 @@ impl Role {
 /// A topic whose values the page shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
+    /// The topic.
     pub topic: String,
     /// Its name for people: the topic without its stage.
     pub name: String,
+    /// What it is.
     pub role: Role,
     /// The name of what it carries.
     pub value_type: String,
-    /// Of an estimate: the estimators whose it is, and of the first of them the place of the truth among the layers.
+    /// Of an estimate: its estimators.
     pub estimators: Vec<usize>,
+    /// Of the first of these: the place of the ground truth among the layers.
     pub truth: Option<usize>,
     /// How the first of them is scored, if it is aligned before: it is shown as it is scored.
     pub aligned: Option<Settings>,
@@ -125,7 +133,9 @@ pub struct Layer {
 /// A stage run whose maps the page shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
+    /// The stage run.
     pub run: RunId,
+    /// Its maps.
     pub layers: Vec<Layer>,
     /// How many maps were recorded, of which these are.
     pub recorded: usize,
@@ -383,7 +393,7 @@ fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, PageError> {
     Ok([b"j".as_slice(), BASE64_STANDARD.encode(&bytes).as_bytes()].concat())
 }
 
-/// A map as its width, its height, those of the recorded one, and its planes, with spaces between.
+/// A map as its width, its height, those of the recorded one, and its PNG, with spaces between.
 fn map(value: &Value, layer: &Layer, size: Size, grids: &mut Grids) -> Vec<u8> {
     let (Some(samples), Some(scale)) = (Samples::of(value), Scale::of(&layer.value_type, size.steps)) else {
         return Vec::new();
@@ -396,8 +406,8 @@ fn map(value: &Value, layer: &Layer, size: Size, grids: &mut Grids) -> Vec<u8> {
             Some((from, (0..from.0 as usize * from.1 as usize).map(|place| samples.at(place).is_some()).collect()));
     }
     let places = grids.places(from, (width, height));
-    let planes = BASE64_STANDARD.encode(packed(&samples, places, width as usize, scale));
-    format!("{width} {height} {} {} {planes}", from.0, from.1).into_bytes()
+    let png = BASE64_STANDARD.encode(png(&samples, places, width as usize, scale));
+    format!("{width} {height} {} {} {png}", from.0, from.1).into_bytes()
 }
 
 /// A size no wider than that, of the same shape.

@@ -1,12 +1,12 @@
-//! A map as few bytes, which a browser takes apart by itself: numbers in steps, as the differences from what their neighbours promise.
+//! A map as a grey PNG that a browser decodes: 16-bit steps of its numbers in two planes of bytes, and a bit per sample.
 //!
-//! A map of `n` samples is one bit a sample, row-major, the lowest bit first (set: there is an answer), then `n` low and `n` high bytes of 16-bit differences,
-//! all of it deflated (RFC 1951). A difference is that of a sample's step from the median of its left and upper neighbour and
-//! their sum less the one between them (LOCO-I), modulo 2^16, with its sign in the lowest bit. What has no answer counts as what was promised.
+//! Of a map with `w` columns and `h` rows the PNG has `w` columns: `h` rows of low bytes, below them `h` rows of high bytes, and below these a bit per
+//! sample, row-major, the lowest bit first (set: the sample is valid), with zeros up to the end of the row. An invalid sample repeats the one on its left,
+//! so that it costs little. The PNG has neither an alpha channel nor a colour space: a canvas gives its bytes as they are.
 
 use depthloom_graphs::Value;
 use libm::{log, round};
-use miniz_oxide::deflate::compress_to_vec;
+use miniz_oxide::deflate::compress_to_vec_zlib;
 use serde_json::{Value as Json, json};
 
 /// Better packing than this costs several times as long.
@@ -127,79 +127,70 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// The bytes of the samples at some places, which are a map of that width.
-pub(super) fn packed(samples: &Samples<'_>, places: &[usize], width: usize, scale: Scale) -> Vec<u8> {
-    compress_to_vec(
-        &differences(places.iter().map(|&place| samples.at(place).map(|number| scale.code(number))), width),
-        LEVEL,
-    )
+/// The PNG of the samples at some places, which are a map of that width.
+pub(super) fn png(samples: &Samples<'_>, places: &[usize], width: usize, scale: Scale) -> Vec<u8> {
+    let codes = places.iter().map(|&place| samples.at(place).map(|number| scale.code(number)));
+    encoded(&planes(codes, width), width)
 }
 
-fn differences(codes: impl ExactSizeIterator<Item = Option<u16>>, width: usize) -> Vec<u8> {
+/// The bytes of a map of codes, row by row.
+fn planes(codes: impl ExactSizeIterator<Item = Option<u16>>, width: usize) -> Vec<u8> {
     let length = codes.len();
-    let mut bytes = vec![0; length.div_ceil(8) + 2 * length];
-    let (answered, planes) = bytes.split_at_mut(length.div_ceil(8));
-    let (low, high) = planes.split_at_mut(length);
-    let mut filled: Vec<u16> = Vec::with_capacity(length);
+    let mut bytes = vec![0; 2 * length + length.div_ceil(8).next_multiple_of(width)];
     for (i, code) in codes.enumerate() {
-        let promised = promised(&filled, width);
-        let value = code.unwrap_or(promised);
-        let difference = value.wrapping_sub(promised).cast_signed();
-        // 0, -1, 1, -2, ...: small whatever the sign.
-        let difference = ((difference << 1) ^ (difference >> 15)).cast_unsigned();
-        [low[i], high[i]] = difference.to_le_bytes();
-        answered[i / 8] |= u8::from(code.is_some()) << (i % 8);
-        filled.push(value);
+        let left = if i % width == 0 { i.checked_sub(width) } else { Some(i - 1) };
+        [bytes[i], bytes[length + i]] = match (code, left) {
+            (Some(code), _) => code.to_le_bytes(),
+            (None, Some(left)) => [bytes[left], bytes[length + left]],
+            (None, None) => [0, 0],
+        };
+        bytes[2 * length + i / 8] |= u8::from(code.is_some()) << (i % 8);
     }
     bytes
 }
 
-/// What the samples before promise of the next.
-fn promised(before: &[u16], width: usize) -> u16 {
-    let i = before.len();
-    match (i % width, i / width) {
-        (0, 0) => 0,
-        (_, 0) => before[i - 1],
-        (0, _) => before[i - width],
-        _ => {
-            let (left, above, corner) = (before[i - 1], before[i - width], before[i - width - 1]);
-            let (less, more) = (left.min(above), left.max(above));
-            if corner >= more {
-                less
-            } else if corner <= less {
-                more
-            } else {
-                // Between the two, whatever happens on the way there.
-                left.wrapping_add(above).wrapping_sub(corner)
-            }
-        }
+/// Bytes as a grey PNG. Every row has the filter `Sub`, and deflate is that of `miniz_oxide`: the same bytes on any machine.
+fn encoded(bytes: &[u8], width: usize) -> Vec<u8> {
+    const SUB: u8 = 1;
+    let mut filtered = Vec::with_capacity(bytes.len() + bytes.len() / width);
+    for row in bytes.chunks_exact(width) {
+        filtered.extend([SUB, row[0]]);
+        filtered.extend(row.windows(2).map(|pair| pair[1].wrapping_sub(pair[0])));
     }
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, width as u32, (bytes.len() / width) as u32);
+    encoder.set_color(png::ColorType::Grayscale);
+    let mut writer = encoder.write_header().expect("memory takes a header");
+    writer.write_chunk(png::chunk::IDAT, &compress_to_vec_zlib(&filtered, LEVEL)).expect("memory takes a chunk");
+    writer.finish().expect("memory takes an end");
+    file
 }
 
 #[cfg(test)]
 mod tests {
-    use miniz_oxide::inflate::decompress_to_vec;
+    use std::io::Cursor;
+
     use proptest::prelude::*;
 
     use super::*;
 
     /// As the page does it.
-    fn taken_apart(bytes: &[u8], length: usize, width: usize) -> Vec<Option<u16>> {
-        let (answered, planes) = bytes.split_at(length.div_ceil(8));
-        let mut filled = Vec::new();
-        for i in 0..length {
-            let difference = u16::from_le_bytes([planes[i], planes[length + i]]);
-            let difference = (difference >> 1) ^ (difference & 1).wrapping_neg();
-            filled.push(promised(&filled, width).wrapping_add(difference));
-        }
-        (0..length).map(|i| (answered[i / 8] >> (i % 8) & 1 == 1).then_some(filled[i])).collect()
+    fn decoded(file: &[u8], length: usize) -> Vec<Option<u16>> {
+        let mut reader = png::Decoder::new(Cursor::new(file)).read_info().unwrap();
+        assert!(reader.info().gama_chunk.is_none() && reader.info().srgb.is_none());
+        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut bytes).unwrap();
+        let code = |i: usize| u16::from_le_bytes([bytes[i], bytes[length + i]]);
+        (0..length).map(|i| (bytes[2 * length + i / 8] >> (i % 8) & 1 == 1).then(|| code(i))).collect()
     }
 
     proptest! {
         #[test]
         fn any_map_comes_back(codes in proptest::collection::vec(proptest::option::of(any::<u16>()), 1..200), width in 1_usize..20) {
-            let packed = compress_to_vec(&differences(codes.iter().copied(), width), LEVEL);
-            prop_assert_eq!(taken_apart(&decompress_to_vec(&packed).unwrap(), codes.len(), width), codes);
+            let codes = &codes[..codes.len() / width * width];
+            prop_assume!(!codes.is_empty());
+            let file = encoded(&planes(codes.iter().copied(), width), width);
+            prop_assert_eq!(decoded(&file, codes.len()), codes);
         }
 
         #[test]
