@@ -17,7 +17,7 @@ use depthloom_scores::PixelSet;
 
 pub use answer::Comparison;
 pub use distance::{DistanceComparison, DistanceComparisonOutput, compare_by_distance};
-pub(crate) use distance::{DistancePair, DistanceRow, Handover, Statistic};
+pub(crate) use distance::{DistancePair, DistanceRow, Statistic};
 pub use json::ComparisonOutput;
 pub(crate) use parameters::parameter_changes;
 pub use side::{Side, names};

@@ -1,6 +1,5 @@
 //! Learning curves: how the losses of trained networks fell, as they were recorded.
 
-use depthloom_figures::{Drawing, Size};
 use depthloom_graphs::Value;
 use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_graphs::values::Curve;
@@ -70,8 +69,8 @@ pub(crate) fn learning_curve(plan: &RecordedPlan, run: RunId, node: NodeId, curv
 /// The figure of a report as SVG; equal numbers give equal bytes.
 pub(crate) fn figure(curves: &[LearningCurve]) -> String {
     let series: Vec<_> = curves.iter().map(|curve| (curve.label.as_str(), &curve.curve)).collect();
-    let drawing = depthloom_figures::learning_curves(&series, "Learning curves", Size::default());
-    drawing.unwrap_or_else(|_| Drawing::new(1.0, 1.0)).svg()
+    let sheet = depthloom_figures::learning_curves(series);
+    depthloom_figures::Sheet { title: "Learning curves".to_owned(), ..sheet }.drawing().unwrap_or_default().svg()
 }
 
 /// The table `learning_curves.csv` holds: what a row is of, `step, loss, validation, learning_rate`; a validation that was not measured is

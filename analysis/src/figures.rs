@@ -1,6 +1,6 @@
 //! Figures for papers: of a stated size in millimetres, as SVG, PNG or PDF, with the numbers that they show.
 //!
-//! They take their numbers from where [`analyse`](crate::analyse()), [`compare`](crate::compare()), the table and the report take theirs.
+//! Their numbers are those of [`analyse`](crate::analyse()), [`compare`](crate::compare()), the table and the report.
 
 mod asked;
 mod difference;
@@ -13,27 +13,29 @@ mod spreads;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use depthloom_figures::{Drawing, Sheet};
+pub use depthloom_figures::{Drawing, Layout, Size};
+use depthloom_figures::{Sheet, learning_curves as drawn_curves};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
-pub use depthloom_figures::{Layout, Size};
-
-use crate::analyse::{Bins, Gross, Inquiry, SampleSet, Unit};
+use self::asked::Watch;
+use self::scores::with_scores;
+use crate::analyse::{Bins, Gross, Inquiry, SampleSet, Unit, is_any};
 use crate::curves::{learning_curves, table_of_points};
-use crate::error::AnalysisError;
-use crate::error::caught;
+use crate::error::{AnalysisError, caught};
+use crate::estimators::Estimator;
 use crate::frame_choice::FrameChoice;
+use crate::leading::Lead;
 use crate::statistics::Resampling;
-use asked::Watch;
 
-/// A bin of fewer pixels is thin where nothing else is asked for.
+/// A bin of fewer pixels is thin by default.
 pub(crate) const THIN: u64 = 100;
-/// More panels than this are not read any more.
-const MOST_PANELS: usize = 16;
-/// How wide and how high a page is, millimetres.
+/// The most panels that can be read.
+const MAX_PANELS: usize = 17;
+/// The sides of a page, millimetres.
 const A4_WIDE_MM: f64 = 210.0;
 const A4_MM: f64 = 297.0;
+
 /// What a figure shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FigureKind {
@@ -58,7 +60,7 @@ pub enum FigureKind {
 }
 
 impl FigureKind {
-    /// Whether it is of samples, which are to be made first.
+    /// Whether it reads samples, which must be written first.
     #[must_use]
     pub const fn is_of_samples(self) -> bool {
         matches!(self, Self::ErrorVsDistance | Self::Difference | Self::Histogram | Self::Cdf | Self::Reliability)
@@ -74,23 +76,23 @@ pub struct FigureRequest {
     pub size: Size,
     /// Words above it; empty: none, since a paper has a caption.
     pub title: String,
-    /// Only estimators whose label or name is one of these patterns, with commas between.
+    /// Only estimates whose label or name is one of these patterns, with commas between.
     pub estimators: Option<String>,
     /// Only what these variants have, and what all share; patterns with commas between.
     pub variants: Option<String>,
     /// Only these stages; patterns with commas between.
     pub stages: Option<String>,
-    /// Over which pixels errors are; `None`: those that all answered, and beside them all that each did.
+    /// The pixels of errors; `None`: those valid in all estimates, and beside them the valid ones of each.
     pub set: Option<SampleSet>,
-    /// Over which pixels scores are, of `frames` and `parameter`; `None`: every true pixel, where those were scored.
+    /// The pixels of scores, of `frames` and `parameter`; `None`: every pixel with ground truth, where those were scored.
     pub scored_set: Option<PixelSet>,
     /// What errors are by, where the kind does not say: [`By::parse`](crate::By::parse).
     pub by: Option<String>,
     /// The bins, as `analyse` takes them.
     pub bins: Option<Bins>,
-    /// What errors are in.
+    /// The unit of errors.
     pub unit: Unit,
-    /// A panel a variant, or one for all.
+    /// A panel per variant, or one for all.
     pub layout: Layout,
     /// A bin of fewer pixels is drawn faint, and sets no axis.
     pub thin: u64,
@@ -104,141 +106,72 @@ pub struct FigureRequest {
     pub frames: Option<FrameChoice>,
     /// How frames are resampled for a band around differences.
     pub resampling: Resampling,
-    /// How many pixels an inch a picture of a map has at most.
+    /// The most pixels per inch of a picture of a map.
     pub dpi: f64,
 }
 
 impl FigureRequest {
-    /// A figure of a kind with all that is usual.
-    #[must_use]
-    pub fn new(kind: FigureKind) -> Self {
-        Self {
-            kind,
-            size: Size::default(),
-            title: String::new(),
-            estimators: None,
-            variants: None,
-            stages: None,
-            set: None,
-            scored_set: None,
-            by: None,
-            bins: None,
-            unit: Unit::Metres,
-            layout: Layout::default(),
-            thin: THIN,
-            most: None,
-            score: None,
-            axes: Vec::new(),
-            frames: None,
-            resampling: Resampling::default(),
-            dpi: 300.0,
-        }
-    }
-
-    /// What is asked of samples, but for bins and percentiles.
+    /// The query of samples without bins and percentiles.
     fn inquiry(&self) -> Inquiry {
-        Inquiry {
-            sets: vec![self.set.unwrap_or(SampleSet::Common)],
-            unit: self.unit,
-            gross: Gross::OfTruth(0.25),
-            ..Inquiry::default()
-        }
+        let sets = vec![self.set.unwrap_or(SampleSet::Common)];
+        Inquiry { sets, unit: self.unit, gross: Gross::OfTruth(0.25), ..Inquiry::default() }
     }
 
-    /// That so many panels can be read.
-    fn few_panels(&self, panels: usize) -> Result<(), AnalysisError> {
-        if panels <= MOST_PANELS {
-            return Ok(());
-        }
-        let what = format!("{panels} panels are more than {MOST_PANELS}");
-        let help = "choose some with --variant or --estimators, or draw all on one with `--layout overlaid`";
-        Err(AnalysisError::asked(what, help.to_owned()))
+    fn wants(&self, estimator: &Estimator) -> bool {
+        self.wants_those(&estimator.lead, &[&estimator.label, &estimator.name])
     }
 
-    /// A sheet of the size that was asked for, drawn.
-    fn sheet(&self, sheet: Sheet) -> Result<Drawing, AnalysisError> {
-        let title = self.title.clone();
-        let sheet = Sheet { width_pt: self.size.width_pt(), height_pt: self.size.height_pt(), title, ..sheet };
-        sheet.drawing().map_err(wrong_size)
+    fn wants_those(&self, lead: &Lead, names: &[&str]) -> bool {
+        let is = |patterns: &Option<String>, texts: &[&str]| {
+            patterns.as_deref().is_none_or(|patterns| is_any(patterns, texts))
+        };
+        is(&self.stages, &[&lead.stage])
+            && is(&self.estimators, names)
+            && lead.variant.as_deref().is_none_or(|variant| is(&self.variants, &[variant]))
+    }
+
+    /// A sheet of the requested size as a figure.
+    fn figure(&self, sheet: Sheet, about: String, data: Vec<u8>) -> Result<Figure, AnalysisError> {
+        if self.kind != FigureKind::Panels && sheet.panels.len() > MAX_PANELS {
+            let what = format!("{} panels are more than {MAX_PANELS}", sheet.panels.len());
+            let help = "choose some with --variant or --estimators, or draw all on one with `--layout overlaid`";
+            return Err(AnalysisError::asked(what, help.to_owned()));
+        }
+        let drawing = Sheet { size: self.size, title: self.title.clone(), ..sheet }.drawing();
+        let help = || "ask for another --width or --height".to_owned();
+        let drawing = drawing.map_err(|what| AnalysisError::asked(what, help()))?;
+        Ok(Figure { drawing, about, data, notes: Vec::new() })
     }
 }
 
-/// That a figure does not fit its size.
-fn wrong_size(what: String) -> AnalysisError {
-    AnalysisError::asked(what, "ask for another --width or --height".to_owned())
-}
-
-/// A run that a figure is of.
+/// A run that a figure shows.
 #[derive(Debug)]
 pub struct FigureRun<'a> {
-    /// What it is called.
+    /// Its name.
     pub called: &'a str,
     /// Its recording.
     pub recording: &'a Recording,
-    /// Its samples, where the kind [is of them](FigureKind::is_of_samples).
+    /// Its samples, where the kind [reads them](FigureKind::is_of_samples).
     pub samples: Option<PathBuf>,
 }
 
 /// A figure, drawn.
 #[derive(Clone, Debug)]
 pub struct Figure {
-    drawing: Drawing,
-    about: String,
-    data: Vec<u8>,
-    notes: Vec<String>,
-}
-
-impl Figure {
+    /// What is on it.
+    pub drawing: Drawing,
     /// What it shows, over which pixels: the beginning of a caption, without a full stop.
-    #[must_use]
-    pub fn about(&self) -> &str {
-        &self.about
-    }
-
-    /// What is to be said of it beside its caption.
-    #[must_use]
-    pub fn notes(&self) -> &[String] {
-        &self.notes
-    }
-
-    /// Its width and height, millimetres.
-    #[must_use]
-    pub fn size_mm(&self) -> (f64, f64) {
-        self.drawing.size_mm()
-    }
-
-    /// As SVG.
-    #[must_use]
-    pub fn svg(&self) -> Vec<u8> {
-        self.drawing.svg().into_bytes()
-    }
-
-    /// As PDF of one page.
-    #[must_use]
-    pub fn pdf(&self) -> Vec<u8> {
-        self.drawing.pdf(&self.about)
-    }
-
-    /// As PNG of so many pixels an inch.
-    ///
-    /// # Errors
-    /// If these are too many.
-    pub fn png(&self, dpi: f64) -> Result<Vec<u8>, AnalysisError> {
-        let help = || "ask for fewer pixels with `--dpi`, or for SVG or PDF".to_owned();
-        self.drawing.png(dpi).map_err(|what| AnalysisError::asked(what, help()))
-    }
-
+    pub about: String,
     /// The numbers that it shows, as CSV.
-    #[must_use]
-    pub fn data(&self) -> &[u8] {
-        &self.data
-    }
+    pub data: Vec<u8>,
+    /// Remarks beside its caption.
+    pub notes: Vec<String>,
 }
 
-/// Draws a figure of runs. `progress` is called with the samples read so far and all that will be.
+/// Draws a figure of runs. `progress` is called with the samples read so far and their number.
 ///
 /// # Errors
-/// [`AnalysisError::Request`] if what is asked for is not there, or does not fit the size; if a recording or samples cannot be read;
+/// [`AnalysisError::Request`] if what is requested is not there, or does not fit the size; if a recording or samples cannot be read;
 /// [`AnalysisError::Stopped`] once `stop` says so.
 pub fn figure(
     runs: &[FigureRun<'_>],
@@ -248,16 +181,18 @@ pub fn figure(
 ) -> Result<Figure, AnalysisError> {
     let watch = Watch { progress, stop };
     let mut figure = caught(|| match request.kind {
-        FigureKind::ErrorVsDistance | FigureKind::Reliability => spreads::of_errors(runs, request, &watch),
+        FigureKind::ErrorVsDistance | FigureKind::Reliability => spreads::spreads(runs, request, &watch),
         FigureKind::Histogram => errors::histogram(runs, request, &watch),
         FigureKind::Cdf => errors::cdf(runs, request, &watch),
-        FigureKind::Frames => scores::frames(one_of(runs)?, request, stop),
-        FigureKind::Parameter => parameter::parameter(one_of(runs)?, request, stop),
-        FigureKind::Learning => learning(one_of(runs)?, request),
         FigureKind::Difference => difference::difference(runs, request, stop),
-        FigureKind::Panels => maps::panels(one_of(runs)?, request, stop),
+        FigureKind::Frames => with_scores(only(runs)?, request, stop, |scores| scores::frames(scores, request)),
+        FigureKind::Parameter => {
+            with_scores(only(runs)?, request, stop, |scores| parameter::parameter(scores, request))
+        }
+        FigureKind::Learning => learning(only(runs)?, request),
+        FigureKind::Panels => maps::panels(only(runs)?, request, stop),
     })?;
-    let (_, height_mm) = figure.size_mm();
+    let (_, height_mm) = figure.drawing.size_mm();
     let is_for_a_page = request.size.width_mm <= A4_WIDE_MM && request.size.height_mm.is_none();
     if is_for_a_page && height_mm > A4_MM {
         let help = "show less of it, or make it narrower";
@@ -266,35 +201,22 @@ pub fn figure(
     Ok(figure)
 }
 
-/// The only run.
-fn one_of<'r, 'a>(runs: &'r [FigureRun<'a>]) -> Result<&'r FigureRun<'a>, AnalysisError> {
-    match runs {
-        [one] => Ok(one),
-        _ => Err(AnalysisError::asked(
-            "this kind of figure is of one run".to_owned(),
-            "draw one of each; `error-vs-distance`, `difference`, `histogram`, `cdf` and `reliability` take several"
-                .to_owned(),
-        )),
+fn only<'r, 'a>(runs: &'r [FigureRun<'a>]) -> Result<&'r FigureRun<'a>, AnalysisError> {
+    if let [only] = runs {
+        return Ok(only);
     }
+    let help = "draw one of each; `error-vs-distance`, `difference`, `histogram`, `cdf` and `reliability` take several";
+    Err(AnalysisError::asked("this kind of figure is of one run".to_owned(), help.to_owned()))
 }
 
 fn learning(run: &FigureRun<'_>, request: &FigureRequest) -> Result<Figure, AnalysisError> {
     let mut curves = learning_curves(run.recording)?;
-    curves.retain(|curve| {
-        let is = |patterns: &Option<String>, text: &str| {
-            patterns.as_deref().is_none_or(|patterns| crate::analyse::is_any(patterns, &[text]))
-        };
-        is(&request.stages, &curve.lead.stage)
-            && is(&request.estimators, &curve.node)
-            && curve.lead.variant.as_deref().is_none_or(|variant| is(&request.variants, variant))
-    });
+    curves.retain(|curve| request.wants_those(&curve.lead, &[&curve.node]));
     if curves.is_empty() {
         let (what, help) = ("there is no learning curve", "stages with a node `learn/ssl` have one");
         return Err(AnalysisError::asked(what.to_owned(), help.to_owned()));
     }
-    request.few_panels(curves.len())?;
-    let series: Vec<_> = curves.iter().map(|of| (of.label.as_str(), &of.curve)).collect();
-    let drawing = depthloom_figures::learning_curves(&series, &request.title, request.size).map_err(wrong_size)?;
+    let sheet = drawn_curves(curves.iter().map(|curve| (curve.label.as_str(), &curve.curve)));
     let about = "Learning curves: mean loss since the last point, and validation on samples held out".to_owned();
-    Ok(Figure { drawing, about, data: table_of_points(&curves).csv(), notes: Vec::new() })
+    request.figure(sheet, about, table_of_points(&curves).csv())
 }

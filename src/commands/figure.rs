@@ -66,31 +66,34 @@ pub fn figure(args: &FigureArgs) -> Result<ExitCode, CliError> {
     bar.finish_and_clear();
     let figure = drawn.map_err(failed)?;
     let bytes = match format {
-        FigureFormat::Svg => figure.svg(),
-        FigureFormat::Pdf => figure.pdf(),
-        FigureFormat::Png => figure.png(f64::from(args.dpi)).map_err(failed)?,
+        FigureFormat::Svg => figure.drawing.svg().into_bytes(),
+        FigureFormat::Pdf => figure.drawing.pdf(&figure.about),
+        FigureFormat::Png => figure
+            .drawing
+            .png(f64::from(args.dpi))
+            .map_err(|what| CliError::usage(what, "ask for fewer pixels with `--dpi`, or for SVG or PDF"))?,
     };
     let recordings: Vec<&Path> = opened.iter().map(|(_, recording, _)| recording.path()).collect();
     write_named(&args.out, &bytes, &recordings)?;
     if let Some(data) = &args.data {
-        write_named(data, figure.data(), &recordings)?;
+        write_named(data, &figure.data, &recordings)?;
     }
-    let (width_mm, height_mm) = figure.size_mm();
+    let (width_mm, height_mm) = figure.drawing.size_mm();
     if args.output.json {
         output::print(&Figure {
             file: args.out.to_string_lossy().into_owned(),
             data: args.data.as_ref().map(|data| data.to_string_lossy().into_owned()),
-            about: figure.about().to_owned(),
+            about: figure.about.clone(),
             width_mm,
             height_mm,
             bytes: bytes.len() as u64,
-            notes: figure.notes().to_vec(),
+            notes: figure.notes.clone(),
         })?;
         return Ok(end(opened.iter().map(|(_, recording, _)| recording)));
     }
     let data = args.data.as_ref().map(|data| format!(", {}", data.display())).unwrap_or_default();
-    let notes: String = figure.notes().iter().map(|note| format!("note: {note}\n")).collect();
-    print(format!("{}\n{notes}{}{data}: {width_mm} x {height_mm} mm\n", figure.about(), args.out.display()))?;
+    let notes: String = figure.notes.iter().map(|note| format!("note: {note}\n")).collect();
+    print(format!("{}\n{notes}{}{data}: {width_mm} x {height_mm} mm\n", figure.about, args.out.display()))?;
     Ok(end(opened.iter().map(|(_, recording, _)| recording)))
 }
 
@@ -148,6 +151,7 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
         }
     }
     Ok(FigureRequest {
+        kind,
         size: Size { width_mm: args.width, height_mm: args.height },
         title: args.title.clone(),
         estimators: args.estimators.clone(),
@@ -166,6 +170,5 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
         frames: args.frames.clone(),
         resampling: args.intervals.resampling(Resampling::OF_ERRORS),
         dpi: f64::from(args.dpi),
-        ..FigureRequest::new(kind)
     })
 }

@@ -1,81 +1,74 @@
-//! What figures of errors ask of samples: the rows that `depthloom analyse` has, by estimator.
+//! What figures of errors read from samples: the rows of `depthloom analyse`, by estimate.
+
+use depthloom_figures::{Place, distinct};
 
 use super::{FigureRequest, FigureRun};
-use crate::analyse::{Inquiry, SampleSet, answered};
+use crate::analyse::{Inquiry, SampleSet, Unit, answered};
 use crate::error::AnalysisError;
 use crate::grid::Grid;
-use depthloom_figures::Place;
 
-/// An estimator's rows.
-pub(super) struct Asked {
-    pub(super) of: Place,
+/// The bins of an estimate over a pixel set.
+pub(super) struct Errors {
+    pub(super) place: Place,
     pub(super) set: SampleSet,
-    pub(super) rows: Vec<Row>,
+    pub(super) bins: Vec<ErrorBin>,
 }
 
-/// A bin of an estimator.
-pub(super) struct Row {
-    pub(super) from: f64,
-    pub(super) to: f64,
+/// A bin, with the percentiles of the query; none where no pixel is valid.
+pub(super) struct ErrorBin {
+    pub(super) edges: (f64, f64),
     pub(super) pixels: u64,
     pub(super) count: u64,
-    /// Those that were asked for; empty where there is no answer.
     pub(super) percentiles: Vec<f64>,
 }
 
-/// What stands in the way of a figure's progress and end.
+/// The callbacks of a figure: progress, and whether to stop.
 pub(super) struct Watch<'a> {
     pub(super) progress: &'a (dyn Fn(u64, u64) + Sync),
     pub(super) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// Asks the samples of runs; gives the table that `analyse` gives, too, and how many frames these are of.
+/// Reads the samples of runs: by estimate, as the table of `analyse`, and of how many frames.
 pub(super) fn ask(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,
-    inquiry: &Inquiry,
+    inquiry: Inquiry,
     watch: &Watch<'_>,
-) -> Result<(Vec<Asked>, Grid, usize), AnalysisError> {
+) -> Result<(Vec<Errors>, Grid, usize), AnalysisError> {
     let files: Vec<_> =
         runs.iter().filter_map(|run| Some((run.called.to_owned(), run.samples.as_ref()?.clone()))).collect();
-    let inquiry = Inquiry {
-        estimators: request.estimators.clone(),
-        variants: request.variants.clone(),
-        stages: request.stages.clone(),
-        ..inquiry.clone()
-    };
+    let (estimators, variants, stages) = (request.estimators.clone(), request.variants.clone(), request.stages.clone());
+    let inquiry = Inquiry { estimators, variants, stages, ..inquiry };
     let (grid, _, frames) = answered(&files, &inquiry, watch.progress, watch.stop)?;
-    Ok((by_estimator(&grid, &inquiry), grid, frames))
+    Ok((by_estimate(&grid, &inquiry), grid, frames))
 }
 
-fn by_estimator(grid: &Grid, inquiry: &Inquiry) -> Vec<Asked> {
+fn by_estimate(grid: &Grid, inquiry: &Inquiry) -> Vec<Errors> {
     let text = |name: &str, row: usize| grid.text_of(name, row).unwrap_or_default();
-    let number = |names: &[&str], row: usize| names.iter().find_map(|name| grid.number_of(name, row));
-    let several = |name: &str| (1..grid.height()).any(|row| text(name, row) != text(name, 0));
-    let groups: Vec<&str> = ["run", "stage", "scoring"].into_iter().filter(|name| several(name)).collect();
-    let suffix = if inquiry.unit == crate::analyse::Unit::Metres { ("", "_m") } else { ("relative_", "") };
-    let names: Vec<String> =
-        inquiry.percentiles.iter().map(|percentile| format!("{}error_p{percentile}{}", suffix.0, suffix.1)).collect();
-    let mut found: Vec<Asked> = Vec::new();
-    for row in 0..grid.height() {
-        let of = Place {
-            name: text("estimator", row),
-            group: groups.iter().map(|name| text(name, row)).collect::<Vec<_>>().join(" "),
-            variant: grid.text_of("variant", row),
-        };
-        let set = if text("set", row) == SampleSet::Common.name() { SampleSet::Common } else { SampleSet::Answered };
-        let count = number(&["count"], row).unwrap_or(0.0) as u64;
-        let values = Row {
-            from: number(&["bin_from_m", "bin_from_px", "bin_from", "position"], row).unwrap_or(0.0),
-            to: number(&["bin_to_m", "bin_to_px", "bin_to"], row).unwrap_or(0.0),
-            pixels: number(&["pixels"], row).unwrap_or(0.0) as u64,
-            count,
-            percentiles: names.iter().filter_map(|name| grid.number_of(name, row)).collect(),
-        };
-        match found.iter_mut().find(|known| known.of == of && known.set == set) {
-            Some(known) => known.rows.push(values),
-            None => found.push(Asked { of, set, rows: vec![values] }),
-        }
-    }
-    found
+    let number = |names: &[&str], row: usize| names.iter().find_map(|name| grid.number_of(name, row)).unwrap_or(0.0);
+    let several = |name: &&str| (1..grid.height()).any(|row| text(name, row) != text(name, 0));
+    let groups: Vec<&str> = ["run", "stage", "scoring"].into_iter().filter(several).collect();
+    let (before, after) = if inquiry.unit == Unit::Metres { ("", "_m") } else { ("relative_", "") };
+    let key = |row: usize| {
+        let group = distinct(groups.iter().map(|name| text(name, row))).join(" ");
+        let place = Place { name: text("estimator", row), group, variant: grid.text_of("variant", row) };
+        (place, text("set", row) == SampleSet::Common.name())
+    };
+    let bin = |row: usize| ErrorBin {
+        edges: (
+            number(&["bin_from_m", "bin_from_px", "bin_from", "position"], row),
+            number(&["bin_to_m", "bin_to_px", "bin_to"], row),
+        ),
+        pixels: number(&["pixels"], row) as u64,
+        count: number(&["count"], row) as u64,
+        percentiles: (inquiry.percentiles.iter())
+            .filter_map(|percentile| grid.number_of(&format!("{before}error_p{percentile}{after}"), row))
+            .collect(),
+    };
+    let errors = |(place, is_common): (Place, bool)| {
+        let set = if is_common { SampleSet::Common } else { SampleSet::Answered };
+        let rows = (0..grid.height()).filter(|&row| key(row) == (place.clone(), is_common));
+        Errors { set, bins: rows.map(bin).collect(), place }
+    };
+    distinct((0..grid.height()).map(key)).into_iter().map(errors).collect()
 }

@@ -1,246 +1,144 @@
 //! Histogram and cumulative distribution of errors.
 
-use depthloom_figures::{
-    Axis, Drawing, Entry, Fill, Item, Panel, Place, Sheet, Stroke, Swatch, colour, colour_of, dashes, panels, shade,
-};
+use depthloom_figures::{Axis, Place, compared_curves};
 use depthloom_graphs::counted;
 
-use super::asked::{Asked, Watch, ask};
-use super::{Figure, FigureRequest, FigureRun, Layout, SampleSet};
-use crate::analyse::{Bins, By, Inquiry, Unit};
+use super::asked::{Errors, Watch, ask};
+use super::{Figure, FigureRequest, FigureRun};
+use crate::analyse::{Bins, By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
 
-/// So many bins of one ratio has a histogram where nothing else is asked for, from the error that so many per cent of an estimator's pixels are below to the one that so
-/// many are.
+/// The bins of a histogram by default, which have one ratio, and the per cent of an estimate's pixels whose errors are below the first and the last.
 const BINS: u32 = 40;
 const LEAST_PERCENT: f64 = 1.0;
 const MOST_PERCENT: f64 = 99.5;
-/// The axis of a cumulative distribution ends where so many per cent of each estimator's pixels are below.
+/// The per cent of each estimate's pixels whose errors are on the axis of a cumulative distribution.
 const SHOWN_PERCENT: f64 = 95.0;
-const LINE_PT: f64 = 1.2;
-const FILL_OPACITY: f64 = 0.12;
-/// More curves than this hide each other's areas.
-const MOST_FILLED: usize = 4;
 
-/// A curve of an estimator.
-struct Curve {
-    of: Place,
-    points: Vec<(f64, f64)>,
-}
+type Curve = (Place, Vec<(f64, f64)>);
 
-/// How often errors of which size are.
+/// Error histogram.
 pub(super) fn histogram(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,
     watch: &Watch<'_>,
 ) -> Result<Figure, AnalysisError> {
-    let (all, least, most) = whole(runs, request, watch)?;
-    let most = request.most.unwrap_or(most);
+    let percentiles = vec![LEAST_PERCENT, MOST_PERCENT];
+    let (all, ..) = ask(runs, request, Inquiry { bins: Some(one_bin()), percentiles, ..request.inquiry() }, watch)?;
+    let percentile = |at: usize| {
+        let bins = all.iter().flat_map(|errors| &errors.bins);
+        bins.filter_map(move |bin| bin.percentiles.get(at)).copied().filter(|error| *error > 0.0)
+    };
+    let most = request.most.or_else(|| percentile(1).reduce(f64::max)).unwrap_or(1.0);
+    let least = percentile(0).reduce(f64::min).filter(|least| *least < most).unwrap_or(most * 1e-3);
     // Errors differ by decades: on a linear axis all but a few would be one bar. Those of zero have no place on this one.
-    let of_ratio = |count: u32| {
-        let least = if least > 0.0 && least < most { least } else { most * 1e-3 };
+    let ratios = |count: u32| {
         let edge = |edge: u32| least * libm::pow(most / least, f64::from(edge) / f64::from(count));
-        Bins::Edges((0..=count).map(edge).collect())
+        (Bins::Edges((0..=count).map(edge).collect()), true)
     };
     let (bins, is_log) = match &request.bins {
-        None => (of_ratio(BINS), true),
-        Some(Bins::Log(count)) => (of_ratio(*count), true),
+        None => ratios(BINS),
+        Some(Bins::Log(count)) => ratios(*count),
         Some(bins) => (bins.clone(), false),
     };
     let inquiry = Inquiry { by: By::Error, bins: Some(bins), percentiles: Vec::new(), ..request.inquiry() };
-    let (asked, grid, frames) = ask(runs, request, &inquiry, watch)?;
-    let mut curves = Vec::new();
-    let (mut outside, mut high) = (0.0_f64, 0.0_f64);
-    for one in &asked {
-        let pixels = all.iter().find(|of| of.of == one.of).map_or(0, |of| of.rows.iter().map(|row| row.count).sum());
-        let shown: u64 = one.rows.iter().map(|row| row.count).sum();
-        outside = outside.max(1.0 - shown as f64 / pixels.max(1) as f64);
-        let mut points = Vec::new();
-        let mut last = None;
-        for row in one.rows.iter().filter(|row| row.to > row.from) {
-            // A bin without a pixel is no row.
-            if let Some(end) = last.filter(|end| *end < row.from) {
-                points.extend([(end, 0.0), (row.from, 0.0)]);
+    let (errors, grid, frames) = ask(runs, request, inquiry, watch)?;
+    let (mut outside, mut high, mut curves) = (0.0_f64, 0.0_f64, Vec::<Curve>::new());
+    for one in &errors {
+        let same = all.iter().filter(|all| all.place == one.place).flat_map(|all| &all.bins);
+        let pixels = same.map(|bin| bin.count).sum::<u64>().max(1) as f64;
+        outside = outside.max(1.0 - one.bins.iter().map(|bin| bin.count).sum::<u64>() as f64 / pixels);
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for bin in one.bins.iter().filter(|bin| bin.edges.1 > bin.edges.0) {
+            // A bin without a pixel is not a row.
+            if let Some((end, _)) = points.last().copied().filter(|(end, _)| *end < bin.edges.0) {
+                points.extend([(end, 0.0), (bin.edges.0, 0.0)]);
             }
-            let percent = 100.0 * row.count as f64 / pixels.max(1) as f64;
+            let percent = 100.0 * bin.count as f64 / pixels;
             high = high.max(percent);
-            points.extend([(row.from, percent), (row.to, percent)]);
-            last = Some(row.to);
+            points.extend([(bin.edges.0, percent), (bin.edges.1, percent)]);
         }
-        curves.push(Curve { of: one.of.clone(), points });
+        curves.push((one.place.clone(), points));
     }
-    let rows = || asked.iter().flat_map(|of| &of.rows);
-    let ends = rows().map(|row| row.to).fold(0.0, f64::max);
-    let x = match is_log {
-        true => Axis::log(rows().map(|row| row.from).fold(ends, f64::min), ends, label(request)),
-        false => Axis::new(rows().map(|row| row.from).fold(0.0, f64::min), ends, label(request)),
-    };
+    let edges = || errors.iter().flat_map(|errors| &errors.bins).map(|bin| bin.edges);
+    let ends = edges().map(|(_, to)| to).fold(0.0, f64::max);
+    let starts = edges().map(|(from, _)| from).fold(if is_log { ends } else { 0.0 }, f64::min);
+    let label = label(request.unit);
+    let x = if is_log { Axis::log(starts, ends, label) } else { Axis::new(starts, ends, label) };
     let y = Axis::new(0.0, high.max(1e-9) * 1.05, "share of pixels, %");
-    let drawing = drawn(&curves, request, &x, &y, true)?;
-    let bins = if is_log { ", bins of one ratio" } else { "" };
-    let mut about =
-        format!("Histogram of the {}{bins}, over {} on {}", what(request), pixels_of(&asked), counted(frames, "frame"));
+    let sheet = compared_curves(&curves, request.layout, (&x, &y), true);
+    let ratio = if is_log { ", bins of one ratio" } else { "" };
+    let mut about = about(&format!("Histogram of the {}{ratio}", what(request.unit)), &errors, frames);
     if outside > 0.0005 {
-        let ends = format!("{} to {}", told(x.low, request), told(x.high, request));
-        about.push_str(&format!("; from {ends}, up to {:.1} % of an estimator's pixels lie outside", 100.0 * outside));
+        let (from, to, outside) = (written(x.low, request), written(x.high, request), 100.0 * outside);
+        about.push_str(&format!("; from {from} to {to}, up to {outside:.1} % of an estimator's pixels lie outside"));
     }
-    Ok(Figure { drawing, about, data: grid.sheet().csv(), notes: Vec::new() })
+    request.figure(sheet, about, grid.sheet().csv())
 }
 
-/// An error with three digits that count, and its unit.
-fn told(value: f64, request: &FigureRequest) -> String {
+/// Cumulative error distribution.
+pub(super) fn cdf(runs: &[FigureRun<'_>], request: &FigureRequest, watch: &Watch<'_>) -> Result<Figure, AnalysisError> {
+    let percentiles: Vec<f64> = (0..=100).map(f64::from).collect();
+    let inquiry = Inquiry { bins: Some(one_bin()), percentiles: percentiles.clone(), ..request.inquiry() };
+    let (errors, grid, frames) = ask(runs, request, inquiry, watch)?;
+    let curve = |of: &Errors| {
+        let errors = of.bins.first().map_or(&[][..], |bin| &bin.percentiles);
+        (of.place.clone(), errors.iter().copied().zip(percentiles.iter().copied()).collect())
+    };
+    let curves: Vec<Curve> = errors.iter().map(curve).collect();
+    let shown = curves.iter().filter_map(|(_, points)| points.get(SHOWN_PERCENT as usize)).map(|(error, _)| *error);
+    let top = request.most.unwrap_or_else(|| shown.fold(0.0, f64::max).max(1e-9));
+    let (x, y) = (Axis::new(0.0, top, label(request.unit)), Axis::new(0.0, 100.0, "share of pixels, %"));
+    let sheet = compared_curves(&curves, request.layout, (&x, &y), false);
+    let mut about = about(&format!("Cumulative distribution of the {}", what(request.unit)), &errors, frames);
+    // The axis ends before the last errors do.
+    let beyond = curves.iter().map(|(_, points)| 100.0 - percent_at(points, top)).fold(0.0, f64::max);
+    if beyond > 0.05 {
+        let top = written(top, request);
+        about.push_str(&format!("; up to {top}, beyond which lie up to {beyond:.1} % of an estimator's pixels"));
+    }
+    request.figure(sheet, about, grid.sheet().csv())
+}
+
+/// The per cent of a curve's pixels with an error up to that.
+fn percent_at(points: &[(f64, f64)], error: f64) -> f64 {
+    match points.partition_point(|(of, _)| *of <= error) {
+        0 => 0.0,
+        all if all == points.len() => 100.0,
+        above => {
+            let ((from, percent), (to, _)) = (points[above - 1], points[above]);
+            percent + (error - from) / (to - from)
+        }
+    }
+}
+
+/// One bin for all samples.
+fn one_bin() -> Bins {
+    Bins::Edges(vec![0.0, 1e9])
+}
+
+/// An error with three significant digits, and its unit.
+fn written(value: f64, request: &FigureRequest) -> String {
     let rounded = format!("{value:.2e}").parse::<f64>().unwrap_or(value);
     format!("{rounded}{}", if request.unit == Unit::Metres { " m" } else { "" })
 }
 
-/// Of how many pixels the error is below what.
-pub(super) fn cdf(runs: &[FigureRun<'_>], request: &FigureRequest, watch: &Watch<'_>) -> Result<Figure, AnalysisError> {
-    let percentiles: Vec<f64> = (0..=100).map(f64::from).collect();
-    let inquiry = Inquiry { bins: Some(everything()), percentiles: percentiles.clone(), ..request.inquiry() };
-    let (asked, grid, frames) = ask(runs, request, &inquiry, watch)?;
-    let curve = |of: &Asked| {
-        let errors = of.rows.first().map_or(&[][..], |row| &row.percentiles);
-        Curve { of: of.of.clone(), points: errors.iter().copied().zip(percentiles.iter().copied()).collect() }
-    };
-    let curves: Vec<Curve> = asked.iter().map(curve).collect();
-    let top = curves.iter().filter_map(|curve| curve.points.get(SHOWN_PERCENT as usize)).map(|(error, _)| *error);
-    let top = request.most.unwrap_or_else(|| top.fold(0.0, f64::max).max(1e-9));
-    let drawing = drawn(
-        &curves,
-        request,
-        &Axis::new(0.0, top, label(request)),
-        &Axis::new(0.0, 100.0, "share of pixels, %"),
-        false,
-    )?;
-    // The axis ends before the last errors do.
-    let beyond = curves.iter().map(|curve| 100.0 - percent_at(curve, top)).fold(0.0, f64::max);
-    let end = match beyond > 0.05 {
-        true => {
-            format!("; up to {}, beyond which lie up to {beyond:.1} % of an estimator's pixels", told(top, request))
-        }
-        false => String::new(),
-    };
-    let about = format!(
-        "Cumulative distribution of the {}, over {} on {}{end}",
-        what(request),
-        pixels_of(&asked),
-        counted(frames, "frame")
-    );
-    Ok(Figure { drawing, about, data: grid.sheet().csv(), notes: Vec::new() })
+pub(super) fn about(what: &str, errors: &[Errors], frames: usize) -> String {
+    let each = errors.first().is_none_or(|errors| errors.set != SampleSet::Common);
+    let whose = if each { "each of them" } else { "all of them" };
+    format!("{what}, over the pixels that {whose} answered on {}", counted(frames, "frame"))
 }
 
-/// How many per cent of a curve's pixels have an error up to that.
-fn percent_at(curve: &Curve, error: f64) -> f64 {
-    let Some(above) = curve.points.iter().position(|(of, _)| *of > error) else { return 100.0 };
-    let Some(before) = above.checked_sub(1) else { return 0.0 };
-    let ((from, percent), (to, _)) = (curve.points[before], curve.points[above]);
-    percent + (error - from) / (to - from)
-}
-
-/// One bin for all samples.
-fn everything() -> Bins {
-    Bins::Edges(vec![0.0, 1e9])
-}
-
-/// All errors in one bin; the least that counts of any estimator, and the greatest.
-fn whole(
-    runs: &[FigureRun<'_>],
-    request: &FigureRequest,
-    watch: &Watch<'_>,
-) -> Result<(Vec<Asked>, f64, f64), AnalysisError> {
-    let percentiles = vec![LEAST_PERCENT, MOST_PERCENT];
-    let inquiry = Inquiry { bins: Some(everything()), percentiles, ..request.inquiry() };
-    let (all, ..) = ask(runs, request, &inquiry, watch)?;
-    let at =
-        |place: usize| all.iter().flat_map(|of| &of.rows).filter_map(move |row| row.percentiles.get(place)).copied();
-    let least = at(0).filter(|error| *error > 0.0).fold(f64::INFINITY, f64::min);
-    let most = at(1).fold(0.0, f64::max);
-    Ok((all, least, if most > 0.0 { most } else { 1.0 }))
-}
-
-fn what(request: &FigureRequest) -> &'static str {
-    match request.unit {
+pub(super) fn what(unit: Unit) -> &'static str {
+    match unit {
         Unit::Metres => "absolute error",
         Unit::OfTruth => "absolute error as a share of the true distance",
     }
 }
 
-fn label(request: &FigureRequest) -> &'static str {
-    match request.unit {
+pub(super) fn label(unit: Unit) -> &'static str {
+    match unit {
         Unit::Metres => "absolute error |y − t|, m",
         Unit::OfTruth => "relative error |y − t| / t",
     }
-}
-
-pub(super) fn pixels_of(asked: &[Asked]) -> &'static str {
-    match asked.first().map(|of| of.set) {
-        Some(SampleSet::Common) => "the pixels that all of them answered",
-        _ => "the pixels that each of them answered",
-    }
-}
-
-fn drawn(
-    curves: &[Curve],
-    request: &FigureRequest,
-    x: &Axis,
-    y: &Axis,
-    is_filled: bool,
-) -> Result<Drawing, AnalysisError> {
-    let places: Vec<&Place> = curves.iter().map(|curve| &curve.of).collect();
-    let mut names: Vec<&str> = Vec::new();
-    for place in &places {
-        if !names.contains(&place.name.as_str()) {
-            names.push(&place.name);
-        }
-    }
-    let groups = panels(&places, request.layout);
-    request.few_panels(groups.len())?;
-    let columns = if request.size.is_wide() { groups.len().clamp(1, 2) } else { 1 };
-    let stroke = |curve: &Curve| {
-        let own = match request.layout {
-            Layout::Multiples => &[][..],
-            Layout::Overlaid => dashes(places.iter().copied(), &curve.of),
-        };
-        let tint = colour(colour_of(&names, &curve.of.name));
-        let tint = match request.layout {
-            Layout::Multiples => tint,
-            Layout::Overlaid => shade(places.iter().copied(), &curve.of, tint),
-        };
-        Stroke::new(tint, LINE_PT).dashed(own)
-    };
-    let mut sheets = Vec::new();
-    for (place, (title, of)) in groups.iter().enumerate() {
-        let mut panel = Panel::new(x.clone(), y.clone());
-        if place + columns < groups.len() {
-            panel.x.label = String::new();
-        }
-        if place % columns != 0 {
-            panel.y.label = String::new();
-        }
-        panel.title.clone_from(title);
-        if columns == 1 && request.size.is_wide() {
-            panel.aspect = 0.5;
-        }
-        for curve in of.iter().map(|at| &curves[*at]) {
-            let tint = colour(colour_of(&names, &curve.of.name));
-            if is_filled && of.len() <= MOST_FILLED {
-                let points = curve.points.iter().map(|(x, y)| (*x, 0.0, *y)).collect();
-                panel.items.push(Item::Band { points, fill: Fill::new(tint, FILL_OPACITY) });
-            }
-        }
-        for curve in of.iter().map(|at| &curves[*at]) {
-            panel.items.push(Item::Line { points: curve.points.clone(), stroke: stroke(curve) });
-        }
-        sheets.push(panel);
-    }
-    let legend = match request.layout {
-        Layout::Multiples => names
-            .iter()
-            .map(|name| Entry::new(*name, Swatch::Line(Stroke::new(colour(colour_of(&names, name)), LINE_PT))))
-            .collect(),
-        Layout::Overlaid => {
-            curves.iter().map(|curve| Entry::new(curve.of.label(), Swatch::Line(stroke(curve)))).collect()
-        }
-    };
-    request.sheet(Sheet { columns, panels: sheets, legend, ..Sheet::default() })
 }

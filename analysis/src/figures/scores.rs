@@ -1,57 +1,46 @@
 //! Scores on every frame, and what figures of scores have in common.
 
+use depthloom_figures::{Axis, BLACK, Entry, Fill, Item, Panel, Sheet, Stroke, Swatch, distinct, tint};
+
 use super::{Figure, FigureRequest, FigureRun};
 use crate::ablation::{Ablation, Row, Selection, listed, scored, source_of};
-use crate::analyse::is_any;
 use crate::error::AnalysisError;
 use crate::estimators::{Estimator, estimators};
 use crate::grid::{Grid, GridCells, GridColumn};
 use crate::scores::FrameScore;
-use depthloom_figures::{Axis, BLACK, Entry, Fill, Item, Panel, Sheet, Stroke, Swatch, colour, colour_of};
 
-/// More rows of dots than this are not read any more.
-const MOST_ROWS: usize = 60;
+/// More rows of dots than this cannot be read.
+const MAX_ROWS: usize = 60;
 /// The height of such a row, points.
 const ROW_PT: f64 = 13.0;
-pub(super) const LINE_PT: f64 = 1.2;
-/// Values that differ by more than this have an axis of ratios.
-pub(super) const FAR: f64 = 20.0;
 
-/// A run's scores, as far as they are asked for.
+/// The scores of a run that a figure shows.
 pub(super) struct Scores<'a> {
     estimators: &'a [Estimator],
     pub(super) ablation: Ablation<'a>,
-    pub(super) selection: Selection,
+    selection: Selection,
     pub(super) rows: Vec<Row>,
     pub(super) metric: usize,
 }
 
-/// Calls `f` with a run's scores.
-pub(super) fn with_scores<T>(
+/// Calls `draw` with a run's scores.
+pub(super) fn with_scores(
     run: &FigureRun<'_>,
     request: &FigureRequest,
     stop: &(dyn Fn() -> bool + Sync),
-    f: impl FnOnce(&Scores<'_>) -> Result<T, AnalysisError>,
-) -> Result<T, AnalysisError> {
+    draw: impl FnOnce(&Scores<'_>) -> Result<Figure, AnalysisError>,
+) -> Result<Figure, AnalysisError> {
     let estimators = estimators(run.recording.plan())?;
     let scores: Vec<FrameScore> = scored(run.recording, &estimators, stop)?;
     let source = source_of(run.recording);
     let ablation = Ablation::new(run.recording.plan(), &estimators, &scores, &source, None);
     let selection = Selection { set: request.scored_set, ..Selection::default() };
     let mut rows = ablation.rows(&selection)?;
-    rows.retain(|row| {
-        let of = ablation.estimator(row);
-        let is = |patterns: &Option<String>, texts: &[&str]| {
-            patterns.as_deref().is_none_or(|patterns| is_any(patterns, texts))
-        };
-        is(&request.stages, &[&of.lead.stage])
-            && of.lead.variant.as_deref().is_none_or(|variant| is(&request.variants, &[variant]))
-            && is(&request.estimators, &[&of.label, &of.name])
-    });
+    rows.retain(|row| request.wants(ablation.estimator(row)));
     if rows.is_empty() {
-        let labels: Vec<&str> = estimators.iter().map(|of| of.label.as_str()).collect();
         let what = "no estimator that was scored so is among those that are asked for".to_owned();
-        return Err(AnalysisError::asked(what, format!("there are {}", listed(labels))));
+        let labels = listed(estimators.iter().map(|estimator| estimator.label.as_str()));
+        return Err(AnalysisError::asked(what, format!("there are {labels}")));
     }
     let metric = match &request.score {
         Some(score) => ablation.metric(score)?,
@@ -62,7 +51,7 @@ pub(super) fn with_scores<T>(
         let what = format!("`{}` was not taken of them", ablation.metrics[metric].name);
         return Err(AnalysisError::asked(what, "`depthloom table RUN` says what was scored".to_owned()));
     }
-    f(&Scores { estimators: &estimators, ablation, selection, rows, metric })
+    draw(&Scores { estimators: &estimators, ablation, selection, rows, metric })
 }
 
 impl Scores<'_> {
@@ -80,116 +69,78 @@ impl Scores<'_> {
         format!("{}{unit} ({} is better)", metric.name, if metric.more_is_better { "more" } else { "less" })
     }
 
-    pub(super) fn of(&self, row: &Row) -> &Estimator {
+    pub(super) fn estimator(&self, row: &Row) -> &Estimator {
         &self.estimators[row.estimator]
     }
 
     pub(super) fn names(&self) -> Vec<&str> {
-        let mut names: Vec<&str> = Vec::new();
-        for row in &self.rows {
-            let name = self.of(row).name.as_str();
-            if !names.contains(&name) {
-                names.push(name);
-            }
-        }
-        names
+        distinct(self.rows.iter().map(|row| self.estimator(row).name.as_str()))
     }
 
-    /// Position, id and score of the frames of a row.
-    fn frames(&self, row: &Row) -> Result<Vec<(u64, String, f64)>, AnalysisError> {
-        let (set, zone) = (row.set, self.ablation.zone(&self.selection)?);
-        let metric = self.ablation.metrics[self.metric];
-        let frames = self.ablation.frames(row.estimator, set, zone).iter();
-        let of_frame =
-            |score: &&FrameScore| Some((score.position.0 as u64, score.frame.to_string(), score.row.get(metric)?));
-        Ok(frames.filter_map(of_frame).collect())
+    /// Over which pixels and frames the scores are.
+    pub(super) fn about(&self) -> Result<String, AnalysisError> {
+        self.ablation.about(&self.rows, &self.selection)
+    }
+
+    /// The figure with a table as its data, whose last column has the scores.
+    pub(super) fn figure(
+        &self,
+        request: &FigureRequest,
+        sheet: Sheet,
+        about: String,
+        mut columns: Vec<GridColumn>,
+        scores: &[f64],
+    ) -> Result<Figure, AnalysisError> {
+        let (values, best) = (scores.iter().copied().map(Some).collect(), vec![false; scores.len()]);
+        columns.push(GridColumn::of(self.name(), GridCells::Number { decimals: 4, best, values }));
+        request.figure(sheet, about, Grid { columns, ..Grid::default() }.sheet().csv())
     }
 }
 
-/// The columns that say what rows are of.
-fn keys(of: &[&Estimator]) -> Vec<GridColumn> {
-    let key = |name: &str, cell: &dyn Fn(&Estimator) -> Option<String>| {
-        GridColumn::key(name, of.iter().map(|of| cell(of)).collect())
+/// A strip of dots per estimate, a dot per frame; the upright line is the mean.
+pub(super) fn frames(scores: &Scores<'_>, request: &FigureRequest) -> Result<Figure, AnalysisError> {
+    let (rows, names) = (&scores.rows, scores.names());
+    if rows.len() > MAX_ROWS {
+        let what = format!("{} estimators are more than {MAX_ROWS} strips", rows.len());
+        return Err(AnalysisError::asked(what, "choose some with --variant or --estimators".to_owned()));
+    }
+    let (zone, metric) = (scores.ablation.zone(&scores.selection)?, scores.ablation.metrics[scores.metric]);
+    let (mut items, mut all) = (Vec::new(), Vec::<(&Row, &FrameScore, f64)>::new());
+    for (place, row) in rows.iter().enumerate() {
+        // From top to bottom; dots of one strip are on three lines, so that equal scores do not hide each other.
+        let y = rows.len() as f64 - place as f64 - 0.5;
+        let frames = scores.ablation.frames(row.estimator, row.set, zone).iter();
+        let start = all.len();
+        all.extend(frames.filter_map(|frame| Some((row, *frame, frame.row.get(metric)?))));
+        let dot = |(at, (.., value)): (usize, &(_, _, f64))| (*value, y + [0.0, 0.14, -0.14][at % 3]);
+        let dots = all[start..].iter().enumerate().map(dot).collect();
+        items.push(Item::Dots(dots, 1.5, Fill::new(tint(&names, &scores.estimator(row).name), 0.6)));
+        let mean = row.value(scores.metric).unwrap_or(f64::NAN);
+        items.push(Item::Line(vec![(mean, y - 0.36), (mean, y + 0.36)], Stroke::new(BLACK, 1.1)));
+    }
+    let values: Vec<f64> = all.iter().map(|(.., value)| *value).collect();
+    let labels: Vec<String> = rows.iter().rev().map(|row| scores.estimator(row).label.clone()).collect();
+    let x = Axis::around(values.iter().copied(), 0.04, scores.label());
+    let aspect = Some((rows.len() as f64 + 0.5) * ROW_PT / request.size.width_pt() / 0.75);
+    let mut panel = Panel::new("", x, Axis::names(&labels, ""));
+    (panel.items, panel.aspect) = (items, aspect);
+    let legend = vec![
+        Entry::new("a frame", Swatch::Dot(Fill::new([0x66; 3], 1.0))),
+        Entry::new("the value of all frames", Swatch::Line(Stroke::new(BLACK, 1.1))),
+    ];
+    let key = |name: &str, cell: &dyn Fn(&Row, &FrameScore) -> Option<String>| {
+        GridColumn::key(name, all.iter().map(|(row, frame, _)| cell(row, frame)).collect())
     };
-    vec![
-        key("stage", &|of| Some(of.lead.stage.clone())),
-        key("variant", &|of| of.lead.variant.clone()),
-        key("estimator", &|of| Some(of.name.clone())),
-    ]
-}
-
-pub(super) fn numbers(name: &str, values: Vec<Option<f64>>) -> GridColumn {
-    GridColumn::of(name, GridCells::Number { decimals: 4, best: vec![false; values.len()], values })
-}
-
-/// From where to where numbers go, and how they lie best along an axis.
-pub(super) fn axis_of(values: &[f64], label: String) -> Axis {
-    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if low > 0.0 && high > FAR * low {
-        let room = libm::pow(high / low, 0.04);
-        return Axis::log(low / room, high * room, label);
-    }
-    let room = if high > low { 0.04 * (high - low) } else { 0.05 * high.abs().max(1e-9) };
-    let below = if low >= 0.0 && low < 0.3 * high { 0.0 } else { low - room };
-    Axis::new(below, high + room, label)
-}
-
-/// A strip of dots an estimator, a dot a frame; the upright line is the mean.
-pub(super) fn frames(
-    run: &FigureRun<'_>,
-    request: &FigureRequest,
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Figure, AnalysisError> {
-    with_scores(run, request, stop, |scores| {
-        let rows = &scores.rows;
-        if rows.len() > MOST_ROWS {
-            let what = format!("{} estimators are more than {MOST_ROWS} strips", rows.len());
-            return Err(AnalysisError::asked(what, "choose some with --variant or --estimators".to_owned()));
-        }
-        let names = scores.names();
-        let count = rows.len() as f64;
-        // From top to bottom.
-        let labels: Vec<String> = rows.iter().rev().map(|row| scores.of(row).label.clone()).collect();
-        let mut items = Vec::new();
-        let (mut all, mut of, mut positions, mut ids) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut sets = Vec::new();
-        let mut fewest = u64::MAX;
-        for (place, row) in rows.iter().enumerate() {
-            let frames = scores.frames(row)?;
-            fewest = fewest.min(frames.len() as u64);
-            let y = count - place as f64 - 0.5;
-            let tint = colour(colour_of(&names, &scores.of(row).name));
-            // Dots of one strip lie on a few lines, so that equal scores do not hide each other.
-            let dot = |(at, (.., value)): (usize, &(u64, String, f64))| (*value, y + [0.0, 0.14, -0.14][at % 3]);
-            let points = frames.iter().enumerate().map(dot).collect();
-            items.push(Item::Dots { points, radius: 1.5, fill: Fill::new(tint, 0.6) });
-            if let Some(mean) = row.value(scores.metric) {
-                let points = vec![(mean, y - 0.36), (mean, y + 0.36)];
-                items.push(Item::Line { points, stroke: Stroke::new(BLACK, 1.1) });
-            }
-            for (position, id, value) in frames {
-                all.push(value);
-                of.push(scores.of(row));
-                sets.push(Some(row.set.to_string()));
-                positions.push(Some(position));
-                ids.push(Some(id));
-            }
-        }
-        let mut panel = Panel::new(axis_of(&all, scores.label()), Axis::names(&labels, ""));
-        panel.items = items;
-        panel.aspect = (count + 0.5) * ROW_PT / request.size.width_pt() / 0.75;
-        let legend = vec![
-            Entry::new("a frame", Swatch::Dot([0x66; 3])),
-            Entry::new("the value of all frames", Swatch::Line(Stroke::new(BLACK, 1.1))),
-        ];
-        let drawing = request.sheet(Sheet { columns: 1, panels: vec![panel], legend, ..Sheet::default() })?;
-        let mut columns = keys(&of);
-        columns.push(GridColumn::key("set", sets));
-        columns.push(GridColumn::of("position", GridCells::Count(positions)));
-        columns.push(GridColumn::key("frame", ids));
-        columns.push(numbers(scores.name(), all.into_iter().map(Some).collect()));
-        let about = format!("{} on every frame: {}", scores.name(), scores.ablation.about(rows, &scores.selection)?);
-        Ok(Figure { drawing, about, data: Grid { columns, ..Grid::default() }.sheet().csv(), notes: Vec::new() })
-    })
+    let positions = all.iter().map(|(_, frame, _)| Some(frame.position.0 as u64)).collect();
+    let columns = vec![
+        key("stage", &|row, _| Some(scores.estimator(row).lead.stage.clone())),
+        key("variant", &|row, _| scores.estimator(row).lead.variant.clone()),
+        key("estimator", &|row, _| Some(scores.estimator(row).name.clone())),
+        key("set", &|row, _| Some(row.set.to_string())),
+        GridColumn::of("position", GridCells::Count(positions)),
+        key("frame", &|_, frame| Some(frame.frame.to_string())),
+    ];
+    let about = format!("{} on every frame: {}", scores.name(), scores.about()?);
+    let sheet = Sheet { columns: 1, panels: vec![panel], legend, ..Sheet::default() };
+    scores.figure(request, sheet, about, columns, &values)
 }

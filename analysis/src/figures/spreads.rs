@@ -1,15 +1,14 @@
-//! Errors against distance, or against the weight that they were given, as `analyse` finds them.
+//! Errors against distance, or against the confidence that they had, as `analyse` finds them.
 
-use depthloom_figures::{Bin, Scale, Spread, SpreadFigure, added};
-use depthloom_graphs::counted;
+use depthloom_figures::{Bin, Scale, Spread, SpreadFigure};
 
-use super::asked::{Asked, Watch, ask};
-use super::errors::pixels_of;
-use super::{Figure, FigureKind, FigureRequest, FigureRun, Layout, wrong_size};
-use crate::analyse::{Bins, By, Inquiry, SampleSet, Unit};
+use super::asked::{ErrorBin, Errors, Watch, ask};
+use super::errors::{about, label, what};
+use super::{Figure, FigureKind, FigureRequest, FigureRun};
+use crate::analyse::{Bins, By, Inquiry, SampleSet};
 use crate::error::AnalysisError;
 
-pub(super) fn of_errors(
+pub(super) fn spreads(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,
     watch: &Watch<'_>,
@@ -19,106 +18,63 @@ pub(super) fn of_errors(
         (FigureKind::Reliability, None) => By::Weight,
         _ => By::Distance,
     };
-    if by == By::Frame {
-        let help = "`depthloom figure RUN frames` shows a score on every frame";
-        return Err(AnalysisError::asked("frames are no axis for errors".to_owned(), help.to_owned()));
-    }
-    // Those that all answered, and beside them what each did.
-    let sets = match request.set {
-        Some(set) => vec![set],
-        None => vec![SampleSet::Common, SampleSet::Answered],
+    let (by_words, x_label) = match &by {
+        By::Distance => ("true distance", "true distance t, m"),
+        By::Estimate => ("estimated distance", "estimated distance y, m"),
+        By::Weight => ("weight", "weight"),
+        By::Row => ("image row", "image row, px"),
+        By::Column => ("image column", "image column, px"),
+        By::Error => ("absolute error", "absolute error, m"),
+        By::Named(name) => (name.as_str(), name.as_str()),
+        By::Frame => {
+            let help = "`depthloom figure RUN frames` shows a score on every frame";
+            return Err(AnalysisError::asked("frames are no axis for errors".to_owned(), help.to_owned()));
+        }
     };
+    // Those that are valid in all estimates, and beside them the valid ones of each.
+    let sets = request.set.map_or_else(|| vec![SampleSet::Common, SampleSet::Answered], |set| vec![set]);
     let inquiry = Inquiry { by: by.clone(), bins: request.bins.clone(), sets, ..request.inquiry() };
-    let (mut asked, grid, frames) = ask(runs, request, &inquiry, watch)?;
-    let is_shared = asked.iter().any(|of| of.set == SampleSet::Common && of.rows.iter().any(|row| row.count > 0));
-    if !is_shared {
-        asked.retain(|of| of.set == SampleSet::Answered);
-    }
-    let compared_set = if is_shared { SampleSet::Common } else { SampleSet::Answered };
-    let of_set = |set: SampleSet| asked.iter().filter(move |of| of.set == set);
-    let spread = |of: &Asked| Spread {
-        of: of.of.clone(),
-        bins: bins(of),
-        answered: match is_shared {
-            true => of_set(SampleSet::Answered).find(|other| other.of == of.of).map_or_else(Vec::new, bins),
-            false => Vec::new(),
-        },
+    let (mut errors, grid, frames) = ask(runs, request, inquiry, watch)?;
+    let is_shared = errors.iter().any(|one| one.set == SampleSet::Common && one.bins.iter().any(|bin| bin.count > 0));
+    errors.retain(|one| is_shared || one.set == SampleSet::Answered);
+    let (compared, valid): (Vec<Errors>, Vec<Errors>) =
+        errors.into_iter().partition(|one| (one.set == SampleSet::Common) == is_shared);
+    let spread = |one: &Errors| Spread {
+        place: one.place.clone(),
+        bins: bins(&one.bins),
+        valid: valid.iter().find(|other| other.place == one.place).map_or_else(Vec::new, |other| bins(&other.bins)),
     };
-    let spreads: Vec<Spread> = of_set(compared_set).map(spread).collect();
     let figure = SpreadFigure {
-        truth: counts(of_set(SampleSet::Answered)),
-        compared: if is_shared { counts(of_set(SampleSet::Common)) } else { Vec::new() },
+        spreads: compared.iter().map(spread).collect(),
+        truth: pixels(if is_shared { &valid } else { &compared }),
+        compared: if is_shared { pixels(&compared) } else { Vec::new() },
         layout: request.layout,
-        title: request.title.clone(),
-        x_label: x_label(&by),
-        y_label: match request.unit {
-            Unit::Metres => "absolute error |y − t|, m".to_owned(),
-            Unit::OfTruth => "relative error |y − t| / t".to_owned(),
-        },
-        x_scale: if matches!(request.bins, Some(Bins::Log(_))) { Scale::Log } else { Scale::Linear },
+        labels: [x_label.to_owned(), label(request.unit).to_owned()],
+        scale: if matches!(request.bins, Some(Bins::Log(_))) { Scale::Log } else { Scale::Linear },
         thin: request.thin,
         most: request.most,
-        size: request.size,
-        spreads,
     };
-    if request.layout == Layout::Multiples {
-        request.few_panels(figure.panels())?;
-    }
-    let drawing = figure.drawing().map_err(wrong_size)?;
+    let what = what(request.unit).replacen('a', "A", 1);
+    let about = about(&format!("{what} by {by_words}"), &compared, frames);
     let thin = match figure.has_thin() {
         true => format!("; bins of fewer than {} pixels are dotted", request.thin),
         false => String::new(),
     };
-    let what = match request.unit {
-        Unit::Metres => "Absolute error",
-        Unit::OfTruth => "Absolute error as a share of the true distance",
+    let about = format!("{about}: median, 25 to 75 % and 5 to 95 %{thin}");
+    request.figure(figure.sheet(), about, grid.sheet().csv())
+}
+
+fn bins(bins: &[ErrorBin]) -> Vec<Bin> {
+    let bin = |bin: &ErrorBin| {
+        let percentiles = bin.percentiles.as_slice().try_into().ok()?;
+        Some(Bin { from: bin.edges.0, to: bin.edges.1, count: bin.count, percentiles })
     };
-    let shown: Vec<Asked> = asked.into_iter().filter(|of| of.set == compared_set).collect();
-    let about = format!(
-        "{what} by {}, over {} on {}: median, 25 to 75 % and 5 to 95 %{thin}",
-        by_words(&by),
-        pixels_of(&shown),
-        counted(frames, "frame")
-    );
-    Ok(Figure { drawing, about, data: grid.sheet().csv(), notes: Vec::new() })
+    bins.iter().filter_map(bin).collect()
 }
 
-fn bins(of: &Asked) -> Vec<Bin> {
-    let bin = |row: &super::asked::Row| {
-        let percentiles = row.percentiles.as_slice().try_into().ok()?;
-        Some(Bin { from: row.from, to: row.to, count: row.count, percentiles })
-    };
-    of.rows.iter().filter_map(bin).collect()
-}
-
-/// Pixels by bin: of each group once, whatever number of its estimators has them.
-fn counts<'a>(asked: impl Iterator<Item = &'a Asked>) -> Vec<(f64, f64, u64)> {
-    let mut groups: Vec<&str> = Vec::new();
-    let mut all = Vec::new();
-    for of in asked {
-        if !groups.contains(&of.of.group.as_str()) {
-            groups.push(&of.of.group);
-            all.extend(of.rows.iter().map(|row| (row.from, row.to, row.pixels)));
-        }
-    }
-    added(all)
-}
-
-fn x_label(by: &By) -> String {
-    match by {
-        By::Distance => "true distance t, m".to_owned(),
-        By::Estimate => "estimated distance y, m".to_owned(),
-        By::Weight => "weight".to_owned(),
-        By::Row => "image row, px".to_owned(),
-        By::Column => "image column, px".to_owned(),
-        By::Error => "absolute error, m".to_owned(),
-        By::Frame => "frame".to_owned(),
-        By::Named(name) => name.clone(),
-    }
-}
-
-fn by_words(by: &By) -> String {
-    let label = x_label(by);
-    let words = label.split(", ").next().unwrap_or_default();
-    words.trim_end_matches(" t").trim_end_matches(" y").to_owned()
+/// Pixels by bin, of each group once, whatever number of its estimates has them.
+fn pixels(errors: &[Errors]) -> Vec<(f64, f64, u64)> {
+    let is_first = |at: &usize| errors[..*at].iter().all(|other| other.place.group != errors[*at].place.group);
+    let firsts = (0..errors.len()).filter(is_first).flat_map(|at| &errors[at].bins);
+    firsts.map(|bin| (bin.edges.0, bin.edges.1, bin.pixels)).collect()
 }

@@ -2,17 +2,20 @@
 //!
 //! They are Paul Tol's *vibrant* scheme (personal.sron.nl/~pault), whose hues differ for colour-blind eyes too and read on white and on near-black.
 
-/// Stereo is blue and mono red, as in the paper.
+use crate::drawing::Colour;
+
+/// Stereo, as in the paper.
 pub const BLUE: &str = "#0077bb";
+/// Monocular, as in the paper.
 pub const RED: &str = "#cc3311";
 /// What is fused, alone, and what follows in the order it comes.
 pub const OTHERS: [&str; 6] = ["#009988", "#ee7733", "#aa3377", "#33bbee", "#ee3377", "#777777"];
 
-/// The colour of an estimator among those of these names, in the order of the tables; more than there are colours share them.
+/// The colour of an estimate among those of these names, in the order of the tables; more than there are colours share them.
 ///
 /// A method is known by the first word of its name, whatever follows: `stereo`, `stereo_sgbm` and `stereo-filtered`. Of several of a family the
 /// first has its colour, the rest one of those that are left.
-pub fn colour(names: &[&str], name: &str) -> &'static str {
+pub fn colour_of(names: &[&str], name: &str) -> &'static str {
     let first_of = |family: &str| {
         names.iter().find(|name| **name == family).or_else(|| names.iter().find(|name| self::family(name) == family))
     };
@@ -24,6 +27,17 @@ pub fn colour(names: &[&str], name: &str) -> &'static str {
     let left = &OTHERS[1..];
     let before = names.iter().filter(|name| own(name).is_none()).take_while(|other| **other != name).count();
     left[before % left.len()]
+}
+
+/// The same as numbers.
+pub fn tint(names: &[&str], name: &str) -> Colour {
+    colour(colour_of(names, name))
+}
+
+/// A colour written `#rrggbb`.
+pub fn colour(text: &str) -> Colour {
+    let part = |at: usize| text.get(at..at + 2).and_then(|hex| u8::from_str_radix(hex, 16).ok()).unwrap_or(0);
+    [part(1), part(3), part(5)]
 }
 
 /// The first word of a name; `fusion` and `fuse` are `fused`.
@@ -40,13 +54,16 @@ mod tests {
     fn mono_is_red_and_stereo_blue_and_others_differ() {
         let names = ["filled", "stereo", "fused", "mono", "mono_scaled"];
         let expected = [OTHERS[1], BLUE, OTHERS[0], RED, OTHERS[2]];
-        assert_eq!(names.map(|name| colour(&names, name)), expected);
+        assert_eq!(names.map(|name| colour_of(&names, name)), expected);
     }
 
     #[test]
     fn a_method_is_known_by_the_first_word_of_its_name() {
-        assert_eq!(["stereo-sgbm", "mono.depth", "fusion_2"].map(|name| colour(&[name], name)), [BLUE, RED, OTHERS[0]]);
+        assert_eq!(
+            ["stereo-sgbm", "mono.depth", "fusion_2"].map(|name| colour_of(&[name], name)),
+            [BLUE, RED, OTHERS[0]]
+        );
         let names = ["stereo_raw", "stereo", "monocle"];
-        assert_eq!(names.map(|name| colour(&names, name)), [OTHERS[1], BLUE, OTHERS[2]]);
+        assert_eq!(names.map(|name| colour_of(&names, name)), [OTHERS[1], BLUE, OTHERS[2]]);
     }
 }

@@ -1,48 +1,44 @@
-//! A drawing: what is to be seen where, in points on a page of a stated size, and the files it is written as.
+//! A drawing: marks on a page of a stated size in points, and the files that it is written as.
 //!
-//! One list of [marks](Mark) makes [SVG](svg), [PNG](png) and [PDF](pdf). Text is set in one font that the program carries ([`font`]), so that a machine
-//! without fonts gives the same file. Equal drawings give equal bytes.
+//! One list of [marks](Mark) becomes [SVG](svg), [PNG](png) and [PDF](pdf). Text is set in one font that the program carries ([`font`]), so that a
+//! machine without fonts writes the same file. Equal drawings give equal bytes.
 
 mod font;
 mod pdf;
 mod png;
 mod svg;
 
-pub use font::{ascent, width};
+pub(crate) use font::{ascent, width};
 
-/// Points an inch, and millimetres an inch.
-pub const POINTS_PER_INCH: f64 = 72.0;
-pub const MM_PER_INCH: f64 = 25.4;
+/// Points per inch, and millimetres per inch.
+pub(crate) const POINTS_PER_INCH: f64 = 72.0;
+pub(crate) const MM_PER_INCH: f64 = 25.4;
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];
 
+/// The colour of text.
 pub const BLACK: Colour = [0; 3];
+/// The colour of the page.
 pub const WHITE: Colour = [255; 3];
 
-/// A colour written `#rrggbb`.
-pub fn colour(text: &str) -> Colour {
-    let part = |at: usize| text.get(at..at + 2).and_then(|hex| u8::from_str_radix(hex, 16).ok()).unwrap_or(0);
-    [part(1), part(3), part(5)]
-}
-
 /// A point: to the right and down from the upper left corner, points.
-pub type At = (f64, f64);
+pub(crate) type At = (f64, f64);
 
-/// What is seen, what comes later above what came before.
+/// What is on a page; later marks cover earlier ones.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Drawing {
-    pub width_pt: f64,
-    pub height_pt: f64,
-    pub marks: Vec<Mark>,
+    pub(crate) width_pt: f64,
+    pub(crate) height_pt: f64,
+    pub(crate) marks: Vec<Mark>,
 }
 
-/// One thing to be seen.
+/// One thing on the page.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Mark {
+pub(crate) enum Mark {
     /// A line through points.
     Line { points: Vec<At>, stroke: Stroke },
-    /// What lies between points.
+    /// The area between points.
     Area { points: Vec<At>, fill: Fill },
     /// A dot around a point.
     Dot { at: At, radius: f64, fill: Fill },
@@ -50,107 +46,109 @@ pub enum Mark {
     Text(Text),
     /// A picture, its upper left corner and its size on the page.
     Picture { at: At, size: (f64, f64), picture: Picture },
-    /// From here to its end only what lies in this rectangle is seen; one at a time.
+    /// From here to its end only this rectangle is drawn; one at a time.
     Clip { at: At, size: (f64, f64) },
     /// The end of a rectangle.
     Unclip,
 }
 
 /// How a line is drawn.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    pub colour: Colour,
-    pub width: f64,
-    pub opacity: f64,
-    /// How long it is there and not there, in turn; empty: all there.
-    pub dashes: &'static [f64],
+    pub(crate) colour: Colour,
+    pub(crate) width: f64,
+    pub(crate) opacity: f64,
+    pub(crate) dashes: &'static [f64],
 }
 
 /// How an area is filled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fill {
-    pub colour: Colour,
-    pub opacity: f64,
+    pub(crate) colour: Colour,
+    pub(crate) opacity: f64,
 }
 
 /// Words.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Text {
-    pub at: At,
-    pub words: String,
-    pub size: f64,
-    pub colour: Colour,
-    pub anchor: Anchor,
-    /// Whether they go upwards.
-    pub upwards: bool,
+pub(crate) struct Text {
+    pub(crate) at: At,
+    pub(crate) words: String,
+    pub(crate) size: f64,
+    pub(crate) colour: Colour,
+    pub(crate) anchor: Anchor,
+    pub(crate) upwards: bool,
 }
 
-/// Which part of a line of words stands at its point.
+/// Which part of a line of words is at its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
+    /// Its start.
     Start,
+    /// Its middle.
     Middle,
+    /// Its end.
     End,
+}
+
+impl Anchor {
+    /// The share of the words before their point.
+    pub(crate) const fn before(self) -> f64 {
+        match self {
+            Self::Start => 0.0,
+            Self::Middle => 0.5,
+            Self::End => 1.0,
+        }
+    }
 }
 
 /// Pixels, three bytes each, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    pub width: u32,
-    pub height: u32,
-    pub rgb: Vec<u8>,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) rgb: Vec<u8>,
 }
 
 impl Stroke {
+    /// A solid line of a width in points.
     pub const fn new(colour: Colour, width: f64) -> Self {
         Self { colour, width, opacity: 1.0, dashes: &[] }
     }
 
+    /// The same in dashes: lengths of line and gap in turn, points.
     pub const fn dashed(self, dashes: &'static [f64]) -> Self {
         Self { dashes, ..self }
     }
 
+    /// The same with an opacity from 0 to 1.
     pub const fn faint(self, opacity: f64) -> Self {
         Self { opacity, ..self }
     }
 }
 
 impl Fill {
+    /// A colour with an opacity from 0 to 1.
     pub const fn new(colour: Colour, opacity: f64) -> Self {
         Self { colour, opacity }
     }
 }
 
 impl Drawing {
-    pub fn new(width_pt: f64, height_pt: f64) -> Self {
-        Self { width_pt, height_pt, marks: Vec::new() }
-    }
-
-    pub fn line(&mut self, points: Vec<At>, stroke: Stroke) {
+    pub(crate) fn line(&mut self, points: Vec<At>, stroke: Stroke) {
         self.marks.push(Mark::Line { points, stroke });
     }
 
-    pub fn area(&mut self, points: Vec<At>, fill: Fill) {
+    pub(crate) fn rectangle(&mut self, (x, y): At, (width, height): (f64, f64), fill: Fill) {
+        let points = vec![(x, y), (x + width, y), (x + width, y + height), (x, y + height)];
         self.marks.push(Mark::Area { points, fill });
     }
 
-    /// A filled rectangle.
-    pub fn rectangle(&mut self, (x, y): At, (width, height): (f64, f64), fill: Fill) {
-        self.area(vec![(x, y), (x + width, y), (x + width, y + height), (x, y + height)], fill);
-    }
-
-    /// The edge of a rectangle.
-    pub fn frame(&mut self, (x, y): At, (width, height): (f64, f64), stroke: Stroke) {
-        self.line(vec![(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)], stroke);
-    }
-
-    /// Words whose base line stands there.
-    pub fn text(&mut self, at: At, words: impl Into<String>, size: f64, anchor: Anchor) {
+    /// Black words whose base line is there.
+    pub(crate) fn text(&mut self, at: At, words: impl Into<String>, size: f64, anchor: Anchor) {
         self.marks.push(Mark::Text(Text { at, words: words.into(), size, colour: BLACK, anchor, upwards: false }));
     }
 
     /// Its width and height, millimetres.
-    #[must_use]
     pub fn size_mm(&self) -> (f64, f64) {
         let mm = |points: f64| (points / POINTS_PER_INCH * MM_PER_INCH * 1000.0).round() / 1000.0;
         (mm(self.width_pt), mm(self.height_pt))
@@ -166,34 +164,13 @@ impl Drawing {
         pdf::written(self, title)
     }
 
-    /// As PNG of so many pixels an inch.
+    /// As PNG with a number of pixels per inch.
     ///
     /// # Errors
     /// If it has too many pixels, in words.
     pub fn png(&self, dpi: f64) -> Result<Vec<u8>, String> {
         png::written(self, dpi)
     }
-}
-
-/// A point of a picture as a number is written: three decimals, none that are not needed.
-fn number(value: f64) -> String {
-    let rounded = (value * 1000.0).round() / 1000.0;
-    // Never `-0`.
-    format!("{}", rounded + 0.0)
-}
-
-/// The four curves of a circle, each by two directing points and its end; it begins at its rightmost point.
-fn circle((x, y): At, radius: f64) -> (At, [[At; 3]; 4]) {
-    // How far directing points lie off for a curve that is nearly round.
-    let far = radius * 0.552_284_749_8;
-    let quarter = |(ax, ay): At, (bx, by): At, end: At| [(x + ax, y + ay), (x + bx, y + by), (x + end.0, y + end.1)];
-    let curves = [
-        quarter((radius, far), (far, radius), (0.0, radius)),
-        quarter((-far, radius), (-radius, far), (-radius, 0.0)),
-        quarter((-radius, -far), (-far, -radius), (0.0, -radius)),
-        quarter((far, -radius), (radius, -far), (radius, 0.0)),
-    ];
-    ((x + radius, y), curves)
 }
 
 #[cfg(test)]

@@ -1,73 +1,49 @@
-//! Maps and images as pictures of no more pixels than are seen.
+//! Maps and images as pictures with no more pixels than are seen.
+
+use std::ops::Range;
 
 use depthloom_graphs::values::{Image, Pixels, Raster};
 
-use crate::drawing::{Colour, Picture, WHITE};
+use crate::drawing::{Picture, WHITE};
 use crate::plot::Bar;
 
-/// How many rows of pixels belong to so many columns of a map of this size.
-fn rows_of(columns: u32, (width, height): (u32, u32)) -> u32 {
-    (f64::from(columns) * f64::from(height) / f64::from(width)).round().max(1.0) as u32
+/// A picture of a number of columns, each pixel from a block of those of a map: of columns and of rows.
+fn shrunk((width, height): (u32, u32), columns: u32, pixel: impl Fn(Range<u32>, Range<u32>) -> [u8; 3]) -> Picture {
+    let rows = (f64::from(columns) * f64::from(height) / f64::from(width)).round().max(1.0) as u32;
+    let block = |at: u32, count: u32, size: u32| {
+        let edge = |at: u32| u64::from(at) * u64::from(size);
+        (edge(at) / u64::from(count)) as u32..(edge(at + 1).div_ceil(u64::from(count)) as u32).min(size)
+    };
+    let places = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+    let rgb = places.flat_map(|(column, row)| pixel(block(column, columns, width), block(row, rows, height)));
+    Picture { rgb: rgb.collect(), width: columns, height: rows }
 }
 
-/// The pixels of a larger map that a pixel is of.
-fn block(at: u32, of: u32, size: u32) -> std::ops::Range<u32> {
-    let from = u64::from(at) * u64::from(size) / u64::from(of);
-    let to = (u64::from(at + 1) * u64::from(size)).div_ceil(u64::from(of));
-    from as u32..(to as u32).min(size)
-}
-
-/// A map in colours, white where it has no answer. Of the pixels that become one, the answer nearest its middle.
+/// A map in colours, white where it is invalid. Of the pixels that become one, the valid one nearest its middle.
 pub fn coloured(map: &Raster<f32>, columns: u32, bar: &Bar) -> Picture {
-    let size @ (width, height) = map.dimensions();
-    let rows = rows_of(columns, size);
-    let mut rgb = Vec::with_capacity(3 * (columns * rows) as usize);
-    for row in 0..rows {
-        for column in 0..columns {
-            let (xs, ys) = (block(column, columns, width), block(row, rows, height));
-            let middle = (i64::from(xs.start + xs.end) / 2, i64::from(ys.start + ys.end) / 2);
-            let mut nearest: Option<(i64, f32)> = None;
-            for y in ys {
-                for x in xs.clone() {
-                    let value = map.as_raw()[(y * width + x) as usize];
-                    let (dx, dy) = (i64::from(x) - middle.0, i64::from(y) - middle.1);
-                    let far = dx * dx + dy * dy;
-                    if value.is_finite() && nearest.is_none_or(|(least, _)| far < least) {
-                        nearest = Some((far, value));
-                    }
-                }
-            }
-            let colour: Colour = nearest.map_or(WHITE, |(_, value)| bar.colour(f64::from(value)));
-            rgb.extend(colour);
-        }
-    }
-    Picture { width: columns, height: rows, rgb }
+    shrunk(map.dimensions(), columns, |xs, ys| {
+        let middle = ((xs.start + xs.end) / 2, (ys.start + ys.end) / 2);
+        let far = |(x, y): &(u32, u32)| x.abs_diff(middle.0).pow(2) + y.abs_diff(middle.1).pow(2);
+        let value = |(x, y): (u32, u32)| map.as_raw()[(y * map.width() + x) as usize];
+        let pixels = ys.flat_map(|y| xs.clone().map(move |x| (x, y)));
+        let nearest = pixels.filter(|pixel| value(*pixel).is_finite()).min_by_key(far);
+        nearest.map_or(WHITE, |pixel| bar.colour(f64::from(value(pixel))))
+    })
 }
 
 /// An image of fewer pixels, each the mean of those that it stands for.
 pub fn reduced(image: &Image, columns: u32) -> Picture {
-    let pixels = image.pixels();
-    let size @ (width, height) = image.dimensions();
-    let columns = columns.min(width);
-    let rows = rows_of(columns, size);
-    let (channels, raw) = match pixels {
+    let size @ (width, _) = image.dimensions();
+    let (channels, raw) = match image.pixels() {
         Pixels::Grey(grey) => (1, grey.as_raw().as_slice()),
         Pixels::Rgb(rgb) => (3, rgb.as_raw().as_slice()),
     };
-    let mut rgb = Vec::with_capacity(3 * (columns * rows) as usize);
-    for row in 0..rows {
-        for column in 0..columns {
-            let (xs, ys) = (block(column, columns, width), block(row, rows, height));
-            let count = (xs.len() * ys.len()).max(1) as u32;
-            let mut sums = [0_u32; 3];
-            for y in ys {
-                for x in xs.clone() {
-                    let at = (y * width + x) as usize * channels;
-                    sums.iter_mut().enumerate().for_each(|(of, sum)| *sum += u32::from(raw[at + of % channels]));
-                }
-            }
-            rgb.extend(sums.map(|sum| ((sum + count / 2) / count) as u8));
-        }
-    }
-    Picture { width: columns, height: rows, rgb }
+    shrunk(size, columns.min(width), |xs, ys| {
+        let count = (xs.len() * ys.len()).max(1) as u32;
+        std::array::from_fn(|channel| {
+            let pixels = ys.clone().flat_map(|y| xs.clone().map(move |x| (y * width + x) as usize * channels));
+            let sum: u32 = pixels.map(|at| u32::from(raw[at + channel % channels])).sum();
+            ((sum + count / 2) / count) as u8
+        })
+    })
 }

@@ -1,4 +1,4 @@
-//! What figures are put together from: panels with axes on a sheet of a stated width, a legend and colour bars below them.
+//! Panels with axes, and the items on them.
 //!
 //! Sizes are points: words and lines are as large on paper as they are here, whatever the figure's width.
 
@@ -6,59 +6,87 @@ mod axis;
 mod ramp;
 mod sheet;
 
-pub use axis::{Axis, Scale, ticks_at};
-pub use ramp::{DIVERGING, SEQUENTIAL};
-pub use sheet::{Bar, Entry, Sheet, Size, Swatch, bars_room, draw_bars};
+pub use axis::{Axis, Scale};
+pub use ramp::{Bar, DIVERGING, SEQUENTIAL};
+pub use sheet::{Entry, Sheet, Size, Swatch};
 
-use crate::drawing::{Anchor, Colour, Drawing, Fill, Mark, Stroke, Text, WHITE, ascent, width};
+use crate::drawing::{Anchor, At, BLACK, Colour, Drawing, Fill, Mark, Picture, Stroke, Text, WHITE, ascent, width};
 
 /// Sizes of words, points.
-pub const TICK_PT: f64 = 6.5;
-pub const LABEL_PT: f64 = 7.5;
-pub const TITLE_PT: f64 = 8.0;
-pub const HEADING_PT: f64 = 9.0;
+const TICK_PT: f64 = 6.5;
+const LABEL_PT: f64 = 7.5;
+const TITLE_PT: f64 = 8.0;
+const SMALLEST_PT: f64 = 5.0;
 
-const GRID: Colour = [228; 3];
-const EDGE: Colour = [70; 3];
+const GRID: Stroke = Stroke::new([228; 3], 0.4);
+const EDGE: Stroke = Stroke::new([70; 3], 0.6);
 
 /// A plot with its axes.
 #[derive(Clone, Debug)]
 pub struct Panel {
-    pub title: Option<String>,
+    /// Words above it; empty: none.
+    pub title: String,
+    /// From left to right.
     pub x: Axis,
+    /// From bottom to top.
     pub y: Axis,
+    /// What is on it.
     pub items: Vec<Item>,
-    /// How high it is, as a share of the width of a column.
-    pub aspect: f64,
-    /// Whether it takes a whole row.
-    pub spans: bool,
+    /// Its height as a share of its width; `None`: the sheet decides.
+    pub aspect: Option<f64>,
+    pub(crate) spans: bool,
 }
 
-/// One thing on a panel, in the units of its axes.
-#[derive(Clone, Debug)]
+/// One thing on a panel, in the units of its axes. An infinite coordinate is the panel's edge.
+#[derive(Clone, Debug, PartialEq)]
 pub enum Item {
-    /// What lies between two curves: x, lower, upper.
-    Band { points: Vec<(f64, f64, f64)>, fill: Fill },
-    /// A curve.
-    Line { points: Vec<(f64, f64)>, stroke: Stroke },
-    /// Bars that stand on zero: from, to, how high.
-    Bars { bars: Vec<(f64, f64, f64)>, fill: Fill },
-    /// Dots of so many points' radius.
-    Dots { points: Vec<(f64, f64)>, radius: f64, fill: Fill },
-    /// A line from bottom to top.
-    Upright { x: f64, stroke: Stroke },
-    /// A line from left to right.
-    Level { y: f64, stroke: Stroke },
-    /// A rectangle from bottom to top.
-    Stripe { from: f64, to: f64, fill: Fill },
-    /// A filled rectangle: from and to, of x and of y; words in it, if they have room.
-    Cell { x: (f64, f64), y: (f64, f64), fill: Fill, words: String },
-    /// Words; `up` points above their place.
-    Words { at: (f64, f64), up: f64, words: String, anchor: Anchor, colour: Colour },
+    /// The area between points.
+    Area(Vec<(f64, f64)>, Fill),
+    /// A line through points.
+    Line(Vec<(f64, f64)>, Stroke),
+    /// Dots, with their radius in points.
+    Dots(Vec<(f64, f64)>, f64, Fill),
+    /// A filled rectangle: from and to of x and of y; words in it, if they have room.
+    Cell((f64, f64), (f64, f64), Fill, String),
+    /// Words a number of points above their place.
+    Words((f64, f64), f64, String, Anchor, Colour),
+    /// A picture that fills the panel.
+    Picture(Picture),
 }
 
-/// Where a panel's axes are on the page, points.
-#[derive(Clone, Copy, Debug)]
+impl Item {
+    /// The area between two curves: x, lower and upper y.
+    pub fn band(points: impl DoubleEndedIterator<Item = (f64, f64, f64)> + Clone, fill: Fill) -> Self {
+        let upper = points.clone().map(|(x, _, high)| (x, high));
+        Self::Area(upper.chain(points.rev().map(|(x, low, _)| (x, low))).collect(), fill)
+    }
+
+    /// A line through points; a point alone is a dot.
+    pub fn curve(points: Vec<(f64, f64)>, stroke: Stroke) -> Self {
+        match points[..] {
+            [_] => Self::Dots(points, stroke.width, Fill::new(stroke.colour, stroke.opacity)),
+            _ => Self::Line(points, stroke),
+        }
+    }
+
+    /// A line from bottom to top.
+    pub fn vertical(x: f64, stroke: Stroke) -> Self {
+        Self::Line(vec![(x, f64::NEG_INFINITY), (x, f64::INFINITY)], stroke)
+    }
+
+    /// A line from left to right.
+    pub fn horizontal(y: f64, stroke: Stroke) -> Self {
+        Self::Line(vec![(f64::NEG_INFINITY, y), (f64::INFINITY, y)], stroke)
+    }
+
+    /// A filled rectangle without words.
+    pub fn block(x: (f64, f64), y: (f64, f64), fill: Fill) -> Self {
+        Self::Cell(x, y, fill, String::new())
+    }
+}
+
+/// Where the axes of a panel are on the page.
+#[derive(Clone, Copy)]
 struct Frame {
     left: f64,
     top: f64,
@@ -67,26 +95,27 @@ struct Frame {
 }
 
 impl Panel {
-    pub fn new(x: Axis, y: Axis) -> Self {
-        Self { title: None, x, y, items: Vec::new(), aspect: 0.62, spans: false }
+    /// A panel without items.
+    pub fn new(title: impl Into<String>, x: Axis, y: Axis) -> Self {
+        Self { title: title.into(), x, y, items: Vec::new(), aspect: None, spans: false }
     }
 
-    /// How much it needs on the left of its axes: the y axis' numbers and label.
+    /// The room that its y axis needs on the left.
     fn left(&self, height: f64) -> f64 {
         let numbers = self.y.ticks(height, false).iter().map(|(_, words)| width(words, TICK_PT)).fold(0.0, f64::max);
-        let label = if self.y.label.is_empty() { 0.0 } else { LABEL_PT + 4.0 };
-        numbers + label + 4.0
+        numbers + self.y.label_room() + if self.y.has_ticks() { 4.0 } else { 0.0 }
     }
 
-    /// How much it needs above.
     fn above(&self) -> f64 {
-        if self.title.is_some() { TITLE_PT + 5.0 } else { 4.0 }
+        match self.title.is_empty() {
+            true if self.y.has_ticks() => 4.0,
+            true => 0.0,
+            false => TITLE_PT + 5.0,
+        }
     }
 
-    /// And below.
     fn below(&self) -> f64 {
-        let label = if self.x.label.is_empty() { 0.0 } else { LABEL_PT + 4.0 };
-        TICK_PT + 5.0 + label
+        self.x.label_room() + if self.x.has_ticks() { TICK_PT + 5.0 } else { 0.0 }
     }
 
     fn draw(&self, drawing: &mut Drawing, frame: Frame) {
@@ -94,136 +123,96 @@ impl Panel {
         let (right, bottom) = (left + wide, top + height);
         let across = |x: f64| left + self.x.place(x) * wide;
         let down = |y: f64| bottom - self.y.place(y) * height;
+        let at = |(x, y): &(f64, f64)| (across(*x), down(*y));
         let (x_ticks, y_ticks) = (self.x.ticks(wide, true), self.y.ticks(height, false));
-        let grid = || Stroke::new(GRID, 0.4);
-        if self.x.has_grid {
-            for (x, _) in &x_ticks {
-                drawing.line(vec![(across(*x), top), (across(*x), bottom)], grid());
-            }
+        for x in x_ticks.iter().filter(|_| self.x.has_grid).map(|(x, _)| across(*x)) {
+            drawing.line(vec![(x, top), (x, bottom)], GRID);
         }
-        if self.y.has_grid {
-            for (y, _) in &y_ticks {
-                drawing.line(vec![(left, down(*y)), (right, down(*y))], grid());
-            }
+        for y in y_ticks.iter().filter(|_| self.y.has_grid).map(|(y, _)| down(*y)) {
+            drawing.line(vec![(left, y), (right, y)], GRID);
         }
+        let mut texts = Vec::new();
         drawing.marks.push(Mark::Clip { at: (left, top), size: (wide, height) });
         for item in &self.items {
-            let at = |(x, y): &(f64, f64)| (across(*x), down(*y));
             match item {
-                Item::Band { points, fill } => {
-                    let upper = points.iter().map(|(x, _, high)| (across(*x), down(*high)));
-                    let lower = points.iter().rev().map(|(x, low, _)| (across(*x), down(*low)));
-                    drawing.area(upper.chain(lower).collect(), *fill);
+                Item::Area(points, fill) => {
+                    drawing.marks.push(Mark::Area { points: points.iter().map(at).collect(), fill: *fill });
                 }
-                Item::Line { points, stroke } => {
-                    drawing.line(points.iter().map(at).collect(), stroke.clone());
-                }
-                Item::Bars { bars, fill } => {
-                    for (from, to, high) in bars.iter().filter(|(.., high)| *high > 0.0) {
-                        let (from, to, top) = (across(*from), across(*to), down(*high));
-                        drawing.rectangle((from, top), (to - from, bottom - top), *fill);
-                    }
-                }
-                Item::Dots { points, radius, fill } => {
+                Item::Line(points, stroke) => drawing.line(points.iter().map(at).collect(), *stroke),
+                Item::Dots(points, radius, fill) => {
                     let dots = points.iter().map(|point| Mark::Dot { at: at(point), radius: *radius, fill: *fill });
                     drawing.marks.extend(dots);
                 }
-                Item::Upright { x, stroke } => {
-                    drawing.line(vec![(across(*x), top), (across(*x), bottom)], stroke.clone());
-                }
-                Item::Level { y, stroke } => drawing.line(vec![(left, down(*y)), (right, down(*y))], stroke.clone()),
-                Item::Stripe { from, to, fill } => {
-                    drawing.rectangle((across(*from), top), (across(*to) - across(*from), height), *fill);
-                }
-                Item::Cell { x, y, fill, words } => {
-                    let (from, to) = ((across(x.0), down(y.1)), (across(x.1), down(y.0)));
+                Item::Cell(x, y, fill, words) => {
+                    let (from, to) = (at(&(x.0, y.1)), at(&(x.1, y.0)));
                     let size = (to.0 - from.0, to.1 - from.1);
                     drawing.rectangle(from, size, *fill);
                     if width(words, TICK_PT) + 2.0 < size.0 && TICK_PT + 1.0 < size.1 {
-                        drawing.marks.push(Mark::Text(Text {
-                            at: (from.0 + size.0 / 2.0, from.1 + size.1 / 2.0 + ascent(TICK_PT) / 2.0),
-                            words: words.clone(),
-                            size: TICK_PT,
-                            colour: readable_on(fill.colour),
-                            anchor: Anchor::Middle,
-                            upwards: false,
-                        }));
+                        let at = (from.0 + size.0 / 2.0, from.1 + size.1 / 2.0 + ascent(TICK_PT) / 2.0);
+                        texts.push(text(at, words, Anchor::Middle, readable_on(fill.colour)));
                     }
                 }
-                Item::Words { .. } => {}
+                Item::Words(point, up, words, anchor, colour) => {
+                    // Inside the axes, however far to a side its place is.
+                    let (wide, (x, y)) = (width(words, TICK_PT), at(point));
+                    let before = anchor.before() * wide;
+                    let x = x.min(right - (wide - before) - 1.0).max(left + before + 1.0);
+                    texts.push(text((x, (y - up).clamp(top + TICK_PT, bottom - 2.0)), words, *anchor, *colour));
+                }
+                Item::Picture(picture) => {
+                    let picture = picture.clone();
+                    drawing.marks.push(Mark::Picture { at: (left, top), size: (wide, height), picture });
+                }
             }
         }
         drawing.marks.push(Mark::Unclip);
-        self.write(drawing, frame, &x_ticks, &y_ticks);
-        for item in &self.items {
-            if let Item::Words { at, up, words, anchor, colour } = item {
-                // Inside the axes, however far to a side its place is.
-                let half = width(words, TICK_PT) * if *anchor == Anchor::Middle { 0.5 } else { 1.0 };
-                let before = if *anchor == Anchor::Start { 0.0 } else { half };
-                let behind = if *anchor == Anchor::End { 0.0 } else { half };
-                let x = across(at.0).min(right - behind - 1.0).max(left + before + 1.0);
-                let y = (down(at.1) - up).clamp(top + TICK_PT, bottom - 2.0);
-                let (words, colour, anchor) = (words.clone(), *colour, *anchor);
-                let text = Text { at: (x, y), words, size: TICK_PT, colour, anchor, upwards: false };
-                drawing.marks.push(Mark::Text(text));
-            }
+        drawing.marks.extend(texts);
+        if self.x.has_ticks() || self.y.has_ticks() {
+            drawing.line(vec![(left, top), (left, bottom), (right, bottom)], EDGE);
+        } else {
+            let edge = Stroke::new([150; 3], 0.3);
+            drawing.line(vec![(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], edge);
         }
-    }
-
-    /// The axes and what is written at them.
-    fn write(&self, drawing: &mut Drawing, frame: Frame, x_ticks: &[(f64, String)], y_ticks: &[(f64, String)]) {
-        let Frame { left, top, width: wide, height } = frame;
-        let (right, bottom) = (left + wide, top + height);
-        drawing.line(vec![(left, top), (left, bottom), (right, bottom)], Stroke::new(EDGE, 0.6));
-        for (x, words) in x_ticks {
-            let x = left + self.x.place(*x) * wide;
-            drawing.line(vec![(x, bottom), (x, bottom + 2.0)], Stroke::new(EDGE, 0.6));
-            drawing.text((x, bottom + 3.0 + ascent(TICK_PT) + 1.0), words, TICK_PT, Anchor::Middle);
+        for (x, words) in x_ticks.iter().map(|(x, words)| (across(*x), words)) {
+            drawing.line(vec![(x, bottom), (x, bottom + 2.0)], EDGE);
+            drawing.text((x, bottom + 4.0 + ascent(TICK_PT)), words, TICK_PT, Anchor::Middle);
         }
-        for (y, words) in y_ticks {
-            let y = bottom - self.y.place(*y) * height;
-            drawing.line(vec![(left - 2.0, y), (left, y)], Stroke::new(EDGE, 0.6));
+        for (y, words) in y_ticks.iter().map(|(y, words)| (down(*y), words)) {
+            drawing.line(vec![(left - 2.0, y), (left, y)], EDGE);
             drawing.text((left - 3.5, y + ascent(TICK_PT) / 2.0), words, TICK_PT, Anchor::End);
         }
-        if let Some(title) = &self.title {
-            drawing.text(
-                (left + wide / 2.0, top - 4.0),
-                fitting(title, wide + 10.0, TITLE_PT),
-                TITLE_PT,
-                Anchor::Middle,
-            );
-        }
-        if !self.x.label.is_empty() {
-            let y = bottom + TICK_PT + 5.0 + LABEL_PT;
-            drawing.text((left + wide / 2.0, y), &self.x.label, LABEL_PT, Anchor::Middle);
-        }
-        if !self.y.label.is_empty() {
-            drawing.marks.push(Mark::Text(Text {
-                at: (left - self.left(height) + LABEL_PT, top + height / 2.0),
-                words: fitting(&self.y.label, height + 24.0, LABEL_PT),
-                size: LABEL_PT,
-                colour: crate::drawing::BLACK,
-                anchor: Anchor::Middle,
-                upwards: true,
-            }));
-        }
+        let middle = left + wide / 2.0;
+        let (words, size) = fitting(&self.title, wide + 10.0, TITLE_PT);
+        drawing.text((middle, top - 4.0), words, size, Anchor::Middle);
+        let (words, size) = fitting(&self.x.label, wide + 24.0, LABEL_PT);
+        drawing.text((middle, bottom + self.below() - 4.0), words, size, Anchor::Middle);
+        let (words, size) = fitting(&self.y.label, height + if self.y.has_ticks() { 24.0 } else { 2.0 }, LABEL_PT);
+        let at = (left - self.left(height) + LABEL_PT, top + height / 2.0);
+        drawing.marks.push(Mark::Text(Text { at, words, size, colour: BLACK, anchor: Anchor::Middle, upwards: true }));
     }
+}
+
+fn text(at: At, words: &str, anchor: Anchor, colour: Colour) -> Mark {
+    Mark::Text(Text { at, words: words.to_owned(), size: TICK_PT, colour, anchor, upwards: false })
 }
 
 /// Black or white, whichever can be read on a colour.
 pub fn readable_on([red, green, blue]: Colour) -> Colour {
     let light = 0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue);
-    if light < 130.0 { WHITE } else { crate::drawing::BLACK }
+    if light < 130.0 { WHITE } else { BLACK }
 }
 
-/// As much of some words as has room, with a mark where something is left out.
-pub fn fitting(words: &str, room: f64, size: f64) -> String {
-    if width(words, size) <= room {
-        return words.to_owned();
+/// Words that have room: smaller than `size` if need be, and without their middle if that is not enough.
+fn fitting(words: &str, room: f64, size: f64) -> (String, f64) {
+    let size = (size * room / width(words, size).max(1e-9)).clamp(SMALLEST_PT.min(size), size);
+    let all: Vec<char> = words.chars().collect();
+    let shortened = |kept: &usize| -> String {
+        let end = &all[all.len() - kept / 2..];
+        all[..kept.div_ceil(2)].iter().chain(&['…']).chain(end).collect()
+    };
+    if width(words, size) <= room + 1e-6 {
+        return (words.to_owned(), size);
     }
-    let mut some: Vec<char> = words.chars().collect();
-    while some.len() > 1 && width(&some.iter().collect::<String>(), size) + width("…", size) > room {
-        some.pop();
-    }
-    some.into_iter().chain(['…']).collect()
+    let fits = |kept: &usize| width(&shortened(kept), size) <= room;
+    (shortened(&(1..all.len()).rev().find(fits).unwrap_or(1)), size)
 }

@@ -1,121 +1,95 @@
 //! A drawing as SVG.
 
-use std::fmt::Write as _;
+use std::fmt::{self, Display, Formatter};
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 
-use super::{Anchor, At, Colour, Drawing, MM_PER_INCH, Mark, POINTS_PER_INCH, Picture, font, number, png};
+use super::{At, BLACK, Colour, Drawing, Mark, font, png};
 use crate::xml::escaped;
 
 pub(super) fn written(drawing: &Drawing) -> String {
-    let mm = |points: f64| number(points / POINTS_PER_INCH * MM_PER_INCH);
-    let (width, height) = (drawing.width_pt, drawing.height_pt);
+    let ((width, height), (width_mm, height_mm)) = ((drawing.width_pt, drawing.height_pt), drawing.size_mm());
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}mm\" height=\"{}mm\" viewBox=\"0 0 {} {}\" font-family=\"{}\">\n",
-        mm(width),
-        mm(height),
-        number(width),
-        number(height),
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width_mm}mm\" height=\"{height_mm}mm\" viewBox=\"0 0 {} {}\" font-family=\"{}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n",
+        Number(width),
+        Number(height),
         font::FAMILY,
     );
-    let _ = writeln!(svg, "<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>");
-    let mut clips = 0;
-    for mark in &drawing.marks {
-        write(&mut svg, mark, &mut clips);
+    for (place, mark) in drawing.marks.iter().enumerate() {
+        svg.push_str(&element(mark, place));
+        svg.push('\n');
     }
-    svg.push_str("</svg>\n");
-    svg
+    svg + "</svg>\n"
 }
 
-fn write(svg: &mut String, mark: &Mark, clips: &mut usize) {
-    // Writing to a text does not fail.
-    let _ = match mark {
+fn element(mark: &Mark, place: usize) -> String {
+    match mark {
         Mark::Line { points, stroke } => {
-            let _ = write!(
-                svg,
-                "<path d=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-linejoin=\"round\"",
-                path(points),
-                hex(stroke.colour),
-                number(stroke.width)
-            );
-            opacity(svg, "stroke-opacity", stroke.opacity);
-            if !stroke.dashes.is_empty() {
-                let dashes: Vec<String> = stroke.dashes.iter().map(|dash| number(*dash)).collect();
-                let _ = write!(svg, " stroke-dasharray=\"{}\"", dashes.join(" "));
-            }
-            writeln!(svg, "/>")
-        }
-        Mark::Area { points, fill } => {
-            let _ = write!(svg, "<path d=\"{}Z\" fill=\"{}\"", path(points), hex(fill.colour));
-            opacity(svg, "fill-opacity", fill.opacity);
-            writeln!(svg, "/>")
-        }
-        Mark::Dot { at, radius, fill } => {
-            let (x, y) = (number(at.0), number(at.1));
-            let _ =
-                write!(svg, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{}\" fill=\"{}\"", number(*radius), hex(fill.colour));
-            opacity(svg, "fill-opacity", fill.opacity);
-            writeln!(svg, "/>")
-        }
-        Mark::Text(text) => {
-            let (x, y) = (number(text.at.0), number(text.at.1));
-            let _ = write!(svg, "<text x=\"{x}\" y=\"{y}\" font-size=\"{}\"", number(text.size));
-            if text.colour != super::BLACK {
-                let _ = write!(svg, " fill=\"{}\"", hex(text.colour));
-            }
-            match text.anchor {
-                Anchor::Start => {}
-                Anchor::Middle => svg.push_str(" text-anchor=\"middle\""),
-                Anchor::End => svg.push_str(" text-anchor=\"end\""),
-            }
-            if text.upwards {
-                let _ = write!(svg, " transform=\"rotate(-90 {x} {y})\"");
-            }
-            writeln!(svg, ">{}</text>", escaped(&text.words))
-        }
-        Mark::Picture { at, size, picture } => writeln!(
-            svg,
-            "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" href=\"data:image/png;base64,{}\"/>",
-            number(at.0),
-            number(at.1),
-            number(size.0),
-            number(size.1),
-            BASE64_STANDARD.encode(encoded(picture)),
-        ),
-        Mark::Clip { at, size } => {
-            *clips += 1;
-            writeln!(
-                svg,
-                "<clipPath id=\"clip-{clips}\"><rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/></clipPath><g clip-path=\"url(#clip-{clips})\">",
-                number(at.0),
-                number(at.1),
-                number(size.0),
-                number(size.1)
+            let dashes: Vec<String> = stroke.dashes.iter().map(|dash| Number(*dash).to_string()).collect();
+            let dashes = if dashes.is_empty() { "none".to_owned() } else { dashes.join(" ") };
+            let (path, colour, width, opacity) =
+                (path(points), Hex(stroke.colour), Number(stroke.width), Number(stroke.opacity));
+            format!(
+                "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" stroke-opacity=\"{opacity}\" stroke-dasharray=\"{dashes}\" stroke-linejoin=\"round\"/>"
             )
         }
-        Mark::Unclip => writeln!(svg, "</g>"),
-    };
+        Mark::Area { points, fill } => {
+            let (path, colour, opacity) = (path(points), Hex(fill.colour), Number(fill.opacity));
+            format!("<path d=\"{path}Z\" fill=\"{colour}\" fill-opacity=\"{opacity}\"/>")
+        }
+        Mark::Dot { at, radius, fill } => {
+            let [x, y, radius, opacity] = [at.0, at.1, *radius, fill.opacity].map(Number);
+            let colour = Hex(fill.colour);
+            format!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\" fill=\"{colour}\" fill-opacity=\"{opacity}\"/>")
+        }
+        Mark::Text(text) => {
+            let [x, y, size] = [text.at.0, text.at.1, text.size].map(Number);
+            let anchor = format!("{:?}", text.anchor).to_lowercase();
+            let colour = if text.colour == BLACK { String::new() } else { format!(" fill=\"{}\"", Hex(text.colour)) };
+            let turn = if text.upwards { format!(" transform=\"rotate(-90 {x} {y})\"") } else { String::new() };
+            let words = escaped(&text.words);
+            format!(
+                "<text x=\"{x}\" y=\"{y}\" font-size=\"{size}\" text-anchor=\"{anchor}\"{colour}{turn}>{words}</text>"
+            )
+        }
+        Mark::Picture { at, size, picture } => {
+            let png = BASE64_STANDARD.encode(png::encoded(picture.width, picture.height, &picture.rgb, None));
+            format!("<image {} preserveAspectRatio=\"none\" href=\"data:image/png;base64,{png}\"/>", sides(*at, *size))
+        }
+        Mark::Clip { at, size } => format!(
+            "<clipPath id=\"clip-{place}\"><rect {}/></clipPath><g clip-path=\"url(#clip-{place})\">",
+            sides(*at, *size)
+        ),
+        Mark::Unclip => "</g>".to_owned(),
+    }
 }
 
-fn opacity(svg: &mut String, name: &str, opacity: f64) {
-    if opacity < 1.0 {
-        let _ = write!(svg, " {name}=\"{}\"", number(opacity));
-    }
+fn sides(at: At, size: (f64, f64)) -> String {
+    let [x, y, width, height] = [at.0, at.1, size.0, size.1].map(Number);
+    format!("x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\"")
 }
 
 fn path(points: &[At]) -> String {
-    let mut path = String::new();
-    for (place, (x, y)) in points.iter().enumerate() {
-        let _ = write!(path, "{}{} {}", if place == 0 { 'M' } else { 'L' }, number(*x), number(*y));
+    let points: Vec<String> = points.iter().map(|(x, y)| format!("{} {}", Number(*x), Number(*y))).collect();
+    format!("M{}", points.join("L"))
+}
+
+/// A number with three decimals at most; never `-0`.
+#[derive(Clone, Copy)]
+struct Number(f64);
+
+impl Display for Number {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", (self.0 * 1000.0).round() / 1000.0 + 0.0)
     }
-    path
 }
 
-fn hex([red, green, blue]: Colour) -> String {
-    format!("#{red:02x}{green:02x}{blue:02x}")
-}
+struct Hex(Colour);
 
-fn encoded(picture: &Picture) -> Vec<u8> {
-    png::encoded(picture.width, picture.height, &picture.rgb, None)
+impl Display for Hex {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self([red, green, blue]) = self;
+        write!(f, "#{red:02x}{green:02x}{blue:02x}")
+    }
 }

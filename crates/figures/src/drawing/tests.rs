@@ -1,8 +1,9 @@
 use super::*;
+use crate::colours::colour;
 
 /// One of each mark.
 fn drawing() -> Drawing {
-    let mut drawing = Drawing::new(72.0, 36.0);
+    let mut drawing = Drawing { width_pt: 72.0, height_pt: 36.0, marks: Vec::new() };
     drawing.line(vec![(0.0, 0.0), (72.0, 36.0)], Stroke::new(colour("#0077bb"), 1.0).dashed(&[2.0, 1.0]).faint(0.5));
     drawing.rectangle((10.0, 10.0), (20.0, 10.0), Fill::new([255, 0, 0], 1.0));
     drawing.marks.push(Mark::Clip { at: (0.0, 0.0), size: (36.0, 36.0) });

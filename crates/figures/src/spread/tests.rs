@@ -3,9 +3,9 @@ use crate::colours::{BLUE, RED};
 
 fn spread(variant: Option<&str>, name: &str, bins: Vec<Bin>) -> Spread {
     Spread {
-        of: Place { name: name.to_owned(), group: String::new(), variant: variant.map(str::to_owned) },
+        place: Place { name: name.to_owned(), group: String::new(), variant: variant.map(str::to_owned) },
         bins,
-        answered: Vec::new(),
+        valid: Vec::new(),
     }
 }
 
@@ -20,13 +20,10 @@ fn figure(spreads: Vec<Spread>) -> SpreadFigure {
         truth: (2_u32..70).map(|metre| (f64::from(metre), f64::from(metre + 1), u64::from(50_000 / metre))).collect(),
         compared: Vec::new(),
         layout: Layout::Multiples,
-        title: String::new(),
-        x_label: "true distance t, m".to_owned(),
-        y_label: "absolute error, m".to_owned(),
-        x_scale: Scale::Linear,
+        labels: ["true distance t, m".to_owned(), "absolute error, m".to_owned()],
+        scale: Scale::Linear,
         thin: 100,
         most: None,
-        size: Size { width_mm: 180.0, height_mm: None },
     }
 }
 
@@ -39,23 +36,22 @@ fn every_variant_has_a_panel_with_what_all_variants_share() {
         spread(Some("full"), "fused", bins()),
         spread(Some("bare"), "mono", bins()),
     ]);
-    let groups: Vec<(String, Vec<&str>)> = of
-        .groups()
-        .into_iter()
-        .map(|(title, spreads)| (title.unwrap(), spreads.iter().map(|of| of.of.name.as_str()).collect()))
-        .collect();
-    assert_eq!(
-        groups,
-        [("full".to_owned(), vec!["stereo", "mono", "fused"]), ("bare".to_owned(), vec!["stereo", "mono"])]
-    );
-    // Two wide bands (stereo, mono), three narrow ones, three lines; of two estimators both have all.
-    let names = of.names();
-    let groups = of.groups();
-    assert_eq!(of.items(&groups[0].1, &names, 10.0).len(), 2 + 3 + 3);
-    assert_eq!(of.items(&groups[1].1, &names, 10.0).len(), 2 + 2 + 2);
-    let overlaid = SpreadFigure { layout: Layout::Overlaid, ..of };
-    assert_eq!(overlaid.groups().len(), 1);
-    assert!(!overlaid.dashes(&overlaid.spreads[3]).is_empty(), "the second variant's line is told from the first's");
+    let all = Comparison(of.spreads.iter().map(|spread| &spread.place).collect(), Layout::Multiples);
+    let groups = all.panels();
+    let names = |at: &[usize]| at.iter().map(|&at| of.spreads[at].place.name.as_str()).collect::<Vec<_>>();
+    let named: Vec<(&str, Vec<&str>)> = groups.iter().map(|(title, at)| (title.as_str(), names(at))).collect();
+    assert_eq!(named, [("full", vec!["stereo", "mono", "fused"]), ("bare", vec!["stereo", "mono"])]);
+    // Two wide bands (stereo, mono), three narrow ones, three lines; of two estimates both have all.
+    let panels = of.sheet().panels;
+    assert_eq!([panels[0].items.len(), panels[1].items.len()], [2 + 3 + 3, 2 + 2 + 2]);
+    let overlaid = Comparison(all.0.clone(), Layout::Overlaid);
+    assert_eq!(overlaid.panels().len(), 1);
+    assert!(!overlaid.stroke(3).dashes.is_empty(), "the second variant's line is told from the first's");
+}
+
+/// The top of the error's axis.
+fn high(of: &SpreadFigure) -> f64 {
+    of.sheet().panels[0].y.high
 }
 
 #[test]
@@ -66,18 +62,18 @@ fn a_bin_of_few_pixels_sets_no_axis_and_is_faint() {
         vec![bin(4, 10, 1000.0), bin(5, 100, 1.0), bin(6, 5000, 2.0), bin(7, 5000, 2.0)],
     )]);
     assert!(
-        (wild.high() - 1.03).abs() < 1e-9,
+        (high(&wild) - 1.03).abs() < 1e-9,
         "95 % of the bins that are not thin, and a little room: {}",
-        wild.high()
+        high(&wild)
     );
-    let pieces: Vec<(usize, bool)> =
-        wild.pieces(&wild.spreads[0].bins).iter().map(|piece| (piece.bins.len(), piece.is_thin)).collect();
+    let steps = wild.steps(&wild.spreads[0].bins, (0, 4));
+    let pieces: Vec<(usize, bool)> = pieces(&steps).iter().map(|(piece, is_thin)| (piece.len(), *is_thin)).collect();
     assert_eq!(pieces, [(2, true), (3, false)], "the step from a thin bin to the next is thin");
-    let faint = wild.items(&[&wild.spreads[0]], &["stereo"], 10.0);
-    let dotted = faint.iter().filter(|item| matches!(item, Item::Line { stroke, .. } if stroke.dashes == THIN_DASHES));
+    let faint = &wild.sheet().panels[0].items;
+    let dotted = faint.iter().filter(|item| matches!(item, Item::Line(_, stroke) if stroke.dashes == THIN_DASHES));
     assert_eq!(dotted.count(), 1);
     // Where all are thin they set the axis after all.
-    assert!(SpreadFigure { thin: 10_000, ..wild }.high() > 500.0);
+    assert!(high(&SpreadFigure { thin: 10_000, ..wild }) > 500.0);
 }
 
 #[test]
@@ -85,21 +81,22 @@ fn a_band_that_few_bins_carry_far_is_cut_and_the_cut_is_said() {
     let bins = (0..40).map(|metre| bin(metre, 5000, if metre == 3 { 150.0 } else { 10.0 })).collect();
     let of = figure(vec![spread(None, "stereo", bins)]);
     // The highest median, 45 m, has room; the 95 % of its bin, 75 m, has not.
-    assert!((of.high() - 45.0 * 1.15 * 1.03).abs() < 1e-9, "{}", of.high());
-    assert!(of.drawing().unwrap().svg().contains(">↑ 75</text>"));
+    assert!((high(&of) - 45.0 * 1.15 * 1.03).abs() < 1e-9, "{}", high(&of));
+    assert!(of.sheet().drawing().unwrap().svg().contains(">↑ 75</text>"));
     let usual = (0..40).map(|metre| bin(metre, 5000, 10.0 + 0.1 * f64::from(metre))).collect();
     let usual = figure(vec![spread(None, "stereo", usual)]);
     assert!(
-        (usual.high() - 0.5 * 13.9 * 1.03).abs() < 1e-9,
+        (high(&usual) - 0.5 * 13.9 * 1.03).abs() < 1e-9,
         "nothing is cut where nothing sticks out: {}",
-        usual.high()
+        high(&usual)
     );
 }
 
 #[test]
 fn a_bin_without_pixels_interrupts_the_curves() {
     let of = figure(vec![spread(None, "stereo", vec![bin(3, 500, 1.0), bin(4, 500, 1.0), bin(6, 500, 1.0)])]);
-    let pieces: Vec<usize> = of.pieces(&of.spreads[0].bins).iter().map(|piece| piece.bins.len()).collect();
+    let steps = of.steps(&of.spreads[0].bins, (0, 4));
+    let pieces: Vec<usize> = pieces(&steps).iter().map(|(piece, _)| piece.len()).collect();
     assert_eq!(pieces, [2, 1]);
 }
 
@@ -112,11 +109,11 @@ fn equal_numbers_give_equal_bytes() {
             spread(Some("a"), "mono", bins.clone()),
             spread(Some("b"), "mono", bins.clone()),
         ]);
-        of.spreads[0].answered = bins.iter().map(|bin| Bin { count: bin.count * 2, ..*bin }).collect();
-        of.drawing().unwrap()
+        of.spreads[0].valid = bins.iter().map(|bin| Bin { count: bin.count * 2, ..*bin }).collect();
+        of.sheet().drawing().unwrap()
     };
     let svg = of().svg();
-    assert_eq!(svg, of().svg());
+    assert_eq!(svg, of().svg(), "equal numbers");
     assert!(svg.starts_with("<svg") && svg.contains(RED) && svg.contains(BLUE) && svg.contains("width=\"180mm\""));
     assert!(svg.contains("median of all it answered") && svg.contains("fewer than 100 pixels"));
     assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -127,5 +124,5 @@ fn equal_numbers_give_equal_bytes() {
 #[test]
 fn nothing_to_draw_is_an_empty_figure() {
     let of = SpreadFigure { truth: Vec::new(), ..figure(Vec::new()) };
-    assert!(of.drawing().unwrap().svg().ends_with("</svg>\n"));
+    assert!(of.sheet().drawing().unwrap().svg().ends_with("</svg>\n"));
 }

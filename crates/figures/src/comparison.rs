@@ -1,0 +1,142 @@
+//! Series of estimates, compared: on which panel each is, and its colour and dashes.
+
+use crate::colours::tint;
+use crate::drawing::{Colour, Fill, Stroke};
+use crate::plot::{Axis, Entry, Item, Panel, Sheet, Swatch};
+
+/// The width of a curve, points.
+pub const LINE_PT: f64 = 1.2;
+/// The dashes and shades of one method's variants, where all are on one panel: twelve lines. A shade is how far a colour goes towards white, or
+/// below zero towards black.
+const DASHES: [&[f64]; 4] = [&[], &[5.0, 1.5], &[2.0, 1.2], &[6.0, 1.5, 1.5, 1.5]];
+const SHADES: [f64; 3] = [0.0, -0.45, 0.45];
+/// More filled curves than this hide each other.
+const MAX_FILLED: usize = 4;
+
+/// What a series shows.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Place {
+    /// The estimate's name, which has a colour.
+    pub name: String,
+    /// Its run and stage, where there are several; otherwise empty.
+    pub group: String,
+    /// Its variant; `None`: it is on the panels of all variants of its group.
+    pub variant: Option<String>,
+}
+
+/// Whether each variant has its panel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Layout {
+    /// A panel each.
+    #[default]
+    Multiples,
+    /// One panel for all.
+    Overlaid,
+}
+
+impl Place {
+    /// Its group and variant.
+    fn panel(&self) -> String {
+        let parts = [Some(self.group.as_str()), self.variant.as_deref()].into_iter().flatten();
+        parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/")
+    }
+}
+
+/// Series that are compared.
+pub(crate) struct Comparison<'a>(pub(crate) Vec<&'a Place>, pub(crate) Layout);
+
+impl Comparison<'_> {
+    /// Names in their first order: they choose the colours.
+    pub(crate) fn names(&self) -> Vec<&str> {
+        distinct(self.0.iter().map(|place| place.name.as_str()))
+    }
+
+    /// By panel its title and which series are on it, those that all variants of a group share first.
+    pub(crate) fn panels(&self) -> Vec<(String, Vec<usize>)> {
+        let all = || 0..self.0.len();
+        if self.1 == Layout::Overlaid || self.0.is_empty() {
+            return vec![(String::new(), all().collect())];
+        }
+        let has_variants = |group: &str| self.0.iter().any(|place| place.group == group && place.variant.is_some());
+        let keys = self.0.iter().map(|place| (place.group.as_str(), place.variant.as_deref()));
+        let keys = distinct(keys.filter(|(group, variant)| variant.is_some() || !has_variants(group)));
+        let panel = |(group, variant): (&str, Option<&str>)| {
+            let in_group = || all().filter(move |&at| self.0[at].group == group);
+            let shared = in_group().filter(|&at| self.0[at].variant.is_none());
+            let own = in_group().filter(|&at| variant.is_some() && self.0[at].variant.as_deref() == variant);
+            let on: Vec<usize> = shared.chain(own).collect();
+            (on.last().map_or_else(String::new, |&at| self.0[at].panel()), on)
+        };
+        keys.into_iter().map(panel).collect()
+    }
+
+    pub(crate) fn tint(&self, at: usize) -> Colour {
+        tint(&self.names(), &self.0[at].name)
+    }
+
+    /// The line of a series: on one panel with shades and dashes for variants of one name.
+    pub(crate) fn stroke(&self, at: usize) -> Stroke {
+        let stroke = Stroke::new(self.tint(at), LINE_PT);
+        if self.1 == Layout::Multiples {
+            return stroke;
+        }
+        let same_name = self.0.iter().filter(|place| place.name == self.0[at].name).map(|place| place.panel());
+        let place = distinct(same_name).iter().position(|panel| *panel == self.0[at].panel()).unwrap_or(0);
+        let share = SHADES[place % SHADES.len()];
+        let towards = if share < 0.0 { 0.0 } else { 255.0 };
+        let mix = |part: u8| (f64::from(part) + (towards - f64::from(part)) * share.abs()).round() as u8;
+        Stroke { colour: stroke.colour.map(mix), ..stroke }.dashed(DASHES[place % DASHES.len()])
+    }
+
+    /// An entry for each name with words after it, or on one panel for each series.
+    pub(crate) fn legend(&self, words: &str) -> Vec<Entry> {
+        if self.1 == Layout::Overlaid {
+            let label =
+                |place: &Place| [place.panel(), place.name.clone()].join("/").trim_start_matches('/').to_owned();
+            let entry = |at: usize| Entry::new(label(self.0[at]), Swatch::Line(self.stroke(at)));
+            return (0..self.0.len()).map(entry).collect();
+        }
+        let names = self.names();
+        let line = |name: &str| Swatch::Line(Stroke::new(tint(&names, name), LINE_PT));
+        names.iter().map(|name| Entry::new(format!("{name}{words}"), line(name))).collect()
+    }
+}
+
+/// Values without repetitions, in their first order.
+pub fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut all = Vec::new();
+    for value in values {
+        if !all.contains(&value) {
+            all.push(value);
+        }
+    }
+    all
+}
+
+/// Curves of estimates on equal axes, filled down to zero if that is asked for and few are on a panel.
+pub fn compared_curves(
+    curves: &[(Place, Vec<(f64, f64)>)],
+    layout: Layout,
+    (x, y): (&Axis, &Axis),
+    is_filled: bool,
+) -> Sheet {
+    let all = Comparison(curves.iter().map(|(place, _)| place).collect(), layout);
+    let panel = |(title, on): (String, Vec<usize>)| {
+        let mut panel = Panel::new(title, x.clone(), y.clone());
+        for &at in on.iter().filter(|_| is_filled && on.len() <= MAX_FILLED) {
+            let points = curves[at].1.iter().map(|(x, y)| (*x, 0.0, *y));
+            panel.items.push(Item::band(points, Fill::new(all.tint(at), 0.12)));
+        }
+        panel.items.extend(on.iter().map(|&at| Item::Line(curves[at].1.clone(), all.stroke(at))));
+        panel
+    };
+    Sheet {
+        columns: 2,
+        panels: all.panels().into_iter().map(panel).collect(),
+        legend: all.legend(""),
+        ..Sheet::default()
+    }
+}
+
+#[cfg(test)]
+mod tests;
