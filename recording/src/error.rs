@@ -83,16 +83,6 @@ impl From<RecordingError> for ErrorMessage {
 }
 
 impl RecordingError {
-    /// What the system said, if it was asked.
-    pub(crate) fn into_cause(self) -> Option<io::Error> {
-        match self {
-            Self::Create { source, .. }
-            | Self::Write { source, .. }
-            | Self::File(FileError::Open { source, .. } | FileError::Read { source, .. }) => Some(source),
-            _ => None,
-        }
-    }
-
     /// Whether bytes were found that are not what was written.
     #[must_use]
     pub const fn is_damage(&self) -> bool {

@@ -18,9 +18,6 @@ pub struct Cdr<'a> {
 
 impl<'a> Cdr<'a> {
     /// Reads the header.
-    ///
-    /// # Errors
-    /// If there is none, or the content is in another representation.
     pub fn new(message: &'a [u8]) -> Result<Self, ErrorMessage> {
         let Some((header, bytes)) = message.split_first_chunk::<HEADER>() else {
             return Err(ErrorMessage::new(format!(

@@ -1,9 +1,10 @@
 //! Chunks: records that are compressed together.
 
+use std::collections::BTreeMap;
 use std::io::{self, ErrorKind, Read};
 
 use depthloom_codecs::compression::decompress;
-use mcap::records::{ChunkHeader, op};
+use mcap::records::{ChunkHeader, ChunkIndex, op};
 
 use crate::error::FileError;
 use crate::file::PositionedFile;
@@ -21,9 +22,6 @@ pub struct Chunk<'a> {
 
 impl<'a> Chunk<'a> {
     /// Reads a chunk of at most `most` uncompressed bytes into a buffer that is reused.
-    ///
-    /// # Errors
-    /// If the file cannot be read, or no chunk of that length is there.
     pub fn read(
         file: &'a PositionedFile,
         (start, length): (u64, u64),
@@ -52,9 +50,6 @@ impl<'a> Chunk<'a> {
     }
 
     /// Its records, checked; in a buffer that is reused if they are compressed.
-    ///
-    /// # Errors
-    /// If they cannot be decompressed, have another size or checksum than the chunk says, or do not fit into memory.
     pub fn records<'b>(&self, buffer: &'b mut Vec<u8>) -> Result<&'b [u8], FileError>
     where
         'a: 'b,
@@ -83,9 +78,6 @@ impl<'a> Chunk<'a> {
     }
 
     /// The first `most` bytes of the messages at these places in its records, ascending; no more is decompressed than to the last.
-    ///
-    /// # Errors
-    /// If the records cannot be decompressed, or no message is at a place.
     pub fn heads(&self, offsets: &[u64], most: usize) -> Result<Vec<Vec<u8>>, FileError> {
         const BEFORE: usize = (RECORD_HEADER + MESSAGE_HEADER) as usize;
         let mut reader = self.decompressed()?;
@@ -146,4 +138,20 @@ impl<'a> Chunk<'a> {
 pub fn no_message(file: &PositionedFile, start: u64, offset: u64) -> FileError {
     let what = format!("the index names a message at byte {offset} of the chunk's records, and there is none");
     file.damaged(start, what)
+}
+
+/// The index of a chunk of that header, whose record starts at `start` and has `length` bytes; without message indexes.
+#[must_use]
+pub fn chunk_index(header: ChunkHeader, start: u64, length: u64) -> ChunkIndex {
+    ChunkIndex {
+        message_start_time: header.message_start_time,
+        message_end_time: header.message_end_time,
+        chunk_start_offset: start,
+        chunk_length: length,
+        message_index_offsets: BTreeMap::new(),
+        message_index_length: 0,
+        compression: header.compression,
+        compressed_size: header.compressed_size,
+        uncompressed_size: header.uncompressed_size,
+    }
 }

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use depthloom_graphs::{Fault, Remedied};
+use depthloom_graphs::{ErrorMessage, Fault, Remedied};
 
 /// The remedy for a bag that is not as it was written.
 pub const COPY_AGAIN: &str =
@@ -46,14 +46,6 @@ impl Remedied for FileError {
 
 impl From<FileError> for Fault {
     fn from(error: FileError) -> Self {
-        let (fault, remedy) = (Self::new(error.to_string()), error.remedy());
-        let fault = match error {
-            FileError::Open { source, .. } | FileError::Read { source, .. } => fault.because(source),
-            _ => fault,
-        };
-        match remedy {
-            Some(remedy) => fault.remedy(remedy),
-            None => fault,
-        }
+        Self::Failed(ErrorMessage { what: error.to_string(), remedy: error.remedy(), source: Some(Box::new(error)) })
     }
 }

@@ -19,9 +19,6 @@ pub struct PositionedFile {
 
 impl PositionedFile {
     /// Opens a regular file.
-    ///
-    /// # Errors
-    /// If it cannot be opened, or is not a regular file.
     pub fn open(path: &Path) -> Result<Self, FileError> {
         let failed = |source| FileError::Open { path: path.to_owned(), source };
         let file = regular_file::open(path).map_err(failed)?;
@@ -35,18 +32,12 @@ impl PositionedFile {
     }
 
     /// Fills the buffer with the bytes at a position.
-    ///
-    /// # Errors
-    /// If the system cannot read them, or the file ends before.
     pub fn read_exact(&self, buffer: &mut [u8], offset: u64) -> Result<(), FileError> {
         let read = regular_file::read_exact_at(&self.file, buffer, offset);
         read.map_err(|source| FileError::Read { path: self.path.clone(), offset, source })
     }
 
     /// The bytes of a range, in a buffer that is reused.
-    ///
-    /// # Errors
-    /// If the file ends before, the system cannot read them, or they do not fit into memory.
     pub fn read_range(&self, buffer: &mut Vec<u8>, offset: u64, length: u64) -> Result<(), FileError> {
         let bytes = self.checked(offset, length)?;
         let more = bytes.saturating_sub(buffer.len());
@@ -56,9 +47,6 @@ impl PositionedFile {
     }
 
     /// Appends the bytes of a range to a buffer.
-    ///
-    /// # Errors
-    /// As [`PositionedFile::read_range`].
     pub fn append_range(&self, buffer: &mut Vec<u8>, offset: u64, length: u64) -> Result<(), FileError> {
         let (start, bytes) = (buffer.len(), self.checked(offset, length)?);
         buffer.try_reserve(bytes).map_err(|_| self.too_large(offset, length))?;
@@ -75,9 +63,6 @@ impl PositionedFile {
     }
 
     /// The bytes of a range of at most `most`.
-    ///
-    /// # Errors
-    /// As [`PositionedFile::read_range`], and if the range is longer.
     pub fn range(&self, offset: u64, length: u64, most: u64) -> Result<Vec<u8>, FileError> {
         if self.checked(offset, length)? as u64 > most {
             let (long, most) = (length.div_ceil(1 << 20), most >> 20);

@@ -3,6 +3,7 @@
 //! The crate `mcap` has the types of records, and how each is read and written. This one reads them from files that may be damaged, unfinished or
 //! hostile: every length is compared with the bytes that are there before anything is allocated, and every error names the file and the byte.
 #![forbid(unsafe_code)]
+#![expect(clippy::missing_errors_doc, reason = "`FileError` lists what can go wrong")]
 
 mod chunk;
 mod error;
@@ -11,7 +12,7 @@ mod record;
 mod summary;
 mod window;
 
-pub use chunk::{Chunk, no_message};
+pub use chunk::{Chunk, chunk_index, no_message};
 pub use error::{COPY_AGAIN, FileError};
 pub use file::{PositionedFile, name_of};
 pub use mcap::MAGIC;

@@ -22,9 +22,6 @@ pub struct FileEnd {
 }
 
 /// Whether a file begins as an MCAP file does.
-///
-/// # Errors
-/// If the file cannot be read, or ends as an MCAP file and does not begin as one.
 pub fn begins_as_mcap(file: &PositionedFile) -> Result<bool, FileError> {
     if file.size < MAGIC_LENGTH {
         return Ok(false);
@@ -39,9 +36,6 @@ pub fn begins_as_mcap(file: &PositionedFile) -> Result<bool, FileError> {
 }
 
 /// How a file ends; `None` if it is too short for an MCAP file that was finished.
-///
-/// # Errors
-/// If the file cannot be read.
 pub fn file_end(file: &PositionedFile) -> Result<Option<FileEnd>, FileError> {
     let Some(offset) = file.size.checked_sub(FOOTER).filter(|offset| *offset >= MAGIC_LENGTH) else {
         return Ok(None);
@@ -54,9 +48,6 @@ pub fn file_end(file: &PositionedFile) -> Result<Option<FileEnd>, FileError> {
 
 /// Passes the records of a summary from `start` to `end` to `each`: offset, opcode, body. They are read some at a time: of a long recording they have
 /// many megabytes.
-///
-/// # Errors
-/// If the file cannot be read, a record is cut, or `each` fails.
 pub fn each_summary_record<E: From<FileError>>(
     file: &PositionedFile,
     (start, end): (u64, u64),

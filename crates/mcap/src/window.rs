@@ -30,9 +30,6 @@ impl<'a> Window<'a> {
     }
 
     /// The bytes of a range; `None` if the file ends before.
-    ///
-    /// # Errors
-    /// If the file cannot be read.
     pub fn at(&mut self, offset: u64, length: u64) -> Result<Option<&[u8]>, FileError> {
         const READ_AHEAD: u64 = 4096;
         let Some(end) = offset.checked_add(length).filter(|end| *end <= self.file.size) else { return Ok(None) };
@@ -46,9 +43,6 @@ impl<'a> Window<'a> {
     }
 
     /// The record that starts at a place; `None` if the file ends before its body.
-    ///
-    /// # Errors
-    /// If the file cannot be read.
     pub fn record(&mut self, at: u64) -> Result<Option<RecordPlace>, FileError> {
         let header = self.at(at, RECORD_HEADER)?.and_then(record_header);
         Ok(header.map(|(opcode, length)| RecordPlace { opcode, body: at + RECORD_HEADER, length }))

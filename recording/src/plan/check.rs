@@ -9,9 +9,6 @@ use super::{RecordedEstimate, RecordedOutput, RecordedPlan, RecordedRun};
 
 impl RecordedPlan {
     /// Reads a plan.
-    ///
-    /// # Errors
-    /// What is wrong with it, as a lower-case fragment: then no engine of this version wrote it.
     pub(crate) fn from_json(text: &str) -> Result<Self, String> {
         let plan: Self = serde_json::from_str(text).map_err(|error| format!("its plan cannot be read: {error}"))?;
         plan.check().map_err(|what| format!("its plan is none: {what}"))?;

@@ -113,9 +113,6 @@ fn has_same_label(recording: &Recording, channels: &[ChannelLayout], id: u16) ->
 
 impl StoredBytes<'_> {
     /// Adds the value to a part: a chunk of its own as it is stored, messages of a shared one to that of the part.
-    ///
-    /// # Errors
-    /// If the bytes were stored under another key than the value's, the recording cannot be read, or a message is too large for the part.
     pub(crate) fn copy(&self, key: &Key, part: &mut PartBuilder<'_>) -> Result<Result<(), Unkept>, RecordingError> {
         let file = &self.run.recording.file;
         if self.key != *key {

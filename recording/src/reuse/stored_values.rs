@@ -6,7 +6,7 @@ use std::sync::Arc;
 use depthloom_graphs::contracts::{Fault, Held, Holding, Slot, Store};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId};
 use depthloom_graphs::values::Artifact;
-use depthloom_graphs::{Key, Remedied, Value, ValueType};
+use depthloom_graphs::{Key, Value, ValueType};
 
 use crate::condition::Condition;
 use crate::error::RecordingError;
@@ -230,14 +230,5 @@ pub(crate) fn unknown(key: &Key) -> Fault {
 }
 
 pub(crate) fn fault(error: RecordingError) -> Fault {
-    let (fault, remedy) = (Fault::new(error.to_string()), error.remedy());
-    let fault = match remedy {
-        Some(remedy) => fault.remedy(remedy),
-        None => fault,
-    };
-    // What it says stands above; what is beneath it is beneath the fault.
-    match error.into_cause() {
-        Some(cause) => fault.because(cause),
-        None => fault,
-    }
+    Fault::Failed(error.into())
 }

@@ -46,9 +46,6 @@ impl EarlySync {
     }
 
     /// Waits for what was asked.
-    ///
-    /// # Errors
-    /// What the disk refused: a file tells it once, so whoever synchronises it next would not hear of it.
     pub(crate) fn finish(&mut self) -> io::Result<()> {
         let Some(Worker { requests, thread }) = self.worker.take() else { return Ok(()) };
         drop(requests);

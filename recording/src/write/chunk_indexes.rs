@@ -41,9 +41,6 @@ impl ChunkIndexes {
     }
 
     /// All records in their order, a block at a time.
-    ///
-    /// # Errors
-    /// Where there is no memory to unpack one.
     pub(crate) fn blocks(&self) -> impl Iterator<Item = io::Result<Cow<'_, [u8]>>> {
         let packed = self.packed.iter().map(|(length, packed)| {
             let mut records = Vec::with_capacity(*length);

@@ -27,9 +27,6 @@ const WINDOWS: usize = 8;
 const WINDOW: usize = 4096;
 
 /// Adds a value of a port to a part: rasters in chunks of their own, compressed where that pays.
-///
-/// # Errors
-/// If a message is too large for a chunk, or zstd fails.
 pub(crate) fn put_port_value(
     part: &mut PartBuilder<'_>,
     frame: &Frame,
@@ -101,9 +98,6 @@ fn put_floats(part: &mut PartBuilder<'_>, channel: u16, stamp: Stamp<'_>, map: &
 
 /// To which share of itself zstd brings a raster, measured on a few of its samples; `put` appends the bytes of a stretch of samples. Of what is too
 /// small to matter, one.
-///
-/// # Errors
-/// If zstd fails: a guess would give other bytes than those of a run that measured.
 pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Result<f64, Unkept> {
     let window = WINDOW / size_of::<T>();
     let mut sample = Vec::with_capacity(WINDOWS * WINDOW);

@@ -4,13 +4,12 @@
 //! one copies its chunk as it lies. Small messages share an uncompressed chunk behind those. Whether a raster is compressed is measured
 //! on a few of its own bytes, so that its chunk depends on it alone.
 
-use std::collections::BTreeMap;
 use std::io::Cursor;
 
 use crc32fast::Hasher;
 use depthloom_graphs::Frame;
 use depthloom_mcap::records::{ChunkHeader, ChunkIndex, MessageIndex, MessageIndexEntry};
-use depthloom_mcap::{RECORD_HEADER, Records, op, put, put_fields, put_record, read, read_all};
+use depthloom_mcap::{RECORD_HEADER, Records, chunk_index, op, put, put_fields, put_record, read, read_all};
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::LARGEST_CHUNK;
@@ -19,6 +18,7 @@ use depthloom_codecs::compression;
 
 /// Room for what surrounds a message's pixels: record header, times, names.
 const FIELDS: usize = 256;
+
 /// How the chunk of a raster is to be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Packing {
@@ -98,9 +98,6 @@ impl<'a> PartBuilder<'a> {
     }
 
     /// Adds a small message, which shares a chunk with others.
-    ///
-    /// # Errors
-    /// If it is larger than a chunk may be.
     pub(crate) fn small(&mut self, channel: u16, data: &[u8]) -> Result<(), Unkept> {
         let time_ns = self.frame.time_ns;
         let start = self.shared.len();
@@ -122,9 +119,6 @@ impl<'a> PartBuilder<'a> {
     }
 
     /// Adds a message with a chunk of its own; `size` is about how many bytes `data` appends.
-    ///
-    /// # Errors
-    /// If it is larger than a chunk may be, or zstd fails.
     pub(crate) fn alone(
         &mut self,
         channel: u16,
@@ -161,18 +155,13 @@ impl<'a> PartBuilder<'a> {
             return Err(Unkept::TooLarge { channel, bytes: uncompressed_size });
         }
         self.part.messages.push(channel);
-        let stored = (self.part.bytes.len() - records_start) as u64;
-        let header = chunk_header((time_ns, time_ns), uncompressed_size, crc, packing, stored);
-        self.part.bytes[start..records_start].copy_from_slice(&header);
-        self.part.close(start, uncompressed_size, packing, plain.as_ref(), &[Placed { channel, time_ns, offset: 0 }]);
+        let message = Placed { channel, time_ns, offset: 0 };
+        self.part.close(start, packing, (uncompressed_size, crc), plain.as_ref(), &[message]);
         Ok(())
     }
 
     /// Adds a chunk with one message, and its index, as they are stored in a recording: what [`PartBuilder::alone`] made there. `crc` is the CRC-32
-    /// of these bytes.
-    ///
-    /// # Errors
-    /// Those of `read`. Inside, in words, if `read` appends other bytes, or bytes that are not such a chunk.
+    /// of these bytes. The inner error says that `read` appended others, or bytes that are not such a chunk.
     pub(crate) fn copied<E>(
         &mut self,
         channel: u16,
@@ -207,11 +196,10 @@ impl<'a> PartBuilder<'a> {
             return;
         }
         let start = self.part.bytes.len();
-        let size = self.shared.len() as u64;
-        let crc = crc32fast::hash(&self.shared);
-        self.part.bytes.extend_from_slice(&chunk_header(times_ns(&self.placed), size, crc, Packing::Plain, size));
+        let records = (self.shared.len() as u64, crc32fast::hash(&self.shared));
+        self.part.bytes.resize(start + PLAIN_HEADER, 0);
         self.part.bytes.append(&mut self.shared);
-        self.part.close(start, size, Packing::Plain, None, &std::mem::take(&mut self.placed));
+        self.part.close(start, Packing::Plain, records, None, &std::mem::take(&mut self.placed));
     }
 }
 
@@ -230,30 +218,31 @@ impl Part {
         Ok(())
     }
 
-    /// Appends the message indexes of the chunk that starts there and ends the bytes, and notes where it is; `records` is what its stored
-    /// records are known to give, so that megabytes are not summed twice.
+    /// Closes the chunk that starts there and ends the bytes: writes its header, for which there is room, appends its message indexes, and notes where
+    /// it is. `records` is the hasher of records that are stored as they are, so that megabytes are not summed twice.
     fn close(
         &mut self,
         start: usize,
-        uncompressed_size: u64,
         packing: Packing,
+        (uncompressed_size, uncompressed_crc): (u64, u32),
         records: Option<&Hasher>,
         messages: &[Placed],
     ) {
-        let end = self.bytes.len();
-        let (length, header) = ((end - start) as u64, header_length(packing.name()));
-        let (message_start_time, message_end_time) = times_ns(messages);
-        let mut place = ChunkIndex {
-            message_start_time,
-            message_end_time,
-            chunk_start_offset: start as u64,
-            chunk_length: length,
-            message_index_offsets: BTreeMap::new(),
-            message_index_length: 0,
-            compression: packing.name().to_owned(),
-            compressed_size: length - header as u64,
+        let (end, records_start) = (self.bytes.len(), start + header_length(packing.name()));
+        let times = || messages.iter().map(|message| message.time_ns);
+        let header = ChunkHeader {
+            message_start_time: times().min().unwrap_or(0),
+            message_end_time: times().max().unwrap_or(0),
             uncompressed_size,
+            uncompressed_crc,
+            compression: packing.name().to_owned(),
+            compressed_size: (end - records_start) as u64,
         };
+        let mut record = vec![op::CHUNK];
+        record.extend_from_slice(&((end - start) as u64 - RECORD_HEADER).to_le_bytes());
+        put_fields(&mut record, &header);
+        self.bytes[start..records_start].copy_from_slice(&record);
+        let mut place = chunk_index(header, start as u64, (end - start) as u64);
         let mut channels: Vec<u16> = messages.iter().map(|message| message.channel).collect();
         channels.sort_unstable();
         channels.dedup();
@@ -265,7 +254,7 @@ impl Part {
         }
         place.message_index_length = (self.bytes.len() - end) as u64;
         let summed = records.map_or(start, |records| {
-            self.crc.update(&self.bytes[start..start + header]);
+            self.crc.update(&self.bytes[start..records_start]);
             self.crc.combine(records);
             end
         });
@@ -283,24 +272,14 @@ pub(crate) fn placed(stored: &[u8], offset: u64) -> Option<(ChunkIndex, Vec<(u16
         return None;
     }
     let length = RECORD_HEADER + body.len() as u64;
-    let (mut message_index_offsets, mut messages) = (BTreeMap::new(), Vec::new());
+    let (mut place, mut messages) = (chunk_index(header, offset, length), Vec::new());
     for record in records {
         let Ok((at, op::MESSAGE_INDEX, body)) = record else { return None };
         let index: MessageIndex = read_all(body)?;
-        message_index_offsets.insert(index.channel_id, offset + at);
+        place.message_index_offsets.insert(index.channel_id, offset + at);
         messages.push((index.channel_id, index.records.len() as u64));
     }
-    let place = ChunkIndex {
-        message_start_time: header.message_start_time,
-        message_end_time: header.message_end_time,
-        chunk_start_offset: offset,
-        chunk_length: length,
-        message_index_offsets,
-        message_index_length: stored.len() as u64 - length,
-        compression: header.compression,
-        compressed_size: header.compressed_size,
-        uncompressed_size: header.uncompressed_size,
-    };
+    place.message_index_length = stored.len() as u64 - length;
     Some((place, messages))
 }
 
@@ -326,18 +305,11 @@ pub(crate) fn messages_outside_frames(channel: u16, content: impl IntoIterator<I
     let messages = vec![channel; placed.len()];
     let mut part = Part { bytes, crc: Hasher::new(), chunks: Vec::new(), messages, compress_ns: 0 };
     if !placed.is_empty() {
-        let size = (part.bytes.len() - PLAIN_HEADER) as u64;
-        let crc = crc32fast::hash(&part.bytes[PLAIN_HEADER..]);
-        part.bytes[..PLAIN_HEADER].copy_from_slice(&chunk_header(times_ns(&placed), size, crc, Packing::Plain, size));
-        part.close(0, size, Packing::Plain, None, &placed);
+        let records = &part.bytes[PLAIN_HEADER..];
+        let records = (records.len() as u64, crc32fast::hash(records));
+        part.close(0, Packing::Plain, records, None, &placed);
     }
     part
-}
-
-/// The first and last time of messages; zero where there are none.
-fn times_ns(messages: &[Placed]) -> (u64, u64) {
-    let times = || messages.iter().map(|message| message.time_ns);
-    (times().min().unwrap_or(0), times().max().unwrap_or(0))
 }
 
 /// The processor time of this thread, nanoseconds.
@@ -345,27 +317,6 @@ fn times_ns(messages: &[Placed]) -> (u64, u64) {
 fn thread_cpu_ns() -> u64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
-}
-
-/// What comes before the stored records of a chunk.
-fn chunk_header(times_ns: (u64, u64), size: u64, crc: u32, packing: Packing, stored: u64) -> Vec<u8> {
-    let (message_start_time, message_end_time) = times_ns;
-    let (compression, mut record) = (packing.name().to_owned(), vec![op::CHUNK; RECORD_HEADER as usize]);
-    let (uncompressed_size, uncompressed_crc, compressed_size) = (size, crc, stored);
-    put_fields(
-        &mut record,
-        &ChunkHeader {
-            message_start_time,
-            message_end_time,
-            uncompressed_size,
-            uncompressed_crc,
-            compression,
-            compressed_size,
-        },
-    );
-    let length = record.len() as u64 - RECORD_HEADER + stored;
-    record[1..RECORD_HEADER as usize].copy_from_slice(&length.to_le_bytes());
-    record
 }
 
 #[cfg(test)]

@@ -1,11 +1,9 @@
 //! An MCAP file record by record: what a writer that was cut off left, or one that keeps no index. Messages are stepped over.
 
-use std::collections::BTreeMap;
-
 use depthloom_mcap::records::{ChunkHeader, ChunkIndex};
 use depthloom_mcap::{
     Chunk, FileError, MAGIC_LENGTH, MESSAGE_HEADER, PositionedFile, RECORD_HEADER, RecordPlace, Records, Window,
-    message, op, read,
+    chunk_index, message, op, read,
 };
 
 use super::index::{Index, Known, Unindexed};
@@ -43,17 +41,7 @@ pub fn scan(file: &PositionedFile) -> Result<Index, FileError> {
             op::CHUNK => {
                 let header = window.at(body, length.min(MOST_HEADER))?.and_then(read::<ChunkHeader>);
                 let (header, _) = header.ok_or_else(|| file.damaged(at, "no complete chunk is there"))?;
-                index.chunks.push(ChunkIndex {
-                    message_start_time: header.message_start_time,
-                    message_end_time: header.message_end_time,
-                    chunk_start_offset: at,
-                    chunk_length: length + RECORD_HEADER,
-                    message_index_offsets: BTreeMap::new(),
-                    message_index_length: 0,
-                    compression: header.compression,
-                    compressed_size: header.compressed_size,
-                    uncompressed_size: header.uncompressed_size,
-                });
+                index.chunks.push(chunk_index(header, at, length + RECORD_HEADER));
             }
             op::MESSAGE_INDEX if length >= 6 => {
                 let channel = window.at(body, 2)?.and_then(|bytes| bytes.first_chunk()).copied();
