@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
 
-use depthloom_analysis::{Answer, TableOutput};
+use depthloom_analysis::{Table, TableOutput};
 use depthloom_graphs::Key;
 use depthloom_runs::{failed, run_folder};
 use depthloom_terminal::{CliError, ExitCode, print, print_bytes, print_quoted};
@@ -36,20 +36,32 @@ impl<'a> Delivery<'a> {
         Ok(Self { format, out })
     }
 
-    /// Prints an answer, or writes it to the file, as JSON of type `T`; `run` is the key of the plan it is of, `recordings` are those.
+    /// Prints a table, or writes it to the file, as JSON of type `T`; `run` is the key of the plan it is of, `recordings` are those.
     pub fn answer<T: CommandOutput + From<TableOutput>>(
         &self,
-        answer: &Answer,
+        table: &Table,
         run: &Key,
         recordings: &[&Path],
     ) -> Result<(), CliError> {
+        self.table(table, TERMINAL_WIDTH, run, recordings, || output::text(&T::from(table.output())))
+    }
+
+    /// Prints a table, or writes it to the file; `json` is its JSON form.
+    pub fn table(
+        &self,
+        table: &Table,
+        width: usize,
+        run: &Key,
+        recordings: &[&Path],
+        json: impl FnOnce() -> String,
+    ) -> Result<(), CliError> {
         let bytes = match self.format {
-            TableFormat::Terminal => answer.terminal(TERMINAL_WIDTH).into_bytes(),
-            TableFormat::Md => answer.markdown().into_bytes(),
-            TableFormat::Csv => answer.csv(),
-            TableFormat::Parquet => answer.parquet(run).map_err(failed)?,
-            TableFormat::Latex => answer.latex().into_bytes(),
-            TableFormat::Json => output::text(&T::from(answer.output())).into_bytes(),
+            TableFormat::Terminal => table.terminal(width).into_bytes(),
+            TableFormat::Md => table.markdown().into_bytes(),
+            TableFormat::Csv => table.csv(),
+            TableFormat::Parquet => table.parquet("asked", run).map_err(failed)?,
+            TableFormat::Latex => table.latex().into_bytes(),
+            TableFormat::Json => json().into_bytes(),
         };
         self.deliver(&bytes, recordings)
     }

@@ -3,44 +3,50 @@
 mod adjusted;
 mod answer;
 mod best;
-mod column;
+mod best_value;
+mod comparability;
 mod cost;
 mod effects;
+mod factor;
 mod front;
 mod joined;
-mod leader;
 mod leaderboard;
+mod measure;
 mod ranking;
+mod score_table;
 mod shared;
 mod variance;
 mod zones;
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::FrameSelection;
-use depthloom_graphs::language::{glob, nearest};
 use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow};
 
 pub(crate) use adjusted::{LevelMeans, level_means};
-pub use answer::{Answer, Question, TableOutput, answer};
+pub use answer::{Question, answer};
 pub(crate) use answer::{of_frames, scored, source_of};
+pub use best_value::{BestValue, best_value};
+use comparability::Classes;
 pub use cost::Costs;
-pub(crate) use effects::grid as effects_grid;
+pub(crate) use effects::table as effects_table;
+pub(crate) use factor::Factor;
 pub(crate) use joined::of_label;
-pub use leader::{Leader, leader};
 pub use leaderboard::{BoardRun, leaderboard};
 pub use ranking::Ranking;
+pub use score_table::TableRow;
+pub(crate) use score_table::{ScoreTable, paper_number};
 pub(crate) use shared::shared_scores;
-pub(crate) use variance::Factor;
-pub(crate) use zones::grid as zones_grid;
+pub(crate) use zones::table as zones_table;
 
-use crate::comparison::Comparison;
-use crate::error::AnalysisError;
-use crate::estimators::Estimator;
+use crate::error::{AnalysisError, listed, unknown};
+use crate::estimators::{Estimator, each_names_one, is_of, is_pattern_of, names_of};
 use crate::scores::{FrameScore, averaged};
+use crate::statistics::{Statistic, Weighted};
+use crate::tables::COMMON;
 
 /// What of a recording's scores a table is of.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,13 +68,20 @@ pub struct Selection {
 }
 
 impl Selection {
+    /// The pixel set of a row in tables.
+    pub(crate) fn set_name(&self, row: &Row) -> String {
+        let mut sets: Vec<&str> = row.parts().map(|part| part.set.name()).collect();
+        sets.dedup();
+        if self.common { COMMON.to_owned() } else { sets.join("+") }
+    }
+
     /// What tells tables of it from others, for a LaTeX label.
     pub(crate) fn label(&self) -> Vec<String> {
         let parts = [
             self.common.then(|| "common".to_owned()),
             self.set.map(|set| set.name().to_owned()),
             self.zone.as_ref().map(|zone| format!("zone-{zone}")),
-            self.mean.map(|mean| format!("mean-{}", if mean == Mean::Frames { "frames" } else { "pixels" })),
+            self.mean.map(|mean| format!("mean-{}", mean.name())),
             self.estimators.clone(),
             self.frames.as_ref().map(|_| "frames".to_owned()),
         ];
@@ -164,7 +177,7 @@ impl<'a> Ablation<'a> {
         let mut by_row: HashMap<(usize, PixelSet, &str), Vec<&FrameScore>> = HashMap::new();
         let mut zones = vec![""];
         let mut metrics: Vec<&'static Metric> = Vec::new();
-        for score in crate::table::common(scores, estimators) {
+        for score in crate::scores::of_complete_frames(scores, estimators) {
             let zone = score.row.zone.as_str();
             if !zones.contains(&zone) {
                 zones.push(zone);
@@ -202,30 +215,49 @@ impl<'a> Ablation<'a> {
         }
         let zone = self.zone(selection)?;
         self.check_set(selection)?;
-        let mut classes: Vec<(PixelSet, Comparison<'_>)> = Vec::new();
-        let mut rows = Vec::new();
-        for (index, estimator) in self.estimators.iter().enumerate() {
-            let wanted = selection.estimators.as_deref().is_none_or(|pattern| is_of(estimator, pattern));
-            let Some(set) = set_of(estimator, selection).filter(|_| wanted) else { continue };
-            let Some(scores) = self.scores.get(&(index, set, zone)) else { continue };
-            // Over the pixels that each answered there is nothing to compare: they are its own.
-            let mean = selection.mean.unwrap_or(estimator.mean);
-            let comparable = (set != PixelSet::Answered).then(|| {
-                let class = (set, Comparison::of(estimator, mean, scores.iter().copied(), self.source));
-                classes.iter().position(|known| *known == class).unwrap_or_else(|| {
-                    classes.push(class);
-                    classes.len() - 1
-                })
-            });
-            rows.push(Row { set, ..self.row(index, scores, mean, comparable) });
-        }
+        let mut rows =
+            self.rows_on_sets(selection, zone, |estimator| set_of(estimator, selection).into_iter().collect());
+        rows.retain(|row| self.scores.contains_key(&(row.estimator, row.set, zone)));
         if rows.is_empty() {
             return Err(self.nothing_selected(selection, zone));
         }
         Ok(rows)
     }
 
-    fn row(&self, index: usize, scores: &[&FrameScore], mean: Mean, comparable: Option<usize>) -> Row {
+    /// The selected rows, one on each pixel set, "answered" before "all"; also those without a score.
+    pub(crate) fn rows_on_all_sets(&self, selection: &Selection) -> Result<Vec<Row>, AnalysisError> {
+        let zone = self.zone(selection)?;
+        Ok(self.rows_on_sets(selection, zone, |estimator| {
+            let is_wanted = |set: &PixelSet| selection.set.is_none_or(|wanted| wanted == *set);
+            let mut sets: Vec<PixelSet> = estimator.sets.iter().copied().filter(is_wanted).collect();
+            sets.sort_by_key(|set| std::cmp::Reverse(*set));
+            sets
+        }))
+    }
+
+    fn rows_on_sets(
+        &self,
+        selection: &Selection,
+        zone: &'a str,
+        sets: impl Fn(&Estimator) -> Vec<PixelSet>,
+    ) -> Vec<Row> {
+        let mut classes = Classes::default();
+        let mut rows = Vec::new();
+        for (index, estimator) in self.estimators.iter().enumerate() {
+            if selection.estimators.as_deref().is_some_and(|pattern| !is_of(estimator, pattern)) {
+                continue;
+            }
+            let mean = selection.mean.unwrap_or(estimator.mean);
+            for set in sets(estimator) {
+                let scores = self.frames(index, set, zone);
+                let comparable = classes.class(estimator, (set, mean), scores, self.source);
+                rows.push(self.row(index, set, scores, mean, comparable));
+            }
+        }
+        rows
+    }
+
+    fn row(&self, index: usize, set: PixelSet, scores: &[&FrameScore], mean: Mean, comparable: Option<usize>) -> Row {
         let settings = self.estimators[index].settings.unwrap_or_default();
         let rows = || scores.iter().map(|score| &score.row);
         let value = |metric: &&'static Metric| match mean {
@@ -235,7 +267,7 @@ impl<'a> Ablation<'a> {
         let (answered, truth) = (rows().map(|row| row.answered).sum::<u64>(), rows().map(|row| row.truth).sum::<u64>());
         Row {
             estimator: index,
-            set: PixelSet::All,
+            set,
             frames: rows().filter(|row| row.pixels > 0).count() as u64,
             pixels: rows().map(|row| row.pixels).sum(),
             density: match mean {
@@ -248,6 +280,18 @@ impl<'a> Ablation<'a> {
             comparable,
             mean,
             joined: None,
+        }
+    }
+
+    /// A metric of a row as a function of how often each frame counts, with the number of frames that have it; of no metric, NaN.
+    fn statistic(&self, row: &Row, metric: Option<usize>, zone: &'a str) -> (usize, Box<Statistic<'_>>) {
+        let settings = self.estimator(row).settings.unwrap_or_default();
+        let frames = self.frames(row.estimator, row.set, zone).iter().map(|score| &score.row);
+        let weighted = metric
+            .and_then(|metric| Weighted::of_those_that_have_it(self.metrics[metric], row.mean, &settings, frames));
+        match weighted {
+            Some((frames, weighted)) => (frames, Box::new(move |times: &[f64]| weighted.value(times))),
+            None => (0, Box::new(|_: &[f64]| f64::NAN)),
         }
     }
 
@@ -448,60 +492,6 @@ fn in_order(axis: &mut Axis) -> Vec<usize> {
     order.iter().enumerate().for_each(|(place, &level)| places[level] = place);
     axis.levels = order.into_iter().map(|level| std::mem::take(&mut axis.levels[level])).collect();
     places
-}
-
-/// The names that estimators go by, each once: those under `estimates:`, then labels.
-pub(crate) fn names_of(estimators: &[Estimator]) -> Vec<&str> {
-    let names = estimators.iter().map(|of| of.name.as_str());
-    let mut seen = HashSet::new();
-    names.chain(estimators.iter().map(|of| of.label.as_str())).filter(|name| seen.insert(*name)).collect()
-}
-
-/// Whether a pattern names an estimator, by its label or its name; several patterns have commas between.
-pub(crate) fn is_of(estimator: &Estimator, patterns: &str) -> bool {
-    is_pattern_of(patterns, &estimator.label) || is_pattern_of(patterns, &estimator.name)
-}
-
-fn is_pattern_of(patterns: &str, name: &str) -> bool {
-    // A name may have a comma itself.
-    glob(patterns, name) || patterns.split(',').any(|pattern| glob(pattern.trim(), name))
-}
-
-/// That each of the patterns names an estimator.
-pub(crate) fn each_names_one(patterns: &str, estimators: &[Estimator]) -> Result<(), AnalysisError> {
-    let names = names_of(estimators);
-    let is_one = |pattern: &str| names.iter().any(|name| glob(pattern, name));
-    match patterns.split(',').map(str::trim).find(|pattern| !is_one(pattern)) {
-        Some(pattern) if !is_one(patterns) => Err(unknown("estimator", pattern, names.iter().copied())),
-        _ => Ok(()),
-    }
-}
-
-/// That something is not there, with the nearest that is.
-pub(crate) fn unknown<'a>(
-    what: &str,
-    wanted: &str,
-    known: impl IntoIterator<Item = &'a str, IntoIter: Clone>,
-) -> AnalysisError {
-    let known = known.into_iter();
-    let help = nearest_of(wanted, known.clone()).unwrap_or_else(|| format!("there are {}", listed(known)));
-    AnalysisError::asked(format!("there is no {what} `{wanted}`"), help)
-}
-
-/// The nearest of what there is, as a question.
-fn nearest_of<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
-    nearest(wanted, known).map(|near| format!("did you mean `{near}`?"))
-}
-
-/// Names in a row, the first few of many.
-pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
-    const SHOWN: usize = 12;
-    let names: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();
-    match names.len() {
-        0 => "none".to_owned(),
-        1..=SHOWN => names.join(", "),
-        all => format!("{} and {} more", names[..SHOWN].join(", "), all - SHOWN),
-    }
 }
 
 /// The pixels of a set, in words.

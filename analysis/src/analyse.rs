@@ -19,9 +19,9 @@ use depthloom_graphs::key::KeyBuilder;
 use depthloom_graphs::language::glob;
 
 use crate::error::{AnalysisError, caught};
-use crate::grid::Grid;
-use crate::leading::COMMON;
 use crate::samples::{Described, DescribedEstimator, Part, SamplesFile};
+use crate::tables::COMMON;
+use crate::tables::Table;
 use job::Job;
 
 /// What the errors of samples are asked for.
@@ -174,7 +174,7 @@ pub fn analyse(
     inquiry: &Inquiry,
     progress: &(dyn Fn(u64, u64) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Grid, Key), AnalysisError> {
+) -> Result<(Table, Key), AnalysisError> {
     answered(files, inquiry, progress, stop).map(|(grid, key, _)| (grid, key))
 }
 
@@ -184,7 +184,7 @@ pub(crate) fn answered(
     inquiry: &Inquiry,
     progress: &(dyn Fn(u64, u64) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Grid, Key, usize), AnalysisError> {
+) -> Result<(Table, Key, usize), AnalysisError> {
     caught(|| {
         if let Some(percentile) = inquiry.percentiles.iter().find(|of| !(0.0..=100.0).contains(*of)) {
             let what = format!("there is no percentile {percentile}");

@@ -2,39 +2,45 @@
 //!
 //! Frames are the sample: two frames of a street are less alike than two pixels of a frame, so that frames are resampled and ranked, never pixels.
 
-mod answer;
 mod contrast;
 mod distance;
 mod frames;
-mod json;
 mod limit;
+mod output;
 mod parameters;
 mod side;
+mod table;
 
 use depthloom_graphs::counted;
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
-pub use answer::Comparison;
 pub use distance::{DistanceComparison, DistanceComparisonOutput, compare_by_distance};
 pub(crate) use distance::{DistancePair, DistanceRow, Statistic};
-pub use json::ComparisonOutput;
+pub use output::ComparisonOutput;
 pub(crate) use parameters::parameter_changes;
 pub use side::{Side, names};
+pub use table::Comparison;
 
-use crate::ablation::{Ablation, Selection, listed, of_frames, scored, shared_scores, source_of, unknown};
-use crate::error::{AnalysisError, caught};
-use crate::estimators::{Estimator, estimators};
-use crate::grid::Typesetting;
+use crate::ablation::{Ablation, Selection, of_frames, scored, shared_scores, source_of};
+use crate::error::{AnalysisError, caught, listed, unknown};
+use crate::estimators::{Estimator, estimators, names_of};
 use crate::scores::FrameScore;
 use crate::statistics::Resampling;
+use crate::tables::Typesetting;
 use contrast::contrasts;
 use frames::{Paired, ScoredBy};
 use limit::Limit;
 use side::{Party, parties};
+use table::Compared;
 
 /// Of so few frames intervals are too narrow.
 const FEW: usize = 10;
+
+/// The probability below which a test decides, rounded for text.
+fn significance(resampling: &Resampling) -> f64 {
+    ((1.0 - resampling.confidence) * 1e8).round() / 1e8
+}
 
 /// The note of comparisons over few frames.
 fn few_frames(frames: usize) -> Option<String> {
@@ -136,8 +142,9 @@ pub fn compare(
                 "`depthloom table RUN` says what was scored".to_owned(),
             ));
         }
-        let judged = limit::judged(&limits, &pairs, &contrasts, options)?;
-        Ok(answer::put_together(kind, &opened, &parties, baseline, &pairs, contrasts, judged, notes, options))
+        let limits = limit::judged(&limits, &pairs, &contrasts, options)?;
+        let (opened, parties, pairs, contrasts) = (&opened, &parties, &pairs, &contrasts);
+        Ok(Compared { kind, opened, parties, baseline, pairs, contrasts, options }.comparison(limits, notes))
     })
 }
 
@@ -258,11 +265,7 @@ fn pairs<'a>(
 
 /// That a side has no such name, with the nearest that is there.
 fn no_such(name: &str, estimators: &[Estimator], variants: &[String]) -> AnalysisError {
-    let known: Vec<&str> = variants
-        .iter()
-        .map(String::as_str)
-        .filter(|name| !name.is_empty())
-        .chain(crate::ablation::names_of(estimators))
-        .collect();
+    let known: Vec<&str> =
+        variants.iter().map(String::as_str).filter(|name| !name.is_empty()).chain(names_of(estimators)).collect();
     unknown("variant or estimator", name, known)
 }

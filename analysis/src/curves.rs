@@ -2,14 +2,13 @@
 
 use depthloom_graphs::Value;
 use depthloom_graphs::plan::{NodeId, RunId};
-use depthloom_graphs::values::Curve;
+use depthloom_graphs::values::{Curve, CurvePoint};
 use depthloom_recording::{RecordedPlan, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::error::AnalysisError;
-use crate::leading::{Lead, Leads, sheet};
-use crate::sheet::{Cells, Sheet};
+use crate::tables::{RowKey, RowKeys, Rows, Table, key_columns};
 
 /// Where a learning curve ended.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
@@ -30,7 +29,7 @@ pub(crate) struct LearningCurve {
     /// Its topic without what all curves share: `learn/teacher`, or `learn/variant/teacher`.
     pub(crate) label: String,
     /// The stage, and the variant of the node where not all share it.
-    pub(crate) lead: Lead,
+    pub(crate) lead: RowKey,
     /// The node.
     pub(crate) node: String,
     pub(crate) curve: Curve,
@@ -56,7 +55,7 @@ pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve
 
 /// The learning curve of a node, without a label.
 pub(crate) fn learning_curve(plan: &RecordedPlan, run: RunId, node: NodeId, curve: &Curve) -> LearningCurve {
-    let (run, leads) = (&plan.runs[run], Leads::new(plan));
+    let (run, leads) = (&plan.runs[run], RowKeys::new(plan));
     let node = &run.nodes[node];
     LearningCurve {
         label: String::new(),
@@ -75,14 +74,18 @@ pub(crate) fn figure(curves: &[LearningCurve]) -> String {
 
 /// The table `learning_curves.csv` holds: what a row is of, `step, loss, validation, learning_rate`; a validation that was not measured is
 /// null.
-pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Sheet<'_> {
-    let points = || curves.iter().flat_map(|of| of.curve.points.iter().map(move |point| (of, point)));
-    let leads: Vec<&Lead> = points().map(|(of, _)| &of.lead).collect();
-    sheet(&leads, [("node", Cells::Text(points().map(|(of, _)| of.node.as_str()).collect()))])
-        .with("step", Cells::Count(points().map(|(_, point)| point.step).collect()))
-        .with("loss", Cells::Number(points().map(|(_, point)| Some(point.loss)).collect()))
-        .with("validation", Cells::Number(points().map(|(_, point)| point.validation).collect()))
-        .with("learning_rate", Cells::Number(points().map(|(_, point)| Some(point.learning_rate)).collect()))
+pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Table {
+    let points: Vec<(&LearningCurve, &CurvePoint)> =
+        curves.iter().flat_map(|curve| curve.curve.points.iter().map(move |point| (curve, point))).collect();
+    let rows = Rows(&points);
+    let mut columns = key_columns(&points, |(curve, _)| &curve.lead, vec![rows.key("node", |(curve, _)| &curve.node)]);
+    columns.extend([
+        rows.count("step", |(_, point)| point.step),
+        rows.number("loss", |(_, point)| point.loss),
+        rows.number("validation", |(_, point)| point.validation),
+        rows.number("learning_rate", |(_, point)| point.learning_rate),
+    ]);
+    Table::new(columns)
 }
 
 impl LearningCurve {

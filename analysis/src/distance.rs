@@ -29,38 +29,30 @@ pub use spread::{DistanceBin, PERCENTILES, Spread};
 
 use depthloom_scores::PixelSet;
 
-use crate::estimators::Estimator;
-use crate::leading::{COMMON, sheet_of_estimators};
-use crate::sheet::{Cells, Sheet};
+use crate::estimators::{Estimator, estimator_columns};
+use crate::tables::{COMMON, Cells, Column, Rows, Table};
 
 /// What a row is of, `bin_from_m, bin_to_m, count, error_p5_m ... error_p95_m`: estimator by estimator, first on the pixels that each answered
 /// (`set` is `answered`), then on those that all answered (`common`). `origin` goes into the metadata.
-pub(crate) fn table_of_bins<'a>(bins: &[DistanceBin], estimators: &'a [Estimator], origin: &Origin) -> Sheet<'a> {
+pub(crate) fn table_of_bins(bins: &[DistanceBin], estimators: &[Estimator], origin: &Origin) -> Table {
     let mut rows: Vec<(&Estimator, &str, u32, Spread)> = Vec::new();
     for of_one in bins.chunk_by(|a, b| a.estimator == b.estimator) {
         let row = |bin: &DistanceBin, set, spread| (&estimators[bin.estimator], set, bin.bin_m, spread);
         rows.extend(of_one.iter().map(|bin| row(bin, PixelSet::Answered.name(), bin.answered)));
         rows.extend(of_one.iter().filter_map(|bin| Some(row(bin, COMMON, bin.shared?))));
     }
-    let of: Vec<(&Estimator, &str)> = rows.iter().map(|(estimator, set, ..)| (*estimator, *set)).collect();
-    let mut table = sheet_of_estimators(&of, [])
-        .with_metadata(ORIGIN, origin.json())
-        .with_bins(&rows.iter().map(|(_, _, metre, _)| *metre).collect::<Vec<_>>())
-        .with_unit("count", "pixels", Cells::Count(rows.iter().map(|(.., spread)| spread.count).collect()));
-    for (i, percentile) in PERCENTILES.into_iter().enumerate() {
-        let errors = rows.iter().map(|(.., spread)| Some(spread.percentiles_m[i]));
-        table = table.with_unit(format!("error_p{percentile}_m"), "m", Cells::Number(errors.collect()));
-    }
-    table
+    let cells = Rows(&rows);
+    let mut columns = estimator_columns(&rows, |(estimator, set, ..)| (*estimator, *set), None);
+    columns.extend(bin_columns(rows.iter().map(|(_, _, metre, _)| *metre)));
+    columns.push(cells.count("count", |(.., spread)| spread.count).unit("pixels"));
+    columns.extend(PERCENTILES.into_iter().enumerate().map(|(i, percentile)| {
+        cells.number(format!("error_p{percentile}_m"), |(.., spread)| spread.percentiles_m[i]).unit("m")
+    }));
+    Table { metadata: vec![(ORIGIN, origin.json())], ..Table::new(columns) }
 }
 
-impl Sheet<'_> {
-    /// Adds the edges of bins of a metre of true distance: from the first up to, not including, the second.
-    pub(crate) fn with_bins(self, metres: &[u32]) -> Self {
-        self.with_unit("bin_from_m", "m", Cells::Metres(metres.to_vec())).with_unit(
-            "bin_to_m",
-            "m",
-            Cells::Metres(metres.iter().map(|metre| metre + 1).collect()),
-        )
-    }
+/// The edges of bins of a metre of true distance: from the first up to, not including, the second.
+pub(crate) fn bin_columns(metres: impl Iterator<Item = u32> + Clone) -> [Column; 2] {
+    let column = |name: &str, metres| Column::new(name, Cells::Metres(metres)).unit("m");
+    [column("bin_from_m", metres.clone().collect()), column("bin_to_m", metres.map(|metre| metre + 1).collect())]
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_durable::remedy_of_writing;
 use depthloom_figures::page::PageError;
+use depthloom_graphs::language::nearest;
 use depthloom_graphs::{ErrorMessage, Remedied};
 use depthloom_recording::RecordingError;
 use depthloom_threads::Caught;
@@ -141,6 +142,33 @@ impl AnalysisError {
     /// The request names what does not exist; `help` says what does.
     pub(crate) fn asked(what: String, help: String) -> Self {
         Self::Request(ErrorMessage::new(what).remedy(help))
+    }
+}
+
+/// That something is not there, with the nearest that is.
+pub(crate) fn unknown<'a>(
+    what: &str,
+    wanted: &str,
+    known: impl IntoIterator<Item = &'a str, IntoIter: Clone>,
+) -> AnalysisError {
+    let known = known.into_iter();
+    let help = nearest_of(wanted, known.clone()).unwrap_or_else(|| format!("there are {}", listed(known)));
+    AnalysisError::asked(format!("there is no {what} `{wanted}`"), help)
+}
+
+/// The nearest of what there is, as a question.
+pub(crate) fn nearest_of<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    nearest(wanted, known).map(|near| format!("did you mean `{near}`?"))
+}
+
+/// Names in a row, the first few of many.
+pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const SHOWN: usize = 12;
+    let names: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();
+    match names.len() {
+        0 => "none".to_owned(),
+        1..=SHOWN => names.join(", "),
+        all => format!("{} and {} more", names[..SHOWN].join(", "), all - SHOWN),
     }
 }
 

@@ -2,12 +2,13 @@
 
 use std::collections::HashSet;
 
+use depthloom_graphs::language::glob;
 use depthloom_graphs::plan::{RunId, VariantId};
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{DisparityScoreParams, Family, Mean, Metric, PixelSet, ScoreParams, Settings};
 
-use crate::error::AnalysisError;
-use crate::leading::{Lead, Leads};
+use crate::error::{AnalysisError, unknown};
+use crate::tables::{Column, RowKey, RowKeys, Rows, key_columns};
 
 /// The kind that scores disparities; all others score depths.
 const DISPARITY: &str = "score/disparity";
@@ -20,7 +21,7 @@ pub struct Estimator {
     /// Its name under `estimates:`: that in tables, where stage and variant stand beside it.
     pub name: String,
     /// Its stage, and its variant where it is not the same in all.
-    pub lead: Lead,
+    pub lead: RowKey,
     /// Index of the stage run in the recorded plan.
     pub run: RunId,
     /// What was scored.
@@ -74,7 +75,7 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
     let mut labels = HashSet::new();
     let repeated: HashSet<&str> =
         all().map(|(.., e)| e.label.as_str()).filter(|label| !labels.insert(*label)).collect();
-    let leads = Leads::new(plan);
+    let leads = RowKeys::new(plan);
     let mut ordered = Vec::new();
     for (run, planned, estimate) in all() {
         let kind = planned.nodes.get(estimate.score_node.0).map_or("", |node| node.kind.as_str());
@@ -121,6 +122,45 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
     }
     ordered.sort_by_key(|(place, _)| *place);
     Ok(ordered.into_iter().map(|(_, estimator)| estimator).collect())
+}
+
+/// The columns of tables whose rows are of an estimator on a pixel set; `more` stands before the axes.
+pub(crate) fn estimator_columns<'r, R>(
+    rows: &'r [R],
+    key: impl Fn(&'r R) -> (&'r Estimator, &'r str),
+    more: Option<Column>,
+) -> Vec<Column> {
+    let cells = Rows(rows);
+    let mut own = vec![cells.key("estimator", |row| &key(row).0.name), cells.key("set", |row| key(row).1)];
+    own.extend(more);
+    key_columns(rows, |row| &key(row).0.lead, own)
+}
+
+/// The names that estimators go by, each once: those under `estimates:`, then labels.
+pub(crate) fn names_of(estimators: &[Estimator]) -> Vec<&str> {
+    let names = estimators.iter().map(|of| of.name.as_str());
+    let mut seen = HashSet::new();
+    names.chain(estimators.iter().map(|of| of.label.as_str())).filter(|name| seen.insert(*name)).collect()
+}
+
+/// Whether a pattern names an estimator, by its label or its name; several patterns have commas between.
+pub(crate) fn is_of(estimator: &Estimator, patterns: &str) -> bool {
+    is_pattern_of(patterns, &estimator.label) || is_pattern_of(patterns, &estimator.name)
+}
+
+pub(crate) fn is_pattern_of(patterns: &str, name: &str) -> bool {
+    // A name may have a comma itself.
+    glob(patterns, name) || patterns.split(',').any(|pattern| glob(pattern.trim(), name))
+}
+
+/// That each of the patterns names an estimator.
+pub(crate) fn each_names_one(patterns: &str, estimators: &[Estimator]) -> Result<(), AnalysisError> {
+    let names = names_of(estimators);
+    let is_one = |pattern: &str| names.iter().any(|name| glob(pattern, name));
+    match patterns.split(',').map(str::trim).find(|pattern| !is_one(pattern)) {
+        Some(pattern) if !is_one(patterns) => Err(unknown("estimator", pattern, names.iter().copied())),
+        _ => Ok(()),
+    }
 }
 
 /// `preset paper`, `preset paper with max_m 50 and crop garg`: what is set beside the preset, but for what says which rows there are.
@@ -172,7 +212,7 @@ impl Estimator {
         Self {
             label: label.to_owned(),
             name: name.to_owned(),
-            lead: Lead { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
+            lead: RowKey { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
             run: RunId(0),
             sets: sets.to_vec(),
             family: Family::Depth,

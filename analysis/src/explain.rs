@@ -1,19 +1,17 @@
 //! Where a number of a table comes from.
 
-use depthloom_graphs::plan::FrameIndex;
 use depthloom_recording::{RecordedPlan, RecordedRun, Recording};
 use depthloom_scores::{Align, Family, Mean, Metric, PixelSet, Preset, Settings};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::ablation::{Ablation, Selection, average, of_frames, of_label, pixels_of, scored, source_of, unknown};
-use crate::condition;
-use crate::error::{AnalysisError, caught};
+use crate::ablation::{Ablation, Selection, average, of_frames, of_label, pixels_of, scored, source_of};
+use crate::error::{AnalysisError, caught, unknown};
 use crate::estimators::{Estimator, estimators};
-use crate::leading::Lead;
-use crate::paper::paper_scores;
+use crate::input::condition;
+use crate::input::paper::paper_scores;
+use crate::input::warnings::warnings;
 use crate::scores::FrameScore;
-use crate::told::warnings;
 
 /// How many frames are told that moved a number most.
 const WORST: usize = 3;
@@ -21,23 +19,6 @@ const WORST: usize = 3;
 const TRIED: usize = 64;
 /// What a line of the explanation is called: columns of text.
 const NAMES: usize = 13;
-
-/// Where a number comes from.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Explanation {
-    metric: &'static Metric,
-    lead: Lead,
-    estimator: String,
-    label: String,
-    set: PixelSet,
-    zone: String,
-    mean: Mean,
-    value: Option<f64>,
-    facts: Vec<Fact>,
-    frames: Vec<Frame>,
-    worst: Vec<Worst>,
-    notes: Vec<String>,
-}
 
 /// Of `explain`: where a number comes from.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
@@ -60,6 +41,11 @@ pub struct Explain {
     /// The frames without which the number would be better most.
     worst: Vec<WorstFrame>,
     notes: Vec<String>,
+    #[serde(skip)]
+    metric: &'static Metric,
+    /// The estimator's label.
+    #[serde(skip)]
+    label: String,
 }
 
 /// What made a number.
@@ -93,23 +79,6 @@ pub struct WorstFrame {
     without: Option<f64>,
 }
 
-/// What a frame has.
-#[derive(Clone, Debug, PartialEq)]
-struct Frame {
-    id: String,
-    position: FrameIndex,
-    key: Option<String>,
-    pixels: u64,
-    value: Option<f64>,
-}
-
-/// A frame that made the number worse: its place among the frames, and what the number were without it.
-#[derive(Clone, Debug, PartialEq)]
-struct Worst {
-    frame: usize,
-    without: Option<f64>,
-}
-
 /// Explains a score of an estimator, from a recording's scores alone: no map is read.
 ///
 /// # Errors
@@ -121,7 +90,7 @@ pub fn explain(
     estimator: &str,
     selection: &Selection,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Explanation, AnalysisError> {
+) -> Result<Explain, AnalysisError> {
     caught(|| {
         let estimators = estimators(recording.plan())?;
         let index = estimators.iter().position(|known| known.label == estimator);
@@ -142,7 +111,7 @@ fn explained(
     index: usize,
     metric: &str,
     selection: &Selection,
-) -> Result<Explanation, AnalysisError> {
+) -> Result<Explain, AnalysisError> {
     let metric = ablation.metrics[ablation.metric(metric)?];
     let zone = ablation.zone(selection)?;
     let set = selection.set.unwrap_or_else(|| estimator.sets.iter().copied().min().unwrap_or(PixelSet::All));
@@ -168,12 +137,12 @@ fn explained(
     };
     let whole = value(&mut scores.iter().copied());
     let recorded = recording.frames(estimator.run);
-    let frames: Vec<Frame> = scores
+    let frames: Vec<ScoredFrame> = scores
         .iter()
-        .map(|score| Frame {
-            id: score.frame.to_string(),
-            position: score.position,
-            key: recorded.get(score.position.0).and_then(|frame| frame.source_key).map(|key| key.to_string()),
+        .map(|score| ScoredFrame {
+            frame: score.frame.to_string(),
+            position: score.position.0 as u64,
+            source_key: recorded.get(score.position.0).and_then(|frame| frame.source_key).map(|key| key.to_string()),
             pixels: metric.pixels(&score.row),
             value: score.row.get(metric),
         })
@@ -183,33 +152,37 @@ fn explained(
     };
     let plan = recording.plan();
     let facts = facts(plan, estimator, metric, set, zone, mean, &frames, recorded.len(), scores);
-    Ok(Explanation {
-        metric,
-        lead: estimator.lead.clone(),
+    Ok(Explain {
+        score: metric.name,
+        stage: estimator.lead.stage.clone(),
+        variant: estimator.lead.variant.clone(),
         estimator: estimator.name.clone(),
-        label: estimator.label.clone(),
-        set,
-        zone: zone.to_owned(),
-        mean,
         value: whole,
+        unit: metric.unit,
+        more_is_better: metric.more_is_better,
+        set: set.name(),
+        zone: zone.to_owned(),
+        mean: mean.name(),
         facts,
         worst: worst(metric, &frames, whole, mean, without),
         frames,
-        notes: [warnings(recording, Some(estimator.run)), condition::told(recording, &[], true).notes].concat(),
+        notes: [warnings(recording, Some(estimator.run)), condition::findings(recording, &[], true).notes].concat(),
+        metric,
+        label: estimator.label.clone(),
     })
 }
 
 /// The frames that made a number worse, the one that did it most first.
 fn worst(
     metric: &Metric,
-    frames: &[Frame],
+    frames: &[ScoredFrame],
     whole: Option<f64>,
     mean: Mean,
     without: impl Fn(usize) -> Option<f64>,
-) -> Vec<Worst> {
+) -> Vec<WorstFrame> {
     let Some(whole) = whole else { return Vec::new() };
     let sign = if metric.more_is_better { -1.0 } else { 1.0 };
-    let weight = |frame: &Frame| if mean == Mean::Frames { 1.0 } else { frame.pixels as f64 };
+    let weight = |frame: &ScoredFrame| if mean == Mean::Frames { 1.0 } else { frame.pixels as f64 };
     let mut worst: Vec<(f64, usize)> = frames
         .iter()
         .enumerate()
@@ -217,8 +190,14 @@ fn worst(
         .collect();
     worst.sort_by(|a, b| b.0.total_cmp(&a.0));
     worst.truncate(TRIED);
-    let mut worst: Vec<Worst> = worst.into_iter().map(|(_, frame)| Worst { frame, without: without(frame) }).collect();
-    let moved = |of: &Worst| of.without.map_or(0.0, |without| sign * (whole - without));
+    let mut worst: Vec<WorstFrame> = worst
+        .into_iter()
+        .map(|(_, place)| {
+            let ScoredFrame { frame, position, source_key, pixels, value } = frames[place].clone();
+            WorstFrame { frame, position, source_key, pixels, value, without: without(place) }
+        })
+        .collect();
+    let moved = |frame: &WorstFrame| frame.without.map_or(0.0, |without| sign * (whole - without));
     worst.sort_by(|a, b| moved(b).total_cmp(&moved(a)));
     worst.retain(|of| frames.len() > 1 && moved(of) > 0.0);
     worst.truncate(WORST);
@@ -233,7 +212,7 @@ fn facts(
     set: PixelSet,
     zone: &str,
     mean: Mean,
-    frames: &[Frame],
+    frames: &[ScoredFrame],
     of_frames: usize,
     scores: &[&FrameScore],
 ) -> Vec<Fact> {
@@ -299,8 +278,8 @@ fn facts(
         let text = format!("{}: {} version {} {}", run.source.name, part.kind, part.version, part.params);
         fact("source", text, None);
     }
-    if let Some(key) = frames.first().and_then(|frame| frame.key.as_ref()) {
-        fact("key", format!("{key}, of the source's values on frame {}", frames[0].id), None);
+    if let Some(key) = frames.first().and_then(|frame| frame.source_key.as_ref()) {
+        fact("key", format!("{key}, of the source's values on frame {}", frames[0].frame), None);
     }
     let topic = |what: &str, of: Option<&String>, recorded: Option<&String>| match (of, recorded) {
         (_, Some(topic)) => format!("{what} {topic}"),
@@ -329,11 +308,11 @@ fn made_by(run: &RecordedRun, topic: Option<&str>) -> String {
     })
 }
 
-fn frames_text(frames: &[Frame], of: usize) -> String {
+fn frames_text(frames: &[ScoredFrame], of: usize) -> String {
     const NAMED: usize = 6;
-    let counted: Vec<&Frame> = frames.iter().filter(|frame| frame.pixels > 0).collect();
+    let counted: Vec<&ScoredFrame> = frames.iter().filter(|frame| frame.pixels > 0).collect();
     let pixels: u64 = counted.iter().map(|frame| frame.pixels).sum();
-    let names: Vec<&str> = counted.iter().map(|frame| frame.id.as_str()).collect();
+    let names: Vec<&str> = counted.iter().map(|frame| frame.frame.as_str()).collect();
     let names = match names.as_slice() {
         [] => "none".to_owned(),
         [names @ .., last] if names.len() >= NAMED => format!("{}, ... {last}", names[..NAMED - 1].join(", ")),
@@ -342,7 +321,7 @@ fn frames_text(frames: &[Frame], of: usize) -> String {
     format!("{} of {of} ({names}); {pixels} pixels", counted.len())
 }
 
-impl Explanation {
+impl Explain {
     /// As text.
     #[must_use]
     pub fn text(&self) -> String {
@@ -365,11 +344,10 @@ impl Explanation {
         }
         if !self.worst.is_empty() {
             text.push_str("\nframes that made it worse most\n");
-            let wide = self.worst.iter().map(|of| self.frames[of.frame].id.chars().count()).max().unwrap_or(0);
-            for Worst { frame, without } in &self.worst {
-                let Frame { id, position, pixels, value, .. } = &self.frames[*frame];
+            let wide = self.worst.iter().map(|worst| worst.frame.chars().count()).max().unwrap_or(0);
+            for WorstFrame { frame, position, pixels, value, without, .. } in &self.worst {
                 text.push_str(&format!(
-                    "  {id:<wide$}  position {position}, {pixels} pixels: {}; without it {}\n",
+                    "  {frame:<wide$}  position {position}, {pixels} pixels: {}; without it {}\n",
                     number(*value),
                     number(*without)
                 ));
@@ -379,37 +357,5 @@ impl Explanation {
             text.push_str(&format!("note: {note}\n"));
         }
         text
-    }
-
-    /// For programs.
-    #[must_use]
-    pub fn output(&self) -> Explain {
-        let frame = |frame: &Frame| ScoredFrame {
-            frame: frame.id.clone(),
-            position: frame.position.0 as u64,
-            source_key: frame.key.clone(),
-            pixels: frame.pixels,
-            value: frame.value,
-        };
-        let worst = |of: &Worst| {
-            let ScoredFrame { frame, position, source_key, pixels, value } = frame(&self.frames[of.frame]);
-            WorstFrame { frame, position, source_key, pixels, value, without: of.without }
-        };
-        Explain {
-            score: self.metric.name,
-            stage: self.lead.stage.clone(),
-            variant: self.lead.variant.clone(),
-            estimator: self.estimator.clone(),
-            value: self.value,
-            unit: self.metric.unit,
-            more_is_better: self.metric.more_is_better,
-            set: self.set.name(),
-            zone: self.zone.clone(),
-            mean: if self.mean == Mean::Frames { "frames" } else { "pixels" },
-            facts: self.facts.clone(),
-            frames: self.frames.iter().map(frame).collect(),
-            worst: self.worst.iter().map(worst).collect(),
-            notes: self.notes.clone(),
-        }
     }
 }

@@ -24,9 +24,9 @@ use crate::analyse::{Bins, Gross, Inquiry, SampleSet, Unit, is_any};
 use crate::curves::{learning_curves, table_of_points};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::Estimator;
-use crate::frame_choice::FrameChoice;
-use crate::leading::Lead;
+use crate::input::frame_choice::FrameChoice;
 use crate::statistics::Resampling;
+use crate::tables::RowKey;
 
 /// A bin of fewer pixels is thin by default.
 pub(crate) const THIN: u64 = 100;
@@ -121,7 +121,7 @@ impl FigureRequest {
         self.wants_those(&estimator.lead, &[&estimator.label, &estimator.name])
     }
 
-    fn wants_those(&self, lead: &Lead, names: &[&str]) -> bool {
+    fn wants_those(&self, lead: &RowKey, names: &[&str]) -> bool {
         let is = |patterns: &Option<String>, texts: &[&str]| {
             patterns.as_deref().is_none_or(|patterns| is_any(patterns, texts))
         };

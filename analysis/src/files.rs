@@ -7,7 +7,7 @@ use std::path::Path;
 use depthloom_graphs::Key;
 
 use crate::error::AnalysisError;
-use crate::sheet::{Sheet, parquet_of_parts};
+use crate::tables::{Table, parquet_of_parts};
 
 /// Where a report's files go, and whether it is to go on.
 #[derive(Clone, Copy)]
@@ -30,7 +30,7 @@ impl Output<'_> {
     }
 
     /// Writes a table as CSV.
-    pub(crate) fn write_csv(&self, name: &str, table: &Sheet<'_>) -> Result<(), AnalysisError> {
+    pub(crate) fn write_csv(&self, name: &str, table: &Table) -> Result<(), AnalysisError> {
         self.write_with(name, |file| table.write_csv(file))
     }
 
@@ -50,17 +50,12 @@ impl Output<'_> {
     }
 
     /// Writes a table as CSV and as Parquet, of a run whose plan has this key.
-    pub(crate) fn write_table<'t>(
-        &self,
-        name: &str,
-        run: &Key,
-        table: impl Fn() -> Sheet<'t>,
-    ) -> Result<(), AnalysisError> {
-        self.write_table_in_parts(name, run, || std::iter::once_with(&table))
+    pub(crate) fn write_table(&self, name: &str, run: &Key, table: &Table) -> Result<(), AnalysisError> {
+        self.write_table_in_parts(name, run, || std::iter::once(table))
     }
 
-    /// Writes a table, as [`Output::write_table`] does, that `parts` makes from top to bottom, one or more; memory holds one of them at a time.
-    pub(crate) fn write_table_in_parts<'t, I: Iterator<Item = Sheet<'t>>>(
+    /// Writes a table as CSV and as Parquet that `parts` makes from top to bottom, one or more; memory holds one of them at a time.
+    pub(crate) fn write_table_in_parts<T: AsRef<Table>, I: Iterator<Item = T>>(
         &self,
         name: &str,
         run: &Key,
@@ -68,7 +63,7 @@ impl Output<'_> {
     ) -> Result<(), AnalysisError> {
         self.write_with(&format!("{name}.csv"), |file| {
             for (place, part) in parts().enumerate() {
-                if place == 0 { part.write_csv(file)? } else { part.write_csv_rows(file)? }
+                if place == 0 { part.as_ref().write_csv(file)? } else { part.as_ref().write_csv_rows(file)? }
             }
             Ok(())
         })?;

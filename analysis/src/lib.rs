@@ -7,10 +7,7 @@
 
 mod ablation;
 mod analyse;
-mod best;
 mod compare;
-mod comparison;
-mod condition;
 mod curves;
 mod distance;
 mod error;
@@ -19,12 +16,8 @@ mod explain;
 mod figure;
 mod figures;
 mod files;
-mod frame_choice;
-mod grid;
-mod leading;
-mod maps;
+mod input;
 mod page;
-mod paper;
 mod percentiles;
 mod reading;
 mod report;
@@ -32,43 +25,40 @@ mod rows;
 mod samples;
 mod sampling;
 mod scores;
-mod sheet;
 mod statistics;
-mod table;
+mod tables;
 mod timings;
-mod told;
 mod unchanged;
-mod unscored;
 
 pub use ablation::{
-    Answer, BoardRun, Costs, Leader, Question, Ranking, Selection, TableOutput, answer, leader, leaderboard,
+    BestValue, BoardRun, Costs, Question, Ranking, Selection, TableRow, answer, best_value, leaderboard,
 };
 pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
 pub use compare::{
     CompareOptions, ComparedRun, Comparison, ComparisonOutput, DistanceComparison, DistanceComparisonOutput, Side,
     compare, compare_by_distance, names,
 };
-pub use condition::{DamagedPlace, RecordingCondition, StageFrames};
 pub use curves::CurveEnd;
 pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, Spread};
 pub use error::AnalysisError;
 pub use estimators::Estimator;
-pub use explain::{Explain, Explanation, Fact, ScoredFrame, WorstFrame, explain};
+pub use explain::{Explain, Fact, ScoredFrame, WorstFrame, explain};
 pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, figure};
-pub use frame_choice::FrameChoice;
-pub use grid::{Grid, Typesetting};
-pub use leading::{COMMON, LEADING, Lead, Leads, Level, plan_key, variant_of};
+pub use input::condition::{DamagedPlace, RecordingCondition, StageFrames};
+pub use input::frame_choice::FrameChoice;
+pub use input::paper::paper_scores;
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
-pub use paper::paper_scores;
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
 pub use rows::{TopicRows, curve_rows, topic_rows};
 pub use samples::{SAMPLES, SamplesWritten, write_samples};
 pub use sampling::{Sampled, SamplingTap};
 pub use scores::FrameScore;
-pub use sheet::{TABLE_FORMAT, TABLE_MARK};
 pub use statistics::{Interval, IntervalMethod, Resampling};
-pub use table::{Table, TableColumn, TableRow};
+pub use tables::{
+    COMMON, KEY_COLUMNS, Level, RowKey, RowKeys, TABLE_FORMAT, TABLE_MARK, Table, TableOutput, Typesetting, plan_key,
+    variant_of,
+};
 pub use timings::{Timing, read_timings, timings_table, write_timings};
 
 /// All scores there are, of any family, in the order of every table.

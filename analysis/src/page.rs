@@ -14,10 +14,10 @@ use crate::ablation::{Ablation, source_of};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::estimators;
 use crate::files::Output;
+use crate::input::warnings::warnings;
 use crate::reading;
 use crate::report::Summary;
 use crate::timings::Timing;
-use crate::told::warnings;
 
 pub use page::PAGE_MARK;
 

@@ -11,13 +11,12 @@ use depthloom_recording::{FrameReader, RecordedPlan, Recording};
 use depthloom_scores::{ScoreRow, ScoredPixels};
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
-use crate::distance::{DistanceBin, FARTHEST_M, FrameSamples, Samples};
+use crate::distance::{DistanceBin, FARTHEST_M, FrameSamples, Samples, bin_columns};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Compared, Estimator};
 use crate::files::Output;
-use crate::leading::{Lead, Leads, sheet};
 use crate::scores::{FrameScore, order_frame};
-use crate::sheet::{Cells, Sheet};
+use crate::tables::{RowKey, RowKeys, Rows, Table, key_columns};
 
 /// All scores that were recorded: stage run by stage run, frame by frame, in the order of `scores.csv`.
 pub(crate) fn scores(
@@ -296,17 +295,14 @@ impl Distances {
         all
     }
 
-    /// What the rows of the [table of truth](Self::table_of_truth) are of.
-    pub(crate) fn leads(&self, plan: &RecordedPlan) -> Vec<Lead> {
-        let leads = Leads::new(plan);
-        let of = |run: RunId| leads.of_those(&plan.runs[run].stage, &plan.runs[run].variants);
-        self.truth.keys().map(|(run, _)| of(*run)).collect()
-    }
-
     /// As written to `true_distances.csv`: the stage, its variant where that has a source of its own, `bin_from_m, bin_to_m, count`.
-    pub(crate) fn table_of_truth<'a>(&self, leads: &'a [Lead]) -> Sheet<'a> {
-        sheet(&leads.iter().collect::<Vec<_>>(), [])
-            .with_bins(&self.truth.keys().map(|(_, metre)| *metre).collect::<Vec<_>>())
-            .with_unit("count", "pixels", Cells::Count(self.truth.values().copied().collect()))
+    pub(crate) fn table_of_truth(&self, plan: &RecordedPlan) -> Table {
+        let keys = RowKeys::new(plan);
+        let key = |run: RunId| keys.of_those(&plan.runs[run].stage, &plan.runs[run].variants);
+        let rows: Vec<(RowKey, u64)> = self.truth.iter().map(|((run, _), count)| (key(*run), *count)).collect();
+        let mut columns = key_columns(&rows, |(key, _)| key, Vec::new());
+        columns.extend(bin_columns(self.truth.keys().map(|(_, metre)| *metre)));
+        columns.push(Rows(&rows).count("count", |(_, count)| *count).unit("pixels"));
+        Table::new(columns)
     }
 }

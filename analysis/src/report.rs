@@ -7,23 +7,22 @@ use depthloom_graphs::plan::RunId;
 use depthloom_graphs::{Key, counted};
 use depthloom_recording::Recording;
 
-use crate::ablation::{Ablation, Ranking, Selection, source_of};
-use crate::condition::{self, RecordingCondition, Told};
+use crate::ablation::{Ablation, Ranking, ScoreTable, Selection, TableRow, source_of};
 use crate::curves::{CurveEnd, LearningCurve, figure as figure_of, learning_curves, table_of_points};
 use crate::distance::{DistanceBin, FARTHEST_M, Origin, inputs, table_of_bins};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
 use crate::files::Output;
-use crate::leading::plan_key;
-use crate::maps::{not_recorded, sparsely_kept};
+use crate::input::condition::{self, Findings, RecordingCondition};
+use crate::input::maps::{not_recorded, sparsely_kept};
+use crate::input::unscored::Unscored;
 use crate::reading::{self, Distances};
 use crate::sampling::Sampled;
-use crate::scores::{FrameScore, table_of_scores};
+use crate::scores::{incomplete_frames, table_of_scores};
 use crate::statistics::Resampling;
-use crate::table::{Table, TableRow, incomplete_frames};
+use crate::tables::{Table, plan_key};
 use crate::unchanged;
-use crate::unscored::Unscored;
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
@@ -32,6 +31,8 @@ const TERMINAL_WIDTH: usize = 110;
 const MOST_IN_COLUMNS: usize = 12;
 /// So many rows are printed then, and in LaTeX.
 const PRINTED: usize = 20;
+/// What is printed below them.
+const MORE: &str = "\nmore: `depthloom table RUN` has all rows; `--effects SCORE` says what each axis did, `--best-per-zone SCORE` which is best where\n";
 /// Rows of scores that are put into the form of a table at a time, and a row group of the Parquet file.
 const ROWS_AT_ONCE: usize = 1 << 12;
 
@@ -91,7 +92,7 @@ pub struct Summary {
 /// What was found, as it is drawn.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Found {
-    pub(crate) table: Option<Table>,
+    pub(crate) table: Option<ScoreTable>,
     pub(crate) bins: Vec<DistanceBin>,
     /// Scored true pixels by metre.
     pub(crate) truth: BTreeMap<u32, u64>,
@@ -162,8 +163,8 @@ fn analyse(
     let damage = if options.check_every_byte { recording.damage(output.stop) } else { Vec::new() };
     output.go_on()?;
 
-    let Told { recording: condition, mut notes, is_damaged } =
-        condition::told(recording, &damage, scored || !curves.is_empty());
+    let Findings { recording: condition, mut notes, is_damaged } =
+        condition::findings(recording, &damage, scored || !curves.is_empty());
     match (estimators.is_empty(), scored, &table) {
         (true, ..) => notes.insert(0, "nothing was scored: no stage has a `score:`".to_owned()),
         (_, false, _) => notes.insert(0, "no table: no frame was scored".to_owned()),
@@ -203,7 +204,7 @@ fn analyse(
         text,
         experiment: plan.experiment.clone(),
         recording: condition,
-        rows: table.as_ref().map_or_else(Vec::new, |(table, _)| table.rows()),
+        rows: table.as_ref().map_or_else(Vec::new, |(table, _)| table.json_rows()),
         curve_ends: curves.iter().map(LearningCurve::end).collect(),
         notes,
         scored,
@@ -220,7 +221,7 @@ fn analyse(
 #[derive(Default)]
 struct Scored {
     /// The table of their means, and as text, if there is a mean.
-    table: Option<(Table, String)>,
+    table: Option<(ScoreTable, String)>,
     /// Whether there are scores.
     scored: bool,
     /// The frames without one.
@@ -245,45 +246,30 @@ fn write_scores(
     let incomplete = incomplete_frames(recording, estimators, &scores);
     let parts = || scores.chunks(ROWS_AT_ONCE).map(|rows| table_of_scores(rows, estimators));
     output.write_table_in_parts("scores", &run, parts)?;
-    let table = Table::new(&plan.experiment, &scores, estimators, options.paper, &source_of(recording));
-    if table.columns.iter().all(|column| column.frames == 0) {
+    let source = source_of(recording);
+    let (ablation, all) = (Ablation::new(plan, estimators, &scores, &source, None), Selection::default());
+    let rows = ablation.rows_on_all_sets(&all)?;
+    if rows.iter().all(|row| row.frames == 0) {
         return Ok(Scored { table: None, scored: true, unscored, incomplete });
     }
-    let table = match options.intervals {
-        Some(resampling) => table.with_intervals(&scores, estimators, resampling, output.stop)?,
-        None => table,
+    let scores = ScoreTable::new(&ablation, &rows, &all, options.paper, options.intervals, output.stop)?;
+    let table = Table { label: plan.experiment.clone(), ..scores.table() };
+    output.write_table("table", &run, &table)?;
+    // Of many variants each is a row, and the best of them are printed.
+    let (all, printed, more) = match plan.variants.len() > MOST_IN_COLUMNS && !options.paper {
+        true => {
+            let ranked = |top: Option<usize>| {
+                let ranking = Ranking { top, intervals: options.intervals, ..Ranking::default() };
+                ranking.table(&ablation, &all, output.stop)
+            };
+            (ranked(None)?, ranked(Some(PRINTED))?, MORE)
+        }
+        false => (table.clone(), table, ""),
     };
-    output.write_table("table", &run, || table.long_form())?;
-    let text = if plan.variants.len() > MOST_IN_COLUMNS && !options.paper {
-        write_ranking(recording, estimators, &scores, options, output)?
-    } else {
-        output.write("table.md", table.markdown().as_bytes())?;
-        output.write("table.tex", table.latex().as_bytes())?;
-        table.terminal(TERMINAL_WIDTH)
-    };
-    Ok(Scored { table: Some((table, text)), scored: true, unscored, incomplete })
-}
-
-/// Writes the tables for people with variants in rows; gives the best of them as text.
-fn write_ranking(
-    recording: &Recording,
-    estimators: &[Estimator],
-    scores: &[FrameScore],
-    options: &ReportOptions,
-    output: Output<'_>,
-) -> Result<String, AnalysisError> {
-    let source = source_of(recording);
-    let ablation = Ablation::new(recording.plan(), estimators, scores, &source, None);
-    let rows = |top: Option<usize>| {
-        let ranking = Ranking { top, intervals: options.intervals, ..Ranking::default() };
-        ranking.grid(&ablation, &Selection::default(), output.stop)
-    };
-    output.write("table.md", rows(None)?.markdown().as_bytes())?;
-    output.write("table.tex", rows(Some(PRINTED))?.latex().as_bytes())?;
-    Ok(format!(
-        "{}\nmore: `depthloom table RUN` has all rows; `--effects SCORE` says what each axis did, `--best-per-zone SCORE` which is best where\n",
-        rows(Some(PRINTED))?.terminal(TERMINAL_WIDTH)
-    ))
+    output.write("table.md", all.markdown().as_bytes())?;
+    output.write("table.tex", printed.latex().as_bytes())?;
+    let text = format!("{}{more}", printed.terminal(TERMINAL_WIDTH));
+    Ok(Scored { table: Some((scores, text)), scored: true, unscored, incomplete })
 }
 
 /// Writes the error against distance, if there are maps to compare.
@@ -304,10 +290,9 @@ fn write_distances(
         return Ok(distances);
     }
     let origin = Origin::new(&distances.bins, &inputs, &distances.beyond);
-    let table = || table_of_bins(&distances.bins, estimators, &origin);
-    output.write_table("error_vs_distance", &plan_key(recording.plan()), table)?;
-    let leads = distances.leads(recording.plan());
-    output.write_csv("true_distances.csv", &distances.table_of_truth(&leads))?;
+    let table = table_of_bins(&distances.bins, estimators, &origin);
+    output.write_table("error_vs_distance", &plan_key(recording.plan()), &table)?;
+    output.write_csv("true_distances.csv", &distances.table_of_truth(recording.plan()))?;
     let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth_of_all() };
     output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
     Ok(distances)
@@ -318,6 +303,6 @@ fn write_curves(curves: &[LearningCurve], run: &Key, output: Output<'_>) -> Resu
     if curves.is_empty() {
         return Ok(());
     }
-    output.write_table("learning_curves", run, || table_of_points(curves))?;
+    output.write_table("learning_curves", run, &table_of_points(curves))?;
     output.write("learning_curves.svg", figure_of(curves).as_bytes())
 }

@@ -2,16 +2,15 @@
 
 use std::sync::Arc;
 
+use depthloom_graphs::Value;
 use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use depthloom_graphs::values::{Calibration, Curve};
-use depthloom_graphs::{Key, Value};
 use depthloom_recording::{RecordedPlan, Recording, RecordingError};
 use depthloom_scores::{Metric, ScoreRow};
 
 use crate::curves::{learning_curve, table_of_points};
-use crate::error::{AnalysisError, caught};
-use crate::leading::plan_key;
-use crate::sheet::{Cells, Sheet};
+use crate::error::AnalysisError;
+use crate::tables::{Column, DIMENSIONLESS, Rows, Table, plan_key};
 
 /// The rows of a topic.
 pub struct TopicRows {
@@ -60,9 +59,9 @@ pub fn topic_rows(
             _ => {}
         }
     }
-    let sheet = if calibrations.is_empty() { table_of_scores(&scores) } else { table_of_calibrations(&calibrations) };
-    let rows = sheet.height() as u64;
-    Ok(TopicRows { parquet: parquet(topic, &plan_key(recording.plan()), sheet)?, rows, damaged })
+    let table = if calibrations.is_empty() { table_of_scores(&scores) } else { table_of_calibrations(&calibrations) };
+    let rows = table.height() as u64;
+    Ok(TopicRows { parquet: table.parquet(topic, &plan_key(recording.plan()))?, rows, damaged })
 }
 
 /// A node's learning curve as a Parquet file with the columns of `learning_curves.csv`, and how many points it has.
@@ -72,54 +71,53 @@ pub fn topic_rows(
 pub fn curve_rows(plan: &RecordedPlan, run: RunId, node: NodeId, curve: &Curve) -> Result<TopicRows, AnalysisError> {
     let curves = [learning_curve(plan, run, node, curve)];
     let (name, rows) = (&plan.runs[run].nodes[node].name, curve.points.len() as u64);
-    Ok(TopicRows { parquet: parquet(name, &plan_key(plan), table_of_points(&curves))?, rows, damaged: Vec::new() })
+    Ok(TopicRows { parquet: table_of_points(&curves).parquet(name, &plan_key(plan))?, rows, damaged: Vec::new() })
 }
 
-fn parquet(what: &str, run: &Key, sheet: Sheet<'_>) -> Result<Vec<u8>, AnalysisError> {
-    caught(|| sheet.parquet(what, run).map_err(AnalysisError::compute(format!("the rows of {what}"))))
+/// The row of a frame: position, id, and what it has.
+type FrameRow<T> = (u64, Arc<str>, T);
+
+fn frame_columns<T>(rows: &[FrameRow<T>]) -> Vec<Column> {
+    let rows = Rows(rows);
+    vec![rows.count("position", |(position, ..)| *position), rows.text("frame", |(_, frame, _)| &**frame)]
 }
 
-/// What a frame has a row of.
-type OfFrame<T> = (u64, Arc<str>, T);
-
-fn of_frames<T>(rows: &[OfFrame<T>]) -> Sheet<'_> {
-    Sheet::new()
-        .with("position", Cells::Count(rows.iter().map(|(position, ..)| *position).collect()))
-        .with("frame", Cells::Text(rows.iter().map(|(_, frame, _)| &**frame).collect()))
+fn table_of_scores(scores: &[FrameRow<ScoreRow>]) -> Table {
+    let rows = Rows(scores);
+    let mut columns = frame_columns(scores);
+    columns.extend([
+        rows.text("set", |(.., row)| row.set.name()),
+        rows.text("zone", |(.., row)| Some(&row.zone).filter(|zone| !zone.is_empty())),
+        rows.count("pixels", |(.., row)| row.pixels).unit("pixels"),
+        rows.count("truth", |(.., row)| row.truth).unit("pixels"),
+        rows.count("answered", |(.., row)| row.answered).unit("pixels"),
+    ]);
+    let is_there = |metric: &&Metric| scores.iter().any(|(.., row)| row.get(metric).is_some());
+    columns.extend(crate::metrics().filter(is_there).map(|metric| rows.metric(metric, |(.., row)| row.get(metric))));
+    columns.push(rows.share("density", |(.., row)| row.density()).unit(DIMENSIONLESS));
+    Table::new(columns)
 }
 
-fn table_of_scores(rows: &[OfFrame<ScoreRow>]) -> Sheet<'_> {
-    let of = || rows.iter().map(|(.., row)| row);
-    let mut table = of_frames(rows)
-        .with("set", Cells::Text(of().map(|row| row.set.name()).collect()))
-        .with("zone", Cells::TextIfAny(of().map(|row| Some(row.zone.as_str()).filter(|of| !of.is_empty())).collect()))
-        .with_unit("pixels", "pixels", Cells::Count(of().map(|row| row.pixels).collect()))
-        .with_unit("truth", "pixels", Cells::Count(of().map(|row| row.truth).collect()))
-        .with_unit("answered", "pixels", Cells::Count(of().map(|row| row.answered).collect()));
-    let is_there = |metric: &&Metric| of().any(|row| row.get(metric).is_some());
-    for metric in crate::metrics().filter(is_there) {
-        table = table.with_score(metric, Cells::Number(of().map(|row| row.get(metric)).collect()));
-    }
-    table.with_share("density", of().map(ScoreRow::density).collect())
-}
-
-fn table_of_calibrations(rows: &[OfFrame<Arc<Calibration>>]) -> Sheet<'_> {
-    let numbers = |of: fn(&Calibration) -> f64| Cells::Number(rows.iter().map(|(.., row)| Some(of(row))).collect());
-    let counts = |of: fn(&Calibration) -> u32| Cells::Count(rows.iter().map(|(.., row)| u64::from(of(row))).collect());
-    of_frames(rows)
-        .with_unit("width", "px", counts(|of| of.width))
-        .with_unit("height", "px", counts(|of| of.height))
-        .with_unit("focal_px", "px", numbers(|of| of.focal_px))
-        .with_unit("cx_px", "px", numbers(|of| of.cx_px))
-        .with_unit("cy_px", "px", numbers(|of| of.cy_px))
-        .with_unit("baseline_m", "m", numbers(|of| of.baseline_m))
-        .with_unit("doffs_px", "px", numbers(|of| of.doffs_px))
+fn table_of_calibrations(calibrations: &[FrameRow<Arc<Calibration>>]) -> Table {
+    let rows = Rows(calibrations);
+    let mut columns = frame_columns(calibrations);
+    columns.extend([
+        rows.count("width", |(.., row)| u64::from(row.width)).unit("px"),
+        rows.count("height", |(.., row)| u64::from(row.height)).unit("px"),
+        rows.number("focal_px", |(.., row)| row.focal_px).unit("px"),
+        rows.number("cx_px", |(.., row)| row.cx_px).unit("px"),
+        rows.number("cy_px", |(.., row)| row.cy_px).unit("px"),
+        rows.number("baseline_m", |(.., row)| row.baseline_m).unit("m"),
+        rows.number("doffs_px", |(.., row)| row.doffs_px).unit("px"),
+    ]);
+    Table::new(columns)
 }
 
 #[cfg(test)]
 mod tests {
     use std::io::Cursor;
 
+    use depthloom_graphs::Key;
     use depthloom_scores::PixelSet;
     use polars::frame::DataFrame;
     use polars::prelude::{ParallelStrategy, ParquetReader, SerReader};
@@ -142,9 +140,9 @@ mod tests {
             log_mean: None,
             scores: value.map(|value| (abs_rel, value)).into_iter().collect(),
         };
-        let rows: [OfFrame<ScoreRow>; 2] =
+        let rows: [FrameRow<ScoreRow>; 2] =
             [(3, "a".into(), row("", 4, Some(0.1 + 0.2))), (3, "a".into(), row("10..20", 0, None))];
-        let table = read(parquet("scores", &Key::of_content(b""), table_of_scores(&rows)).unwrap());
+        let table = read(table_of_scores(&rows).parquet("scores", &Key::of_content(b"")).unwrap());
         let names: Vec<String> = table.get_column_names().iter().map(ToString::to_string).collect();
         assert_eq!(names, ["position", "frame", "set", "zone", "pixels", "truth", "answered", "abs_rel", "density"]);
         let numbers = |name: &str| table.column(name).unwrap().f64().unwrap().iter().collect::<Vec<_>>();
@@ -165,7 +163,7 @@ mod tests {
             doffs_px: 0.5,
         };
         let rows = [(0, "a".into(), Arc::new(calibration))];
-        let table = read(parquet("calibration", &Key::of_content(b""), table_of_calibrations(&rows)).unwrap());
+        let table = read(table_of_calibrations(&rows).parquet("calibration", &Key::of_content(b"")).unwrap());
         assert_eq!(table.column("width").unwrap().u64().unwrap().get(0), Some(64));
         assert_eq!(table.column("baseline_m").unwrap().f64().unwrap().get(0), Some(0.54));
         assert_eq!(table.column("doffs_px").unwrap().f64().unwrap().get(0), Some(0.5));

@@ -1,15 +1,17 @@
 //! Scores per frame: the rows the engine recorded, as a table.
 
+use std::collections::{HashMap, HashSet};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use depthloom_graphs::counted;
-use depthloom_graphs::plan::FrameIndex;
+use depthloom_graphs::plan::{FrameIndex, RunId};
+use depthloom_recording::Recording;
 use depthloom_scores::{Mean, Metric, ScoreRow};
 
-use crate::estimators::Estimator;
-use crate::leading::sheet_of_estimators;
-use crate::sheet::{Cells, Sheet};
+use crate::error::listed;
+use crate::estimators::{Estimator, estimator_columns};
+use crate::tables::{DIMENSIONLESS, Rows, Table};
 
 /// The scores of one estimator on one frame and one pixel set.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,10 +46,10 @@ pub(crate) fn averaged(frames: RangeInclusive<u64>, is_all: impl Fn(Mean) -> boo
     }
 }
 
-/// The scores that any of the estimators has, in the catalogue's order: what tables have columns for.
-pub(crate) fn metrics_of(estimators: &[Estimator]) -> Vec<&'static Metric> {
+/// The metrics that any of the estimators has, in the catalogue's order: what tables have columns for.
+pub(crate) fn metrics_of<'e>(estimators: impl IntoIterator<Item = &'e Estimator>) -> Vec<&'static Metric> {
     let mut metrics: Vec<&'static Metric> = Vec::new();
-    for metric in estimators.iter().flat_map(|estimator| &estimator.metrics) {
+    for metric in estimators.into_iter().flat_map(|estimator| &estimator.metrics) {
         if !metrics.contains(metric) {
             metrics.push(metric);
         }
@@ -59,16 +61,80 @@ pub(crate) fn metrics_of(estimators: &[Estimator]) -> Vec<&'static Metric> {
 /// The table `scores.csv` holds: what a row is of, with its `zone` (null: the whole image), `position` and `frame`; `pixels`, the scores that
 /// were asked for, `density`; a score of no pixel is null. No two rows have the same stage, variant, estimator, set, zone and position,
 /// whatever frames are called.
-pub(crate) fn table_of_scores<'a>(rows: &'a [FrameScore], estimators: &'a [Estimator]) -> Sheet<'a> {
-    let of: Vec<(&Estimator, &str)> =
-        rows.iter().map(|score| (&estimators[score.estimator], score.row.set.name())).collect();
-    let zones = rows.iter().map(|score| Some(score.row.zone.as_str()).filter(|zone| !zone.is_empty()));
-    let mut table = sheet_of_estimators(&of, [("zone", Cells::TextIfAny(zones.collect()))])
-        .with("position", Cells::Count(rows.iter().map(|score| score.position.0 as u64).collect()))
-        .with("frame", Cells::Text(rows.iter().map(|score| &*score.frame).collect()))
-        .with_unit("pixels", "pixels", Cells::Count(rows.iter().map(|score| score.row.pixels).collect()));
-    for metric in metrics_of(estimators) {
-        table = table.with_score(metric, Cells::Number(rows.iter().map(|score| score.row.get(metric)).collect()));
+pub(crate) fn table_of_scores(scores: &[FrameScore], estimators: &[Estimator]) -> Table {
+    let rows = Rows(scores);
+    let zone = rows.text("zone", |score| Some(&score.row.zone).filter(|zone| !zone.is_empty()));
+    let mut columns =
+        estimator_columns(scores, |score| (&estimators[score.estimator], score.row.set.name()), Some(zone));
+    columns.extend([
+        rows.count("position", |score| score.position.0 as u64),
+        rows.text("frame", |score| &*score.frame),
+        rows.count("pixels", |score| score.row.pixels).unit("pixels"),
+    ]);
+    columns.extend(metrics_of(estimators).into_iter().map(|metric| rows.metric(metric, |score| score.row.get(metric))));
+    columns.push(rows.share("density", |score| score.row.density()).unit(DIMENSIONLESS));
+    Table::new(columns)
+}
+
+/// The scores, of zones too, of the frames that have rows of all estimators of their stage run.
+pub(crate) fn of_complete_frames<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> Vec<&'a FrameScore> {
+    let place = |score: &FrameScore| (estimators[score.estimator].run, score.position);
+    let mut rows_of_frame: HashMap<(RunId, FrameIndex), usize> = HashMap::new();
+    for score in scores.iter().filter(|score| score.row.zone.is_empty()) {
+        *rows_of_frame.entry(place(score)).or_default() += 1;
     }
-    table.with_share("density", rows.iter().map(|score| score.row.density()).collect())
+    let mut rows_of_run: HashMap<RunId, usize> = HashMap::new();
+    for estimator in estimators {
+        *rows_of_run.entry(estimator.run).or_default() += estimator.sets.len();
+    }
+    let is_whole = |score: &&FrameScore| rows_of_frame.get(&place(score)) == rows_of_run.get(&place(score).0);
+    scores.iter().filter(is_whole).collect()
+}
+
+/// What is to be said of frames that not all means are over, although nothing failed on them: an estimate is missing there.
+pub(crate) fn incomplete_frames(recording: &Recording, estimators: &[Estimator], scores: &[FrameScore]) -> Vec<String> {
+    let mut scored: HashMap<(RunId, FrameIndex), HashSet<usize>> = HashMap::new();
+    for score in scores {
+        scored.entry((estimators[score.estimator].run, score.position)).or_default().insert(score.estimator);
+    }
+    let mut notes = Vec::new();
+    for (run, planned) in RunId::enumerate(&recording.plan().runs) {
+        let own: Vec<usize> = (0..estimators.len()).filter(|place| estimators[*place].run == run).collect();
+        let (mut frames, mut unscored, mut labels) = (0, 0, Vec::new());
+        for (position, frame) in FrameIndex::enumerate(recording.frames(run)) {
+            if !frame.failures.is_empty() {
+                continue;
+            }
+            let Some(there) = scored.get(&(run, position)) else {
+                unscored += 1;
+                continue;
+            };
+            let missing: Vec<&str> = own
+                .iter()
+                .filter(|place| !there.contains(place))
+                .map(|place| estimators[*place].label.as_str())
+                .collect();
+            frames += usize::from(!missing.is_empty());
+            for label in missing {
+                if !labels.contains(&label) {
+                    labels.push(label);
+                }
+            }
+        }
+        let all = recording.frames(run).len();
+        if !own.is_empty() && 0 < unscored && unscored < all {
+            notes.push(format!(
+                "stage `{}`: means leave out {unscored} of {all} frames, which have no truth or no value of any estimate",
+                planned.name()
+            ));
+        }
+        if frames > 0 {
+            notes.push(format!(
+                "stage `{}`: means leave out {frames} of {all} frames, on which there is no value of {}",
+                planned.name(),
+                listed(labels)
+            ));
+        }
+    }
+    notes
 }

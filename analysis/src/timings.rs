@@ -6,14 +6,13 @@ use depthloom_graphs::{Key, regular_file};
 use polars::prelude::{ParallelStrategy, ParquetReader, PolarsResult, SerReader};
 
 use crate::error::{AnalysisError, caught};
-use crate::leading::{Lead, sheet};
-use crate::sheet::Cells;
+use crate::tables::{RowKey, Rows, Table, key_columns};
 
 /// What one part of a run cost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timing {
     /// The stage, empty for what belongs to none; and the variant where not all share the node.
-    pub lead: Lead,
+    pub lead: RowKey,
     /// The node, the source, or what else was busy.
     pub node: String,
     /// What it did: `read`, `process`, `encode`, `compress`, `write`, ...
@@ -34,23 +33,17 @@ pub struct Timing {
 /// # Errors
 /// If the file cannot be written.
 pub fn write_timings(timings: &[Timing], run: &Key, path: &Path) -> Result<(), AnalysisError> {
-    let texts = |of: fn(&Timing) -> &str| Cells::Text(timings.iter().map(of).collect());
-    let counts = |of: fn(&Timing) -> u64| Cells::Count(timings.iter().map(of).collect());
-    let leads: Vec<&Lead> = timings.iter().map(|timing| &timing.lead).collect();
-    let what = [("node", texts(|timing| &timing.node)), ("phase", texts(|timing| &timing.phase))];
-    let table = sheet(&leads, what)
-        .with_unit("frames", "frames", counts(|timing| timing.frames))
-        .with_unit("cpu_ns", "ns", counts(|timing| timing.cpu_ns))
-        .with_unit("wall_ns", "ns", counts(|timing| timing.wall_ns))
-        .with_unit(
-            "median_cpu_ns",
-            "ns",
-            Cells::CountIfAny(timings.iter().map(|timing| timing.median_cpu_ns).collect()),
-        );
-    caught(|| {
-        let bytes = table.parquet("timings", run).map_err(AnalysisError::compute("the timings"))?;
-        depthloom_durable::write(path, &bytes).map_err(AnalysisError::write(path))
-    })
+    let rows = Rows(timings);
+    let own = vec![rows.key("node", |timing| &timing.node), rows.key("phase", |timing| &timing.phase)];
+    let mut columns = key_columns(timings, |timing| &timing.lead, own);
+    columns.extend([
+        rows.count("frames", |timing| timing.frames).unit("frames"),
+        rows.count("cpu_ns", |timing| timing.cpu_ns).unit("ns"),
+        rows.count("wall_ns", |timing| timing.wall_ns).unit("ns"),
+        rows.count("median_cpu_ns", |timing| timing.median_cpu_ns).unit("ns"),
+    ]);
+    let bytes = Table::new(columns).parquet("timings", run)?;
+    depthloom_durable::write(path, &bytes).map_err(AnalysisError::write(path))
 }
 
 /// Reads timings back, but for the axes of their variants.
@@ -77,7 +70,7 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
             }
         };
         let row = |i: usize| Timing {
-            lead: Lead { stage: named(i).0.to_owned(), variant: named(i).1.map(str::to_owned), factors: Vec::new() },
+            lead: RowKey { stage: named(i).0.to_owned(), variant: named(i).1.map(str::to_owned), factors: Vec::new() },
             node: named(i).2.to_owned(),
             phase: phases.get(i).unwrap_or_default().to_owned(),
             frames: frames.get(i).unwrap_or(0),
@@ -152,7 +145,7 @@ mod tests {
 
     fn timings() -> Vec<Timing> {
         let timing = |stage: &str, variant: Option<&str>, node: &str, phase: &str, cpu_ns, median_cpu_ns| Timing {
-            lead: Lead { stage: stage.to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
+            lead: RowKey { stage: stage.to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
             node: node.to_owned(),
             phase: phase.to_owned(),
             frames: 4,
@@ -198,7 +191,7 @@ mod tests {
     #[test]
     fn what_was_done_once_is_not_among_the_frames() {
         let once = Timing {
-            lead: Lead { stage: "learn".to_owned(), ..Lead::default() },
+            lead: RowKey { stage: "learn".to_owned(), ..RowKey::default() },
             node: "teacher".to_owned(),
             phase: "once".to_owned(),
             frames: 1,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_analysis::{Answer, By, Inquiry, TableOutput, Unit};
+use depthloom_analysis::{By, Inquiry, TableOutput, Unit};
 use depthloom_runs::{end, failed, open, recording_of};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
@@ -57,7 +57,7 @@ pub fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     bar.finish_and_clear();
     let (found, run) = found.map_err(failed)?;
     let read: Vec<&Path> = files.iter().map(|(_, file)| file.as_path()).collect();
-    delivery.answer::<Analyse>(&Answer::Grid(found), &run, &read)?;
+    delivery.answer::<Analyse>(&found, &run, &read)?;
     let recordings = args.runs.iter().filter(|run| !is_samples(run)).map(|run| open(&recording_of(run, "analyse")?));
     Ok(end(&recordings.collect::<Result<Vec<_>, _>>()?))
 }

@@ -68,11 +68,11 @@ pub fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     let bytes = match delivery.format {
         TableFormat::Terminal => compared.terminal(TERMINAL_WIDTH).into_bytes(),
         TableFormat::Md => compared.markdown().into_bytes(),
-        TableFormat::Csv => compared.csv(),
+        TableFormat::Csv => compared.table.csv(),
         TableFormat::Parquet => compared.parquet().map_err(failed)?,
-        TableFormat::Latex => compared.latex().into_bytes(),
+        TableFormat::Latex => compared.table.latex().into_bytes(),
         TableFormat::Json => {
-            let output = Compare { comparison: compared.output(), error: faulty.as_ref().map(Error::from) };
+            let output = Compare { comparison: compared.output.clone(), error: faulty.as_ref().map(Error::from) };
             output::text(&output).into_bytes()
         }
     };
@@ -109,16 +109,9 @@ fn by_distance(
     let stop = || interrupt.stops_admission();
     let compared = depthloom_analysis::compare_by_distance(runs, &samples, sides, options, args.bins.as_ref(), &stop);
     let compared = compared.map_err(failed)?;
-    let bytes = match delivery.format {
-        TableFormat::Terminal => compared.terminal(TERMINAL_WIDTH).into_bytes(),
-        TableFormat::Md => compared.markdown().into_bytes(),
-        TableFormat::Csv => compared.csv(),
-        TableFormat::Parquet => compared.parquet().map_err(failed)?,
-        TableFormat::Latex => compared.latex().into_bytes(),
-        TableFormat::Json => output::text(&compared.output()).into_bytes(),
-    };
     let recordings: Vec<&Path> = runs.iter().map(|run| run.recording.path()).collect();
-    delivery.deliver(&bytes, &recordings)?;
+    let json = || output::text(&compared.output());
+    delivery.table(&compared.table, TERMINAL_WIDTH, &compared.key, &recordings, json)?;
     Ok(end(runs.iter().map(|run| run.recording)))
 }
 

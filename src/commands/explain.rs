@@ -23,7 +23,7 @@ pub fn explain(args: &ExplainArgs) -> Result<ExitCode, CliError> {
     let explanation = depthloom_analysis::explain(&recording, &args.score, &args.estimator, &selection, &stop);
     let explanation = explanation.map_err(failed)?;
     if args.output.json {
-        output::print(&explanation.output())?;
+        output::print(&explanation)?;
     } else {
         print(explanation.text())?;
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_analysis::{Answer, BoardRun, Costs, Question, Ranking, Resampling, Selection, TableOutput, plan_key};
+use depthloom_analysis::{BoardRun, Costs, Question, Ranking, Resampling, Selection, TableOutput, plan_key};
 use depthloom_graphs::chain;
 use depthloom_runs::{TIMINGS, end, failed, open, recording_of};
 use depthloom_terminal::{CliError, ExitCode, say};
@@ -28,11 +28,11 @@ pub fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
         (None, None, RowsOption::Score) => Question::Scores(intervals),
         (None, None, RowsOption::Variant) => Question::Ranking(ranking(args, intervals)),
     };
-    let answer =
-        depthloom_analysis::answer(&recording, costs.as_ref(), &selection, &question, &|| interrupt.stops_admission());
-    let mut answer = answer.map_err(failed)?;
-    answer.typeset(&args.typesetting.typesetting());
-    delivery.answer::<TableOutput>(&answer, &plan_key(recording.plan()), &[&path])?;
+    let stop = || interrupt.stops_admission();
+    let table = depthloom_analysis::answer(&recording, costs.as_ref(), &selection, &question, &stop);
+    let mut table = table.map_err(failed)?;
+    table.typeset(&args.typesetting.typesetting());
+    delivery.answer::<TableOutput>(&table, &plan_key(recording.plan()), &[&path])?;
     Ok(end([&recording]))
 }
 
@@ -63,10 +63,10 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, Cl
     let selection = Selection { estimators: args.estimators.clone(), ..args.scores.selection() };
     let stop = || interrupt.stops_admission();
     let board = depthloom_analysis::leaderboard(&runs, &selection, &ranking(args, None), &stop);
-    let mut answer = Answer::Grid(board.map_err(failed)?);
-    answer.typeset(&args.typesetting.typesetting());
+    let mut table = board.map_err(failed)?;
+    table.typeset(&args.typesetting.typesetting());
     let recording_paths: Vec<&Path> = paths.iter().map(std::path::PathBuf::as_path).collect();
-    delivery.answer::<TableOutput>(&answer, &plan_key(recordings[0].plan()), &recording_paths)?;
+    delivery.answer::<TableOutput>(&table, &plan_key(recordings[0].plan()), &recording_paths)?;
     Ok(end(&recordings))
 }
 

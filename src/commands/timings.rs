@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_analysis::{AnalysisError, Lead};
+use depthloom_analysis::{AnalysisError, RowKey};
 use depthloom_runs::{FOLDER, TIMINGS, named, partial_with, remedy_of_partial};
 use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
@@ -56,7 +56,7 @@ impl Timing {
     /// A timing under the names of the columns of `timings.parquet`.
     fn of(timing: depthloom_analysis::Timing) -> Self {
         let depthloom_analysis::Timing { lead, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns } = timing;
-        let Lead { stage, variant, .. } = lead;
+        let RowKey { stage, variant, .. } = lead;
         Self { stage, variant, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns }
     }
 }

@@ -5,7 +5,7 @@
 //! the mean of what this description gives of all rows, were they of that level (least-squares means weighted by the rows there are: Searle, Speed and
 //! Milliken 1980, `weights = "proportional"` of R's `emmeans`). In a full design it is the plain mean.
 
-use super::variance::{Factor, are_orthogonal};
+use super::factor::{Factor, are_orthogonal};
 
 /// What is left of a column, in parts of its length, when those before it explain it.
 const NOTHING: f64 = 1e-9;

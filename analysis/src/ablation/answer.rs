@@ -1,4 +1,4 @@
-//! What is asked of a run's scores, and the answer in any format.
+//! Questions about a run's scores, each answered with a table.
 
 use std::collections::HashSet;
 
@@ -6,52 +6,28 @@ use depthloom_graphs::Key;
 use depthloom_graphs::contracts::FrameSelection;
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_recording::{RecordedFrame, Recording};
-use depthloom_scores::{Mean, ScoreRow};
-use schemars::JsonSchema;
-use serde::Serialize;
 
 use super::shared::shared_scores;
-use super::{Ablation, Costs, Ranking, Selection, effects, zones};
-use crate::condition;
+use super::{Ablation, Costs, Ranking, ScoreTable, Selection, effects, zones};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
-use crate::grid::{Grid, Typesetting};
+use crate::input::condition;
 use crate::reading;
-use crate::scores::FrameScore;
-use crate::sheet::{Sheet, SheetRow};
+use crate::scores::{FrameScore, incomplete_frames};
 use crate::statistics::Resampling;
-use crate::table::{Table, common, incomplete_frames};
+use crate::tables::Table;
 
-/// What is asked of a run's scores.
+/// What a table of a run's scores shows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Question {
-    /// A row an estimator, its variant's axes and its scores in columns.
+    /// A row per estimator, its variant's axes and its scores in columns.
     Ranking(Ranking),
     /// What each axis did to this score, `ms` or count of pixels.
     Effects(String),
     /// Which row is best by this score, in each zone.
     BestPerZone(String),
-    /// A score a row, estimators in columns, as in Table I; with intervals, if it is said how frames are resampled.
+    /// A line per score, estimators in columns, as in Table I; with intervals if frames are resampled.
     Scores(Option<Resampling>),
-}
-
-/// The answer to a [`Question`].
-#[derive(Clone, Debug, PartialEq)]
-pub enum Answer {
-    /// In any other form.
-    Grid(Grid),
-    /// As Table I.
-    Scores(Table),
-}
-
-/// Of `table` and `analyse`: what was asked.
-#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct TableOutput {
-    /// What the numbers are.
-    about: String,
-    /// The columns of its CSV form, which docs/tables.md explains.
-    rows: Vec<SheetRow>,
-    notes: Vec<String>,
 }
 
 /// Answers a question from a recording's scores alone: no map is read. `costs` are those of its run, where they are known.
@@ -65,108 +41,49 @@ pub fn answer(
     selection: &Selection,
     question: &Question,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Answer, AnalysisError> {
+) -> Result<Table, AnalysisError> {
     caught(|| {
-        let estimators = estimators(recording.plan())?;
-        let (estimators, scores) = if selection.common {
-            shared_scores(recording, &estimators, selection, stop)?
-        } else {
-            let scores = scored(recording, &estimators, stop)?;
-            (estimators, scores)
-        };
-        let scores = of_frames(recording, &estimators, scores, selection)?;
+        let (estimators, scores) = selected_scores(recording, selection, stop)?;
         let source = source_of(recording);
         let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, costs);
-        let mut grid = match question {
-            Question::Ranking(ranking) => ranking.grid(&ablation, selection, stop)?,
-            Question::Effects(metric) => effects::grid(&ablation, selection, metric)?,
-            Question::BestPerZone(metric) => zones::grid(&ablation, selection, metric)?,
+        let mut table = match question {
+            Question::Ranking(ranking) => ranking.table(&ablation, selection, stop)?,
+            Question::Effects(metric) => effects::table(&ablation, selection, metric)?,
+            Question::BestPerZone(metric) => zones::table(&ablation, selection, metric)?,
             Question::Scores(intervals) => {
-                let (table, scores, estimators) = as_table(recording, &estimators, &scores, selection, &ablation)?;
-                let table = match intervals {
-                    Some(resampling) => table.with_intervals(&scores, &estimators, *resampling, stop)?,
-                    None => table,
-                };
-                return Ok(Answer::Scores(table));
+                let scored: HashSet<usize> = ablation.rows(selection)?.iter().map(|row| row.estimator).collect();
+                let mut rows = ablation.rows_on_all_sets(selection)?;
+                rows.retain(|row| scored.contains(&row.estimator));
+                return Ok(ScoreTable::new(&ablation, &rows, selection, false, *intervals, stop)?.table());
             }
         };
-        grid.notes.extend(incomplete_frames(recording, &estimators, &scores));
-        grid.notes.extend(condition::told(recording, &[], true).notes);
-        Ok(Answer::Grid(grid))
+        table.notes.extend(incomplete_frames(recording, &estimators, &scores));
+        table.notes.extend(condition::findings(recording, &[], true).notes);
+        Ok(table)
     })
-}
-
-impl Answer {
-    /// Takes a caption, label and decimals that were asked for.
-    pub fn typeset(&mut self, typesetting: &Typesetting) {
-        match self {
-            Self::Grid(grid) => grid.typeset(typesetting),
-            Self::Scores(table) => table.typeset(typesetting),
-        }
-    }
-
-    /// As aligned text, the best marked by `*`; where it is wider than `width` columns of text, in blocks below each other.
-    #[must_use]
-    pub fn terminal(&self, width: usize) -> String {
-        match self {
-            Self::Grid(grid) => grid.terminal(width),
-            Self::Scores(table) => table.terminal(width),
-        }
-    }
-
-    /// In Markdown (GitHub's), the best in bold.
-    #[must_use]
-    pub fn markdown(&self) -> String {
-        match self {
-            Self::Grid(grid) => grid.markdown(),
-            Self::Scores(table) => table.markdown(),
-        }
-    }
-
-    /// In LaTeX, for the package `booktabs`, in the type's own size, with caption and label; the best in bold.
-    #[must_use]
-    pub fn latex(&self) -> String {
-        match self {
-            Self::Grid(grid) => grid.latex(),
-            Self::Scores(table) => table.latex(),
-        }
-    }
-
-    /// As CSV: all digits, an empty field where there is no value.
-    #[must_use]
-    pub fn csv(&self) -> Vec<u8> {
-        self.sheet().csv()
-    }
-
-    /// The bytes of a Parquet file with the columns of [`Answer::csv`], of a run whose plan has this key.
-    ///
-    /// # Errors
-    /// If polars makes none of them.
-    pub fn parquet(&self, run: &Key) -> Result<Vec<u8>, AnalysisError> {
-        caught(|| self.sheet().parquet("asked", run).map_err(AnalysisError::compute("the table")))
-    }
-
-    /// For programs, with the columns of [`Answer::csv`].
-    #[must_use]
-    pub fn output(&self) -> TableOutput {
-        let (about, notes) = match self {
-            Self::Grid(grid) => (grid.about.clone(), grid.notes.clone()),
-            Self::Scores(table) => (table.about(), Vec::new()),
-        };
-        TableOutput { about, rows: self.sheet().rows(), notes }
-    }
-
-    fn sheet(&self) -> Sheet<'_> {
-        match self {
-            Self::Grid(grid) => grid.sheet(),
-            Self::Scores(table) => table.long_form(),
-        }
-    }
 }
 
 /// The key of a frame's source values, by stage run and position.
 pub(crate) fn source_of(recording: &Recording) -> impl Fn(RunId, FrameIndex) -> Option<Key> {
     |run, position| recording.frames(run).get(position.0).and_then(|frame| frame.source_key)
+}
+
+/// The estimators of a recording and their scores on the selected pixels and frames.
+pub(crate) fn selected_scores(
+    recording: &Recording,
+    selection: &Selection,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Vec<Estimator>, Vec<FrameScore>), AnalysisError> {
+    let all = estimators(recording.plan())?;
+    let (estimators, scores) = match selection.common {
+        true => shared_scores(recording, &all, selection, stop)?,
+        false => {
+            let scores = scored(recording, &all, stop)?;
+            (all, scores)
+        }
+    };
+    let scores = of_frames(recording, &estimators, scores, selection)?;
+    Ok((estimators, scores))
 }
 
 /// The scores that a recording holds.
@@ -231,45 +148,4 @@ pub(crate) fn of_frames(
         return Err(AnalysisError::asked("no selected frame was scored".to_owned(), help));
     }
     Ok(scores)
-}
-
-/// As Table I: of the selected estimators, in one zone.
-fn as_table(
-    recording: &Recording,
-    estimators: &[Estimator],
-    scores: &[FrameScore],
-    selection: &Selection,
-    ablation: &Ablation<'_>,
-) -> Result<(Table, Vec<FrameScore>, Vec<Estimator>), AnalysisError> {
-    if selection.mean == Some(Mean::Pixels) {
-        return Err(AnalysisError::asked(
-            "the table with scores in rows has means over frames".to_owned(),
-            "take `--rows variant` for those over pixels".to_owned(),
-        ));
-    }
-    let zone = ablation.zone(selection)?;
-    let rows = ablation.rows(selection)?;
-    let mut place = vec![None; estimators.len()];
-    let mut selected: Vec<Estimator> = Vec::new();
-    for row in rows {
-        let estimator = &estimators[row.estimator];
-        let sets = estimator.sets.iter().copied().filter(|set| selection.set.is_none_or(|wanted| wanted == *set));
-        place[row.estimator] = Some(selected.len());
-        selected.push(Estimator { sets: sets.collect(), ..estimator.clone() });
-    }
-    let of = |score: &&FrameScore| {
-        let estimator = place[score.estimator]?;
-        let is_wanted = score.row.zone == zone && selected[estimator].sets.contains(&score.row.set);
-        // In the table a zone takes the place of the whole image.
-        is_wanted.then(|| FrameScore {
-            estimator,
-            row: ScoreRow { zone: String::new(), ..score.row.clone() },
-            ..(*score).clone()
-        })
-    };
-    let kept: Vec<FrameScore> = common(scores, estimators).iter().filter_map(of).collect();
-    let mut table = Table::new(&recording.plan().experiment, &kept, &selected, false, &source_of(recording));
-    zone.clone_into(&mut table.zone);
-    table.label = [vec![format!("{}-scores", recording.plan().experiment)], selection.label()].concat().join("-");
-    Ok((table, kept, selected))
 }

@@ -3,25 +3,16 @@
 use std::collections::HashSet;
 
 use super::{Ablation, Row};
-use crate::best::{Candidate, best};
+use crate::tables::best::{Candidate, best};
 
 /// By row and metric, whether it is the best among comparable rows.
 pub(crate) struct Best(Vec<Vec<bool>>);
 
 impl Best {
-    /// The best of each metric, by the [one rule](crate::best).
+    /// The best of each metric, by the [one rule](crate::tables::best).
     pub(crate) fn of(ablation: &Ablation<'_>, rows: &[Row]) -> Self {
-        let a3 = ablation.metrics.iter().position(|metric| metric.name == "a3");
         let of_metric = |metric: usize| {
-            let candidate = |row: &Row| {
-                let part = row.of(metric);
-                Candidate {
-                    class: part.comparable_by(metric),
-                    value: part.values[metric],
-                    a3: a3.and_then(|a3| part.values[a3]),
-                    density: part.density,
-                }
-            };
+            let candidate = |row: &Row| candidate(ablation, row, metric, row.comparable_by(metric));
             best(&rows.iter().map(candidate).collect::<Vec<_>>(), ablation.metrics[metric].more_is_better)
         };
         Self((0..ablation.metrics.len()).map(of_metric).collect())
@@ -31,6 +22,14 @@ impl Best {
     pub(crate) fn is_best(&self, metric: usize, row: usize) -> bool {
         self.0[metric][row]
     }
+}
+
+/// A row's value of a metric as one that may be the best of a class.
+pub(super) fn candidate(ablation: &Ablation<'_>, row: &Row, metric: usize, class: Option<usize>) -> Candidate {
+    let part = row.of(metric);
+    let a3 = ablation.metrics.iter().position(|metric| metric.name == "a3");
+    let a3 = a3.and_then(|a3| part.values[a3]);
+    Candidate { class, value: part.values[metric], a3, density: part.density }
 }
 
 /// What is to be said where not all of some rows are comparable by one of some metrics.

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use depthloom_recording::{RecordedPlan, RecordedRun};
 
 use crate::estimators::Estimator;
-use crate::leading::Leads;
+use crate::tables::RowKeys;
 use crate::timings::Timing;
 
 /// The processor time of a run's nodes.
@@ -33,11 +33,11 @@ impl Costs {
 
     /// By estimator; `None` where it is not known what was scored, or a node it comes from has no time: its values were there before.
     pub(crate) fn core_ms(&self, plan: &RecordedPlan, estimators: &[Estimator]) -> Vec<Option<f64>> {
-        let (leads, graphs) = (Leads::new(plan), plan.runs.iter().map(Graph::new).collect::<Vec<Graph<'_>>>());
+        let (leads, graphs) = (RowKeys::new(plan), plan.runs.iter().map(Graph::new).collect::<Vec<Graph<'_>>>());
         estimators.iter().map(|estimator| self.of(&leads, &graphs, estimator)).collect()
     }
 
-    fn of(&self, leads: &Leads<'_>, graphs: &[Graph<'_>], estimator: &Estimator) -> Option<f64> {
+    fn of(&self, leads: &RowKeys<'_>, graphs: &[Graph<'_>], estimator: &Estimator) -> Option<f64> {
         let graph = &graphs[estimator.run];
         let mut sum = 0.0;
         let mut nodes: Vec<usize> = graph.upstream(estimator.estimate.as_deref()?).into_iter().collect();

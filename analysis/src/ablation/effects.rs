@@ -1,11 +1,12 @@
 //! The effect of each axis on a score or a cost as a table: marginal means by level, and shares of the variance.
 
-use super::column::Column;
+use super::factor::Factor;
 use super::front::Better;
-use super::variance::{Effects, Factor, MeansOf, effects};
+use super::measure::Measure;
+use super::variance::{Effects, MeansOf, effects};
 use super::{Ablation, Row, Selection};
 use crate::error::AnalysisError;
-use crate::grid::{Grid, GridCells, GridColumn};
+use crate::tables::{Column, Format, Rows, Table};
 use depthloom_graphs::counted;
 
 /// Levels that are numbers are taken together in so many ranges where nearly every row has one of its own.
@@ -41,8 +42,8 @@ struct Line {
 
 /// What each axis did to a score or a cost: of each level how many rows, their mean and how far that is from the mean of all rows with the
 /// axis; of each axis its share of the variance, the largest first.
-pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, of: &str) -> Result<Grid, AnalysisError> {
-    let column = ablation.measure(of, "effects are")?;
+pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, of: &str) -> Result<Table, AnalysisError> {
+    let column = ablation.goal_measure(of, "effects are")?;
     let all = ablation.rows(selection)?;
     ablation.require(&all, column)?;
     // Of a score, the rows of which it was taken.
@@ -68,58 +69,49 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, of: &str) -> 
         looked.iter().map(|axis| Factor { levels: axis.levels.len(), of_row: axis.of_row.clone() }).collect();
     let found = effects(&values, &factors);
 
-    let (named, more_is_better) = (ablation.column_name(column), ablation.better(column) == Better::More);
+    let (named, more_is_better) = (ablation.measure_name(column), ablation.better(column) == Better::More);
     // Time is time, whatever was scored.
     let comparable = |row: &Row| match column {
-        Column::Ms => Some(0),
-        Column::Metric(metric) => row.comparable_by(metric),
+        Measure::Ms => Some(0),
+        Measure::Metric(metric) => row.comparable_by(metric),
         _ => row.comparable,
     };
     let is_comparable = rows.iter().all(|row| comparable(row).is_some() && comparable(row) == comparable(rows[0]));
     let lines = lines(&looked, &found, more_is_better, is_comparable);
     let decimals = ablation.decimals(column);
-    let number = |values: Vec<Option<f64>>| {
-        let best = vec![false; values.len()];
-        GridCells::Number { decimals, values, best }
+    let cells = Rows(&lines);
+    let mean = cells.number(named, |line| line.mean).better(more_is_better).decimals(decimals);
+    let mean = match column {
+        Measure::Metric(metric) => mean.metric(ablation.metrics[metric]),
+        Measure::Ms => mean.format(Format::Fixed(decimals)),
+        _ => mean,
     };
-    let means = GridCells::Number {
-        decimals,
-        values: lines.iter().map(|line| line.mean).collect(),
-        best: lines.iter().map(|line| line.is_best).collect(),
-    };
-    let apart = lines.iter().map(|line| line.difference).collect();
-    let once = |column: GridColumn| GridColumn { once: true, ..column };
-    let places = |of: fn(&Line) -> bool| (0..lines.len()).filter(|&line| of(&lines[line])).collect();
-    Ok(Grid {
+    let levels = lines.iter().map(|line| line.level.clone());
+    let places = |is_place: fn(&Line) -> bool| (0..lines.len()).filter(|&line| is_place(&lines[line])).collect();
+    Ok(Table {
         about: format!(
             "effect of each axis on {named}{}; {} rows, mean {:.decimals$}, standard deviation {:.decimals$}; share: of the variance between \
              rows (eta squared)",
             match column {
-                Column::Ms => ", core-milliseconds a frame".to_owned(),
+                Measure::Ms => ", core-milliseconds a frame".to_owned(),
                 _ => format!(" over {}", ablation.about(&all, selection)?),
             },
             rows.len(),
             found.mean,
             found.deviation,
         ),
-        caption: None,
         label: [vec![format!("{}-effects-{of}", ablation.experiment)], selection.label()].concat().join("-"),
-        columns: vec![
-            once(GridColumn::key("axis", lines.iter().map(|line| Some(line.axis.clone())).collect())),
-            GridColumn::levels("level", lines.iter().map(|line| line.level.clone()).collect(), |line| {
-                lines[line].level_is_number
-            }),
-            GridColumn::of("rows", GridCells::Count(lines.iter().map(|line| line.rows).collect())),
-            match column.metric() {
-                Some(metric) => GridColumn::score(ablation.metrics[metric], means),
-                None => GridColumn { more_is_better: Some(more_is_better), ..GridColumn::of(named, means) },
-            },
-            GridColumn::of("difference", number(apart)),
-            once(GridColumn::of("share", GridCells::Share(lines.iter().map(|line| line.share).collect()))),
-        ],
         gaps: places(|line| line.has_gap),
         starts: places(|line| line.is_start),
         notes: notes(ablation, &all, &rows, &looked, &found, is_comparable),
+        ..Table::new(vec![
+            cells.key("axis", |line| &line.axis).once(),
+            Column::levels("level", levels, |line| lines[line].level_is_number),
+            cells.count("rows", |line| line.rows),
+            mean.marked(lines.iter().map(|line| line.is_best).collect()),
+            cells.number("difference", |line| line.difference).decimals(decimals),
+            cells.share("share", |line| line.share).once(),
+        ])
     })
 }
 

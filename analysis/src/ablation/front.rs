@@ -1,5 +1,7 @@
 //! The Pareto front: what nothing else beats in everything asked for.
 
+use std::collections::BTreeMap;
+
 /// Whether less or more of a value is better.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Better {
@@ -64,6 +66,34 @@ pub(crate) fn front(rows: &[Vec<Option<f64>>], goals: &[Goal]) -> Vec<usize> {
     let mut front: Vec<usize> = kept.into_iter().map(|(row, _)| row).collect();
     front.sort_unstable();
     front
+}
+
+/// The front of each kind of rows: rows of two kinds cannot be compared.
+pub(super) fn fronts(
+    rows: usize,
+    kind: impl Fn(usize) -> Vec<Option<usize>>,
+    values: impl Fn(usize) -> Vec<Option<f64>>,
+    goals: &[Goal],
+) -> Vec<usize> {
+    let mut kinds: BTreeMap<Vec<Option<usize>>, Vec<usize>> = BTreeMap::new();
+    (0..rows).for_each(|row| kinds.entry(kind(row)).or_default().push(row));
+    let mut found = Vec::new();
+    for members in kinds.into_values() {
+        let values: Vec<Vec<Option<f64>>> = members.iter().map(|row| values(*row)).collect();
+        found.extend(front(&values, goals).into_iter().map(|place| members[place]));
+    }
+    found.sort_unstable();
+    found
+}
+
+/// Sorts rows by a value, best first; those without one come last, equals stay in their order.
+pub(super) fn sort_best_first(order: &mut [usize], better: Better, value: impl Fn(usize) -> Option<f64>) {
+    let value = |row: &usize| value(*row).filter(|value| !value.is_nan());
+    order.sort_by(|a, b| match (value(a), value(b)) {
+        (Some(a), Some(b)) if better == Better::More => b.total_cmp(&a),
+        (Some(a), Some(b)) => a.total_cmp(&b),
+        (a, b) => a.is_none().cmp(&b.is_none()),
+    });
 }
 
 #[cfg(test)]

@@ -85,8 +85,8 @@ mod tests {
     use super::*;
     use crate::error::AnalysisError;
     use crate::estimators::estimators;
-    use crate::grid::Grid;
     use crate::scores::FrameScore;
+    use crate::tables::Table;
 
     /// Two variants with a disparity, the depth that it becomes, and that depth smoothed: all three scored.
     fn plan() -> RecordedPlan {
@@ -125,7 +125,7 @@ mod tests {
     }
 
     /// `depth`, `smooth` and `disparity` of the first variant, then of the second; disparities have fewer true pixels.
-    fn ask(ranking: &Ranking, selection: &Selection) -> Result<Grid, AnalysisError> {
+    fn ask(ranking: &Ranking, selection: &Selection) -> Result<Table, AnalysisError> {
         let plan = plan();
         let estimators = estimators(&plan).unwrap();
         let values = [0.1, 0.2, 0.03, 0.4, 0.3, 0.01];
@@ -137,7 +137,7 @@ mod tests {
         };
         let scores: Vec<FrameScore> = values.into_iter().enumerate().map(score).collect();
         let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
-        ranking.grid(&ablation, selection, &|| false)
+        ranking.table(&ablation, selection, &|| false)
     }
 
     #[test]

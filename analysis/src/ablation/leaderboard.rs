@@ -4,23 +4,20 @@ use depthloom_graphs::plan::VariantId;
 use std::collections::HashMap;
 
 use depthloom_recording::{PlanDifference, Recording};
-use depthloom_scores::PixelSet;
+use depthloom_scores::Metric;
 use serde_json::Value as Json;
 
-use super::answer::{of_frames, scored, source_of};
-use super::front::{Better, Goal, front};
-use super::ranking::TIMING_NOISE;
-use super::{Ablation, Costs, Ranking, Row, Selection, shared_scores};
-use crate::best::{Candidate, best};
+use super::answer::{selected_scores, source_of};
+use super::best::candidate;
+use super::comparability::Classes;
+use super::front::{Better, Goal, fronts, sort_best_first};
+use super::{Ablation, Costs, Ranking, Row, Selection};
 use crate::compare::parameter_changes;
-use crate::comparison::Comparison;
-use crate::condition;
 use crate::error::{AnalysisError, caught};
-use crate::estimators::{Estimator, estimators};
-use crate::grid::{Grid, GridCells, GridColumn};
-use crate::leading::COMMON;
-use crate::scores::FrameScore;
-use crate::table::incomplete_frames;
+use crate::input::condition;
+use crate::scores::incomplete_frames;
+use crate::tables::best::{Candidate, best};
+use crate::tables::{Column, Format, Rows, Table};
 
 /// A run of a [leaderboard](leaderboard()).
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +34,7 @@ pub struct BoardRun<'a> {
 struct Entry {
     run: usize,
     row: Row,
-    /// By score: the class of rows that it may be compared with, over all runs.
+    /// By metric of the board: the class of rows that it may be compared with, over all runs.
     classes: Vec<Option<usize>>,
 }
 
@@ -50,7 +47,7 @@ pub fn leaderboard(
     selection: &Selection,
     ranking: &Ranking,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Grid, AnalysisError> {
+) -> Result<Table, AnalysisError> {
     caught(|| {
         if ranking.intervals.is_some() {
             return Err(AnalysisError::asked(
@@ -58,224 +55,160 @@ pub fn leaderboard(
                 "name one run, or take `compare`, which has intervals of differences".to_owned(),
             ));
         }
-        let mut opened: Vec<(Vec<Estimator>, Vec<FrameScore>)> = Vec::new();
-        for run in runs {
-            let all = estimators(run.recording.plan())?;
-            let (all, scores) = match selection.common {
-                true => shared_scores(run.recording, &all, selection, stop)?,
-                false => {
-                    let scores = scored(run.recording, &all, stop)?;
-                    (all, scores)
-                }
-            };
-            let scores = of_frames(run.recording, &all, scores, selection)?;
-            opened.push((all, scores));
-        }
+        let opened =
+            runs.iter().map(|run| selected_scores(run.recording, selection, stop)).collect::<Result<Vec<_>, _>>()?;
         let sources: Vec<_> = runs.iter().map(|run| source_of(run.recording)).collect();
         let ablations: Vec<Ablation<'_>> = (runs.iter().zip(&opened).zip(&sources))
             .map(|((run, (estimators, scores)), source)| {
                 Ablation::new(run.recording.plan(), estimators, scores, source, run.costs)
             })
             .collect();
-        let board = Board::of(runs, &ablations, selection, ranking)?;
-        let mut grid = board.grid(selection, ranking)?;
+        let mut table = Board::new(runs, &ablations, selection, ranking)?.table(selection, ranking)?;
         for (run, (estimators, scores)) in runs.iter().zip(&opened) {
             let notes = incomplete_frames(run.recording, estimators, scores);
-            let notes = notes.into_iter().chain(condition::told(run.recording, &[], true).notes);
-            grid.notes.extend(notes.map(|note| format!("{}: {note}", run.called)));
+            let notes = notes.into_iter().chain(condition::findings(run.recording, &[], true).notes);
+            table.notes.extend(notes.map(|note| format!("{}: {note}", run.called)));
         }
-        Ok(grid)
+        Ok(table)
     })
 }
 
 struct Board<'a> {
     runs: &'a [BoardRun<'a>],
     ablations: &'a [Ablation<'a>],
-    /// The columns behind the keys, by name.
-    columns: Vec<String>,
+    /// The metrics that any run has.
+    metrics: Vec<&'static Metric>,
     entries: Vec<Entry>,
 }
 
 impl<'a> Board<'a> {
-    fn of(
+    fn new(
         runs: &'a [BoardRun<'a>],
         ablations: &'a [Ablation<'a>],
         selection: &Selection,
         ranking: &Ranking,
     ) -> Result<Self, AnalysisError> {
         let selection = &ranking.with_depths(selection);
-        let mut rows: Vec<(usize, Row)> = Vec::new();
-        for (run, ablation) in ablations.iter().enumerate() {
-            let (of_run, _) = ranking.rows(ablation, ablation.rows(selection)?)?;
-            rows.extend(of_run.into_iter().map(|row| (run, row)));
-        }
-        let mut board = Self { runs, ablations, columns: ranking.columns.clone(), entries: Vec::new() };
-        let mut comparisons: Vec<(PixelSet, Comparison<'_>)> = Vec::new();
-        let mut entries = Vec::new();
-        let names = board.scores();
-        for (run, row) in rows {
-            let ablation = &ablations[run];
-            let zone = ablation.zone(selection)?;
-            let class = |name: &&str, comparisons: &mut Vec<(PixelSet, Comparison<'a>)>| {
-                let metric = ablation.metrics.iter().position(|metric| metric.name == *name)?;
-                row.comparable_by(metric)?;
-                let part = row.of(metric);
-                let scores = ablation.frames(part.estimator, part.set, zone).iter().copied();
-                let comparison = Comparison::of(ablation.estimator(part), part.mean, scores, ablation.source);
-                let comparison = (part.set, comparison);
-                Some(comparisons.iter().position(|known| *known == comparison).unwrap_or_else(|| {
-                    comparisons.push(comparison);
-                    comparisons.len() - 1
-                }))
-            };
-            let classes = names.iter().map(|name| class(name, &mut comparisons)).collect();
-            entries.push(Entry { run, row, classes });
-        }
-        board.entries = entries;
-        if board.columns.is_empty() {
-            let has = |name: &&str| board.entries.iter().any(|entry| board.number(entry, name).is_some());
-            let others = ["density", "ms", "frames"].into_iter();
-            board.columns = names.iter().copied().chain(others).filter(has).map(str::to_owned).collect();
-        }
-        Ok(board)
-    }
-
-    /// The scores that any run has.
-    fn scores(&self) -> Vec<&'static str> {
-        let mut metrics: Vec<_> = self.ablations.iter().flat_map(|ablation| ablation.metrics.iter().copied()).collect();
+        let mut metrics: Vec<_> = ablations.iter().flat_map(|ablation| ablation.metrics.iter().copied()).collect();
         metrics.sort_by_key(|metric| metric.place());
-        metrics.dedup_by_key(|metric| metric.name);
-        metrics.into_iter().map(|metric| metric.name).collect()
-    }
-
-    fn number(&self, entry: &Entry, column: &str) -> Option<f64> {
-        let ablation = &self.ablations[entry.run];
-        ablation.number(&entry.row, ablation.column(column).ok()?)
-    }
-
-    /// Which way a column is better, in the first run that has it.
-    fn better(&self, column: &str) -> Result<Better, AnalysisError> {
-        let found = self.ablations.iter().find_map(|of| Some(of.better(of.measure(column, "a leaderboard is").ok()?)));
-        match found {
-            Some(better) => Ok(better),
-            None => self.ablations[0].measure(column, "a leaderboard is").map(|of| self.ablations[0].better(of)),
-        }
-    }
-
-    fn grid(&self, selection: &Selection, ranking: &Ranking) -> Result<Grid, AnalysisError> {
-        let by = match ranking.sort.as_ref().or_else(|| ranking.pareto.first()) {
-            Some(sort) => sort.clone(),
-            None => {
-                let rows: Vec<Row> = self.entries.iter().filter(|of| of.run == 0).map(|of| of.row.clone()).collect();
-                self.ablations[0].metrics[self.ablations[0].first_error(&rows)].name.to_owned()
+        metrics.dedup();
+        let (mut classes, mut entries) = (Classes::default(), Vec::new());
+        for (run, ablation) in ablations.iter().enumerate() {
+            let zone = ablation.zone(selection)?;
+            for row in ranking.rows(ablation, ablation.rows(selection)?)?.0 {
+                let class = |metric: &&Metric| {
+                    let metric = ablation.metrics.iter().position(|known| known == metric)?;
+                    row.comparable_by(metric)?;
+                    let part = row.of(metric);
+                    let scores = ablation.frames(part.estimator, part.set, zone);
+                    classes.class(ablation.estimator(part), (part.set, part.mean), scores, ablation.source)
+                };
+                let classes = metrics.iter().map(class).collect();
+                entries.push(Entry { run, row, classes });
             }
+        }
+        Ok(Self { runs, ablations, metrics, entries })
+    }
+
+    fn ablation(&self, entry: &Entry) -> &'a Ablation<'a> {
+        &self.ablations[entry.run]
+    }
+
+    /// The value of an entry in the column of that name.
+    fn number(&self, entry: &Entry, name: &str) -> Option<f64> {
+        let ablation = self.ablation(entry);
+        ablation.number(&entry.row, ablation.measure(name).ok()?)
+    }
+
+    /// What is better in a column, in the first run that has it.
+    fn goal(&self, name: &str) -> Result<Goal, AnalysisError> {
+        let goal = |ablation: &Ablation<'_>| Ok(ablation.goal(ablation.goal_measure(name, "a leaderboard is")?));
+        let found = self.ablations.iter().find_map(|ablation| goal(ablation).ok());
+        found.map_or_else(|| goal(&self.ablations[0]), Ok)
+    }
+
+    fn table(&self, selection: &Selection, ranking: &Ranking) -> Result<Table, AnalysisError> {
+        let first: Vec<Row> =
+            self.entries.iter().filter(|entry| entry.run == 0).map(|entry| entry.row.clone()).collect();
+        let by = match ranking.sort.as_ref().or_else(|| ranking.pareto.first()) {
+            Some(sort) => sort,
+            None => self.ablations[0].metrics[self.ablations[0].first_error(&first)].name,
         };
+        let number = |place: usize, name: &str| self.number(&self.entries[place], name);
         let mut order: Vec<usize> = (0..self.entries.len()).collect();
         if !ranking.pareto.is_empty() {
-            order = self.front(&ranking.pareto)?;
+            let goals = ranking.pareto.iter().map(|name| self.goal(name)).collect::<Result<Vec<_>, _>>()?;
+            let kind = |place: usize| {
+                let metrics = self.metrics.iter().zip(&self.entries[place].classes);
+                let wanted = metrics.filter(|(metric, _)| ranking.pareto.iter().any(|name| name == metric.name));
+                wanted.map(|(_, class)| *class).collect()
+            };
+            let values = |place: usize| ranking.pareto.iter().map(|name| number(place, name)).collect();
+            order = fronts(self.entries.len(), kind, values, &goals);
         }
-        let better = self.better(&by)?;
-        let value = |place: &usize| self.number(&self.entries[*place], &by).filter(|value| !value.is_nan());
-        order.sort_by(|a, b| match (value(a), value(b)) {
-            (Some(a), Some(b)) if better == Better::More => b.total_cmp(&a),
-            (Some(a), Some(b)) => a.total_cmp(&b),
-            (a, b) => a.is_none().cmp(&b.is_none()),
-        });
+        sort_best_first(&mut order, self.goal(by)?.better, |place| number(place, by));
         let all = order.len();
         order.truncate(ranking.top.unwrap_or(all));
         let shown: Vec<&Entry> = order.iter().map(|&place| &self.entries[place]).collect();
-        let estimator = |entry: &Entry| self.ablations[entry.run].estimator(&entry.row);
-        let key = |name: &str, of: &dyn Fn(&Entry) -> Option<String>| {
-            let cells: Vec<Option<String>> = shown.iter().map(|entry| of(entry)).collect();
-            let differs = name == "run" || cells.windows(2).any(|two| two[0] != two[1]);
-            GridColumn { only_in_files: !differs, ..GridColumn::key(name, cells) }
-        };
-        let set = |entry: &Entry| {
-            let mut sets: Vec<&str> = entry.row.parts().map(|part| part.set.name()).collect();
-            sets.dedup();
-            Some(if selection.common { COMMON.to_owned() } else { sets.join("+") })
-        };
-        let mut columns = vec![
-            key("run", &|entry| Some(self.runs[entry.run].called.to_owned())),
-            key("stage", &|entry| Some(estimator(entry).lead.stage.clone())),
-            key("variant", &|entry| estimator(entry).lead.variant.clone()),
-            key("estimator", &|entry| Some(self.ablations[entry.run].name(&entry.row))),
-            key("set", &set),
-        ];
-        for (setting, values) in self.settings(&shown) {
-            columns.push(GridColumn::key(setting, values));
+        let mut columns = self.keys(&shown, selection);
+        let mut names: Vec<&str> = ranking.columns.iter().map(String::as_str).collect();
+        if names.is_empty() {
+            let has = |name: &&str| self.entries.iter().any(|entry| self.number(entry, name).is_some());
+            names = self.metrics.iter().map(|metric| metric.name).chain(["density", "ms", "frames"]).collect();
+            names.retain(has);
         }
-        for column in &self.columns {
-            columns.push(self.column(column, &order)?);
+        for name in &names {
+            columns.push(self.column(name, &order)?);
         }
-        let rows: Vec<Row> = self.entries.iter().filter(|of| of.run == 0).map(|of| of.row.clone()).collect();
-        let about = self.ablations[0].about(&rows, selection)?;
+        let about = self.ablations[0].about(&first, selection)?;
         let count =
             if order.len() == all { format!("{all} rows") } else { format!("the first {} of {all} rows", order.len()) };
-        let mut notes = Vec::new();
-        if self.columns.iter().any(|column| column == "ms") {
-            notes.push("ms: of several runs, timings are of several moments and perhaps machines".to_owned());
-        }
+        let notes = names
+            .contains(&"ms")
+            .then(|| "ms: of several runs, timings are of several moments and perhaps machines".to_owned());
         let label = [vec!["leaderboard".to_owned()], selection.label()].concat().join("-");
         let about = format!("{} runs; of the first {about}; {count} by {by}", self.runs.len());
-        Ok(Grid { about, label, columns, notes, ..Grid::default() })
+        Ok(Table { about, label, notes: notes.into_iter().collect(), ..Table::new(columns) })
     }
 
-    fn column(&self, name: &str, order: &[usize]) -> Result<GridColumn, AnalysisError> {
-        let values: Vec<Option<f64>> = order.iter().map(|&place| self.number(&self.entries[place], name)).collect();
-        let Some(place) = self.scores().iter().position(|score| *score == name) else {
-            let better = self.better(name)?;
-            let cells = match name {
-                "density" | "disparity_density" => GridCells::Share(values),
-                "ms" => GridCells::Number { decimals: 2, best: vec![false; values.len()], values },
-                _ => GridCells::Count(values.into_iter().map(|value| value.map(|value| value as u64)).collect()),
-            };
-            return Ok(GridColumn { more_is_better: Some(better == Better::More), ..GridColumn::of(name, cells) });
+    /// The columns that say what entries are: text shows those on which they differ.
+    fn keys(&self, shown: &[&Entry], selection: &Selection) -> Vec<Column> {
+        let rows = Rows(shown);
+        let estimator = |entry: &Entry| self.ablation(entry).estimator(&entry.row);
+        let mut columns = vec![
+            rows.key("stage", |entry| &estimator(entry).lead.stage),
+            rows.key("variant", |entry| estimator(entry).lead.variant.as_ref()),
+            rows.key("estimator", |entry| self.ablation(entry).name(&entry.row)),
+            rows.key("set", |entry| selection.set_name(&entry.row)),
+        ];
+        for column in &mut columns {
+            column.only_in_files = (1..shown.len()).all(|row| column.cells.text(row) == column.cells.text(0));
+        }
+        columns.insert(0, rows.key("run", |entry| self.runs[entry.run].called));
+        let settings = self.settings(shown).into_iter();
+        columns.extend(settings.map(|(setting, values)| Rows(&values).key(setting, Option::as_ref)));
+        columns
+    }
+
+    fn column(&self, name: &str, order: &[usize]) -> Result<Column, AnalysisError> {
+        let shown: Vec<&Entry> = order.iter().map(|&place| &self.entries[place]).collect();
+        let (rows, goal) = (Rows(&shown), self.goal(name)?);
+        let column = rows.number(name, |entry| self.number(entry, name)).better(goal.better == Better::More);
+        let Some(place) = self.metrics.iter().position(|metric| metric.name == name) else {
+            return Ok(match name {
+                "density" | "disparity_density" => column.format(Format::Percent),
+                "ms" => column.format(Format::Fixed(2)),
+                _ => rows.count(name, |entry| self.number(entry, name).map(|count| count as u64)),
+            });
         };
-        let metric = self.ablations.iter().find_map(|of| of.metrics.iter().copied().find(|metric| metric.name == name));
-        let Some(metric) = metric else { return Ok(GridColumn::of(name, GridCells::Share(values))) };
         let candidate = |entry: &Entry| {
-            let part =
-                self.ablations[entry.run].metrics.iter().position(|of| of.name == name).map(|of| entry.row.of(of));
-            let a3 = self.ablations[entry.run].metrics.iter().position(|of| of.name == "a3");
-            Candidate {
-                class: entry.classes[place],
-                value: self.number(entry, name),
-                a3: part.zip(a3).and_then(|(part, a3)| part.values[a3]),
-                density: part.and_then(|part| part.density),
-            }
+            let (ablation, class) = (self.ablation(entry), entry.classes[place]);
+            let metric = ablation.metrics.iter().position(|known| *known == self.metrics[place]);
+            metric.map_or_else(Candidate::default, |metric| candidate(ablation, &entry.row, metric, class))
         };
-        let marked = best(&self.entries.iter().map(candidate).collect::<Vec<_>>(), metric.more_is_better);
-        let best = order.iter().map(|&place| marked[place]).collect();
-        Ok(GridColumn::score(metric, GridCells::Number { decimals: metric.decimals + 1, values, best }))
-    }
-
-    /// The entries on the Pareto front; of entries that cannot be compared each kind has its own.
-    fn front(&self, names: &[String]) -> Result<Vec<usize>, AnalysisError> {
-        let goal = |name: &String| {
-            let noise = if name == "ms" { TIMING_NOISE } else { 0.0 };
-            self.better(name).map(|better| Goal { better, noise })
-        };
-        let goals: Vec<Goal> = names.iter().map(goal).collect::<Result<_, _>>()?;
-        let scores = self.scores();
-        let places: Vec<usize> =
-            names.iter().filter_map(|name| scores.iter().position(|score| score == name)).collect();
-        let mut kinds: Vec<(Vec<Option<usize>>, Vec<usize>)> = Vec::new();
-        for (at, entry) in self.entries.iter().enumerate() {
-            let kind: Vec<Option<usize>> = places.iter().map(|place| entry.classes[*place]).collect();
-            match kinds.iter_mut().find(|(known, _)| *known == kind) {
-                Some((_, members)) => members.push(at),
-                None => kinds.push((kind, vec![at])),
-            }
-        }
-        let mut found = Vec::new();
-        for (_, members) in kinds {
-            let values = |at: &usize| names.iter().map(|name| self.number(&self.entries[*at], name)).collect();
-            let values: Vec<Vec<Option<f64>>> = members.iter().map(values).collect();
-            found.extend(front(&values, &goals).into_iter().map(|place| members[place]));
-        }
-        found.sort_unstable();
-        Ok(found)
+        let candidates: Vec<Candidate> = self.entries.iter().map(candidate).collect();
+        let best = best(&candidates, self.metrics[place].more_is_better);
+        Ok(column.metric(self.metrics[place]).marked(order.iter().map(|&place| best[place]).collect()))
     }
 
     /// The parameters in which the entries differ: `stage.node.parameter`, and its value by entry; `None` where variants that share an entry do not agree.

@@ -5,10 +5,10 @@ use depthloom_graphs::plan::FrameIndex;
 use depthloom_recording::Recording;
 use depthloom_scores::{PixelSet, ScoreRow, ScoredPixels, Settings, score_pixels};
 
-use super::{Selection, each_names_one, is_of};
+use super::Selection;
 use crate::error::AnalysisError;
-use crate::estimators::Estimator;
-use crate::maps::not_recorded;
+use crate::estimators::{Estimator, each_names_one, is_of};
+use crate::input::maps::not_recorded;
 use crate::scores::FrameScore;
 
 /// Maps of one frame that are held at once.

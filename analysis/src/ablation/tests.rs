@@ -9,7 +9,7 @@ use serde_json::{Value as Json, json};
 
 use super::*;
 use crate::estimators::estimators;
-use crate::leading::Lead;
+use crate::tables::RowKey;
 use crate::timings::Timing;
 
 /// A recorded output that is there for every frame.
@@ -104,7 +104,7 @@ fn scores() -> Vec<FrameScore> {
 
 fn costs() -> Costs {
     let timing = |variant: Option<&str>, node: &str, phase: &str, cpu_ns: u64| Timing {
-        lead: Lead { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
+        lead: RowKey { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
         node: node.to_owned(),
         phase: phase.to_owned(),
         frames: 2,
@@ -131,12 +131,12 @@ fn ask_of<R>(estimators: &[Estimator], scores: &[FrameScore], of: impl FnOnce(&A
     of(&Ablation::new(&plan(), estimators, scores, &|_, _| None, Some(&costs())))
 }
 
-fn ranking(ranking: &Ranking, selection: &Selection) -> Result<crate::grid::Grid, AnalysisError> {
-    ask(|ablation| ranking.grid(ablation, selection, &|| false))
+fn ranking(ranking: &Ranking, selection: &Selection) -> Result<crate::tables::Table, AnalysisError> {
+    ask(|ablation| ranking.table(ablation, selection, &|| false))
 }
 
-pub(super) fn csv(grid: &crate::grid::Grid) -> String {
-    String::from_utf8(grid.sheet().csv()).unwrap()
+pub(super) fn csv(grid: &crate::tables::Table) -> String {
+    String::from_utf8(grid.csv()).unwrap()
 }
 
 pub(super) fn owned(names: &[&str]) -> Vec<String> {
@@ -144,7 +144,7 @@ pub(super) fn owned(names: &[&str]) -> Vec<String> {
 }
 
 /// What the rows of a table are called.
-pub(super) fn labels(grid: &crate::grid::Grid) -> Vec<String> {
+pub(super) fn labels(grid: &crate::tables::Table) -> Vec<String> {
     let csv = csv(grid);
     let of = |line: &str| match line.split(',').collect::<Vec<_>>()[1..3] {
         ["", estimator] => estimator.to_owned(),
@@ -213,7 +213,7 @@ fn best_is_marked_only_between_what_is_comparable() {
         estimator.truth = Some("/s/lidar/depth".to_owned());
     }
     let of = Ranking { columns: owned(&["abs_rel"]), ..Ranking::default() };
-    let grid = ask_of(&estimators, &scores(), |ablation| of.grid(ablation, &Selection::default(), &|| false)).unwrap();
+    let grid = ask_of(&estimators, &scores(), |ablation| of.table(ablation, &Selection::default(), &|| false)).unwrap();
     let marked = grid.terminal(110).lines().filter(|line| line.ends_with('*')).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(marked, ["smooth     3      hh       0.1500*", "smooth     9      hh       0.3500*"]);
     assert!(grid.notes[0].starts_with("rows are of 2 kinds that cannot be compared"), "{:?}", grid.notes);
@@ -234,7 +234,7 @@ fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for() {
 /// and 0.5, its share 4 * 0.15^2 / 0.14 = 9 / 14; `mode` 0.25 and 0.45, 4 / 14; what is left 1 / 14.
 #[test]
 fn the_effect_of_each_axis_is_told_with_what_is_left() {
-    let grid = ask(|ablation| effects::grid(ablation, &Selection::default(), "abs_rel")).unwrap();
+    let grid = ask(|ablation| effects::table(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
 effect of each axis on abs_rel over all true pixels, preset paper, mean over 2 frames; 4 rows, mean 0.3500, standard
 deviation 0.1871; share: of the variance between rows (eta squared); * best
@@ -251,13 +251,13 @@ block x mode  -         -          -            -   7.1 %
 note: left out, for no axis changes it: stereo
 ";
     assert_eq!(grid.terminal(118), expected);
-    let more = ask(|ablation| effects::grid(ablation, &Selection::default(), "a1")).unwrap();
+    let more = ask(|ablation| effects::table(ablation, &Selection::default(), "a1")).unwrap();
     assert!(more.terminal(118).contains("3         2  0.8000*"), "more of it is better: {}", more.terminal(118));
 }
 
 #[test]
 fn time_has_effects_too_and_what_has_none_is_told_why() {
-    let effects = |of: &str| ask(|ablation| effects::grid(ablation, &Selection::default(), of));
+    let effects = |of: &str| ask(|ablation| effects::table(ablation, &Selection::default(), of));
     let text = effects("ms").unwrap().terminal(118);
     // 11 and 12 of block 3, 13 and nothing of block 9: `sgbm` costs 1 more, and a third of the rows have it.
     assert!(
@@ -268,7 +268,7 @@ fn time_has_effects_too_and_what_has_none_is_told_why() {
     );
     assert!(text.contains("note: left out: 1 row without a value"), "{text}");
     assert!(refused(effects("mode")).starts_with("`mode` is an axis: neither way of it is better"));
-    let best = |of: &str| refused(ask(|ablation| zones::grid(ablation, &Selection::default(), of)));
+    let best = |of: &str| refused(ask(|ablation| zones::table(ablation, &Selection::default(), of)));
     assert!(best("mode").starts_with("`mode` is no score: zones have a best of scores alone"), "{}", best("mode"));
     assert!(best("ms").starts_with("`ms` is no score: zones have a best of scores alone"), "{}", best("ms"));
 }
@@ -283,16 +283,16 @@ fn a_median_over_pixels_is_refused_with_its_reason_wherever_it_is_asked_for() {
     for score in scores.iter_mut().filter(|score| score.row.zone.is_empty()) {
         score.row = score.row.clone().with(median, 1.0);
     }
-    let ask = |of: &dyn Fn(&Ablation<'_>) -> Result<crate::grid::Grid, AnalysisError>| {
+    let ask = |of: &dyn Fn(&Ablation<'_>) -> Result<crate::tables::Table, AnalysisError>| {
         refused(ask_of(&estimators, &scores, of))
     };
     let pixels = Selection { mean: Some(Mean::Pixels), ..Selection::default() };
     let reason =
         "`median_error` over the pixels of all frames does not follow from the frames' scores; take `--mean frames`";
-    assert_eq!(ask(&|of| effects::grid(of, &pixels, "median_error")), reason);
-    assert_eq!(ask(&|of| zones::grid(of, &pixels, "median_error")), reason);
+    assert_eq!(ask(&|of| effects::table(of, &pixels, "median_error")), reason);
+    assert_eq!(ask(&|of| zones::table(of, &pixels, "median_error")), reason);
     let near = Selection { zone: Some("near".to_owned()), ..Selection::default() };
-    let of_near = ask(&|of| effects::grid(of, &near, "median_error"));
+    let of_near = ask(&|of| effects::table(of, &near, "median_error"));
     assert!(of_near.starts_with("no row has a value of `median_error`; no frame had a pixel"), "{of_near}");
 }
 
@@ -311,7 +311,7 @@ fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size
     let estimators = estimators(&plan).unwrap();
     let scores = scores();
     let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
-    let text = effects::grid(&ablation, &Selection::default(), "abs_rel").unwrap().terminal(118);
+    let text = effects::table(&ablation, &Selection::default(), "abs_rel").unwrap().terminal(118);
     // Of 0.25 and 0.65 the mean is 0.45; 0.35 is that of all four.
     for line in ["block  3         1     0.6500       0.2000", "       9         1     0.2500*     -0.2000"] {
         assert!(text.contains(line), "{text}");
@@ -319,8 +319,8 @@ fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size
     assert!(text.contains("note: block is there in 2 of 4 rows: its means and differences are over those"), "{text}");
     assert!(!text.contains("(none)"), "{text}");
     let by_block = Ranking { sort: Some("block".to_owned()), ..Ranking::default() };
-    let grid = by_block.grid(&ablation, &Selection::default(), &|| false).unwrap();
-    let json = serde_json::to_value(grid.sheet().rows()).unwrap();
+    let grid = by_block.table(&ablation, &Selection::default(), &|| false).unwrap();
+    let json = serde_json::to_value(grid.json_rows()).unwrap();
     let blocks: Vec<&Json> = json.as_array().unwrap().iter().map(|row| &row["block"]).collect();
     assert_eq!(blocks, [&json!(3), &json!(9), &Json::Null, &Json::Null, &Json::Null]);
 }
@@ -333,7 +333,7 @@ fn what_cannot_be_compared_beats_nothing_on_a_front() {
     }
     let front = Ranking { pareto: owned(&["abs_rel", "ms"]), ..Ranking::default() };
     let grid =
-        ask_of(&estimators, &scores(), |ablation| front.grid(ablation, &Selection::default(), &|| false)).unwrap();
+        ask_of(&estimators, &scores(), |ablation| front.table(ablation, &Selection::default(), &|| false)).unwrap();
     let labels = labels(&grid);
     // 13 ms for 0.35 are beaten by 11 ms for 0.15, but those are of another truth.
     assert_eq!(labels, ["block=3+mode=hh/smooth", "block=9+mode=hh/smooth", "stereo"]);
@@ -346,7 +346,7 @@ fn where_combinations_are_missing_shares_are_said_to_overlap() {
     let grid = ask_of(
         &estimators(&plan()).unwrap()[..4],
         &scores().into_iter().filter(|of| of.estimator < 4).collect::<Vec<_>>(),
-        |ablation| effects::grid(ablation, &selection, "abs_rel"),
+        |ablation| effects::table(ablation, &selection, "abs_rel"),
     )
     .unwrap();
     assert!(grid.notes.iter().any(|note| note.contains("shares overlap")), "{:?}", grid.notes);
@@ -355,7 +355,7 @@ fn where_combinations_are_missing_shares_are_said_to_overlap() {
 
 #[test]
 fn each_zone_has_its_best_beside_what_the_best_overall_has_there() {
-    let grid = ask(|ablation| zones::grid(ablation, &Selection::default(), "abs_rel")).unwrap();
+    let grid = ask(|ablation| zones::table(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
 zone,stage,variant,estimator,set,block,mode,abs_rel,best_overall,rows,pixels
 whole image,s,block=3+mode=hh,smooth,all,3,hh,0.15000000000000002,0.15000000000000002,5,400
@@ -376,7 +376,7 @@ fn who_is_best_in_several_zones_is_told_by_its_axes() {
         [FrameScore { row: near, ..score.clone() }, score]
     });
     let scores: Vec<FrameScore> = everywhere.collect();
-    let of = |ablation: &Ablation<'_>| zones::grid(ablation, &Selection::default(), "abs_rel");
+    let of = |ablation: &Ablation<'_>| zones::table(ablation, &Selection::default(), "abs_rel");
     let text = ask_of(&estimators(&plan()).unwrap(), &scores, of).unwrap().terminal(110);
     assert!(text.contains("\nzone         estimator  block  mode  abs_rel"), "{text}");
 }
@@ -405,14 +405,18 @@ fn what_is_not_there_is_told_with_what_is() {
     assert!(front(&["abs_rel"]).contains("name two columns"));
     assert!(front(&["abs_rel", "block"]).starts_with("`block` is an axis"));
     let effects = refused(ask(|ablation| {
-        effects::grid(ablation, &Selection { estimators: Some("stereo".to_owned()), ..Selection::default() }, "abs_rel")
+        effects::table(
+            ablation,
+            &Selection { estimators: Some("stereo".to_owned()), ..Selection::default() },
+            "abs_rel",
+        )
     }));
     assert!(effects.starts_with("there is no axis to see the effect of"), "{effects}");
     let estimators = estimators(&plan()).unwrap();
     let of = Ranking { sort: Some("ms".to_owned()), ..Ranking::default() };
     let (plan, scores) = (plan(), scores());
     let without = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
-    assert!(refused(of.grid(&without, &Selection::default(), &|| false)).contains("timings.parquet"));
+    assert!(refused(of.table(&without, &Selection::default(), &|| false)).contains("timings.parquet"));
 }
 
 #[test]
@@ -424,9 +428,9 @@ fn variants_that_no_matrix_made_are_an_axis_themselves() {
     let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
     let axis = Axis { name: "variant".to_owned(), levels: plan.variants.clone(), is_numeric: false };
     assert_eq!(ablation.axes, [axis]);
-    let grid = effects::grid(&ablation, &Selection::default(), "abs_rel").unwrap();
+    let grid = effects::table(&ablation, &Selection::default(), "abs_rel").unwrap();
     assert!(grid.notes.iter().any(|note| note.starts_with("no share of variant")), "{:?}", grid.notes);
-    let grid = Ranking::default().grid(&ablation, &Selection::default(), &|| false).unwrap();
+    let grid = Ranking::default().table(&ablation, &Selection::default(), &|| false).unwrap();
     let text = grid.terminal(110);
     assert!(text.contains("\nvariant            estimator    a1"), "{text}");
     assert!(csv(&grid).starts_with("stage,variant,estimator,set,zone,a1,"), "{}", csv(&grid));
@@ -446,7 +450,7 @@ fn with_end_point_errors() -> Vec<FrameScore> {
 fn a_score_of_answers_alone_is_never_compared_over_pixels_that_were_not_answered() {
     let ask = |ranking: &Ranking| {
         ask_of(&estimators(&plan()).unwrap(), &with_end_point_errors(), |of| {
-            ranking.grid(of, &Selection::default(), &|| false)
+            ranking.table(of, &Selection::default(), &|| false)
         })
         .unwrap()
     };
@@ -476,7 +480,7 @@ fn where_no_pixel_was_scored_that_is_the_answer() {
     };
     let scores: Vec<FrameScore> = scores().iter().map(none).collect();
     let refusal = ask_of(&estimators(&plan()).unwrap(), &scores, |of| {
-        Ranking::default().grid(of, &Selection::default(), &|| false)
+        Ranking::default().table(of, &Selection::default(), &|| false)
     });
     assert!(refused(refusal).starts_with("not one pixel was scored"));
 }

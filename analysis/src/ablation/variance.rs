@@ -10,15 +10,7 @@
 //! there is not counted as its own; its share is of the variance between all rows like every other.
 
 use super::adjusted::{LevelMeans, level_means};
-
-/// An axis as rows have it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Factor {
-    /// How many levels it has.
-    pub(crate) levels: usize,
-    /// The level of each row, below `levels`; `None` where it is not on the axis.
-    pub(crate) of_row: Vec<Option<usize>>,
-}
+use super::factor::{Factor, are_orthogonal, is_full};
 
 /// The main effects on a value.
 #[derive(Clone, Debug, PartialEq)]
@@ -133,49 +125,6 @@ fn group(values: &[f64], of_row: &[Option<usize>], groups: usize) -> Vec<(usize,
 fn mean_of(groups: &[(usize, f64)]) -> f64 {
     let (count, sum) = groups.iter().fold((0, 0.0), |(count, sum), (rows, of)| (count + rows, sum + of));
     sum / count as f64
-}
-
-/// Whether each level of one meets the levels of the other in the same proportions, in the rows that have both; and where either has
-/// rows that the other has not, whether one of them has its levels there in the proportions that it has over all.
-pub(crate) fn are_orthogonal(a: &Factor, b: &Factor) -> bool {
-    let (mut of_a, mut of_b) = (vec![0; a.levels], vec![0; b.levels]);
-    let (mut all_a, mut all_b) = (vec![0; a.levels], vec![0; b.levels]);
-    let mut both = vec![0; a.levels * b.levels];
-    for (&a_level, &b_level) in a.of_row.iter().zip(&b.of_row) {
-        if let Some(level) = a_level {
-            all_a[level] += 1;
-        }
-        if let Some(level) = b_level {
-            all_b[level] += 1;
-        }
-        if let (Some(a_level), Some(b_level)) = (a_level, b_level) {
-            of_a[a_level] += 1;
-            of_b[b_level] += 1;
-            both[a_level * b.levels + b_level] += 1;
-        }
-    }
-    let rows: usize = both.iter().sum();
-    let in_proportion = |here: &[usize], all: &[usize]| {
-        let everywhere: usize = all.iter().sum();
-        here.iter().zip(all).all(|(here, all)| here * everywhere == all * rows)
-    };
-    (0..both.len()).all(|cell| both[cell] * rows == of_a[cell / b.levels] * of_b[cell % b.levels])
-        && (in_proportion(&of_a, &all_a) || in_proportion(&of_b, &all_b))
-}
-
-/// Whether every combination of the factors' levels is there as often as every other.
-fn is_full(factors: &[Factor], rows: usize) -> bool {
-    let combinations = factors.iter().try_fold(1_usize, |all, factor| all.checked_mul(factor.levels));
-    let Some(combinations) = combinations.filter(|&all| all > 0 && all <= rows && rows.is_multiple_of(all)) else {
-        return false;
-    };
-    let mut times = vec![0; combinations];
-    for row in 0..rows {
-        let cell = factors.iter().try_fold(0, |cell, factor| Some(cell * factor.levels + factor.of_row[row]?));
-        let Some(cell) = cell else { return false };
-        times[cell] += 1;
-    }
-    times.iter().all(|&times| times == rows / combinations)
 }
 
 #[cfg(test)]

@@ -4,13 +4,13 @@ use depthloom_scores::Pooling;
 
 use super::best::Best;
 use super::ranking::keys;
-use super::{Ablation, Selection, listed};
-use crate::error::AnalysisError;
-use crate::grid::{Grid, GridCells, GridColumn};
+use super::{Ablation, Row, Selection};
+use crate::error::{AnalysisError, listed};
+use crate::tables::{Rows, Table};
 
 /// Of the whole image and of each zone, which row is best, and what the row that is best over the whole image has there.
-pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Grid, AnalysisError> {
-    let column = ablation.column(metric)?;
+pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Table, AnalysisError> {
+    let column = ablation.measure(metric)?;
     let Some(metric) = column.metric() else {
         return Err(AnalysisError::asked(
             format!("`{metric}` is no score: zones have a best of scores alone"),
@@ -28,9 +28,7 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
     let mut all = ablation.rows(&Selection { zone: None, ..selection.clone() })?;
     ablation.require(&all, column)?;
     all.retain(|row| row.values[metric].is_some());
-    let mut zones = Vec::new();
-    let mut winners = Vec::new();
-    let (mut counts, mut values, mut of_overall, mut pixels) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut winners: Vec<Winner> = Vec::new();
     let mut overall: Option<usize> = None;
     let mut notes = Vec::new();
     let mut about = String::new();
@@ -62,14 +60,13 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
             overall = Some(estimator);
         }
         let there = overall.and_then(|overall| rows.iter().find(|row| row.estimator == overall));
-        zones.push(Some(name(zone)));
-        counts.push(Some(
-            rows.iter().filter(|row| row.comparable_by(metric) == rows[winner].comparable_by(metric)).count() as u64,
-        ));
-        pixels.push(Some(rows[winner].pixels));
-        values.push(rows[winner].values[metric]);
-        of_overall.push(there.and_then(|row| row.values[metric]));
-        winners.push(rows[winner].clone());
+        let class = rows[winner].comparable_by(metric);
+        winners.push(Winner {
+            zone: name(zone),
+            best_overall: there.and_then(|row| row.values[metric]),
+            rows: rows.iter().filter(|row| row.comparable_by(metric) == class).count() as u64,
+            row: rows.swap_remove(winner),
+        });
     }
     if winners.is_empty() {
         return Err(AnalysisError::asked(
@@ -83,20 +80,28 @@ pub(crate) fn grid(ablation: &Ablation<'_>, selection: &Selection, metric: &str)
             ),
         ));
     }
-    let decimals = named.decimals + 1;
-    let number = |values: Vec<Option<f64>>| {
-        let best = vec![false; values.len()];
-        GridCells::Number { decimals, values, best }
-    };
-    let mut columns = vec![GridColumn::key("zone", zones)];
-    columns.extend(keys(ablation, selection, &all, &winners.iter().collect::<Vec<_>>())?);
-    columns.push(GridColumn::score(named, number(values)));
-    columns.push(GridColumn::of("best_overall", number(of_overall)));
-    columns.push(GridColumn::of("rows", GridCells::Count(counts)));
-    columns.push(GridColumn::of("pixels", GridCells::Count(pixels)));
+    let rows = Rows(&winners);
+    let mut columns = vec![rows.key("zone", |winner| &winner.zone)];
+    columns.extend(keys(ablation, selection, &all, &winners.iter().map(|winner| &winner.row).collect::<Vec<_>>()));
+    columns.extend([
+        rows.metric(named, |winner| winner.row.values[metric]),
+        rows.number("best_overall", |winner| winner.best_overall).decimals(named.decimals + 1),
+        rows.count("rows", |winner| winner.rows),
+        rows.count("pixels", |winner| winner.row.pixels),
+    ]);
     let label = [vec![format!("{}-zones-{}", ablation.experiment, named.name)], selection.label()].concat().join("-");
     let about = format!("best {} in each zone over {about}", named.name);
-    Ok(Grid { about, label, columns, notes, ..Grid::default() })
+    Ok(Table { about, label, notes, ..Table::new(columns) })
+}
+
+/// The best row in a zone.
+struct Winner {
+    zone: String,
+    row: Row,
+    /// What the row that is best over the whole image has there.
+    best_overall: Option<f64>,
+    /// How many rows it can be compared with, itself included.
+    rows: u64,
 }
 
 fn name(zone: &str) -> String {

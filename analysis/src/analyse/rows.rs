@@ -3,10 +3,8 @@
 use super::job::{Found, FoundBins, FoundRow, Job};
 use super::{By, Inquiry, SampleSet, Unit};
 use crate::analyse::sums::Sums;
-use crate::grid::{Grid, GridCells, GridColumn};
-use crate::leading::Level;
 use crate::samples::DescribedEstimator;
-use crate::sheet::DIMENSIONLESS;
+use crate::tables::{Cells, Column, DIMENSIONLESS, Level, Rows, Table};
 
 /// A row.
 struct Row<'a> {
@@ -34,7 +32,7 @@ impl Row<'_> {
 }
 
 /// The answers to an inquiry as one table.
-pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several_runs: bool) -> Grid {
+pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several_runs: bool) -> Table {
     let rows: Vec<Row<'_>> = jobs
         .iter()
         .zip(found)
@@ -44,68 +42,56 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         })
         .collect();
 
-    let key =
-        |name: &str, of: &dyn Fn(&Row<'_>) -> Option<String>| GridColumn::key(name, rows.iter().map(of).collect());
+    let cells = Rows(&rows);
     let several_scorings = jobs.iter().any(|job| {
         jobs.iter()
             .any(|other| other.parts[0].stage == job.parts[0].stage && other.parts[0].scoring != job.parts[0].scoring)
     });
     let mut columns = Vec::new();
     if several_runs {
-        columns.push(key("run", &|row| Some(row.job.run.to_owned())));
+        columns.push(cells.key("run", |row| row.job.run));
     }
     // What all rows have in common text leaves out.
-    let common = |column: GridColumn| {
-        let is_one = matches!(&column.cells, GridCells::Text(cells) if cells.windows(2).all(|pair| pair[0] == pair[1]));
-        GridColumn { only_in_files: is_one, ..column }
+    let common = |column: Column| {
+        let is_one = matches!(&column.cells, Cells::Text(cells) if cells.windows(2).all(|pair| pair[0] == pair[1]));
+        if is_one { column.in_files() } else { column }
     };
-    columns.push(common(key("stage", &|row| Some(row.estimator().stage.clone()))));
+    columns.push(common(cells.key("stage", |row| &row.estimator().stage)));
     if several_scorings {
-        columns.push(key("scoring", &|row| Some(row.estimator().scoring.clone())));
+        columns.push(cells.key("scoring", |row| &row.estimator().scoring));
     }
-    columns.push(common(key("variant", &|row| row.estimator().variant.clone())));
-    columns.push(key("estimator", &|row| Some(row.estimator().estimator.clone())));
+    columns.push(common(cells.key("variant", |row| row.estimator().variant.as_ref())));
+    columns.push(cells.key("estimator", |row| &row.estimator().estimator));
     let mut axes: Vec<&Level> = Vec::new();
     for axis in rows.iter().flat_map(|row| &row.estimator().factors) {
         if !axes.iter().any(|known| known.axis == axis.axis) {
             axes.push(axis);
         }
     }
-    let set = common(key("set", &|row| Some(row.job.set.name().to_owned())));
-    columns.push(set);
+    columns.push(common(cells.key("set", |row| row.job.set.name())));
     for axis in axes {
-        let of_row = |row: &Row<'_>| row.estimator().factors.iter().find(|of| of.axis == axis.axis)?.value.clone();
-        let levels = rows.iter().map(of_row).collect();
-        let column = GridColumn::levels(&axis.column, levels, |_| axis.is_numeric);
-        columns.push(GridColumn { only_in_files: true, ..column });
+        let level = |row: &Row<'_>| row.estimator().factors.iter().find(|of| of.axis == axis.axis)?.value.clone();
+        let levels = rows.iter().map(level);
+        columns.push(Column::levels(&axis.column, levels, |_| axis.is_numeric).axis().in_files());
     }
     columns.extend(of_bins(&rows, inquiry));
-    let count = |name: &str, of: &dyn Fn(&Row<'_>) -> u64| {
-        let cells = GridCells::Count(rows.iter().map(|row| Some(of(row))).collect());
-        GridColumn { unit: Some("pixels"), ..GridColumn::of(name, cells) }
-    };
-    columns.push(count("pixels", &|row| row.of.pixels));
-    columns.push(count("count", &|row| row.sums().count));
+    columns.push(cells.count("pixels", |row| row.of.pixels).unit("pixels"));
+    columns.push(cells.count("count", |row| row.sums().count).unit("pixels"));
     let (prefix, suffix) = match inquiry.unit {
         Unit::Metres => ("", "_m"),
         Unit::OfTruth => ("relative_", ""),
     };
-    let number = |name: String, of: &dyn Fn(&Row<'_>) -> Option<f64>| {
-        let values: Vec<Option<f64>> = rows.iter().map(of).collect();
-        let cells = GridCells::Number { decimals: 3, best: vec![false; values.len()], values };
-        let unit = if inquiry.unit == Unit::Metres { "m" } else { DIMENSIONLESS };
-        GridColumn { unit: Some(unit), ..GridColumn::of(name, cells) }
-    };
+    let unit = if inquiry.unit == Unit::Metres { "m" } else { DIMENSIONLESS };
     for (place, percentile) in inquiry.percentiles.iter().enumerate() {
         let name = format!("{prefix}error_p{percentile}{suffix}");
-        columns.push(number(name, &|row| row.of.of[row.told].1.as_ref().map(|percentiles| percentiles[place])));
+        columns.push(cells.number(name, |row| row.of.of[row.told].1.as_ref().map(|of| of[place])).unit(unit));
     }
-    columns.push(number(format!("{prefix}error_mean{suffix}"), &|row| row.mean(row.sums().absolute)));
-    columns.push(number(format!("{prefix}bias{suffix}"), &|row| row.mean(row.sums().signed)));
-    columns.push(number(format!("{prefix}rmse{suffix}"), &|row| row.mean(row.sums().squared).map(f64::sqrt)));
-    let gross = rows.iter().map(|row| row.mean(row.sums().gross as f64));
-    let gross = GridColumn::of("gross_share", GridCells::Share(gross.collect()));
-    columns.push(GridColumn { unit: Some(DIMENSIONLESS), ..gross });
+    columns.extend([
+        cells.number(format!("{prefix}error_mean{suffix}"), |row| row.mean(row.sums().absolute)).unit(unit),
+        cells.number(format!("{prefix}bias{suffix}"), |row| row.mean(row.sums().signed)).unit(unit),
+        cells.number(format!("{prefix}rmse{suffix}"), |row| row.mean(row.sums().squared).map(f64::sqrt)).unit(unit),
+        cells.share("gross_share", |row| row.mean(row.sums().gross as f64)).unit(DIMENSIONLESS),
+    ]);
 
     // A gap where another estimator, set or run begins.
     let begins = |pair: &[Row<'_>]| !std::ptr::eq(pair[0].job, pair[1].job) || pair[0].told != pair[1].told;
@@ -119,14 +105,11 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         [SampleSet::Common] => ", over the pixels that all estimates answered",
         _ => "",
     };
-    Grid {
+    Table {
         about: format!("{error}, by {}{pixels}; gross: {}", by(&inquiry.by), inquiry.gross.told()),
-        caption: None,
         label: "errors".to_owned(),
-        columns,
         gaps,
-        starts: Vec::new(),
-        notes: Vec::new(),
+        ..Table::new(columns)
     }
 }
 
@@ -144,16 +127,15 @@ fn by(by: &By) -> String {
 }
 
 /// The columns that say which bin a row is.
-fn of_bins(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<GridColumn> {
+fn of_bins(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<Column> {
     if inquiry.by == By::Frame {
         let frame = |row: &Row<'_>| match &row.found.bins {
             FoundBins::Frames(frames) => frames.get(row.of.bin).cloned(),
             FoundBins::Edges(_) => None,
         };
-        let position = rows.iter().map(|row| frame(row).map(|(position, _)| u64::from(position))).collect();
-        let ids = rows.iter().map(|row| frame(row).map(|(_, id)| id)).collect();
-        let position = GridColumn { only_in_files: true, ..GridColumn::of("position", GridCells::Count(position)) };
-        return vec![position, GridColumn::key("frame", ids)];
+        let cells = Rows(rows);
+        let position = cells.count("position", |row| frame(row).map(|(position, _)| u64::from(position)));
+        return vec![position.in_files(), cells.key("frame", |row| frame(row).map(|(_, id)| id))];
     }
     let unit = match inquiry.by {
         By::Distance | By::Estimate => Some("m"),
@@ -166,11 +148,9 @@ fn of_bins(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<GridColumn> {
             FoundBins::Edges(edges) => Some(of(edges.of(row.of.bin))),
             FoundBins::Frames(_) => None,
         };
-        let values: Vec<Option<f64>> = rows.iter().map(of_row).collect();
-        let decimals = if values.iter().flatten().all(|edge| edge.fract() == 0.0) { 0 } else { 2 };
-        let cells = GridCells::Number { decimals, best: vec![false; values.len()], values };
         let name = unit.map_or(name.to_owned(), |unit| format!("{name}_{unit}"));
-        GridColumn { is_key: true, unit, ..GridColumn::of(name, cells) }
+        let decimals = if rows.iter().filter_map(of_row).all(|edge| edge.fract() == 0.0) { 0 } else { 2 };
+        Column { unit, ..Rows(rows).number(name, of_row).decimals(decimals).key() }
     };
     vec![edge("bin_from", &|(from, _)| from), edge("bin_to", &|(_, to)| to)]
 }

@@ -162,13 +162,13 @@ pub(super) fn contrasts(
 }
 
 /// How many different tests there are.
-pub(super) fn tests(contrasts: &[&Contrast]) -> usize {
+pub(super) fn tests(contrasts: &[Contrast]) -> usize {
     let tested = contrasts.iter().filter(|of| of.p_holm.is_some());
     tested.map(|of| of.tested).collect::<BTreeSet<Key>>().len()
 }
 
 /// The smallest corrected probability that as many tests of as many frames could have, were each difference of one sign; `None` without tests.
-pub(super) fn smallest_reachable(contrasts: &[&Contrast]) -> Option<f64> {
+pub(super) fn smallest_reachable(contrasts: &[Contrast]) -> Option<f64> {
     let most = contrasts.iter().filter(|of| of.p_holm.is_some()).map(|of| of.frames).max()?;
     let of_one_sign: Vec<f64> = (1..=most).map(|frame| frame as f64).collect();
     Some((SignedRank::of(&of_one_sign)?.p * tests(contrasts) as f64).min(1.0))

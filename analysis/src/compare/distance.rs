@@ -4,17 +4,17 @@
 //! A bin's mean and median are over all its pixels, as `analyse --set common` has them. Frames are the sample: they are drawn again for intervals,
 //! with all their pixels, and tests are of frames' own means and medians.
 
-mod answer;
 mod handover;
-mod json;
 mod median;
+mod output;
 mod read;
+mod table;
 
 use std::path::PathBuf;
 
-pub use answer::DistanceComparison;
 pub(crate) use handover::{Handover, Near};
-pub use json::DistanceComparisonOutput;
+pub use output::DistanceComparisonOutput;
+pub use table::DistanceComparison;
 
 use super::contrast::Verdict;
 use super::side::{self, parties};
@@ -159,8 +159,8 @@ pub fn compare_by_distance(
             let help = "name estimators to hold against each other: `compare RUN stereo full/mono --by distance`";
             return Err(AnalysisError::asked(what, help.to_owned()));
         }
-        let key = crate::leading::plan_key(runs[first.run].recording.plan());
-        Ok(answer::put_together(pairs, notes, options, key, runs.len() > 1))
+        let key = crate::tables::plan_key(runs[first.run].recording.plan());
+        Ok(table::comparison(pairs, notes, options, key, runs.len() > 1))
     })
 }
 

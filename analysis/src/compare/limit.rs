@@ -4,11 +4,13 @@ use std::collections::BTreeSet;
 
 use depthloom_graphs::language::glob;
 use depthloom_scores::{Mean, Metric, ScoreRow};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::contrast::Contrast;
-use super::{CompareOptions, Pair, listed};
-use crate::ablation::{is_of, unknown};
-use crate::error::AnalysisError;
+use super::{CompareOptions, Pair};
+use crate::error::{AnalysisError, listed, unknown};
+use crate::estimators::{Estimator, is_of};
 
 /// What a limit is on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,19 +57,21 @@ pub(super) struct Limit {
     is_relative: bool,
 }
 
-/// How an estimate stands to a limit.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Judged {
-    /// The limit, as written.
-    pub(super) limit: String,
-    /// What the limit is on.
-    pub(super) measure: Measure,
-    /// The metric's place in the comparison; of the density, that of any metric of the same two estimates.
-    pub(super) contrast: usize,
-    /// The change, in per cent of the baseline's value or in the score's unit.
-    pub(super) change: f64,
-    pub(super) is_relative: bool,
-    pub(super) is_exceeded: bool,
+/// A limit held against a row.
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+#[schemars(rename = "Limit")]
+pub struct JudgedLimit {
+    /// As it was written.
+    limit: String,
+    /// The row's place in `rows`; null for `density`, which has no row.
+    row: Option<u64>,
+    /// In per cent of the baseline's value, or in the score's unit; null where the baseline's value is 0.
+    change: Option<f64>,
+    is_percent: bool,
+    pub(super) exceeded: bool,
+    /// The limit and the change, for people.
+    #[serde(skip)]
+    pub(super) text: String,
 }
 
 impl Limit {
@@ -109,20 +113,24 @@ impl Limit {
         is_of(pair.other.estimator, pattern) || glob(pattern, &pair.name)
     }
 
-    /// Judges the values of the baseline and of the other.
-    fn judge(&self, place: usize, baseline: f64, value: f64) -> Judged {
+    /// Judges the values of the baseline and of the other, of this label; the metric has a row in that place.
+    fn judge(&self, label: &str, row: usize, baseline: f64, value: f64) -> JudgedLimit {
         let change = match (value - baseline, self.is_relative) {
             (difference, true) if difference != 0.0 => 100.0 * difference / baseline.abs(),
             (difference, _) => difference,
         };
         let beyond = if self.is_above { change > self.change } else { change < self.change };
-        Judged {
+        let shown = match self.is_relative {
+            true => format!("{change:+.2} %"),
+            false => format!("{change:+.*}", self.measure.decimals()),
+        };
+        JudgedLimit {
             limit: self.written.clone(),
-            measure: self.measure,
-            contrast: place,
-            change,
-            is_relative: self.is_relative,
-            is_exceeded: beyond || self.is_reached && change == self.change,
+            row: matches!(self.measure, Measure::Metric(_)).then_some(row as u64),
+            change: Some(change),
+            is_percent: self.is_relative,
+            exceeded: beyond || self.is_reached && change == self.change,
+            text: format!("{} ({label} {}: {shown})", self.written, self.measure.name()),
         }
     }
 }
@@ -135,7 +143,7 @@ pub(super) fn judged(
     pairs: &[Pair<'_>],
     contrasts: &[Contrast],
     options: &CompareOptions,
-) -> Result<Vec<Judged>, AnalysisError> {
+) -> Result<Vec<JudgedLimit>, AnalysisError> {
     let mut judged = Vec::new();
     for limit in limits {
         let written = &limit.written;
@@ -176,7 +184,9 @@ pub(super) fn judged(
                     "name it in --scores, if there are any; `depthloom table RUN` says what has which".to_owned(),
                 ));
             };
-            judged.push(limit.judge(row, baseline, value));
+            let Estimator { lead, name, .. } = pair.other.estimator;
+            let label = lead.variant.as_ref().map_or_else(|| name.clone(), |variant| format!("{variant}/{name}"));
+            judged.push(limit.judge(&label, row, baseline, value));
         }
         if met == 0 {
             let names: BTreeSet<&str> = pairs.iter().map(|pair| pair.other.estimator.label.as_str()).collect();

@@ -5,9 +5,8 @@ use depthloom_graphs::plan::VariantId;
 use depthloom_recording::{RecordedPlan, Recording};
 
 use super::{CompareOptions, ComparedRun, no_such};
-use crate::ablation::{each_names_one, is_of, unknown};
-use crate::error::AnalysisError;
-use crate::estimators::{Estimator, estimators};
+use crate::error::{AnalysisError, unknown};
+use crate::estimators::{Estimator, each_names_one, estimators, is_of, names_of};
 
 /// The name of the baseline that is chosen by its scores.
 const BEST: &str = "best";
@@ -55,7 +54,7 @@ pub fn names(recording: &Recording) -> Result<Vec<String>, AnalysisError> {
     let plan = recording.plan();
     let estimators = estimators(plan)?;
     let variants = plan.variants.iter().filter(|name| !name.is_empty()).cloned();
-    Ok(variants.chain(crate::ablation::names_of(&estimators).into_iter().map(str::to_owned)).collect())
+    Ok(variants.chain(names_of(&estimators).into_iter().map(str::to_owned)).collect())
 }
 
 /// The sides, patterns taken apart; `only` is a pattern of the estimators that are wanted.
@@ -103,7 +102,7 @@ pub(super) fn parties(
         }
         each_names_one(pattern, &estimators.concat())?;
         if found.iter().all(|(_, party)| party.entries.is_empty()) {
-            let names = estimators.iter().flat_map(|run| crate::ablation::names_of(run)).collect::<Vec<_>>();
+            let names = estimators.iter().flat_map(|run| names_of(run)).collect::<Vec<_>>();
             return Err(unknown("estimator", pattern, names));
         }
     }

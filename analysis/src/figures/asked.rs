@@ -5,7 +5,7 @@ use depthloom_figures::{Place, distinct};
 use super::{FigureRequest, FigureRun};
 use crate::analyse::{Inquiry, SampleSet, Unit, answered};
 use crate::error::AnalysisError;
-use crate::grid::Grid;
+use crate::tables::Table;
 
 /// The bins of an estimate over a pixel set.
 pub(super) struct Errors {
@@ -34,7 +34,7 @@ pub(super) fn ask(
     request: &FigureRequest,
     inquiry: Inquiry,
     watch: &Watch<'_>,
-) -> Result<(Vec<Errors>, Grid, usize), AnalysisError> {
+) -> Result<(Vec<Errors>, Table, usize), AnalysisError> {
     let files: Vec<_> =
         runs.iter().filter_map(|run| Some((run.called.to_owned(), run.samples.as_ref()?.clone()))).collect();
     let (estimators, variants, stages) = (request.estimators.clone(), request.variants.clone(), request.stages.clone());
@@ -43,7 +43,7 @@ pub(super) fn ask(
     Ok((by_estimate(&grid, &inquiry), grid, frames))
 }
 
-fn by_estimate(grid: &Grid, inquiry: &Inquiry) -> Vec<Errors> {
+fn by_estimate(grid: &Table, inquiry: &Inquiry) -> Vec<Errors> {
     let text = |name: &str, row: usize| grid.text_of(name, row).unwrap_or_default();
     let number = |names: &[&str], row: usize| names.iter().find_map(|name| grid.number_of(name, row)).unwrap_or(0.0);
     let several = |name: &&str| (1..grid.height()).any(|row| text(name, row) != text(name, 0));

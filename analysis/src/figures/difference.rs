@@ -7,11 +7,10 @@ use depthloom_figures::{
 use depthloom_graphs::counted;
 
 use super::{Figure, FigureRequest, FigureRun};
-use crate::ablation::{listed, names_of};
 use crate::analyse::is_any;
 use crate::compare::{CompareOptions, ComparedRun, DistancePair, DistanceRow, Side, Statistic, compare_by_distance};
-use crate::error::AnalysisError;
-use crate::estimators::{Estimator, estimators};
+use crate::error::{AnalysisError, listed};
+use crate::estimators::{Estimator, estimators, names_of};
 
 const BAND_OPACITY: f64 = 0.28;
 const HANDOVER: Stroke = Stroke::new(BLACK, 0.8).dashed(&[3.0, 1.5]);
@@ -54,7 +53,7 @@ pub(super) fn difference(
         legend.push(thin_entry(format!("fewer than {} pixels{frames}", request.thin), DIFFERENCE));
     }
     let panels = Statistic::ALL.map(|statistic| panel(pair, statistic, request, few)).into();
-    let (handovers, notes) = found.grid.notes.split_at(Statistic::ALL.len().min(found.grid.notes.len()));
+    let (handovers, notes) = found.table.notes.split_at(Statistic::ALL.len().min(found.table.notes.len()));
     let about = format!(
         "Absolute error of {} less that of {} by true distance, over the pixels of {} that both answered; band: {}; {}",
         titles[1],
@@ -63,7 +62,7 @@ pub(super) fn difference(
         request.resampling.about(),
         handovers.join("; ")
     );
-    let figure = request.figure(Sheet { columns: 2, panels, legend, ..Sheet::default() }, about, found.csv())?;
+    let figure = request.figure(Sheet { columns: 2, panels, legend, ..Sheet::default() }, about, found.table.csv())?;
     Ok(Figure { notes: notes.to_vec(), ..figure })
 }
 

@@ -73,7 +73,7 @@ pub(super) fn histogram(
         let (from, to, outside) = (written(x.low, request), written(x.high, request), 100.0 * outside);
         about.push_str(&format!("; from {from} to {to}, up to {outside:.1} % of an estimator's pixels lie outside"));
     }
-    request.figure(sheet, about, grid.sheet().csv())
+    request.figure(sheet, about, grid.csv())
 }
 
 /// Cumulative error distribution.
@@ -97,7 +97,7 @@ pub(super) fn cdf(runs: &[FigureRun<'_>], request: &FigureRequest, watch: &Watch
         let top = written(top, request);
         about.push_str(&format!("; up to {top}, beyond which lie up to {beyond:.1} % of an estimator's pixels"));
     }
-    request.figure(sheet, about, grid.sheet().csv())
+    request.figure(sheet, about, grid.csv())
 }
 
 /// The per cent of a curve's pixels with an error up to that.

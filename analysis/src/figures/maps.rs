@@ -14,10 +14,9 @@ use depthloom_recording::{RecordedPlan, Recording};
 use depthloom_scores::{Align, Settings};
 
 use super::{Figure, FigureRequest, FigureRun};
-use crate::ablation::listed;
-use crate::error::AnalysisError;
+use crate::error::{AnalysisError, listed};
 use crate::estimators::{Estimator, estimators};
-use crate::grid::{Grid, GridCells, GridColumn};
+use crate::tables::{self, Cells, Column, Format};
 
 /// The number of frames by default, and the most.
 const SHOWN: usize = 5;
@@ -289,12 +288,11 @@ impl Table {
     }
 
     fn csv(self) -> Vec<u8> {
-        let keys = ["frame", "map"].into_iter().zip(self.keys).map(|(name, cells)| GridColumn::key(name, cells));
-        let numbers = ["least", "median", "greatest"].into_iter().zip(self.numbers).map(|(name, values)| {
-            let best = vec![false; values.len()];
-            GridColumn::of(name, GridCells::Number { decimals: 3, values, best })
-        });
-        let pixels = GridColumn::of("pixels", GridCells::Count(self.pixels));
-        Grid { columns: keys.chain([pixels]).chain(numbers).collect(), ..Grid::default() }.sheet().csv()
+        let keys =
+            ["frame", "map"].into_iter().zip(self.keys).map(|(name, cells)| Column::new(name, Cells::Text(cells)));
+        let numbers = ["least", "median", "greatest"].into_iter().zip(self.numbers);
+        let numbers = numbers.map(|(name, values)| Column::new(name, Cells::Number(values, Format::Decimals(3))));
+        let pixels = Column::new("pixels", Cells::Count(self.pixels));
+        tables::Table::new(keys.chain([pixels]).chain(numbers).collect()).csv()
     }
 }

@@ -7,9 +7,9 @@ use depthloom_figures::{
 
 use super::scores::Scores;
 use super::{Figure, FigureRequest};
-use crate::ablation::{Factor, LevelMeans, Row, level_means, listed, unknown};
-use crate::error::AnalysisError;
-use crate::grid::{GridCells, GridColumn};
+use crate::ablation::{Factor, LevelMeans, Row, level_means};
+use crate::error::{AnalysisError, listed, unknown};
+use crate::tables::{Column, Rows};
 
 /// The mean of a score over the rows of one name with equal levels.
 struct Point<'a> {
@@ -57,14 +57,13 @@ pub(super) fn parameter(scores: &Scores<'_>, request: &FigureRequest) -> Result<
             return Err(AnalysisError::asked(what, help));
         }
     };
-    let mut columns =
-        vec![GridColumn::key("estimator", points.iter().map(|point| Some(point.label.clone())).collect())];
+    let rows = Rows(&points);
+    let mut columns = vec![rows.key("estimator", |point| &point.label)];
     for (place, axis) in chosen.iter().map(|&axis| &axes[axis]).enumerate() {
         let level = |point: &Point<'_>| Some(axis.levels[point.levels[place]?].clone());
-        columns.push(GridColumn::levels(&axis.name, points.iter().map(level).collect(), |_| axis.is_numeric));
+        columns.push(Column::levels(&axis.name, points.iter().map(level), |_| axis.is_numeric));
     }
-    columns
-        .push(GridColumn::of("rows", GridCells::Count(points.iter().map(|point| Some(point.rows as u64)).collect())));
+    columns.push(rows.count("rows", |point| point.rows as u64));
     let over = match points.iter().filter(|point| point.levels[0].is_some()).map(|point| point.rows).max() {
         Some(rows) if rows > 1 => format!("; means over up to {rows} settings of the other parameters"),
         _ => String::new(),

@@ -3,11 +3,11 @@
 use depthloom_figures::{Axis, BLACK, Entry, Fill, Item, Panel, Sheet, Stroke, Swatch, distinct, tint};
 
 use super::{Figure, FigureRequest, FigureRun};
-use crate::ablation::{Ablation, Row, Selection, listed, scored, source_of};
-use crate::error::AnalysisError;
+use crate::ablation::{Ablation, Row, Selection, scored, source_of};
+use crate::error::{AnalysisError, listed};
 use crate::estimators::{Estimator, estimators};
-use crate::grid::{Grid, GridCells, GridColumn};
 use crate::scores::FrameScore;
+use crate::tables::{Column, DIMENSIONLESS, Rows, Table, unit_of};
 
 /// More rows of dots than this cannot be read.
 const MAX_ROWS: usize = 60;
@@ -62,8 +62,8 @@ impl Scores<'_> {
     /// The score's name and unit, and which way is better.
     pub(super) fn label(&self) -> String {
         let metric = self.ablation.metrics[self.metric];
-        let unit = match crate::sheet::unit_of(metric) {
-            crate::sheet::DIMENSIONLESS => String::new(),
+        let unit = match unit_of(metric) {
+            DIMENSIONLESS => String::new(),
             unit => format!(", {unit}"),
         };
         format!("{}{unit} ({} is better)", metric.name, if metric.more_is_better { "more" } else { "less" })
@@ -88,12 +88,11 @@ impl Scores<'_> {
         request: &FigureRequest,
         sheet: Sheet,
         about: String,
-        mut columns: Vec<GridColumn>,
+        mut columns: Vec<Column>,
         scores: &[f64],
     ) -> Result<Figure, AnalysisError> {
-        let (values, best) = (scores.iter().copied().map(Some).collect(), vec![false; scores.len()]);
-        columns.push(GridColumn::of(self.name(), GridCells::Number { decimals: 4, best, values }));
-        request.figure(sheet, about, Grid { columns, ..Grid::default() }.sheet().csv())
+        columns.push(Rows(scores).number(self.name(), |score| *score));
+        request.figure(sheet, about, Table::new(columns).csv())
     }
 }
 
@@ -128,17 +127,14 @@ pub(super) fn frames(scores: &Scores<'_>, request: &FigureRequest) -> Result<Fig
         Entry::new("a frame", Swatch::Dot(Fill::new([0x66; 3], 1.0))),
         Entry::new("the value of all frames", Swatch::Line(Stroke::new(BLACK, 1.1))),
     ];
-    let key = |name: &str, cell: &dyn Fn(&Row, &FrameScore) -> Option<String>| {
-        GridColumn::key(name, all.iter().map(|(row, frame, _)| cell(row, frame)).collect())
-    };
-    let positions = all.iter().map(|(_, frame, _)| Some(frame.position.0 as u64)).collect();
+    let cells = Rows(&all);
     let columns = vec![
-        key("stage", &|row, _| Some(scores.estimator(row).lead.stage.clone())),
-        key("variant", &|row, _| scores.estimator(row).lead.variant.clone()),
-        key("estimator", &|row, _| Some(scores.estimator(row).name.clone())),
-        key("set", &|row, _| Some(row.set.to_string())),
-        GridColumn::of("position", GridCells::Count(positions)),
-        key("frame", &|_, frame| Some(frame.frame.to_string())),
+        cells.key("stage", |(row, ..)| &scores.estimator(row).lead.stage),
+        cells.key("variant", |(row, ..)| scores.estimator(row).lead.variant.as_ref()),
+        cells.key("estimator", |(row, ..)| &scores.estimator(row).name),
+        cells.key("set", |(row, ..)| row.set.name()),
+        cells.count("position", |(_, frame, _)| frame.position.0 as u64),
+        cells.key("frame", |(_, frame, _)| &*frame.frame),
     ];
     let about = format!("{} on every frame: {}", scores.name(), scores.about()?);
     let sheet = Sheet { columns: 1, panels: vec![panel], legend, ..Sheet::default() };

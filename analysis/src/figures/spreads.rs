@@ -61,7 +61,7 @@ pub(super) fn spreads(
         false => String::new(),
     };
     let about = format!("{about}: median, 25 to 75 % and 5 to 95 %{thin}");
-    request.figure(figure.sheet(), about, grid.sheet().csv())
+    request.figure(figure.sheet(), about, grid.csv())
 }
 
 fn bins(bins: &[ErrorBin]) -> Vec<Bin> {

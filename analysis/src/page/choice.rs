@@ -9,9 +9,9 @@ use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use depthloom_recording::Recording;
 use depthloom_scores::{Align, PixelSet};
 
+use crate::ablation::ScoreTable;
 use crate::estimators::Estimator;
 use crate::scores::FrameScore;
-use crate::table::Table;
 
 /// So many estimators have curves, and so many of them pictures.
 const MOST_CURVES: usize = 24;
@@ -28,23 +28,19 @@ const MOST_POINTS: usize = 1000;
 const EXTREMES: usize = 3;
 
 /// The estimators with curves: all, or those that all variants share and the best of the others by the table's first score.
-pub(super) fn estimators_shown(estimators: &[Estimator], table: Option<&Table>) -> Vec<usize> {
+pub(super) fn estimators_shown(estimators: &[Estimator], table: Option<&ScoreTable>) -> Vec<usize> {
     best(estimators, table, &(0..estimators.len()).collect::<Vec<_>>(), MOST_CURVES)
 }
 
 /// The first so many of some estimators, in their order.
-fn best(estimators: &[Estimator], table: Option<&Table>, of: &[usize], most: usize) -> Vec<usize> {
+fn best(estimators: &[Estimator], table: Option<&ScoreTable>, of: &[usize], most: usize) -> Vec<usize> {
     if of.len() <= most {
         return of.to_vec();
     }
     let metric = table.and_then(|table| table.metrics.first());
     let means: HashMap<&str, f64> = table.map_or_else(HashMap::new, |table| {
-        let columns = table
-            .columns
-            .iter()
-            .rev()
-            .filter_map(|column| Some((column.label.as_str(), column.means.first().copied()??)));
-        columns.collect()
+        let rows = table.rows.iter().rev();
+        rows.filter_map(|row| Some((row.label.as_str(), row.values.first().copied()??))).collect()
     });
     let sign = if metric.is_some_and(|metric| metric.more_is_better) { -1.0 } else { 1.0 };
     let rank = |index: usize| {
@@ -64,7 +60,7 @@ pub(super) fn series(
     recording: &Recording,
     estimators: &[Estimator],
     shown: &[usize],
-    table: Option<&Table>,
+    table: Option<&ScoreTable>,
     scores: &[FrameScore],
 ) -> Vec<Series> {
     let plan = recording.plan();
@@ -94,7 +90,7 @@ fn layers(
     recording: &Recording,
     estimators: &[Estimator],
     shown: &[usize],
-    table: Option<&Table>,
+    table: Option<&ScoreTable>,
     run: RunId,
 ) -> Option<Series> {
     let (plan, planned) = (recording.plan(), &recording.plan().runs[run]);

@@ -10,15 +10,14 @@ use depthloom_scores::PixelSet;
 use serde_json::{Map, Value as Json, json};
 
 use super::choice;
-use crate::ablation::{Ablation, Selection, effects_grid, zones_grid};
+use crate::ablation::{Ablation, ScoreTable, Selection, effects_table, paper_number, zones_table};
 use crate::distance::{DistanceBin, Spread};
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
-use crate::leading::{Leads, plan_key, variant_of};
-use crate::paper::paper_scores;
+use crate::input::paper::paper_scores;
 use crate::report::Found;
 use crate::scores::FrameScore;
-use crate::table::{Table, TableColumn};
+use crate::tables::{RowKeys, plan_key, variant_of};
 use crate::timings::Timing;
 
 /// So many failures are told one by one.
@@ -42,7 +41,7 @@ fn numbers(all: impl IntoIterator<Item = Option<f64>>) -> Json {
 }
 
 /// The table: its scores, and a row an estimator and pixel set.
-pub(super) fn table(table: &Table, estimators: &[Estimator]) -> Json {
+pub(super) fn table(table: &ScoreTable, estimators: &[Estimator]) -> Json {
     let by_label: HashMap<&str, &Estimator> = estimators.iter().map(|of| (of.label.as_str(), of)).collect();
     let names = names(estimators);
     let metrics = table.metrics.iter().map(|metric| {
@@ -51,29 +50,28 @@ pub(super) fn table(table: &Table, estimators: &[Estimator]) -> Json {
             "decimals": metric.decimals, "formula": metric.formula, "source": metric.source,
         })
     });
-    let rows = table.columns.iter().enumerate().map(|(place, column)| {
-        let paper = by_label.get(column.label.as_str()).and_then(|of| paper_scores(of, column.set));
-        let with_paper = TableColumn { paper, ..column.clone() };
+    let rows = table.rows.iter().map(|row| {
+        let paper = by_label.get(row.label.as_str()).and_then(|of| paper_scores(of, row.set));
+        let papers = || table.metrics.iter().map(|metric| number(paper_number(paper, metric), TABLED)).collect::<Vec<_>>();
         json!({
-            "stage": column.lead.stage,
-            "variant": column.lead.variant,
-            "estimator": column.estimator,
-            "colour": colour_of(&names, &column.estimator),
-            "set": column.set.name(),
-            "factors": column.lead.factors.iter().map(|level| &level.value).collect::<Vec<_>>(),
-            "frames": column.frames,
-            "density": number(column.density, TABLED),
-            "means": column.means.iter().map(|mean| number(*mean, TABLED)).collect::<Vec<_>>(),
-            "intervals": column.intervals.iter().map(|of| of.map(|of| [number(Some(of.low), TABLED), number(Some(of.high), TABLED)])).collect::<Vec<_>>(),
-            "best": (0..table.metrics.len()).filter(|&line| table.is_best(line, place)).collect::<Vec<_>>(),
-            "paper": paper.map(|_| table.metrics.iter().map(|metric| number(with_paper.paper_of(metric), TABLED)).collect::<Vec<_>>()),
+            "stage": row.key.stage,
+            "variant": row.key.variant,
+            "estimator": row.estimator,
+            "colour": colour_of(&names, &row.estimator),
+            "set": row.set.name(),
+            "factors": row.key.factors.iter().map(|level| &level.value).collect::<Vec<_>>(),
+            "frames": row.frames,
+            "density": number(row.density, TABLED),
+            "means": row.values.iter().map(|value| number(*value, TABLED)).collect::<Vec<_>>(),
+            "intervals": row.intervals.iter().map(|of| of.map(|of| [number(Some(of.low), TABLED), number(Some(of.high), TABLED)])).collect::<Vec<_>>(),
+            "best": (0..table.metrics.len()).filter(|&metric| row.best[metric]).collect::<Vec<_>>(),
+            "paper": paper.map(|_| papers()),
         })
     });
-    let axes =
-        table.columns.first().map(|column| column.lead.factors.iter().map(|level| &level.axis).collect::<Vec<_>>());
+    let axes = table.rows.first().map(|row| row.key.factors.iter().map(|level| &level.axis).collect::<Vec<_>>());
     json!({
         "about": table.about(),
-        "best": table.best_of(),
+        "best": table.marks(),
         "axes": axes,
         "metrics": metrics.collect::<Vec<_>>(),
         "rows": rows.collect::<Vec<_>>(),
@@ -81,7 +79,7 @@ pub(super) fn table(table: &Table, estimators: &[Estimator]) -> Json {
 }
 
 /// The tables of `table --effects` and `table --best-per-zone`, each where the run has an answer.
-pub(super) fn answers(ablation: &Ablation<'_>, table: &Table) -> Result<Vec<Json>, AnalysisError> {
+pub(super) fn answers(ablation: &Ablation<'_>, table: &ScoreTable) -> Result<Vec<Json>, AnalysisError> {
     let named = |wanted: &&str| table.metrics.iter().any(|metric| metric.name == *wanted);
     let Some(metric) = LEADING.into_iter().find(named).or_else(|| table.metrics.first().map(|metric| metric.name))
     else {
@@ -89,8 +87,8 @@ pub(super) fn answers(ablation: &Ablation<'_>, table: &Table) -> Result<Vec<Json
     };
     let all = Selection::default();
     let asked = [
-        ("Effect of each axis", effects_grid(ablation, &all, metric)),
-        ("Best in each zone", zones_grid(ablation, &all, metric)),
+        ("Effect of each axis", effects_table(ablation, &all, metric)),
+        ("Best in each zone", zones_table(ablation, &all, metric)),
     ];
     let mut found = Vec::new();
     for (title, grid) in asked {
@@ -307,7 +305,7 @@ pub(super) fn timings(timings: &[Timing]) -> Json {
 
 /// What it takes to make the run again: keys, and what every node was given.
 pub(super) fn keys(plan: &RecordedPlan) -> Json {
-    let leads = Leads::new(plan);
+    let leads = RowKeys::new(plan);
     let sources = plan.runs.iter().flat_map(|run| {
         run.source.parts.iter().map(|part| json!({ "stage": run.name(), "name": run.source.name, "kind": part.kind, "version": part.version, "params": part.params }))
     });

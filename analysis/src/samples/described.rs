@@ -8,8 +8,8 @@ use depthloom_recording::{RecordedPlan, Recording};
 use serde::{Deserialize, Serialize};
 
 use crate::estimators::Estimator;
-use crate::leading::{Lead, Level, plan_key};
-use crate::sheet::DIMENSIONLESS;
+use crate::tables::DIMENSIONLESS;
+use crate::tables::{Level, RowKey, plan_key};
 
 /// The version of the layout.
 const FORMAT: u32 = 1;
@@ -99,7 +99,7 @@ impl Described {
         };
         let described = |estimator: &Estimator| {
             let stage = plan.runs[estimator.run].name().to_owned();
-            let Lead { variant, factors, .. } = estimator.lead.clone();
+            let RowKey { variant, factors, .. } = estimator.lead.clone();
             DescribedEstimator {
                 column: column(&estimator.label, &stage),
                 label: estimator.label.clone(),

@@ -22,9 +22,9 @@ use super::described::Described;
 use super::read::METADATA;
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
-use crate::leading::plan_key;
-use crate::maps::{not_recorded, sparsely_kept};
-use crate::sheet::{metadata, with_arrow_schema};
+use crate::input::maps::{not_recorded, sparsely_kept};
+use crate::tables::plan_key;
+use crate::tables::{file_metadata, with_arrow_schema};
 
 /// What was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -177,7 +177,7 @@ impl Frames<'_> {
     ) -> Result<(), AnalysisError> {
         let computed = || AnalysisError::compute("samples");
         let run = plan_key(self.recording.plan());
-        let mut metadata = metadata("samples", &run, self.described.units());
+        let mut metadata = file_metadata("samples", &run, self.described.units());
         metadata.push((METADATA.to_owned(), serde_json::to_string(self.described).expect("names are JSON")));
         let empty = self.rows(&runs[0], &runs[0].groups[0], FrameIndex(0), &vec![None; runs[0].topics.len()], true)?;
         let empty = empty.expect("a table without rows where they are asked for");

@@ -1,6 +1,6 @@
 //! The frames of a run, and what failed on them, for programs.
 
-use depthloom_analysis::Leads;
+use depthloom_analysis::RowKeys;
 use depthloom_graphs::plan::RunId;
 use depthloom_recording::Recording;
 use schemars::JsonSchema;
@@ -34,7 +34,7 @@ pub struct FrameFailure {
 /// Per stage, the ids of its frames and how many of them failed; then every failure.
 pub fn frames_and_failures(recording: &Recording) -> (Vec<Frames>, Vec<FrameFailure>) {
     let plan = recording.plan();
-    let leads = Leads::new(plan);
+    let leads = RowKeys::new(plan);
     let (mut frames, mut failures) = (Vec::new(), Vec::new());
     for (run, planned) in RunId::enumerate(&plan.runs) {
         let of_run = recording.frames(run);

@@ -4,7 +4,7 @@ use depthloom_graphs::plan::RunId;
 use std::fs;
 use std::path::Path;
 
-use depthloom_analysis::Leader;
+use depthloom_analysis::BestValue;
 use depthloom_graphs::{Remedied, chain, counted};
 use depthloom_recording::{Condition, Recording};
 use schemars::JsonSchema;
@@ -127,7 +127,7 @@ impl Glance {
             frames: frames().count() as u64,
             failed_frames: frames().filter(|frame| !frame.failures.is_empty()).count() as u64,
             // A run that scored nothing has no best score.
-            best: depthloom_analysis::leader(recording, &|| false).ok().flatten().map(Best::from),
+            best: depthloom_analysis::best_value(recording, &|| false).ok().flatten().map(Best::from),
             trouble,
             ..self
         }
@@ -159,9 +159,9 @@ pub struct Best {
     label: String,
 }
 
-impl From<Leader> for Best {
-    fn from(leader: Leader) -> Self {
-        let Leader { metric, value, lead, estimator, label } = leader;
+impl From<BestValue> for Best {
+    fn from(leader: BestValue) -> Self {
+        let BestValue { metric, value, lead, estimator, label } = leader;
         Self { score: metric, value, stage: lead.stage, variant: lead.variant, estimator, label }
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use depthloom_analysis::{Leads, Timing, read_timings};
+use depthloom_analysis::{RowKeys, Timing, read_timings};
 use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_recording::Recording;
 
@@ -32,7 +32,7 @@ type NodeName = (String, Option<String>, String);
 /// Whether a node has values on more frames than it ran on; of an aggregate node, whether it has values and did not run.
 fn has_reused(recording: &Recording, timings: &[Timing]) -> bool {
     let plan = recording.plan();
-    let leads = Leads::new(plan);
+    let leads = RowKeys::new(plan);
     let mut stored: BTreeMap<(NodeName, &str), u64> = BTreeMap::new();
     for (run, planned) in RunId::enumerate(&plan.runs) {
         let name = |node: NodeId| -> Option<NodeName> {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_analysis::{Leads, plan_key};
+use depthloom_analysis::{RowKeys, plan_key};
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recorder};
 use depthloom_runner::Phase;
@@ -20,7 +20,7 @@ pub fn write_timings(
 ) -> Result<(), CliError> {
     let failed = |what: String| CliError::new(ExitCode::Engine, format!("failed to keep the timings: {what}"));
     let recorded = RecordedPlan::read_back(plan).map_err(failed)?;
-    let leads = Leads::new(&recorded);
+    let leads = RowKeys::new(&recorded);
     let rows: Vec<depthloom_analysis::Timing> =
         timings.iter().flat_map(|timing| rows(timing, plan, &leads, recorder)).collect();
     depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
@@ -31,7 +31,7 @@ pub fn write_timings(
 fn rows(
     timing: &depthloom_runner::Timing,
     plan: &Plan,
-    leads: &Leads<'_>,
+    leads: &RowKeys<'_>,
     recorder: &Recorder,
 ) -> Vec<depthloom_analysis::Timing> {
     let run = &plan.runs[timing.run];

@@ -64,6 +64,17 @@ pub enum Mean {
     Pixels,
 }
 
+impl Mean {
+    /// Its name in YAML and in tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Frames => "frames",
+            Self::Pixels => "pixels",
+        }
+    }
+}
+
 /// What is scored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Family {

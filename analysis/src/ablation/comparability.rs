@@ -1,0 +1,50 @@
+//! Which scores can be compared with each other.
+
+use depthloom_graphs::Key;
+use depthloom_graphs::plan::{FrameIndex, RunId};
+use depthloom_scores::{Mean, PixelSet, Settings};
+
+use crate::estimators::Estimator;
+use crate::scores::FrameScore;
+
+/// What equal scores can be compared by: they are over as many pixels of the same frames, by source and id, with the same ground truth, scored and
+/// averaged in the same way.
+#[derive(PartialEq)]
+struct Comparability<'a> {
+    settings: (&'a Option<Settings>, Mean),
+    truth: Option<&'a str>,
+    set: PixelSet,
+    frames: Vec<(Option<Key>, &'a str, u64)>,
+}
+
+/// Classes of scores that can be compared, by number.
+#[derive(Default)]
+pub(super) struct Classes<'a>(Vec<Comparability<'a>>);
+
+impl<'a> Classes<'a> {
+    /// The class of an estimator's scores on one pixel set of one zone; `None` of those over the pixels that each estimate made valid, which are its
+    /// own. `source(run, position)` is the key of a frame's source values.
+    pub(super) fn class(
+        &mut self,
+        estimator: &'a Estimator,
+        (set, mean): (PixelSet, Mean),
+        scores: &[&'a FrameScore],
+        source: &dyn Fn(RunId, FrameIndex) -> Option<Key>,
+    ) -> Option<usize> {
+        if set == PixelSet::Answered {
+            return None;
+        }
+        let frame = |score: &&'a FrameScore| (source(estimator.run, score.position), &*score.frame, score.row.pixels);
+        let comparability = Comparability {
+            settings: (&estimator.settings, mean),
+            truth: estimator.truth.as_deref(),
+            set,
+            frames: scores.iter().map(frame).collect(),
+        };
+        let known = self.0.iter().position(|known| *known == comparability);
+        Some(known.unwrap_or_else(|| {
+            self.0.push(comparability);
+            self.0.len() - 1
+        }))
+    }
+}

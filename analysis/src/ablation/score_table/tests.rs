@@ -1,0 +1,318 @@
+use depthloom_graphs::plan::{FrameIndex, RunId};
+use std::sync::Arc;
+
+use depthloom_graphs::Key;
+use depthloom_recording::RecordedPlan;
+use depthloom_scores::{ScoreRow, Settings};
+use serde::Deserialize as _;
+use serde_json::json;
+
+use super::*;
+use crate::estimators::Estimator;
+use crate::scores::FrameScore;
+
+fn estimator(variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Estimator {
+    let label = variant.map_or_else(|| name.to_owned(), |variant| format!("{variant}/{name}"));
+    Estimator::of_depths(&label, variant, name, sets)
+}
+
+fn estimators() -> Vec<Estimator> {
+    vec![
+        estimator(None, "stereo", &[PixelSet::Answered, PixelSet::All]),
+        estimator(Some("full"), "mono", &[PixelSet::All]),
+        estimator(Some("full"), "fused", &[PixelSet::All]),
+        estimator(Some("no_scaling"), "mono", &[PixelSet::All]),
+        estimator(Some("no_scaling"), "fused", &[PixelSet::All]),
+    ]
+}
+
+/// A score of frame `frame` for which all eight scores are `value`, but for rmse, which is ten times it.
+fn score(frame: &str, estimator: usize, set: PixelSet, value: f64) -> FrameScore {
+    let values = Family::Depth.defaults().into_iter();
+    let values = values.map(|metric| (metric, if metric.name == "rmse" { 10.0 * value } else { value }));
+    let row = ScoreRow { pixels: 5, truth: 8, answered: 5, ..ScoreRow::new(set, "") };
+    let row = values.fold(row, |row, (metric, value)| row.with(metric, value));
+    FrameScore { frame: Arc::from(frame), position: FrameIndex(frame.parse().unwrap()), estimator, row }
+}
+
+/// A row with some scores changed.
+fn changed(row: &ScoreRow, to: impl Fn(&str) -> Option<f64>) -> ScoreRow {
+    let mut row = row.clone();
+    row.scores.iter_mut().for_each(|(metric, value)| *value = to(metric.name).unwrap_or(*value));
+    row
+}
+
+fn scores() -> Vec<FrameScore> {
+    let mut scores = Vec::new();
+    for (frame, shift) in [("0", 0.0), ("1", 0.2)] {
+        scores.push(score(frame, 0, PixelSet::Answered, 0.7 + shift));
+        for (estimator, value) in [0.3, 0.4, 0.5, 0.6, 0.7].into_iter().enumerate() {
+            scores.push(score(frame, estimator, PixelSet::All, value + shift));
+        }
+    }
+    scores
+}
+
+fn table(with_paper: bool) -> ScoreTable {
+    table_of(&scores(), &estimators(), with_paper)
+}
+
+fn table_of(scores: &[FrameScore], estimators: &[Estimator], with_paper: bool) -> ScoreTable {
+    table_of_sources(scores, estimators, with_paper, &|_, _| None)
+}
+
+fn table_of_sources(
+    scores: &[FrameScore],
+    estimators: &[Estimator],
+    with_paper: bool,
+    source: &dyn Fn(RunId, FrameIndex) -> Option<Key>,
+) -> ScoreTable {
+    let plan = json!({ "experiment": "street_1", "about": "", "variants": [], "every": 1, "view": false, "runs": [] });
+    let plan = RecordedPlan::deserialize(plan).unwrap();
+    let ablation = Ablation::new(&plan, estimators, scores, source, None);
+    let all = Selection::default();
+    let rows = ablation.rows_on_all_sets(&all).unwrap();
+    ScoreTable::new(&ablation, &rows, &all, with_paper, None, &|| false).unwrap()
+}
+
+/// By line: the marked columns.
+fn marked(table: &ScoreTable) -> [Vec<usize>; 8] {
+    std::array::from_fn(|line| (0..table.rows.len()).filter(|row| table.rows[*row].best[line]).collect())
+}
+
+#[test]
+fn means_are_over_the_frames_that_all_estimators_have() {
+    let mut scores = scores();
+    // On frame 2 an estimator failed: it counts for nobody.
+    scores.extend((0..4).map(|estimator| score("2", estimator, PixelSet::All, 0.0)));
+    let table = table_of(&scores, &estimators(), false);
+    assert_eq!(table.rows.len(), 6);
+    for (column, mean) in table.rows.iter().zip([0.8, 0.4, 0.5, 0.6, 0.7, 0.8]) {
+        assert_eq!(column.frames, 2);
+        assert!((column.values[0].unwrap() - mean).abs() < 1e-12, "{column:?}");
+        assert!((column.values[5].unwrap() - 10.0 * mean).abs() < 1e-12, "{column:?}");
+    }
+    assert_eq!(table.about(), "mean over 2 frames");
+}
+
+#[test]
+fn a_frame_without_pixels_adds_nothing_and_is_said() {
+    let mut scores = scores();
+    scores[0].row = ScoreRow::new(PixelSet::Answered, "");
+    let table = table_of(&scores, &estimators(), false);
+    assert_eq!((table.rows[0].frames, table.rows[1].frames), (1, 2));
+    assert!((table.rows[0].values[0].unwrap() - 0.9).abs() < 1e-12);
+    assert_eq!(table.about(), "mean over 2 frames (stereo on answered: 1)");
+}
+
+#[test]
+fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for_and_it_is_said() {
+    let of = |mean| Estimator { mean, ..estimator(None, "mono", &[PixelSet::All]) };
+    let mut rows = [score("0", 0, PixelSet::All, 0.5), score("1", 0, PixelSet::All, 0.8)];
+    // 5 pixels of 8, and 15 of 16.
+    (rows[1].row.pixels, rows[1].row.answered, rows[1].row.truth) = (15, 15, 16);
+    let table = |mean| table_of(&rows, &[of(mean)], false);
+    let (frames, pixels) = (table(Mean::Frames), table(Mean::Pixels));
+    let close = |ours: Option<f64>, expected: f64| assert!((ours.unwrap() - expected).abs() < 1e-12, "{ours:?}");
+    close(frames.rows[0].values[0], 0.65);
+    close(pixels.rows[0].values[0], (5.0 * 0.5 + 15.0 * 0.8) / 20.0);
+    close(pixels.rows[0].values[5], ((5.0 * 25.0 + 15.0 * 64.0_f64) / 20.0).sqrt());
+    close(pixels.rows[0].density, 20.0 / 24.0);
+    assert_eq!((frames.about(), pixels.about()), ("mean over 2 frames".into(), "over all pixels of 2 frames".into()));
+}
+
+#[test]
+fn no_scores_make_a_table_of_dashes() {
+    let table = table_of(&[], &estimators(), false);
+    assert!(table.rows.iter().all(|column| column.frames == 0 && column.values == vec![None; 8]));
+    assert!(table.table().markdown().contains("| a1 (< 1.25) ↑ | - | - |"), "{}", table.table().markdown());
+    assert_eq!(marked(&table), [const { Vec::<usize>::new() }; 8]);
+    assert_eq!(table.marks(), None);
+}
+
+#[test]
+fn the_long_form_says_what_each_row_is_of() {
+    let csv = String::from_utf8(table(true).table().csv()).unwrap();
+    let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    let mut expected = ["stage", "variant", "estimator", "set"].map(str::to_owned).to_vec();
+    let eight = || Family::Depth.defaults().into_iter().map(|metric| metric.name);
+    expected.extend(eight().map(str::to_owned));
+    expected.push("frames".to_owned());
+    expected.extend(eight().map(|name| format!("paper_{name}")));
+    expected.push("density".to_owned());
+    assert_eq!(lines[0], expected);
+    let rows = serde_json::to_value(table(true).json_rows()).unwrap();
+    assert_eq!(rows[0].as_object().unwrap().keys().collect::<Vec<_>>(), lines[0]);
+    let of: Vec<String> = lines[1..].iter().map(|line| line[..4].join(" ")).collect();
+    let expected =
+        ["s  stereo answered", "s  stereo all", "s full mono all", "s full fused all", "s no_scaling mono all"];
+    assert_eq!((&of[..5], lines[6][13]), (expected.map(str::to_owned).as_slice(), "0.85"));
+}
+
+#[test]
+fn best_is_among_those_over_all_pixels() {
+    let marked = marked(&table(false));
+    assert_eq!((&marked[0][..], &marked[5][..]), ([5].as_slice(), [1].as_slice()));
+    assert_eq!(table(false).marks(), Some("best over all true pixels"));
+}
+
+#[test]
+fn disparities_beside_depths_have_their_best_on_every_comparable_set() {
+    let d1 = Metric::named("d1").unwrap();
+    let disparity = |variant: &str| Estimator {
+        family: Family::Disparity,
+        settings: None,
+        metrics: vec![d1],
+        sets: PixelSet::ALL.to_vec(),
+        ..estimator(Some(variant), "disparity", &[])
+    };
+    let mut estimators = estimators();
+    estimators.extend([disparity("full"), disparity("no_scaling")]);
+    let mut scores = scores();
+    for frame in ["0", "1"] {
+        for (estimator, value) in [(5, 0.3), (6, 0.2)] {
+            for set in PixelSet::ALL {
+                let row = ScoreRow { pixels: 8, truth: 8, answered: 7, ..ScoreRow::new(set, "") }.with(d1, value);
+                scores.push(FrameScore { row, ..score(frame, estimator, set, 0.0) });
+            }
+        }
+    }
+    let table = table_of(&scores, &estimators, false);
+    let line = table.metrics.iter().position(|metric| metric.name == "d1").unwrap();
+    let marked: Vec<(&str, PixelSet)> = (0..table.rows.len())
+        .filter(|row| table.rows[*row].best[line])
+        .map(|row| (table.rows[row].label.as_str(), table.rows[row].set))
+        .collect();
+    assert_eq!(marked, [("no_scaling/disparity", PixelSet::Filled), ("no_scaling/disparity", PixelSet::All)]);
+    assert!(table.table().latex().contains("\\textbf{") && table.table().markdown().contains("**"));
+}
+
+#[test]
+fn fault_02_frames_are_told_apart_by_their_place_and_not_by_their_id() {
+    // The same frame asked for twice, and one of another street that happens to have its id.
+    let mut scores = Vec::new();
+    for (position, shift) in [(0, 0.0), (1, 0.0), (2, 0.3)] {
+        let rows = [(0, PixelSet::Answered), (0, PixelSet::All), (1, PixelSet::All)];
+        let row =
+            |(estimator, set)| FrameScore { position: FrameIndex(position), ..score("7", estimator, set, 0.3 + shift) };
+        scores.extend(rows.map(row));
+    }
+    let table = table_of(&scores, &estimators()[..2], false);
+    assert_eq!(table.about(), "mean over 3 frames");
+    assert!(table.rows.iter().all(|column| (column.values[0].unwrap() - 0.4).abs() < 1e-12), "{table:?}");
+}
+
+#[test]
+fn fault_20_only_what_is_comparable_is_marked() {
+    let none = [const { Vec::<usize>::new() }; 8];
+    let two = |first: &Estimator, second: &Estimator, frames: [&[&str]; 2]| {
+        let rows = |i: usize| frames[i].iter().map(move |frame| score(frame, i, PixelSet::All, 0.5 + 0.1 * i as f64));
+        table_of(&rows(0).chain(rows(1)).collect::<Vec<_>>(), &[first.clone(), second.clone()], false)
+    };
+    let (mono, fused) =
+        (estimator(Some("a"), "mono", &[PixelSet::All]), estimator(Some("a"), "fused", &[PixelSet::All]));
+    let same = two(&mono, &fused, [&["0", "1"], &["0", "1"]]);
+    assert_eq!((&marked(&same)[0][..], &marked(&same)[3][..]), ([1].as_slice(), [0].as_slice()));
+    let elsewhere = Estimator { run: RunId(1), ..fused.clone() };
+    assert_eq!(
+        marked(&two(&mono, &elsewhere, [&["0", "1"], &["0", "1"]])),
+        marked(&same),
+        "another run on the same frames"
+    );
+    assert_eq!(marked(&two(&mono, &elsewhere, [&["0", "1"], &["0", "2"]])), none, "other frames");
+    assert_eq!(marked(&two(&mono, &elsewhere, [&["0", "1"], &["0"]])), none, "fewer frames");
+    let capped = Settings { max_m: 50.0, ..Settings::default() };
+    let capped = Estimator { settings: Some(capped), ..fused.clone() };
+    assert_eq!(marked(&two(&mono, &capped, [&["0"], &["0"]])), none, "scored in another way");
+    let other_truth = Estimator { truth: Some("/s/lidar/depth".to_owned()), ..fused };
+    assert_eq!(marked(&two(&mono, &other_truth, [&["0"], &["0"]])), none, "against another truth");
+    assert_eq!(
+        marked(&table_of(&[score("0", 0, PixelSet::All, 0.5)], std::slice::from_ref(&mono), false)),
+        none,
+        "alone"
+    );
+    let answered = [mono.clone(), mono].map(|mono| Estimator { sets: vec![PixelSet::Answered], ..mono });
+    let rows = [0, 1].map(|i| score("0", i, PixelSet::Answered, 0.5));
+    assert_eq!(marked(&table_of(&rows, &answered, false)), none, "on the pixels each answered");
+}
+
+#[test]
+fn fault_20_sources_with_equal_ids_are_not_the_same_frames() {
+    let estimators = [estimator(Some("a"), "mono", &[PixelSet::All]), estimator(Some("b"), "mono", &[PixelSet::All])];
+    let estimators = [estimators[0].clone(), Estimator { run: RunId(1), ..estimators[1].clone() }];
+    let rows = [score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
+    let key = |run: RunId, _: FrameIndex| Some(Key::of_content(&[run.0 as u8]));
+    let table = table_of_sources(&rows, &estimators, false, &key);
+    assert_eq!(table.marks(), None);
+    assert!(table_of(&rows, &estimators, false).marks().is_some(), "of one source they would be");
+}
+
+#[test]
+fn fault_42_an_estimate_that_never_answered_is_never_best() {
+    let mut rows = vec![score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
+    // What a missing answer everywhere gives: no pixel is near, and the spread of the log error is the truth's own.
+    rows.push(FrameScore {
+        row: changed(&rows[0].row, |metric| match metric {
+            "a1" | "a2" | "a3" => Some(0.0),
+            "silog" => Some(0.01),
+            _ => None,
+        }),
+        estimator: 2,
+        ..rows[0].clone()
+    });
+    let estimators = ["mono", "fused", "absent"].map(|name| estimator(None, name, &[PixelSet::All]));
+    assert_eq!(marked(&table_of(&rows, &estimators, false))[7], [0]);
+    // And a mean that is no number is not best either, whichever way is better.
+    rows[2].row = changed(&rows[0].row, |metric| match metric {
+        "a1" => Some(f64::INFINITY),
+        "silog" => Some(f64::NEG_INFINITY),
+        _ => None,
+    });
+    let marked = marked(&table_of(&rows, &estimators, false));
+    assert_eq!((&marked[0][..], &marked[7][..]), ([1].as_slice(), [0].as_slice()));
+}
+
+#[test]
+fn terminal_text() {
+    insta::assert_snapshot!("terminal", table(false).table().terminal(200));
+    insta::assert_snapshot!("terminal_narrow_with_paper", table(true).table().terminal(70));
+}
+
+#[test]
+fn markdown_text() {
+    insta::assert_snapshot!("markdown", table(true).table().markdown());
+}
+
+#[test]
+fn fault_38_latex_is_neither_a_poster_nor_a_hairline() {
+    let names: Vec<String> = (0..48).map(|i| format!("variant_{i}")).collect();
+    let of_variant =
+        |name: &String| ["mono", "fused"].map(|estimate| estimator(Some(name), estimate, &[PixelSet::All]));
+    let many: Vec<Estimator> = names.iter().flat_map(of_variant).collect();
+    let rows: Vec<FrameScore> = (0..many.len()).map(|i| score("0", i, PixelSet::All, 0.5)).collect();
+    let latex = table_of(&rows, &many, false).table().latex();
+    assert!(!latex.contains("resizebox"));
+    let blocks: Vec<usize> = latex
+        .lines()
+        .filter_map(|line| line.strip_prefix("\\begin{tabular}"))
+        .map(|columns| columns.matches('r').count())
+        .collect();
+    assert_eq!(blocks.iter().sum::<usize>(), 96);
+    assert!(blocks.iter().all(|columns| (2..=8).contains(columns)), "{blocks:?}");
+
+    let lone = table_of(&rows[..1], &many[..1], true).table().latex();
+    assert!(lone.contains("\\begin{table}[t]") && lone.contains("\\label{tab:street-1-scores}"), "{lone}");
+    assert!(!lone.contains("\\textbf{0") && !lone.contains("in bold"), "a lone column is the best of nothing: {lone}");
+    let with_paper = table(true);
+    for text in [with_paper.table().latex(), with_paper.table().markdown()] {
+        assert!(
+            text.contains("{0.800} (0.85)") || text.contains("**0.800** (0.85)"),
+            "the paper's is not bold: {text}"
+        );
+    }
+}
+
+#[test]
+fn latex_text() {
+    insta::assert_snapshot!("latex", table(true).table().latex());
+}

@@ -1,0 +1,82 @@
+//! Which values are best: one rule for tables in every format, pages and figures.
+//!
+//! A value competes with those of its class: over as many pixels of the same frames, of the same ground truth, scored in the same way. The best of a
+//! class of two or more is marked, and what equals it. What was within a factor of 1.25^3 of the ground truth nowhere, or is valid nowhere, is
+//! never best: `silog` would prefer an estimate that is missing everywhere, for a missing pixel counts as one constant, and a constant has the spread
+//! of the ground truth and no error of its own.
+
+use std::collections::HashMap;
+
+/// A value of a score that may be the best.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Candidate {
+    /// Values of one class may be compared; `None`: it can be compared with nothing.
+    pub(crate) class: Option<usize>,
+    pub(crate) value: Option<f64>,
+    /// The share of pixels within a factor of 1.25^3, where that was scored.
+    pub(crate) a3: Option<f64>,
+    /// The share of pixels that are valid, where it is known.
+    pub(crate) density: Option<f64>,
+}
+
+impl Candidate {
+    fn competing(&self) -> Option<(usize, f64)> {
+        let is_above_0 = |share: Option<f64>| share.is_none_or(|share| share > 0.0);
+        let value = self.value.filter(|value| value.is_finite())?;
+        self.class.filter(|_| is_above_0(self.a3) && is_above_0(self.density)).map(|class| (class, value))
+    }
+}
+
+/// By candidate, whether it is a best one.
+pub(crate) fn best(candidates: &[Candidate], more_is_better: bool) -> Vec<bool> {
+    let mut classes: HashMap<usize, (usize, Option<f64>)> = HashMap::new();
+    for candidate in candidates {
+        let Some(class) = candidate.class else { continue };
+        let (size, best) = classes.entry(class).or_default();
+        *size += 1;
+        if let Some((_, value)) = candidate.competing() {
+            let better = |known: f64| if more_is_better { known.max(value) } else { known.min(value) };
+            *best = Some(best.map_or(value, better));
+        }
+    }
+    let is_best = |candidate: &Candidate| {
+        candidate.competing().is_some_and(|(class, value)| {
+            let (size, best) = classes[&class];
+            size > 1 && best == Some(value)
+        })
+    };
+    candidates.iter().map(is_best).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn candidate(class: Option<usize>, value: f64) -> Candidate {
+        Candidate { class, value: Some(value), a3: None, density: None }
+    }
+
+    #[test]
+    fn each_class_of_two_or_more_has_its_best_and_equals_share_it() {
+        let some = [
+            (Some(0), 3.0),
+            (Some(0), 2.0),
+            (Some(0), 2.0),
+            (Some(1), 1.0),
+            (Some(1), 9.0),
+            (Some(2), 0.5),
+            (None, 0.1),
+        ];
+        let candidates = some.map(|(class, value)| candidate(class, value));
+        assert_eq!(best(&candidates, false), [false, true, true, true, false, false, false]);
+        assert_eq!(best(&candidates, true), [true, false, false, false, true, false, false]);
+    }
+
+    #[test]
+    fn what_is_missing_everywhere_is_never_best_and_a_score_without_a3_may_be() {
+        let missing = Candidate { a3: Some(0.0), ..candidate(Some(0), 0.1) };
+        let invalid = Candidate { density: Some(0.0), ..candidate(Some(0), 0.2) };
+        let fine = Candidate { a3: Some(0.5), density: Some(0.9), ..candidate(Some(0), 0.3) };
+        assert_eq!(best(&[missing, invalid, fine, candidate(Some(0), 0.4)], false), [false, false, true, false]);
+    }
+}

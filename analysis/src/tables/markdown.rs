@@ -1,0 +1,47 @@
+//! A table in Markdown (GitHub's).
+
+use super::Table;
+use super::layout::{TextCell, TextColumn, capitalised};
+
+impl Table {
+    /// In Markdown (GitHub's), the best in bold.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        let columns = self.layout(false);
+        let mut text = line(columns.iter().map(heading));
+        text.push('|');
+        text.extend(columns.iter().map(|column| if column.is_text { "---|" } else { "---:|" }));
+        text.push('\n');
+        for row in 0..self.lines() {
+            text.push_str(&line(columns.iter().map(|column| cell(&column.cells[row]))));
+        }
+        text.push_str(&format!("\n{}.", capitalised(&self.about)));
+        if let Some(marks) = self.marks() {
+            text.push_str(&format!(" {} in bold.", capitalised(marks)));
+        }
+        text.push('\n');
+        for note in &self.notes {
+            text.push_str(&format!("\n{}.\n", capitalised(note)));
+        }
+        text
+    }
+}
+
+fn line(cells: impl Iterator<Item = String>) -> String {
+    format!("|{}\n", cells.map(|cell| format!(" {cell} |")).collect::<String>())
+}
+
+fn heading(column: &TextColumn) -> String {
+    let group = if column.group.is_empty() { String::new() } else { format!("{}<br>", escaped(&column.group)) };
+    format!("{group}{}", escaped(&column.heading()))
+}
+
+fn cell(cell: &TextCell) -> String {
+    let text = escaped(&cell.text);
+    let text = if cell.is_best { format!("**{text}**") } else { text };
+    cell.beside.as_ref().map_or_else(|| text.clone(), |beside| format!("{text} {beside}"))
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('|', "\\|")
+}
