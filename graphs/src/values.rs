@@ -8,6 +8,7 @@ mod difference;
 mod disparity;
 mod float_disparity;
 mod image;
+mod maps;
 mod mask;
 mod relative_depth;
 mod true_disparity;

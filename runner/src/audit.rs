@@ -7,35 +7,37 @@
 //! Most of the sample is taken before the stage's first frame, so that a wrong value fails a run early. Nodes of which nothing was reused on
 //! those frames are sampled after the last frame, on a random one of the frames on which they were reused.
 
+pub(crate) mod comparison;
+pub(crate) mod failure;
+pub(crate) mod sample;
+
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 
 use depthloom_graphs::contracts::{Contract, Tap};
-use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, StageRun};
+use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::values::ValueDifference;
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Scratch, Value};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Outputs, Scratch, Value};
 use depthloom_threads::caught;
 
-use crate::audit_failure::{AuditFailure, Cause};
+use self::comparison::{Comparison, compare_aggregates};
+use self::failure::Cause;
 use crate::error::RunError;
-use crate::frame_graph::{Feed, OutputId, StepId, StepOutput};
 use crate::host::TaskHost;
 use crate::observer::Unwatched;
-use crate::once::is_once;
 use crate::panics::fault;
 use crate::reuse::{FramePlan, Reuse};
+use crate::stage::frame_graph::{Feed, OutputId, StepId, StepOutput};
 use crate::stage::{FrameNode, Stage, process_pure};
 use crate::warnings::Warnings;
-
-/// How the kinds begin that run a program.
-const PROGRAM: &str = "process";
 
 /// Recomputes values of a stage run.
 pub(crate) struct Auditor<'s, 'a, T: Tap> {
     stage: &'s Stage<'a, T>,
     reuse: &'s Reuse<'a>,
+    comparison: Comparison<'s>,
 }
 
 /// The values of one frame, as far as they were needed.
@@ -59,8 +61,7 @@ enum NotRecomputed {
 impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     /// `None` if nothing is audited or reused.
     pub(crate) fn of(stage: &'s Stage<'a, T>) -> Option<Self> {
-        let reuse = stage.reuse.as_ref().filter(|_| stage.sampler.is_on())?;
-        Some(Self { stage, reuse })
+        Some(Self { stage, reuse: stage.reuse.as_ref()?, comparison: stage.comparison()? })
     }
 
     /// The part of the audit before the stage's frames; gives how many values were compared.
@@ -180,17 +181,6 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         Ok(compared)
     }
 
-    /// Compares the outputs of an ordered node that ran although they are stored.
-    pub(crate) fn ran_anyway(
-        &self,
-        position: FrameIndex,
-        plan: &FramePlan,
-        step: StepId,
-        outputs: &[Option<Value>],
-    ) -> Result<(), Box<AuditFailure>> {
-        self.differences(position, plan, step, outputs, || None).map(|_| ())
-    }
-
     fn frame_values(&self, position: FrameIndex) -> Option<FrameValues> {
         let key = caught(|| self.stage.source.key(position)).ok()?.ok()?;
         let plan = self.reuse.plan(&self.stage.graph, self.stage.tap, position, key);
@@ -281,55 +271,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         outputs: &[Option<Value>],
         cause: impl FnOnce() -> Option<Cause>,
     ) -> Result<u64, RunError> {
-        self.differences(values.position, &values.plan, step, outputs, cause).map_err(RunError::Audit)
-    }
-
-    fn differences(
-        &self,
-        position: FrameIndex,
-        plan: &FramePlan,
-        step: StepId,
-        outputs: &[Option<Value>],
-        cause: impl FnOnce() -> Option<Cause>,
-    ) -> Result<u64, Box<AuditFailure>> {
-        let ports = &self.stage.graph.producers[step].outputs;
-        let mut compared = 0;
-        for (output, now) in OutputId::enumerate(outputs) {
-            let of_step = StepOutput { step, output };
-            let what = if let Some(key) = plan.stored(of_step) {
-                compared += 1;
-                self.difference(&key, &ports[output], now.as_ref())
-            } else if plan.absent.contains(&of_step) {
-                now.as_ref().map(|_| "stored that there is no value, recomputed one".to_owned())
-            } else {
-                None
-            };
-            if let Some(what) = what {
-                return Err(Box::new(self.audit_failure((position, plan), of_step, what, cause())));
-            }
-        }
-        Ok(compared)
-    }
-
-    /// In what a value differs from the stored one.
-    fn difference(&self, key: &Key, port: &Port, now: Option<&Value>) -> Option<String> {
-        let stored = match self.reuse.values(&[(*key, port.name)]) {
-            Ok(stored) => stored.into_iter().next().flatten(),
-            Err(fault) => return Some(format!("the stored value cannot be read: {}", fault.chain())),
-        };
-        match (stored, now) {
-            (Some(stored), Some(now)) => {
-                let difference = ValueDifference::between(&stored, now, 0.0);
-                let first = difference.first?.text(port.value_type);
-                Some(format!(
-                    "`{}`, {first}; {} of {} numbers differ",
-                    port.name, difference.different, difference.numbers
-                ))
-            }
-            (None, None) => None,
-            (Some(_), None) => Some(format!("stored a value of `{}`, recomputed none", port.name)),
-            (None, Some(_)) => Some(format!("stored no value of `{}`, recomputed one", port.name)),
-        }
+        self.comparison.differences(values.position, &values.plan, step, outputs, cause).map_err(RunError::Audit)
     }
 
     /// Whether a step gives the same outputs once more.
@@ -351,39 +293,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
 
     fn failure(&self, values: &FrameValues, step: StepId, what: String) -> RunError {
         let first = StepOutput { step, output: OutputId(0) };
-        RunError::Audit(Box::new(self.audit_failure((values.position, &values.plan), first, what, None)))
-    }
-
-    fn audit_failure(
-        &self,
-        (position, plan): (FrameIndex, &FramePlan),
-        StepOutput { step, output }: StepOutput,
-        what: String,
-        cause: Option<Cause>,
-    ) -> AuditFailure {
-        let run = self.stage.plan;
-        let ports = &self.stage.graph.producers[step].outputs;
-        let port = ports.get(output.0).map_or("", |port| port.name);
-        let is_program = match step.node() {
-            None => run.source.parts.iter().any(|part| part.kind.starts_with(PROGRAM)),
-            Some(node) => run.nodes[node].kind.starts_with(PROGRAM),
-        };
-        let kind_cause = match step {
-            _ if is_program => Cause::Program,
-            StepId::SOURCE => Cause::Data,
-            _ => Cause::Implementation,
-        };
-        AuditFailure {
-            producer: match step.node() {
-                None => format!("source `{}` of stage `{}`", run.source.name, run.stage),
-                Some(node) => format!("node `{}.{}`", run.stage, run.nodes[node].name),
-            },
-            port: port.to_owned(),
-            frame: Some(self.stage.source.frames()[position].id.to_string()),
-            what,
-            cause: cause.unwrap_or(kind_cause),
-            stored_in: plan.stored(StepOutput { step, output }).and_then(|key| self.reuse.origin(&key, port)),
-        }
+        RunError::Audit(Box::new(self.comparison.failure((values.position, &values.plan), first, what, None)))
     }
 
     fn host<'h>(&'h self, warnings: &'h Warnings, node: Option<NodeId>, position: Option<FrameIndex>) -> TaskHost<'h> {
@@ -402,43 +312,4 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
             is_repeated: true,
         }
     }
-}
-
-/// Compares the aggregate values of a reused node with recomputed ones; gives how many were compared.
-pub(crate) fn compare_aggregates(
-    run: &StageRun,
-    node: NodeId,
-    stored: &[Option<Value>],
-    made: Result<Outputs, Fault>,
-) -> Result<u64, RunError> {
-    let planned = &run.nodes[node];
-    let ports: Vec<Port> =
-        planned.outputs.iter().map(|output| &output.port).filter(|port| is_once(planned, port)).cloned().collect();
-    let failure = |port: &str, what: String| {
-        RunError::Audit(Box::new(AuditFailure {
-            producer: format!("node `{}.{}`", run.stage, planned.name),
-            port: port.to_owned(),
-            frame: None,
-            what,
-            cause: if planned.kind.starts_with(PROGRAM) { Cause::Program } else { Cause::Implementation },
-            stored_in: None,
-        }))
-    };
-    let made = made.and_then(|made| made.in_order_of(&ports));
-    let made = made.map_err(|fault| failure("", format!("stored a value, and now fails: {}", fault.chain())))?;
-    for ((port, stored), now) in ports.iter().zip(stored).zip(&made) {
-        let what = match (stored, now) {
-            (Some(stored), Some(now)) => {
-                let first = ValueDifference::between(stored, now, 0.0).first;
-                first.map(|first| format!("`{}`, {}", port.name, first.text(port.value_type)))
-            }
-            (None, None) => None,
-            (Some(_), None) => Some(format!("stored a value of `{}`, recomputed none", port.name)),
-            (None, Some(_)) => Some(format!("stored no value of `{}`, recomputed one", port.name)),
-        };
-        if let Some(what) = what {
-            return Err(failure(port.name, what));
-        }
-    }
-    Ok(stored.iter().flatten().count() as u64)
 }

@@ -3,7 +3,7 @@
 use depthloom_graphs::contracts::ErrorMessage;
 use depthloom_graphs::{Fault, Remedied};
 
-use crate::audit_failure::AuditFailure;
+use crate::audit::failure::AuditFailure;
 
 /// Why a run ended before its end. What was written before stays written.
 #[derive(Debug, thiserror::Error)]

@@ -88,39 +88,31 @@
 //! ```
 
 mod audit;
-mod audit_failure;
-mod audit_sample;
 mod checkpoints;
 mod error;
-mod foresee;
-mod frame_graph;
 mod host;
-mod in_flight;
 mod interrupt;
-mod kept;
 mod observer;
 mod once;
+mod once_values;
 mod options;
-mod ordered;
 mod panics;
-mod queues;
 mod report;
-mod retire;
 mod reuse;
 mod run;
 mod stage;
 mod timing;
 mod warnings;
 
-pub use audit_failure::{AuditFailure, Cause};
+pub use audit::failure::{AuditFailure, Cause};
 pub use checkpoints::Checkpoints;
 pub use error::RunError;
-pub use foresee::{Foreseen, foresee};
 pub use interrupt::Interrupt;
-pub use kept::{KeptValues, Outdated, outdated};
 pub use observer::{Observer, Unwatched};
 pub use options::{Audit, Options};
 pub use report::{FrameFailure, Report, StageReport};
+pub use reuse::foresee::{Foreseen, foresee};
+pub use reuse::kept::{KeptValues, Outdated, outdated};
 pub use run::run;
 pub use timing::{Phase, Sample, Spread, Timing};
 pub use warnings::Warning;

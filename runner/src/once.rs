@@ -1,95 +1,28 @@
-//! Once-values: what ordered nodes give when they finish, what once-nodes make of it, and who finds it where.
+//! What ordered nodes compute when they finish, and what aggregate nodes compute.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::path::PathBuf;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use depthloom_graphs::contracts::{Contract, ErrorMessage, Slot, Tap, Warned};
-use depthloom_graphs::plan::{NodeId, NodeRef, Origin, Plan, PlannedNode, PortId, RunId};
+use depthloom_graphs::plan::{NodeId, NodeRef, Plan, PlannedNode, PortId, RunId};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
-    Context, Fault, Host as _, Inputs, Instance, Key, OnceNode, OrderedNode, Port, Rate, Scratch, Source, Value,
-    value_keys,
+    Context, Fault, Host as _, Inputs, Instance, Key, OnceNode, OrderedNode, Port, Scratch, Source, Value, value_keys,
 };
 use depthloom_threads::{caught, locked};
 
-use crate::audit::compare_aggregates;
+use crate::audit::comparison::compare_aggregates;
 use crate::error::RunError;
-use crate::frame_graph::FrameGraph;
 use crate::host::TaskHost;
+use crate::once_values::{OnceValue, OnceValues, inputs_of, is_once};
 use crate::options::Audit;
 use crate::panics::fault;
-use crate::retire::Completion;
 use crate::reuse::{Finished, Reuse, once_values};
 use crate::stage::Common;
+use crate::stage::frame_graph::FrameGraph;
+use crate::stage::retire::Completion;
 use crate::timing::{Phase, Spent, Stopwatch, Timing};
-
-/// A once-value and the key by which it enters the keys of what is made from it.
-#[derive(Clone, Debug)]
-pub(crate) struct OnceValue {
-    pub(crate) value: Value,
-    pub(crate) key: Key,
-}
-
-/// What is known of a once-value.
-pub(crate) enum OnceState {
-    /// Its node has not fired yet.
-    Pending,
-    /// Its node gave nothing there.
-    Absent,
-    /// It is there.
-    There(OnceValue),
-}
-
-/// The once-values there are so far.
-pub(crate) struct OnceValues {
-    files: BTreeMap<PathBuf, Value>,
-    /// By node and port; `None` where the node left an optional output out.
-    made: HashMap<(NodeRef, PortId), Option<OnceValue>>,
-    /// What once-nodes gave, by their key: of two that are equal, in whichever stage runs, one fires.
-    given: HashMap<Key, Vec<Option<Value>>>,
-}
-
-impl OnceValues {
-    pub(crate) fn new(files: BTreeMap<PathBuf, Value>) -> Self {
-        Self { files, made: HashMap::new(), given: HashMap::new() }
-    }
-
-    /// Puts down what a node gave, by once-output, under its key.
-    pub(crate) fn make(&mut self, node: NodeRef, planned: &PlannedNode, key: Option<Key>, outputs: Vec<Option<Value>>) {
-        let mut outputs = outputs.into_iter();
-        for (port, output) in PortId::enumerate(&planned.outputs).filter(|(_, o)| is_once(planned, &o.port)) {
-            let value = outputs.next().flatten();
-            let keyed = value.zip(key).map(|(value, key)| {
-                let content = value.artifact().map(|artifact| artifact.hash);
-                let key = content.unwrap_or_else(|| value_keys::port(&key, output.port.name));
-                OnceValue { value, key }
-            });
-            self.made.insert((node, port), keyed);
-        }
-    }
-
-    /// What is wired to a once-input.
-    pub(crate) fn find(&self, from: &Origin) -> OnceState {
-        let there = |once: Option<OnceValue>| once.map_or(OnceState::Absent, OnceState::There);
-        match from {
-            Origin::Here(_) => OnceState::Pending,
-            Origin::Once { run, node, port } => self
-                .made
-                .get(&(NodeRef { run: *run, node: *node }, *port))
-                .map_or(OnceState::Pending, |made| there(made.clone())),
-            Origin::File(path) => {
-                let value = self.files.get(path);
-                value
-                    .and_then(|value| Some((value, value.artifact()?.hash)))
-                    .map_or(OnceState::Pending, |(value, key)| {
-                        OnceState::There(OnceValue { value: value.clone(), key })
-                    })
-            }
-        }
-    }
-}
 
 /// Work outside frames.
 pub(crate) enum Job {
@@ -382,21 +315,4 @@ impl<T: Tap> OnceWork<'_, T> {
         let spent = watch.stop(host.helpers_cpu_ns.load(Ordering::Relaxed));
         (made, Some(spent), host.into_told().collect())
     }
-}
-
-/// Whether a node's output is a once-value.
-pub(crate) fn is_once(node: &PlannedNode, port: &Port) -> bool {
-    node.contract == Contract::Once || port.rate == Rate::Once
-}
-
-/// What is at a once-node's inputs; `None` while one of them is not there yet.
-pub(crate) fn inputs_of(node: &PlannedNode, values: &OnceValues) -> Option<Vec<Option<OnceValue>>> {
-    let found = node.inputs.iter().map(|input| input.from.as_ref().map_or(OnceState::Absent, |from| values.find(from)));
-    found
-        .map(|state| match state {
-            OnceState::Pending => None,
-            OnceState::Absent => Some(None),
-            OnceState::There(value) => Some(Some(value)),
-        })
-        .collect()
 }

@@ -5,6 +5,9 @@
 //! once-values are in the store does not fire at all. When a frame is let in, its own keys are walked again; what then is neither in
 //! the store nor needed by what is not does not fire.
 
+pub(crate) mod foresee;
+pub(crate) mod kept;
+
 use std::sync::OnceLock;
 
 use depthloom_graphs::contracts::{Contract, Held, Holding, Slot, Store, Tap};
@@ -12,8 +15,8 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Fault, Frame, Host, Key, Port, Rate, Source, Value};
 
-use crate::frame_graph::{Feed, FrameGraph, OutputId, StepId, StepOutput};
-use crate::once::is_once;
+use crate::once_values::is_once;
+use crate::stage::frame_graph::{Feed, FrameGraph, OutputId, StepId, StepOutput};
 use depthloom_threads::caught;
 
 /// What a step does on a frame.

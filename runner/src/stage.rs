@@ -1,5 +1,11 @@
 //! The frames of a stage run on the workers.
 
+pub(crate) mod frame_graph;
+pub(crate) mod in_flight;
+pub(crate) mod ordered;
+pub(crate) mod queues;
+pub(crate) mod retire;
+
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -9,20 +15,20 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode, RunId, Sta
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Context, Fault, Frame, Host as _, Inputs, Key, Outputs, PureNode, Scratch, Source, Value};
 
-use crate::audit::Auditor;
-use crate::audit_sample::Sampler;
+use crate::audit::comparison::Comparison;
+use crate::audit::sample::Sampler;
 use crate::checkpoints::Checkpoints;
-use crate::frame_graph::{Feed, FrameGraph, OutputId, Step, StepId, StepOutput};
 use crate::host::TaskHost;
-use crate::in_flight::{InFlight, Outcome, Settled};
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
-use crate::once::is_once;
+use crate::once_values::is_once;
 use crate::options::Audit;
-use crate::ordered::Ordered;
 use crate::panics::fault;
-use crate::queues::Queues;
 use crate::reuse::{FramePlan, Reuse, StepAction};
+use crate::stage::frame_graph::{Feed, FrameGraph, OutputId, Step, StepId, StepOutput};
+use crate::stage::in_flight::{InFlight, Outcome, Settled};
+use crate::stage::ordered::Ordered;
+use crate::stage::queues::Queues;
 use crate::timing::{Spent, Stopwatch};
 use crate::warnings::Warnings;
 use depthloom_threads::{Budget, caught, locked};
@@ -459,11 +465,17 @@ impl<'a, T: Tap> Stage<'a, T> {
 
     /// Compares the outputs of an ordered node that ran with those that are stored, and recorded again, under their key.
     fn audit_again(&self, frame: &InFlight<T::Part>, step: StepId, outputs: &[Option<Value>]) {
-        let (Some(plan), Some(auditor)) = (frame.plan.get(), Auditor::of(self)) else { return };
-        if let Err(failure) = auditor.ran_anyway(frame.position, plan, step, outputs) {
+        let (Some(plan), Some(comparison)) = (frame.plan.get(), self.comparison()) else { return };
+        if let Err(failure) = comparison.differences(frame.position, plan, step, outputs, || None) {
             frame.add_audit_failure(failure);
             self.last.fetch_min(frame.position.0, Ordering::Relaxed);
         }
+    }
+
+    /// The stored values to compare recomputed ones with; `None` if nothing is audited or reused.
+    pub(crate) fn comparison(&self) -> Option<Comparison<'_>> {
+        let reuse = self.reuse.as_ref().filter(|_| self.sampler.is_on())?;
+        Some(Comparison { run: self.plan, graph: &self.graph, frames: self.source.frames(), reuse })
     }
 
     /// Takes a node's inputs from where they lie, whether it is going to fire or not.

@@ -196,6 +196,13 @@ pub struct NodeDeclaration {
     pub outputs: Vec<Port>,
 }
 
+impl From<&NodeDeclaration> for Signature {
+    fn from(declaration: &NodeDeclaration) -> Self {
+        let NodeDeclaration { contract, inputs, outputs, .. } = declaration;
+        Self { contract: *contract, inputs: inputs.clone(), outputs: outputs.clone(), observes: None }
+    }
+}
+
 /// A node kind: everything about it declared in one place.
 pub trait Node: 'static {
     /// Its parameters; their docs, defaults and ranges give the schema, the reference page and the checks.

@@ -1,6 +1,6 @@
 //! What goes in and out of one node, and how it is called.
 
-use super::{Contract, NodeDeclaration, Observation, Port};
+use super::{Contract, Observation, Port};
 
 /// How a node is called, and its ports: of all nodes of a kind those of its declaration, or of each node its own, where they follow from its
 /// parameters ([`Node::signature`](super::Node::signature)).
@@ -15,11 +15,4 @@ pub struct Signature {
     /// What it observes of a frame besides its inputs. A pure node that has one is told which frame it is
     /// ([`PureNode::process_frame`](super::PureNode::process_frame)).
     pub observes: Option<Observation>,
-}
-
-impl From<&NodeDeclaration> for Signature {
-    fn from(declaration: &NodeDeclaration) -> Self {
-        let NodeDeclaration { contract, inputs, outputs, .. } = declaration;
-        Self { contract: *contract, inputs: inputs.clone(), outputs: outputs.clone(), observes: None }
-    }
 }

@@ -9,5 +9,6 @@ pub(crate) mod schema;
 pub(crate) mod schema_check;
 pub(crate) mod score;
 pub(crate) mod spec;
+pub(crate) mod sweeps;
 pub(crate) mod variables;
 pub(crate) mod with_schema;

@@ -11,9 +11,9 @@ use super::change::parameter::Parameters;
 use super::change::path::Scope;
 use super::change::variant::Variant;
 use super::change::variants;
-use super::check::following::Sweeps;
 use super::check::params::Resolver;
 use super::check::spec;
+use super::check::sweeps::Sweeps;
 use super::plan::assemble;
 use super::plan::link;
 use super::plan::linked::Linked;
@@ -27,12 +27,9 @@ use super::text::kept;
 use super::text::resolved;
 use super::text::source_file::Place;
 use super::text::tree::Node;
-use super::unused::Declared;
+use super::unused::{Declared, MOST_VALUES};
 use crate::plan::{Factor, Plan, VariantId};
 use crate::registry::Registry;
-
-/// The most values all variants of an experiment may hold together.
-pub(super) const MOST_VALUES: usize = 20_000_000;
 
 /// How many variants are looked at once there are errors.
 const ENOUGH_VARIANTS: usize = 200;

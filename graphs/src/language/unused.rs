@@ -8,7 +8,6 @@ use super::change::path::Scope;
 use super::change::variant::Variant;
 use super::check::params::Resolver;
 use super::check::spec;
-use super::load::MOST_VALUES;
 use super::plan::link;
 use super::plan::linked::Linked;
 use super::plan::live;
@@ -17,6 +16,9 @@ use super::text::diagnostics::{Diagnostic, Report};
 use super::text::tree::Node;
 use crate::language::ids::StageNode;
 use crate::registry::Registry;
+
+/// The most values all variants of an experiment may hold together.
+pub(super) const MOST_VALUES: usize = 20_000_000;
 
 /// An experiment, with the variants that are not taken.
 pub(crate) struct Declared<'a> {

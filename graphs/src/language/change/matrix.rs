@@ -11,17 +11,15 @@ mod sample;
 use std::collections::HashSet;
 use std::sync::Arc;
 
-pub(super) use axis::KEYS as AXIS_KEYS;
-use axis::{Axis, Level, Values};
-pub(super) use sample::KEYS as SAMPLE_KEYS;
+use axis::{Axis, Combination, Level, Part, Values, value_text};
 use sample::{Method, Sample};
 
 use super::apply::Change;
 use super::parameter::Parameters;
+use super::path::MATRIX_KEYS;
 use super::variant::{MOST, changes, too_many};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
-use crate::language::text::resolved::as_written;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
@@ -29,9 +27,6 @@ use crate::plan::Factor;
 /// The most axes of a matrix, and the most entries of `exclude`.
 const MOST_AXES: usize = 64;
 const MOST_EXCLUDED: usize = 1000;
-
-/// The keys of a matrix that are no axes.
-pub(super) const OWN_KEYS: &[&str] = &["include", "exclude", "sample"];
 
 /// Combinations of values, as written.
 pub(crate) struct Matrix {
@@ -43,12 +38,6 @@ pub(crate) struct Matrix {
     /// Whether nothing is wrong with its axes and its sample.
     is_whole: bool,
 }
-
-/// A value of an axis in a combination.
-type Part = Arc<Level>;
-
-/// A value for each axis that is there.
-type Combination = Vec<Part>;
 
 /// An entry of `include` or `exclude`.
 struct Listed {
@@ -190,7 +179,7 @@ pub(crate) fn axis_of<'n>(root: &'n Node, path: &str) -> Option<&'n str> {
 
 fn matrix(entries: &[Entry], place: &Place, parameters: &Parameters<'_>, report: &mut Report) -> Option<Matrix> {
     let own = |key: &str| entries.iter().find(|entry| entry.key == key);
-    let of_axes = entries.iter().filter(|entry| !OWN_KEYS.contains(&entry.key.as_str()));
+    let of_axes = entries.iter().filter(|entry| !MATRIX_KEYS.contains(&entry.key.as_str()));
     let count = of_axes.clone().count();
     if count > MOST_AXES {
         let what = format!("a matrix of {count} paths: more than {MOST_AXES}");
@@ -412,12 +401,4 @@ fn holds(combination: &Combination, part: &Part) -> bool {
         all.any(|own| own.path == change.path && own.value.to_json() == change.value.to_json())
     };
     part.changes.iter().all(among)
-}
-
-/// A value as it is written. Of a variable its name, not what this machine has for it.
-fn value_text(value: &Node) -> String {
-    match &value.written {
-        Some(written) => written.text.replace("${", "").replace(":-", "-").replace('}', ""),
-        None => value.scalar_text().unwrap_or_else(|| as_written(value, None).to_string()),
-    }
 }

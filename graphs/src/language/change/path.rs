@@ -3,9 +3,15 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::matrix::{AXIS_KEYS, OWN_KEYS as MATRIX_KEYS, SAMPLE_KEYS};
 use crate::language::text::names;
 use crate::language::text::tree::{Entry, Node, Tree};
+
+/// The keys of a matrix that are not axes.
+pub(super) const MATRIX_KEYS: &[&str] = &["include", "exclude", "sample"];
+/// The keys of an axis that is written as a map.
+pub(super) const AXIS_KEYS: &[&str] = &["set", "values", "when", "from", "to", "steps", "log"];
+/// The keys of `sample`.
+pub(super) const SAMPLE_KEYS: &[&str] = &["method", "count", "seed"];
 
 /// How many keys a path may have: parameters are nested no deeper.
 const DEEPEST: usize = 32;

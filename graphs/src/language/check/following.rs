@@ -1,17 +1,7 @@
-//! Parameters that follow others unless they are given a value of their own: what they became, and where one stays behind.
-//!
-//! A node's penalties follow its block. Who sweeps the block and holds the penalties compares blocks at penalties that fit one of them
-//! alone, which the numbers do not show: it is said.
-
-use std::collections::{BTreeMap, HashSet};
+//! Parameters that follow others unless they are given a value of their own.
 
 use serde_json::Value as Json;
 
-use super::params::Parameters;
-use super::spec::Spec;
-use crate::language::ids::{StageId, StageNode, StageNodeId};
-use crate::language::text::diagnostics::{Diagnostic, Report};
-use crate::language::text::source_file::Place;
 use crate::registry::ParamError;
 
 /// A parameter that can follow others; see [`Auto`](crate::contracts::Auto).
@@ -21,9 +11,9 @@ pub(crate) struct Following {
     /// Whether it does.
     pub(crate) is_auto: bool,
     /// The parameters that it follows, with the values they have.
-    follows: Vec<(String, Json)>,
+    pub(super) follows: Vec<(String, Json)>,
     /// What it would be if it followed them.
-    auto: Json,
+    pub(super) auto: Json,
 }
 
 /// The attribute of a parameter's schema that names those it follows.
@@ -100,89 +90,4 @@ pub(super) fn others(
     });
     let others: Vec<String> = others.collect();
     (!others.is_empty()).then(|| format!("{}; give it a value of its own, too", others.join(", ")))
-}
-
-/// A parameter of a node with a value of its own, in all variants.
-struct Held {
-    node: String,
-    place: Place,
-    /// Its values, each once.
-    own: Vec<Json>,
-    /// What it would be, each once.
-    auto: Vec<Json>,
-    /// The values of those it could follow, each once.
-    follows: Vec<(String, Vec<Json>)>,
-}
-
-/// What is held while what it could follow is swept, by node and name.
-#[derive(Default)]
-pub(crate) struct Sweeps {
-    held: BTreeMap<(StageNode, String), Held>,
-    /// What follows in one variant or another.
-    followed: HashSet<(StageNode, String)>,
-}
-
-impl Sweeps {
-    /// Looks at a variant; `parameters` finds those of a node.
-    pub(crate) fn look<'p>(&mut self, spec: &Spec, parameters: impl Fn(StageNode) -> Option<&'p Parameters>) {
-        for (stage_id, stage) in StageId::enumerate(&spec.stages) {
-            for (id, node) in StageNodeId::enumerate(&stage.nodes) {
-                let id = StageNode { stage: stage_id, node: id };
-                let Some(parameters) = parameters(id) else { continue };
-                let with = node.instance.as_ref().and_then(|instance| instance.with.as_ref());
-                for following in &parameters.following {
-                    let name = &following.name;
-                    if following.is_auto {
-                        self.followed.insert((id, name.clone()));
-                        continue;
-                    }
-                    let Some(written) = with.and_then(|with| with.entry(name)) else { continue };
-                    let held = self.held.entry((id, name.clone())).or_insert_with(|| Held {
-                        node: node.name.text.clone(),
-                        place: written.key_place.clone(),
-                        own: Vec::new(),
-                        auto: Vec::new(),
-                        follows: following.follows.iter().map(|(name, _)| (name.clone(), Vec::new())).collect(),
-                    });
-                    once(&mut held.own, &parameters.resolved[name.as_str()]);
-                    once(&mut held.auto, &following.auto);
-                    for ((_, values), (_, value)) in held.follows.iter_mut().zip(&following.follows) {
-                        once(values, value);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Says what is held. What takes several values of its own is swept too, and meant so.
-    pub(crate) fn report(self, report: &mut Report) {
-        let Self { held, followed } = self;
-        for (key, held) in held.into_iter().filter(|(_, held)| held.own.len() == 1 && held.auto.len() > 1) {
-            let label = match followed.contains(&key) {
-                true => "the same in all variants that set it",
-                false => "the same in all variants",
-            };
-            let (_, name) = key;
-            let swept = held.follows.iter().filter(|(_, values)| values.len() > 1);
-            let swept: Vec<String> =
-                swept.map(|(name, values)| format!("`{name}`, which it would follow, is {}", listed(values))).collect();
-            let what = format!("`{name}` of node `{}` stays {} while {}", held.node, held.own[0], swept.join(" and "));
-            let help = format!("`{name}: auto`, its default, would be {}", listed(&held.auto));
-            report.push(Diagnostic::warning(&held.place, what).label(label).help(help));
-        }
-    }
-}
-
-fn once(values: &mut Vec<Json>, value: &Json) {
-    if !values.contains(value) {
-        values.push(value.clone());
-    }
-}
-
-/// Values in a sentence; long lists are cut.
-fn listed(values: &[Json]) -> String {
-    const MOST: usize = 8;
-    let shown: Vec<String> = values.iter().take(MOST).map(ToString::to_string).collect();
-    let more = if values.len() > MOST { ", ..." } else { "" };
-    format!("{}{more}", shown.join(", "))
 }

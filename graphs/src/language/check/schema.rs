@@ -5,7 +5,7 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::score;
+use super::{score, spec};
 use crate::contracts::{Port, Rate};
 use crate::registry::{NodeKind, Registry};
 
@@ -323,7 +323,7 @@ fn score_parameters(registry: &Registry) -> Map<String, Json> {
 fn score_inputs(registry: &Registry) -> Vec<&Port> {
     let mut inputs: Vec<&Port> = Vec::new();
     for input in score_kinds(registry).flat_map(|kind| &kind.declaration.inputs).filter(|input| input.optional) {
-        if score::CLUES.contains(&input.name) && !inputs.iter().any(|known| known.name == input.name) {
+        if spec::CLUES.contains(&input.name) && !inputs.iter().any(|known| known.name == input.name) {
             inputs.push(input);
         }
     }

@@ -14,8 +14,6 @@ use crate::values::ValueType;
 pub(crate) const DEPTH: &str = "score/depth";
 /// The kind that scores of disparities are computed by.
 pub(crate) const DISPARITY: &str = "score/disparity";
-/// Keys of `score:` and of an estimate that are optional inputs of the kinds, not parameters: they say which zone a pixel is in.
-pub(crate) const CLUES: [&str; 4] = ["image", "occluded", "obj_map", "calibration"];
 
 /// The name of an estimate's node; no node of a file can have it.
 pub(crate) fn node_name(estimate: &str) -> String {
@@ -29,7 +27,7 @@ pub(crate) fn is_kind(kind: &str) -> bool {
 
 /// The nodes that compute a stage's scores, one an estimate; `type_of` is the type of what a reference names, if it names something.
 ///
-/// Keys of `score:` other than `truth`, `estimates` and the [clues](CLUES) are parameters of every one of them; keys of an estimate other than
+/// Keys of `score:` other than `truth`, `estimates` and the [clues](super::spec::CLUES) are parameters of every one of them; keys of an estimate other than
 /// `from`, `truth` and the clues are its own, which come before. Where both depths and disparities are scored, each kind takes of the keys
 /// of `score:` those it knows. Without `sets`, all true pixels are scored.
 pub(crate) fn expanded(

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use super::reference::Reference;
-use super::score::CLUES;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names::{self, EXPERIMENT_KEYS};
 use crate::language::text::source_file::Place;
@@ -11,6 +10,8 @@ use crate::language::text::tree::{Entry, Node, Tree};
 use crate::language::text::word::Word;
 
 const STAGE_KEYS: &[&str] = &["source", "nodes", "score"];
+/// Keys of `score:` and of an estimate that are optional inputs of the kinds, not parameters: they say which zone a pixel is in.
+pub(crate) const CLUES: [&str; 4] = ["image", "occluded", "obj_map", "calibration"];
 const NODE_KEYS: &[&str] = &["kind", "inputs", "with"];
 const SOURCE_KEYS: &[&str] = &["kind", "with", "join"];
 /// Names that would be mistaken for words of the language.

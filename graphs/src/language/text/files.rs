@@ -1,17 +1,19 @@
 //! Reads an experiment with what it extends and the graph files it takes nodes from.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::diagnostics::{Diagnostic, Report};
 use super::environment::{Lookup, substitute};
-use super::kept;
 use super::merge::{Level, merged};
 use super::parse;
+use super::paths::{normal, normalized};
 use super::source_file::{Place, SourceFile};
 use super::tree::{Node, Tree, entry_mut};
 use crate::regular_file;
 
+/// The name of the main file among those that a run keeps.
+pub(super) const MAIN: &str = "experiment.yaml";
 /// How many files may extend or include each other.
 const DEEPEST: usize = 16;
 /// How many files an experiment may name.
@@ -253,8 +255,8 @@ impl<'a> Files<'a> {
                     Some((_, text)) if Path::new(text).is_relative() => {
                         error.help("relative paths start at the folder of the file they are written in")
                     }
-                    None if path.join(kept::MAIN).is_file() => {
-                        error.help(format!("the experiment of that run is `{}`", path.join(kept::MAIN).display()))
+                    None if path.join(MAIN).is_file() => {
+                        error.help(format!("the experiment of that run is `{}`", path.join(MAIN).display()))
                     }
                     _ => error,
                 });
@@ -297,62 +299,10 @@ fn identity(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
-/// The path without `.` and without `folder/..`, except where `folder` is a symbolic link, behind which `..` is another folder's. What is left of the
-/// folder itself is `.`.
-pub(crate) fn normal(path: &Path) -> PathBuf {
-    normalized(path, |folder| !folder.is_symlink())
-}
-
-/// The path without `.` and without `folder/..` where that `is_plain`.
-fn normalized(path: &Path, is_plain: impl Fn(&Path) -> bool) -> PathBuf {
-    let mut new = PathBuf::new();
-    for part in path.components() {
-        match part {
-            Component::CurDir => {}
-            Component::ParentDir
-                if matches!(new.components().next_back(), Some(Component::Normal(_))) && is_plain(&new) =>
-            {
-                new.pop();
-            }
-            part => new.push(part),
-        }
-    }
-    let is_folder_itself = new.as_os_str().is_empty() && !path.as_os_str().is_empty();
-    if is_folder_itself { PathBuf::from(".") } else { new }
-}
-
 fn without(node: &Arc<Node>, key: &str) -> Arc<Node> {
     let mut new = Arc::clone(node);
     if let Tree::Map(entries) = &mut Arc::make_mut(&mut new).value {
         entries.retain(|entry| entry.key != key);
     }
     new
-}
-
-#[cfg(test)]
-mod tests {
-    use std::path::{Path, PathBuf};
-
-    use super::normal;
-
-    #[test]
-    fn fault_18_the_folder_itself_is_a_path() {
-        for (path, expected) in
-            [(".", "."), ("./.", "."), ("a/..", "."), ("", ""), ("./a/./b", "a/b"), ("a/../b", "b"), ("../a", "../a")]
-        {
-            assert_eq!(normal(Path::new(path)), PathBuf::from(expected), "{path}");
-        }
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn fault_18_a_folder_behind_a_link_is_not_left_by_the_text() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let at = |path: &str| folder.path().join(path);
-        std::fs::create_dir_all(at("far/away")).expect("folders");
-        std::fs::create_dir(at("plain")).expect("a folder");
-        std::os::unix::fs::symlink(at("far/away"), at("link")).expect("a link");
-        assert_eq!(normal(&at("link/../data")), at("link/../data"), "which is far/data");
-        assert_eq!(normal(&at("plain/../data")), at("data"));
-    }
 }

@@ -8,14 +8,12 @@ use std::collections::HashSet;
 use std::ops::Range;
 use std::path::Path;
 
-use super::files::Files;
+use super::files::{Files, MAIN};
 use super::paths::Anywhere;
 use super::resolved;
 use super::source_file::Place;
 use super::tree::Node;
 
-/// The name of the main file.
-pub(super) const MAIN: &str = "experiment.yaml";
 const RESOLVED: &str = "experiment.resolved.yaml";
 const FOLDER: &str = "experiment";
 

@@ -4,10 +4,9 @@
 //! directory, as they would in any other command.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-use super::files::normal;
 use super::source_file::Place;
 use super::tree::Node;
 
@@ -56,5 +55,57 @@ impl Anywhere {
     /// All places with their texts.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (&Place, &str)> {
         self.0.values().map(|(place, text)| (place, text.as_str()))
+    }
+}
+
+/// The path without `.` and without `folder/..`, except where `folder` is a symbolic link, behind which `..` is another folder's. What is left of the
+/// folder itself is `.`.
+pub(crate) fn normal(path: &Path) -> PathBuf {
+    normalized(path, |folder| !folder.is_symlink())
+}
+
+/// The path without `.` and without `folder/..` where that `is_plain`.
+pub(super) fn normalized(path: &Path, is_plain: impl Fn(&Path) -> bool) -> PathBuf {
+    let mut new = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir
+                if matches!(new.components().next_back(), Some(Component::Normal(_))) && is_plain(&new) =>
+            {
+                new.pop();
+            }
+            part => new.push(part),
+        }
+    }
+    let is_folder_itself = new.as_os_str().is_empty() && !path.as_os_str().is_empty();
+    if is_folder_itself { PathBuf::from(".") } else { new }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    use super::normal;
+
+    #[test]
+    fn fault_18_the_folder_itself_is_a_path() {
+        for (path, expected) in
+            [(".", "."), ("./.", "."), ("a/..", "."), ("", ""), ("./a/./b", "a/b"), ("a/../b", "b"), ("../a", "../a")]
+        {
+            assert_eq!(normal(Path::new(path)), PathBuf::from(expected), "{path}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn fault_18_a_folder_behind_a_link_is_not_left_by_the_text() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |path: &str| folder.path().join(path);
+        std::fs::create_dir_all(at("far/away")).expect("folders");
+        std::fs::create_dir(at("plain")).expect("a folder");
+        std::os::unix::fs::symlink(at("far/away"), at("link")).expect("a link");
+        assert_eq!(normal(&at("link/../data")), at("link/../data"), "which is far/data");
+        assert_eq!(normal(&at("plain/../data")), at("data"));
     }
 }

@@ -3,20 +3,25 @@
 use std::sync::Arc;
 
 use super::range::{self, Numbers, Range};
-use super::value_text;
 use crate::language::change::apply::Change;
 use crate::language::change::overrides::is_argument;
 use crate::language::change::parameter::Parameters;
+use crate::language::change::path::AXIS_KEYS;
 use crate::language::change::variant;
 use crate::language::check::spec::known_keys;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
+use crate::language::text::resolved::as_written;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
 
-/// What an axis that is a map may say.
-pub(crate) const KEYS: &[&str] = &["set", "values", "when", "from", "to", "steps", "log"];
+/// A value of an axis in a combination.
+pub(super) type Part = Arc<Level>;
+
+/// A value for each axis that is there.
+pub(super) type Combination = Vec<Part>;
+
 const FORM: &str =
     "an axis is a list of values, a range `{ from: 2, to: 64, steps: 6 }`, or a map of `set`, `values` and `when`";
 
@@ -85,7 +90,7 @@ impl Axis {
         let values = match &node.value {
             Tree::List(_) => node,
             Tree::Map(entries) if !entries.is_empty() => {
-                known_keys(node, &format!("the axis `{key}`"), KEYS, report);
+                known_keys(node, &format!("the axis `{key}`"), AXIS_KEYS, report);
                 if !is_path {
                     names::check(key, "an axis", &[Factor::VARIANT], place, report);
                 }
@@ -301,4 +306,12 @@ fn conditions(entry: &Entry, report: &mut Report) -> Vec<Condition> {
         },
     };
     entry.value.entries().iter().map(condition).collect()
+}
+
+/// A value as it is written. Of a variable its name, not what this machine has for it.
+pub(super) fn value_text(value: &Node) -> String {
+    match &value.written {
+        Some(written) => written.text.replace("${", "").replace(":-", "-").replace('}', ""),
+        None => value.scalar_text().unwrap_or_else(|| as_written(value, None).to_string()),
+    }
 }

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use super::axis::{Axis, Condition};
-use super::{Combination, Matrix, Part, value_text};
+use super::Matrix;
+use super::axis::{Axis, Combination, Condition, Part, value_text};
 use crate::language::change::apply::{self, Change};
 use crate::language::change::parameter::Parameters;
 use crate::language::change::path::{self, Scope};

@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::Combination;
+use super::axis::{Combination, Part};
 use crate::plan::Factor;
 
 /// The longest part of a name that a value gives, characters.
@@ -16,8 +16,7 @@ pub(super) fn named(combinations: &[Combination], all: &[String]) -> Vec<(String
     let shorts: HashMap<&str, String> = all.iter().map(|axis| (axis.as_str(), short(axis, all))).collect();
     let mut taken = HashSet::new();
     let name = |combination: &Combination| {
-        let factor =
-            |level: &super::Part| Factor { axis: shorts[level.axis.as_str()].clone(), value: level.text.clone() };
+        let factor = |level: &Part| Factor { axis: shorts[level.axis.as_str()].clone(), value: level.text.clone() };
         let factors: Vec<Factor> = combination.iter().map(factor).collect();
         let name = factors.iter().map(part_of_name).collect::<Vec<_>>().join("+");
         let name = if name.is_empty() && combinations.len() > 1 { UNCHANGED.to_owned() } else { name };

@@ -4,6 +4,7 @@
 
 use depthloom_random::SplitMix64;
 
+use crate::language::change::path::SAMPLE_KEYS;
 use crate::language::check::spec::known_keys;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
@@ -29,8 +30,6 @@ pub(super) struct Sample {
 }
 
 const METHODS: [(&str, Method); 2] = [("latin-hypercube", Method::LatinHypercube), ("random", Method::Random)];
-/// What `sample` says.
-pub(crate) const KEYS: &[&str] = &["method", "count", "seed"];
 const FORM: &str = "e.g. `sample: { method: latin-hypercube, count: 40, seed: 7 }`";
 
 /// Reads `sample:`; at most `most` combinations.
@@ -42,7 +41,7 @@ pub(super) fn read(entry: &Entry, most: usize, report: &mut Report) -> Option<Sa
         report.push(Diagnostic::error(place, what).help(FORM));
         return None;
     }
-    known_keys(node, "`sample`", KEYS, report);
+    known_keys(node, "`sample`", SAMPLE_KEYS, report);
     let method = match node.get("method") {
         None => Some(Method::LatinHypercube),
         Some(written) => {

@@ -9,9 +9,9 @@ use depthloom_graphs::contracts::{ErrorMessage, Warned};
 use depthloom_graphs::{Fault, Key, Value};
 use depthloom_threads::locked;
 
-use crate::audit_failure::AuditFailure;
-use crate::frame_graph::{FrameGraph, Place, PlaceId, StepId, StepOutput};
+use crate::audit::failure::AuditFailure;
 use crate::reuse::{FramePlan, StepAction};
+use crate::stage::frame_graph::{FrameGraph, Place, PlaceId, StepId, StepOutput};
 use crate::timing::Spent;
 
 /// How a step ended on a frame.

@@ -6,7 +6,7 @@ use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Key, OrderedNode};
 use depthloom_threads::{into_unlocked, locked};
 
-use crate::in_flight::InFlight;
+use crate::stage::in_flight::InFlight;
 
 /// An ordered node and the line of frames that wait for it.
 pub(crate) struct Ordered<P> {

@@ -8,9 +8,9 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Origin, PartId, Plan, 
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Frame, Host, Key, Rate, Source, Value, ValueType, value_keys};
 
-use crate::frame_graph::{FrameGraph, StepId};
-use crate::once::{OnceState, OnceValue, OnceValues, inputs_of};
+use crate::once_values::{OnceState, OnceValue, OnceValues, inputs_of};
 use crate::reuse::{Reuse, StepAction, once_values};
+use crate::stage::frame_graph::{FrameGraph, StepId};
 
 /// What would be done of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

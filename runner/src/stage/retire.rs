@@ -10,11 +10,11 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, Plan, RunId};
 use depthloom_threads::caught;
 
 use crate::error::RunError;
-use crate::frame_graph::{Step, StepId};
-use crate::in_flight::{InFlight, Outcome};
 use crate::report::{FrameFailure, Report, StageReport};
 use crate::reuse::{Reuse, slot_of};
 use crate::stage::Stage;
+use crate::stage::frame_graph::{Step, StepId};
+use crate::stage::in_flight::{InFlight, Outcome};
 use crate::timing::{Phase, Stopwatch, Timing};
 
 /// What is told of a stage run's frames as they retire.

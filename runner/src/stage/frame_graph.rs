@@ -4,7 +4,7 @@ use depthloom_graphs::contracts::{Contract, Slot, Tap};
 use depthloom_graphs::plan::{NodeId, Origin, PartId, PlannedOutput, RunId, StageRun};
 use depthloom_graphs::{Instance, Port, Rate, index_type};
 
-use crate::once::{OnceState, OnceValue};
+use crate::once_values::{OnceState, OnceValue};
 
 index_type! {
     /// Index of a step of a frame: the source, then the nodes, then the parts of the tap.

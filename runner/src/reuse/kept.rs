@@ -8,8 +8,8 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Frame, Host, Key};
 
-use crate::foresee::{KnownStage, Preview, walk};
-use crate::frame_graph::StepId;
+use crate::reuse::foresee::{KnownStage, Preview, walk};
+use crate::stage::frame_graph::StepId;
 
 /// The frames and aggregate values that an interrupted run recorded.
 pub trait KeptValues {

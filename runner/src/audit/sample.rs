@@ -8,9 +8,9 @@ use depthloom_graphs::plan::FrameIndex;
 use depthloom_random::SplitMix64;
 use depthloom_threads::locked;
 
-use crate::frame_graph::StepId;
 use crate::options::Audit;
 use crate::reuse::FramePlan;
+use crate::stage::frame_graph::StepId;
 
 /// The number of frames from which one is chosen to be recomputed.
 const FRAMES_PER_SAMPLE: usize = 50;
