@@ -31,4 +31,4 @@ pub use signature::Signature;
 pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey};
 pub use store::{Held, Holding, Store};
 pub use tap::{Commit, Failure, Slot, SlotKey, StoredValue, Tap, Warned, stored_values};
-pub use upstream::{Giver, GivingNode, Upstream};
+pub use upstream::{InputOrigin, Upstream, UpstreamNode};

@@ -28,7 +28,7 @@ pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<NodeRef, Key>) {
             }
             let recipe = own.map_or_else(|| Key::build("on engines"), |own| Key::build("on an engine").key(own));
             let recipe = recipe.key(&planned.recipe);
-            let recipe = inputs.into_iter().fold(recipe, |recipe, (port, of)| recipe.text(port).key(of)).finish();
+            let recipe = inputs.into_iter().fold(recipe, |recipe, (port, read)| recipe.text(port).key(read)).finish();
             plan.runs[run].nodes[node].recipe = recipe;
             changed.insert(NodeRef { run, node }, recipe);
         }

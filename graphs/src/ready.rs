@@ -151,8 +151,9 @@ impl Ready {
         fingerprints::add(&mut plan, fingerprints);
         let mut warnings: Vec<String> = Vec::new();
         for (run, ready) in plan.runs.iter().zip(&runs) {
-            let told = ready.source.warnings().iter().map(|what| format!("source `{}`: {what}", run.source.name));
-            for warning in told {
+            let source_warnings =
+                ready.source.warnings().iter().map(|what| format!("source `{}`: {what}", run.source.name));
+            for warning in source_warnings {
                 if !warnings.contains(&warning) {
                     warnings.push(warning);
                 }

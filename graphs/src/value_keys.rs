@@ -25,8 +25,8 @@ impl Observed<'_> {
 
 /// The key of one output port of a node, or of a source's frame, from the key they share.
 #[must_use]
-pub fn port(of: &Key, port: &str) -> Key {
-    Key::build("port").key(of).text(port).finish()
+pub fn port(node: &Key, port: &str) -> Key {
+    Key::build("port").key(node).text(port).finish()
 }
 
 /// The key of a pure node's values on one frame: its recipe, the keys of its inputs on that frame, and what it observes of the frame, if

@@ -308,7 +308,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
             key: None,
             checkpoints: None,
             helpers_cpu_ns: AtomicU64::new(0),
-            told: Mutex::default(),
+            reported: Mutex::default(),
             is_repeated: true,
         }
     }

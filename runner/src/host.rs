@@ -33,17 +33,17 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) checkpoints: Option<&'a Checkpoints>,
     /// Processor time of helpers.
     pub(crate) helpers_cpu_ns: AtomicU64,
-    /// What was told of in this task, and how many of it.
-    pub(crate) told: Mutex<BTreeMap<String, u64>>,
-    /// Whether it was told before, when what is done here was done for the first time.
+    /// The warnings of this task, each with a count.
+    pub(crate) reported: Mutex<BTreeMap<String, u64>>,
+    /// Whether its warnings were reported before: the task repeats one of an earlier process or another frame.
     pub(crate) is_repeated: bool,
 }
 
 impl TaskHost<'_> {
-    /// What was told of in this task, as a commit says it.
-    pub(crate) fn into_told(self) -> impl Iterator<Item = Warned> {
-        let told = into_unlocked(self.told);
-        told.into_iter().map(move |(what, count)| Warned { node: self.node, what, count })
+    /// The warnings of this task, as a commit has them.
+    pub(crate) fn into_warnings(self) -> impl Iterator<Item = Warned> {
+        let reported = into_unlocked(self.reported);
+        reported.into_iter().map(move |(what, count)| Warned { node: self.node, what, count })
     }
 }
 
@@ -57,12 +57,12 @@ impl Host for TaskHost<'_> {
     }
 
     fn warn_n(&self, count: u64, what: &str) {
-        let mut told = locked(&self.told);
-        let first = !told.contains_key(what);
-        let counted = told.entry(what.to_owned()).or_default();
+        let mut reported = locked(&self.reported);
+        let first = !reported.contains_key(what);
+        let counted = reported.entry(what.to_owned()).or_default();
         // Programs report any number.
         *counted = counted.saturating_add(count);
-        drop(told);
+        drop(reported);
         if !self.is_repeated && self.warnings.add(self.run, self.node, what, count, first) {
             self.observer.warned(self.run, self.node, what);
         }
@@ -163,7 +163,7 @@ mod tests {
             key: None,
             checkpoints: None,
             helpers_cpu_ns: AtomicU64::new(0),
-            told: Mutex::default(),
+            reported: Mutex::default(),
             is_repeated: false,
         }
     }
@@ -175,8 +175,8 @@ mod tests {
             host(&budget, &interrupt, &Warnings::default())
                 .tiles(64, &|tile| assert!(tile % 10 != 7, "tile {tile} is odd"));
         };
-        let told = caught(tiles).expect_err("tiles 7, 17, ... panic").0;
-        assert!(told.ends_with("tile 7 is odd"), "{told}");
+        let message = caught(tiles).expect_err("tiles 7, 17, ... panic").0;
+        assert!(message.ends_with("tile 7 is odd"), "{message}");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::plan::{NodeId, RunId};
 
-/// Is told what happens; every call should return at once.
+/// Is notified of events; every call should return at once.
 pub trait Observer: Sync {
     /// A stage run starts on so many frames.
     fn stage_started(&self, run: RunId, frames: u64) {

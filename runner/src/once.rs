@@ -61,7 +61,7 @@ pub(crate) struct OnceWork<'a, T> {
     /// The key of each node that gave once-values, by index.
     pub(crate) keys: BTreeMap<NodeId, Key>,
     /// What they told of, by index.
-    pub(crate) told: BTreeMap<NodeId, Vec<Warned>>,
+    pub(crate) reported: BTreeMap<NodeId, Vec<Warned>>,
     /// The once-nodes that fired: not those whose values an equal one gave.
     pub(crate) fired: BTreeSet<NodeId>,
     /// The nodes whose once-values the tap's store had.
@@ -129,8 +129,8 @@ impl<T: Tap> OnceWork<'_, T> {
         for (node, key, _, done) in jobs {
             let planned = &nodes[node];
             let outputs = match locked(&done).take() {
-                Some((Ok(outputs), None, told)) => {
-                    self.told.insert(node, told);
+                Some((Ok(outputs), None, warnings)) => {
+                    self.reported.insert(node, warnings);
                     self.reused.insert(node);
                     if let (Contract::Once, Some(key)) = (planned.contract, key) {
                         values.given.insert(key, outputs.clone());
@@ -150,8 +150,8 @@ impl<T: Tap> OnceWork<'_, T> {
                         fault: Box::new(fault),
                     });
                 }
-                Some((Ok(outputs), Some(spent), told)) => {
-                    self.told.insert(node, told);
+                Some((Ok(outputs), Some(spent), warnings)) => {
+                    self.reported.insert(node, warnings);
                     let mut timing = Timing::new(self.run, planned.name.clone(), Phase::Once(node));
                     timing.add(0, spent);
                     self.timings.push(timing);
@@ -202,7 +202,7 @@ impl<T: Tap> OnceWork<'_, T> {
     pub(crate) fn hand_over(&self, values: &OnceValues) -> Result<(), RunError> {
         let run = &self.plan.runs[self.run];
         for (&node, key) in &self.keys {
-            let told = self.told.get(&node).map_or(&[][..], Vec::as_slice);
+            let warnings = self.reported.get(&node).map_or(&[][..], Vec::as_slice);
             for (port, output) in PortId::enumerate(&run.nodes[node].outputs).filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.node_ref(node), port)) else { continue };
                 match self.common.tap.written_aggregate(self.run, Slot::Node { node, port }) {
@@ -215,7 +215,7 @@ impl<T: Tap> OnceWork<'_, T> {
                     }
                     None => {}
                 }
-                caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value, told))
+                caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value, warnings))
                     .unwrap_or_else(|panic| Err(ErrorMessage::new(format!("panicked {}", panic.0))))
                     .map_err(|error| {
                         let what = format!("the once-value `{}/{}`", run.nodes[node].name, output.port.name);
@@ -272,7 +272,7 @@ impl<T: Tap> OnceWork<'_, T> {
         let Common { budget, interrupt, observer, warnings, checkpoints, .. } = *self.common;
         let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
         let checkpoints = key.is_some().then_some(checkpoints);
-        let (told, is_repeated) = (Mutex::default(), false);
+        let (reported, is_repeated) = (Mutex::default(), false);
         let position = None;
         TaskHost {
             budget,
@@ -285,7 +285,7 @@ impl<T: Tap> OnceWork<'_, T> {
             key,
             checkpoints,
             helpers_cpu_ns,
-            told,
+            reported,
             is_repeated,
         }
     }
@@ -307,12 +307,12 @@ impl<T: Tap> OnceWork<'_, T> {
                 for (what, count) in self.common.tap.store().map(|store| store.warnings(&key)).unwrap_or_default() {
                     host.warn_n(count, &what);
                 }
-                return (Ok(values), None, host.into_told().collect());
+                return (Ok(values), None, host.into_warnings().collect());
             }
         };
         self.common.checkpoints.release(&key);
         let made = made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|given| given.in_order_of(&ports));
         let spent = watch.stop(host.helpers_cpu_ns.load(Ordering::Relaxed));
-        (made, Some(spent), host.into_told().collect())
+        (made, Some(spent), host.into_warnings().collect())
     }
 }

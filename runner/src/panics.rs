@@ -4,6 +4,6 @@ use depthloom_graphs::Fault;
 use depthloom_threads::Caught;
 
 /// A panic as the fault of whoever panicked.
-pub(crate) fn fault(Caught(told): Caught) -> Fault {
-    Fault::new(format!("panicked {told}")).remedy("this is an error in the engine or in a node: please report it")
+pub(crate) fn fault(Caught(message): Caught) -> Fault {
+    Fault::new(format!("panicked {message}")).remedy("this is an error in the engine or in a node: please report it")
 }

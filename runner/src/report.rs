@@ -16,7 +16,7 @@ pub struct Report {
     pub failures: Vec<FrameFailure>,
     /// Whether the run was interrupted: frames or stages are missing.
     pub interrupted: bool,
-    /// What nodes told of without failing, in plan order.
+    /// The warnings of nodes, in plan order.
     pub warnings: Vec<Warning>,
     /// Where the time went, by stage run and class of task.
     pub timings: Vec<Timing>,

@@ -112,7 +112,7 @@ fn run_stage<T: Tap>(
         keys: BTreeMap::new(),
         fired: BTreeSet::new(),
         reused: BTreeSet::new(),
-        told: BTreeMap::new(),
+        reported: BTreeMap::new(),
         timings: Vec::new(),
     };
     let mut ledger = Ledger::new(plan, run, source.frames().len(), common.tap.parts(run));

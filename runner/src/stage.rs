@@ -312,7 +312,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             key: None,
             checkpoints: None,
             helpers_cpu_ns: AtomicU64::new(0),
-            told: Mutex::default(),
+            reported: Mutex::default(),
             is_repeated: position.0 < self.written(),
         }
     }
@@ -350,7 +350,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         let read = read
             .and_then(|read| Ok((read.outputs.in_order_of(&self.graph.producers[StepId::SOURCE].outputs)?, read.key)));
         let spent = worker.stop(watch, &host);
-        frame.add_warnings(host.into_told());
+        frame.add_warnings(host.into_warnings());
         self.close(frame, StepId::SOURCE, read, spent)
     }
 
@@ -382,7 +382,7 @@ impl<'a, T: Tap> Stage<'a, T> {
         for (what, count) in reuse.warnings(key) {
             host.warn_n(count, &what);
         }
-        frame.add_warnings(host.into_told());
+        frame.add_warnings(host.into_warnings());
         let producer = &self.graph.producers[step];
         for &output in load {
             let place = producer.place(output);
@@ -458,7 +458,7 @@ impl<'a, T: Tap> Stage<'a, T> {
             FrameNode::Once => Err(Fault::new("a once-node does not see frames")),
         };
         let spent = worker.stop(watch, &host);
-        frame.add_warnings(host.into_told());
+        frame.add_warnings(host.into_warnings());
         worker.inputs.clear();
         self.close(frame, step, fired, spent)
     }

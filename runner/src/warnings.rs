@@ -1,4 +1,4 @@
-//! What nodes told of without failing: equal tellings are counted, and told once.
+//! Warnings of nodes: equal ones are counted, and reported once.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -7,18 +7,18 @@ use depthloom_graphs::Rate;
 use depthloom_graphs::plan::{NodeId, Plan, RunId};
 use depthloom_threads::{into_unlocked, locked};
 
-/// Something a node told of that was no failure.
+/// Something that a node warned of.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
     /// The stage run.
     pub run: RunId,
     /// The node; `None` for the source.
     pub node: Option<NodeId>,
-    /// What it told, a lower-case fragment; of a counted thing its name in the plural.
+    /// The message, a lower-case fragment; of a counted thing its name in the plural.
     pub what: String,
     /// How many of the thing there were in all; 0 if it is none to be counted.
     pub count: u64,
-    /// How often it was told: on how many frames, if the node sees frames.
+    /// How often it was reported: on how many frames, if the node sees frames.
     pub times: u64,
 }
 
@@ -52,10 +52,10 @@ type WarningKey = (RunId, Option<NodeId>, String);
 pub(crate) struct Warnings(Mutex<BTreeMap<WarningKey, (u64, u64)>>);
 
 impl Warnings {
-    /// Adds a telling, on a new frame or on one that told it before; says whether it is the first of its kind.
+    /// Adds a warning, of a new frame or of one that had it before. Returns whether it is the first of its kind.
     pub(crate) fn add(&self, run: RunId, node: Option<NodeId>, what: &str, count: u64, is_new: bool) -> bool {
-        let mut told = locked(&self.0);
-        let (counted, times) = told.entry((run, node, what.to_owned())).or_default();
+        let mut warnings = locked(&self.0);
+        let (counted, times) = warnings.entry((run, node, what.to_owned())).or_default();
         *counted = counted.saturating_add(count);
         *times += u64::from(is_new);
         *times == 1 && is_new
@@ -63,8 +63,8 @@ impl Warnings {
 
     /// All of them, in plan order.
     pub(crate) fn into_list(self) -> Vec<Warning> {
-        let told = into_unlocked(self.0);
+        let warnings = into_unlocked(self.0);
         let warning = |((run, node, what), (count, times))| Warning { run, node, what, count, times };
-        told.into_iter().map(warning).collect()
+        warnings.into_iter().map(warning).collect()
     }
 }

@@ -9,21 +9,21 @@ use super::Port;
 
 /// What stands at the input ports of a planned node.
 pub struct Upstream<'a> {
-    inputs: Vec<(&'static str, Giver<'a>)>,
+    inputs: Vec<(&'static str, InputOrigin<'a>)>,
 }
 
-/// What gives the value at an input port.
-pub enum Giver<'a> {
+/// What computes or holds the value at an input port.
+pub enum InputOrigin<'a> {
     /// The stage's source.
     Source,
     /// A node.
-    Node(GivingNode<'a>),
+    Node(UpstreamNode<'a>),
     /// A file.
     File(&'a Path),
 }
 
-/// A node that gives a value to another.
-pub struct GivingNode<'a> {
+/// A node that another one reads.
+pub struct UpstreamNode<'a> {
     /// Its name in the YAML file.
     pub name: &'a str,
     /// Its kind.
@@ -37,18 +37,18 @@ pub struct GivingNode<'a> {
 impl<'a> Upstream<'a> {
     /// The wired ports and what gives their values.
     #[must_use]
-    pub fn new(inputs: impl IntoIterator<Item = (&'a Port, Giver<'a>)>) -> Self {
-        Self { inputs: inputs.into_iter().map(|(port, giver)| (port.name, giver)).collect() }
+    pub fn new(inputs: impl IntoIterator<Item = (&'a Port, InputOrigin<'a>)>) -> Self {
+        Self { inputs: inputs.into_iter().map(|(port, origin)| (port.name, origin)).collect() }
     }
 
     /// What gives the value at a port; `None` where nothing is wired.
     #[must_use]
-    pub fn at(&self, port: &str) -> Option<&Giver<'a>> {
-        self.inputs.iter().find(|(name, _)| *name == port).map(|(_, giver)| giver)
+    pub fn at(&self, port: &str) -> Option<&InputOrigin<'a>> {
+        self.inputs.iter().find(|(name, _)| *name == port).map(|(_, origin)| origin)
     }
 }
 
-impl GivingNode<'_> {
+impl UpstreamNode<'_> {
     /// Its parameters, if it is of this kind.
     #[must_use]
     pub fn params_of<P: DeserializeOwned>(&self, kind: &str) -> Option<P> {

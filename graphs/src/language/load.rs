@@ -238,8 +238,9 @@ fn overruled(names: &[String], shared: &Shared<'_>, report: &mut Report) {
     for overruled in &shared.overruled {
         let Overruled { node, place, variant, first } = overruled;
         let what = format!("node `{node}` differs from `{first}` in parameters alone that decide no result");
-        let of = if names[*variant].is_empty() { String::new() } else { format!(" of variant `{}`", names[*variant]) };
-        let help = format!("they are one node, run with the parameters of `{first}`{of}; give both the same");
+        let variant =
+            if names[*variant].is_empty() { String::new() } else { format!(" of variant `{}`", names[*variant]) };
+        let help = format!("they are one node, run with the parameters of `{first}`{variant}; give both the same");
         report.push(Diagnostic::warning(place, what).label("its own are not used").help(help));
     }
 }

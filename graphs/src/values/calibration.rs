@@ -71,16 +71,16 @@ mod tests {
     #[test]
     fn disparity_and_depth_are_those_of_both_projections() {
         let (width, height) = (640, 480);
-        let of =
+        let calibration =
             Calibration { width, height, focal_px: 500.0, cx_px: 320.0, cy_px: 240.0, baseline_m: 0.2, doffs_px: 30.0 };
         let column = |p: [f64; 12], [x, y, z]: [f64; 3]| {
             let row = |row: usize| p[4 * row] * x + p[4 * row + 1] * y + p[4 * row + 2] * z + p[4 * row + 3];
             row(0) / row(2)
         };
         let point = [1.0, 0.5, 4.0];
-        let disparity = column(of.p(), point) - column(of.p_right(), point);
+        let disparity = column(calibration.p(), point) - column(calibration.p_right(), point);
         // Left: 500 * 1 / 4 + 320 = 445; right: 500 * 0.8 / 4 + 350 = 450.
-        assert_eq!((disparity, of.disparity_px(4.0), of.depth_m(disparity)), (-5.0, -5.0, 4.0));
-        assert_eq!(of.depth_m(-30.0), f64::INFINITY);
+        assert_eq!((disparity, calibration.disparity_px(4.0), calibration.depth_m(disparity)), (-5.0, -5.0, 4.0));
+        assert_eq!(calibration.depth_m(-30.0), f64::INFINITY);
     }
 }

@@ -277,12 +277,12 @@ fn coefficients(of: &Calibration) -> Named {
 fn scores(of: &Value) -> Named {
     let Value::Scores(rows) = of else { return Named::new() };
     let numbers = rows.iter().flat_map(|row| {
-        let of = if row.zone.is_empty() { row.set.to_string() } else { format!("{} {}", row.zone, row.set) };
+        let pixels = if row.zone.is_empty() { row.set.to_string() } else { format!("{} {}", row.zone, row.set) };
         let counts = [("pixels", row.pixels), ("truth", row.truth), ("answered", row.answered)];
         let counts = counts.map(|(name, count)| (name, Some(count as f64)));
         let scores = row.scores.iter().map(|(metric, score)| (metric.name, Some(*score)));
         let all = counts.into_iter().chain([("log_mean", row.log_mean)]).chain(scores);
-        all.map(move |(name, number)| (format!("{name} ({of})"), number))
+        all.map(move |(name, number)| (format!("{name} ({pixels})"), number))
     });
     numbers.collect()
 }

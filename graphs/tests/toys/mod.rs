@@ -1,8 +1,8 @@
 //! Kinds without pixels: the ports and parameters of real ones, so that the language can be tested alone.
 
 use depthloom_graphs::contracts::{
-    Auto, Contract, DataPath, DeclaredPorts, FrameSelection, Giver, NodeDeclaration, Signature, SourceDeclaration,
-    Upstream,
+    Auto, Contract, DataPath, DeclaredPorts, FrameSelection, InputOrigin, NodeDeclaration, Signature,
+    SourceDeclaration, Upstream,
 };
 use depthloom_graphs::{Fault, Instance, Key, Node, Port, Registry, Source, SourceKind, ValueType};
 use schemars::JsonSchema;
@@ -233,7 +233,7 @@ node!(Ssl, "learn/ssl", Once, SslParams,
     [Port::once("samples", ValueType::Samples, "What to learn from.")] => [Port::once("model", ValueType::Model, "ONNX.")]
     fn check_inputs(params: &SslParams, upstream: &Upstream<'_>) -> Result<(), Fault> {
         match upstream.at("samples") {
-            Some(Giver::Node(node)) if node.kind == "learn/samples" && node.is_wired("mask") && params.network == "deaf" => {
+            Some(InputOrigin::Node(node)) if node.kind == "learn/samples" && node.is_wired("mask") && params.network == "deaf" => {
                 Err(Fault::new("a deaf network cannot learn").remedy("choose another"))
             }
             _ => Ok(()),

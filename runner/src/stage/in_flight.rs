@@ -64,7 +64,7 @@ pub(crate) struct InFlight<P> {
     faults: Mutex<Vec<(StepId, Fault)>>,
     tap_errors: Mutex<Vec<(PartId, ErrorMessage)>>,
     audit_failure: Mutex<Option<Box<AuditFailure>>>,
-    /// What was told of without failing, in no order.
+    /// The warnings, in no order.
     warnings: Mutex<Vec<Warned>>,
 }
 
@@ -162,11 +162,11 @@ impl<P> InFlight<P> {
         absent
     }
 
-    pub(crate) fn add_warnings(&self, told: impl Iterator<Item = Warned>) {
-        locked(&self.warnings).extend(told);
+    pub(crate) fn add_warnings(&self, warnings: impl Iterator<Item = Warned>) {
+        locked(&self.warnings).extend(warnings);
     }
 
-    /// What was told of without failing, in the order of the nodes.
+    /// The warnings, in the order of the nodes.
     pub(crate) fn take_warnings(&self) -> Vec<Warned> {
         let mut warnings = std::mem::take(&mut *locked(&self.warnings));
         warnings.sort();

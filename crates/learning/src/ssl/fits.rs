@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use depthloom_graphs::Fault;
-use depthloom_graphs::contracts::{Giver, Upstream};
+use depthloom_graphs::contracts::{InputOrigin, Upstream};
 
 use super::params::SslParams;
 use crate::networks::Size;
@@ -27,16 +27,16 @@ impl Form {
     }
 
     /// Of samples yet to come, as far as what gives them tells it.
-    fn to_come(giver: &Giver<'_>) -> Option<Self> {
-        match giver {
-            Giver::Node(node) => {
+    fn to_come(origin: &InputOrigin<'_>) -> Option<Self> {
+        match origin {
+            InputOrigin::Node(node) => {
                 let params: SamplesParams = node.params_of(CollectSamples::KIND)?;
                 let [width, height] = params.size.map(|side| side as usize);
                 let has = |port| node.is_wired(port);
                 Some(Self { size: Size { width, height }, has_right: has("right"), has_depth: has("calibration") })
             }
-            Giver::File(path) => Self::of_file(path),
-            Giver::Source => None,
+            InputOrigin::File(path) => Self::of_file(path),
+            InputOrigin::Source => None,
         }
     }
 

@@ -28,10 +28,9 @@ pub(crate) struct Argument {
 impl Argument {
     /// Those of `--set`, then those of `--matrix`.
     pub(crate) fn all(set: &[(String, String)], matrix: &[(String, String)]) -> Vec<Self> {
-        let of = |option: &'static str| {
-            move |(path, value): &(String, String)| Self { option, path: path.clone(), value: value.clone() }
-        };
-        set.iter().map(of(SET)).chain(matrix.iter().map(of(MATRIX))).collect()
+        let options =
+            set.iter().map(|argument| (SET, argument)).chain(matrix.iter().map(|argument| (MATRIX, argument)));
+        options.map(|(option, (path, value))| Self { option, path: path.clone(), value: value.clone() }).collect()
     }
 
     /// As a file that holds all of it.

@@ -150,9 +150,9 @@ fn in_matrix(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
     };
     if let Some(Tree::List(matrices)) = matrix.map(|matrix| &matrix.value) {
         let index = path.key(1).filter(|index| index.parse().is_ok_and(|index: usize| index < matrices.len()));
-        let of = |index: &str| matrices.get(index.parse::<usize>().ok()?);
         if let (Some(index), Some(name)) = (index, path.text_from(2)) {
-            return Ok(below(&["matrix", index], of(index), name));
+            let matrix = index.parse::<usize>().ok().and_then(|index| matrices.get(index));
+            return Ok(below(&["matrix", index], matrix, name));
         }
         let with: Vec<usize> =
             (0..matrices.len()).filter(|&index| within_matrix(Some(&matrices[index]), name).is_some()).collect();

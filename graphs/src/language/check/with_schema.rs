@@ -120,9 +120,8 @@ pub(crate) fn operational(value: &Json, schema: &Json) -> Json {
 /// The parameters of a map that are operational, or are not; a list is taken as a whole.
 fn chosen(value: &Json, schema: &Json, operational: bool) -> Json {
     let Json::Object(map) = value else { return value.clone() };
-    let of = |key: &str| property(schema, key).unwrap_or(&Json::Null);
-    let kept = map.iter().filter(|(key, _)| is_operational(of(key)) == operational);
-    Json::Object(kept.map(|(key, value)| (key.clone(), value.clone())).collect())
+    let chosen = map.iter().filter(|(key, _)| property(schema, key).is_some_and(is_operational) == operational);
+    Json::Object(chosen.map(|(key, value)| (key.clone(), value.clone())).collect())
 }
 
 /// Whether a parameter is declared to decide no output; see [`Node::Params`](crate::contracts::Node::Params).

@@ -194,9 +194,12 @@ fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
         ("view", _) => wrong("`true` or `false`"),
         ("points", Tree::List(items)) => {
             recording.points = items.iter().filter_map(|item| pattern(item, report)).collect();
-            let of =
-                |of: &Pattern| OutputPattern { stage: of.stage.clone(), node: of.node.clone(), port: of.port.clone() };
-            recording.record.points = recording.points.iter().map(of).collect();
+            let outputs = recording.points.iter().map(|Pattern { stage, node, port, .. }| OutputPattern {
+                stage: stage.clone(),
+                node: node.clone(),
+                port: port.clone(),
+            });
+            recording.record.points = outputs.collect();
         }
         ("points", _) => wrong("a list of patterns"),
         _ => {}

@@ -71,7 +71,7 @@ fn without(typed: &[(&str, String)]) -> String {
 /// The files' own names, each once, with an ending by which they are known as an experiment's.
 fn names<'f>(paths: impl Iterator<Item = &'f str>) -> Vec<String> {
     let mut taken = HashSet::new();
-    let of = |path: &str| {
+    let unique_name = |path: &str| {
         let path = Path::new(path);
         let text = |part: Option<&std::ffi::OsStr>| part.map_or_else(String::new, |p| p.to_string_lossy().into_owned());
         let (mut stem, ending) = match text(path.extension()) {
@@ -83,7 +83,7 @@ fn names<'f>(paths: impl Iterator<Item = &'f str>) -> Vec<String> {
         let mut names = std::iter::once(format!("{stem}.{ending}")).chain(numbered);
         names.find(|name| taken.insert(name.clone())).expect("numbers have no end")
     };
-    paths.map(of).collect()
+    paths.map(unique_name).collect()
 }
 
 /// A scalar that stands in one line, replaced by another text. (A block of text stays: nobody writes a path as one.)

@@ -35,20 +35,22 @@ impl Matrix {
         parameters: &Parameters<'_>,
         report: &mut Report,
     ) -> bool {
-        let of = &condition.of;
-        if self.axes.iter().any(|axis| axis.key == *of && !of.contains('.')) {
+        let axis_name = &condition.of;
+        if self.axes.iter().any(|axis| axis.key == *axis_name && !axis_name.contains('.')) {
             let is_among = |level: &Part| condition.among.iter().any(|wanted| value_text(wanted) == level.text);
-            return combination.iter().any(|level| level.axis == *of && is_among(level));
+            return combination.iter().any(|level| level.axis == *axis_name && is_among(level));
         }
         let is_among = |value: &serde_json::Value| condition.among.iter().any(|wanted| wanted.to_json() == *value);
         let changes = || of_variant.iter().chain(combination.iter().flat_map(|level| &level.changes));
-        if let Some(change) = changes().rfind(|change| change.path == *of) {
+        if let Some(change) = changes().rfind(|change| change.path == *axis_name) {
             return is_among(&change.value.to_json());
         }
         let touches = |change: &Change| {
             let within = |outer: &str, inner: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.starts_with('.'));
             let instance = change.path.strip_suffix(".kind");
-            within(&change.path, of) || within(of, &change.path) || instance.is_some_and(|outer| within(outer, of))
+            within(&change.path, axis_name)
+                || within(axis_name, &change.path)
+                || instance.is_some_and(|outer| within(outer, axis_name))
         };
         let document = if changes().any(touches) {
             let changes: Vec<Change> = changes().cloned().collect();
@@ -57,8 +59,9 @@ impl Matrix {
         } else {
             Arc::clone(parameters.root)
         };
-        let Some(value) = parameters.value(of, &document) else {
-            let what = format!("nothing says what `{of}` is: no axis above, no variant, not the experiment itself");
+        let Some(value) = parameters.value(axis_name, &document) else {
+            let what =
+                format!("nothing says what `{axis_name}` is: no axis above, no variant, not the experiment itself");
             report.push(
                 Diagnostic::error(&condition.place, what).label("has no value").help("write it where it is defined"),
             );
@@ -83,33 +86,34 @@ impl Matrix {
 
     /// What is wrong with a condition of the axis at `index`.
     fn wrong_with(&self, condition: &Condition, index: usize, parameters: &Parameters<'_>) -> Option<Diagnostic> {
-        let of = &condition.of;
+        let axis_name = &condition.of;
         let (above, below) = self.axes.split_at(index);
-        let sets = |axes: &[Axis]| axes.iter().any(|axis| axis.key == *of || axis.sets(of));
+        let sets = |axes: &[Axis]| axes.iter().any(|axis| axis.key == *axis_name || axis.sets(axis_name));
         if sets(below) && !sets(above) {
-            let what = format!("`when` of the axis `{}` looks at `{of}`, which is not above it", self.axes[index].key);
+            let what =
+                format!("`when` of the axis `{}` looks at `{axis_name}`, which is not above it", self.axes[index].key);
             let error = Diagnostic::error(&condition.place, what).label("comes later");
             return Some(error.help("move that axis above this one"));
         }
-        let axis = above.iter().find(|axis| axis.key == *of && !of.contains('.'));
-        if axis.is_none() && !of.contains('.') {
+        let axis = above.iter().find(|axis| axis.key == *axis_name && !axis_name.contains('.'));
+        if axis.is_none() && !axis_name.contains('.') {
             let known: Vec<&str> = above.iter().map(|axis| axis.key.as_str()).collect();
-            let error = Diagnostic::error(&condition.place, format!("there is no axis `{of}` above"));
-            return Some(error.label("names nothing").maybe_help(names::suggestion(of, "axes above", &known)));
+            let error = Diagnostic::error(&condition.place, format!("there is no axis `{axis_name}` above"));
+            return Some(error.label("names nothing").maybe_help(names::suggestion(axis_name, "axes above", &known)));
         }
         if axis.is_none()
-            && let Err(unknown) = path::located(parameters.root, of, Scope::Variant)
+            && let Err(unknown) = path::located(parameters.root, axis_name, Scope::Variant)
         {
-            let place = condition.place.part(of, unknown.range);
+            let place = condition.place.part(axis_name, unknown.range);
             return Some(Diagnostic::error(&place, unknown.what).label("names nothing").maybe_help(unknown.help));
         }
         if condition.among.is_empty() {
-            let error = Diagnostic::error(&condition.place, format!("`when` names no value of `{of}`"));
+            let error = Diagnostic::error(&condition.place, format!("`when` names no value of `{axis_name}`"));
             return Some(error.label("never holds").help("name one, or several: `[sgbm, hh]`"));
         }
         condition.among.iter().find_map(|wanted| match axis {
             Some(axis) => axis.never_has(wanted),
-            None => self.never_has(of, wanted, parameters),
+            None => self.never_has(axis_name, wanted, parameters),
         })
     }
 
