@@ -4,11 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Mutex;
 
+use depthloom_datasets::inspection::inspect;
 use depthloom_graphs::contracts::{Fact, Survey};
 use depthloom_graphs::plan::{FrameIndex, Plan, SourcePart, StageRun};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, ErrorMessage, Fault, Frame, Port, Registry, Scratch, Source, Value, counted};
-use depthloom_nodes::inspection::inspect;
 use depthloom_terminal::{CliError, ExitCode, Problem};
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use schemars::JsonSchema;

@@ -101,7 +101,6 @@ pub struct SourceEntry {
     open: fn(&Json) -> Result<Box<dyn Source>, Fault>,
     survey: fn(&Json) -> Survey,
     recognise: fn(&Path) -> Vec<Recognised>,
-    resembles: fn(&Path) -> Vec<Recognised>,
 }
 
 impl SourceEntry {
@@ -139,12 +138,6 @@ impl SourceEntry {
     #[must_use]
     pub fn recognise(&self, root: &Path) -> Vec<Recognised> {
         (self.recognise)(root)
-    }
-
-    /// See [`SourceKind::resembles`].
-    #[must_use]
-    pub fn resembles(&self, root: &Path) -> Vec<Recognised> {
-        (self.resembles)(root)
     }
 }
 
@@ -205,7 +198,6 @@ impl Registry {
                 Err(fault) => Survey::failed(fault),
             },
             recognise: S::recognise,
-            resembles: S::resembles,
         };
         if self.claim(entry.declaration.kind, type_name::<S>()) {
             self.sources.insert(entry.declaration.kind, entry);

@@ -12,8 +12,7 @@
 //! ```
 
 pub mod dora;
-pub mod inspection;
-pub mod kitti_layout;
+pub mod grey;
 pub mod onnx;
 pub mod process;
 pub mod sources;
@@ -24,7 +23,6 @@ mod disparity;
 mod filter;
 mod fusion;
 mod geometry;
-mod grey;
 mod mono;
 mod network;
 mod registry;

@@ -29,7 +29,7 @@ mod sintel_stereo;
 mod synthetic_road;
 pub(crate) mod true_disparity;
 
-pub use synthetic_road::{SyntheticRoadParams, SyntheticTruth};
+pub use synthetic_road::{Road, SyntheticRoadParams, SyntheticTruth};
 
 pub(crate) use driving_stereo::DrivingStereo;
 pub(crate) use eth3d_two_view::Eth3dTwoView;
@@ -43,4 +43,4 @@ pub(crate) use middlebury::Middlebury;
 pub(crate) use ros2_bag::Ros2Bag;
 pub(crate) use scene_flow::SceneFlow;
 pub(crate) use sintel_stereo::SintelStereo;
-pub(crate) use synthetic_road::{Road, SyntheticRoad};
+pub(crate) use synthetic_road::SyntheticRoad;

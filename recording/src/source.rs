@@ -110,24 +110,17 @@ recording that was cut off gives the frames that are whole, and says so.",
             return Vec::new();
         }
         let params = McapParams { path: DataPath(root.to_owned()), ..McapParams::default() };
-        let Ok(recording) = open(&params) else { return Vec::new() };
+        let Ok(recording) = open(&params) else {
+            // A file of somebody else, or of no MCAP at all, is nothing of ours, except within a run.
+            let is_recording = root.join(IN_A_RUN).is_file() || is_of_ours(&path_of(&params));
+            let damaged = || Recognised::new("a recording of ours that cannot be opened", json!({ "path": root }));
+            return is_recording.then(damaged).into_iter().collect();
+        };
         let one = |run: &RecordedRun| {
             let what = format!("a recording of ours, stage {}", run.name());
             Recognised::new(what, json!({ "path": root, "stage": run.name() }))
         };
         recording.plan().runs.iter().map(one).collect()
-    }
-
-    fn resembles(root: &Path) -> Vec<Recognised> {
-        // A file of somebody else, or of no MCAP at all, is nothing of ours, but within a run.
-        let is_of_a_run = root.join(IN_A_RUN).is_file();
-        let params = McapParams { path: DataPath(root.to_owned()), ..McapParams::default() };
-        let path = path_of(&params);
-        if may_be_one(root) && (is_of_a_run || is_of_ours(&path)) && open(&params).is_err() {
-            let what = "a recording of ours that cannot be opened";
-            return vec![Recognised::new(what, json!({ "path": root }))];
-        }
-        Vec::new()
     }
 }
 

@@ -9,10 +9,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use depthloom_datasets::inspection::inspect;
 use depthloom_graphs::contracts::{Fact, Recognised, Survey};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Fault, Port, Registry, Scratch, Source, Value, ValueType};
-use depthloom_nodes::inspection::inspect;
 use depthloom_terminal::{CliError, ExitCode, print, print_path};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -147,40 +147,20 @@ pub fn data(args: &DataArgs, registry: &Registry) -> Result<ExitCode, CliError> 
     unusable.map_or(Ok(ExitCode::Success), Err)
 }
 
-/// What a folder is, or the folders and files in it are; where no kind knows it, what it nearly is.
+/// The sources that a folder is; else those that the folders and files in it are; else any pairs of images in it.
 fn known<'a>(registry: &'a Registry, root: &Path) -> Vec<Known<'a>> {
-    let kinds = || registry.sources().filter(|entry| entry.declaration.kind != ANY_PAIRS);
-    let all = |of: &dyn Fn(&SourceEntry) -> Vec<Recognised>| -> Vec<Known<'a>> {
-        kinds().flat_map(|entry| of(entry).into_iter().map(move |found| Known::new(entry, found))).collect()
+    let by_kinds = |path: &Path| -> Vec<Known<'a>> {
+        let kinds = registry.sources().filter(|entry| entry.declaration.kind != ANY_PAIRS);
+        kinds.flat_map(|entry| Known::recognise(entry, path)).collect()
     };
-    let whole = |path: &Path| all(&|entry| entry.recognise(path));
-    let nearly = |path: &Path| all(&|entry| entry.resembles(path));
-    let pairs = || -> Vec<Known<'a>> {
-        let entry = registry.source_kind(ANY_PAIRS).into_iter();
-        entry.flat_map(|entry| entry.recognise(root).into_iter().map(move |found| Known::new(entry, found))).collect()
-    };
-    let found = whole(root);
-    if !found.is_empty() {
-        return found;
+    let mut found = by_kinds(root);
+    if found.is_empty() {
+        found = within(root).iter().flat_map(|path| by_kinds(path)).collect();
     }
-    // A folder of data sets: those among them that are damaged are told with the others.
-    let within: Vec<Vec<Known<'a>>> = within(root).iter().map(|path| whole(path)).collect();
-    if within.iter().any(|of| !of.is_empty()) {
-        let damaged = self::within(root).into_iter().zip(within).flat_map(|(path, found)| match found.is_empty() {
-            true => nearly(&path),
-            false => found,
-        });
-        return damaged.collect();
+    if found.is_empty() {
+        found = registry.source_kind(ANY_PAIRS).into_iter().flat_map(|entry| Known::recognise(entry, root)).collect();
     }
-    let found = pairs();
-    if !found.is_empty() {
-        return found;
-    }
-    let found = nearly(root);
-    match found.is_empty() {
-        true => self::within(root).iter().flat_map(|path| nearly(path)).collect(),
-        false => found,
-    }
+    found
 }
 
 /// A source that a folder is.
@@ -237,19 +217,20 @@ fn name(known: &mut [Known<'_>]) {
 }
 
 impl<'a> Known<'a> {
-    fn new(entry: &'a SourceEntry, found: Recognised) -> Self {
-        Self {
+    /// What of a kind a path holds.
+    fn recognise(entry: &'a SourceEntry, path: &Path) -> impl Iterator<Item = Self> {
+        entry.recognise(path).into_iter().map(move |Recognised { what, params, alternatives }| Self {
             entry,
             name: String::new(),
-            what: found.what,
-            params: found.params,
-            alternatives: found.alternatives,
+            what,
+            params,
+            alternatives,
             frames: Vec::new(),
             facts: Vec::new(),
             faults: Vec::new(),
             warnings: Vec::new(),
             seen: Seen::default(),
-        }
+        })
     }
 
     /// Opens the source and looks at frames from all over it.

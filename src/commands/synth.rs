@@ -2,9 +2,9 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use depthloom_datasets::kitti_layout;
 use depthloom_graphs::contracts::FrameSelection;
 use depthloom_graphs::{Fault, Host, counted};
-use depthloom_nodes::kitti_layout;
 use depthloom_nodes::sources::SyntheticRoadParams;
 use depthloom_runner::Interrupt;
 use depthloom_runs::environment;

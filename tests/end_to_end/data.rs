@@ -341,7 +341,7 @@ fn told(rig: &Rig, arguments: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn what_a_folder_nearly_is_is_told_with_what_it_lacks() {
+fn half_a_pair_is_no_data_set_and_a_damaged_bag_is_a_bag() {
     let rig = Rig::new();
     let root = rig.path("kitti").display().to_string();
     fs::rename(rig.path("kitti/training/image_3"), rig.path("elsewhere")).expect("renamed");

@@ -159,14 +159,9 @@ pub trait SourceKind: 'static {
         }
     }
 
-    /// What of this kind a folder (or a file) holds, by its layout: nothing is decoded. Several where there are halves or sequences.
+    /// What of this kind a folder (or a file) holds, by its layout: nothing is decoded. Several where there are halves or sequences. A damaged file of
+    /// this kind is recognised too: [`SourceKind::survey`] reports the damage.
     fn recognise(_root: &Path) -> Vec<Recognised> {
-        Vec::new()
-    }
-
-    /// What of this kind a folder (or a file) would be if it were whole; asked where no kind recognises it. What it lacks, or where it is damaged,
-    /// [`SourceKind::survey`] says of the parameters.
-    fn resembles(_root: &Path) -> Vec<Recognised> {
         Vec::new()
     }
 }

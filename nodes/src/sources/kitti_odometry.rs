@@ -89,39 +89,28 @@ A frame's id is sequence and number (`00_000042`), its time that of `times.txt`,
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
-        sequences(root, "", |folder, [left, right]| {
-            folder.join("calib.txt").is_file() && folder.join(left).is_dir() && folder.join(right).is_dir()
-        })
-    }
-
-    fn resembles(root: &Path) -> Vec<Recognised> {
-        // One of three may be missing: with the calibration alone there is no telling of which cameras.
-        sequences(root, "nearly ", |folder, pair| {
-            let sides = pair.into_iter().filter(|side| folder.join(side).is_dir()).count();
-            sides == 2 || sides == 1 && folder.join("calib.txt").is_file()
-        })
+        if let Some(cameras) = cameras(root) {
+            let what = format!("a sequence of KITTI odometry, {cameras} cameras");
+            return vec![Recognised::new(what, json!({ "root": root, "cameras": cameras }))];
+        }
+        let sequences = root.join("sequences");
+        let names = folders(&sequences, LAYOUT).unwrap_or_default().into_iter();
+        names
+            .filter_map(|sequence| {
+                let cameras = cameras(&sequences.join(&sequence))?;
+                let what = format!("KITTI odometry, sequence {sequence}, {cameras} cameras");
+                Some(Recognised::new(what, json!({ "root": root, "sequence": sequence, "cameras": cameras })))
+            })
+            .collect()
     }
 }
 
-/// The sequences below a root, or the one that it is, that have the folders of a pair of cameras as `is_one` wants them.
-fn sequences(root: &Path, nearly: &str, is_one: impl Fn(&Path, [&str; 2]) -> bool) -> Vec<Recognised> {
-    let cameras = |folder: &Path| {
-        let pairs = [(["image_2", "image_3"], "color"), (["image_0", "image_1"], "grey")];
-        pairs.into_iter().find(|(pair, _)| is_one(folder, *pair)).map(|(_, cameras)| cameras)
-    };
-    if let Some(cameras) = cameras(root) {
-        let what = format!("{nearly}a sequence of KITTI odometry, {cameras} cameras");
-        return vec![Recognised::new(what, json!({ "root": root, "cameras": cameras }))];
-    }
-    let sequences = root.join("sequences");
-    let names = folders(&sequences, LAYOUT).unwrap_or_default().into_iter();
-    names
-        .filter_map(|sequence| {
-            let cameras = cameras(&sequences.join(&sequence))?;
-            let what = format!("{nearly}KITTI odometry, sequence {sequence}, {cameras} cameras");
-            Some(Recognised::new(what, json!({ "root": root, "sequence": sequence, "cameras": cameras })))
-        })
-        .collect()
+/// The pair of cameras that the folder of a sequence has.
+fn cameras(folder: &Path) -> Option<&'static str> {
+    let pairs = [(["image_2", "image_3"], "color"), (["image_0", "image_1"], "grey")];
+    let has_pair = |sides: [&str; 2]| sides.into_iter().all(|side| folder.join(side).is_dir());
+    let has_calibration = folder.join("calib.txt").is_file();
+    pairs.into_iter().find(|(sides, _)| has_calibration && has_pair(*sides)).map(|(_, cameras)| cameras)
 }
 
 /// The folder of a sequence, and its name.

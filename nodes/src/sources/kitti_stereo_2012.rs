@@ -107,14 +107,6 @@ with `disparities: true` the disparities are given too. The truth is that of the
             found.next().map(|(.., cameras)| json!({ "cameras": cameras }))
         })
     }
-
-    fn resembles(root: &Path) -> Vec<Recognised> {
-        halves(root, "nearly KITTI stereo 2012", [NOC, OCC], |half| {
-            let pairs = [("colored_0", "colored_1", "color"), ("image_0", "image_1", "grey")].into_iter();
-            let mut found = pairs.filter(|(left, right, _)| half.join(left).is_dir() || half.join(right).is_dir());
-            found.next().map(|(.., cameras)| json!({ "cameras": cameras }))
-        })
-    }
 }
 
 impl KittiStereo2012 {

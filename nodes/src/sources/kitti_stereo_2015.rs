@@ -162,13 +162,6 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
             pair.then(|| json!({}))
         })
     }
-
-    fn resembles(root: &Path) -> Vec<Recognised> {
-        halves(root, "nearly KITTI stereo 2015", [NOC, OCC], |half| {
-            let one = half.join("image_2").is_dir() || half.join("image_3").is_dir();
-            one.then(|| json!({}))
-        })
-    }
 }
 
 /// The halves of a benchmark that a folder holds; or of which it is one. `params` tells those of a half that is there, but for root, half and truth.

@@ -230,10 +230,6 @@ Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
     fn recognise(root: &Path) -> Vec<Recognised> {
         recognise::recognise(root)
     }
-
-    fn resembles(root: &Path) -> Vec<Recognised> {
-        recognise::resembles(root)
-    }
 }
 
 impl Ros2Bag {

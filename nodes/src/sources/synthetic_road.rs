@@ -64,18 +64,22 @@ impl Default for SyntheticRoadParams {
 }
 
 /// The street of some parameters.
-pub(crate) struct Road {
+pub struct Road {
     street: Street,
     recipe: Key,
 }
 
 /// A frame of a street, as values.
-pub(crate) struct RoadFrame {
+pub struct RoadFrame {
+    /// The left image.
     pub left: Image,
+    /// The right image.
     pub right: Image,
+    /// Of both cameras.
     pub calibration: Calibration,
     /// Exact depth of every pixel that is not sky.
     pub dense: Depth,
+    /// Set where the right camera does not see what the left one sees.
     pub occluded: Mask,
     /// What the scanner hit.
     pub sparse: Depth,
@@ -87,13 +91,16 @@ pub(crate) struct RoadFrame {
 
 impl RoadFrame {
     /// Depths of this frame as KITTI's disparities.
-    pub(crate) fn disparity(&self, of: &Depth) -> TrueDisparity {
+    #[must_use]
+    pub fn disparity(&self, of: &Depth) -> TrueDisparity {
         true_disparity::from_depth(of, &self.calibration)
     }
 }
 
 impl Road {
-    pub(crate) fn new(params: &SyntheticRoadParams) -> Self {
+    /// The street of these parameters.
+    #[must_use]
+    pub fn new(params: &SyntheticRoadParams) -> Self {
         let size = Size { width: params.width as usize, height: params.height as usize };
         let recipe = Key::build(KIND).number(VERSION.into()).number(params.seed);
         let recipe = recipe.number(params.width.into()).number(params.height.into());
@@ -101,7 +108,10 @@ impl Road {
     }
 
     /// The frames of a selection.
-    pub(crate) fn frames(selection: &FrameSelection) -> Result<Vec<Frame>, Fault> {
+    ///
+    /// # Errors
+    /// If the selection is empty or without end.
+    pub fn frames(selection: &FrameSelection) -> Result<Vec<Frame>, Fault> {
         let indices: Vec<u64> = match selection {
             FrameSelection::Range(range) if range.end <= FRAMES.end => range.clone().collect(),
             FrameSelection::Available(range) => (range.start..range.end.min(FRAMES.end)).collect(),
@@ -124,7 +134,9 @@ impl Road {
         Ok(indices.into_iter().map(|index| Frame::at_10_hz(format!("{index:06}_10"), index)).collect())
     }
 
-    pub(crate) fn frame(&self, index: u64, host: &dyn Host) -> RoadFrame {
+    /// Renders a frame.
+    #[must_use]
+    pub fn frame(&self, index: u64, host: &dyn Host) -> RoadFrame {
         let frame = self.street.frame(index, &|n, tile| host.tiles(n, tile));
         let (width, height) = (frame.size.width as u32, frame.size.height as u32);
         let image = |rgb: Vec<u8>| {

@@ -10,7 +10,6 @@ mod fixtures;
 mod folder;
 mod golden;
 mod images;
-mod inspection;
 mod kitti;
 mod kitti_family;
 mod kitti_raw;

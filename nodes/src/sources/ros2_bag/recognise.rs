@@ -15,9 +15,6 @@ use super::transforms;
 /// What our own recordings name as their writer.
 const OURS: &str = "depthloom";
 
-/// A recording in the folder of a run.
-const IN_A_RUN: &str = "recording.mcap";
-
 /// Topics beyond which none is looked at: each costs a message.
 const MOST_LOOKED_AT: usize = 40;
 
@@ -47,24 +44,21 @@ fn has_metadata(root: &Path) -> bool {
     read.is_ok_and(|bytes| String::from_utf8_lossy(&bytes).contains("rosbag2_bagfile_information"))
 }
 
-/// A bag, with the topics that make it a source.
+/// A bag, with the topics that make it a source, or a damaged one.
 pub fn recognise(root: &Path) -> Vec<Recognised> {
-    if !is_called_one(root) && files(root).next().is_none() {
+    let is_bag = is_called_one(root) || has_metadata(root);
+    if !is_bag && files(root).next().is_none() {
         return Vec::new();
     }
-    let Ok(bag) = Bag::open(root) else { return Vec::new() };
-    if is_of_ours(&bag) { Vec::new() } else { vec![Suggestion::of(&bag).recognised(&bag)] }
-}
-
-/// What is called as a bag is, and cannot be opened; of a folder of several without metadata, each file is asked for by itself.
-pub fn resembles(root: &Path) -> Vec<Recognised> {
-    let is_a_run = root.join(IN_A_RUN).is_file();
-    let may_be_one = is_called_one(root) || has_metadata(root) || files(root).take(2).count() == 1;
-    if is_a_run || !may_be_one || is_written_by_us(root) || Bag::open(root).is_ok() {
-        return Vec::new();
+    match Bag::open(root) {
+        Ok(bag) if is_of_ours(&bag) => Vec::new(),
+        Ok(bag) => vec![Suggestion::of(&bag).recognised(&bag)],
+        Err(_) if is_bag && !is_written_by_us(root) => {
+            let name = root.file_name().unwrap_or(root.as_os_str()).to_string_lossy();
+            vec![Recognised::new(format!("{name}, a bag that cannot be opened"), json!({ "path": root }))]
+        }
+        Err(_) => Vec::new(),
     }
-    let name = root.file_name().unwrap_or(root.as_os_str()).to_string_lossy();
-    vec![Recognised::new(format!("{name}, a bag that cannot be opened"), json!({ "path": root }))]
 }
 
 /// Parameters by name, and lines that may stand in place of them.

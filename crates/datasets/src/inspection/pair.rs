@@ -5,7 +5,7 @@ use depthloom_graphs::values::Image;
 use super::reduced::{HALF, Reduced, contrast};
 use super::votes::{ACROSS, LARGEST, STEP, Votes, has_texture};
 use super::{Contradiction, FEWEST};
-use crate::grey::grey;
+use depthloom_nodes::grey::grey;
 
 /// Grey levels by which an image of nothing may differ.
 const FLAT: u8 = 2;

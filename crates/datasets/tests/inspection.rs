@@ -1,12 +1,13 @@
 //! What a frame's images, calibration and truth say of each other: nothing of right data, and the mistake of wrong ones.
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
 
 use depthloom_graphs::plan::FrameIndex;
 use std::path::Path;
 
+use depthloom_datasets::inspection::{Contradiction, inspect};
 use depthloom_graphs::contracts::InlineHost;
 use depthloom_graphs::values::{Calibration, Depth, Image, Pixels, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Port, Scratch, Value};
-use depthloom_nodes::inspection::{Contradiction, inspect};
 use depthloom_test_needs::{shared, workspace};
 use serde_json::{Value as Json, json};
 

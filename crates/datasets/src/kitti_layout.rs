@@ -13,7 +13,7 @@ use depthloom_graphs::values::{Calibration, Image, Mask, Pixels, TrueDisparity};
 use depthloom_graphs::{Fault, Host};
 use image::ImageFormat;
 
-use crate::sources::{Road, SyntheticRoadParams};
+use depthloom_nodes::sources::{Road, SyntheticRoadParams};
 
 /// Renders the frames of `params` into `<out>/training`; returns how many. `params.truth` does not matter: both truths are written.
 ///

@@ -2,7 +2,7 @@
 
 use depthloom_graphs::values::Image;
 
-use crate::grey::grey;
+use depthloom_nodes::grey::grey;
 
 /// Half of a block's side, in pixels of the reduced image.
 pub(super) const HALF: usize = 4;
