@@ -4,13 +4,12 @@ mod loaded;
 mod maps;
 mod params;
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature, check_name};
 use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::memory::TooMuch;
-use depthloom_threads::locked;
 
 use crate::onnx::{self, Look, Resize, numberless};
 use loaded::Loaded;
@@ -20,7 +19,7 @@ use params::{InputType, NetworkInput};
 /// The kind `onnx`.
 pub struct OnnxNetwork {
     params: NetworkParams,
-    network: Mutex<Option<(Key, Arc<Loaded>)>>,
+    network: onnx::Loaded<Loaded>,
 }
 
 /// The input port that the network itself comes in by.
@@ -75,13 +74,7 @@ Engines, providers and keys are as of `mono/onnx`.",
         if let Some((name, _)) = params.ports.inputs.iter().find(|(_, input)| is_flat(input)) {
             return ports(format!("port `{name}`: neither std nor scale may be 0"));
         }
-        if params.resize == Resize::Area && !params.round {
-            return Err((
-                "round",
-                "resize: area always rounds to 8 bits; round: false goes with resize: bilinear".to_owned(),
-            ));
-        }
-        Ok(())
+        onnx::check_resize(params.resize, params.round)
     }
 
     fn fingerprint(params: &NetworkParams) -> Result<Option<Key>, Fault> {
@@ -90,7 +83,7 @@ Engines, providers and keys are as of `mono/onnx`.",
 
     fn build(params: NetworkParams) -> Result<Instance, Fault> {
         onnx::find()?.prepare(params.provider)?;
-        Ok(Instance::Pure(Box::new(Self { params, network: Mutex::new(None) })))
+        Ok(Instance::Pure(Box::new(Self { params, network: onnx::Loaded::default() })))
     }
 }
 
@@ -111,15 +104,7 @@ fn signature(params: &NetworkParams) -> Signature {
 impl OnnxNetwork {
     /// The network of a model, looked at when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<Loaded>, Fault> {
-        let mut loaded = locked(&self.network);
-        if let Some((hash, network)) = &*loaded
-            && *hash == model.hash
-        {
-            return Ok(Arc::clone(network));
-        }
-        let network = Arc::new(Loaded::new(model, &self.params)?);
-        *loaded = Some((model.hash, Arc::clone(&network)));
-        Ok(network)
+        self.network.get(model, || Loaded::new(model, &self.params))
     }
 
     fn look(&self, input: &NetworkInput) -> Look {
@@ -152,7 +137,7 @@ impl PureNode for OnnxNetwork {
             tensors.push(tensor);
         }
         let tensors: Vec<&[f32]> = tensors.iter().map(Vec::as_slice).collect();
-        let given = network.pool(fitted.to, &self.params)?.run(&tensors)?;
+        let given = network.pool(fitted.to)?.run(&tensors)?;
         let mut outputs = Outputs::none();
         for (((name, output), tensor), given) in self.params.ports.outputs.iter().zip(&network.outputs).zip(given) {
             let map = onnx::map_of(given, tensor, (1, fitted.to), output.head, output.layout)?;

@@ -2,7 +2,6 @@
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Raster;
-use depthloom_kernels::memory::TooMuch;
 use image::Primitive;
 
 /// A raster of zeros filled by a kernel.
@@ -10,13 +9,6 @@ pub fn filled<T: Primitive>((width, height): (u32, u32), fill: impl FnOnce(&mut 
     let mut raster = Raster::new(width, height);
     fill(&mut raster);
     raster
-}
-
-/// A kernel's refusal of a pair whose costs take more memory than there is.
-pub fn too_large(error: TooMuch, (width, height): (u32, u32)) -> Fault {
-    Fault::new(format!("the images are {width}x{height}"))
-        .because(error)
-        .remedy("search fewer disparities, or take smaller images")
 }
 
 /// That a second input has the size of the first.

@@ -6,7 +6,7 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::census::{Census, CensusScratch, Pair, Params, Path, Paths, compute_on};
+use depthloom_kernels::census::{Census, CensusScratch, Pair, Params, Path, compute_on};
 use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_threads::Budget;
 use support::{HEIGHT, WIDTH, texture};
@@ -23,9 +23,7 @@ fn stereo(c: &mut Criterion) {
         black_box(&out);
     };
     for disparities in [64, 128] {
-        for (census, paths) in
-            [(Census::Symmetric, Paths::Eight), (Census::Symmetric, Paths::Four), (Census::Full, Paths::Eight)]
-        {
+        for (census, paths) in [(Census::Symmetric, 8), (Census::Symmetric, 4), (Census::Full, 8)] {
             let params = Params { disparities, census, paths, ..Params::default() };
             let mut group = c.benchmark_group(format!("census {census:?} {paths:?} {disparities}"));
             group.sample_size(10).throughput(Throughput::Elements((WIDTH * HEIGHT) as u64));

@@ -81,7 +81,7 @@ fn matched(
         min_disparity: min,
         disparities: count,
         block,
-        prefilter: if kind == 0 { Prefilter::NormalizedResponse } else { Prefilter::XSobel },
+        prefilter: if kind == 0 { Prefilter::NormalizedResponse } else { Prefilter::Xsobel },
         prefilter_size: size,
         prefilter_cap: cap,
         texture_threshold: texture,

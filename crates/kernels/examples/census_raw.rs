@@ -9,7 +9,7 @@
 use std::io::{BufRead, Write};
 use std::time::Instant;
 
-use depthloom_kernels::census::{Census, CensusScratch, Pair, Params, Path, Paths, compute_on};
+use depthloom_kernels::census::{Census, CensusScratch, Pair, Params, Path, compute_on};
 use depthloom_threads::Budget;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -39,11 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 "off-axis" => Census::OffAxis,
                 other => return Err(format!("unknown census {other}").into()),
             },
-            paths: match paths {
-                "4" => Paths::Four,
-                "8" => Paths::Eight,
-                other => return Err(format!("there are 4 or 8 paths, not {other}").into()),
-            },
+            paths: paths.parse()?,
         };
         let path =
             Path::named(path).ok_or_else(|| format!("no implementation {path} here: {:?}", Path::available()))?;

@@ -38,4 +38,4 @@ mod plain;
 
 pub use crate::simd::Path;
 pub use compute::{CensusScratch, Pair, compute, compute_on};
-pub use params::{Census, Error, Params, Paths};
+pub use params::{Census, Error, Params};

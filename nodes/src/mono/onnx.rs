@@ -1,13 +1,12 @@
 //! `mono/onnx`: any network that maps an image to depth.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::depth::{Geometry, depth_from_share};
 use depthloom_kernels::memory::TooMuch;
-use depthloom_threads::locked;
 
 use crate::geometry::geometry;
 use crate::onnx::{self, Fitted, Flip, Look, Maps, Network, OnnxParams, Output, PadWith, Resize, numberless};
@@ -21,7 +20,7 @@ const SMALLEST_INVERSE: f32 = 1e-6;
 /// The kind `mono/onnx`.
 pub struct Onnx {
     params: OnnxParams,
-    network: Mutex<Option<(Key, Arc<Network>)>>,
+    network: onnx::Loaded<Network>,
 }
 
 impl Node for Onnx {
@@ -65,15 +64,7 @@ is missing is an error.",
     }
 
     fn check(params: &OnnxParams) -> Result<(), (&'static str, String)> {
-        if params.std.contains(&0.0) {
-            return Err(("std", "std must not be 0: every channel is divided by it".to_owned()));
-        }
-        if params.resize == Resize::Area && !params.round {
-            return Err((
-                "round",
-                "resize: area always rounds to 8 bits; round: false goes with resize: bilinear".to_owned(),
-            ));
-        }
+        onnx::check_look(params.std, params.resize, params.round)?;
         if params.size.is_some_and(|size| size.contains(&0)) {
             return Err(("size", "size must not be 0".to_owned()));
         }
@@ -89,22 +80,14 @@ is missing is an error.",
 
     fn build(params: OnnxParams) -> Result<Instance, Fault> {
         onnx::find()?.prepare(params.provider)?;
-        Ok(Instance::Pure(Box::new(Self { params, network: Mutex::new(None) })))
+        Ok(Instance::Pure(Box::new(Self { params, network: onnx::Loaded::default() })))
     }
 }
 
 impl Onnx {
     /// The network of a model, loaded when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<Network>, Fault> {
-        let mut loaded = locked(&self.network);
-        if let Some((hash, network)) = &*loaded
-            && *hash == model.hash
-        {
-            return Ok(Arc::clone(network));
-        }
-        let network = Arc::new(Network::load(model, &self.params)?);
-        *loaded = Some((model.hash, Arc::clone(&network)));
-        Ok(network)
+        self.network.get(model, || Network::load(model, &self.params))
     }
 
     fn look(&self) -> Look {

@@ -1,25 +1,21 @@
 //! A network whose ports are declared, loaded: which tensor each port is.
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Artifact;
-use depthloom_threads::locked;
 
 use super::params::{InputType, NetworkParams};
-use crate::onnx::{self, Axes, Binding, Feed, Fitted, Pool, Sizes};
+use crate::onnx::{self, Axes, Fitted, Pool, Pools, Sizes};
 
 /// A network and its tensors, in the order of the ports.
 pub(super) struct Loaded {
-    model: Artifact,
     /// By input port: the tensor's name, its axes, and how many planes it takes.
     pub inputs: Vec<(String, Axes, usize)>,
     /// By output port: the tensor's name.
     pub outputs: Vec<String>,
     sizes: Sizes,
-    /// By the size of what the network sees.
-    pools: Mutex<HashMap<(usize, usize), Arc<Pool>>>,
+    pools: Pools,
 }
 
 impl Loaded {
@@ -78,9 +74,9 @@ impl Loaded {
         let outputs = params.ports.outputs.iter().map(output).collect::<Result<_, _>>()?;
         let named: Vec<(&str, Axes)> = inputs.iter().map(|(name, axes, _)| (name.as_str(), *axes)).collect();
         let sizes = onnx::sizes(&named, params.size, params.multiple)?;
-        let loaded = Self { model: model.clone(), inputs, outputs, sizes, pools: Mutex::default() };
+        let loaded = Self { inputs, outputs, sizes, pools: Pools::new(model, params.provider, params.threads) };
         if let (Some(width), Some(height)) = (sizes.width, sizes.height) {
-            loaded.pool((width, height), params)?;
+            loaded.pool((width, height))?;
         }
         Ok(loaded)
     }
@@ -97,18 +93,8 @@ impl Loaded {
     ///
     /// # Errors
     /// If the engine cannot load it.
-    pub fn pool(&self, size: (usize, usize), params: &NetworkParams) -> Result<Arc<Pool>, Fault> {
-        let mut pools = locked(&self.pools);
-        if let Some(pool) = pools.get(&size) {
-            return Ok(Arc::clone(pool));
-        }
-        let feed = |(name, axes, planes): &(String, Axes, usize)| {
-            let shape = axes.shape(1, *planes, size);
-            Feed { name: name.clone(), element: axes.element, shape }
-        };
-        let binding = Binding { inputs: self.inputs.iter().map(feed).collect(), outputs: self.outputs.clone() };
-        let pool = Arc::new(Pool::load(&self.model, params.provider, params.threads, binding)?);
-        pools.insert(size, Arc::clone(&pool));
-        Ok(pool)
+    pub fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
+        let inputs = self.inputs.iter().map(|(name, axes, planes)| (name.as_str(), axes, 1, *planes));
+        self.pools.get(size, inputs, &self.outputs)
     }
 }

@@ -1,12 +1,10 @@
 //! A monocular network in the process's engine: looked at, checked, and as many sessions as work at once.
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Artifact, Image};
 use depthloom_kernels::memory::{TooMuch, bytes_of, zeros};
-use depthloom_threads::locked;
 use ort::value::TensorElementType;
 
 use super::fit::{Fitted, PadAt, Sizes};
@@ -14,13 +12,12 @@ use super::flip::Flip;
 use super::look::Look;
 use super::model::{Declared, Outlet, elements};
 use super::params::{OnnxParams, Output, TensorLayout};
-use super::pool::{self, Pool};
-use super::session::{Binding, Element, Feed};
+use super::pool::{self, Pool, Pools};
+use super::session::Element;
 use super::shapes::{Axes, Maps, batch, check_map, map_of, map_output, planes, sizes};
 
 /// A network of one image, ready to run.
 pub struct Network {
-    model: Artifact,
     params: OnnxParams,
     /// The input's name and axes.
     input: (String, Axes),
@@ -32,8 +29,7 @@ pub struct Network {
     batch: usize,
     /// What its map means.
     pub meaning: Output,
-    /// By the size of what the network sees.
-    pools: Mutex<HashMap<(usize, usize), Arc<Pool>>>,
+    pools: Pools,
 }
 
 impl Network {
@@ -68,7 +64,6 @@ impl Network {
         let output = map_output(outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;
         check_output(output)?;
         let network = Self {
-            model: model.clone(),
             params: params.clone(),
             input: (input.name.clone(), axes),
             channels: axes.channels.unwrap_or(3),
@@ -76,7 +71,7 @@ impl Network {
             sizes,
             batch: batch(&named, output, params.flip.images())?,
             meaning: meaning(&declared, params)?,
-            pools: Mutex::default(),
+            pools: Pools::new(model, params.provider, params.threads),
         };
         check_largest(&declared)?;
         let (Some(width), Some(height)) = (sizes.width, sizes.height) else { return Ok(network) };
@@ -131,17 +126,9 @@ impl Network {
     }
 
     fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
-        let mut pools = locked(&self.pools);
-        if let Some(pool) = pools.get(&size) {
-            return Ok(Arc::clone(pool));
-        }
         let (name, axes) = &self.input;
-        let shape = axes.shape(self.batch, self.channels, size);
-        let feed = Feed { name: name.clone(), element: axes.element, shape };
-        let binding = Binding { inputs: vec![feed], outputs: vec![self.output.clone()] };
-        let pool = Arc::new(Pool::load(&self.model, self.params.provider, self.params.threads, binding)?);
-        pools.insert(size, Arc::clone(&pool));
-        Ok(pool)
+        let input = [(name.as_str(), axes, self.batch, self.channels)];
+        self.pools.get(size, input.into_iter(), std::slice::from_ref(&self.output))
     }
 
     /// That what an image becomes takes no more memory than there is for one call.

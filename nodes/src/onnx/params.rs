@@ -40,6 +40,24 @@ pub enum Resize {
     Bilinear,
 }
 
+/// That images can be resized and normalised so.
+pub(crate) fn check_look(std: [f64; 3], resize: Resize, round: bool) -> Result<(), (&'static str, String)> {
+    if std.contains(&0.0) {
+        return Err(("std", "std must not be 0: every channel is divided by it".to_owned()));
+    }
+    check_resize(resize, round)
+}
+
+/// That images can be resized so.
+pub(crate) fn check_resize(resize: Resize, round: bool) -> Result<(), (&'static str, String)> {
+    match (resize, round) {
+        (Resize::Area, false) => {
+            Err(("round", "resize: area always rounds to 8 bits; round: false goes with resize: bilinear".to_owned()))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// What the network's output means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]

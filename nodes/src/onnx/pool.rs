@@ -1,16 +1,18 @@
 //! A model in the process's engine, with as many sessions as work at once.
 
+use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::Fault;
 use depthloom_graphs::values::Artifact;
+use depthloom_graphs::{Fault, Key};
 use depthloom_threads::locked;
 
 use super::choice;
 use super::engine::Engine;
 use super::model::Declared;
 use super::provider::Provider;
-use super::session::{Binding, EngineSession, Given};
+use super::session::{Binding, EngineSession, Feed, Given};
+use super::shapes::Axes;
 
 /// What a model declares, once it is known that this machine can run it with this provider.
 ///
@@ -29,13 +31,74 @@ pub(crate) fn declared(model: &Artifact, provider: Provider) -> Result<Declared,
     Ok(declared)
 }
 
+/// The network of a node: loaded when the first frame brings its model, and again when a frame brings another.
+pub(crate) struct Loaded<N>(Mutex<Option<(Key, Arc<N>)>>);
+
+impl<N> Default for Loaded<N> {
+    fn default() -> Self {
+        Self(Mutex::new(None))
+    }
+}
+
+impl<N> Loaded<N> {
+    pub fn get(&self, model: &Artifact, load: impl FnOnce() -> Result<N, Fault>) -> Result<Arc<N>, Fault> {
+        let mut loaded = locked(&self.0);
+        match &*loaded {
+            Some((hash, network)) if *hash == model.hash => Ok(Arc::clone(network)),
+            _ => {
+                let network = Arc::new(load()?);
+                *loaded = Some((model.hash, Arc::clone(&network)));
+                Ok(network)
+            }
+        }
+    }
+}
+
+/// A model, bound to tensors of each size that the network sees.
+pub(crate) struct Pools {
+    model: Artifact,
+    provider: Provider,
+    threads: u32,
+    by_size: Mutex<HashMap<(usize, usize), Arc<Pool>>>,
+}
+
+impl Pools {
+    pub fn new(model: &Artifact, provider: Provider, threads: u32) -> Self {
+        Self { model: model.clone(), provider, threads, by_size: Mutex::default() }
+    }
+
+    /// The model, bound to tensors of a size: these inputs, each a tensor's name, axes, images and planes, and these outputs.
+    ///
+    /// # Errors
+    /// If the engine cannot load it.
+    pub fn get<'a>(
+        &self,
+        size: (usize, usize),
+        inputs: impl Iterator<Item = (&'a str, &'a Axes, usize, usize)>,
+        outputs: &[String],
+    ) -> Result<Arc<Pool>, Fault> {
+        let mut pools = locked(&self.by_size);
+        if let Some(pool) = pools.get(&size) {
+            return Ok(Arc::clone(pool));
+        }
+        let feed = |(name, axes, images, planes): (&str, &Axes, usize, usize)| {
+            let shape = axes.shape(images, planes, size);
+            Feed { name: name.to_owned(), element: axes.element, shape }
+        };
+        let binding = Binding { inputs: inputs.map(feed).collect(), outputs: outputs.to_vec() };
+        let pool = Arc::new(Pool::load(&self.model, self.provider, self.threads, binding)?);
+        pools.insert(size, Arc::clone(&pool));
+        Ok(pool)
+    }
+}
+
 /// A model, bound to tensors of fixed shapes.
 pub(crate) struct Pool {
     engine: &'static Engine,
     model: Arc<[u8]>,
     provider: Provider,
     threads: usize,
-    pub binding: Binding,
+    binding: Binding,
     // A session's `run` is not safe to share: every worker in it has a session of its own, given back for the next.
     sessions: Mutex<Vec<EngineSession>>,
 }
@@ -45,7 +108,7 @@ impl Pool {
     ///
     /// # Errors
     /// If the engine cannot load it, or not for these shapes.
-    pub fn load(model: &Artifact, provider: Provider, threads: u32, binding: Binding) -> Result<Self, Fault> {
+    fn load(model: &Artifact, provider: Provider, threads: u32, binding: Binding) -> Result<Self, Fault> {
         let (model, threads) = (Arc::clone(&model.bytes), threads as usize);
         let pool = Self { engine: choice::find()?, model, provider, threads, binding, sessions: Mutex::default() };
         let session = pool.session()?;

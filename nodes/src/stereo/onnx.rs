@@ -1,12 +1,11 @@
 //! `stereo/onnx`: any network that maps a rectified pair to disparity.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature};
 use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::memory::TooMuch;
-use depthloom_threads::locked;
 
 use super::onnx_network::{PairNetwork, View};
 use super::onnx_params::{StereoOnnxParams, StereoOutput};
@@ -16,7 +15,7 @@ use crate::shape::{filled, same_size};
 /// The kind `stereo/onnx`.
 pub struct StereoOnnx {
     params: StereoOnnxParams,
-    network: Mutex<Option<(Key, Arc<PairNetwork>)>>,
+    network: onnx::Loaded<PairNetwork>,
 }
 
 impl Node for StereoOnnx {
@@ -54,15 +53,7 @@ takes and prints the lines for an experiment. Engines, providers and keys are as
     }
 
     fn check(params: &StereoOnnxParams) -> Result<(), (&'static str, String)> {
-        if params.std.contains(&0.0) {
-            return Err(("std", "std must not be 0: every channel is divided by it".to_owned()));
-        }
-        if params.resize == Resize::Area && !params.round {
-            return Err((
-                "round",
-                "resize: area always rounds to 8 bits; round: false goes with resize: bilinear".to_owned(),
-            ));
-        }
+        onnx::check_look(params.std, params.resize, params.round)?;
         if params.output_scale == 0.0 {
             return Err(("output_scale", "output_scale must not be 0".to_owned()));
         }
@@ -75,7 +66,7 @@ takes and prints the lines for an experiment. Engines, providers and keys are as
 
     fn build(params: StereoOnnxParams) -> Result<Instance, Fault> {
         onnx::find()?.prepare(params.provider)?;
-        Ok(Instance::Pure(Box::new(Self { params, network: Mutex::new(None) })))
+        Ok(Instance::Pure(Box::new(Self { params, network: onnx::Loaded::default() })))
     }
 }
 
@@ -106,15 +97,7 @@ fn signature(params: &StereoOnnxParams) -> Signature {
 impl StereoOnnx {
     /// The network of a model, looked at when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<PairNetwork>, Fault> {
-        let mut loaded = locked(&self.network);
-        if let Some((hash, network)) = &*loaded
-            && *hash == model.hash
-        {
-            return Ok(Arc::clone(network));
-        }
-        let network = Arc::new(PairNetwork::load(model, &self.params)?);
-        *loaded = Some((model.hash, Arc::clone(&network)));
-        Ok(network)
+        self.network.get(model, || PairNetwork::load(model, &self.params))
     }
 
     fn look(&self) -> Look {

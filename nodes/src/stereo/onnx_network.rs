@@ -1,14 +1,12 @@
 //! A stereo network, loaded: which inputs take which image, and one run over the views of a frame.
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Artifact, Image};
-use depthloom_threads::locked;
 
 use super::onnx_params::{PairOrder, StereoOnnxParams};
-use crate::onnx::{self, Axes, Binding, Feed, Fitted, Look, Maps, Pool, Sizes};
+use crate::onnx::{self, Axes, Fitted, Look, Maps, Pool, Pools, Sizes};
 
 /// A pair of images as the network sees it.
 pub(super) struct View<'a> {
@@ -22,7 +20,6 @@ pub(super) struct View<'a> {
 
 /// A network of two images.
 pub(super) struct PairNetwork {
-    model: Artifact,
     params: StereoOnnxParams,
     /// One, or one an image.
     inputs: Vec<(String, Axes)>,
@@ -31,8 +28,7 @@ pub(super) struct PairNetwork {
     output: String,
     sizes: Sizes,
     batch: usize,
-    /// By the size of what the network sees.
-    pools: Mutex<HashMap<(usize, usize), Arc<Pool>>>,
+    pools: Pools,
 }
 
 impl PairNetwork {
@@ -63,14 +59,13 @@ impl PairNetwork {
         let output = onnx::map_output(&declared.outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;
         let batch = onnx::batch(&named, output, 1 + usize::from(params.right_view))?;
         let network = Self {
-            model: model.clone(),
             params: params.clone(),
             inputs: named.into_iter().map(|(name, axes)| (name.to_owned(), axes)).collect(),
             planes,
             output: output.name.clone(),
             sizes,
             batch,
-            pools: Mutex::default(),
+            pools: Pools::new(model, params.provider, params.threads),
         };
         if let (Some(width), Some(height)) = (sizes.width, sizes.height) {
             network.pool((width, height))?;
@@ -124,19 +119,9 @@ impl PairNetwork {
     }
 
     fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
-        let mut pools = locked(&self.pools);
-        if let Some(pool) = pools.get(&size) {
-            return Ok(Arc::clone(pool));
-        }
         let planes = if self.inputs.len() == 1 { 2 * self.planes } else { self.planes };
-        let feed = |(name, axes): &(String, Axes)| {
-            let shape = axes.shape(self.batch, planes, size);
-            Feed { name: name.clone(), element: axes.element, shape }
-        };
-        let binding = Binding { inputs: self.inputs.iter().map(feed).collect(), outputs: vec![self.output.clone()] };
-        let pool = Arc::new(Pool::load(&self.model, self.params.provider, self.params.threads, binding)?);
-        pools.insert(size, Arc::clone(&pool));
-        Ok(pool)
+        let inputs = self.inputs.iter().map(|(name, axes)| (name.as_str(), axes, self.batch, planes));
+        self.pools.get(size, inputs, std::slice::from_ref(&self.output))
     }
 }
 

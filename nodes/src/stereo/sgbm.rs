@@ -1,32 +1,12 @@
 //! `stereo/sgbm`: OpenCV's semi-global block matching.
 
 use depthloom_graphs::contracts::{Auto, Contract, NodeDeclaration};
-use depthloom_graphs::values::{Disparity, Image};
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, PureNode};
 use depthloom_kernels::sgbm::{self, Mode, Params, SgbmScratch, View};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::refused;
-use crate::grey::grey;
-use crate::shape::{filled, same_size, too_large};
-use crate::tiles::HostTiles;
-
-/// Which directions are summed, under OpenCV's names.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum SgbmMode {
-    /// Five directions in one pass: `MODE_SGBM`, the paper's.
-    #[default]
-    Sgbm,
-    /// Eight directions in two passes: `MODE_HH`.
-    Hh,
-    /// Left, right and down, in four stripes: `MODE_SGBM_3WAY`.
-    #[serde(rename = "3way")]
-    ThreeWay,
-    /// Left, right, down and up: `MODE_HH4`.
-    Hh4,
-}
+use super::{disparity, matched, pair, refused, too_large};
 
 /// OpenCV's parameters of `StereoSGBM`, with the paper's values as defaults.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -63,14 +43,13 @@ pub struct SgbmParams {
     #[schemars(range(min = 0))]
     pub speckle_range: i32,
     /// Which directions are summed: `sgbm` (5), `hh` (8), `3way` (3) or `hh4` (4).
-    pub mode: SgbmMode,
+    pub mode: Mode,
 }
 
 impl Default for SgbmParams {
     fn default() -> Self {
         let Params { min_disparity, disparities, block, disp12_max_diff, .. } = Params::default();
-        let Params { prefilter_cap, uniqueness, speckle_window, speckle_range, .. } = Params::default();
-        let mode = SgbmMode::Sgbm;
+        let Params { prefilter_cap, uniqueness, speckle_window, speckle_range, mode, .. } = Params::default();
         Self {
             disparities,
             min_disparity,
@@ -109,12 +88,7 @@ impl SgbmParams {
             uniqueness: self.uniqueness,
             speckle_window: self.speckle_window,
             speckle_range: self.speckle_range,
-            mode: match self.mode {
-                SgbmMode::Sgbm => Mode::Sgbm,
-                SgbmMode::Hh => Mode::Hh,
-                SgbmMode::ThreeWay => Mode::ThreeWay,
-                SgbmMode::Hh4 => Mode::Hh4,
-            },
+            mode: self.mode,
         }
     }
 }
@@ -139,15 +113,8 @@ Semiglobal Matching and Mutual Information*, 2008), as `cv::StereoSGBM` of OpenC
 OpenCV's.\n\n\
 Disparity is fixed point, i16, 1/16 px of the left image, `(min_disparity - 1) * 16` where nothing was found. Never searched, and so without \
 answer: `max(min_disparity + disparities, 0)` columns at the left, `max(-min_disparity, 0)` at the right.",
-            inputs: vec![
-                Port::frame("left", ValueType::Image, "The left image of a rectified pair, grey or RGB."),
-                Port::frame("right", ValueType::Image, "The right image, of the same size."),
-            ],
-            outputs: vec![Port::frame(
-                "disparity",
-                ValueType::Disparity,
-                "Disparity of the left image's pixels, 1/16 px fixed point.",
-            )],
+            inputs: pair(),
+            outputs: disparity(),
         }
     }
 
@@ -167,22 +134,13 @@ answer: `max(min_disparity + disparities, 0)` columns at the left, `max(-min_dis
 
 impl PureNode for Sgbm {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = (inputs.get::<Image>("left")?, inputs.get::<Image>("right")?);
-        same_size(("left", left.dimensions()), ("right", right.dimensions()))?;
-        let (width, height) = left.dimensions();
-        let view = |data| View { data, width: width as usize, height: height as usize, channels: 1 };
-        let (left, right) = (view(grey(left).as_raw()), view(grey(right).as_raw()));
-        let mut scratch = ctx.scratch.take::<SgbmScratch>();
-        let mut result = Ok(());
-        let sixteenths_px = filled((width, height), |out| {
-            result = sgbm::compute(&left, &right, &self.params, &mut scratch, &HostTiles(ctx.host), out);
-        });
-        ctx.scratch.put(scratch);
-        result.map_err(|error| match error {
-            sgbm::Error::Memory(error) => too_large(error, (width, height)),
-            error => Fault::new(error.to_string()),
-        })?;
-        let min_disparity_px = self.params.min_disparity;
-        Ok(Outputs::one("disparity", Disparity { sixteenths_px, min_disparity_px }))
+        let Self { params } = self;
+        matched(inputs, ctx, params.min_disparity, |images, (width, height), scratch: &mut SgbmScratch, tiles, out| {
+            let [left, right] = images.map(|data| View { data, width, height, channels: 1 });
+            sgbm::compute(&left, &right, params, scratch, tiles, out).map_err(|error| match error {
+                sgbm::Error::Memory(error) => too_large(error, (width, height)),
+                error => Fault::new(error.to_string()),
+            })
+        })
     }
 }

@@ -376,7 +376,7 @@ mod tests {
             normalized in any::<bool>(),
             seed in any::<u64>(),
         ) {
-            let prefilter = if normalized { Prefilter::NormalizedResponse } else { Prefilter::XSobel };
+            let prefilter = if normalized { Prefilter::NormalizedResponse } else { Prefilter::Xsobel };
             let block = block * 2 + 1;
             let params = Params { disparities, min_disparity, block, uniqueness, disp12_max_diff, prefilter, ..Params::default() };
             let (left, right) = pair(width, height, 7, seed);

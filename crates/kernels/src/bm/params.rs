@@ -1,52 +1,65 @@
 //! What a caller chooses, and which choices OpenCV refuses.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::params::{ParamError, check_disparities, check_not_negative, check_side, unanswered};
 
-/// What is matched instead of brightness.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+/// What is matched instead of brightness, under OpenCV's names.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Prefilter {
-    /// The horizontal Sobel derivative (`PREFILTER_XSOBEL`).
+    /// The horizontal Sobel derivative: `PREFILTER_XSOBEL`.
     #[default]
-    XSobel,
-    /// The difference from the mean of a window (`PREFILTER_NORMALIZED_RESPONSE`).
+    Xsobel,
+    /// The difference from the mean of a window: `PREFILTER_NORMALIZED_RESPONSE`.
     NormalizedResponse,
 }
 
-/// OpenCV's parameters of `StereoBM`, under the names of this project.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// OpenCV's parameters of `StereoBM`, with OpenCV's defaults.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
 pub struct Params {
-    /// Smallest disparity searched, px (`minDisparity`); may be negative.
-    pub min_disparity: i32,
-    /// How many disparities are searched (`numDisparities`): a positive multiple of 16.
+    /// How many disparities are searched, px (`numDisparities`): a multiple of 16.
+    #[schemars(range(min = 16, max = 2032), extend("multipleOf" = 16))]
     pub disparities: i32,
-    /// Side of the matched block, px (`blockSize`): odd, 5..=255, less than the image's width and height.
+    /// Smallest disparity searched, px (`minDisparity`); may be negative.
+    #[schemars(range(min = -2047, max = 2031))]
+    pub min_disparity: i32,
+    /// Side of the matched block, px (`blockSize`): odd, less than the image's width and height.
+    #[schemars(range(min = 5, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub block: i32,
-    /// What is matched (`preFilterType`).
+    /// What is matched (`preFilterType`): `xsobel` or `normalized-response`.
     pub prefilter: Prefilter,
-    /// Side of the window of [`Prefilter::NormalizedResponse`], px (`preFilterSize`): odd, 5..=255.
+    /// Side of the window of `normalized-response`, px (`preFilterSize`): odd.
+    #[schemars(range(min = 5, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub prefilter_size: i32,
-    /// Clip of the prefilter (`preFilterCap`): 1..=63.
+    /// Clip of the prefilter (`preFilterCap`).
+    #[schemars(range(min = 1, max = 63))]
     pub prefilter_cap: i32,
-    /// Least sum of the block's absolute prefiltered values (`textureThreshold`); what has less is not answered.
+    /// Least sum of absolute prefiltered values in the block (`textureThreshold`); what has less is not answered.
+    #[schemars(range(min = 0))]
     pub texture_threshold: i32,
-    /// Margin in per cent by which the best sum must beat the others (`uniquenessRatio`); 0 switches it off.
+    /// Per cent by which the best sum must beat all others (`uniquenessRatio`); 0 switches the check off.
+    #[schemars(range(min = 0))]
     pub uniqueness: i32,
-    /// Left-right check, px (`disp12MaxDiff`); below 0 switches it off.
+    /// Largest difference allowed by the left-right check, px (`disp12MaxDiff`); below 0 switches it off.
     pub disp12_max_diff: i32,
-    /// Largest region, px, that is removed as a speckle (`speckleWindowSize`); 0 and below switch it off.
+    /// Largest region, px, that the speckle filter removes (`speckleWindowSize`); 0 switches it off.
+    #[schemars(range(min = 0))]
     pub speckle_window: i32,
-    /// Largest disparity step inside a region, **1/16 px** (`speckleRange`); below 0 switches the filter off.
+    /// Largest disparity step inside a region of the speckle filter (`speckleRange`), in 1/16 px: `StereoBM` takes it so, `StereoSGBM` in px.
+    #[schemars(range(min = 0))]
     pub speckle_range: i32,
 }
 
 impl Default for Params {
-    /// Those of OpenCV's `StereoBM::create`.
     fn default() -> Self {
         Self {
             min_disparity: 0,
             disparities: 64,
             block: 21,
-            prefilter: Prefilter::XSobel,
+            prefilter: Prefilter::Xsobel,
             prefilter_size: 9,
             prefilter_cap: 31,
             texture_threshold: 10,

@@ -17,7 +17,7 @@ pub(super) fn rows(
 ) {
     let image = Image { pixels: image, width, height };
     match params.prefilter {
-        Prefilter::XSobel => {
+        Prefilter::Xsobel => {
             for (y, out) in rows.zip(out.chunks_exact_mut(width)) {
                 x_sobel_row(level, &image, y, params.prefilter_cap as u8, out);
             }
@@ -138,7 +138,7 @@ mod tests {
     fn rows_filtered_apart_are_those_of_the_whole() {
         let (width, height) = (37, 21);
         let image: Vec<u8> = (0..width * height).map(|i| (i * i * 31 % 253) as u8).collect();
-        for prefilter in [Prefilter::XSobel, Prefilter::NormalizedResponse] {
+        for prefilter in [Prefilter::Xsobel, Prefilter::NormalizedResponse] {
             let params = Params { prefilter, prefilter_size: 11, prefilter_cap: 40, ..Params::default() };
             let whole = every_level(|level| {
                 let mut out = vec![0; width * height];

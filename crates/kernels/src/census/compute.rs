@@ -8,7 +8,7 @@ use super::choice::{Demands, RightBest, choose};
 use super::features::{Feature, FeatureRow, comparisons};
 use super::finish::{Check, FinishRow, Maps};
 use super::paths::{Aggregation, Penalties};
-use super::{Census, Error, Params, Paths, plain};
+use super::{Census, Error, Params, plain};
 use crate::memory;
 use crate::raster;
 use crate::simd::{Level, Pass, Path};
@@ -181,7 +181,7 @@ impl<F: Feature> Buffers<F> {
         debug_assert!(lanes.is_multiple_of(N), "a row of costs is whole steps");
         let penalties = Penalties { p1: params.p1 as u8, p2: params.p2 as u8 };
         for (sweep, upward) in self.sweeps.iter_mut().zip([false, true]) {
-            let diagonals = params.paths == Paths::Eight;
+            let diagonals = params.paths == 8;
             sweep.aggregation.begin(upward, width, (disparities, lanes), penalties, diagonals);
         }
         sums.resize(width * height * lanes, 0);

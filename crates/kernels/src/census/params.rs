@@ -2,18 +2,22 @@
 
 use std::fmt;
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::memory::TooMuch;
 use crate::params::{ParamError, check_disparities, check_percentage, unanswered};
 
 /// Which comparisons in the 9x7 window around a pixel make its feature.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Census {
-    /// Each of the 31 pairs of samples opposite each other: is the first brighter? (`SYMMETRIC_CENSUS_9x7` of libSGM.)
+    /// Samples opposite each other: 31 bits (Spangenberg et al. 2013; libSGM's default).
     #[default]
     Symmetric,
-    /// Each of the 62 samples around the centre: is the centre brighter? (The transform of the paper.)
+    /// The centre and each sample around it: 62 bits (Zabih and Woodfill 1994).
     Full,
-    /// As `Full`, without the centre's row and column: 48 samples (`CENSUS_9x7` of libSGM).
+    /// As `full`, without the centre's row and column: 48 bits (libSGM's `CENSUS_9x7`).
     OffAxis,
 }
 
@@ -29,42 +33,37 @@ impl Census {
     }
 }
 
-/// Along which paths costs are summed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Paths {
-    /// Horizontal and vertical.
-    Four,
-    /// Horizontal, vertical and diagonal.
-    #[default]
-    Eight,
-}
-
-/// What to search, and what to believe.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// libSGM's parameters, with its values as defaults, but for sub-pixel answers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
 pub struct Params {
-    /// Smallest disparity searched, px; may be negative.
-    pub min_disparity: i32,
-    /// How many disparities are searched: a multiple of 16 in 16..=256.
+    /// How many disparities are searched, px: a multiple of 16.
+    #[schemars(range(min = 16, max = 256), extend("multipleOf" = 16))]
     pub disparities: i32,
-    /// Cost of a disparity change of one pixel between neighbours on a path, in bits: 0..=`p2`.
+    /// Smallest disparity searched, px; may be negative.
+    #[schemars(range(min = -2047, max = 2031))]
+    pub min_disparity: i32,
+    /// Penalty for a disparity change of one pixel between neighbours, bits (`P1`): at most `p2`.
+    #[schemars(range(min = 0, max = 224))]
     pub p1: i32,
-    /// Cost of any larger change, in bits: up to 255 less [`Census::bits`], so that a path's cost fits a byte.
+    /// Penalty for any larger change, bits (`P2`): at most 224 for `symmetric`, 193 for `full` and 207 for `off-axis` features.
+    #[schemars(range(min = 0, max = 224))]
     pub p2: i32,
-    /// Per cent by which the best cost must be below all others but its neighbours', 0..=99; 0 switches the check off. libSGM's
-    /// `uniqueness` of 0.95 is 5.
+    /// Per cent by which the best cost must be below all others but its neighbours'; 5 is libSGM's `uniqueness` of 0.95, 0 switches the check off.
+    #[schemars(range(min = 0, max = 99))]
     pub uniqueness: i32,
-    /// Whether a parabola through the costs refines the answer to 1/16 px.
+    /// Whether a parabola through the costs refines answers to 1/16 px; without it they are whole pixels.
     pub subpixel: bool,
-    /// Largest difference between the left and the right map's answer, px; negative: not checked.
+    /// Largest difference allowed by the left-right check, px (`LR_max_diff`); below 0 the check is off.
     pub lr_max_diff: i32,
-    /// The feature.
+    /// Which comparisons make a pixel's feature: `symmetric`, `full` or `off-axis`.
     pub census: Census,
-    /// The paths.
-    pub paths: Paths,
+    /// Along how many paths costs are summed: 4 (horizontal, vertical) or 8 (diagonal as well).
+    #[schemars(extend("enum" = [4, 8]))]
+    pub paths: i32,
 }
 
 impl Default for Params {
-    /// libSGM's values with sub-pixel answers, for 64 disparities.
     fn default() -> Self {
         Self {
             min_disparity: 0,
@@ -75,7 +74,7 @@ impl Default for Params {
             subpixel: true,
             lr_max_diff: 1,
             census: Census::Symmetric,
-            paths: Paths::Eight,
+            paths: 8,
         }
     }
 }
@@ -118,6 +117,9 @@ impl Params {
     /// # Errors
     /// The first that is not.
     pub fn check(&self) -> Result<(), ParamError> {
+        if ![4, 8].contains(&self.paths) {
+            return Err(ParamError::new("paths", format!("paths is {}, which is neither 4 nor 8", self.paths)));
+        }
         check_disparities(self.min_disparity, self.disparities, Some(256))?;
         let (p1, p2, bits) = (self.p1, self.p2, self.census.bits());
         if !(0..=255 - bits).contains(&p2) {

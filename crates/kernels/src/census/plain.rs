@@ -1,6 +1,6 @@
 //! The plain twin: every stage as its definition says, in integers that cannot overflow, without regard to time.
 
-use super::{Census, Pair, Params, Paths};
+use super::{Census, Pair, Params};
 
 /// Steps from one pixel of a path to the next, rows before columns.
 const DIRECTIONS: [(isize, isize); 8] = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)];
@@ -9,7 +9,7 @@ const DIRECTIONS: [(isize, isize); 8] = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1
 pub(super) fn compute(pair: &Pair<'_>, params: &Params, out: &mut [i16]) {
     let (width, height) = (pair.width, pair.height);
     let costs = costs(pair, params);
-    let directions = if params.paths == Paths::Eight { 8 } else { 4 };
+    let directions = params.paths as usize;
     let mut sums = vec![0; costs.len()];
     for direction in &DIRECTIONS[..directions] {
         add_path(&costs, (width, height), params, *direction, &mut sums);

@@ -1,18 +1,23 @@
 //! What a caller chooses, and which choices OpenCV documents.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::params::{ParamError, check_disparities, check_not_negative, check_percentage, check_side, unanswered};
 
-/// Which directions are summed, and how OpenCV names the choice.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+/// Which directions are summed, under OpenCV's names.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
 pub enum Mode {
-    /// Five directions: left, right, and three from the row above (`MODE_SGBM`).
+    /// Five directions in one pass: `MODE_SGBM`, the paper's.
     #[default]
     Sgbm,
-    /// Eight directions, two passes over the image (`MODE_HH`).
+    /// Eight directions in two passes: `MODE_HH`.
     Hh,
-    /// Left, right and down, in four overlapping stripes (`MODE_SGBM_3WAY`).
+    /// Left, right and down, in four stripes: `MODE_SGBM_3WAY`.
+    #[serde(rename = "3way")]
     ThreeWay,
-    /// Left, right, down and up (`MODE_HH4`).
+    /// Left, right, down and up: `MODE_HH4`.
     Hh4,
 }
 
