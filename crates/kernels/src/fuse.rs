@@ -30,61 +30,24 @@ pub fn fuse(stereo: &[f32], mono: &[f32], weight: &[f32], weighting: Weighting, 
     fuse_at(Level::best(), stereo, mono, weight, weighting, out);
 }
 
-pub(crate) fn fuse_at(
-    level: Level,
-    stereo: &[f32],
-    mono: &[f32],
-    weight: &[f32],
-    weighting: Weighting,
-    out: &mut [f32],
-) {
-    let (stereo_max, mono_max) = match weighting {
-        Weighting::Full => (largest(level, stereo), largest(level, mono)),
-        Weighting::Confidence | Weighting::Mean | Weighting::Fill => (1.0, 1.0),
-    };
-    fuse_to(level, stereo, mono, weight, weighting, (stereo_max, mono_max), out);
-}
-
-/// [`fuse`] of a part of the image, for callers that work tile by tile: the maxima are those of the whole maps
-/// (see [`crate::scale::extent`]) and matter to [`Weighting::Full`] alone.
-///
-/// # Panics
-/// If the slices differ in length.
-pub fn fuse_tile(
-    stereo: &[f32],
-    mono: &[f32],
-    weight: &[f32],
-    weighting: Weighting,
-    stereo_max: f32,
-    mono_max: f32,
-    out: &mut [f32],
-) {
-    fuse_to(Level::best(), stereo, mono, weight, weighting, (stereo_max, mono_max), out);
+fn fuse_at(level: Level, stereo: &[f32], mono: &[f32], weight: &[f32], weighting: Weighting, out: &mut [f32]) {
+    check_same("mono", mono.len(), stereo.len());
+    check_same("weight", weight.len(), stereo.len());
+    check_same("fused depth", out.len(), stereo.len());
+    match weighting {
+        Weighting::Full => {
+            let rule = Full { stereo_max: largest(level, stereo), mono_max: largest(level, mono) };
+            level.run(Fuse { stereo, mono, weight, out, rule });
+        }
+        Weighting::Confidence => level.run(Fuse { stereo, mono, weight, out, rule: Confidence }),
+        Weighting::Mean => level.run(Fuse { stereo, mono, weight, out, rule: Mean }),
+        Weighting::Fill => level.run(Fuse { stereo, mono, weight, out, rule: Fill }),
+    }
 }
 
 /// The largest answer; of no answers any number does, for no pixel will use it.
 fn largest(level: Level, depth: &[f32]) -> f32 {
     extent_at(level, depth).map_or(1.0, |extent| extent.max)
-}
-
-fn fuse_to(
-    level: Level,
-    stereo: &[f32],
-    mono: &[f32],
-    weight: &[f32],
-    weighting: Weighting,
-    (stereo_max, mono_max): (f32, f32),
-    out: &mut [f32],
-) {
-    check_same("mono", mono.len(), stereo.len());
-    check_same("weight", weight.len(), stereo.len());
-    check_same("fused depth", out.len(), stereo.len());
-    match weighting {
-        Weighting::Full => level.run(Fuse { stereo, mono, weight, out, rule: Full { stereo_max, mono_max } }),
-        Weighting::Confidence => level.run(Fuse { stereo, mono, weight, out, rule: Confidence }),
-        Weighting::Mean => level.run(Fuse { stereo, mono, weight, out, rule: Mean }),
-        Weighting::Fill => level.run(Fuse { stereo, mono, weight, out, rule: Fill }),
-    }
 }
 
 /// What a pixel becomes where both estimates answered.

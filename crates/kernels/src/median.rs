@@ -39,25 +39,11 @@ impl Lane {
 /// # Panics
 /// If a slice does not have the size that `width` and `height` announce.
 pub fn median3(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
-    median3_rows(input, width, height, 0..height, out);
+    median3_rows_at(Level::best(), input, width, height, 0..height, out);
 }
 
 /// [`median3`] of the given rows only; `out` holds just these.
-///
-/// # Panics
-/// If a slice does not have the size that `width`, `height` and `rows` announce.
-pub fn median3_rows(input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
-    median3_rows_at(Level::best(), input, width, height, rows, out);
-}
-
-pub(crate) fn median3_rows_at(
-    level: Level,
-    input: &[f32],
-    width: usize,
-    height: usize,
-    rows: Range<usize>,
-    out: &mut [f32],
-) {
+fn median3_rows_at(level: Level, input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
     check("depth", input.len(), width, height, 1);
     check_rows("median", out.len(), width, height, &rows);
     if !out.is_empty() {
@@ -72,25 +58,11 @@ pub(crate) fn median3_rows_at(
 /// # Panics
 /// If a slice does not have the size that `width` and `height` announce.
 pub fn median5(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
-    median5_rows(input, width, height, 0..height, out);
+    median5_rows_at(Level::best(), input, width, height, 0..height, out);
 }
 
 /// [`median5`] of the given rows only; `out` holds just these.
-///
-/// # Panics
-/// If a slice does not have the size that `width`, `height` and `rows` announce.
-pub fn median5_rows(input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
-    median5_rows_at(Level::best(), input, width, height, rows, out);
-}
-
-pub(crate) fn median5_rows_at(
-    level: Level,
-    input: &[f32],
-    width: usize,
-    height: usize,
-    rows: Range<usize>,
-    out: &mut [f32],
-) {
+fn median5_rows_at(level: Level, input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
     check("depth", input.len(), width, height, 1);
     check_rows("median", out.len(), width, height, &rows);
     if !out.is_empty() {

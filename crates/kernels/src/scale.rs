@@ -11,19 +11,12 @@ const LANES: usize = 64;
 
 /// Smallest and largest answered depth, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Extent {
-    /// The smallest.
+pub(crate) struct Extent {
     pub min: f32,
-    /// The largest.
     pub max: f32,
 }
 
 /// Smallest and largest of the answered (finite) pixels; `None` where there is no answer at all.
-#[must_use]
-pub fn extent(depth: &[f32]) -> Option<Extent> {
-    extent_at(Level::best(), depth)
-}
-
 pub(crate) fn extent_at(level: Level, depth: &[f32]) -> Option<Extent> {
     let (min, max) = level.run(FindExtent { depth });
     (min <= max).then(|| Extent { min: f32::from_bits(key(min) as u32), max: f32::from_bits(key(max) as u32) })
@@ -69,14 +62,6 @@ pub(crate) fn minmax_at(level: Level, mono: &[f32], stereo: &[f32], out: &mut [f
         (Some(mono_extent), Some(stereo_extent)) => minmax_to(level, mono, mono_extent, stereo_extent, out),
         _ => out.copy_from_slice(mono),
     }
-}
-
-/// The second half of [`minmax`], for callers that find the extents tile by tile.
-///
-/// # Panics
-/// If the slices differ in length.
-pub fn minmax_between(mono: &[f32], mono_extent: Extent, stereo_extent: Extent, out: &mut [f32]) {
-    minmax_to(Level::best(), mono, mono_extent, stereo_extent, out);
 }
 
 fn minmax_to(level: Level, mono: &[f32], mono_extent: Extent, stereo_extent: Extent, out: &mut [f32]) {
@@ -254,7 +239,7 @@ mod tests {
     fn without_any_stereo_mono_stays_as_it_is() {
         assert_eq!(minmax_of(&[1.0, 2.0], &[NAN, NAN]), [1.0, 2.0]);
         assert_eq!(average_of(&[1.0, 2.0], &[NAN, f32::INFINITY]), [1.0, 2.0]);
-        assert_eq!(extent(&[NAN, f32::INFINITY]), None);
+        assert_eq!(extent_at(Level::best(), &[NAN, f32::INFINITY]), None);
     }
 
     #[test]
@@ -270,7 +255,7 @@ mod tests {
             let mono: Vec<f32> = pairs.iter().map(|pair| pair.0).collect();
             let stereo: Vec<f32> = pairs.iter().map(|pair| pair.1.unwrap_or(NAN)).collect();
             let seen: Vec<(f32, f32)> = pairs.iter().filter_map(|&(mono, stereo)| Some((mono, stereo?))).collect();
-            let found = extent(&stereo);
+            let found = extent_at(Level::best(), &stereo);
             let smallest = seen.iter().map(|pair| pair.1).reduce(f32::min);
             let largest = seen.iter().map(|pair| pair.1).reduce(f32::max);
             prop_assert_eq!(found.map(|extent| extent.min), smallest);
