@@ -11,7 +11,7 @@ use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::memory::TooMuch;
 
-use crate::onnx::{self, Look, Resize, numberless};
+use crate::onnx::{self, Look, numberless};
 use loaded::Loaded;
 pub(crate) use params::NetworkParams;
 use params::{InputType, NetworkInput};

@@ -2,6 +2,7 @@
 //!
 //! A node describes how the network sees an image ([`Look`]), runs it in a `Network` or a `Pool` and reads the `Maps`; which engine that is, [`find`] chooses once a process.
 
+mod binding;
 mod choice;
 mod engine;
 mod fit;
@@ -52,8 +53,8 @@ pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String>
 pub(crate) use fit::{Fit, Fitted, PadAt, PadWith, Sizes};
 pub(crate) use flip::Flip;
 pub(crate) use look::Look;
-pub(crate) use network::{Network, outlet};
+pub(crate) use network::Network;
 pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout, check_look, check_resize};
 pub(crate) use pool::{Loaded, Pool, Pools, declared};
-pub(crate) use shapes::{Axes, Maps, batch, map_of, map_output, numberless, planes, sizes};
+pub(crate) use shapes::{Axes, Maps, batch, map_of, map_output, numberless, outlet, planes, sizes};
 pub use stanza::{closed_shape, shape_text, stanza};

@@ -15,6 +15,7 @@ mod block;
 mod differences;
 #[cfg(target_arch = "x86_64")]
 mod differences_avx2;
+pub(crate) mod differences_plain;
 #[cfg(target_arch = "x86_64")]
 mod grey;
 mod lanes;
@@ -28,7 +29,7 @@ pub(crate) use block::{BLOCK, Block};
 pub(crate) use lanes::{LANES, Lanes};
 pub use path::Path;
 
-use crate::float_differences::{self, Apart, Room, Together};
+use differences_plain::{Apart, Room, Together};
 
 /// An instruction set that this machine was seen to have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -196,7 +197,7 @@ impl Level {
     }
 
     /// Takes blocks of samples apart.
-    pub(crate) fn differences_of(self, blocks: &[[f32; float_differences::BLOCK]], room: &mut Room) {
+    pub(crate) fn differences_of(self, blocks: &[[f32; differences_plain::BLOCK]], room: &mut Room) {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes this level, where every feature named at `apart` was detected.
@@ -206,7 +207,7 @@ impl Level {
     }
 
     /// Puts blocks of samples together again; `None` if their parts end before.
-    pub(crate) fn samples_of(self, room: &mut Room, blocks: &mut [[f32; float_differences::BLOCK]]) -> Option<()> {
+    pub(crate) fn samples_of(self, room: &mut Room, blocks: &mut [[f32; differences_plain::BLOCK]]) -> Option<()> {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes this level, where every feature named at `together` was detected.

@@ -72,3 +72,7 @@ impl Frame {
         self.sparse.iter().zip(&self.occluded).map(|(&depth, &hidden)| if hidden { f32::NAN } else { depth }).collect()
     }
 }
+
+/// Who does the work: called with a number of tiles and what renders one, it has called that for each of them, in any
+/// order and on any thread, when it returns.
+pub type Run<'a> = &'a dyn Fn(usize, &(dyn Fn(usize) + Sync));

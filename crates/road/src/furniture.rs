@@ -1,10 +1,10 @@
 //! What stands along the street: trees, lamp posts, signs, bollards, people, hedges, railings.
 
-use crate::ground::KERB;
 use crate::hash::Draws;
-use crate::material::Material;
-use crate::scene::Object;
+use crate::object::Object;
 use crate::shape::{Bounds, Shape};
+use crate::surfaces::ground::KERB;
+use crate::surfaces::material::Material;
 use crate::vector::{Vec3, vec3};
 
 fn upright(x: f32, z: f32, radius: f32, low: f32, high: f32, material: Material) -> Object {

@@ -1,14 +1,14 @@
 //! Where things stand: the street's plan, cut into lots, slots and blocks that are each a hash of their number, so
 //! that any stretch of it can be laid out alone.
 
-use crate::car::park;
-use crate::facade::Facade;
 use crate::furniture::{billboard, bollard, hedge, lamp, person, railing, sign, tree};
-use crate::ground::{HALF_WIDTH, KERB, LANES_END};
 use crate::hash::Draws;
-use crate::material::Material;
-use crate::scene::Object;
+use crate::object::Object;
+use crate::parking::park;
 use crate::shape::{Bounds, Plane, Shape};
+use crate::surfaces::facade::Facade;
+use crate::surfaces::ground::{HALF_WIDTH, KERB, LANES_END};
+use crate::surfaces::material::Material;
 use crate::vector::vec3;
 
 /// Length of street before and behind the camera that is laid out, metres.

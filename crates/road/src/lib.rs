@@ -21,27 +21,25 @@
 //! ```
 
 mod camera;
-mod car;
-mod facade;
 mod frame;
 mod furniture;
-mod ground;
 mod hash;
 mod layout;
 mod lidar;
 mod light;
-mod material;
+mod object;
+mod parking;
 mod render;
 mod scene;
 mod screen;
 mod sensor;
 mod shape;
 mod street;
-mod texture;
+mod surfaces;
 mod vector;
 
 #[cfg(test)]
 mod tests;
 
-pub use frame::{Calibration, Frame, Size};
-pub use street::{Run, Street};
+pub use frame::{Calibration, Frame, Run, Size};
+pub use street::Street;

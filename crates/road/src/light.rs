@@ -1,7 +1,7 @@
 //! The day: where the sun stands, what the sky adds, and what haze takes away.
 
 use crate::hash::Draws;
-use crate::texture::{floor, noise2};
+use crate::surfaces::texture::{floor, noise2};
 use crate::vector::{Vec3, vec3};
 
 /// Light on the street, fixed for a street.

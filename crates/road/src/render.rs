@@ -8,11 +8,10 @@ use std::sync::Mutex;
 use depthloom_threads::locked;
 
 use crate::camera::Ray;
-use crate::frame::{Calibration, Frame, Size};
+use crate::frame::{Calibration, Frame, Run, Size};
 use crate::lidar::scan;
 use crate::scene::{Eye, Hit, Part, Scene};
 use crate::sensor::Sensor;
-use crate::street::Run;
 use crate::vector::{Vec3, vec3};
 
 /// Rows of a band: one tile of work. Depends on nothing but the image.

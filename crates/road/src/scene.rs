@@ -2,20 +2,12 @@
 
 use crate::camera::{Camera, Ray};
 use crate::frame::Size;
-use crate::ground::{Ground, HALF_WIDTH, KERB};
 use crate::light::Light;
-use crate::material::{Material, Spot};
+use crate::object::Object;
 use crate::screen::{ScreenTiles, SunCells};
-use crate::shape::{Bounds, Shape};
+use crate::surfaces::ground::{Ground, HALF_WIDTH, KERB};
+use crate::surfaces::spot::Spot;
 use crate::vector::{Vec3, vec3};
-
-/// A solid with its skin.
-#[derive(Clone, Debug)]
-pub(crate) struct Object {
-    pub shape: Shape,
-    pub bounds: Bounds,
-    pub material: Material,
-}
 
 /// What a surface belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,18 +122,6 @@ impl Scene {
             Part::Object(index) => self.objects[index as usize].material.shade(&spot, &self.light, lit),
         };
         self.light.through_air(radiance, hit.depth)
-    }
-}
-
-impl Object {
-    /// Depth of the first surface that is there between `after` and `before`.
-    fn meets(&self, ray: &Ray, after: f32, before: f32) -> Option<f32> {
-        if !self.material.has_holes() {
-            return self.shape.entry(&self.bounds, ray, after, before);
-        }
-        let is_solid = |depth: &f32| self.material.is_solid(ray.at(*depth));
-        let near = self.shape.entry(&self.bounds, ray, after, before).filter(is_solid);
-        near.or_else(|| self.shape.exit(&self.bounds, ray, after, before).filter(is_solid))
     }
 }
 

@@ -2,9 +2,9 @@
 
 use crate::camera::Camera;
 use crate::frame::Size;
-use crate::scene::Object;
+use crate::object::Object;
 use crate::shape::Bounds;
-use crate::texture::floor;
+use crate::surfaces::texture::floor;
 use crate::vector::Vec3;
 
 /// Lists of objects by cell, all in one allocation.

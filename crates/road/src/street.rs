@@ -1,24 +1,20 @@
 //! A street: a seed, a size of image, and the car's steps along it.
 
 use crate::camera::{Camera, HEIGHT_M, calibration};
-use crate::frame::{Calibration, Frame, Size};
-use crate::ground::Ground;
+use crate::frame::{Calibration, Frame, Run, Size};
 use crate::hash::Draws;
 use crate::layout::{EGO_LANE, Stretch};
 use crate::light::Light;
 use crate::render::render;
 use crate::scene::Scene;
-use crate::texture::WRAP_METRES;
+use crate::surfaces::ground::Ground;
+use crate::surfaces::texture::WRAP_METRES;
 use crate::vector::vec3;
 
 /// Frames after which the street begins again.
 const FRAMES: u64 = 1 << 32;
 /// Speed of the car, metres a second.
 const SPEED: f64 = 13.5;
-
-/// Who does the work: called with a number of tiles and what renders one, it has called that for each of them, in any
-/// order and on any thread, when it returns.
-pub type Run<'a> = &'a dyn Fn(usize, &(dyn Fn(usize) + Sync));
 
 /// A street and the camera pair that is driven along it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,7 +9,7 @@ use depthloom_kernels::depth::{Geometry, depth_from_share};
 use depthloom_kernels::memory::TooMuch;
 
 use crate::geometry::geometry;
-use crate::onnx::{self, Fitted, Flip, Look, Maps, Network, OnnxParams, Output, PadWith, Resize, numberless};
+use crate::onnx::{self, Fitted, Flip, Look, Maps, Network, OnnxParams, Output, PadWith, numberless};
 use crate::shape::filled;
 
 /// Smallest depth an answer of [`Output::Depth`] is raised to, metres: what scores clamp to.

@@ -7,14 +7,14 @@ use depthloom_graphs::values::{Artifact, Image};
 use depthloom_kernels::memory::{TooMuch, bytes_of, zeros};
 use ort::value::TensorElementType;
 
+use super::binding::Element;
 use super::fit::{Fitted, PadAt, Sizes};
 use super::flip::Flip;
 use super::look::Look;
 use super::model::{Declared, Outlet, elements};
 use super::params::{OnnxParams, Output, TensorLayout};
 use super::pool::{self, Pool, Pools};
-use super::session::Element;
-use super::shapes::{Axes, Maps, batch, check_map, map_of, map_output, planes, sizes};
+use super::shapes::{Axes, Maps, batch, check_map, map_of, map_output, outlet, planes, shown, sizes};
 
 /// A network of one image, ready to run.
 pub struct Network {
@@ -162,17 +162,6 @@ fn meaning(declared: &Declared, params: &OnnxParams) -> Result<Output, Fault> {
     }
 }
 
-pub(crate) fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) -> Result<&'a Outlet, Fault> {
-    let named = |wanted: &str| outlets.iter().find(|outlet| outlet.name == wanted);
-    let found = name.map_or(outlets.first(), named);
-    found.ok_or_else(|| {
-        let names: Vec<&str> = outlets.iter().map(|outlet| outlet.name.as_str()).collect();
-        let wanted = name.map_or_else(|| format!("no {what}"), |name| format!("no {what} `{name}`"));
-        Fault::new(format!("the network has {wanted}; it has {}", names.join(", ")))
-            .remedy(format!("correct `{what}_name`, or leave it out to take the first"))
-    })
-}
-
 /// The axes of an input that takes an image: batch, rows, columns and 1 or 3 channels.
 fn image_axes(input: &Outlet, params: &OnnxParams) -> Result<Axes, Fault> {
     let shape = input.tensor.as_ref().map_or(&[][..], |(_, shape)| shape.as_slice());
@@ -222,19 +211,4 @@ fn check_output(output: &Outlet) -> Result<(), Fault> {
     };
     Err(Fault::new(format!("output `{}` of the network holds {holds}, where f32, f16 or f64 is wanted", output.name))
         .remedy("name another output by `output_name`, or export the model with an output of f32 values"))
-}
-
-pub(super) fn shown(shape: &[i64]) -> String {
-    let side = |&side: &i64| if side < 0 { "?".to_owned() } else { side.to_string() };
-    shape.iter().map(side).collect::<Vec<_>>().join("x")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::shown;
-
-    #[test]
-    fn open_sides_are_shown_as_such() {
-        assert_eq!(shown(&[1, 3, -1, 320]), "1x3x?x320");
-    }
 }

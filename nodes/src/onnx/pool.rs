@@ -7,11 +7,12 @@ use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Fault, Key};
 use depthloom_threads::locked;
 
+use super::binding::{Binding, Feed, Given};
 use super::choice;
 use super::engine::Engine;
 use super::model::Declared;
 use super::provider::Provider;
-use super::session::{Binding, EngineSession, Feed, Given};
+use super::session::EngineSession;
 use super::shapes::Axes;
 
 /// What a model declares, once it is known that this machine can run it with this provider.

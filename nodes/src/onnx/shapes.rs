@@ -2,11 +2,10 @@
 
 use depthloom_graphs::Fault;
 
+use super::binding::{Element, Given};
 use super::fit::Sizes;
 use super::model::Outlet;
-use super::network::{outlet, shown};
 use super::params::TensorLayout;
-use super::session::{Element, Given};
 
 /// The axes of an input of planes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -306,16 +305,39 @@ pub fn numberless(values: &[f32]) -> usize {
     values.iter().filter(|value| !value.is_finite()).count()
 }
 
+/// The input or output of this name, or the first.
+pub(crate) fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) -> Result<&'a Outlet, Fault> {
+    let named = |wanted: &str| outlets.iter().find(|outlet| outlet.name == wanted);
+    let found = name.map_or(outlets.first(), named);
+    found.ok_or_else(|| {
+        let names: Vec<&str> = outlets.iter().map(|outlet| outlet.name.as_str()).collect();
+        let wanted = name.map_or_else(|| format!("no {what}"), |name| format!("no {what} `{name}`"));
+        Fault::new(format!("the network has {wanted}; it has {}", names.join(", ")))
+            .remedy(format!("correct `{what}_name`, or leave it out to take the first"))
+    })
+}
+
+/// A shape as text; open sides as `?`.
+pub(super) fn shown(shape: &[i64]) -> String {
+    let side = |&side: &i64| if side < 0 { "?".to_owned() } else { side.to_string() };
+    shape.iter().map(side).collect::<Vec<_>>().join("x")
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::binding::Given;
     use super::super::model::Outlet;
     use super::super::params::TensorLayout::{Nchw, Nhwc};
-    use super::super::session::Given;
-    use super::{map_of, map_output, may_be_map};
+    use super::{map_of, map_output, may_be_map, shown};
 
     fn given(shape: &[i64]) -> Given {
         let count: i64 = shape.iter().product();
         Given { shape: shape.to_vec(), values: (0..count).map(|value| value as f32).collect() }
+    }
+
+    #[test]
+    fn open_sides_are_shown_as_such() {
+        assert_eq!(shown(&[1, 3, -1, 320]), "1x3x?x320");
     }
 
     #[test]

@@ -16,7 +16,7 @@ use tract_onnx::prelude::{
 
 use tract_onnx::tract_core::ops::Cost;
 
-use super::session::{self, Binding, Element, Given};
+use super::binding::{self, Binding, Element, Given};
 
 /// The version that is compiled in; `Cargo.toml` pins it.
 pub const VERSION: &str = "0.23.9";
@@ -77,7 +77,7 @@ impl TractSession {
             let mut fed = tvec!();
             for (feed, tensor) in binding.inputs.iter().zip(tensors) {
                 let tensor = match feed.element {
-                    Element::U8 => Tensor::from_shape(&feed.shape, &session::bytes(tensor))?,
+                    Element::U8 => Tensor::from_shape(&feed.shape, &binding::bytes(tensor))?,
                     Element::F32 | Element::F16 => {
                         let tensor = Tensor::from_shape(&feed.shape, tensor)?;
                         tensor.cast_to_dt(datum_type(feed.element))?.into_owned()

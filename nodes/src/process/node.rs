@@ -14,9 +14,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use super::launch::{self, Launch};
-use super::modules::{self, Modules};
+use super::modules::Modules;
 use super::permission;
-use super::pool::Pool;
+use super::pool::{self, Pool};
 use super::protocol::{self, Call};
 
 /// How a process is called.
@@ -122,7 +122,7 @@ impl ProcessParams {
         permission::ask(&launch.command_line())?;
         launch.check_program()?;
         if self.imports && (self.version.is_some() || !self.code.is_empty()) {
-            launch.modules = Modules::known(modules::report_of(&launch));
+            launch.modules = Modules::known(pool::report_of(&launch));
         }
         Ok(launch)
     }

@@ -1,13 +1,15 @@
 //! The processes of a node: started where a worker needs one, taken and given back.
 
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::collections::HashMap;
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use depthloom_codecs::arrow::Schema;
-use depthloom_graphs::{Fault, Host, Outputs, Port, Value};
+use depthloom_graphs::{Fault, Host, Key, Outputs, Port, Value};
 use depthloom_threads::locked;
 
 use super::child::{LOOK, Running, Silence};
+use super::imports::{self, is_python};
 use super::launch::Launch;
 use super::modules::ModuleReport;
 use super::protocol::{self, Call, Request, Says};
@@ -177,7 +179,7 @@ impl Pool {
                         until = Instant::now() + patience;
                         host.progress(done, total, &message);
                     }
-                    Says::Modules(report) => self.launch.modules.check(report, &self.launch)?,
+                    Says::Modules(report) => imports::check(report, &self.launch)?,
                     Says::Warning { count: 0, message } => host.warn(&message),
                     Says::Warning { count, message } => host.warn_n(count, &message),
                     says => return Ok((running, says)),
@@ -204,8 +206,23 @@ impl Pool {
     }
 }
 
-/// What a program imports, of which it is started to report; `None` if it says anything else, or nothing.
-pub(super) fn modules(launch: &Launch) -> Option<ModuleReport> {
+/// What a program imports before it makes its node: it is started for this, once for equal commands. `None` if it does not report; what is wrong
+/// with it is reported where it is called.
+pub(super) fn report_of(launch: &Launch) -> Option<Arc<ModuleReport>> {
+    type Reports = Mutex<HashMap<Key, Option<Arc<ModuleReport>>>>;
+    static REPORTS: OnceLock<Reports> = OnceLock::new();
+    if !is_python(launch) {
+        return None;
+    }
+    let key = Key::build("command").number(launch.command.len() as u64);
+    let key = launch.command.iter().fold(key, |key, word| key.text(&word.0)).number(launch.env.len() as u64);
+    let key = launch.env.iter().fold(key, |key, (name, value)| key.text(name).text(value)).finish();
+    let mut reports = locked(REPORTS.get_or_init(Mutex::default));
+    reports.entry(key).or_insert_with(|| modules(launch).map(Arc::new)).clone()
+}
+
+/// What a program imports, which it is started to report; `None` if it replies anything else, or nothing.
+fn modules(launch: &Launch) -> Option<ModuleReport> {
     let schema = protocol::request_schema("pure", &[], &[], &serde_json::Map::new());
     let schema = Arc::new(protocol::asking_for_modules(schema, true));
     let mut running = Running::start(launch, &schema, &Arc::from([])).ok()?;

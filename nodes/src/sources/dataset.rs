@@ -12,8 +12,8 @@ use depthloom_graphs::{Context, Fault, Key, Outputs, Scratch, Source, SourceOutp
 
 use serde_json::Value as Json;
 
-use super::asked::Asked;
-use super::{float_file, image_file};
+use crate::sources::asked::Asked;
+use crate::sources::files::{float_file, image_file};
 
 /// The part a file plays in a frame: `left`, `calibration`. It enters the frame's key.
 pub type Part = &'static str;
@@ -85,9 +85,9 @@ pub struct Listing {
     /// Files without the partner that makes a frame of them: a run leaves them out and warns, a check finds them wrong.
     pub alone: Vec<String>,
     /// The files there are of frames that lack others.
-    pub(super) incomplete: Vec<Vec<(Part, PathBuf)>>,
+    pub(crate) incomplete: Vec<Vec<(Part, PathBuf)>>,
     /// How many of the faults are of a frame of which another is told already.
-    pub(super) also: usize,
+    pub(crate) also: usize,
 }
 
 impl Listing {

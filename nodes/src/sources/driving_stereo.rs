@@ -10,15 +10,16 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{
+use crate::shape::filled;
+use crate::sources::calibration::possible;
+use crate::sources::dataset::{
     CALIBRATION, Entry, File, Files, LEFT, Layout, Listing, Part, RIGHT, TRUTH, folders, no_file, no_folder,
     recognised, stems, survey,
 };
-use super::evaluation::Evaluation;
-use super::kitti_calibration::Lines;
-use super::middlebury_scene::with_ending;
-use super::{possible, true_disparity};
-use crate::shape::filled;
+use crate::sources::evaluation::Evaluation;
+use crate::sources::kitti::calibration::Lines;
+use crate::sources::middlebury::scene::with_ending;
+use crate::sources::true_disparity;
 
 const KIND: &str = "drivingstereo";
 const VERSION: u32 = 2;

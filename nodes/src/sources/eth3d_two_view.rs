@@ -8,10 +8,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{Entry, Files, Layout, Listing, no_folder, recognised, survey};
-use super::evaluation::Evaluation;
-use super::middlebury::scenes;
-use super::middlebury_scene::{self, TruePixels};
+use crate::sources::dataset::{Entry, Files, Layout, Listing, no_folder, recognised, survey};
+use crate::sources::evaluation::Evaluation;
+use crate::sources::middlebury::scene::{self, TruePixels};
+use crate::sources::middlebury::scenes;
 
 const KIND: &str = "eth3d/two-view";
 const VERSION: u32 = 2;
@@ -108,7 +108,7 @@ fn list(params: &Eth3dTwoViewParams) -> Result<Listing, Fault> {
     for at in params.frames.select(&known)? {
         let ((index, name), folder) = (known[at], &scenes[at].1);
         let truths = truths.as_ref().map_or_else(|| folder.clone(), |truths| truths.join(name));
-        let files = middlebury_scene::files(folder, &truths, params.truth);
+        let files = scene::files(folder, &truths, params.truth);
         listing.push(files.map(|files| Entry { frame: Frame::at_10_hz(name, index), files }));
     }
     listing.warnings.extend(params.frames.left_out(&known));
@@ -123,6 +123,6 @@ impl Layout for Eth3dTwoView {
     }
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        middlebury_scene::values(files, self.truth, ctx)
+        scene::values(files, self.truth, ctx)
     }
 }

@@ -15,13 +15,15 @@ use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueT
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub(super) use self::globs::natural_text;
+pub(crate) use self::globs::natural_text;
 use self::pairs::{Pairs, by_list, by_names};
 use self::truth::{ImagesTruth, TruthOf, TruthUnit};
-use super::camera_files::{self, CameraPair, FORMS};
-use super::dataset::{Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, TRUTH, no_file, no_folder, survey};
-use super::rectifier::{Asked, Latest, Sampling};
-use super::{float_file, image_file, possible, true_disparity};
+use crate::sources::calibration::camera_files::{self, CameraPair, FORMS};
+use crate::sources::calibration::possible;
+use crate::sources::calibration::rectifier::{Asked, Latest, Sampling};
+use crate::sources::dataset::{Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, TRUTH, no_file, no_folder, survey};
+use crate::sources::files::{float_file, image_file};
+use crate::sources::true_disparity;
 
 const KIND: &str = "images";
 const VERSION: u32 = 2;

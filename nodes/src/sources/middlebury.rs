@@ -1,5 +1,7 @@
 //! `middlebury`: the stereo data sets of Middlebury College, of every year, as unpacked.
 
+pub(crate) mod scene;
+
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
@@ -9,13 +11,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{
+use crate::sources::calibration::possible;
+use crate::sources::dataset::{
     Entry, Files, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, recognised, survey,
 };
-use super::evaluation::Evaluation;
-use super::image_file;
-use super::middlebury_scene::{self, TruePixels, with_ending, with_truth};
-use super::possible;
+use crate::sources::evaluation::Evaluation;
+use crate::sources::files::image_file;
+use crate::sources::middlebury::scene::{TruePixels, with_ending, with_truth};
 
 const KIND: &str = "middlebury";
 const VERSION: u32 = 2;
@@ -222,7 +224,7 @@ impl Middlebury {
         let (stem, [left, right], truth, span) = match Year::of(folder) {
             Some(Year::Of2005) => ("view", [1, 5], OF_2005, "view1.png, view5.png and disp1.png"),
             Some(Year::Of2001) => ("im", self.views, OF_2001, "im2, im6 and disp2, PNG, PPM or PGM"),
-            Some(Year::From2014) => return middlebury_scene::files(folder, folder, self.truth),
+            Some(Year::From2014) => return scene::files(folder, folder, self.truth),
             None => return Err(Fault::new(format!("{} holds no scene", folder.display())).remedy(LAYOUT)),
         };
         let remedy = format!("a scene of this year has {span}; without truth, say `truth: none`");
@@ -323,7 +325,7 @@ impl Layout for Middlebury {
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         if files.get(super::dataset::CALIBRATION).is_some() {
-            return middlebury_scene::values(files, self.truth, ctx);
+            return scene::values(files, self.truth, ctx);
         }
         let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();

@@ -9,12 +9,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{
+use crate::sources::calibration::possible;
+use crate::sources::dataset::{
     Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, recognised, stems, survey,
 };
-use super::evaluation::Evaluation;
-use super::middlebury_scene::{TruePixels, with_ending, with_truth};
-use super::possible;
+use crate::sources::evaluation::Evaluation;
+use crate::sources::middlebury::scene::{TruePixels, with_ending, with_truth};
 
 const KIND: &str = "scene-flow";
 const VERSION: u32 = 2;

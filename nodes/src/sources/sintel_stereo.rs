@@ -10,13 +10,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{
+use crate::sources::calibration::possible;
+use crate::sources::dataset::{
     CALIBRATION, Entry, File, Files, LEFT, Layout, Listing, Part, RIGHT, TRUTH, folders, no_file, no_folder,
     recognised, stems, survey,
 };
-use super::evaluation::Evaluation;
-use super::middlebury_scene::{TruePixels, with_truth, without};
-use super::{image_file, possible};
+use crate::sources::evaluation::Evaluation;
+use crate::sources::files::image_file;
+use crate::sources::middlebury::scene::{TruePixels, with_truth, without};
 
 const KIND: &str = "sintel-stereo";
 const VERSION: u32 = 2;

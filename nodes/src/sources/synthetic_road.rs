@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use depthloom_road::{Size, Street};
 
-use super::true_disparity;
+use crate::sources::true_disparity;
 
 const KIND: &str = "synthetic/road";
 const VERSION: u32 = 1;
@@ -135,6 +135,9 @@ impl Road {
     }
 
     /// Renders a frame.
+    ///
+    /// # Panics
+    /// Never: the renderer gives as many pixels as the size has.
     #[must_use]
     pub fn frame(&self, index: u64, host: &dyn Host) -> RoadFrame {
         let frame = self.street.frame(index, &|n, tile| host.tiles(n, tile));

@@ -9,7 +9,7 @@ use depthloom_kernels::memory::TooMuch;
 
 use super::onnx_network::{PairNetwork, View};
 use super::onnx_params::{StereoOnnxParams, StereoOutput};
-use crate::onnx::{self, Fitted, Look, Resize, numberless};
+use crate::onnx::{self, Fitted, Look, numberless};
 use crate::shape::{filled, same_size};
 
 /// The kind `stereo/onnx`.

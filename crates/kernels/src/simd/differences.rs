@@ -10,7 +10,7 @@ use std::arch::x86_64::{
     _mm512_storeu_si512, _mm512_sub_epi32, _mm512_test_epi32_mask, _mm512_xor_si512, _pdep_u32, _pext_u32,
 };
 
-use crate::float_differences::{BLOCK, Room};
+use super::differences_plain::{BLOCK, Room};
 
 /// Samples of a vector.
 const LANES: usize = 16;

@@ -7,7 +7,7 @@ use std::arch::x86_64::{
     _mm_storeu_si128, _mm_sub_epi32, _mm_unpacklo_epi64, _mm_xor_si128,
 };
 
-use crate::float_differences::{BLOCK, Room};
+use super::differences_plain::{BLOCK, Room};
 
 /// The index for which a shuffle gives zero.
 const NONE: u8 = 0x80;

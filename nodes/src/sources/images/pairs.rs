@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::{Fault, regular_file};
 
-use super::globs::{Match, files};
 use crate::sources::dataset::no_file;
+use crate::sources::images::globs::{Match, files};
 
 /// What helps where it is not known which files belong together.
 const SAY: &str = "write what differs between the two as text and what is common to them as `*`, as in `*_left.png` and `*_right.png`, or give a \

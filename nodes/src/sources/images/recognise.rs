@@ -6,8 +6,8 @@ use std::path::Path;
 use depthloom_graphs::contracts::Recognised;
 use serde_json::{Value, json};
 
-use super::sides;
-use crate::sources::camera_files;
+use crate::sources::calibration::camera_files;
+use crate::sources::images::sides;
 
 /// Endings of images.
 const IMAGES: [&str; 9] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "pgm", "ppm", "pnm"];

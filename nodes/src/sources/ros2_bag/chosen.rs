@@ -3,9 +3,9 @@
 use depthloom_bags::{Bag, Form, Sort, Topic, topics};
 use depthloom_graphs::Fault;
 
-use super::Ros2BagParams;
 use crate::sources::dataset::at_file;
-use crate::sources::ros2_frame::Part;
+use crate::sources::ros2_bag::frame::Part;
+use crate::sources::ros2_bag::params::Ros2BagParams;
 
 /// The topics that frames are made of.
 pub struct Chosen<'a>(pub Vec<(Part, &'a Topic, Form)>);

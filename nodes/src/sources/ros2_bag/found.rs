@@ -8,9 +8,9 @@ use depthloom_bags::{Bag, Message, Topic, pairs};
 use depthloom_graphs::Fault;
 use depthloom_graphs::contracts::{Fact, Frame};
 
-use super::chosen::Chosen;
-use super::{BagClock, Ros2BagParams};
-use crate::sources::ros2_frame::Part;
+use crate::sources::ros2_bag::chosen::Chosen;
+use crate::sources::ros2_bag::frame::Part;
+use crate::sources::ros2_bag::params::{BagClock, Ros2BagParams};
 
 /// How far beyond the range asked for partners are looked for, nanoseconds: of cameras that are recorded late.
 const MARGIN_NS: u64 = 1_000_000_000;

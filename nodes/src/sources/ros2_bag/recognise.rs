@@ -10,7 +10,7 @@ use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::contracts::Recognised;
 use serde_json::json;
 
-use super::transforms;
+use crate::sources::ros2_bag::transforms;
 
 /// What our own recordings name as their writer.
 const OURS: &str = "depthloom";

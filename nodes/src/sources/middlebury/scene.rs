@@ -8,9 +8,10 @@ use image::Luma;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::dataset::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH, no_file};
-use super::evaluation::Evaluation;
-use super::{possible, true_disparity};
+use crate::sources::calibration::possible;
+use crate::sources::dataset::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH, no_file};
+use crate::sources::evaluation::Evaluation;
+use crate::sources::true_disparity;
 
 /// What both cameras see.
 pub const MASK: Part = "mask0nocc";

@@ -10,14 +10,18 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 
-use super::dataset::{CALIBRATION, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, at_file, no_file, survey};
-use super::evaluation::Evaluation;
-use super::kitti_stems::{Stems, number, unread_files};
-use super::{image_file, kitti_calibration, true_disparity};
+use crate::sources::dataset::{
+    CALIBRATION, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, at_file, no_file, survey,
+};
+use crate::sources::evaluation::Evaluation;
+use crate::sources::files::image_file;
+use crate::sources::kitti::calibration;
+use crate::sources::kitti::stems::{Stems, number, unread_files};
+use crate::sources::true_disparity;
 
 const KIND: &str = "kitti/stereo2015";
 const VERSION: u32 = 2;
-pub(super) const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
+const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
     in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
 
 /// True disparities that both cameras see, and all.
@@ -165,7 +169,7 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
 }
 
 /// The halves of a benchmark that a folder holds; or of which it is one. `params` tells those of a half that is there, but for root, half and truth.
-pub(super) fn halves(
+pub(crate) fn halves(
     root: &Path,
     name: &str,
     [noc, occ]: [Part; 2],
@@ -199,7 +203,7 @@ impl KittiStereo2015 {
             return Err(Fault::new(format!("there is no folder {}", root.display())).remedy(LAYOUT));
         }
         let folder = root.join(params.split.folder());
-        let listed = Stems::of(&folder, "image_2")?;
+        let listed = Stems::of(&folder, "image_2", LAYOUT)?;
         let lefts = &listed.stems;
         let known: Vec<(u64, &str)> = lefts.iter().map(|stem| (number(stem), stem.as_str())).collect();
         if known.is_empty() {
@@ -230,7 +234,7 @@ impl KittiStereo2015 {
         let mut unread = lefts.others.clone();
         let mut companions = vec![(
             RIGHT,
-            Stems::of(&self.folder, "image_3")?,
+            Stems::of(&self.folder, "image_3", LAYOUT)?,
             "each left image needs its right one, of the same name (KITTI: unpack data_scene_flow.zip again)",
         )];
         if let Some(truth) = self.truth {
@@ -239,11 +243,11 @@ impl KittiStereo2015 {
             if !folder.is_dir() {
                 return Err(Fault::new(format!("there is no folder {}", folder.display())).remedy(remedy));
             }
-            companions.push((truth, Stems::of(&self.folder, truth)?, remedy));
+            companions.push((truth, Stems::of(&self.folder, truth, LAYOUT)?, remedy));
         }
         for name in self.evaluation.iter().copied().filter(|name| Some(*name) != self.truth) {
             let remedy = "each frame needs its files, or the whole folder away: what is not there is not given";
-            companions.push((name, Stems::of(&self.folder, name)?, remedy));
+            companions.push((name, Stems::of(&self.folder, name, LAYOUT)?, remedy));
         }
         unread.extend(companions.iter().flat_map(|(_, stems, _)| stems.without(lefts)));
         let has_calibration = self.folder.join(CALIBRATIONS).is_dir();
@@ -301,11 +305,11 @@ impl Layout for KittiStereo2015 {
         let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
         let calibration = match files.get(CALIBRATION) {
-            Some(file) => kitti_calibration::from_text(&file.path, &file.text(), size)?,
+            Some(file) => calibration::from_text(&file.path, &file.text(), size)?,
             None => {
                 let left = files.the(LEFT)?;
-                let assumed = kitti_calibration::by_width(size).map_err(|fault| at_file(&left.path, fault))?;
-                ctx.host.warn(&kitti_calibration::assumption(&self.folder));
+                let assumed = calibration::by_width(size).map_err(|fault| at_file(&left.path, fault))?;
+                ctx.host.warn(&calibration::assumption(&self.folder));
                 assumed
             }
         };

@@ -11,15 +11,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{
+use crate::shape::filled;
+use crate::sources::dataset::{
     CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, numbered, stems,
     survey,
 };
-use super::images::natural_text;
-use super::kitti_calibration::Lines;
-use super::kitti_raw::KittiRaw;
-use super::kitti_raw::{self, IMAGES, KittiCameras};
-use crate::shape::filled;
+use crate::sources::images::natural_text;
+use crate::sources::kitti::calibration::Lines;
+use crate::sources::kitti::raw::{self, IMAGES, KittiCameras, KittiRaw};
 
 const KIND: &str = "kitti/depth";
 const VERSION: u32 = 2;
@@ -153,7 +152,7 @@ fn list(params: &KittiDepthParams) -> Result<Listing, Fault> {
     let all = drives(params.root.path(), params.truth)?;
     let chosen: Vec<(&String, &PathBuf)> = match params.drives.is_empty() {
         true => all.iter().collect(),
-        false => params.drives.iter().map(|name| kitti_raw::drive_named(&all, name)).collect::<Result<_, _>>()?,
+        false => params.drives.iter().map(|name| raw::drive_named(&all, name)).collect::<Result<_, _>>()?,
     };
     let mut there: Vec<(&str, String, PathBuf)> = Vec::new();
     for (drive, maps) in &chosen {
@@ -203,8 +202,7 @@ impl Layout for KittiDepth {
         let size = left.dimensions();
         let camera = files.the(CALIBRATION)?;
         let text = camera.text();
-        let calibration =
-            kitti_raw::calibration(&Lines::of(&camera.path, &text, kitti_raw::CAMERAS)?, KittiCameras::Color, size)?;
+        let calibration = raw::calibration(&Lines::of(&camera.path, &text, raw::CAMERAS)?, KittiCameras::Color, size)?;
         let mut outputs = Outputs::one("left", left).with("right", right).with("calibration", calibration);
         if let Some(raw) = files.map_u16(TRUTH, "metres", size)? {
             let metres = filled(size, |out| truth_from_depth_png(&raw, out));

@@ -1,30 +1,27 @@
 //! Cars: a body with slanted ends, a tapered cabin with panes, wheels. Paint has next to no texture, panes mirror what
 //! is far away.
 
-use crate::hash::Draws;
 use crate::light::Light;
-use crate::material::{Material, Spot};
-use crate::scene::Object;
-use crate::shape::{Bounds, Plane, Shape};
-use crate::texture::{faded, noise2, pulses, slab};
+use crate::surfaces::spot::Spot;
+use crate::surfaces::texture::{faded, noise2, pulses, slab};
 use crate::vector::{Vec3, vec3};
 
 /// Sizes of one make, metres.
 #[derive(Clone, Copy, Debug)]
-struct Make {
-    length: f32,
-    width: f32,
+pub(crate) struct Make {
+    pub length: f32,
+    pub width: f32,
     /// Where the body ends and the panes begin.
-    belt: f32,
-    roof: f32,
+    pub belt: f32,
+    pub roof: f32,
     /// Cabin's front and rear ends at the belt, as shares of the half length, and how far the panes lean inwards.
-    cabin_front: f32,
-    cabin_rear: f32,
-    lean_front: f32,
-    lean_rear: f32,
+    pub cabin_front: f32,
+    pub cabin_rear: f32,
+    pub lean_front: f32,
+    pub lean_rear: f32,
 }
 
-const MAKES: [Make; 4] = [
+pub(crate) const MAKES: [Make; 4] = [
     Make {
         length: 4.5,
         width: 1.76,
@@ -67,7 +64,7 @@ const MAKES: [Make; 4] = [
     },
 ];
 
-const PAINTS: [Vec3; 9] = [
+pub(crate) const PAINTS: [Vec3; 9] = [
     vec3(0.45, 0.46, 0.47),
     vec3(0.30, 0.31, 0.32),
     vec3(0.66, 0.66, 0.65),
@@ -82,20 +79,20 @@ const PAINTS: [Vec3; 9] = [
 /// A car's looks and its own axes: `heading` is +1 if it drives along z, -1 against.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CarSkin {
-    paint: Vec3,
-    make: Make,
-    x: f32,
-    z: f32,
-    heading: f32,
-    seed: u32,
+    pub paint: Vec3,
+    pub make: Make,
+    pub x: f32,
+    pub z: f32,
+    pub heading: f32,
+    pub seed: u32,
 }
 
 /// A wheel: hub in the middle of a tyre.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WheelSkin {
-    y: f32,
-    z: f32,
-    spokes: bool,
+    pub y: f32,
+    pub z: f32,
+    pub spokes: bool,
 }
 
 impl WheelSkin {
@@ -168,70 +165,5 @@ impl CarSkin {
         let inside = vec3(0.035, 0.036, 0.04) * (1.0 + 0.5 * noise2(self.seed ^ 3, p.z + p.x, p.y, 2.0));
         let glass = inside + light.mirrored(spot.mirror()) * 0.30;
         matt.mix(glass, upright * pane)
-    }
-}
-
-/// Puts a car on the street: its middle at (x, z), driving along z (`heading` 1) or against it (-1).
-pub(crate) fn park(objects: &mut Vec<Object>, draws: &mut Draws, x: f32, z: f32, heading: f32) {
-    let make = draws.pick(&[MAKES[0], MAKES[0], MAKES[1], MAKES[1], MAKES[2], MAKES[2], MAKES[3]]);
-    let skin = CarSkin { paint: draws.pick(&PAINTS), make, x, z, heading, seed: draws.bits() };
-    let (half, wide) = (0.5 * make.length, 0.5 * make.width);
-    // Planes in the car's own axes (x to the side, y up, z ahead), turned into the street's by the heading.
-    let plane = |nx: f32, ny: f32, nz: f32, through: (f32, f32, f32)| {
-        let normal = vec3(nx, ny, nz * heading).normalised();
-        Plane { normal, offset: normal.dot(vec3(x + through.0, through.1, z + through.2 * heading)) }
-    };
-    let body = vec![
-        plane(0.0, 0.22, 1.0, (0.0, 0.55, half)),
-        plane(0.0, -0.35, 1.0, (0.0, 0.45, half)),
-        plane(0.0, 0.12, -1.0, (0.0, 0.55, -half)),
-        plane(0.0, -0.35, -1.0, (0.0, 0.45, -half)),
-        plane(0.0, 1.0, 0.16, (0.0, make.belt, make.cabin_front * half)),
-        plane(1.0, 0.10, 0.0, (wide, 0.6, 0.0)),
-        plane(-1.0, 0.10, 0.0, (-wide, 0.6, 0.0)),
-        plane(0.35, 0.0, 1.0, (0.72 * wide, 0.0, half)),
-        plane(-0.35, 0.0, 1.0, (-0.72 * wide, 0.0, half)),
-    ];
-    objects.push(Object {
-        shape: Shape::Convex(body),
-        bounds: Bounds { low: vec3(x - wide, 0.24, z - half), high: vec3(x + wide, make.belt, z + half) },
-        material: Material::CarBody(skin),
-    });
-    let rise = make.roof - make.belt;
-    let (front, rear) = (make.cabin_front * half, make.cabin_rear * half);
-    let cabin = vec![
-        plane(0.0, make.lean_front, rise, (0.0, make.belt, front)),
-        plane(0.0, make.lean_rear, -rise, (0.0, make.belt, rear)),
-        plane(1.0, 0.28, 0.0, (wide - 0.04, make.belt, 0.0)),
-        plane(-1.0, 0.28, 0.0, (-wide + 0.04, make.belt, 0.0)),
-    ];
-    let (end_a, end_b) = (z + front * heading, z + rear * heading);
-    objects.push(Object {
-        shape: Shape::Convex(cabin),
-        bounds: Bounds {
-            low: vec3(x - wide, make.belt, end_a.min(end_b)),
-            high: vec3(x + wide, make.roof, end_a.max(end_b)),
-        },
-        material: Material::CarCabin(skin),
-    });
-    // What is under a car is dark; without it light would seem to come from below.
-    objects.push(Object {
-        shape: Shape::Block,
-        bounds: Bounds {
-            low: vec3(x - wide + 0.18, 0.03, z - half + 0.35),
-            high: vec3(x + wide - 0.18, 0.26, z + half - 0.35),
-        },
-        material: Material::Plain { colour: vec3(0.008, 0.008, 0.009), contrast: 0.0, seed: 0 },
-    });
-    let spokes = draws.chance(0.6);
-    for axle in [0.62, -0.60] {
-        for side in [-1.0, 1.0] {
-            let (wx, wz) = (x + side * (wide - 0.10), z + axle * half * heading);
-            objects.push(Object {
-                shape: Shape::Ellipsoid,
-                bounds: Bounds { low: vec3(wx - 0.14, 0.0, wz - 0.32), high: vec3(wx + 0.14, 0.64, wz + 0.32) },
-                material: Material::Wheel(WheelSkin { y: 0.32, z: wz, spokes }),
-            });
-        }
     }
 }

@@ -9,8 +9,8 @@ use image::{GrayImage, RgbImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::camera_files::{CalibratedCamera, CameraPair};
-use super::rectified_pair::{BASELINE_M, CENTRE_PX, FOCAL_PX};
+use crate::sources::calibration::camera_files::{CalibratedCamera, CameraPair};
+use crate::sources::calibration::rectified_pair::{BASELINE_M, CENTRE_PX, FOCAL_PX};
 
 /// The longest baseline that is taken for metres where nobody says so: OpenCV's translations are in the unit of the board's squares.
 const LONGEST_UNSAID_M: f64 = 2.0;

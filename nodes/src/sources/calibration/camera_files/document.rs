@@ -5,7 +5,7 @@ use std::path::Path;
 use depthloom_graphs::Fault;
 use serde_json::{Map, Value as Json};
 
-use super::FORMS;
+use crate::sources::calibration::camera_files::FORMS;
 
 /// The largest calibration file, bytes.
 const MOST_BYTES: usize = 1 << 20;

@@ -3,8 +3,8 @@
 use depthloom_graphs::Fault;
 use depthloom_kernels::rectify::Camera;
 
-use super::document::Document;
-use super::{CalibratedCamera, CameraPair, FORMS, lens};
+use crate::sources::calibration::camera_files::document::Document;
+use crate::sources::calibration::camera_files::{CalibratedCamera, CameraPair, FORMS, lens};
 
 /// Whether a file is such a one.
 pub fn is(file: &Document<'_>) -> bool {

@@ -1,8 +1,8 @@
 //! The carriageway and its pavements.
 
 use crate::hash::{Draws, hash2, unit};
-use crate::material::Spot;
-use crate::texture::{faded, floor, fraction, noise_grazing, noise2, pulses, slab, surviving};
+use crate::surfaces::spot::Spot;
+use crate::surfaces::texture::{faded, floor, fraction, noise_grazing, noise2, pulses, slab, surviving};
 use crate::vector::{Vec3, vec3};
 
 /// Half the carriageway's width, parking strips included, metres.

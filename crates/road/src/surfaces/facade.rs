@@ -2,8 +2,8 @@
 
 use crate::hash::Draws;
 use crate::light::Light;
-use crate::material::{Spot, Wall, plain_noise};
-use crate::texture::{faded, floor, noise_grazing, noise2, pulses, slab, surviving};
+use crate::surfaces::spot::{Spot, Wall, plain_noise};
+use crate::surfaces::texture::{faded, floor, noise_grazing, noise2, pulses, slab, surviving};
 use crate::vector::{Vec3, vec3};
 
 /// What the wall between the windows is made of.

@@ -2,7 +2,7 @@
 
 use depthloom_graphs::values::Calibration;
 
-use super::rectified_pair::{BASELINE_M, CENTRE_PX, FOCAL_PX, short};
+use crate::sources::calibration::rectified_pair::{BASELINE_M, CENTRE_PX, FOCAL_PX, short};
 
 /// That a calibration is of cameras that there can be.
 ///

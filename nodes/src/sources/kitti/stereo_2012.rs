@@ -9,14 +9,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{
+use crate::sources::dataset::{
     CALIBRATION, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, no_file, no_folder, stems, survey,
 };
-use super::evaluation::Evaluation;
-use super::kitti_calibration::{Lines, PROJECTIONS, pair};
-use super::kitti_raw::KittiCameras;
-use super::kitti_stereo_2015::{KittiTruth, Split, halves};
-use super::true_disparity;
+use crate::sources::evaluation::Evaluation;
+use crate::sources::kitti::calibration::{Lines, PROJECTIONS, pair};
+use crate::sources::kitti::raw::KittiCameras;
+use crate::sources::kitti::stereo_2015::{KittiTruth, Split, halves};
+use crate::sources::true_disparity;
 
 const KIND: &str = "kitti/stereo2012";
 const VERSION: u32 = 2;

@@ -5,7 +5,7 @@ use std::path::Path;
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Calibration;
 
-use super::rectified_pair::{self, NoPair, short};
+use crate::sources::calibration::rectified_pair::{self, NoPair, short};
 
 /// Baseline of the colour pair where no calibration file tells it, metres.
 const BASELINE_M: f64 = 0.532_725;

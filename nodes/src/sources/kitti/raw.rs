@@ -11,14 +11,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{
+use crate::shape::filled;
+use crate::sources::dataset::{
     CALIBRATION, File, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, numbered,
     stems, survey,
 };
-use super::images::natural_text;
-use super::kitti_calibration::{self, COLOUR, Lines};
-use super::kitti_time;
-use crate::shape::filled;
+use crate::sources::images::natural_text;
+use crate::sources::kitti::calibration::{self, COLOUR, Lines};
+use crate::sources::kitti::time;
 
 const KIND: &str = "kitti/raw";
 const VERSION: u32 = 2;
@@ -308,7 +308,7 @@ impl Held {
             lefts: stems(&drive.folder.join(left).join("data"), &IMAGES, LAYOUT)?,
             rights: stems(&drive.folder.join(right).join("data"), &IMAGES, LAYOUT)?,
             scans: if wants_scans && scans.is_dir() { stems(&scans, &["bin"], LAYOUT)? } else { BTreeMap::new() },
-            times: if clock.is_file() { kitti_time::read(&clock)? } else { Vec::new() },
+            times: if clock.is_file() { time::read(&clock)? } else { Vec::new() },
             clock,
         })
     }
@@ -377,7 +377,7 @@ fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
         without_scan += usize::from(!holds.scans.contains_key(stem));
         let of_drive = stem.parse::<usize>().ok();
         let (index, id) = known[at];
-        let frame = kitti_time::frame(id, index, of_drive, &holds.times, &holds.clock)?;
+        let frame = time::frame(id, index, of_drive, &holds.times, &holds.clock)?;
         listing.gather(frame, gathered(params, drive, holds, stem));
     }
     listing.warnings.extend(params.frames.left_out(&known));
@@ -481,7 +481,7 @@ pub fn calibration(lines: &Lines<'_>, cameras: KittiCameras, size: (u32, u32)) -
         let what = format!("{} says {width}x{height}, and the image is {}x{}", cameras.size(), size.0, size.1);
         return Err(lines.fault(Some(line), what).remedy("take image and calibration of one date"));
     }
-    kitti_calibration::pair(lines, cameras.projections(), size)
+    calibration::pair(lines, cameras.projections(), size)
 }
 
 /// From the scanner to the left image: `P_rect R_rect_00 [R|T]`, 3x4, row-major.

@@ -8,12 +8,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::dataset::{
+use crate::sources::dataset::{
     CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, folders, no_file, no_folder, stems, survey,
 };
-use super::kitti_calibration::{Lines, PROJECTIONS, pair};
-use super::kitti_raw::KittiCameras;
-use super::kitti_time;
+use crate::sources::kitti::calibration::{Lines, PROJECTIONS, pair};
+use crate::sources::kitti::raw::KittiCameras;
+use crate::sources::kitti::time;
 
 const KIND: &str = "kitti/odometry";
 const VERSION: u32 = 2;
@@ -160,7 +160,7 @@ fn list(params: &KittiOdometryParams) -> Result<Listing, Fault> {
     for at in params.frames.select(&known)? {
         let (index, id) = known[at];
         let (_, stem, left) = &lefts[at];
-        let frame = kitti_time::frame(id, index, usize::try_from(index).ok(), &times, &clock)?;
+        let frame = time::frame(id, index, usize::try_from(index).ok(), &times, &clock)?;
         let missing = || {
             let remedy = "each left image needs its right one, of the same number (KITTI: unpack the sequence again)";
             no_file(&folder.join(right).join(format!("{stem}.png")), remedy)

@@ -14,13 +14,12 @@ use depthloom_graphs::{Context, Fault, Key, Outputs};
 use depthloom_kernels::rectify::{Camera, Interpolation, Lens, Map, View};
 use depthloom_kernels::velodyne::{Rule, depth_from_points};
 use depthloom_threads::locked;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
-use super::rectifier::rectified;
-use super::ros2_bag::{KIND, Ros2BagParams, VERSION};
-use super::{image_file, rectified_pair};
 use crate::shape::filled;
+use crate::sources::calibration::rectified_pair;
+use crate::sources::calibration::rectifier::rectified;
+use crate::sources::files::image_file;
+use crate::sources::ros2_bag::params::{KIND, PointRotation, Ros2BagParams, VERSION};
 
 /// The part a message plays in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,19 +65,6 @@ impl Part {
             Self::Points => "point clouds",
         }
     }
-}
-
-/// Whether R of the left camera turns points before P projects them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum PointRotation {
-    /// Where the images are rectified here; otherwise the frame of the images is the rectified camera's.
-    #[default]
-    Auto,
-    /// The frame of the images is the camera's as it is mounted.
-    Always,
-    /// The frame of the images is the rectified camera's.
-    Never,
 }
 
 /// By how much R may turn before it is told that it turns nothing, degrees: at 1000 px a sixth of a pixel.

@@ -6,26 +6,26 @@ use std::path::Path;
 
 use depthloom_graphs::Fault;
 
-use super::kitti_stereo_2015::LAYOUT;
+use crate::sources::dataset::no_folder;
 
 /// How many files that belong to no frame are named.
 const NAMED: usize = 3;
 
 /// What a folder of images holds.
-pub(super) struct Stems {
-    pub(super) folder: &'static str,
+pub(crate) struct Stems {
+    pub(crate) folder: &'static str,
     /// The stems of the first time step's images, in order.
-    pub(super) stems: BTreeSet<String>,
+    pub(crate) stems: BTreeSet<String>,
     /// Files that are no image of any time step, by folder and name, in order.
-    pub(super) others: Vec<String>,
+    pub(crate) others: Vec<String>,
 }
 
 impl Stems {
-    pub(super) fn of(split: &Path, folder: &'static str) -> Result<Self, Fault> {
+    pub(crate) fn of(split: &Path, folder: &'static str, layout: &str) -> Result<Self, Fault> {
         let path = split.join(folder);
         let failed = |error| Fault::new(format!("failed to list {}", path.display())).because(error);
         let listing = std::fs::read_dir(&path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => Fault::new(format!("there is no folder {}", path.display())).remedy(LAYOUT),
+            ErrorKind::NotFound => no_folder(&path, layout),
             _ => failed(error),
         })?;
         let (mut stems, mut others) = (BTreeSet::new(), Vec::new());
@@ -47,7 +47,7 @@ impl Stems {
     }
 
     /// The files here that belong to none of the left images.
-    pub(super) fn without(&self, lefts: &Self) -> Vec<String> {
+    pub(crate) fn without(&self, lefts: &Self) -> Vec<String> {
         let alone = self.stems.difference(&lefts.stems).map(|stem| format!("{}/{stem}.png", self.folder));
         alone.chain(self.others.iter().cloned()).collect()
     }
@@ -58,7 +58,7 @@ fn is_number(text: &str, digits: usize) -> bool {
 }
 
 /// What is to be said of files that belong to no frame.
-pub(super) fn unread_files(files: &[String]) -> Option<String> {
+pub(crate) fn unread_files(files: &[String]) -> Option<String> {
     let named = files.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
     let more = match files.len().saturating_sub(NAMED) {
         0 => String::new(),
@@ -75,6 +75,6 @@ pub(super) fn unread_files(files: &[String]) -> Option<String> {
 }
 
 /// The number in `000150_10`.
-pub(super) fn number(stem: &str) -> u64 {
+pub(crate) fn number(stem: &str) -> u64 {
     stem[..6].parse().expect("stems() takes six digits only")
 }

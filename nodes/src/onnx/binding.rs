@@ -1,0 +1,49 @@
+//! What of a model is fed and read, whichever engine runs it.
+
+use ort::value::TensorElementType;
+
+/// An input that is fed: its numbers come in f32, and are made what the network takes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Feed {
+    pub name: String,
+    pub element: Element,
+    pub shape: Vec<usize>,
+}
+
+/// The element types of inputs that can be fed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Element {
+    F32,
+    F16,
+    U8,
+}
+
+impl Element {
+    /// The element type of a tensor, if it can be fed.
+    pub const fn of(element: TensorElementType) -> Option<Self> {
+        match element {
+            TensorElementType::Float32 => Some(Self::F32),
+            TensorElementType::Float16 => Some(Self::F16),
+            TensorElementType::Uint8 => Some(Self::U8),
+            _ => None,
+        }
+    }
+}
+
+/// The inputs that are fed and the outputs that are read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Binding {
+    pub inputs: Vec<Feed>,
+    pub outputs: Vec<String>,
+}
+
+/// An output: its shape and its values, row-major.
+pub(crate) struct Given {
+    pub shape: Vec<i64>,
+    pub values: Vec<f32>,
+}
+
+/// Numbers as bytes: to the nearest, half to even, what lies outside as the nearest end.
+pub(crate) fn bytes(tensor: &[f32]) -> Vec<u8> {
+    tensor.iter().map(|value| value.round_ties_even() as u8).collect()
+}

@@ -1,0 +1,16 @@
+//! The benchmarks of KITTI: `kitti/*`.
+
+pub(crate) mod calibration;
+mod depth;
+mod odometry;
+mod raw;
+mod stems;
+mod stereo_2012;
+mod stereo_2015;
+mod time;
+
+pub(crate) use depth::KittiDepth;
+pub(crate) use odometry::KittiOdometry;
+pub(crate) use raw::KittiRaw;
+pub(crate) use stereo_2012::KittiStereo2012;
+pub(crate) use stereo_2015::KittiStereo2015;
