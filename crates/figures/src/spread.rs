@@ -266,11 +266,10 @@ impl SpreadFigure {
                 |(from, to, count): &(f64, f64, u64)| Item::block((*from, *to), (0.0, *count as f64 / unit), fill);
             panel.items.extend(bars.iter().map(bar));
         }
-        if panels > 1 && panels % 2 == 1 {
+        panel.aspect = Some(if panels == 1 { 0.2 } else { 0.3 });
+        panel.spans = panels == 1 || panels.is_multiple_of(2);
+        if !panel.spans {
             "pixels".clone_into(&mut panel.title);
-        } else {
-            panel.spans = true;
-            panel.aspect = Some(if panels == 1 { 0.2 } else { 0.3 });
         }
         panel
     }

@@ -157,11 +157,12 @@ fn encoded(bytes: &[u8], width: usize) -> Vec<u8> {
         filtered.extend([SUB, row[0]]);
         filtered.extend(row.windows(2).map(|pair| pair[1].wrapping_sub(pair[0])));
     }
-    let mut file = Vec::new();
+    let packed = compress_to_vec_zlib(&filtered, LEVEL);
+    let mut file = Vec::with_capacity(packed.len() + 64);
     let mut encoder = png::Encoder::new(&mut file, width as u32, (bytes.len() / width) as u32);
     encoder.set_color(png::ColorType::Grayscale);
     let mut writer = encoder.write_header().expect("memory takes a header");
-    writer.write_chunk(png::chunk::IDAT, &compress_to_vec_zlib(&filtered, LEVEL)).expect("memory takes a chunk");
+    writer.write_chunk(png::chunk::IDAT, &packed).expect("memory takes a chunk");
     writer.finish().expect("memory takes an end");
     file
 }
