@@ -23,7 +23,7 @@ pub struct Delivery<'a> {
 
 impl<'a> Delivery<'a> {
     /// Checks that the output can be written where the arguments say.
-    pub fn of(args: &'a TableOutputArgs) -> Result<Self, CliError> {
+    pub fn new(args: &'a TableOutputArgs) -> Result<Self, CliError> {
         let out = args.out.as_deref();
         let default = if args.json { TableFormat::Json } else { TableFormat::Terminal };
         let format = args.format.unwrap_or(default);
@@ -66,7 +66,7 @@ impl<'a> Delivery<'a> {
         self.deliver(&bytes, recordings)
     }
 
-    /// Whether it is text for a terminal.
+    /// Whether the output is text for a terminal.
     pub fn is_shown(&self) -> bool {
         self.format == TableFormat::Terminal && self.out.is_none()
     }
@@ -104,7 +104,7 @@ pub fn replaces_no_run(out: &Path) -> Result<(), CliError> {
     Err(CliError::usage(format!("cannot write {}: {what}", out.display()), "choose another file"))
 }
 
-/// That a file may stand there: in a folder, and no folder itself.
+/// Refuses a path that cannot be written as a file.
 pub fn can_be_written(out: &Path) -> Result<(), CliError> {
     let cannot = |what: String| CliError::new(ExitCode::Usage, format!("cannot write {}: {what}", out.display()));
     if out.is_dir() {

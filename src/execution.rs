@@ -61,9 +61,9 @@ pub struct Run {
     error: Option<Error>,
 }
 
-/// A run whose sources and nodes work somewhere else.
-pub struct Elsewhere<'a> {
-    /// Who is told how far the recording is.
+/// A run whose sources and nodes run in other processes.
+pub struct RemoteNodes<'a> {
+    /// Observes the progress of the recording.
     pub observer: &'a dyn Observer,
     /// Threads that wait for values, and encode them.
     pub workers: usize,
@@ -77,7 +77,7 @@ pub fn carry_out(
     loaded: Loaded,
     mut ready: Ready,
     interrupt: &Interrupt,
-    elsewhere: Option<&Elsewhere<'_>>,
+    remote: Option<&RemoteNodes<'_>>,
 ) -> Result<ExitCode, CliError> {
     let Loaded { kept, read, .. } = loaded;
     let plan = ready.plan.clone();
@@ -87,18 +87,18 @@ pub fn carry_out(
     let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &plan);
     let unreadable = reuse::unreadable(&earlier);
     tell(args, &unreadable);
-    let begun = Earlier { begun, earlier }.verified(args, &folder, &ready, elsewhere.is_some())?;
+    let begun = Reusable { begun, earlier }.verified(args, &folder, &ready, remote.is_some())?;
     let mut options = options(args, &folder);
-    if let Some(Elsewhere { workers, window, .. }) = elsewhere {
+    if let Some(RemoteNodes { workers, window, .. }) = remote {
         (options.workers, options.window) = (*workers, Some(*window));
     }
 
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
-    let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, interrupt, &stopped, elsewhere);
+    let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, interrupt, &stopped, remote);
     let Recorded { failed, warnings, checkpoints, reused, prepared, has_printed } = match recorded {
         Ok(recorded) => recorded,
-        Err(ended) => return Err(ended.stop(folder, elsewhere.is_some())),
+        Err(ended) => return Err(ended.stop(folder, remote.is_some())),
     };
     let finished =
         finish(args, &folder, prepared, interrupt, || environment::describe(options.workers, options.window, &read));
@@ -154,7 +154,7 @@ pub fn is_silent(args: &RunArgs) -> bool {
     args.quiet || args.output.json
 }
 
-/// The folder to write: the one asked for, or a new one of this moment; and of one that an earlier process began, its recording.
+/// The folder to write: that of `--out`, or a new one; and the recording of the interrupted run in it, if there is one.
 fn make_folder(
     args: &RunArgs,
     plan: &Plan,
@@ -203,7 +203,7 @@ fn make_folder(
     }
 }
 
-/// Keeps the experiment's files beside the recording, so that they can be checked and run from there, and says what the run reads.
+/// Writes the experiment's files beside the recording, so that they can be checked and run from there, and lists what the run reads.
 fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathBuf]) -> Result<(), CliError> {
     let before = |stop| CliError { exit: ExitCode::Usage, ..stop };
     // Of a run that comes to its end it says more.
@@ -232,8 +232,8 @@ fn options(args: &RunArgs, folder: &RunFolder) -> Options {
     }
 }
 
-/// A run that ended before its end.
-struct Ended {
+/// A run that ended early.
+struct EarlyEnd {
     why: CliError,
     /// How many frames were written.
     frames: u64,
@@ -241,9 +241,9 @@ struct Ended {
     is_suspect: bool,
 }
 
-impl Ended {
-    /// Says what was kept and how to go on. A run that wrote no frame leaves nothing behind.
-    fn stop(self, folder: RunFolder, is_elsewhere: bool) -> CliError {
+impl EarlyEnd {
+    /// Adds what was kept and how to resume. The folder of a run that wrote no frame is removed.
+    fn stop(self, folder: RunFolder, is_remote: bool) -> CliError {
         let mut stop = self.why;
         let (partial, checkpoints) = (folder.partial.clone(), folder.checkpoints());
         let frames = self.frames;
@@ -282,7 +282,7 @@ impl Ended {
             ));
         } else if stop.exit != ExitCode::Usage && frames > 0 {
             let fixed = if stop.exit == ExitCode::FrameFailures { "once the cause is fixed, " } else { "" };
-            stop = stop.also(if is_elsewhere {
+            stop = stop.also(if is_remote {
                 format!(
                     "{fixed}`depthloom run` of the same experiment, with the same --out, goes on behind these frames"
                 )
@@ -294,18 +294,18 @@ impl Ended {
     }
 }
 
-/// What need not be made.
-struct Earlier {
-    /// What an interrupted process recorded of the same run, which resumes after it.
+/// Values that need not be computed.
+struct Reusable {
+    /// The recording of an interrupted process of the same run, which resumes after it.
     begun: Option<Arc<Recording>>,
     earlier: EarlierRuns,
 }
 
-impl Earlier {
-    /// Sets aside what an interrupted process recorded, if this run would record something else: its data, programs or engines changed.
-    fn verified(self, args: &RunArgs, folder: &RunFolder, ready: &Ready, is_elsewhere: bool) -> Result<Self, CliError> {
+impl Reusable {
+    /// Sets the recording of an interrupted process aside if this run would record something else: its data, programs or engines changed.
+    fn verified(self, args: &RunArgs, folder: &RunFolder, ready: &Ready, is_remote: bool) -> Result<Self, CliError> {
         let Self { begun: Some(recording), earlier } = self else { return Ok(self) };
-        let outdated = if is_elsewhere {
+        let outdated = if is_remote {
             Some("dora computes all values again".to_owned())
         } else {
             reuse::outdated(ready, &earlier, &recording)?
@@ -327,26 +327,26 @@ impl Earlier {
     }
 }
 
-/// A recording that is whole.
+/// A complete recording.
 struct Recorded<'a> {
-    /// How many values were taken from earlier runs, and of which.
+    /// How many values were reused, and of which runs.
     reused: Reused,
     /// How many frames failed.
     failed: u64,
-    /// What the run has to say that is no error.
+    /// The warnings of the run.
     warnings: Vec<String>,
-    /// What can go once all is safe.
+    /// What is removed once the run is complete.
     checkpoints: Checkpoints,
-    /// What the report need not read back.
+    /// What the report need not read from the recording.
     prepared: Prepared<'a>,
     /// Whether programs wrote to standard error.
     has_printed: bool,
 }
 
-/// What programs wrote to standard error, in the run's folder.
+/// The file in the run's folder for what programs wrote to standard error.
 const PRINTED: &str = "programs.log";
 
-/// Keeps what programs printed; whether there is any, and the warnings about programs that failed after their last answer.
+/// Writes what programs printed; returns whether there is any, and warnings about programs that failed after their last reply.
 fn write_printed(folder: &RunFolder) -> Result<(bool, Vec<String>), CliError> {
     let ended = process::take_ended();
     let text = process::printed_text(&ended);
@@ -358,7 +358,7 @@ fn write_printed(folder: &RunFolder) -> Result<(bool, Vec<String>), CliError> {
     Ok((!text.is_empty(), failed.chain(process::take_import_warnings()).collect()))
 }
 
-/// Runs the frames, closes the recording, and says what there was to warn of.
+/// Runs the frames, closes the recording, and prints the warnings.
 #[expect(clippy::too_many_arguments, reason = "each is another thing, and they meet here alone")]
 fn record<'a>(
     ready: Ready,
@@ -366,25 +366,25 @@ fn record<'a>(
     args: &RunArgs,
     options: &Options,
     (folder, partial): (&RunFolder, &'a Path),
-    begun: Earlier,
+    begun: Reusable,
     interrupt: &Interrupt,
     stopped: &'a (dyn Fn() -> bool + Sync),
-    elsewhere: Option<&Elsewhere<'_>>,
-) -> Result<Recorded<'a>, Ended> {
-    let Earlier { begun, earlier } = begun;
+    remote: Option<&RemoteNodes<'_>>,
+) -> Result<Recorded<'a>, EarlyEnd> {
+    let Reusable { begun, earlier } = begun;
     let earlier = Arc::new(earlier);
     let recorder = match &begun {
         Some(begun) => Recorder::resume(begun, plan),
         None => Recorder::create(folder.file(RECORDING), plan),
     };
-    let recorder = recorder.map_err(|error| Ended {
+    let recorder = recorder.map_err(|error| EarlyEnd {
         why: CliError::remedied(ExitCode::Engine, "failed to start the recording", &error),
         // What an earlier process wrote stays.
         frames: begun.as_ref().map_or(0, |begun| reuse::frames(begun)),
         is_suspect: false,
     })?;
-    // Values that come from elsewhere are not looked for in earlier runs: their keys come with them.
-    let recorder = if elsewhere.is_none() { recorder.with_earlier(Arc::clone(&earlier)) } else { recorder };
+    // Values of remote nodes are not looked up in earlier runs: their keys come with them.
+    let recorder = if remote.is_none() { recorder.with_earlier(Arc::clone(&earlier)) } else { recorder };
     let recorder = recorder.durable(args.durable);
     if begun.is_some() && !is_silent(args) {
         let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
@@ -397,7 +397,7 @@ fn record<'a>(
     let progress = Progress::new(plan, is_silent(args));
     // What is wrong with the scores the report says when the frames are safe.
     let sampling = SamplingTap::new(&recorder, plan, partial, &report_options(args), stopped).ok();
-    let watch = Both(&progress, elsewhere.map_or(&Unwatched, |elsewhere| elsewhere.observer));
+    let watch = Both(&progress, remote.map_or(&Unwatched, |remote| remote.observer));
     let ran = match &sampling {
         Some(sampling) => depthloom_runner::run(ready, sampling, options, &watch, interrupt),
         None => depthloom_runner::run(ready, &recorder, options, &watch, interrupt),
@@ -411,11 +411,11 @@ fn record<'a>(
     };
     let finished =
         finished.map_err(|error| CliError::remedied(ExitCode::Engine, "failed to close the recording", &error));
-    let ended = |why| Ended { why, frames: recorder.frames(), is_suspect: false };
-    // What failed first is told.
+    let ended = |why| EarlyEnd { why, frames: recorder.frames(), is_suspect: false };
+    // Of several errors the first is reported.
     let ran = ran.map_err(|error| {
         let is_suspect = matches!(error, RunError::Audit(_));
-        Ended { is_suspect, ..ended(run_failed(&error)) }
+        EarlyEnd { is_suspect, ..ended(run_failed(&error)) }
     })?;
     finished.map_err(ended)?;
     let (has_printed, failed_programs) = printed.map_err(ended)?;
@@ -434,7 +434,7 @@ fn record<'a>(
     Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.output(), prepared, has_printed })
 }
 
-/// Two who watch a run.
+/// Two observers of a run.
 struct Both<'a>(&'a dyn Observer, &'a dyn Observer);
 
 impl Observer for Both<'_> {
@@ -473,7 +473,7 @@ fn report_options(args: &RunArgs) -> ReportOptions {
     ReportOptions { paper: args.paper, ..ReportOptions::default() }
 }
 
-/// Libraries that were passed over, and what nodes told of.
+/// Libraries that were not used, and the warnings of nodes.
 fn warnings(ran: &Report, plan: &Plan) -> Vec<String> {
     let engine = onnx::in_use();
     let passed_over = engine.into_iter().flat_map(|engine| {
@@ -489,7 +489,7 @@ fn tell(args: &RunArgs, warnings: &[String]) {
     }
 }
 
-/// What there is to tell of a run whose folder is complete.
+/// The results of a run whose folder is complete.
 struct Finished {
     report: Summary,
     environment: Environment,
@@ -499,7 +499,7 @@ struct Finished {
     failures: Vec<FrameFailure>,
 }
 
-/// Makes of a whole recording what else lies in its folder: models, tables, figures, and where it was made.
+/// Writes what belongs beside a complete recording: models, tables, figures, and the environment.
 fn finish(
     args: &RunArgs,
     folder: &RunFolder,
@@ -533,7 +533,7 @@ fn finish(
     Ok(Finished { report, environment, key: plan_key(recording.plan()).to_string(), frames, failures })
 }
 
-/// Prints what was asked for.
+/// Prints the results.
 fn show(args: &RunArgs, report: &Summary, output: impl FnOnce() -> Run, out: &Path) -> Result<(), CliError> {
     if args.output.json {
         return output::print(&output());

@@ -2,16 +2,15 @@
 
 use std::io::IsTerminal;
 use std::sync::Mutex;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use depthloom_threads::locked;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 
 use depthloom_graphs::counted;
-use depthloom_terminal::{on_one_line, say};
+use depthloom_terminal::say;
 
-/// A plain line is printed this often at most.
-const EVERY: Duration = Duration::from_secs(5);
+use crate::progress::{EVERY, frames_bar};
 
 /// How far a walk is.
 pub struct FrameProgress {
@@ -32,13 +31,7 @@ impl FrameProgress {
     /// A walk over so many frames of a source.
     pub fn new(name: &str, frames: u64, quiet: bool) -> Self {
         let is_bar = !quiet && std::io::stderr().is_terminal();
-        let bar = is_bar.then(|| {
-            let style =
-                ProgressStyle::with_template("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}");
-            let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
-            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-            bar.with_prefix(on_one_line(name).into_owned())
-        });
+        let bar = is_bar.then(|| frames_bar(name, frames));
         let said = (!quiet && !is_bar).then(Instant::now);
         Self { name: name.to_owned(), frames, bar, now: Mutex::new(Now { done: 0, faults: 0, said }) }
     }

@@ -13,7 +13,7 @@ use depthloom_threads::locked;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// A plain line is printed this often at most.
-const EVERY: Duration = Duration::from_secs(5);
+pub const EVERY: Duration = Duration::from_secs(5);
 
 /// Shows how far a run is.
 pub struct Progress {
@@ -73,6 +73,13 @@ pub fn bar(quiet: bool, length: u64, template: &str) -> ProgressBar {
     bar.with_style(style(template))
 }
 
+/// A bar for the frames of a stage or a source, on standard error.
+pub fn frames_bar(name: &str, frames: u64) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
+    bar.set_style(style("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}"));
+    bar.with_prefix(on_one_line(name).into_owned())
+}
+
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
@@ -84,11 +91,7 @@ impl Observer for Progress {
             (now.frames, now.done, now.failed) = (frames, 0, 0);
             (now.started, now.said) = (Instant::now(), Instant::now());
             match self.how {
-                How::Bar => {
-                    now.bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
-                    now.bar.set_style(style("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}"));
-                    now.bar.set_prefix(on_one_line(name).into_owned());
-                }
+                How::Bar => now.bar = frames_bar(name, frames),
                 How::Lines => say(format_args!("{name}: {}", counted(frames, "frame"))),
                 How::Silent => {}
             }

@@ -29,7 +29,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// What the analysis found, and why the command did not do all it was asked to.
+    /// From the summary of the analysis, with the error of the command.
     pub fn of(summary: &Summary, error: Option<Error>) -> Self {
         Self {
             experiment: summary.experiment.clone(),
@@ -42,7 +42,7 @@ impl Report {
     }
 }
 
-/// What is to be said where frames were scored and not one pixel of them counted: such a run has no answer.
+/// The error of a run whose frames were scored without one pixel that counted.
 pub fn no_pixel_counted(report: &Summary) -> Option<CliError> {
     report.no_pixel_counted.then(|| CliError::new(ExitCode::FrameFailures, "not one pixel was scored"))
 }

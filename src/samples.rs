@@ -40,7 +40,7 @@ pub fn is_samples(run: &Path) -> bool {
     run.is_file() && run.extension().is_some_and(|ending| ending == "parquet")
 }
 
-/// The file of samples of a run, made if there is none, or if it is of what the recording was before; or such a file itself.
+/// The file of samples of a run, written if it is missing or older than the recording; or such a file itself.
 pub fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> Result<PathBuf, CliError> {
     if is_samples(run) {
         return Ok(run.to_owned());

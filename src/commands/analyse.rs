@@ -27,7 +27,7 @@ impl From<TableOutput> for Analyse {
 
 /// Prints a table of errors, or writes it to a file; of runs that have no samples yet, these first.
 pub fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
-    let delivery = Delivery::of(&args.output)?;
+    let delivery = Delivery::new(&args.output)?;
     let inquiry = Inquiry {
         by: By::parse(&args.by),
         bins: args.bins.clone(),

@@ -32,7 +32,7 @@ pub struct Compare {
 
 /// Compares runs, variants or estimators.
 pub fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
-    let delivery = Delivery::of(&args.output)?;
+    let delivery = Delivery::new(&args.output)?;
     let interrupt = signals::listen("stopping")?;
     let mut opened = Opened::default();
     let mut sides: Vec<Side> = Vec::new();

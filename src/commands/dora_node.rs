@@ -11,11 +11,11 @@ use depthloom_terminal::{CliError, ExitCode};
 
 use crate::allow_exec;
 use crate::args::DoraNodeArgs;
-use crate::execution::{Elsewhere, carry_out};
+use crate::execution::{RemoteNodes, carry_out};
 use crate::experiment::load;
 use crate::signals;
 
-/// Is a node of the dataflow.
+/// Runs one node of the dataflow.
 pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     std::env::set_current_dir(&args.folder).map_err(|error| {
         CliError::because(ExitCode::Usage, format!("failed to go to {}", args.folder.display()), &error)
@@ -50,16 +50,16 @@ pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<ExitCode
             // Most of its threads wait for values.
             let workers = window + Options::default().workers;
             loaded.plan = ready.plan.clone();
-            let elsewhere = Elsewhere { observer: &remote, workers, window };
-            carry_out(&dora.run, loaded, ready, &interrupt, Some(&elsewhere))
+            let remote_nodes = RemoteNodes { observer: &remote, workers, window };
+            carry_out(&dora.run, loaded, ready, &interrupt, Some(&remote_nodes))
         });
-        // Whatever happened, nobody needs to wait. Who does not hear it hears that this ends.
+        // No part needs to wait any longer, also after an error. A part that does not receive this notices the end of this process.
         let _ = bridge.send(channel::END, None, &message::of_text("end"));
         return recorded;
     }
     let interrupt = Interrupt::default();
     let bridge = Arc::new(Bridge::start(&wanted, Mailbox::new(interrupt.clone(), false))?);
-    // What fires once has nobody beside it who could work in the meantime.
+    // While an aggregate node runs, no other part needs the cores.
     let is_once =
         matches!(part.role, Role::Node(node) if loaded.plan.runs[node.run].nodes[node.node].contract == Contract::Once);
     let usual = if is_once { Options::default().workers } else { 1 };

@@ -22,7 +22,7 @@ use crate::args::{RunsArgs, RunsCommand};
 use crate::diagnostics::{Error, print_stop};
 use crate::output::{self, CommandOutput};
 
-/// Lists runs, or does what else is asked for with them.
+/// Lists runs, or executes one of the commands for runs.
 pub fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
     match &args.command {
         None | Some(RunsCommand::List) => list::list(args),
@@ -57,7 +57,7 @@ struct RemovedRuns {
 }
 
 impl RemovedRuns {
-    /// Removes a run and says so; what fails is kept to be told, and the others go on.
+    /// Removes a run and prints it; a failure is reported at the end.
     fn remove(&mut self, removal: Removal, as_json: bool) -> Result<(), CliError> {
         let (folder, bytes) = (removal.folder().to_owned(), bytes_in(removal.folder()));
         match removal.remove() {
@@ -67,7 +67,7 @@ impl RemovedRuns {
         Ok(())
     }
 
-    /// Says what was done, or would be.
+    /// Prints what was removed, or would be.
     fn add(&mut self, what: &str, folder: &Path, bytes: u64, as_json: bool) -> Result<(), CliError> {
         self.bytes += bytes;
         self.runs.push(Removed { path: folder.to_string_lossy().into_owned(), bytes });
@@ -79,7 +79,7 @@ impl RemovedRuns {
         (self.runs.len(), self.bytes)
     }
 
-    /// Tells programs what was removed, in the output that `output` makes of it, and everybody what could not be.
+    /// Prints errors, and with `--json` the output that `output` makes.
     fn tell<T: CommandOutput>(
         self,
         args: &RunsArgs,

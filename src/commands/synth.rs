@@ -36,7 +36,7 @@ pub fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
             (_, false) => ExitCode::Usage,
             (_, true) => ExitCode::Engine,
         };
-        CliError::of(exit, &fault)
+        CliError::from_error(exit, &fault)
     })?;
     bar.finish_and_clear();
     if !args.quiet {

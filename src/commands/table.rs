@@ -13,7 +13,7 @@ use crate::signals;
 
 /// Prints a table of a run's scores, or writes it to a file.
 pub fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
-    let delivery = Delivery::of(&args.output)?;
+    let delivery = Delivery::new(&args.output)?;
     let [run] = &args.runs[..] else { return leaderboard(args, &delivery) };
     let path = recording_of(run, "table")?;
     let interrupt = signals::listen("stopping")?;

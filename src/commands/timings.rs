@@ -45,7 +45,7 @@ pub fn timings(args: &TimingsArgs) -> Result<ExitCode, CliError> {
     };
     if args.output.json {
         let timings = depthloom_analysis::read_timings(&path).map_err(failed)?;
-        output::print(&Timings { timings: timings.into_iter().map(Timing::of).collect() })?;
+        output::print(&Timings { timings: timings.into_iter().map(Timing::new).collect() })?;
     } else {
         print(depthloom_analysis::timings_table(&path).map_err(failed)?)?;
     }
@@ -54,7 +54,7 @@ pub fn timings(args: &TimingsArgs) -> Result<ExitCode, CliError> {
 
 impl Timing {
     /// A timing under the names of the columns of `timings.parquet`.
-    fn of(timing: depthloom_analysis::Timing) -> Self {
+    fn new(timing: depthloom_analysis::Timing) -> Self {
         let depthloom_analysis::Timing { lead, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns } = timing;
         let RowKey { stage, variant, .. } = lead;
         Self { stage, variant, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns }

@@ -37,7 +37,7 @@ pub fn prepare(
 ) -> Result<(Ready, Remote), CliError> {
     let gone = |fault: Fault| match fault {
         Fault::Cancelled => CliError::new(ExitCode::Interrupted, "interrupted"),
-        fault @ Fault::Failed(_) => CliError::of(ExitCode::Usage, &fault),
+        fault @ Fault::Failed(_) => CliError::from_error(ExitCode::Usage, &fault),
     };
     let cancelled = || interrupt.stops_admission();
     let hear = |id: &str, output: &str| {

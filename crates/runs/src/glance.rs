@@ -55,7 +55,7 @@ pub struct Glance {
     pub time_utc: String,
     /// How far it came.
     pub state: State,
-    /// Its experiment; `None` where its recording was not read.
+    /// Its experiment; null where its recording was not read.
     pub experiment: Option<String>,
     /// How many.
     pub variants: u64,

@@ -153,5 +153,5 @@ pub fn run_failed(error: &RunError) -> CliError {
         error if error.is_of_a_frame() => ExitCode::FrameFailures,
         _ => ExitCode::Engine,
     };
-    CliError::of(exit, error)
+    CliError::from_error(exit, error)
 }

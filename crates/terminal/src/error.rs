@@ -89,7 +89,7 @@ impl CliError {
     }
 
     /// Ends with this code and error, and the remedy that it knows.
-    pub fn of(exit: ExitCode, error: &impl Remedied) -> Self {
+    pub fn from_error(exit: ExitCode, error: &impl Remedied) -> Self {
         Self::new(exit, chain(error)).with_remedy(error.remedy())
     }
 
@@ -126,7 +126,7 @@ impl CliError {
         Self { problems: problems.into_iter().collect(), ..self }
     }
 
-    /// Says what the person can do about it.
+    /// Adds what the person can do about it.
     pub fn remedy(self, remedy: impl Into<String>) -> Self {
         self.with_remedy(Some(remedy.into()))
     }
@@ -135,7 +135,7 @@ impl CliError {
         Self { message: ErrorMessage { remedy, ..self.message }, ..self }
     }
 
-    /// Adds to what the person can do about it.
+    /// Extends what the person can do about it.
     pub fn also(self, more: impl Into<String>) -> Self {
         let more = more.into();
         let remedy = match &self.message.remedy {
@@ -146,7 +146,7 @@ impl CliError {
     }
 }
 
-/// What helps against an error: what the system's part of the message asks for, and the known remedy.
+/// What helps against an error: the known remedy, and one for what the system reports in the message.
 pub fn help_of(message: &ErrorMessage) -> Option<String> {
     let remedy = message.remedy.as_deref();
     let of_the_system =

@@ -99,8 +99,8 @@ impl Report<'_> {
     pub fn verdict(&self) -> Option<String> {
         let has_failed = |node: NodeRef| self.failed.iter().any(|failed| failed.node == node);
         let different = self.different().filter(|(node, ..)| !has_failed(*node)).count() as u64;
-        let of = counted(self.checked.len(), "node");
-        let differ = (different > 0).then(|| format!("{different} of {of} gave other values than recorded"));
+        let all = counted(self.checked.len(), "node");
+        let differ = (different > 0).then(|| format!("{different} of {all} gave other values than recorded"));
         let failed = self.failed.len() as u64;
         let failed = (failed > 0).then(|| format!("{} failed", counted(failed, "node")));
         let damaged = (!self.damage.is_empty()).then(|| "the recording is damaged".to_owned());
@@ -223,7 +223,7 @@ fn rounded(value: f64) -> Option<f64> {
     number(value).parse().ok()
 }
 
-/// A number that is none is null: no answer; one beyond all is text.
+/// A missing number is null; an infinite one is text.
 fn number_json(value: Option<f64>) -> Json {
     match value {
         Some(value) if value.is_finite() => json!(rounded(value)),
