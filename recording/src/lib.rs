@@ -3,16 +3,17 @@
 //! # Reading
 //! ```no_run
 //! use depthloom_graphs::Value;
+//! use depthloom_graphs::plan::{FrameIndex, RunId};
 //! use depthloom_recording::{Recording, RecordingError};
 //!
 //! fn answered_pixels(path: &str) -> Result<usize, RecordingError> {
 //!     let recording = Recording::open(path)?; // whole, or up to the last commit: `condition()` says which
 //!     let mut answered = 0;
-//!     for (run, planned) in recording.plan().runs.iter().enumerate() {
+//!     for (run, planned) in RunId::enumerate(&recording.plan().runs) {
 //!         for estimate in &planned.estimates {
 //!             let Some(topic) = &estimate.estimate_topic else { continue };
 //!             let mut reader = recording.reader(run, &[topic])?;
-//!             for position in 0..recording.frames(run).len() {
+//!             for position in FrameIndex::all(recording.frames(run).len()) {
 //!                 if let [Some(Value::Depth(depth))] = &reader.read(position)?[..] {
 //!                     answered += depth.metres.iter().filter(|metres| !metres.is_nan()).count();
 //!                 }

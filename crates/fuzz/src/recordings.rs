@@ -15,15 +15,15 @@ pub(crate) fn target() -> Target {
         let path = folder.join("recording.mcap");
         std::fs::write(&path, bytes).expect("the folder takes a file");
         let recording = Recording::open(&path).map_err(|error| error.to_string())?;
-        for run in 0..recording.plan().runs.len() {
-            let outputs = recording.plan().outputs(RunId(run)).filter(|(_, output)| output.recorded && !output.once);
+        for run in RunId::all(recording.plan().runs.len()) {
+            let outputs = recording.plan().outputs(run).filter(|(_, output)| output.recorded && !output.once);
             let topics: Vec<String> = outputs
                 .filter(|(_, output)| output.value_type() != Some(ValueType::Curve))
                 .map(|(_, output)| output.topic.clone())
                 .collect();
-            let mut reader = recording.reader(RunId(run), &topics).map_err(|error| error.to_string())?;
-            for position in 0..recording.frames(RunId(run)).len() {
-                reader.read(FrameIndex(position)).map_err(|error| error.to_string())?;
+            let mut reader = recording.reader(run, &topics).map_err(|error| error.to_string())?;
+            for position in FrameIndex::all(recording.frames(run).len()) {
+                reader.read(position).map_err(|error| error.to_string())?;
             }
         }
         read_all(&Registry::default().source::<Mcap>(), "mcap", &json!({ "path": path }))

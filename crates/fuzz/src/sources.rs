@@ -53,10 +53,9 @@ pub(crate) fn read_all(registry: &Registry, kind: &str, params: &Json) -> Result
     let resolved = entry.resolve(params).map_err(|error| format!("{}: {}", error.path.join("."), error.what))?;
     entry.outputs(&resolved).map_err(told)?;
     let source = entry.open(&resolved).map_err(told)?;
-    for position in 0..source.frames().len().min(3) {
-        let key = source.key(FrameIndex(position)).map_err(told)?;
-        let read =
-            source.read(FrameIndex(position), &mut Context::new(&InlineHost, &mut Scratch::default())).map_err(told)?;
+    for position in FrameIndex::all(source.frames().len().min(3)) {
+        let key = source.key(position).map_err(told)?;
+        let read = source.read(position, &mut Context::new(&InlineHost, &mut Scratch::default())).map_err(told)?;
         assert_eq!(key, read.key, "a key is known before the frame is read");
     }
     Ok(())
