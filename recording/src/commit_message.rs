@@ -4,10 +4,10 @@ use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Warned};
 use depthloom_graphs::plan::{NodeId, PortId};
 
-/// `depthloom.Commit`: closes a frame; what stands before it and after the last one belongs to the frame.
+/// `depthloom.Commit`: closes a frame: everything between it and the commit before belongs to the frame.
 ///
-/// The CRC-32 is of all bytes of the file before the chunk that holds the record, so that a file that ends early is checked up to it.
-/// A node that is neither under `keys` nor under `failures` did not fire on the frame.
+/// The CRC-32 is of all bytes of the file before the chunk of this record, so that an unfinished file is checked up to it.
+/// A node that is neither under `keys` nor under `failures` did not run on the frame.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(crate) struct CommitMessage {
     #[prost(uint32, tag = "1")]
@@ -31,7 +31,7 @@ pub(crate) struct CommitMessage {
     pub(crate) absent: Option<AbsentMessage>,
 }
 
-/// `depthloom.Absent`: the output ports that gave nothing although their node fired.
+/// `depthloom.Absent`: the output ports without a value although their node ran.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(crate) struct AbsentMessage {
     #[prost(message, repeated, tag = "1")]
@@ -47,7 +47,7 @@ pub(crate) struct AbsentPortMessage {
     pub(crate) port: u32,
 }
 
-/// `depthloom.Warning`: what a node told of on a frame without failing; without `node`, the source.
+/// `depthloom.Warning`: a warning of a node on a frame; without `node`, of the source.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(crate) struct WarningMessage {
     #[prost(uint32, optional, tag = "1")]
@@ -119,7 +119,7 @@ impl CommitMessage {
         }
     }
 
-    /// The outputs that gave nothing although their source or node fired; `None` if the recording does not say it.
+    /// The outputs without a value although their source or node ran; `None` if the recording does not state it.
     pub(crate) fn absent(&self) -> Option<Vec<Slot>> {
         let slot = |absent: &AbsentPortMessage| {
             let port = PortId(absent.port as usize);
@@ -128,7 +128,7 @@ impl CommitMessage {
         Some(self.absent.as_ref()?.ports.iter().map(slot).collect())
     }
 
-    /// What was told of.
+    /// The warnings.
     pub(crate) fn warnings(&self) -> Vec<Warned> {
         let warnings = self.warnings.iter();
         warnings
@@ -140,12 +140,12 @@ impl CommitMessage {
             .collect()
     }
 
-    /// The key of the source's values, if it gave any; `None` if what stands there is no key.
+    /// The key of the source's values, if it gave any; `None` if the text is not a key.
     pub(crate) fn source_key(&self) -> Option<Option<Key>> {
         if self.source_key.is_empty() { Some(None) } else { Key::parse(&self.source_key).map(Some) }
     }
 
-    /// The keys of the nodes' values; `None` if one is none.
+    /// The keys of the nodes' values; `None` if one is not a key.
     pub(crate) fn keys(&self) -> Option<Vec<SlotKey>> {
         self.keys.iter().map(|of| Some(SlotKey { node: NodeId(of.node as usize), key: Key::parse(&of.key)? })).collect()
     }

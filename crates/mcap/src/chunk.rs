@@ -70,7 +70,7 @@ impl<'a> Chunk<'a> {
         if records.len() as u64 != size {
             return Err(self.damaged(format!("a chunk of {size} bytes decompresses to {}", records.len())));
         }
-        // A zero is no checksum.
+        // Zero means that there is no checksum.
         if self.header.uncompressed_crc != 0 && crc32fast::hash(records) != self.header.uncompressed_crc {
             return Err(self.damaged("a chunk's checksum differs".to_owned()));
         }

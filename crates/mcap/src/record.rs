@@ -1,4 +1,4 @@
-//! MCAP records out of bytes that may be anything, and into a buffer.
+//! MCAP records, read from untrusted bytes and written into a buffer.
 //!
 //! The types and their coding are those of the crate `mcap`. It reserves as much memory for a text as its length says, so the lengths of a record are
 //! compared with its bytes first.
@@ -60,7 +60,7 @@ layouts! {
     DataEnd DATA_END [Fixed(4)];
 }
 
-/// The record that a body begins with, and the bytes behind it; `None` if the body is not of that kind or ends before.
+/// The record that a body begins with, and the bytes after it; `None` if the body is not of that kind or ends before.
 #[must_use]
 pub fn read<R: RecordLayout>(body: &[u8]) -> Option<(R, &[u8])> {
     let mut rest = body;
@@ -80,17 +80,17 @@ pub fn read<R: RecordLayout>(body: &[u8]) -> Option<(R, &[u8])> {
     Some((record, rest))
 }
 
-/// The record of a body, if nothing is behind it.
+/// The record of a body, if nothing follows it.
 #[must_use]
 pub fn read_all<R: RecordLayout>(body: &[u8]) -> Option<R> {
     read(body).filter(|(_, rest)| rest.is_empty()).map(|(record, _)| record)
 }
 
-/// Steps over bytes behind their own length.
+/// Steps over bytes that follow their own length.
 pub fn counted<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
-    let (length, behind) = rest.split_first_chunk()?;
-    let (content, behind) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-    *rest = behind;
+    let (length, tail) = rest.split_first_chunk()?;
+    let (content, tail) = tail.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    *rest = tail;
     Some(content)
 }
 
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_text_that_ends_behind_its_record_is_refused_before_it_is_made() {
+    fn a_text_longer_than_its_record_is_refused_before_allocation() {
         let schema =
             records::SchemaHeader { id: 7, name: "std_msgs/msg/String".to_owned(), encoding: "ros2msg".to_owned() };
         let mut body = Vec::new();

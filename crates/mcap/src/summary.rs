@@ -7,7 +7,7 @@ use crate::file::PositionedFile;
 use crate::record::{RECORD_HEADER, Records, body_of, read};
 use crate::{MAGIC, MAGIC_LENGTH};
 
-/// How many bytes the footer has with its header, and the magic bytes behind it.
+/// How many bytes the footer has with its header, and the magic bytes after it.
 pub const FOOTER: u64 = RECORD_HEADER + 20 + MAGIC_LENGTH;
 
 /// How a file ends.

@@ -8,7 +8,7 @@ use depthloom_mcap::{FileError, PositionedFile, RECORD_HEADER, body_of, op, read
 pub struct AttachmentEntry {
     /// Its name.
     pub name: String,
-    /// What it holds.
+    /// Its content type.
     pub media_type: String,
     /// How many bytes it has.
     pub size: u64,
@@ -48,7 +48,7 @@ pub(crate) struct AttachmentHead {
     pub(crate) size: u64,
 }
 
-/// The head of an attachment, and the bytes behind it.
+/// The head of an attachment, and the bytes after it.
 pub(crate) fn attachment_head(body: &[u8]) -> Option<(AttachmentHead, &[u8])> {
     let (AttachmentHeader { name, media_type, .. }, rest) = read(body)?;
     let (size, rest) = rest.split_first_chunk()?;

@@ -36,15 +36,15 @@ impl Recording {
         sealed.sort_unstable();
         let mut damage = Vec::new();
         let (mut crc, mut from) = (CrcBefore::new(&self.file), 0);
-        for (place, told) in sealed {
+        for (place, stated) in sealed {
             if stop() {
                 break;
             }
-            if !crc.place(place).is_ok_and(|found| found == told) {
+            if !crc.place(place).is_ok_and(|found| found == stated) {
                 // The record of the end may be what is damaged.
                 let to = if place == data_end.0 { place + DATA_END } else { place };
                 self.find_damage(from, to, &mut damage);
-                crc.take_as_known(place, told);
+                crc.take_as_known(place, stated);
             }
             from = place;
         }

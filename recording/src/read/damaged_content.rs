@@ -1,10 +1,10 @@
-//! What a stretch of a recording held, to be said where it is damaged.
+//! The content of a damaged stretch of a recording.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::fmt;
 use std::sync::Arc;
 
-/// What a stretch of a recording held.
+/// The content of a stretch of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DamagedContent {
     /// Values of a frame.

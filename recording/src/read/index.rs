@@ -214,7 +214,7 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
 
 /// Where the summary starts, which ends with the file; `None` if the file's writer did not finish it.
 ///
-/// A bit flipped in the footer or behind it must not make a finished file look like one that was not: either the magic bytes
+/// A bit flipped in the footer or after it must not make a finished file look like one that was not: either the magic bytes
 /// or a footer are enough for one that was.
 fn summary_start(file: &PositionedFile) -> Result<Option<u64>, FileError> {
     let Some(FileEnd { offset, footer, has_magic }) = file_end(file)? else { return Ok(None) };

@@ -18,7 +18,7 @@ use crate::read::attachment::AttachmentEntry;
 use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, Index, MetadataEntry};
-use crate::read::recovery_scan::{Walked, walk};
+use crate::read::recovery_scan::{Scanned, scan};
 use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA};
 use depthloom_mcap::{FileError, PositionedFile, begins_as_mcap};
 
@@ -229,14 +229,14 @@ impl Found {
         file: &PositionedFile,
         damage: Option<(u64, String)>,
     ) -> Result<(Self, Condition), RecordingError> {
-        let Walked { index, condition } = walk(file)?;
+        let Scanned { index, condition } = scan(file)?;
         let condition = match (condition, damage) {
             (Condition::Unfinished { .. }, Some((offset, what))) => Condition::Damaged { offset, what, cut: false },
             (condition, _) => condition,
         };
         match (Self::of(file, index), &condition) {
             (Ok(found), _) => Ok((found, condition)),
-            // Without a plan there is nothing to read, and why is what the walk stumbled over.
+            // Without a plan there is nothing to read, and why is what stopped the scan.
             (Err(RecordingError::NotARecording { .. }), Condition::Damaged { offset, what, .. }) => {
                 Err(file.damaged(*offset, what).into())
             }

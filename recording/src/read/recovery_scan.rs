@@ -1,7 +1,7 @@
-//! Where things lie in a recording without a sound summary: from a walk over its records.
+//! The index of a recording without an intact summary, from a scan of its records.
 //!
-//! Commit records, metadata records and the end of the data hold the CRC-32 of all bytes before them. What stands before one of
-//! them that agrees is what was written, and is kept; what stands behind the last is kept by nothing.
+//! Commit records, metadata records and the end of the data contain the CRC-32 of all bytes before them. Where it agrees, those bytes are what
+//! was written, and are kept; bytes after the last such record are dropped.
 
 use depthloom_mcap::records::{Channel, ChunkHeader, SchemaHeader};
 use depthloom_mcap::{
@@ -25,13 +25,13 @@ const HEAD: u64 = 1 << 16;
 /// The most bytes a record may have that is no attachment: a chunk that was not compressed, and what surrounds it.
 const LARGEST_RECORD: u64 = LARGEST_CHUNK + 1024;
 
-/// What a walk found.
-pub(crate) struct Walked {
+/// The result of a scan.
+pub(crate) struct Scanned {
     pub(crate) index: Index,
     pub(crate) condition: Condition,
 }
 
-/// How a walk ends.
+/// How a scan ends.
 enum End {
     /// At the end of the data: all of it is what was written.
     Data,
@@ -48,8 +48,8 @@ impl<E: Into<RecordingError>> From<E> for End {
 }
 
 /// Walks over the records up to the first that is cut or damaged.
-pub(crate) fn walk(file: &PositionedFile) -> Result<Walked, RecordingError> {
-    let mut walk = Walk {
+pub(crate) fn scan(file: &PositionedFile) -> Result<Scanned, RecordingError> {
+    let mut scan = Scan {
         file,
         window: Window::new(file),
         crc: CrcBefore::new(file),
@@ -62,15 +62,15 @@ pub(crate) fn walk(file: &PositionedFile) -> Result<Walked, RecordingError> {
         rest_from: MAGIC_LENGTH,
     };
     let mut end = loop {
-        if let Err(end) = walk.step() {
+        if let Err(end) = scan.step() {
             break end;
         }
     };
     if matches!(end, End::Cut) {
-        end = walk.check_the_rest().err().map_or(End::Cut, End::from);
+        end = scan.check_the_rest().err().map_or(End::Cut, End::from);
     }
-    let rest_bytes = file.size - walk.rest_from;
-    walk.drop_the_rest();
+    let rest_bytes = file.size - scan.rest_from;
+    scan.drop_the_rest();
     let condition = match end {
         End::Data | End::Cut => Condition::Unfinished { rest_bytes },
         End::Error(RecordingError::File(FileError::Damaged { offset, what, .. })) => {
@@ -78,7 +78,7 @@ pub(crate) fn walk(file: &PositionedFile) -> Result<Walked, RecordingError> {
         }
         End::Error(error) => return Err(error),
     };
-    Ok(Walked { index: walk.index, condition })
+    Ok(Scanned { index: scan.index, condition })
 }
 
 /// How much of an index is what was written.
@@ -92,7 +92,7 @@ struct Kept {
     later_channels: Vec<u16>,
 }
 
-struct Walk<'a> {
+struct Scan<'a> {
     file: &'a PositionedFile,
     window: Window<'a>,
     crc: CrcBefore<'a>,
@@ -102,13 +102,13 @@ struct Walk<'a> {
     /// A chunk whose message indexes come: start, length, channels.
     chunk: Option<(u64, u64, Vec<u16>)>,
     at: u64,
-    /// Everything before is what was written.
+    /// All bytes before are what was written.
     sound_to: u64,
-    /// There, or behind the message index of a commit that ends there.
+    /// There, or after the message index of a commit that ends there.
     rest_from: u64,
 }
 
-/// A record that the walk has come to.
+/// The record that the scan has reached.
 #[derive(Clone, Copy)]
 struct Here {
     at: u64,
@@ -121,14 +121,14 @@ struct Here {
 }
 
 impl Here {
-    /// Goes on only if the whole record is there.
+    /// Continues only if the whole record is there.
     const fn whole(self) -> Result<(), End> {
         if self.is_cut { Err(End::Cut) } else { Ok(()) }
     }
 }
 
-impl Walk<'_> {
-    /// Goes one record on.
+impl Scan<'_> {
+    /// Reads one record.
     fn step(&mut self) -> Result<(), End> {
         let at = self.at;
         let RecordPlace { opcode, body, length } = self.window.record(at)?.ok_or(End::Cut)?;
@@ -157,9 +157,9 @@ impl Walk<'_> {
             op::ATTACHMENT => self.attachment(here)?,
             op::METADATA => self.metadata(here)?,
             op::DATA_END => {
-                let told = self.window.at(body, length)?.and_then(|crc| crc.first_chunk()).ok_or(End::Cut)?;
-                let told = u32::from_le_bytes(*told);
-                self.agree(at, told)?;
+                let stated = self.window.at(body, length)?.and_then(|crc| crc.first_chunk()).ok_or(End::Cut)?;
+                let stated = u32::from_le_bytes(*stated);
+                self.agree(at, stated)?;
                 self.keep(end);
                 return Err(End::Data);
             }
@@ -279,7 +279,7 @@ impl Walk<'_> {
     }
 
     fn metadata(&mut self, here: Here) -> Result<(), End> {
-        if metadata_length(self.head(here)?).is_some_and(|told| told != here.length) {
+        if metadata_length(self.head(here)?).is_some_and(|stated| stated != here.length) {
             return Err(self.damaged(here.at, "the sizes of a metadata record contradict each other"));
         }
         let body = self.window.at(here.body, here.length)?.ok_or(End::Cut)?;
@@ -290,7 +290,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Takes the commit record in a chunk, and with it all that stands before.
+    /// Keeps the commit record in a chunk, and with it everything before.
     fn commit(&mut self, start: u64, end: u64, channel: u16) -> Result<(), FileError> {
         let channels = self.index.channel_list(vec![channel]);
         let chunk = ChunkEntry { start, length: end - start, end, channels };
@@ -310,9 +310,9 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Compares what stands before a place with the checksum told of it there.
-    fn agree(&mut self, at: u64, told: u32) -> Result<(), FileError> {
-        if self.crc.place(at)? == told {
+    /// Compares the bytes before a place with the checksum that is stated there.
+    fn agree(&mut self, at: u64, stated: u32) -> Result<(), FileError> {
+        if self.crc.place(at)? == stated {
             return Ok(());
         }
         let what = format!("between there and byte {at} something is not what was written");
@@ -346,8 +346,8 @@ impl Walk<'_> {
         }
     }
 
-    /// Tells a file whose writer stopped from one that is damaged where the walk stopped: all that stands behind the last
-    /// commit must be a beginning of what would have been written.
+    /// Distinguishes a file whose writer stopped from one that is damaged where the scan stopped: everything after the last commit must be a
+    /// beginning of what would have been written.
     fn check_the_rest(&mut self) -> Result<(), FileError> {
         // Where the file is cut among a chunk's message indexes, its last channels are missing.
         let unindexed = self.chunk.take().map(|(start, length, _)| {
@@ -363,9 +363,9 @@ impl Walk<'_> {
             })?;
             seen.sort_unstable();
             seen.dedup();
-            let told =
+            let is_right =
                 if is_indexed { seen == *chunk.channels } else { seen.iter().all(|id| chunk.channels.contains(id)) };
-            if !told {
+            if !is_right {
                 let what = "a chunk holds other channels than its message indexes say";
                 return Err(self.file.damaged(chunk.start, what));
             }
@@ -382,7 +382,7 @@ impl Walk<'_> {
         }
     }
 
-    /// The first place behind one where a whole head of a chunk stands.
+    /// The first place after `at` where a complete chunk header is.
     fn chunk_behind(&mut self, at: u64) -> Result<Option<u64>, FileError> {
         const BLOCK: u64 = 1 << 20;
         const LONGEST: u64 = RECORD_HEADER + LONGEST_CHUNK_HEADER;
@@ -394,12 +394,13 @@ impl Walk<'_> {
                 if bytes[place] != op::CHUNK {
                     continue;
                 }
-                let Some((_, told)) = record_header(&bytes[place..]) else { break };
+                let Some((_, stated)) = record_header(&bytes[place..]) else { break };
                 let body = &bytes[place + RECORD_HEADER as usize..];
                 let head = read::<ChunkHeader>(&body[..body.len().min(LONGEST_CHUNK_HEADER as usize)]);
                 if head.is_some_and(|(head, _)| {
                     let before = LONGEST_CHUNK_HEADER - 4 + head.compression.len() as u64;
-                    matches!(&*head.compression, "" | "zstd") && before.checked_add(head.compressed_size) == Some(told)
+                    matches!(&*head.compression, "" | "zstd")
+                        && before.checked_add(head.compressed_size) == Some(stated)
                 }) {
                     return Ok(Some(from + place as u64));
                 }

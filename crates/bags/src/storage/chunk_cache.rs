@@ -8,7 +8,7 @@ use depthloom_threads::locked;
 /// The most bytes that are kept of a bag, however many files it has; a chunk that is larger is kept alone.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// A chunk, as soon as somebody has decompressed it. Who wants the same one waits for them.
+/// A chunk, once one thread has decompressed it. Other threads that need it wait.
 type Slot = Arc<Mutex<Option<Arc<Vec<u8>>>>>;
 
 /// A chunk of a bag: its file, and its place there.
@@ -27,12 +27,12 @@ impl ChunkCache {
         read: impl FnOnce() -> Result<Vec<u8>, E>,
     ) -> Result<Arc<Vec<u8>>, E> {
         let slot = self.slot(chunk, size);
-        let mut held = locked(&slot);
-        if let Some(records) = &*held {
+        let mut kept = locked(&slot);
+        if let Some(records) = &*kept {
             return Ok(Arc::clone(records));
         }
         let records = Arc::new(read()?);
-        *held = Some(Arc::clone(&records));
+        *kept = Some(Arc::clone(&records));
         Ok(records)
     }
 

@@ -1,4 +1,4 @@
-//! What an MCAP file says it holds, by the summary at its end.
+//! The content of an MCAP file, by the summary at its end.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ pub struct Unindexed {
     pub place: super::message::Place,
 }
 
-/// What a file holds.
+/// The content of a file.
 #[derive(Default)]
 pub struct Index {
     pub channels: BTreeMap<u16, Channel>,
@@ -85,7 +85,7 @@ pub fn summary(file: &PositionedFile) -> Result<Option<Index>, String> {
         return Ok(None);
     }
     match end.checked_sub(start) {
-        None => return Err("it is said to begin behind its end".to_owned()),
+        None => return Err("it starts after its end".to_owned()),
         Some(length) if length > MOST_SUMMARY => return Err(format!("it is longer than {MOST_SUMMARY} bytes")),
         Some(_) => {}
     }

@@ -147,7 +147,7 @@ impl McapFile {
         Ok(records)
     }
 
-    /// Reads a chunk that is not compressed once for its checksum: no other way a flipped bit of its messages is seen.
+    /// Reads a chunk that is not compressed once, to compare its checksum: nothing else detects a flipped bit in its messages.
     fn check(&self, chunk: usize) -> Result<(), FileError> {
         let sound = || locked(&self.sound);
         if !sound().contains(&chunk) {
@@ -164,18 +164,18 @@ impl McapFile {
             Place::Chunk { chunk, channel, offset } => (chunk, channel, offset),
             Place::Row(_) => unreachable!("rows are SQLite's"),
         };
-        let of = &self.index.chunks[chunk];
-        if of.compression.is_empty() {
+        let place = &self.index.chunks[chunk];
+        if place.compression.is_empty() {
             self.check(chunk)?;
             let (offset, length) = self.bytes_in_chunk(chunk, channel, offset)?;
             return Ok(self.file.range(offset, length, MOST_BYTES)?);
         }
-        let size = of.uncompressed_size.min(MOST_CHUNK);
+        let size = place.uncompressed_size.min(MOST_CHUNK);
         let records = self.cache.get((self.number, chunk), size, || self.decompressed(chunk))?;
         let stored = usize::try_from(offset).ok().and_then(|offset| records.get(offset..));
         match stored.and_then(|record| body_of(op::MESSAGE, record)).and_then(message) {
             Some(Stored { channel: found, data, .. }) if found == channel => Ok(data.to_vec()),
-            _ => Err(no_message(&self.file, of.chunk_start_offset, offset).into()),
+            _ => Err(no_message(&self.file, place.chunk_start_offset, offset).into()),
         }
     }
 
@@ -208,7 +208,7 @@ impl McapFile {
             locked(&unpacked).push((tile, wanted, read));
         });
         let mut unpacked = into_unlocked(unpacked);
-        // The first fault, whoever came first.
+        // The first fault in the order of the chunks.
         unpacked.sort_unstable_by_key(|(tile, _, _)| *tile);
         for (_, wanted, read) in unpacked {
             for ((_, number), head) in wanted.into_iter().zip(read?) {

@@ -1,4 +1,4 @@
-//! An MCAP file record by record: what a writer that was cut off left, or one that keeps no index. Messages are stepped over.
+//! An MCAP file record by record: for files that were cut off, or have no index. Messages are stepped over.
 
 use depthloom_mcap::records::{ChunkHeader, ChunkIndex};
 use depthloom_mcap::{

@@ -20,7 +20,7 @@ pub const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 const MOST_TOPICS: i64 = 100_000;
 const MOST_MESSAGES: i64 = 400_000_000 / size_of::<Message>() as i64;
 
-/// The most connections that are kept while nobody uses them: a bag may have many files.
+/// The most unused connections that are kept: a bag may have many files.
 const MOST_IDLE: usize = 4;
 
 pub struct SqliteFile {
@@ -33,7 +33,7 @@ pub struct SqliteFile {
 
 impl SqliteFile {
     pub fn open(path: &Path) -> Result<Self, Fault> {
-        // A pipe or a device is no database.
+        // A pipe or a device is not a database.
         drop(
             regular_file::open(path)
                 .map_err(|error| Fault::new(format!("failed to open {}", path.display())).because(error))?,
@@ -75,7 +75,7 @@ impl SqliteFile {
         Fault::new(format!("{}: {what}", self.path.display())).because(error.to_string()).remedy(COPY_AGAIN)
     }
 
-    /// A connection that nobody uses, or a new one.
+    /// An unused connection, or a new one.
     fn connection(&self) -> Result<Connection, Fault> {
         if let Some(connection) = locked(&self.connections).pop() {
             return Ok(connection);
@@ -83,7 +83,7 @@ impl SqliteFile {
         let failed = |error| self.fault("failed to open the database", error);
         let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(uri(&self.path)?, flags).map_err(failed)?;
-        // What stands in a stranger's schema is run by nobody.
+        // Code in the schema of an untrusted file is never run.
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true).map_err(failed)?;
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false).map_err(failed)?;
         Ok(connection)
@@ -201,7 +201,7 @@ fn unwritten(path: &Path) -> Option<Warning> {
     })
 }
 
-/// The file as SQLite's URI: read alone, and said not to change, so that no file beside it is looked for.
+/// The file as SQLite's URI: read-only and immutable, so that SQLite looks for no other file.
 fn uri(path: &Path) -> Result<String, Fault> {
     let name = |path: &Path| path.to_str().map(str::to_owned);
     let absolute = std::path::absolute(path).ok().and_then(|path| name(&path));
