@@ -46,9 +46,7 @@ impl Table {
             "{name} has a column that an axis may have the name of"
         );
         let units = self.in_files().filter_map(|column| Some((column.name.as_str(), column.unit?)));
-        let mut all = file_metadata(name, run, units);
-        all.extend(self.metadata.iter().map(|(name, text)| ((*name).to_owned(), text.clone())));
-        all
+        file_metadata(name, run, units)
     }
 
     /// By column, whether it has levels that are all whole numbers.

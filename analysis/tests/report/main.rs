@@ -3,4 +3,3 @@
 mod fixture;
 mod page;
 mod report;
-mod unchanged;
