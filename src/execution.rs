@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_analysis::{ReportOptions, SAMPLES, Summary, plan_key};
+use depthloom_analysis::{Prepared, ReportOptions, SAMPLES, SamplingTap, Summary, plan_key};
 use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::{NodeId, Plan, RunId};
@@ -93,12 +93,15 @@ pub fn carry_out(
         (options.workers, options.window) = (*workers, Some(*window));
     }
 
-    let recorded = record(ready, &plan, args, &options, &folder, begun, interrupt, remote);
-    let Recorded { failed, warnings, checkpoints, reused, has_printed } = match recorded {
+    let stopped = || interrupt.stops_admission();
+    let partial = folder.partial.clone();
+    let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, interrupt, &stopped, remote);
+    let Recorded { failed, warnings, checkpoints, reused, prepared, has_printed } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, remote.is_some())),
     };
-    let finished = finish(args, &folder, interrupt, || environment::describe(options.workers, options.window, &read));
+    let finished =
+        finish(args, &folder, prepared, interrupt, || environment::describe(options.workers, options.window, &read));
     let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
         let partial = folder.partial.display();
         stop.also(format!("the recording is whole: `depthloom report {partial}` makes its tables"))
@@ -325,7 +328,7 @@ impl Reusable {
 }
 
 /// A complete recording.
-struct Recorded {
+struct Recorded<'a> {
     /// How many values were reused, and of which runs.
     reused: Reused,
     /// How many frames failed.
@@ -334,6 +337,8 @@ struct Recorded {
     warnings: Vec<String>,
     /// What is removed once the run is complete.
     checkpoints: Checkpoints,
+    /// What the report need not read from the recording.
+    prepared: Prepared<'a>,
     /// Whether programs wrote to standard error.
     has_printed: bool,
 }
@@ -355,16 +360,17 @@ fn write_printed(folder: &RunFolder) -> Result<(bool, Vec<String>), CliError> {
 
 /// Runs the frames, closes the recording, and prints the warnings.
 #[expect(clippy::too_many_arguments, reason = "each is another thing, and they meet here alone")]
-fn record(
+fn record<'a>(
     ready: Ready,
     plan: &Plan,
     args: &RunArgs,
     options: &Options,
-    folder: &RunFolder,
+    (folder, partial): (&RunFolder, &'a Path),
     begun: Reusable,
     interrupt: &Interrupt,
+    stopped: &'a (dyn Fn() -> bool + Sync),
     remote: Option<&RemoteNodes<'_>>,
-) -> Result<Recorded, EarlyEnd> {
+) -> Result<Recorded<'a>, EarlyEnd> {
     let Reusable { begun, earlier } = begun;
     let earlier = Arc::new(earlier);
     let recorder = match &begun {
@@ -389,9 +395,15 @@ fn record(
         tell(args, &[format!("made afresh what {partial} held behind byte {offset}: {what}")]);
     }
     let progress = Progress::new(plan, is_silent(args));
+    // What is wrong with the scores the report says when the frames are safe.
+    let sampling = SamplingTap::new(&recorder, plan, partial, &report_options(args), stopped).ok();
     let watch = Both(&progress, remote.map_or(&Unwatched, |remote| remote.observer));
-    let ran = depthloom_runner::run(ready, &recorder, options, &watch, interrupt);
+    let ran = match &sampling {
+        Some(sampling) => depthloom_runner::run(ready, sampling, options, &watch, interrupt),
+        None => depthloom_runner::run(ready, &recorder, options, &watch, interrupt),
+    };
     let printed = write_printed(folder);
+    let sampled = sampling.and_then(SamplingTap::finish);
     // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
     let finished = match &ran {
         Ok(ran) if !ran.interrupted => recorder.finish(&[]),
@@ -418,7 +430,8 @@ fn record(
     if let (Some(text), false) = (reused.text(), is_silent(args)) {
         say(text);
     }
-    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.output(), has_printed })
+    let prepared = Prepared { sampled, reports: reuse::reports(&earlier, options.audit) };
+    Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.output(), prepared, has_printed })
 }
 
 /// Two observers of a run.
@@ -490,13 +503,14 @@ struct Finished {
 fn finish(
     args: &RunArgs,
     folder: &RunFolder,
+    prepared: Prepared<'_>,
     interrupt: &Interrupt,
     environment: impl FnOnce() -> Environment,
 ) -> Result<Finished, CliError> {
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
-    let report = analyse(&recording, &folder.partial, &report_options(args), interrupt)?;
+    let report = analyse(&recording, &folder.partial, &report_options(args), prepared, interrupt)?;
     if args.samples {
         samples::write(&recording, &folder.file(SAMPLES), is_silent(args), interrupt)?;
     }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use depthloom_analysis::{
-    AnalysisError, CurveEnd, PAGE, RecordingCondition, ReportOptions, SAMPLES, Summary, TableRow,
+    AnalysisError, CurveEnd, PAGE, Prepared, RecordingCondition, ReportOptions, SAMPLES, Summary, TableRow, report_with,
 };
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
@@ -47,18 +47,19 @@ pub fn no_pixel_counted(report: &Summary) -> Option<CliError> {
     report.no_pixel_counted.then(|| CliError::new(ExitCode::FrameFailures, "not one pixel was scored"))
 }
 
-/// Analyses a recording until it is done or asked to stop.
+/// Analyses a recording until it is done or asked to stop. What is prepared is not computed again.
 pub fn analyse(
     recording: &Recording,
     folder: &Path,
     options: &ReportOptions,
+    prepared: Prepared<'_>,
     interrupt: &Interrupt,
 ) -> Result<Summary, CliError> {
     let interrupted = || CliError::new(ExitCode::Interrupted, "interrupted while analysing");
     if interrupt.stops_admission() {
         return Err(interrupted());
     }
-    let report = depthloom_analysis::report(recording, folder, options, &|| interrupt.stops_admission());
+    let report = report_with(recording, folder, options, prepared, &|| interrupt.stops_admission());
     report.map_err(|error| match error {
         AnalysisError::Stopped => interrupted(),
         error => {

@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 
 use depthloom_figures::{Bin, Layout, Place, Scale, Sheet, Spread, SpreadFigure};
 
+use crate::distance::{DistanceBin, Spread as BinSpread};
 use crate::estimators::Estimator;
 use crate::figures::THIN;
-use crate::query::distance::{DistanceBin, Spread as BinSpread};
 
 /// What the figure shows.
 pub(crate) struct Figure<'a> {

@@ -1,7 +1,7 @@
 //! Everything a run's folder says of its recording.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use depthloom_graphs::plan::RunId;
 use depthloom_graphs::{Key, counted};
@@ -9,6 +9,7 @@ use depthloom_recording::Recording;
 
 use crate::ablation::{Ablation, Ranking, ScoreTable, Selection, TableRow, source_of};
 use crate::curves::{CurveEnd, LearningCurve, figure as figure_of, learning_curves, table_of_points};
+use crate::distance::{DistanceBin, FARTHEST_M, Origin, inputs, table_of_bins};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
@@ -16,11 +17,12 @@ use crate::files::Output;
 use crate::input::condition::{self, Findings, RecordingCondition};
 use crate::input::maps::{not_recorded, sparsely_kept};
 use crate::input::unscored::Unscored;
-use crate::query::distance::{DistanceBin, Distances, FARTHEST_M, distances};
-use crate::reading;
+use crate::reading::{self, Distances};
+use crate::sampling::Sampled;
 use crate::scores::{incomplete_frames, table_of_scores};
 use crate::statistics::Resampling;
 use crate::tables::{Table, plan_key};
+use crate::unchanged;
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
@@ -43,14 +45,14 @@ pub struct ReportOptions {
     pub intervals: Option<Resampling>,
     /// Whether bytes are checked, too, that no number comes from.
     pub check_every_byte: bool,
-    /// How many samples of the error against distance are held in memory at most, of 4 to 8 bytes. Where an estimator has more, they are read
-    /// from a temporary file more than once; the numbers are the same to the bit.
+    /// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each. What is more lies in a
+    /// temporary file meanwhile; the numbers are the same to the bit.
     pub samples_in_memory: usize,
 }
 
 impl Default for ReportOptions {
     /// Without the paper's numbers; what is read is checked; 8 MiB of samples at worst: few, so that memory is the same from the first
-    /// hundred frames on.
+    /// hundred frames on (beyond, a file costs about as much time).
     fn default() -> Self {
         Self { paper: false, intervals: None, check_every_byte: false, samples_in_memory: 1 << 20 }
     }
@@ -113,17 +115,45 @@ pub fn report(
     options: &ReportOptions,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Summary, AnalysisError> {
-    caught(|| analyse(recording, options, Output { folder, stop }))
+    report_with(recording, folder, options, Prepared::default(), stop)
 }
 
-fn analyse(recording: &Recording, options: &ReportOptions, output: Output<'_>) -> Result<Summary, AnalysisError> {
+/// What a run has at hand when its recording is finished, and its report need not compute from the recorded maps.
+#[derive(Default)]
+pub struct Prepared<'a> {
+    /// Samples that were taken while frames were recorded.
+    pub sampled: Option<Sampled<'a>>,
+    /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is taken from their reports.
+    pub reports: Vec<PathBuf>,
+}
+
+/// As [`report`], with the same result. What is [prepared](Prepared) is not computed again.
+///
+/// # Errors
+/// As [`report`].
+pub fn report_with(
+    recording: &Recording,
+    folder: &Path,
+    options: &ReportOptions,
+    prepared: Prepared<'_>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Summary, AnalysisError> {
+    caught(|| analyse(recording, options, Output { folder, stop }, prepared))
+}
+
+fn analyse(
+    recording: &Recording,
+    options: &ReportOptions,
+    output: Output<'_>,
+    prepared: Prepared<'_>,
+) -> Result<Summary, AnalysisError> {
     let plan = recording.plan();
     let estimators = estimators(plan)?;
     let mut written = Vec::new();
     let Scored { table, scored, unscored, incomplete } = write_scores(recording, &estimators, options, output)?;
     written.extend(scored.then_some("scores.*"));
     written.extend(table.is_some().then_some("table.*"));
-    let found = write_distances(recording, &estimators, options, output)
+    let found = write_distances(recording, &estimators, options, output, prepared)
         .map_err(|error| error.but_whole(&written, output.folder))?;
     let (distances, truth) = (!found.bins.is_empty(), found.truth_of_all());
     let Distances { bins, beyond, .. } = found;
@@ -248,12 +278,20 @@ fn write_distances(
     estimators: &[Estimator],
     options: &ReportOptions,
     output: Output<'_>,
+    Prepared { sampled, reports }: Prepared<'_>,
 ) -> Result<Distances, AnalysisError> {
-    let distances = distances(recording, estimators, options.samples_in_memory, output)?;
+    let inputs = inputs(recording, estimators)?;
+    let in_memory = options.samples_in_memory;
+    let distances = match unchanged::distances(recording, estimators, &inputs, &reports, in_memory, output)? {
+        Some(distances) => distances,
+        None => reading::distances(recording, estimators, in_memory, output, sampled.map(|sampled| sampled.0))?,
+    };
     if distances.bins.is_empty() {
         return Ok(distances);
     }
-    output.write_table("error_vs_distance", &plan_key(recording.plan()), &distances.table(estimators))?;
+    let origin = Origin::new(&distances.bins, &inputs, &distances.beyond);
+    let table = table_of_bins(&distances.bins, estimators, &origin);
+    output.write_table("error_vs_distance", &plan_key(recording.plan()), &table)?;
     output.write_csv("true_distances.csv", &distances.table_of_truth(recording.plan()))?;
     let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth_of_all() };
     output.write("error_vs_distance.svg", render(&figure).as_bytes())?;

@@ -71,6 +71,8 @@ pub struct Table {
     /// The rows at which text shows columns that have one value for several rows.
     pub(crate) starts: Vec<usize>,
     pub(crate) notes: Vec<String>,
+    /// What the metadata of its Parquet file has besides the usual: names and texts.
+    pub(crate) metadata: Vec<(&'static str, String)>,
 }
 
 impl Table {

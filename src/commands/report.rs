@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_analysis::{ReportOptions, Resampling};
+use depthloom_analysis::{Prepared, ReportOptions, Resampling};
 use depthloom_recording::Recording;
 use depthloom_runs::{models, recording_of, run_folder};
 use depthloom_terminal::{CliError, ExitCode, print};
@@ -48,7 +48,7 @@ pub fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
     }
     let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
     let options = ReportOptions { paper: args.paper, intervals, check_every_byte: true, ..ReportOptions::default() };
-    let report = analyse(&recording, &out, &options, &interrupt)?;
+    let report = analyse(&recording, &out, &options, Prepared::default(), &interrupt)?;
     let but_whole = |stop: CliError| stop.also(format!("tables and plots are whole in {}", out.display()));
     models::write(&recording, &out).map_err(but_whole)?;
     if !args.page.no_page {

@@ -68,6 +68,7 @@ fn assert_equal(ours: &BTreeMap<OsString, Vec<u8>>, theirs: &BTreeMap<OsString, 
     }
 }
 
+/// What a run samples while it records is what a report of its recording finds, though some frames or values were not at hand.
 #[test]
 fn a_run_and_a_report_of_its_recording_give_the_same_files() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -11,10 +11,10 @@ use serde_json::{Map, Value as Json, json};
 
 use super::choice;
 use crate::ablation::{Ablation, ScoreTable, Selection, effects_table, paper_number, zones_table};
+use crate::distance::{DistanceBin, Spread};
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
 use crate::input::paper::paper_scores;
-use crate::query::distance::{DistanceBin, Spread};
 use crate::report::Found;
 use crate::scores::FrameScore;
 use crate::tables::{RowKeys, plan_key, variant_of};

@@ -46,7 +46,9 @@ impl Table {
             "{name} has a column that an axis may have the name of"
         );
         let units = self.in_files().filter_map(|column| Some((column.name.as_str(), column.unit?)));
-        file_metadata(name, run, units)
+        let mut all = file_metadata(name, run, units);
+        all.extend(self.metadata.iter().map(|(name, text)| ((*name).to_owned(), text.clone())));
+        all
     }
 
     /// By column, whether it has levels that are all whole numbers.

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
 use depthloom_graphs::plan::{
     Estimate, FrameIndex, NodeId, PartId, Plan, PlannedNode, PlannedOutput, PlannedSource, PortId, Record, RunId,
     SourcePart, StageRun, VariantId,
@@ -18,6 +18,8 @@ use serde_json::json;
 pub const SIZE: (u32, u32) = (40, 30);
 /// How many frames; the last has no truth, on the one before it `b/mono` failed.
 pub const FRAMES: u64 = 9;
+/// How many frames have a value of every estimator.
+const COMPLETE: u64 = FRAMES - 2;
 /// The estimators as the plan has them: label, name, variant, pixel sets.
 pub const ESTIMATORS: [(&str, &str, Option<usize>, &[PixelSet]); 3] = [
     ("a/mono", "mono", Some(0), &[PixelSet::All]),
@@ -205,15 +207,41 @@ fn record_with(path: &Path, plan: &Plan, fails: bool) {
     recorder.finish(&[]).unwrap();
 }
 
+/// Records frames that have a value of every estimator and the cache keys of all values; `change` changes truth and estimates.
+pub fn record_complete(path: &Path, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) {
+    let recorder = Recorder::create(path, plan).unwrap();
+    for index in 0..COMPLETE {
+        let mut maps = maps(index);
+        change(&mut maps);
+        let key = |map: &[f32]| {
+            let bytes: Vec<u8> = map.iter().flat_map(|metres| metres.to_le_bytes()).collect();
+            Key::build("map").number(index).bytes(&bytes).finish()
+        };
+        let estimates = maps[1..].iter().enumerate();
+        let keys: Vec<SlotKey> = estimates.map(|(node, map)| SlotKey { node: NodeId(node), key: key(map) }).collect();
+        record_maps(&recorder, RunId(0), (index, &maps), (Some(key(&maps[0])), &keys), false);
+    }
+    recorder.finish(&[]).unwrap();
+}
+
 fn record_frame(recorder: &Recorder, run: RunId, index: u64, fails: bool) {
     let source_key = Some(Key::build("source").number(index).finish());
-    let maps = maps(index);
+    record_maps(recorder, run, (index, &maps(index)), (source_key, &[]), fails);
+}
+
+fn record_maps(
+    recorder: &Recorder,
+    run: RunId,
+    (index, maps): (u64, &[Vec<f32>; 4]),
+    (source_key, keys): (Option<Key>, &[SlotKey]),
+    fails: bool,
+) {
     let frame = Frame::at_10_hz(format!("{index:06}_10"), index);
     let depth = |metres: &[f32]| -> Value {
         Depth { metres: Raster::from_raw(SIZE.0, SIZE.1, metres.to_vec()).unwrap() }.into()
     };
-    let [truth, estimates @ ..] = &maps;
-    let rows = rows_of(&maps);
+    let [truth, estimates @ ..] = maps;
+    let rows = rows_of(maps);
     let mut values = Vec::new();
     if has_truth(index) {
         values.push((Slot::Source { port: PortId(0) }, depth(truth)));
@@ -234,9 +262,6 @@ fn record_frame(recorder: &Recorder, run: RunId, index: u64, fails: bool) {
     let failures: Vec<Failure> =
         failed.map(|node| Failure { node: Some(NodeId(node)), what: "failed".to_owned() }).collect();
     recorder
-        .write(
-            &Commit { run, frame: &frame, source_key, keys: &[], failures: &failures, absent: &[], warnings: &[] },
-            parts,
-        )
+        .write(&Commit { run, frame: &frame, source_key, keys, failures: &failures, absent: &[], warnings: &[] }, parts)
         .unwrap();
 }

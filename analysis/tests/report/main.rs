@@ -3,3 +3,4 @@
 mod fixture;
 mod page;
 mod report;
+mod unchanged;

@@ -216,28 +216,6 @@ fn samples_that_memory_does_not_hold_change_no_byte() {
     }
 }
 
-/// Estimates of one ground truth with several bounds: the pixels of all of them are counted in `true_distances.csv`, whichever is read first.
-#[test]
-fn bounds_of_single_estimates_count_their_pixels() {
-    let truth = |plan: &Plan| {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("recording.mcap");
-        fixture::record(&path, plan);
-        report(&Recording::open(&path).unwrap(), folder.path(), &ReportOptions::default(), &|| false).unwrap();
-        fs::read(folder.path().join("true_distances.csv")).unwrap()
-    };
-    let of_all = truth(&fixture::plan(1, true));
-    for estimator in ["a/mono", "stereo"] {
-        for (bound, metres) in [("max_m", 40.0), ("min_m", 10.0)] {
-            let mut plan = fixture::plan(1, true);
-            let name = format!("score_{estimator}");
-            let node = plan.runs[0].nodes.iter_mut().find(|node| node.name == name).unwrap();
-            node.params[bound] = metres.into();
-            assert_eq!(truth(&plan), of_all, "{estimator} {bound}");
-        }
-    }
-}
-
 #[test]
 fn learning_curves_are_those_that_were_recorded() {
     let folder = tempfile::tempdir().unwrap();

@@ -9,7 +9,7 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, Plan, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Frame, Key, chain, counted};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
-use depthloom_runner::{KeptValues, Report};
+use depthloom_runner::{Audit, KeptValues, Report};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -103,6 +103,15 @@ pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
 /// How many frames a recording holds, over all stage runs.
 pub fn frames(recording: &Recording) -> u64 {
     RunId::all(recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
+}
+
+/// The folders of the runs whose values were reused: this run's report can reuse parts of theirs. Empty if everything that is reused is computed
+/// again.
+pub fn reports(earlier: &EarlierRuns, audit: Audit) -> Vec<PathBuf> {
+    match audit {
+        Audit::All => Vec::new(),
+        Audit::Sample | Audit::None => earlier.taken().filter_map(|path| path.parent().map(Path::to_owned)).collect(),
+    }
 }
 
 /// The earlier runs that cannot be read, of which nothing is taken.

@@ -22,7 +22,6 @@ mod metric;
 mod params;
 mod pixels;
 mod preset;
-pub mod quantile;
 mod row;
 mod score;
 mod settings;

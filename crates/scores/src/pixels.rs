@@ -1,6 +1,8 @@
 //! Which pixels of a frame are scored.
 
-use crate::quantile::median;
+use std::cmp::Ordering;
+use std::ops::Range;
+
 use crate::{Align, Settings};
 
 /// The pixels of a frame whose truth is scored: found once, used for every estimate of the frame.
@@ -44,6 +46,27 @@ impl ScoredPixels {
         Self { at, truth_m: truths, of: truth_m.len() }
     }
 
+    /// The same pixels by whole metres of their truth, within a metre as they were; what is `farthest_m` away or farther comes last,
+    /// as one metre. For what depends on no order: sums do, in their last bits.
+    #[must_use]
+    pub fn by_metre(&self, farthest_m: u32) -> Self {
+        let metre = |t: f32| (t as u32).min(farthest_m) as usize;
+        let mut next = vec![0; farthest_m as usize + 2];
+        self.truth_m.iter().for_each(|&t| next[metre(t) + 1] += 1);
+        let mut before = 0;
+        for place in &mut next {
+            before += *place;
+            *place = before;
+        }
+        let mut sorted = Self { at: vec![0; self.len()], truth_m: vec![0.0; self.len()], of: self.of };
+        for (&at, &t) in self.at.iter().zip(&self.truth_m) {
+            let place = &mut next[metre(t)];
+            (sorted.at[*place], sorted.truth_m[*place]) = (at, t);
+            *place += 1;
+        }
+        sorted
+    }
+
     /// How many pixels are scored.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -56,7 +79,8 @@ impl ScoredPixels {
         self.at.is_empty()
     }
 
-    /// Where the scored pixels are: row-major positions in the image, ascending.
+    /// Where the scored pixels are: row-major positions in the image, ascending unless they were [put in another
+    /// order](Self::by_metre).
     #[must_use]
     pub fn positions(&self) -> &[u32] {
         &self.at
@@ -146,6 +170,16 @@ impl ScoredPixels {
     fn all(&self, scored: impl Fn(usize) -> f64, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
         let pixels = self.at.iter().zip(&self.truth_m);
         pixels.map(|(&at, &t)| of(f64::from(t), scored(at as usize))).collect()
+    }
+
+    /// Whole metres of the truth and the pixels that have it, in order, where they stand [by metre](Self::by_metre).
+    pub fn metres(&self) -> impl Iterator<Item = (u32, Range<usize>)> {
+        let metres = self.truth_m.chunk_by(|a, b| *a as u32 == *b as u32);
+        metres.scan(0, |end, of_metre| {
+            let start = *end;
+            *end += of_metre.len();
+            Some((of_metre[0] as u32, start..*end))
+        })
     }
 
     /// What the settings do to this estimate, fitted over the scored pixels that have one.
@@ -304,6 +338,18 @@ fn scaled_and_shifted(
     }
 }
 
+/// The median, as numpy's: the mean of the middle two of an even number.
+pub(crate) fn median<T: Copy + Into<f64>>(values: &mut [T], order: impl Fn(&T, &T) -> Ordering) -> Option<f64> {
+    if values.is_empty() {
+        return None;
+    }
+    let middle = values.len() / 2;
+    let even = values.len().is_multiple_of(2);
+    let (below, &mut upper, _) = values.select_nth_unstable_by(middle, &order);
+    let lower = below.iter().copied().max_by(&order).filter(|_| even);
+    Some(lower.map_or(upper.into(), |lower| f64::midpoint(lower.into(), upper.into())))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -323,6 +369,26 @@ mod tests {
         let pixels = ScoredPixels::new(&truth, 1242, 375, &settings);
         assert_eq!(pixels.len(), (371 - 153) * (1197 - 44));
         assert_eq!((pixels.at[0], pixels.at[pixels.len() - 1]), (153 * 1242 + 44, 370 * 1242 + 1196));
+    }
+
+    #[test]
+    fn pixels_by_metre_are_the_same_pixels() {
+        let truth = [3.5, 9.0, 3.25, f32::NAN, 70.0, 1.0, 60.0, 3.75];
+        let pixels = ScoredPixels::new(&truth, 4, 2, &Settings::default()).by_metre(50);
+        assert_eq!(pixels.positions(), [5, 0, 2, 7, 1, 4, 6]);
+        assert_eq!(pixels.truth_m(), [1.0, 3.5, 3.25, 3.75, 9.0, 70.0, 60.0]);
+        let metres: Vec<_> = pixels.metres().collect();
+        assert_eq!(metres, [(1, 0..1), (3, 1..4), (9, 4..5), (70, 5..6), (60, 6..7)]);
+        assert!(ScoredPixels::default().by_metre(50).is_empty());
+    }
+
+    #[test]
+    fn median_is_numpys() {
+        let median = |values: &mut [f32]| median(values, f32::total_cmp);
+        assert_eq!(median(&mut []), None);
+        assert_eq!(median(&mut [3.0]), Some(3.0));
+        assert_eq!(median(&mut [4.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(&mut [4.0, 1.0, 2.0, 8.0]), Some(3.0));
     }
 
     #[test]

@@ -1,16 +1,12 @@
 //! Errors against anything: distance, weight, row, frame, or a column of one's own choice, as queries over [samples](crate::samples).
 //!
-//! polars reads the file; [sums](sums) and [percentiles](percentiles) are loops of our own, which a benchmark compares with polars'. Both go through
-//! the file a row group at a time, so that memory depends on neither frames nor pixels. The [error against distance](distance) of a report is a
-//! query out of the recording.
+//! Polars reads the file and puts row groups together; within one, [sums](sums) and [percentiles by counting](crate::percentiles) are loops of our own, which a
+//! benchmark compares with polars'. Both go through the file a row group at a time, so that memory depends on neither frames nor pixels.
 
 mod bins;
-pub(crate) mod distance;
 mod job;
 mod numbers;
-mod percentiles;
 mod rows;
-mod scan;
 mod sums;
 
 use std::path::{Path, PathBuf};
@@ -21,8 +17,6 @@ use clap::ValueEnum;
 use depthloom_graphs::Key;
 use depthloom_graphs::key::KeyBuilder;
 use depthloom_graphs::language::glob;
-pub(crate) use numbers::numbers;
-pub(crate) use percentiles::OUTSIDE;
 
 use crate::error::{AnalysisError, caught};
 use crate::samples::{Described, DescribedEstimator, Part, SamplesFile};
@@ -162,7 +156,7 @@ impl Gross {
         limit.ok_or_else(|| format!("`{text}` is no limit: give metres (`3m`) or a share of the distance (`25%`)"))
     }
 
-    fn words(self) -> String {
+    fn told(self) -> String {
         match self {
             Self::Metres(limit) => format!("beyond {limit} m"),
             Self::OfTruth(limit) => format!("beyond {} % of the true distance", 100.0 * limit),
@@ -264,7 +258,7 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
                     file,
                     parts: parts.clone(),
                     estimators: estimators.clone(),
-                    reported: places.clone(),
+                    told: places.clone(),
                     by: column.clone(),
                     set,
                 });

@@ -1,0 +1,189 @@
+//! The error against distance that an earlier run's report found: of equal maps it is not computed again.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use depthloom_graphs::{Key, regular_file};
+use polars::prelude::{ParallelStrategy, ParquetReader, PolarsResult, SerReader as _};
+use serde::{Deserialize, Serialize};
+
+use super::inputs::Input;
+use super::spread::{DistanceBin, PERCENTILES, Spread};
+use crate::error::caught;
+
+/// The name under which [`Origin`] is stored in the metadata of the table.
+pub(super) const ORIGIN: &str = "depthloom.computed_from";
+
+/// What the rows of `error_vs_distance.parquet` were computed from.
+#[derive(Debug, PartialEq, Deserialize, Serialize)]
+pub(crate) struct Origin {
+    /// In the order of the rows. Each estimator has one row per bin of the pixels that it answered, then one per bin of the pixels that all answered.
+    estimators: Vec<EstimatorOrigin>,
+    /// A checksum of the above and of the rows.
+    rows: Key,
+}
+
+/// What the rows of an estimator were computed from.
+#[derive(Debug, PartialEq, Deserialize, Serialize)]
+struct EstimatorOrigin {
+    /// See [`Input::key`].
+    input: Option<Key>,
+    /// See [`Input::group`].
+    group: usize,
+    answered_rows: usize,
+    common_rows: usize,
+    /// The number of pixels that were left out because they are too far.
+    beyond: u64,
+}
+
+impl Origin {
+    /// The origin of the bins. `beyond` is, by estimator, the number of pixels that were left out.
+    pub(crate) fn new(bins: &[DistanceBin], inputs: &[Option<Input>], beyond: &[u64]) -> Self {
+        let estimators = bins.chunk_by(|a, b| a.estimator == b.estimator).map(|bins| {
+            let index = bins[0].estimator;
+            let input = inputs[index];
+            EstimatorOrigin {
+                input: input.and_then(|input| input.key),
+                group: input.map_or(usize::MAX, |input| input.group),
+                answered_rows: bins.len(),
+                common_rows: bins.iter().filter(|bin| bin.shared.is_some()).count(),
+                beyond: beyond[index],
+            }
+        });
+        let estimators: Vec<EstimatorOrigin> = estimators.collect();
+        let rows = checksum(&estimators, bins);
+        Self { estimators, rows }
+    }
+
+    pub(super) fn json(&self) -> String {
+        serde_json::to_string(self).expect("keys and numbers have a text")
+    }
+}
+
+/// A checksum of the origin of bins and of the bins: of every column of the table except the labels.
+fn checksum(estimators: &[EstimatorOrigin], bins: &[DistanceBin]) -> Key {
+    let mut numbers: Vec<u64> = Vec::new();
+    for of in estimators {
+        let input = of.input.map_or(0, |key| u128::from_le_bytes(*key.as_bytes()));
+        numbers.extend([input as u64, (input >> 64) as u64]);
+        numbers.extend([of.group, of.answered_rows, of.common_rows].map(|number| number as u64));
+        numbers.push(of.beyond);
+    }
+    for bin in bins {
+        numbers.extend([u64::from(bin.bin_m), u64::from(bin.shared.is_some())]);
+        for spread in std::iter::once(&bin.answered).chain(&bin.shared) {
+            numbers.push(spread.count);
+            numbers.extend(spread.percentiles_m.map(f64::to_bits));
+        }
+    }
+    let bytes: Vec<u8> = numbers.into_iter().flat_map(u64::to_le_bytes).collect();
+    Key::of_content(&bytes)
+}
+
+/// The bins of an earlier report.
+#[derive(Debug)]
+pub(crate) struct EarlierBins {
+    estimators: Vec<EarlierEstimator>,
+}
+
+/// The bins of an estimator in an earlier report.
+#[derive(Debug)]
+struct EarlierEstimator {
+    origin: EstimatorOrigin,
+    /// By metre, the estimator's index in the earlier report.
+    bins: Vec<DistanceBin>,
+}
+
+impl EarlierBins {
+    /// Reads `error_vs_distance.parquet` in a run's folder. `None` if the file is missing or damaged, or an earlier version wrote it.
+    pub(crate) fn read(folder: &Path) -> Option<Self> {
+        // polars panics on some damaged files.
+        caught(|| Ok(Self::read_sound(folder))).ok().flatten()
+    }
+
+    fn read_sound(folder: &Path) -> Option<Self> {
+        let file = regular_file::open(&folder.join("error_vs_distance.parquet")).ok()?;
+        let mut reader = ParquetReader::new(file).read_parallel(ParallelStrategy::None);
+        let metadata = reader.get_metadata().ok()?.clone();
+        let origin = metadata.key_value_metadata().as_ref()?.iter().find(|entry| entry.key.as_str() == ORIGIN)?;
+        let origin: Origin = serde_json::from_str(origin.value.as_ref()?.as_str()).ok()?;
+        let rows = rows(reader).ok()?;
+        let (estimators, checked) = (origin.estimators, origin.rows);
+        let bins_of = Self::split(&estimators, &rows)?;
+        if checksum(&estimators, &bins_of.concat()) != checked {
+            return None;
+        }
+        let estimators = estimators.into_iter().zip(bins_of).map(|(origin, bins)| EarlierEstimator { origin, bins });
+        Some(Self { estimators: estimators.collect() })
+    }
+
+    /// The bins of each estimator. `None` if there are more or fewer rows than the origin says.
+    fn split(estimators: &[EstimatorOrigin], mut rows: &[(u32, Spread)]) -> Option<Vec<Vec<DistanceBin>>> {
+        let mut bins_of = Vec::with_capacity(estimators.len());
+        for (estimator, of) in estimators.iter().enumerate() {
+            let (answered, rest) = rows.split_at_checked(of.answered_rows)?;
+            let (shared, rest) = rest.split_at_checked(of.common_rows)?;
+            rows = rest;
+            let shared_in = |bin: u32| shared.iter().find(|(bin_m, _)| *bin_m == bin).map(|(_, spread)| *spread);
+            let bin = |&(bin_m, answered): &(u32, Spread)| DistanceBin {
+                estimator,
+                bin_m,
+                answered,
+                shared: shared_in(bin_m),
+            };
+            bins_of.push(answered.iter().map(bin).collect());
+        }
+        rows.is_empty().then_some(bins_of)
+    }
+
+    /// Finds estimators of the report by the keys of their inputs: by key, the index of the estimator. All of them are in one group of the report,
+    /// the group with the most matches.
+    pub(crate) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
+        let of_group = |group: usize| -> Vec<Option<usize>> {
+            let with = |key: Key| {
+                self.estimators.iter().position(|of| of.origin.group == group && of.origin.input == Some(key))
+            };
+            inputs.iter().map(|key| key.and_then(with)).collect()
+        };
+        let groups: BTreeSet<usize> = self.estimators.iter().map(|of| of.origin.group).collect();
+        let found = groups.into_iter().map(of_group);
+        let best = found.max_by_key(|found| found.iter().flatten().count());
+        best.unwrap_or_else(|| vec![None; inputs.len()])
+    }
+
+    /// Whether every pixel that an estimator of the report answered was answered by its whole group.
+    pub(crate) fn answers_only_shared(&self, estimator: usize) -> bool {
+        let count = |bin: &DistanceBin| bin.shared.map_or(0, |shared| shared.count);
+        self.estimators[estimator].bins.iter().all(|bin| bin.answered.count == count(bin))
+    }
+
+    /// The bins of an estimator of the report, with the index that the estimator has today.
+    pub(crate) fn bins(&self, estimator: usize, index: usize) -> impl Iterator<Item = DistanceBin> {
+        self.estimators[estimator].bins.iter().map(move |bin| DistanceBin { estimator: index, ..*bin })
+    }
+
+    /// The number of pixels of an estimator of the report that were left out because they are too far.
+    pub(crate) fn beyond(&self, estimator: usize) -> u64 {
+        self.estimators[estimator].origin.beyond
+    }
+}
+
+/// The bin and the spread of each row.
+fn rows(reader: ParquetReader<std::fs::File>) -> PolarsResult<Vec<(u32, Spread)>> {
+    let table = reader.finish()?;
+    let bins = table.column("bin_from_m")?.u32()?;
+    let counts = table.column("count")?.u64()?;
+    let mut errors = Vec::with_capacity(PERCENTILES.len());
+    for percentile in PERCENTILES {
+        errors.push(table.column(&format!("error_p{percentile}_m"))?.f64()?);
+    }
+    let row = |row: usize| {
+        let mut percentiles_m = [f64::NAN; PERCENTILES.len()];
+        for (percentile_m, errors) in percentiles_m.iter_mut().zip(&errors) {
+            *percentile_m = errors.get(row).unwrap_or(f64::NAN);
+        }
+        let spread = Spread { count: counts.get(row).unwrap_or(0), percentiles_m };
+        (bins.get(row).unwrap_or(u32::MAX), spread)
+    };
+    Ok((0..table.height()).map(row).collect())
+}

@@ -1,0 +1,320 @@
+//! The samples, as they come in.
+
+use std::num::NonZero;
+use std::sync::Mutex;
+use std::thread;
+
+use depthloom_scores::ScoredPixels;
+use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
+
+use super::sample::{Which, sample};
+use super::spill::Spill;
+use super::spread::{DistanceBin, Spread};
+use super::{in_memory, selection, sorting};
+use crate::error::AnalysisError;
+use crate::files::Output;
+
+/// True distances from here on are left out, metres: counting takes room for every metre up to the farthest.
+pub(crate) const FARTHEST_M: u32 = 4096;
+
+/// Collects the samples of all estimators, with no more than a given number of them in memory.
+///
+/// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
+/// file](Spill), from which as many metres as fit are read back at a time and [sorted](super::sorting); one metre of which more
+/// than `at_most` were taken is found [by counting](super::selection): exact, and with memory that depends on neither frames nor
+/// pixels. If all fit, [polars takes them](super::in_memory). All ways give the same bits.
+pub(crate) struct Samples<'a> {
+    output: Output<'a>,
+    /// By estimator and metre of true distance.
+    held: Vec<Vec<Vec<u32>>>,
+    /// By estimator: how many samples were too far.
+    beyond: Vec<u64>,
+    count: usize,
+    at_most: usize,
+    spill: Option<Spill>,
+}
+
+/// The samples of one frame, put together on any thread.
+#[derive(Default)]
+pub(crate) struct FrameSamples(Vec<OfEstimator>);
+
+/// The samples of an estimator on a frame.
+struct OfEstimator {
+    estimator: usize,
+    samples: Vec<u32>,
+    /// Metres, nearest first, and where among the samples each ends.
+    ends: Vec<(usize, usize)>,
+    /// How many were too far.
+    beyond: u64,
+}
+
+impl FrameSamples {
+    /// Adds the answered pixels of an estimate, of which these are the [errors](ScoredPixels::absolute_errors); `shared` says of each scored pixel
+    /// whether all that are compared answered it. The pixels are [by metre](ScoredPixels::by_metre).
+    pub(crate) fn add(&mut self, estimator: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
+        let mut samples = vec![0; errors_m.len()];
+        let (mut ends, mut beyond, mut kept) = (Vec::new(), 0, 0);
+        for (metre, range) in pixels.metres() {
+            if metre >= FARTHEST_M {
+                beyond += errors_m[range].iter().filter(|error| !error.is_nan()).count() as u64;
+                continue;
+            }
+            for (&error_m, &is_shared) in errors_m[range.clone()].iter().zip(&shared[range]) {
+                // Without a branch: answers have no pattern to foresee.
+                samples[kept] = sample(error_m, is_shared);
+                kept += usize::from(!error_m.is_nan());
+            }
+            ends.push((metre as usize, kept));
+        }
+        samples.truncate(kept);
+        self.0.push(OfEstimator { estimator, samples, ends, beyond });
+    }
+}
+
+impl<'a> Samples<'a> {
+    /// Samples of so many estimators, at most `at_most` of them in memory.
+    pub(crate) fn new(estimators: usize, at_most: usize, output: Output<'a>) -> Self {
+        Self { output, held: vec![Vec::new(); estimators], beyond: vec![0; estimators], count: 0, at_most, spill: None }
+    }
+
+    /// Takes the samples of a frame.
+    pub(crate) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
+        for OfEstimator { estimator, samples, ends, beyond } in frame.0 {
+            let bins = &mut self.held[estimator];
+            self.count += samples.len();
+            self.beyond[estimator] += beyond;
+            let mut start = 0;
+            for (metre, end) in ends {
+                if metre >= bins.len() {
+                    bins.resize_with(metre + 1, Vec::new);
+                }
+                bins[metre].extend_from_slice(&samples[start..end]);
+                start = end;
+            }
+        }
+        if self.count > self.at_most { self.spill() } else { Ok(()) }
+    }
+
+    /// By estimator: how many samples were left out, since their true distance is too far.
+    pub(crate) fn beyond(&self) -> &[u64] {
+        &self.beyond
+    }
+
+    /// The percentiles, estimator by estimator, nearest bin first.
+    pub(crate) fn percentiles(mut self) -> Result<Vec<DistanceBin>, AnalysisError> {
+        if self.spill.is_some() {
+            self.spill()?;
+        }
+        let mut bins = Vec::new();
+        for estimator in 0..self.held.len() {
+            self.output.go_on()?;
+            let spreads = match &self.spill {
+                Some(spill) => self.of_spill(spill, estimator)?,
+                None => of_memory(&std::mem::take(&mut self.held[estimator]))?,
+            };
+            for (bin_m, [answered, shared]) in (0..).zip(spreads) {
+                bins.extend(answered.map(|answered| DistanceBin { estimator, bin_m, answered, shared }));
+            }
+        }
+        Ok(bins)
+    }
+
+    /// How the samples of an estimator in the file spread, by metre.
+    fn of_spill(&self, spill: &Spill, estimator: usize) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
+        let counts = spill.counts(estimator);
+        let mut spreads = Vec::with_capacity(counts.len());
+        while spreads.len() < counts.len() {
+            let (first, mut together) = (spreads.len(), 0);
+            let fits = |count: &&u64| {
+                together += **count;
+                together <= self.at_most as u64
+            };
+            let mut held: Vec<Vec<u32>> =
+                counts[first..].iter().take_while(fits).map(|count| Vec::with_capacity(*count as usize)).collect();
+            if held.is_empty() {
+                let visit = |f: &mut dyn FnMut(&[u32])| {
+                    spill.visit(estimator, first..first + 1, &mut |_, samples| {
+                        self.output.go_on()?;
+                        f(samples);
+                        Ok(())
+                    })
+                };
+                spreads.push(selection::spreads(visit)?);
+                continue;
+            }
+            spill.visit(estimator, first..first + held.len(), &mut |metre, samples| {
+                held[metre - first].extend_from_slice(samples);
+                Ok(())
+            })?;
+            self.output.go_on()?;
+            spreads.extend(of_metres(held));
+        }
+        Ok(spreads)
+    }
+
+    /// Appends what is held to the file.
+    fn spill(&mut self) -> Result<(), AnalysisError> {
+        self.count = 0;
+        if self.spill.is_none() {
+            self.spill = Some(Spill::new(self.output.folder, self.held.len())?);
+        }
+        let Some(spill) = &mut self.spill else { return Ok(()) };
+        for estimator in 0..self.held.len() {
+            // What is held is freed: a bin that once was full would keep its room for ever.
+            let bins = std::mem::take(&mut self.held[estimator]);
+            spill.append(estimator, &bins)?;
+        }
+        Ok(())
+    }
+}
+
+/// How the samples of some metres spread, found on all cores.
+fn of_metres(held: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
+    let metres: Vec<_> = held.into_iter().map(|samples| Mutex::new((samples, [None; 2]))).collect();
+    let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
+    let _own = budget.permit();
+    budget.run(metres.len(), &|metre| {
+        let mut metre = locked(&metres[metre]);
+        metre.1 = sorting::spreads(std::mem::take(&mut metre.0));
+    });
+    metres.into_iter().map(|metre| into_unlocked(metre).1).collect()
+}
+
+/// How samples in memory spread, by metre.
+fn of_memory(held: &[Vec<u32>]) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
+    let spreads = |which| in_memory::spreads(which, held).map_err(AnalysisError::compute("the percentiles"));
+    let answered = spreads(Which::Answered)?;
+    let all_are_shared = held.iter().flatten().all(|sample| Which::Shared.has(*sample));
+    let shared = if all_are_shared { answered.clone() } else { spreads(Which::Shared)? };
+    Ok(answered.into_iter().zip(shared).map(|(answered, shared)| [answered, shared]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use depthloom_scores::Settings;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::distance::PERCENTILES;
+
+    /// numpy's `percentile` with its default method.
+    fn numpy_percentile(sorted: &[f64], percentile: u32) -> f64 {
+        let position = f64::from(percentile) / 100.0 * (sorted.len() - 1) as f64;
+        let (below, above) = (position.floor() as usize, position.ceil() as usize);
+        sorted[below] + (sorted[above] - sorted[below]) * (position - position.floor())
+    }
+
+    /// Frames: the truth and two estimates.
+    type Frames = [(Vec<f32>, [Vec<f32>; 2])];
+
+    fn naive(frames: &Frames, estimator: usize) -> Vec<(u32, Spread, Option<Spread>)> {
+        let mut bins: std::collections::BTreeMap<u32, [Vec<f64>; 2]> = std::collections::BTreeMap::new();
+        for (truth, estimates) in frames {
+            for (pixel, t) in truth.iter().enumerate() {
+                let y = estimates[estimator][pixel];
+                if *t > 1e-3 && *t < 80.0 && y.is_finite() {
+                    let error = (f64::from(y).clamp(1e-3, 80.0) - f64::from(*t)).abs();
+                    let [answered, shared] = bins.entry(*t as u32).or_default();
+                    answered.push(f64::from(error as f32));
+                    if estimates.iter().all(|estimate| estimate[pixel].is_finite()) {
+                        shared.push(f64::from(error as f32));
+                    }
+                }
+            }
+        }
+        let spread = |mut errors: Vec<f64>| {
+            errors.sort_by(f64::total_cmp);
+            let percentiles_m = || PERCENTILES.map(|p| numpy_percentile(&errors, p));
+            (!errors.is_empty()).then(|| Spread { count: errors.len() as u64, percentiles_m: percentiles_m() })
+        };
+        bins.into_iter().map(|(bin, [answered, shared])| (bin, spread(answered).unwrap(), spread(shared))).collect()
+    }
+
+    fn collected(frames: &Frames, at_most: usize) -> Vec<DistanceBin> {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = Settings::default();
+        let mut samples = Samples::new(2, at_most, Output { folder: folder.path(), stop: &|| false });
+        for (truth, estimates) in frames {
+            let pixels = ScoredPixels::new(truth, truth.len(), 1, &settings).by_metre(FARTHEST_M);
+            let errors = estimates.each_ref().map(|estimate| pixels.absolute_errors(estimate, &settings));
+            let shared: Vec<bool> = errors[0].iter().zip(&errors[1]).map(|(a, b)| !a.is_nan() && !b.is_nan()).collect();
+            let mut frame = FrameSamples::default();
+            for (estimator, errors) in errors.iter().enumerate() {
+                frame.add(estimator, &pixels, errors, &shared);
+            }
+            samples.take(frame).unwrap();
+        }
+        assert!(at_most == usize::MAX || samples.spill.is_some(), "the bound was not reached");
+        let bins = samples.percentiles().unwrap();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
+        bins
+    }
+
+    fn same(ours: &[DistanceBin], frames: &Frames) -> bool {
+        let close = |a: &Spread, b: &Spread| {
+            let percentiles = a.percentiles_m.iter().zip(&b.percentiles_m);
+            a.count == b.count && percentiles.into_iter().all(|(a, b)| (a - b).abs() <= 1e-12 * (1.0 + b))
+        };
+        (0..2).all(|estimator| {
+            let ours: Vec<_> = ours.iter().filter(|bin| bin.estimator == estimator).collect();
+            let theirs = naive(frames, estimator);
+            ours.len() == theirs.len()
+                && ours.iter().zip(&theirs).all(|(bin, (bin_m, answered, shared))| {
+                    let same_shared = match (&bin.shared, shared) {
+                        (Some(a), Some(b)) => close(a, b),
+                        (a, b) => a.is_none() && b.is_none(),
+                    };
+                    bin.bin_m == *bin_m && close(&bin.answered, answered) && same_shared
+                })
+        })
+    }
+
+    /// Few distances, so that bins are full; some errors many times over.
+    fn frames() -> impl Strategy<Value = Vec<(Vec<f32>, [Vec<f32>; 2])>> {
+        let metres = || {
+            let metre = prop_oneof![1 => Just(f32::NAN), 1 => Just(10.0_f32), 3 => 0.0_f32..100.0, 6 => 8.0_f32..10.0];
+            prop::collection::vec(metre, 60)
+        };
+        prop::collection::vec((metres(), [metres(), metres()]), 4..20)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+        #[test]
+        fn percentiles_are_numpys_in_memory_and_from_disk(frames in frames()) {
+            let in_memory = collected(&frames, usize::MAX);
+            prop_assert!(same(&in_memory, &frames), "{in_memory:?}");
+            prop_assert_eq!(&collected(&frames, 50), &in_memory, "to the bit");
+            prop_assert_eq!(&collected(&frames, 0), &in_memory, "to the bit, all by counting");
+        }
+    }
+
+    #[test]
+    fn percentiles_of_a_few_numbers_are_those_numpy_prints() {
+        // np.percentile([0.5, 1, 2, 4, 8, 16], [5, 25, 50, 75, 95]), and of the three the other estimator answered
+        let answered = Spread { count: 6, percentiles_m: [0.625, 1.25, 3.0, 7.0, 14.0] };
+        let shared = Spread { count: 3, percentiles_m: [1.3, 2.5, 4.0, 10.0, 14.799_999_999_999_999] };
+        let estimate = [4.0, 0.5, 16.0, 1.0, 8.0, 2.0].map(|error| 30.5 + error).to_vec();
+        let other = [1.0, f32::NAN, 1.0, 1.0, f32::INFINITY, f32::NAN].to_vec();
+        let frame = (vec![30.5; 6], [estimate, other]);
+        for at_most in [usize::MAX, 0] {
+            let bins = collected(std::slice::from_ref(&frame), at_most);
+            assert_eq!(bins[0], DistanceBin { estimator: 0, bin_m: 30, answered, shared: Some(shared) });
+            assert_eq!(bins[1].shared, Some(bins[1].answered), "all it answered is shared");
+        }
+    }
+
+    #[test]
+    fn what_is_too_far_to_count_is_left_out_and_counted() {
+        let settings = Settings { max_m: 1e30, ..Settings::default() };
+        let truth = [5.0, 1e9, 4095.5, 4096.0];
+        let pixels = ScoredPixels::new(&truth, 4, 1, &settings).by_metre(FARTHEST_M);
+        let mut frame = FrameSamples::default();
+        frame.add(0, &pixels, &pixels.absolute_errors(&[6.0; 4], &settings), &[true; 4]);
+        let mut samples = Samples::new(1, 10, Output { folder: std::path::Path::new("."), stop: &|| false });
+        samples.take(frame).unwrap();
+        assert_eq!(samples.beyond(), [2]);
+        let bins = samples.percentiles().unwrap();
+        assert_eq!(bins.iter().map(|bin| bin.bin_m).collect::<Vec<_>>(), [5, 4095]);
+    }
+}

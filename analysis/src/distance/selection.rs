@@ -1,0 +1,39 @@
+//! Percentiles of samples of one metre that do not fit in memory: exact, [by counting](crate::percentiles).
+
+use super::sample::{Which, error_bits, error_from_bits};
+use super::spread::{PERCENTILES, Spread};
+use crate::error::AnalysisError;
+use crate::percentiles::{OUTSIDE, Pass, Room, Tally, Trial, percentiles};
+
+/// Counters and samples held: little beside the samples that did not fit.
+const ROOM: Room = Room { counters: 1 << 16, gathered: 1 << 16 };
+/// The groups that are counted.
+const WHICHES: [Which; 2] = [Which::Answered, Which::Shared];
+
+/// How the errors of a metre spread, all that were answered and those that are shared. `visit(f)` calls `f(samples)` for all
+/// samples, and does so again when asked again.
+pub(super) fn spreads(
+    visit: impl Fn(&mut dyn FnMut(&[u32])) -> Result<(), AnalysisError>,
+) -> Result<[Option<Spread>; 2], AnalysisError> {
+    let scan = |pass: &Pass| {
+        let mut tally = Tally::of(pass);
+        let (mut errors, mut groups) = (Vec::new(), Vec::new());
+        visit(&mut |samples| {
+            errors.clear();
+            errors.extend(samples.iter().map(|sample| error_from_bits(error_bits(*sample))));
+            for (group, which) in (0..).zip(WHICHES) {
+                groups.clear();
+                groups.extend(samples.iter().map(|sample| if which.has(*sample) { group } else { OUTSIDE }));
+                tally.take(pass, 0, &groups, &errors);
+            }
+        })?;
+        Ok(vec![tally])
+    };
+    let found = percentiles(WHICHES.len(), &PERCENTILES.map(f64::from), ROOM, Trial::None, scan)?;
+    let spread = |group: usize| {
+        let of = &found[group];
+        let percentiles_m = of.values.as_slice().try_into().ok()?;
+        Some(Spread { count: of.count, percentiles_m })
+    };
+    Ok([spread(0), spread(1)])
+}

@@ -1,0 +1,165 @@
+//! Samples that no longer fit in memory: a temporary file without a name.
+//!
+//! It belongs to this process alone and goes with it, however that ends: nobody else's samples get in, and nothing is left. What
+//! was written where is remembered here, so that a file that gives back less than was put into it is an error.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use crate::error::AnalysisError;
+
+/// What is called with a metre of true distance and samples there.
+pub(super) type Visitor<'a> = dyn FnMut(usize, &[u32]) -> Result<(), AnalysisError> + 'a;
+
+/// Samples read at a time.
+const BATCH: usize = 1 << 14;
+
+/// The file, and what stands where in it.
+pub(super) struct Spill {
+    file: File,
+    /// The folder it has no name in: for messages.
+    folder: PathBuf,
+    end: u64,
+    by_estimator: Vec<OfEstimator>,
+}
+
+/// What the file holds of an estimator.
+#[derive(Clone, Default)]
+struct OfEstimator {
+    stretches: Vec<Stretch>,
+    /// By metre: how many samples in all stretches.
+    counts: Vec<u64>,
+}
+
+/// What was appended at one time: how many samples there are of each metre, then the samples, metre by metre.
+#[derive(Clone, Copy)]
+struct Stretch {
+    start: u64,
+    metres: usize,
+}
+
+impl Spill {
+    /// An empty file on the file system of `folder`.
+    pub(super) fn new(folder: &Path, estimators: usize) -> Result<Self, AnalysisError> {
+        let file = tempfile::tempfile_in(folder).map_err(AnalysisError::write(&temporary(folder)))?;
+        Ok(Self { file, folder: folder.to_owned(), end: 0, by_estimator: vec![OfEstimator::default(); estimators] })
+    }
+
+    /// How many samples of an estimator there are, by metre.
+    pub(super) fn counts(&self, estimator: usize) -> &[u64] {
+        &self.by_estimator[estimator].counts
+    }
+
+    /// Appends the samples of an estimator, by metre.
+    pub(super) fn append(&mut self, estimator: usize, bins: &[Vec<u32>]) -> Result<(), AnalysisError> {
+        let of = &mut self.by_estimator[estimator];
+        of.stretches.push(Stretch { start: self.end, metres: bins.len() });
+        of.counts.resize(of.counts.len().max(bins.len()), 0);
+        of.counts.iter_mut().zip(bins).for_each(|(count, bin)| *count += bin.len() as u64);
+        let length = write(&mut self.file, self.end, bins).map_err(AnalysisError::write(&temporary(&self.folder)))?;
+        self.end += length;
+        Ok(())
+    }
+
+    /// Calls `f(metre, samples)` for all samples of an estimator in some metres, a batch at a time.
+    pub(super) fn visit(
+        &self,
+        estimator: usize,
+        metres: Range<usize>,
+        f: &mut Visitor<'_>,
+    ) -> Result<(), AnalysisError> {
+        let failed = |source: io::Error| AnalysisError::read(&temporary(&self.folder))(source);
+        let (mut bytes, mut samples) = (Vec::new(), Vec::with_capacity(BATCH));
+        let mut seen = vec![0; metres.len()];
+        for stretch in &self.by_estimator[estimator].stretches {
+            let mut file = &self.file;
+            file.seek(SeekFrom::Start(stretch.start)).map_err(failed)?;
+            bytes.resize(4 * stretch.metres, 0);
+            file.read_exact(&mut bytes).map_err(failed)?;
+            let counts: Vec<u64> = numbers(&bytes).map(u64::from).collect();
+            let before: u64 = counts.iter().take(metres.start).sum();
+            file.seek(SeekFrom::Current(4 * before as i64)).map_err(failed)?;
+            bytes.resize(4 * BATCH, 0);
+            for (metre, &count) in counts.iter().enumerate().take(metres.end).skip(metres.start) {
+                seen[metre - metres.start] += count;
+                let mut left = count as usize;
+                while left > 0 {
+                    let batch = left.min(BATCH);
+                    let bytes = &mut bytes[..4 * batch];
+                    file.read_exact(bytes).map_err(failed)?;
+                    samples.clear();
+                    samples.extend(numbers(bytes));
+                    f(metre, &samples)?;
+                    left -= batch;
+                }
+            }
+        }
+        if metres.zip(seen).any(|(metre, seen)| self.counts(estimator).get(metre).is_some_and(|count| *count != seen)) {
+            return Err(failed(io::Error::other("it does not hold what was written to it")));
+        }
+        Ok(())
+    }
+}
+
+/// Writes a stretch; gives the bytes written.
+fn write(file: &mut File, at: u64, bins: &[Vec<u32>]) -> io::Result<u64> {
+    file.seek(SeekFrom::Start(at))?;
+    let mut file = BufWriter::with_capacity(4 * BATCH, file);
+    let counts: Vec<u32> = bins.iter().map(|bin| bin.len() as u32).collect();
+    let mut length = 0;
+    for numbers in std::iter::once(&counts).chain(bins) {
+        for number in numbers {
+            file.write_all(&number.to_le_bytes())?;
+        }
+        length += 4 * numbers.len() as u64;
+    }
+    file.flush()?;
+    Ok(length)
+}
+
+fn numbers(bytes: &[u8]) -> impl Iterator<Item = u32> {
+    bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes))
+}
+
+/// What messages call the file.
+fn temporary(folder: &Path) -> PathBuf {
+    folder.join("(a temporary file for the error against distance)")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_01_a_spill_that_lost_its_end_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut spill = Spill::new(folder.path(), 2).unwrap();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "it has no name");
+        spill.append(0, &[vec![7, 8], vec![], vec![9]]).unwrap();
+        spill.append(1, &[vec![1]]).unwrap();
+        spill.append(0, &[vec![], vec![], vec![10], vec![11]]).unwrap();
+        assert_eq!(spill.counts(0), [2, 0, 2, 1]);
+        let all = |estimator, metres| {
+            let mut all = Vec::new();
+            let visited = spill.visit(estimator, metres, &mut |metre, samples| {
+                all.extend(samples.iter().map(|&sample| (metre, sample)));
+                Ok(())
+            });
+            visited.map(|()| all)
+        };
+        assert_eq!(all(0, 0..4).unwrap(), [(0, 7), (0, 8), (2, 9), (2, 10), (3, 11)]);
+        assert_eq!(all(0, 1..3).unwrap(), [(2, 9), (2, 10)]);
+        assert_eq!(all(1, 0..1).unwrap(), [(0, 1)]);
+        spill.file.set_len(spill.end - 2).unwrap();
+        let error = all(0, 0..4).unwrap_err();
+        assert!(matches!(error, AnalysisError::Read { .. }), "{error}");
+        assert_eq!(all(0, 0..3).unwrap().len(), 4, "what is whole can be read");
+        // A disk that gives back other bytes.
+        (&spill.file).seek(SeekFrom::Start(0)).unwrap();
+        (&spill.file).write_all(&[1]).unwrap();
+        let error = all(0, 0..3).unwrap_err();
+        assert!(error.to_string().starts_with("failed to read"), "{error}");
+    }
+}

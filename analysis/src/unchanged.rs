@@ -1,0 +1,86 @@
+//! The error against distance of a recording whose maps are mostly those of an earlier run.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use depthloom_recording::Recording;
+
+use crate::distance::{DistanceBin, EarlierBins, Input};
+use crate::error::AnalysisError;
+use crate::estimators::Estimator;
+use crate::files::Output;
+use crate::reading::{Distances, distances_of_some};
+
+/// The error against distance, if an earlier report has most of it. Only maps that changed are read, and those of one estimator per group as a check. The
+/// result equals that of reading all maps.
+///
+/// The bins of an estimator depend on its own maps and on the pixels that its whole group answered. A report often has an estimator of which
+/// every answered pixel is shared, usually the stereo matcher. This estimator is computed again, together with all that changed. If its bins are
+/// equal to those of the report, then the shared pixels have not changed, and neither have the bins of the unchanged estimators. If they
+/// differ, or the report has no such estimator, all maps must be read, and the result is `None`.
+pub(crate) fn distances(
+    recording: &Recording,
+    estimators: &[Estimator],
+    inputs: &[Option<Input>],
+    reports: &[PathBuf],
+    samples_in_memory: usize,
+    output: Output<'_>,
+) -> Result<Option<Distances>, AnalysisError> {
+    let earlier = reports.iter().filter_map(|folder| EarlierBins::read(folder));
+    let Some((earlier, Reused { read, checked, taken })) = earlier
+        .map(|earlier| {
+            let reused = Reused::new(&earlier, inputs);
+            (earlier, reused)
+        })
+        .max_by_key(|(_, reused)| reused.taken.len())
+        .filter(|(_, reused)| !reused.taken.is_empty())
+    else {
+        return Ok(None);
+    };
+    let mut found = distances_of_some(recording, estimators, |index| read.contains(&index), samples_in_memory, output)?;
+    let is_unchanged = |(index, of): &(usize, usize)| {
+        found.bins.iter().filter(|bin| bin.estimator == *index).copied().eq(earlier.bins(*of, *index))
+    };
+    if !checked.iter().all(is_unchanged) {
+        return Ok(None);
+    }
+    for (index, of) in taken {
+        found.bins.extend(earlier.bins(of, index));
+        found.beyond[index] = earlier.beyond(of);
+    }
+    found.bins.sort_by_key(|bin: &DistanceBin| (bin.estimator, bin.bin_m));
+    Ok(Some(found))
+}
+
+/// What is reused of an earlier report. Estimators are given by index, in pairs together with their index in the report.
+struct Reused {
+    /// The estimators whose maps are read.
+    read: BTreeSet<usize>,
+    /// Those of them whose bins are compared with the report.
+    checked: Vec<(usize, usize)>,
+    /// The estimators whose bins are reused.
+    taken: Vec<(usize, usize)>,
+}
+
+impl Reused {
+    fn new(earlier: &EarlierBins, inputs: &[Option<Input>]) -> Self {
+        let mut reused = Self { read: BTreeSet::new(), checked: Vec::new(), taken: Vec::new() };
+        let groups: BTreeSet<usize> = inputs.iter().flatten().map(|input| input.group).collect();
+        for group in groups {
+            let members: Vec<usize> =
+                (0..inputs.len()).filter(|index| inputs[*index].is_some_and(|input| input.group == group)).collect();
+            let keys: Vec<_> = members.iter().map(|index| inputs[*index].and_then(|input| input.key)).collect();
+            let matches = earlier.matches(&keys);
+            let known = || members.iter().zip(&matches).filter_map(|(index, of)| Some((*index, (*of)?)));
+            let Some(check) = known().find(|(_, of)| earlier.answers_only_shared(*of)) else {
+                reused.read.extend(members);
+                continue;
+            };
+            let changed = members.iter().zip(&matches).filter(|(_, of)| of.is_none()).map(|(index, _)| *index);
+            reused.read.extend(changed.chain([check.0]));
+            reused.checked.push(check);
+            reused.taken.extend(known().filter(|known| *known != check));
+        }
+        reused
+    }
+}
