@@ -6,6 +6,10 @@
 //! This is the part of Arrow's IPC format that such streams take (little endian, V5; no dictionaries, no compression), and it reads what others write of it:
 //! lengths and offsets are checked before they are followed.
 //!
+//! `arrow-ipc` 60.1 takes half the lines and the same CPU time (tried on calls with KITTI images). It adds nine crates,
+//! about 90 s of CPU time to build, and `arrow-array` enables other features of `chrono` and `ahash`, so that polars and
+//! burn are compiled again.
+//!
 //! ```
 //! use depthloom_codecs::arrow::{self, Schema, StreamReader};
 //! use depthloom_graphs::values::{Depth, Raster};

@@ -4,6 +4,9 @@
 //! open files under `/proc`. They are as large as they are from the start, allocated, and sealed against shrinking, so that whoever maps one cannot lose what
 //! they mapped. Here they are only written and read, never mapped: what a process writes while it is read is a wrong value, and no more than that.
 //!
+//! Measured with `nodes/examples/process_call.rs` (three maps of 1242x375 in, one out, 300 calls): 2.4 ms of CPU time per
+//! call, 3.6 ms through pipes alone. Wall time on a loaded machine: lower quartiles of 2.4 to 3.9 ms, and 3.8 to 7.0 ms.
+//!
 //! A process that does not take part, and a system that has no such files or no memory for them, keep to the pipes.
 
 use std::fs::File;
