@@ -77,7 +77,9 @@ pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode, CliErr
         print(report.text())?;
         report.damage.iter().take(SHOWN).for_each(|what| say(format_args!("damaged: {what}")));
     }
-    Ok(verdict.map_or(ExitCode::Success, |stop| {
+    // What a damaged recording lost was not compared.
+    let of_condition = depthloom_runs::end([&*recording]);
+    Ok(verdict.map_or(of_condition, |stop| {
         say(&stop);
         stop.exit
     }))

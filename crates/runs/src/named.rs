@@ -27,8 +27,13 @@ pub fn named(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
 /// As [`named`], but a name is given in full: for commands that remove runs. Once a run is gone, the beginning of its name may be another's.
 ///
 /// # Errors
-/// As [`named`], and if `run` is only the beginning of a name.
+/// As [`named`], if `run` is only the beginning of a name, and if it is the name of a run here and of another one in `folder`.
 pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
+    if let Some(other) = namesake(run, folder) {
+        let what = format!("`{}` names two runs: one here, and one in {}", run.display(), folder.display());
+        let remedy = format!("write the path: `./{}` or `{}`", run.display(), other.display());
+        return Err(CliError::usage(what, remedy));
+    }
     find(run, folder, |runs, text, folder| {
         let found = by_beginning(runs, text, folder)?;
         let Some(longer) = runs.iter().find(|run| found.as_ref() == Some(&run.path) && !run.is_named(text)) else {
@@ -37,6 +42,15 @@ pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
         let what = format!("no run in {} is named `{text}`", folder.display());
         Err(CliError::usage(what, format!("give the name in full: `{}` begins so", longer.name)))
     })
+}
+
+/// The run in `folder` that has the name `run`, where something else in the current directory has this name too.
+fn namesake(run: &Path, folder: &Path) -> Option<PathBuf> {
+    let text = run.to_str().filter(|text| !text.contains(std::path::is_separator))?;
+    let here = run.canonicalize().ok()?;
+    let runs = all(folder).unwrap_or_default();
+    let other = runs.into_iter().find(|found| found.is_named(text))?.path;
+    other.canonicalize().is_ok_and(|other| other != here).then_some(other)
 }
 
 fn find(
@@ -91,7 +105,7 @@ mod tests {
     use std::fs;
     use std::path::{Path, PathBuf};
 
-    use super::named;
+    use super::{named, named_in_full, namesake};
     use crate::run_folder::MARKER;
 
     fn folder_of(runs: &[(&str, &str)]) -> tempfile::TempDir {
@@ -103,6 +117,18 @@ mod tests {
             fs::write(run.join("environment.json"), format!("{{\"finished_utc\": \"{stamp}\"}}")).unwrap();
         }
         folder
+    }
+
+    #[test]
+    fn a_name_here_and_in_the_folder_is_ambiguous() {
+        let folder = folder_of(&[("src", "2026-11-21T10-00-00Z"), ("other", "2026-11-21T10-00-00Z")]);
+        // Tests run in the folder of their crate, which has a folder `src` too.
+        assert_eq!(namesake(Path::new("src"), folder.path()), Some(folder.path().join("src")));
+        let error = named_in_full(Path::new("src"), folder.path()).unwrap_err();
+        assert!(error.message.what.starts_with("`src` names two runs: "), "{}", error.message.what);
+        assert_eq!(named_in_full(Path::new("./src"), folder.path()).unwrap(), PathBuf::from("./src"));
+        let other = folder.path().join("other");
+        assert_eq!(named_in_full(Path::new("other"), folder.path()).unwrap(), other);
     }
 
     #[test]

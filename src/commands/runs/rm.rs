@@ -22,6 +22,11 @@ pub struct RunsRm {
 
 /// Removes the runs that are named: all of them, or none if one may not be removed.
 pub fn rm(args: &RunsArgs, named: &RmArgs) -> Result<ExitCode, CliError> {
+    // Without this, names would be those of the current directory.
+    if args.folder != Path::new(depthloom_runs::FOLDER) && !args.folder.is_dir() {
+        let what = format!("--in {}: there is no such folder", args.folder.display());
+        return Err(CliError::usage(what, "name the folder that holds the runs"));
+    }
     let mut removals: Vec<Removal> = Vec::new();
     for run in &named.runs {
         let folder = named_in_full(run, &args.folder)?;
