@@ -28,7 +28,7 @@ impl<'a> Delivery<'a> {
         let default = if args.json { TableFormat::Json } else { TableFormat::Terminal };
         let format = args.format.unwrap_or(default);
         if format == TableFormat::Parquet && out.is_none() && io::stdout().is_terminal() {
-            return Err(CliError::usage("Parquet is no text", "name a file with --out, or pipe it on"));
+            return Err(CliError::usage("Parquet is not text", "name a file with --out, or pipe it on"));
         }
         if let Some(out) = out {
             can_be_written(out)?;

@@ -48,7 +48,7 @@ fn before(intent: &str, error: &dyn std::error::Error) -> CliError {
 
 fn text(words: impl Into<OsString>) -> Result<String, CliError> {
     words.into().into_string().map_err(|words| {
-        CliError::new(ExitCode::Usage, format!("{} is no UTF-8, which a dataflow is", Path::new(&words).display()))
+        CliError::new(ExitCode::Usage, format!("{} is not UTF-8; a dataflow must be", Path::new(&words).display()))
     })
 }
 

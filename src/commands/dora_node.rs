@@ -42,7 +42,7 @@ pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<ExitCode
     let limit = Duration::from_secs(dora.start_timeout);
     let wanted = BridgeStart { python: &dora.python, part: &args.part, limit };
     if part.role == Role::Recorder {
-        let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
+        let interrupt = signals::listen("stopping: frames in flight are finished, training is checkpointed")?;
         let bridge = Arc::new(Bridge::start(&wanted, Mailbox::new(interrupt.clone(), true))?);
         let prepared = prepare(loaded.plan.clone(), &layout, &bridge, &interrupt, limit);
         let recorded = prepared.and_then(|(ready, mut remote)| {

@@ -16,6 +16,6 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let loaded = load(&args.experiment, registry, is_silent(args))?;
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| CliError::of_missing(&missing))?;
-    let interrupt = signals::listen("stopping: frames in flight are finished, learning is put down")?;
+    let interrupt = signals::listen("stopping: frames in flight are finished, training is checkpointed")?;
     carry_out(args, loaded, ready, &interrupt, None)
 }

@@ -34,7 +34,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// The largest number of bytes that a run of so many frames of a source had allocated at one time.
+/// The peak of allocated bytes in a run of `frames` frames of a source.
 fn peak_bytes(experiment: &Path, source: &str, frames: u32) -> f64 {
     let out = experiment.with_extension(format!("{frames}"));
     let peak = PathBuf::from(format!("{}.peak", out.display()));
