@@ -24,7 +24,7 @@ struct Config {
 ///
 /// # Errors
 /// If the configuration cannot be read.
-pub fn decide(args: ExecArgs, experiment: Option<(&Path, &Loaded)>) -> Result<(), CliError> {
+pub(crate) fn decide(args: ExecArgs, experiment: Option<(&Path, &Loaded)>) -> Result<(), CliError> {
     let is_listed = || match experiment {
         Some((path, loaded)) if path.exists() => is_listed(path, loaded),
         _ => Ok(false),

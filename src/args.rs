@@ -25,17 +25,17 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 
-pub use analyse::{AnalyseArgs, SamplesArgs};
-pub use compare::{CompareArgs, CompareBy};
-pub use data::DataArgs;
-pub use dora::{DoraArgs, DoraNodeArgs};
-pub use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
-pub use export::{ColoursOption, ExportArgs};
-pub use figure::{FigureArgs, FigureFormat};
-pub use recording::{InfoArgs, RecoverArgs, ReplayArgs};
-pub use run::{ReportArgs, RunArgs, TimingsArgs};
-pub use runs::{PruneArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, WhyArgs};
-pub use table::{ExplainArgs, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
+pub(crate) use analyse::{AnalyseArgs, SamplesArgs};
+pub(crate) use compare::{CompareArgs, CompareBy};
+pub(crate) use data::DataArgs;
+pub(crate) use dora::{DoraArgs, DoraNodeArgs};
+pub(crate) use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
+pub(crate) use export::{ColoursOption, ExportArgs};
+pub(crate) use figure::{FigureArgs, FigureFormat};
+pub(crate) use recording::{InfoArgs, RecoverArgs, ReplayArgs};
+pub(crate) use run::{ReportArgs, RunArgs, TimingsArgs};
+pub(crate) use runs::{PruneArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, WhyArgs};
+pub(crate) use table::{ExplainArgs, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
 
 use crate::completion::{folders, runs};
 
@@ -48,7 +48,7 @@ use crate::completion::{folders, runs};
     "nodes stereo/sgbm" => "explain a kind of node",
     "help run" => "explain a command",
 ])]
-pub struct Cli {
+pub(crate) struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -60,7 +60,7 @@ pub struct Cli {
 
 /// When messages are coloured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Colour {
+pub(crate) enum Colour {
     /// On a terminal, unless NO_COLOR is set.
     Auto,
     /// Always.
@@ -71,7 +71,7 @@ pub enum Colour {
 
 /// What to do.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub(crate) enum Command {
     /// Run an experiment: record every intermediate, score, and print the table.
     Run(RunArgs),
     /// Check an experiment file; runs nothing and opens no data. With --data, look at every frame too.
@@ -150,7 +150,7 @@ pub enum Command {
     "onnx raft-stereo.onnx" => "inputs, outputs, operators, cost; the lines for an experiment",
     "onnx net.onnx --json | jq .operators" => "for programs",
 ])]
-pub struct OnnxArgs {
+pub(crate) struct OnnxArgs {
     /// The model.
     #[arg(value_hint = clap::ValueHint::FilePath)]
     pub file: PathBuf,
@@ -175,7 +175,7 @@ fn size(text: &str) -> Result<(usize, usize), String> {
     "nodes stereo/sgbm" => "one kind: ports and parameters",
     "nodes learn/ssl --json | jq .parameters" => "for programs",
 ])]
-pub struct NodesArgs {
+pub(crate) struct NodesArgs {
     /// The kind to explain, e.g. `stereo/sgbm`.
     pub kind: Option<String>,
 
@@ -188,7 +188,7 @@ pub struct NodesArgs {
     "schema > experiment.schema.json" => "an experiment names it in its first line",
     "schema --output run" => "what `run --json` prints",
 ])]
-pub struct SchemaArgs {
+pub(crate) struct SchemaArgs {
     /// Print the schema of what a command prints with --json.
     #[arg(long, value_name = "COMMAND")]
     pub output: Option<String>,
@@ -199,7 +199,7 @@ pub struct SchemaArgs {
     "man run | man -l -" => "read the page of a command",
     "man --out ~/.local/share/man/man1" => "install all: then `man depthloom-run` finds them",
 ])]
-pub struct ManArgs {
+pub(crate) struct ManArgs {
     /// The command to print the page of; without one, the program's own.
     pub command: Option<String>,
 
@@ -212,7 +212,7 @@ pub struct ManArgs {
 #[command(after_help = examples![
     "new first.yaml" => "then: depthloom run first.yaml",
 ])]
-pub struct NewArgs {
+pub(crate) struct NewArgs {
     /// The experiment file to write (YAML); it must not exist.
     #[arg(add = ArgValueCompleter::new(folders()))]
     pub file: PathBuf,
@@ -222,7 +222,7 @@ pub struct NewArgs {
 #[command(after_help = examples![
     "synth street --frames 40 --seed 7" => "40 frames, the ground truth with them",
 ])]
-pub struct SynthArgs {
+pub(crate) struct SynthArgs {
     /// The folder to write; it must not exist.
     #[arg(add = ArgValueCompleter::new(folders()))]
     pub out: PathBuf,
@@ -250,7 +250,7 @@ pub struct SynthArgs {
 
 /// A run.
 #[derive(Debug, Args)]
-pub struct RunArg {
+pub(crate) struct RunArg {
     /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
     #[arg(add = ArgValueCompleter::new(runs))]
     run: PathBuf,
@@ -266,7 +266,7 @@ impl Deref for RunArg {
 
 /// A part of a run.
 #[derive(Debug, Args)]
-pub struct PartArgs {
+pub(crate) struct PartArgs {
     /// Only what these variants have, and what all share.
     #[arg(long, value_name = "GLOB,...")]
     pub variant: Option<String>,
@@ -278,7 +278,7 @@ pub struct PartArgs {
 
 /// The form of an output.
 #[derive(Debug, Args)]
-pub struct JsonArgs {
+pub(crate) struct JsonArgs {
     /// Print one JSON object instead of text.
     #[arg(long)]
     pub json: bool,
@@ -286,7 +286,7 @@ pub struct JsonArgs {
 
 /// The form of a table, and where it is written.
 #[derive(Debug, Args)]
-pub struct TableOutputArgs {
+pub(crate) struct TableOutputArgs {
     /// What it is written as; by default as text for a terminal.
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub format: Option<TableFormat>,

@@ -20,7 +20,7 @@ use crate::truths;
 use crate::warnings::WarningCollector;
 
 /// What was found of a source.
-pub struct Walked {
+pub(crate) struct Walked {
     /// Its name under `sources:`.
     pub name: String,
     pub kind: String,
@@ -36,7 +36,7 @@ pub struct Walked {
 }
 
 /// One thing that is wrong.
-pub struct Found {
+pub(crate) struct Found {
     /// The frame's id; `None` of what is no frame's own.
     frame: Option<String>,
     what: String,
@@ -57,7 +57,7 @@ impl Found {
 }
 
 /// Walks every source of a plan, each once, whichever stages take it.
-pub fn walk(plan: &Plan, registry: &Registry, workers: usize, quiet: bool) -> Vec<Walked> {
+pub(crate) fn walk(plan: &Plan, registry: &Registry, workers: usize, quiet: bool) -> Vec<Walked> {
     let mut known: Vec<&SourcePart> = Vec::new();
     let mut walked = Vec::new();
     for run in &plan.runs {
@@ -217,7 +217,7 @@ fn frame_faults(
 }
 
 /// The file that a port's value was most probably read from: that of the part with its name, of a truth that which is no image and no calibration.
-pub fn file_of<'f>(port: &str, files: &'f [(&'static str, PathBuf)]) -> Option<&'f PathBuf> {
+pub(crate) fn file_of<'f>(port: &str, files: &'f [(&'static str, PathBuf)]) -> Option<&'f PathBuf> {
     let part = |name: &str| files.iter().find(|(part, _)| *part == name).map(|(_, path)| path);
     part(port)
         .or_else(|| {
@@ -228,7 +228,7 @@ pub fn file_of<'f>(port: &str, files: &'f [(&'static str, PathBuf)]) -> Option<&
 }
 
 /// A line a source.
-pub fn text(walked: &[Walked]) -> String {
+pub(crate) fn text(walked: &[Walked]) -> String {
     let line = |of: &Walked| {
         let frames = counted(of.frames, "frame");
         let faults = match of.faults.len() as u64 {
@@ -243,7 +243,7 @@ pub fn text(walked: &[Walked]) -> String {
 
 /// A source, every frame of which was read.
 #[derive(JsonSchema, Serialize)]
-pub struct CheckedSource {
+pub(crate) struct CheckedSource {
     source: String,
     kind: String,
     frames: u64,
@@ -267,7 +267,7 @@ impl From<&Walked> for CheckedSource {
 
 /// What was found out of a source.
 #[derive(JsonSchema, Serialize)]
-pub struct DataFact {
+pub(crate) struct DataFact {
     about: String,
     what: String,
 }
@@ -280,7 +280,7 @@ impl From<&Fact> for DataFact {
 
 /// What is wrong with a frame, or with the source.
 #[derive(JsonSchema, Serialize)]
-pub struct DataFault {
+pub(crate) struct DataFault {
     frame: Option<String>,
     message: String,
     help: Option<String>,
@@ -293,7 +293,7 @@ impl From<&Found> for DataFault {
 }
 
 /// How the command ends where something is wrong: every fault, its remedy where it is said first; what all frames share once.
-pub fn stop(walked: &[Walked]) -> Option<CliError> {
+pub(crate) fn stop(walked: &[Walked]) -> Option<CliError> {
     let count: usize = walked.iter().map(|of| of.faults.len()).sum();
     if count == 0 {
         return None;

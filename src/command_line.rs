@@ -15,7 +15,7 @@ use crate::commands::SCHEMAS;
 use crate::completion;
 
 /// The grammar with everything that help, manual and completion need.
-pub fn command(registry: &Registry) -> clap::Command {
+pub(crate) fn command(registry: &Registry) -> clap::Command {
     let command = Cli::command();
     let about = |sub: &clap::Command| sub.get_about().map(ToString::to_string).unwrap_or_default();
     let subs: Vec<_> = command.get_subcommands().map(|sub| (sub.get_name().to_owned(), about(sub))).collect();
@@ -39,24 +39,24 @@ fn with_exit_codes(command: clap::Command) -> clap::Command {
 }
 
 /// The same under the name that the program was called by: that of somebody's own, where it has kinds of its own.
-pub fn own_command(registry: &Registry) -> clap::Command {
+pub(crate) fn own_command(registry: &Registry) -> clap::Command {
     completion::with_contents(command(registry), registry).name(own_name())
 }
 
 /// The name that the program was called by.
-pub fn own_name() -> String {
+pub(crate) fn own_name() -> String {
     let called = std::env::args_os().next().unwrap_or_default();
     let stem = Path::new(&called).file_stem().and_then(|stem| stem.to_str());
     stem.filter(|stem| !stem.is_empty()).unwrap_or("depthloom").to_owned()
 }
 
 /// Whether arguments ask for JSON; also of those that are wrong.
-pub fn asks_for_json(arguments: impl IntoIterator<Item = OsString>) -> bool {
+pub(crate) fn asks_for_json(arguments: impl IntoIterator<Item = OsString>) -> bool {
     arguments.into_iter().take_while(|argument| argument != "--").any(|argument| argument == "--json")
 }
 
 /// What the process's arguments ask for.
-pub fn parse(registry: &Registry) -> Result<Cli, clap::Error> {
+pub(crate) fn parse(registry: &Registry) -> Result<Cli, clap::Error> {
     let mut command = command(registry);
     let matches = command.try_get_matches_from_mut(std::env::args_os());
     let mut matches = matches.map_err(|error| with_nearest_command(error, &command))?;
@@ -76,7 +76,7 @@ fn with_nearest_command(mut error: clap::Error, command: &clap::Command) -> clap
 }
 
 /// An error of the arguments as any other: what is wrong, and what would be right.
-pub fn stop_of(error: &clap::Error) -> CliError {
+pub(crate) fn stop_of(error: &clap::Error) -> CliError {
     let text = error.render().to_string();
     let plain = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
     let (message, rest) = text.split_once("\n\n").unwrap_or((&text, ""));

@@ -1,33 +1,33 @@
 //! The commands, one file each, and what they print with `--json`.
 
-pub mod analyse;
-pub mod check;
-pub mod compare;
-pub mod completions;
-pub mod data;
-pub mod doctor;
-pub mod dora;
-pub mod dora_node;
-pub mod explain;
-pub mod export;
-pub mod figure;
-pub mod graph;
-pub mod info;
-pub mod man;
-pub mod new;
-pub mod nodes;
-pub mod onnx;
-pub mod plan;
-pub mod recover;
-pub mod replay;
-pub mod report;
-pub mod run;
-pub mod runs;
-pub mod samples;
-pub mod schema;
-pub mod synth;
-pub mod table;
-pub mod timings;
+pub(crate) mod analyse;
+pub(crate) mod check;
+pub(crate) mod compare;
+pub(crate) mod completions;
+pub(crate) mod data;
+pub(crate) mod doctor;
+pub(crate) mod dora;
+pub(crate) mod dora_node;
+pub(crate) mod explain;
+pub(crate) mod export;
+pub(crate) mod figure;
+pub(crate) mod graph;
+pub(crate) mod info;
+pub(crate) mod man;
+pub(crate) mod new;
+pub(crate) mod nodes;
+pub(crate) mod onnx;
+pub(crate) mod plan;
+pub(crate) mod recover;
+pub(crate) mod replay;
+pub(crate) mod report;
+pub(crate) mod run;
+pub(crate) mod runs;
+pub(crate) mod samples;
+pub(crate) mod schema;
+pub(crate) mod synth;
+pub(crate) mod table;
+pub(crate) mod timings;
 
 use depthloom_graphs::render;
 use serde_json::Value as Json;
@@ -42,7 +42,7 @@ macro_rules! outputs {
         })+
 
         /// The JSON Schemas of what commands print with `--json`, by name.
-        pub const SCHEMAS: &[(&str, fn() -> Json)] = &[$(($name, schema::<$output>)),+];
+        pub(crate) const SCHEMAS: &[(&str, fn() -> Json)] = &[$(($name, schema::<$output>)),+];
     };
 }
 

@@ -15,13 +15,13 @@ use depthloom_runs::recording_of;
 use depthloom_terminal::{CliError, ExitCode};
 
 /// The environment variable by which a shell's script asks; not `COMPLETE`, which somebody may have set for something else.
-pub const VARIABLE: &str = "DEPTHLOOM_COMPLETE";
+pub(crate) const VARIABLE: &str = "DEPTHLOOM_COMPLETE";
 
 /// Set if a shell's script asks: clap removes the variable before it builds the command.
 static IS_SHELL: OnceLock<()> = OnceLock::new();
 
 /// Answers a shell's script, if it is one that asks.
-pub fn answer(command: impl Fn() -> clap::Command) -> Result<bool, CliError> {
+pub(crate) fn answer(command: impl Fn() -> clap::Command) -> Result<bool, CliError> {
     if std::env::var_os(VARIABLE).is_some() {
         IS_SHELL.get_or_init(|| ());
     }
@@ -31,12 +31,12 @@ pub fn answer(command: impl Fn() -> clap::Command) -> Result<bool, CliError> {
 }
 
 /// Experiment files, and folders on the way to them.
-pub fn experiments() -> PathCompleter {
+pub(crate) fn experiments() -> PathCompleter {
     PathCompleter::any().filter(|path| has_ending(path, &["yaml", "yml"]))
 }
 
 /// Runs, by name where they lie in the folder of runs; folders, on the way to others; recordings.
-pub fn runs(begun: &OsStr) -> Vec<CompletionCandidate> {
+pub(crate) fn runs(begun: &OsStr) -> Vec<CompletionCandidate> {
     let paths = PathCompleter::any().filter(|path| path.is_dir() || has_ending(path, &["mcap"])).complete(begun);
     let named = depthloom_runs::all(Path::new(depthloom_runs::FOLDER)).unwrap_or_default();
     let names = named.into_iter().rev().map(|run| run.name).chain(["@latest".to_owned()]);
@@ -45,25 +45,25 @@ pub fn runs(begun: &OsStr) -> Vec<CompletionCandidate> {
 }
 
 /// Folders alone.
-pub fn folders() -> PathCompleter {
+pub(crate) fn folders() -> PathCompleter {
     PathCompleter::dir()
 }
 
 /// The kinds of a registry, with a sentence each.
-pub fn kinds(registry: &Registry) -> ArgValueCandidates {
+pub(crate) fn kinds(registry: &Registry) -> ArgValueCandidates {
     let sources = registry.sources().map(|source| (source.declaration.kind, source.declaration.summary));
     let nodes = registry.nodes().map(|node| (node.declaration.kind, node.declaration.summary));
     words(sources.chain(nodes))
 }
 
 /// All scores, with their formulas.
-pub fn metrics() -> Vec<CompletionCandidate> {
+pub(crate) fn metrics() -> Vec<CompletionCandidate> {
     let metrics = depthloom_analysis::metrics();
     metrics.map(|metric| CompletionCandidate::new(metric.name).help(Some(metric.formula.into()))).collect()
 }
 
 /// The columns that any table of variants may have.
-pub fn columns() -> Vec<CompletionCandidate> {
+pub(crate) fn columns() -> Vec<CompletionCandidate> {
     let others = [("ms", "core-milliseconds a frame"), ("density", "share of true pixels that were answered")];
     let others = others.map(|(name, about)| CompletionCandidate::new(name).help(Some(about.into())));
     metrics().into_iter().chain(others).collect()
@@ -73,7 +73,7 @@ pub fn columns() -> Vec<CompletionCandidate> {
 const OF_EXPERIMENTS: [&str; 5] = ["run", "check", "plan", "graph", "dora"];
 
 /// Adds what the experiment or the run on the command line has, where a shell's script asks for it: `--set` paths, variants, topics.
-pub fn with_contents(command: clap::Command, registry: &Registry) -> clap::Command {
+pub(crate) fn with_contents(command: clap::Command, registry: &Registry) -> clap::Command {
     if IS_SHELL.get().is_none() {
         return command;
     }
@@ -157,7 +157,7 @@ fn candidates(words: Vec<String>) -> ArgValueCandidates {
 }
 
 /// Words with a sentence each.
-pub fn words<'a>(words: impl Iterator<Item = (&'a str, &'a str)>) -> ArgValueCandidates {
+pub(crate) fn words<'a>(words: impl Iterator<Item = (&'a str, &'a str)>) -> ArgValueCandidates {
     let words: Vec<(String, String)> = words.map(|(word, about)| (word.to_owned(), about.to_owned())).collect();
     let candidate = |(word, about): &(String, String)| CompletionCandidate::new(word).help(Some(about.into()));
     ArgValueCandidates::new(move || words.iter().map(candidate).collect())

@@ -17,19 +17,19 @@ const GROUND: Rgb<u8> = Rgb([24, 24, 24]);
 
 /// A contact sheet being filled.
 #[derive(Debug, Default)]
-pub struct Sheet {
+pub(crate) struct Sheet {
     /// The frames of each source.
     sources: Vec<Vec<RgbImage>>,
 }
 
 impl Sheet {
     /// The frames that come are of another source: they begin a row of their own.
-    pub fn begin(&mut self) {
+    pub(crate) fn begin(&mut self) {
         self.sources.push(Vec::new());
     }
 
     /// Adds a frame.
-    pub fn add(&mut self, left: Option<&Value>, truth: Option<&Value>) {
+    pub(crate) fn add(&mut self, left: Option<&Value>, truth: Option<&Value>) {
         let Some(Value::Image(left)) = left else { return };
         let Some(left) = reduced(left) else { return };
         let truth = truth.and_then(|truth| coloured(truth, left.dimensions()));
@@ -45,7 +45,7 @@ impl Sheet {
     }
 
     /// The sheet, a PNG's bytes; `None` without a frame.
-    pub fn png(&self) -> Option<Vec<u8>> {
+    pub(crate) fn png(&self) -> Option<Vec<u8>> {
         let rows: Vec<&[RgbImage]> = self.sources.iter().flat_map(|frames| frames.chunks(COLUMNS)).collect();
         let height_of = |row: &[RgbImage]| row.iter().map(RgbImage::height).max().unwrap_or(0) + GAP;
         let width = rows.iter().map(|row| row.iter().map(|frame| frame.width() + GAP).sum::<u32>()).max()? + GAP;

@@ -16,14 +16,14 @@ use crate::output::{self, CommandOutput};
 const TERMINAL_WIDTH: usize = 110;
 
 /// What a table is written as, and where.
-pub struct Delivery<'a> {
+pub(crate) struct Delivery<'a> {
     pub format: TableFormat,
     out: Option<&'a Path>,
 }
 
 impl<'a> Delivery<'a> {
     /// Checks that the output can be written where the arguments say.
-    pub fn new(args: &'a TableOutputArgs) -> Result<Self, CliError> {
+    pub(crate) fn new(args: &'a TableOutputArgs) -> Result<Self, CliError> {
         let out = args.out.as_deref();
         let default = if args.json { TableFormat::Json } else { TableFormat::Terminal };
         let format = args.format.unwrap_or(default);
@@ -37,7 +37,7 @@ impl<'a> Delivery<'a> {
     }
 
     /// Prints a table, or writes it to the file, as JSON of type `T`; `run` is the key of the plan it is of, `recordings` are those.
-    pub fn answer<T: CommandOutput + From<TableOutput>>(
+    pub(crate) fn answer<T: CommandOutput + From<TableOutput>>(
         &self,
         table: &Table,
         run: &Key,
@@ -47,7 +47,7 @@ impl<'a> Delivery<'a> {
     }
 
     /// Prints a table, or writes it to the file; `json` is its JSON form.
-    pub fn table(
+    pub(crate) fn table(
         &self,
         table: &Table,
         width: usize,
@@ -67,12 +67,12 @@ impl<'a> Delivery<'a> {
     }
 
     /// Whether the output is text for a terminal.
-    pub fn is_shown(&self) -> bool {
+    pub(crate) fn is_shown(&self) -> bool {
         self.format == TableFormat::Terminal && self.out.is_none()
     }
 
     /// Prints it, or writes it to the file; `recordings` are those that it is of.
-    pub fn deliver(&self, bytes: &[u8], recordings: &[&Path]) -> Result<(), CliError> {
+    pub(crate) fn deliver(&self, bytes: &[u8], recordings: &[&Path]) -> Result<(), CliError> {
         match (self.out, self.format) {
             (Some(out), _) => write_named(out, bytes, recordings),
             (None, TableFormat::Parquet) => print_bytes(bytes),
@@ -83,7 +83,7 @@ impl<'a> Delivery<'a> {
 }
 
 /// Writes a file that a person named; never one of a run, which `recordings` are those of.
-pub fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Result<(), CliError> {
+pub(crate) fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Result<(), CliError> {
     if recordings.iter().any(|recording| is_of_the_run(out, recording)) {
         let what = format!("{} is the run's own", out.display());
         return Err(CliError::usage(what, "choose another file"));
@@ -94,7 +94,7 @@ pub fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Result<(),
 }
 
 /// Refuses to replace a file of a run or a recording.
-pub fn replaces_no_run(out: &Path) -> Result<(), CliError> {
+pub(crate) fn replaces_no_run(out: &Path) -> Result<(), CliError> {
     let is_of_a_run = || run_folder::around(out.parent().unwrap_or(Path::new("."))).is_some();
     let what = match out.is_file() {
         true if is_of_a_run() => "it is a file of a run",
@@ -105,7 +105,7 @@ pub fn replaces_no_run(out: &Path) -> Result<(), CliError> {
 }
 
 /// Refuses a path that cannot be written as a file.
-pub fn can_be_written(out: &Path) -> Result<(), CliError> {
+pub(crate) fn can_be_written(out: &Path) -> Result<(), CliError> {
     let cannot = |what: String| CliError::new(ExitCode::Usage, format!("cannot write {}: {what}", out.display()));
     if out.is_dir() {
         let file = out.join("table.csv");

@@ -3,8 +3,8 @@
 mod json;
 mod sarif;
 
-pub use json::{Diagnostic as DiagnosticJson, Error, Failed};
-pub use sarif::sarif;
+pub(crate) use json::{Diagnostic as DiagnosticJson, Error, Failed};
+pub(crate) use sarif::sarif;
 
 use std::io::IsTerminal;
 use std::sync::OnceLock;
@@ -22,7 +22,7 @@ const LONG_LINE: usize = 300;
 static COLOUR: OnceLock<bool> = OnceLock::new();
 
 /// Decides whether messages are coloured.
-pub fn set_colour(colour: Colour) {
+pub(crate) fn set_colour(colour: Colour) {
     let coloured = match colour {
         Colour::Always => true,
         Colour::Never => false,
@@ -44,7 +44,7 @@ fn handler() -> GraphicalReportHandler {
 }
 
 /// Prints diagnostics to standard error, and how many errors there were.
-pub fn print<'a>(diagnostics: impl IntoIterator<Item = &'a Diagnostic>) {
+pub(crate) fn print<'a>(diagnostics: impl IntoIterator<Item = &'a Diagnostic>) {
     let mut errors = 0;
     for (index, diagnostic) in diagnostics.into_iter().enumerate() {
         if index > 0 {
@@ -99,13 +99,13 @@ fn render(diagnostic: &Diagnostic) -> String {
 }
 
 /// Prints something worth knowing that is no error to standard error.
-pub fn print_warning(message: &str) {
+pub(crate) fn print_warning(message: &str) {
     let (yellow, plain) = if *COLOUR.get_or_init(|| false) { ("\x1b[33m", "\x1b[0m") } else { ("", "") };
     tell_styled(format!("{yellow}warning{plain}: {}\n", visible_lines(message)));
 }
 
 /// Prints an error and its remedy to standard error; one that counts problems, as these.
-pub fn print_stop(stop: &CliError) {
+pub(crate) fn print_stop(stop: &CliError) {
     if stop.problems.is_empty() {
         return print_error(&stop.message);
     }
@@ -118,7 +118,7 @@ pub fn print_stop(stop: &CliError) {
 }
 
 /// The problems of an error that are in the experiment.
-pub fn placed(stop: &CliError) -> impl Iterator<Item = &Diagnostic> {
+pub(crate) fn placed(stop: &CliError) -> impl Iterator<Item = &Diagnostic> {
     stop.problems.iter().filter_map(|problem| match problem {
         Problem::Placed(diagnostic) => Some(diagnostic),
         Problem::Here(_) => None,

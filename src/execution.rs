@@ -36,7 +36,7 @@ use crate::truths;
 
 /// Of `run`: what was run, and what came of it.
 #[derive(JsonSchema, Serialize)]
-pub struct Run {
+pub(crate) struct Run {
     experiment: String,
     /// Its folder.
     run: String,
@@ -62,7 +62,7 @@ pub struct Run {
 }
 
 /// A run whose sources and nodes run in other processes.
-pub struct RemoteNodes<'a> {
+pub(crate) struct RemoteNodes<'a> {
     /// Observes the progress of the recording.
     pub observer: &'a dyn Observer,
     /// Threads that wait for values, and encode them.
@@ -72,7 +72,7 @@ pub struct RemoteNodes<'a> {
 }
 
 /// Runs what is ready: records, scores and prints.
-pub fn carry_out(
+pub(crate) fn carry_out(
     args: &RunArgs,
     loaded: Loaded,
     mut ready: Ready,
@@ -150,7 +150,7 @@ pub fn carry_out(
 }
 
 /// Whether nothing but errors is printed while it runs.
-pub fn is_silent(args: &RunArgs) -> bool {
+pub(crate) fn is_silent(args: &RunArgs) -> bool {
     args.quiet || args.output.json
 }
 

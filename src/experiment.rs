@@ -28,7 +28,7 @@ fn standard_input() -> Result<String, CliError> {
 }
 
 /// Refuses standard input, for a command that needs a file.
-pub fn is_file(args: &ExperimentArgs) -> Result<(), CliError> {
+pub(crate) fn is_file(args: &ExperimentArgs) -> Result<(), CliError> {
     if args.experiment != Path::new(STANDARD_INPUT) {
         return Ok(());
     }
@@ -37,7 +37,7 @@ pub fn is_file(args: &ExperimentArgs) -> Result<(), CliError> {
 }
 
 /// Loads an experiment; prints its warnings unless `quiet`.
-pub fn load(args: &ExperimentArgs, registry: &Registry, quiet: bool) -> Result<Loaded, CliError> {
+pub(crate) fn load(args: &ExperimentArgs, registry: &Registry, quiet: bool) -> Result<Loaded, CliError> {
     let ExperimentArgs { set, matrix, variants, .. } = args.clone();
     let text = if args.experiment == Path::new(STANDARD_INPUT) { Some(standard_input()?) } else { None };
     let options = Options { set, matrix, only: variants, text, ..Default::default() };

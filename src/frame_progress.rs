@@ -13,7 +13,7 @@ use depthloom_terminal::say;
 use crate::progress::{EVERY, frames_bar};
 
 /// How far a walk is.
-pub struct FrameProgress {
+pub(crate) struct FrameProgress {
     name: String,
     frames: u64,
     bar: Option<ProgressBar>,
@@ -29,7 +29,7 @@ struct Now {
 
 impl FrameProgress {
     /// A walk over so many frames of a source.
-    pub fn new(name: &str, frames: u64, quiet: bool) -> Self {
+    pub(crate) fn new(name: &str, frames: u64, quiet: bool) -> Self {
         let is_bar = !quiet && std::io::stderr().is_terminal();
         let bar = is_bar.then(|| frames_bar(name, frames));
         let said = (!quiet && !is_bar).then(Instant::now);
@@ -37,7 +37,7 @@ impl FrameProgress {
     }
 
     /// A frame was looked at, and so much found.
-    pub fn one_more(&self, faults: u64) {
+    pub(crate) fn one_more(&self, faults: u64) {
         let mut now = locked(&self.now);
         now.done += 1;
         now.faults += faults;

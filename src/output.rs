@@ -13,13 +13,13 @@ use serde_json::{Map, Value as Json, json};
 const VERSION: u32 = 1;
 
 /// What a command prints with `--json`: the type that it fills is the type that its schema describes.
-pub trait CommandOutput: Serialize + JsonSchema {
+pub(crate) trait CommandOutput: Serialize + JsonSchema {
     /// Its name, as `schema --output` takes it.
     const NAME: &'static str;
 }
 
 /// An output of a command as indented JSON, its format in front.
-pub fn text<T: CommandOutput>(value: &T) -> String {
+pub(crate) fn text<T: CommandOutput>(value: &T) -> String {
     let value = serde_json::to_value(value).expect("texts, numbers and lists have JSON");
     let mut stamped = Map::from_iter([("format".to_owned(), format::<T>())]);
     match value {
@@ -30,7 +30,7 @@ pub fn text<T: CommandOutput>(value: &T) -> String {
 }
 
 /// Prints an output of a command as indented JSON, its format in front.
-pub fn print<T: CommandOutput>(value: &T) -> Result<(), CliError> {
+pub(crate) fn print<T: CommandOutput>(value: &T) -> Result<(), CliError> {
     print_quoted(&text(value))
 }
 
@@ -40,7 +40,7 @@ fn format<T: CommandOutput>() -> Json {
 }
 
 /// The JSON Schema of an output.
-pub fn schema<T: CommandOutput>() -> Json {
+pub(crate) fn schema<T: CommandOutput>() -> Json {
     // Of what is written: a key that may be null is there.
     let settings = SchemaSettings::draft2020_12().for_serialize();
     let mut schema = settings.into_generator().into_root_schema_for::<T>().to_value();

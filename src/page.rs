@@ -17,7 +17,7 @@ use indicatif::ProgressBar;
 const STARTED: Duration = Duration::from_secs(2);
 
 /// Writes the page of a report into a folder. A terminal shows a spinner meanwhile, except if `is_quiet`.
-pub fn write(
+pub(crate) fn write(
     recording: &Recording,
     folder: &Path,
     summary: &Summary,
@@ -42,7 +42,7 @@ pub fn write(
 }
 
 /// What lies beside a recording and says where it was made: as far as it is there, and was known before the page was made.
-pub fn surroundings(folder: &Path) -> Surroundings {
+pub(crate) fn surroundings(folder: &Path) -> Surroundings {
     let mut environment = environment::read(folder);
     if let Some(entries) = environment.as_object_mut() {
         // Other files of this machine concern nobody, and the memory of a run is known when its page is written.
@@ -57,7 +57,7 @@ pub fn surroundings(folder: &Path) -> Surroundings {
 }
 
 /// Opens the page of a folder in a browser; that there is none costs no result.
-pub fn open(folder: &Path) {
+pub(crate) fn open(folder: &Path) {
     let page = folder.join(PAGE);
     // A browser has a folder of its own to start from.
     let page = std::fs::canonicalize(&page).unwrap_or(page);

@@ -17,7 +17,10 @@ const REMEDY: &str =
     "if the system refuses threads or files, raise its limits (`ulimit -u`, `ulimit -n`); else please report this";
 
 /// Runs the program; a panic that nobody else finds is an error of the engine, told to programs as well where they asked for JSON.
-pub fn watched(as_json: bool, program: impl FnOnce() -> Result<ExitCode, CliError>) -> Result<ExitCode, CliError> {
+pub(crate) fn watched(
+    as_json: bool,
+    program: impl FnOnce() -> Result<ExitCode, CliError>,
+) -> Result<ExitCode, CliError> {
     let tell = take_hook();
     set_hook(Box::new(move |panic| {
         tell(panic);

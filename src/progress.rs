@@ -13,10 +13,10 @@ use depthloom_threads::locked;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// A plain line is printed this often at most.
-pub const EVERY: Duration = Duration::from_secs(5);
+pub(crate) const EVERY: Duration = Duration::from_secs(5);
 
 /// Shows how far a run is.
-pub struct Progress {
+pub(crate) struct Progress {
     how: How,
     stages: Vec<Stage>,
     now: Mutex<Now>,
@@ -46,7 +46,7 @@ struct Now {
 
 impl Progress {
     /// For a plan's stage runs; silent if asked to be quiet.
-    pub fn new(plan: &Plan, quiet: bool) -> Self {
+    pub(crate) fn new(plan: &Plan, quiet: bool) -> Self {
         let how = match (quiet, std::io::stderr().is_terminal()) {
             (true, _) => How::Silent,
             (false, true) => How::Bar,
@@ -68,13 +68,13 @@ impl Progress {
 }
 
 /// A bar for a terminal, hidden if it is `quiet`.
-pub fn bar(quiet: bool, length: u64, template: &str) -> ProgressBar {
+pub(crate) fn bar(quiet: bool, length: u64, template: &str) -> ProgressBar {
     let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(length) };
     bar.with_style(style(template))
 }
 
 /// A bar for the frames of a stage or a source, on standard error.
-pub fn frames_bar(name: &str, frames: u64) -> ProgressBar {
+pub(crate) fn frames_bar(name: &str, frames: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
     bar.set_style(style("{prefix:12} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}"));
     bar.with_prefix(on_one_line(name).into_owned())

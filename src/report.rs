@@ -16,7 +16,7 @@ use crate::diagnostics::Error;
 
 /// Of `report`: what was found.
 #[derive(JsonSchema, Serialize)]
-pub struct Report {
+pub(crate) struct Report {
     experiment: String,
     recording: RecordingCondition,
     /// The rows of `table.csv`.
@@ -30,7 +30,7 @@ pub struct Report {
 
 impl Report {
     /// From the summary of the analysis, with the error of the command.
-    pub fn of(summary: &Summary, error: Option<Error>) -> Self {
+    pub(crate) fn of(summary: &Summary, error: Option<Error>) -> Self {
         Self {
             experiment: summary.experiment.clone(),
             recording: summary.recording.clone(),
@@ -43,12 +43,12 @@ impl Report {
 }
 
 /// The error of a run whose frames were scored without one pixel that counted.
-pub fn no_pixel_counted(report: &Summary) -> Option<CliError> {
+pub(crate) fn no_pixel_counted(report: &Summary) -> Option<CliError> {
     report.no_pixel_counted.then(|| CliError::new(ExitCode::FrameFailures, "not one pixel was scored"))
 }
 
 /// Analyses a recording until it is done or asked to stop. What is prepared is not computed again.
-pub fn analyse(
+pub(crate) fn analyse(
     recording: &Recording,
     folder: &Path,
     options: &ReportOptions,
@@ -70,7 +70,7 @@ pub fn analyse(
 }
 
 /// The table, and where the rest is.
-pub fn summary(report: &Summary, folder: &Path) -> String {
+pub(crate) fn summary(report: &Summary, folder: &Path) -> String {
     let files = [
         (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (for Rerun and Foxglove, too)"),
         (report.scored, "scores per frame", "scores.{csv,parquet}"),

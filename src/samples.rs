@@ -11,12 +11,12 @@ use depthloom_terminal::{CliError, ExitCode, say};
 use crate::progress::bar;
 
 /// The folder of a file.
-pub fn folder_of(file: &Path) -> &Path {
+pub(crate) fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Writes a recording's samples to a file, with progress.
-pub fn write(
+pub(crate) fn write(
     recording: &Recording,
     out: &Path,
     is_silent: bool,
@@ -36,12 +36,12 @@ pub fn write(
 }
 
 /// Whether what is named is a file of samples itself.
-pub fn is_samples(run: &Path) -> bool {
+pub(crate) fn is_samples(run: &Path) -> bool {
     run.is_file() && run.extension().is_some_and(|ending| ending == "parquet")
 }
 
 /// The file of samples of a run, written if it is missing or older than the recording; or such a file itself.
-pub fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> Result<PathBuf, CliError> {
+pub(crate) fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> Result<PathBuf, CliError> {
     if is_samples(run) {
         return Ok(run.to_owned());
     }

@@ -8,7 +8,7 @@ use depthloom_runner::Interrupt;
 use depthloom_terminal::{CliError, ExitCode, say};
 
 /// Listens for signals from now on; before, they end the process. `stopping` is what is said of the first.
-pub fn listen(stopping: &'static str) -> Result<Interrupt, CliError> {
+pub(crate) fn listen(stopping: &'static str) -> Result<Interrupt, CliError> {
     let interrupt = Interrupt::default();
     system::listen(interrupt.clone(), stopping).map_err(|error| {
         CliError::because(ExitCode::Engine, "failed to listen for signals", &error)
@@ -18,12 +18,12 @@ pub fn listen(stopping: &'static str) -> Result<Interrupt, CliError> {
 }
 
 /// Lets a write beyond the limit of file sizes (`ulimit -f`) fail as one on a full disk does; by default it kills the process.
-pub fn outlive_file_size_limit() {
+pub(crate) fn outlive_file_size_limit() {
     system::outlive_file_size_limit();
 }
 
 /// Ends the process at once, without waiting for anything it still holds.
-pub fn leave(exit: ExitCode) -> ! {
+pub(crate) fn leave(exit: ExitCode) -> ! {
     system::leave(exit as i32)
 }
 
@@ -47,7 +47,7 @@ mod system {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
     use signal_hook::iterator::Signals;
 
-    pub fn listen(interrupt: Interrupt, stopping: &'static str) -> io::Result<()> {
+    pub(super) fn listen(interrupt: Interrupt, stopping: &'static str) -> io::Result<()> {
         let heard: Vec<c_int> = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| !is_ignored(*signal)).collect();
         let mut signals = Signals::new(heard)?;
         let hear = move || {
@@ -73,12 +73,12 @@ mod system {
         }
     }
 
-    pub fn outlive_file_size_limit() {
+    pub(super) fn outlive_file_size_limit() {
         // A handler that does nothing of note; one that cannot be set leaves what was.
         let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
     }
 
-    pub fn leave(code: i32) -> ! {
+    pub(super) fn leave(code: i32) -> ! {
         signal_hook::low_level::exit(code)
     }
 }

@@ -8,10 +8,10 @@ use depthloom_graphs::plan::{FrameIndex, StageRun};
 use depthloom_graphs::ready::Ready;
 
 /// What helps where there is no truth.
-pub const REMEDY: &str = "say in the source's parameters where the truth lies (depths of disparities need a calibration too), choose frames that have it (`frames:`), or leave `score:` out";
+pub(crate) const REMEDY: &str = "say in the source's parameters where the truth lies (depths of disparities need a calibration too), choose frames that have it (`frames:`), or leave `score:` out";
 
 /// The output ports of a stage's source that it scores against.
-pub fn of_source(run: &StageRun) -> BTreeSet<&'static str> {
+pub(crate) fn of_source(run: &StageRun) -> BTreeSet<&'static str> {
     let port = |slot: &Slot| match slot {
         Slot::Source { port } => run.source.outputs.get(port.0).map(|output| output.port.name),
         Slot::Node { .. } => None,
@@ -20,12 +20,12 @@ pub fn of_source(run: &StageRun) -> BTreeSet<&'static str> {
 }
 
 /// Whether a file of a frame, by the part it plays, is of its truth: what is neither image nor calibration.
-pub fn is_of_truth(part: &str) -> bool {
+pub(crate) fn is_of_truth(part: &str) -> bool {
     !matches!(part, "left" | "right") && !part.starts_with("calibration")
 }
 
 /// Stages that score against a source of which no frame has a file of truth, as warnings.
-pub fn missing(ready: &Ready) -> Vec<String> {
+pub(crate) fn missing(ready: &Ready) -> Vec<String> {
     let one = |(run, of): (&StageRun, &dyn Source)| {
         let port = of_source(run).into_iter().next()?;
         let count = of.frames().len();

@@ -8,11 +8,11 @@ use depthloom_threads::{into_unlocked, locked};
 
 /// What the sources warn of, each once.
 #[derive(Default)]
-pub struct WarningCollector(Mutex<BTreeSet<String>>);
+pub(crate) struct WarningCollector(Mutex<BTreeSet<String>>);
 
 impl WarningCollector {
     /// All of it, in order.
-    pub fn into_warnings(self) -> BTreeSet<String> {
+    pub(crate) fn into_warnings(self) -> BTreeSet<String> {
         into_unlocked(self.0)
     }
 }

@@ -13,7 +13,8 @@ mod spreads;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-pub use depthloom_figures::{Drawing, Layout, Size};
+use depthloom_figures::Drawing;
+pub use depthloom_figures::{Layout, Size};
 use depthloom_figures::{Sheet, learning_curves as drawn_curves};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;

@@ -18,7 +18,8 @@ mod terminal;
 use depthloom_scores::Metric;
 
 pub(crate) use column::{Cells, Column, Format, Rows};
-pub use json::{JsonRow, TableOutput};
+pub(crate) use json::JsonRow;
+pub use json::TableOutput;
 pub use parquet::{TABLE_FORMAT, TABLE_MARK};
 pub(crate) use parquet::{file_metadata, parquet_of_parts, with_arrow_schema};
 pub(crate) use row_key::key_columns;

@@ -17,7 +17,7 @@ pub(crate) use params::NetworkParams;
 use params::{InputType, NetworkInput};
 
 /// The kind `onnx`.
-pub struct OnnxNetwork {
+pub(crate) struct OnnxNetwork {
     params: NetworkParams,
     network: onnx::Loaded<Loaded>,
 }

@@ -5,7 +5,7 @@ use depthloom_graphs::values::Raster;
 use image::Primitive;
 
 /// A raster of zeros filled by a kernel.
-pub fn filled<T: Primitive>((width, height): (u32, u32), fill: impl FnOnce(&mut [T])) -> Raster<T> {
+pub(crate) fn filled<T: Primitive>((width, height): (u32, u32), fill: impl FnOnce(&mut [T])) -> Raster<T> {
     let mut raster = Raster::new(width, height);
     fill(&mut raster);
     raster
@@ -15,7 +15,7 @@ pub fn filled<T: Primitive>((width, height): (u32, u32), fill: impl FnOnce(&mut 
 ///
 /// # Errors
 /// Naming both, if they differ.
-pub fn same_size(first: (&str, (u32, u32)), second: (&str, (u32, u32))) -> Result<(), Fault> {
+pub(crate) fn same_size(first: (&str, (u32, u32)), second: (&str, (u32, u32))) -> Result<(), Fault> {
     if first.1 == second.1 {
         return Ok(());
     }

@@ -4,7 +4,7 @@ use depthloom_graphs::Host;
 use depthloom_kernels::tiles::{Tiles, rounds_in_one_run};
 
 /// Lets a kernel spread a frame over whoever runs the node.
-pub struct HostTiles<'a>(pub &'a dyn Host);
+pub(crate) struct HostTiles<'a>(pub &'a dyn Host);
 
 impl Tiles for HostTiles<'_> {
     fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {

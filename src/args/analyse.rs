@@ -14,7 +14,7 @@ use crate::completion::{folders, runs};
     "samples @latest" => "samples.parquet into the run's folder",
     "samples RUN --out /data/samples.parquet" => "elsewhere",
 ])]
-pub struct SamplesArgs {
+pub(crate) struct SamplesArgs {
     #[command(flatten)]
     pub run: RunArg,
 
@@ -37,7 +37,7 @@ pub struct SamplesArgs {
     "analyse @latest --by weight --percentiles 50,95" => "is a higher weight a smaller error?",
     "analyse one two --by frame --format csv --out frames.csv" => "two runs, frame by frame",
 ])]
-pub struct AnalyseArgs {
+pub(crate) struct AnalyseArgs {
     /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`; also files of samples.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,

@@ -11,7 +11,7 @@ use crate::completion::{metrics, runs};
 
 /// How sure an interval is, and how it is found.
 #[derive(Clone, Debug, Args)]
-pub struct IntervalArgs {
+pub(crate) struct IntervalArgs {
     /// How sure an interval is, in per cent; tests are held against what is left to 100.
     #[arg(long, value_name = "PERCENT", default_value = "95", value_parser = parse_confidence)]
     pub confidence: f64,
@@ -31,7 +31,7 @@ pub struct IntervalArgs {
 
 impl IntervalArgs {
     /// The resampling of the analysis; `resamples` is the default number.
-    pub fn resampling(&self, resamples: u32) -> Resampling {
+    pub(crate) fn resampling(&self, resamples: u32) -> Resampling {
         let resamples = self.resamples.unwrap_or(resamples);
         Resampling { resamples, seed: self.seed, confidence: self.confidence, method: self.interval }
     }
@@ -45,7 +45,7 @@ pub(super) fn parse_confidence(text: &str) -> Result<f64, String> {
 
 /// What errors are compared by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum CompareBy {
+pub(crate) enum CompareBy {
     /// The true distance: absolute errors of the pixels that both answered, bin by bin, and where one should hand over to the other.
     Distance,
 }
@@ -59,7 +59,7 @@ pub enum CompareBy {
     "compare main pr --fail-if 'fused.abs_rel > +1%'" => "for CI: exit code 3 if it is worse",
     "compare A:full/fused B:fused --set answered --json" => "for programs",
 ])]
-pub struct CompareArgs {
+pub(crate) struct CompareArgs {
     /// What is compared, the first being what the others are held against: runs (folders, recordings, beginnings of names, `@latest`); or a run, and
     /// variants or estimators of it (`full`, `full/fused`, `'*/fused'`); or `RUN:NAME`, of several runs. A run alone: all of its variants, or where it
     /// has none, estimators.

@@ -13,7 +13,7 @@ use crate::completion::folders;
     "data /data/kitti" => "frames, sizes, calibration and truth, and the source to paste",
     "data /data/robot --sheet robot.png" => "and a picture of its frames",
 ])]
-pub struct DataArgs {
+pub(crate) struct DataArgs {
     /// The folder of a data set, or a file that holds one (a bag, a recording).
     #[arg(add = ArgValueCompleter::new(folders()))]
     pub root: PathBuf,

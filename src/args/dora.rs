@@ -11,7 +11,7 @@ use super::RunArgs;
     "dora first.yaml --out look > dataflow.yml" => "then `dora run dataflow.yml`: every node a process, the same recording",
     "dora first.yaml --machine '*.mono=jetson' > dataflow.yml" => "and one of them on another machine",
 ])]
-pub struct DoraArgs {
+pub(crate) struct DoraArgs {
     #[command(flatten)]
     pub run: RunArgs,
 
@@ -30,13 +30,13 @@ pub struct DoraArgs {
 
 impl DoraArgs {
     /// How many frames are on their way at most.
-    pub fn window(&self) -> usize {
+    pub(crate) fn window(&self) -> usize {
         usize::from(self.run.window.unwrap_or(8))
     }
 }
 
 #[derive(Debug, Args)]
-pub struct DoraNodeArgs {
+pub(crate) struct DoraNodeArgs {
     /// Its name in the dataflow.
     #[arg(long, value_name = "NAME")]
     pub part: String,

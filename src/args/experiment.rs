@@ -10,7 +10,7 @@ use crate::completion::{experiments, folders};
 
 /// An experiment file, and what of it is set otherwise.
 #[derive(Clone, Debug, Args)]
-pub struct ExperimentArgs {
+pub(crate) struct ExperimentArgs {
     /// The experiment file (YAML). `check`, `plan` and `graph` read `-` from standard input.
     #[arg(add = ArgValueCompleter::new(experiments()))]
     pub experiment: PathBuf,
@@ -37,7 +37,7 @@ pub struct ExperimentArgs {
 
 /// Whether programs may be started.
 #[derive(Clone, Copy, Debug, Default, Args)]
-pub struct ExecArgs {
+pub(crate) struct ExecArgs {
     /// Let the experiment start the programs that it names (`process`, `process/source`); without it, it starts none. An experiment whose file
     /// is listed under `allow_exec` in ~/.config/depthloom/config.yaml needs it not.
     #[arg(long)]
@@ -51,7 +51,7 @@ pub struct ExecArgs {
     "check first.yaml --sarif > check.sarif" => "for code review; begin in the repository's root",
     "check first.yaml --data" => "every frame of its data too, before an hour is computed on them",
 ])]
-pub struct CheckArgs {
+pub(crate) struct CheckArgs {
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
@@ -80,7 +80,7 @@ pub struct CheckArgs {
     "plan experiments/table1.yaml" => "stereo is run once for all variants",
     "plan first.yaml --reuse --set look.stereo.with.block=7" => "what a run would take from earlier ones",
 ])]
-pub struct PlanArgs {
+pub(crate) struct PlanArgs {
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
@@ -102,7 +102,7 @@ pub struct PlanArgs {
 
 /// How a graph is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum GraphFormat {
+pub(crate) enum GraphFormat {
     /// Mermaid, which GitHub and many editors draw.
     Mermaid,
     /// Graphviz.
@@ -115,7 +115,7 @@ pub enum GraphFormat {
     "graph first.yaml --format dot | dot -Tsvg > graph.svg" => "Graphviz",
     "graph first.yaml --json | jq '.edges[]'" => "for programs",
 ])]
-pub struct GraphArgs {
+pub(crate) struct GraphArgs {
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 

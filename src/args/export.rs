@@ -13,7 +13,7 @@ use crate::completion::folders;
 
 /// The colours of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ColoursOption {
+pub(crate) enum ColoursOption {
     /// Blue over green to red.
     Turbo,
     /// Violet over green to yellow.
@@ -32,7 +32,7 @@ pub enum ColoursOption {
     "export RUN depth --format ply --range 0..60 --out clouds" => "points up to 60 m, coloured by the image",
     "export RUN --out all --json | jq '.topics[]'" => "everything; for programs",
 ])]
-pub struct ExportArgs {
+pub(crate) struct ExportArgs {
     #[command(flatten)]
     pub run: RunArg,
 

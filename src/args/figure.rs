@@ -11,7 +11,7 @@ use crate::completion::{folders, metrics, runs};
 
 /// What a figure is written as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum FigureFormat {
+pub(crate) enum FigureFormat {
     /// Scalable, for the web and for editing.
     Svg,
     /// Pixels.
@@ -22,7 +22,7 @@ pub enum FigureFormat {
 
 /// How variants are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum LayoutOption {
+pub(crate) enum LayoutOption {
     /// A panel a variant.
     Multiples,
     /// All on one panel.
@@ -31,7 +31,7 @@ pub enum LayoutOption {
 
 impl LayoutOption {
     /// As the analysis has it.
-    pub const fn layout(self) -> Layout {
+    pub(crate) const fn layout(self) -> Layout {
         match self {
             Self::Multiples => Layout::Multiples,
             Self::Overlaid => Layout::Overlaid,
@@ -46,7 +46,7 @@ impl LayoutOption {
     "figure RUN parameter --axes block,p1 --score abs_rel --out sweep.png --dpi 600" => "of a matrix",
     "figure RUN panels --frames 0,3 --out frames.png --data frames.csv" => "frames as the paper shows them",
 ])]
-pub struct FigureArgs {
+pub(crate) struct FigureArgs {
     /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`. Several for `error-vs-distance`, `histogram`, `cdf` and
     /// `reliability`.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]

@@ -13,7 +13,7 @@ use super::{ExecArgs, JsonArgs, RunArg};
     "info copied.mcap --check" => "is every byte what was written?",
     "info RUN --keys --json | jq -r '.keys[].key' | sort -u" => "for programs",
 ])]
-pub struct InfoArgs {
+pub(crate) struct InfoArgs {
     #[command(flatten)]
     pub run: RunArg,
 
@@ -33,7 +33,7 @@ pub struct InfoArgs {
 #[command(after_help = examples![
     "recover runs/first/2026-11-21T08-30-05Z.partial" => "what a killed run left, for any MCAP reader",
 ])]
-pub struct RecoverArgs {
+pub(crate) struct RecoverArgs {
     #[command(flatten)]
     pub run: RunArg,
 
@@ -51,7 +51,7 @@ pub struct RecoverArgs {
     "replay RUN --check compare.fused --tolerance depth=0.001" => "one node, to a millimetre",
     "replay RUN --check --json | jq '.nodes[] | select(.different > 0)'" => "for programs",
 ])]
-pub struct ReplayArgs {
+pub(crate) struct ReplayArgs {
     #[command(flatten)]
     pub run: RunArg,
 

@@ -17,7 +17,7 @@ use crate::completion::folders;
     "run first.yaml --set sources.street.with.frames=0..2" => "with something set otherwise",
     "run first.yaml --json | jq .report.table" => "for programs",
 ])]
-pub struct RunArgs {
+pub(crate) struct RunArgs {
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
@@ -109,14 +109,14 @@ impl From<AuditMode> for Audit {
 
 impl RunArgs {
     /// Whether nothing is taken from earlier runs.
-    pub fn is_fresh(&self) -> bool {
+    pub(crate) fn is_fresh(&self) -> bool {
         self.fresh || std::env::var_os("DEPTHLOOM_FRESH").is_some_and(|told| !told.is_empty() && told != "0")
     }
 }
 
 /// What becomes of `report.html`.
 #[derive(Debug, Args)]
-pub struct PageArgs {
+pub(crate) struct PageArgs {
     /// Leave out `report.html`: table, figures, pictures of frames and the plan on one page, for a browser. It has at most 40 MB: of long runs
     /// fewer frames (200) and smaller pictures, of many variants the best, and says so.
     #[arg(long)]
@@ -132,7 +132,7 @@ pub struct PageArgs {
     "report runs/first/2026-11-21T08-30-05Z" => "its tables and plots again",
     "report look.partial --out salvaged" => "of a run that did not come to its end",
 ])]
-pub struct ReportArgs {
+pub(crate) struct ReportArgs {
     #[command(flatten)]
     pub run: RunArg,
 
@@ -160,7 +160,7 @@ pub struct ReportArgs {
 #[command(after_help = examples![
     "timings runs/first/2026-11-21T08-30-05Z" => "what to make faster",
 ])]
-pub struct TimingsArgs {
+pub(crate) struct TimingsArgs {
     #[command(flatten)]
     pub run: RunArg,
 

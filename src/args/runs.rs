@@ -20,7 +20,7 @@ use crate::completion::{folders, runs};
     "runs prune --keep 3 --dry-run" => "what would go if three of each experiment stayed",
     "runs --in /data/runs --json | jq -r '.runs[] | select(.state != \"whole\").path'" => "for programs",
 ])]
-pub struct RunsArgs {
+pub(crate) struct RunsArgs {
     /// What to do; without one, list them.
     #[command(subcommand)]
     pub command: Option<RunsCommand>,
@@ -36,7 +36,7 @@ pub struct RunsArgs {
 
 /// What to do with runs.
 #[derive(Debug, Subcommand)]
-pub enum RunsCommand {
+pub(crate) enum RunsCommand {
     /// List the runs in a folder, newest first; what `runs` does without a command.
     #[command(after_help = examples![
         "runs list --in /data/runs" => "the runs below another folder",
@@ -57,7 +57,7 @@ pub enum RunsCommand {
     "runs rm look.partial" => "what a run left that ended before it was whole",
     "runs rm table1/2026-11-20 table1/2026-11-21" => "several",
 ])]
-pub struct RmArgs {
+pub(crate) struct RmArgs {
     /// The runs: folders, names in full, or `@latest`.
     #[arg(required = true, add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
@@ -70,7 +70,7 @@ pub struct RmArgs {
     "runs prune --older-than 30d --keep 1" => "what is older than 30 days, but never an experiment's last",
     "runs prune --max-size 100GB --unfinished" => "the unfinished, then the oldest until the rest fits",
 ])]
-pub struct PruneArgs {
+pub(crate) struct PruneArgs {
     /// Keep the newest N whole runs of each experiment, whatever else is said; alone, remove all other whole runs.
     #[arg(long, value_name = "N")]
     pub keep: Option<usize>,
@@ -101,7 +101,7 @@ pub struct PruneArgs {
     "runs show @latest" => "the newest that is over",
     "runs show look.partial --json | jq .stages" => "for programs",
 ])]
-pub struct ShowArgs {
+pub(crate) struct ShowArgs {
     /// A run: its folder, the beginning of its name, or `@latest`.
     #[arg(add = ArgValueCompleter::new(runs))]
     pub run: PathBuf,
@@ -112,7 +112,7 @@ pub struct ShowArgs {
     "runs why table1/2026-11-20 table1/@latest" => "what is another since that day, and why",
     "runs why A B --json | jq -r '.nodes[] | select(.same | not) | .node'" => "for programs: the nodes whose values differ",
 ])]
-pub struct WhyArgs {
+pub(crate) struct WhyArgs {
     /// The earlier run: its folder, its recording, the beginning of its name, or `@latest`.
     #[arg(add = ArgValueCompleter::new(runs))]
     pub before: PathBuf,

@@ -13,7 +13,7 @@ use crate::completion::{columns, metrics, runs};
 
 /// Which pixels scores are over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum SetOption {
+pub(crate) enum SetOption {
     /// Every true pixel.
     All,
     /// The true pixels that an estimate answered, which are its own.
@@ -26,7 +26,7 @@ pub enum SetOption {
 
 impl SetOption {
     /// The recorded pixel set; `None` for the one that is computed from recorded maps.
-    pub const fn recorded(self) -> Option<PixelSet> {
+    pub(crate) const fn recorded(self) -> Option<PixelSet> {
         match self {
             Self::All => Some(PixelSet::All),
             Self::Answered => Some(PixelSet::Answered),
@@ -38,7 +38,7 @@ impl SetOption {
 
 /// How frames' scores become one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum MeanOption {
+pub(crate) enum MeanOption {
     /// The unweighted mean of the frames' scores.
     Frames,
     /// As if all frames were one image.
@@ -47,7 +47,7 @@ pub enum MeanOption {
 
 /// What a table is written as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum TableFormat {
+pub(crate) enum TableFormat {
     /// Aligned text, the best marked by `*`.
     Terminal,
     /// Markdown, as GitHub shows it.
@@ -64,7 +64,7 @@ pub enum TableFormat {
 
 /// Which scores of a run, of what.
 #[derive(Debug, Args)]
-pub struct ScoresArgs {
+pub(crate) struct ScoresArgs {
     /// The pixels that scores are over; by default every true pixel, where those were scored.
     #[arg(long, value_enum)]
     pub set: Option<SetOption>,
@@ -84,7 +84,7 @@ pub struct ScoresArgs {
 
 impl ScoresArgs {
     /// The selection of the analysis.
-    pub fn selection(&self) -> Selection {
+    pub(crate) fn selection(&self) -> Selection {
         let mean = self.mean.map(|mean| match mean {
             MeanOption::Frames => Mean::Frames,
             MeanOption::Pixels => Mean::Pixels,
@@ -97,7 +97,7 @@ impl ScoresArgs {
 
 /// How a table is set.
 #[derive(Clone, Debug, Args)]
-pub struct TypesettingArgs {
+pub(crate) struct TypesettingArgs {
     /// The caption in LaTeX, taken as LaTeX; by default what the numbers are.
     #[arg(long, value_name = "TEXT")]
     pub caption: Option<String>,
@@ -113,7 +113,7 @@ pub struct TypesettingArgs {
 
 impl TypesettingArgs {
     /// The typesetting of the analysis.
-    pub fn typesetting(&self) -> Typesetting {
+    pub(crate) fn typesetting(&self) -> Typesetting {
         let Self { caption, label, digits } = self.clone();
         Typesetting { caption, label, decimals: digits.map(usize::from) }
     }
@@ -128,7 +128,7 @@ impl TypesettingArgs {
     "table RUN --pareto abs_rel,ms" => "what is worth its time",
     "table RUN --top 8 --format latex --out variants.tex" => "for a paper",
 ])]
-pub struct TableArgs {
+pub(crate) struct TableArgs {
     /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`. Of several runs one table, with the settings in which
     /// they differ.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
@@ -197,7 +197,7 @@ pub struct TableArgs {
 
 /// What a table has in rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum RowsOption {
+pub(crate) enum RowsOption {
     /// An estimate of a variant a row, or a depth and the disparity it is made of; its axes and scores in columns.
     Variant,
     /// A score a row, estimates in columns.
@@ -209,7 +209,7 @@ pub enum RowsOption {
     "explain RUN abs_rel full/fused" => "formula, pixels, frames, source, the paper's convention",
     "explain RUN rmse fused --set answered --json" => "for programs",
 ])]
-pub struct ExplainArgs {
+pub(crate) struct ExplainArgs {
     #[command(flatten)]
     pub run: RunArg,
 

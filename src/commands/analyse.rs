@@ -17,7 +17,7 @@ use crate::signals;
 // Of `analyse`. The schema has the description of the table: one here would make it refer to the table's.
 #[derive(JsonSchema, Serialize)]
 #[serde(transparent)]
-pub struct Analyse(TableOutput);
+pub(crate) struct Analyse(TableOutput);
 
 impl From<TableOutput> for Analyse {
     fn from(table: TableOutput) -> Self {
@@ -26,7 +26,7 @@ impl From<TableOutput> for Analyse {
 }
 
 /// Prints a table of errors, or writes it to a file; of runs that have no samples yet, these first.
-pub fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     let delivery = Delivery::new(&args.output)?;
     let inquiry = Inquiry {
         by: By::parse(&args.by),

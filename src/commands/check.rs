@@ -19,7 +19,7 @@ use crate::output;
 
 /// Of `check`: the counts where the experiment is without error.
 #[derive(Default, JsonSchema, Serialize)]
-pub struct Check {
+pub(crate) struct Check {
     /// The file.
     experiment: String,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -41,7 +41,7 @@ pub struct Check {
 }
 
 /// Loads the experiment and says what it holds; with `--data` looks at its frames as well.
-pub fn check(args: &CheckArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn check(args: &CheckArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let loaded = load(&args.experiment, registry, args.output.json || args.sarif);
     let experiment = &args.experiment.experiment;
     if args.data {

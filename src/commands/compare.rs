@@ -23,7 +23,7 @@ const TERMINAL_WIDTH: usize = 140;
 
 /// Of `compare`: what is better, and how sure that is.
 #[derive(JsonSchema, Serialize)]
-pub struct Compare {
+pub(crate) struct Compare {
     #[serde(flatten)]
     comparison: ComparisonOutput,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -31,7 +31,7 @@ pub struct Compare {
 }
 
 /// Compares runs, variants or estimators.
-pub fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     let delivery = Delivery::new(&args.output)?;
     let interrupt = signals::listen("stopping")?;
     let mut opened = Opened::default();

@@ -8,7 +8,7 @@ use depthloom_terminal::{CliError, ExitCode, print_bytes};
 use crate::completion::VARIABLE;
 
 /// Prints the script: it completes the program by the name that it was called by, and asks it where it was found.
-pub fn completions(shell: clap_complete::Shell, command: &clap::Command) -> Result<ExitCode, CliError> {
+pub(crate) fn completions(shell: clap_complete::Shell, command: &clap::Command) -> Result<ExitCode, CliError> {
     let failed =
         |error: &dyn std::error::Error| CliError::because(ExitCode::Engine, "failed to write the script", error);
     let shells = Shells::builtins();

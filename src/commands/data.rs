@@ -40,7 +40,7 @@ const ANY_PAIRS: &str = "images";
 
 /// Of `data`: what a folder holds.
 #[derive(JsonSchema, Serialize)]
-pub struct Data {
+pub(crate) struct Data {
     root: String,
     /// The data sets it is; none where it is laid out as nothing that is known.
     found: Vec<DataSet>,
@@ -59,7 +59,7 @@ pub struct Data {
 
 /// A data set.
 #[derive(JsonSchema, Serialize)]
-pub struct DataSet {
+pub(crate) struct DataSet {
     what: String,
     /// The kind of the source.
     kind: String,
@@ -82,7 +82,7 @@ pub struct DataSet {
 
 /// What is wrong with a data set.
 #[derive(JsonSchema, Serialize)]
-pub struct DataSetFault {
+pub(crate) struct DataSetFault {
     message: String,
     help: Option<String>,
 }
@@ -94,7 +94,7 @@ impl From<&Wrong> for DataSetFault {
 }
 
 /// Says what a folder holds and prints the source to paste.
-pub fn data(args: &DataArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn data(args: &DataArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let root = std::path::absolute(&args.root).unwrap_or_else(|_| args.root.clone());
     if !root.exists() {
         let what = format!("there is no folder {}", root.display());

@@ -16,7 +16,7 @@ const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")
 
 /// Of `doctor`: what this machine offers.
 #[derive(JsonSchema, Serialize)]
-pub struct Doctor {
+pub(crate) struct Doctor {
     /// The version of the program.
     depthloom: String,
     cores: u64,
@@ -27,14 +27,14 @@ pub struct Doctor {
 
 /// A variable that names a data set's folder.
 #[derive(JsonSchema, Serialize)]
-pub struct DataRoot {
+pub(crate) struct DataRoot {
     variable: String,
     root: Option<String>,
     found: bool,
 }
 
 /// Prints cores, SIMD, the engine of networks and data roots.
-pub fn doctor(as_json: bool) -> Result<ExitCode, CliError> {
+pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, CliError> {
     let engine = onnx::find();
     let roots = DATA_ROOTS.map(|(variable, landmark)| {
         let root = std::env::var_os(variable).map(PathBuf::from);

@@ -15,7 +15,7 @@ use crate::diagnostics::print_warning;
 use crate::experiment::{is_file, load};
 
 /// Prints the dataflow.
-pub fn dora(args: &DoraArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn dora(args: &DoraArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     is_file(&args.run.experiment)?;
     let loaded = load(&args.run.experiment, registry, false)?;
     allow_exec::decide(args.run.exec, Some((&args.run.experiment.experiment, &loaded)))?;

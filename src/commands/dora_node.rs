@@ -16,7 +16,7 @@ use crate::experiment::load;
 use crate::signals;
 
 /// Runs one node of the dataflow.
-pub fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     std::env::set_current_dir(&args.folder).map_err(|error| {
         CliError::because(ExitCode::Usage, format!("failed to go to {}", args.folder.display()), &error)
     })?;

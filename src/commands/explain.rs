@@ -8,7 +8,7 @@ use crate::output;
 use crate::signals;
 
 /// Says where a score of an estimator comes from.
-pub fn explain(args: &ExplainArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn explain(args: &ExplainArgs) -> Result<ExitCode, CliError> {
     if args.scores.set == Some(SetOption::Common) {
         return Err(CliError::usage(
             "what all answered depends on which estimates are compared",

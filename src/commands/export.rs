@@ -21,7 +21,7 @@ use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 
 /// Of `export`: what was written.
 #[derive(JsonSchema, Serialize)]
-pub struct Export {
+pub(crate) struct Export {
     folder: String,
     /// `whole`, `unfinished` or `damaged`.
     condition: &'static str,
@@ -31,7 +31,7 @@ pub struct Export {
 }
 
 /// Writes what is asked for.
-pub fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     let folder = Folder::at(&args.out, args.overwrite)?;
     let path = recording_of(&args.run, "export")?;
     let interrupt = signals::listen("stopping: files begun are finished")?;

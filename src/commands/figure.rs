@@ -18,7 +18,7 @@ use crate::signals;
 
 /// Of `figure`: what was drawn.
 #[derive(JsonSchema, Serialize)]
-pub struct Figure {
+pub(crate) struct Figure {
     file: String,
     /// The file of the numbers that it shows; null where none was asked for.
     data: Option<String>,
@@ -32,7 +32,7 @@ pub struct Figure {
 }
 
 /// Draws a figure of runs.
-pub fn figure(args: &FigureArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode, CliError> {
     let format = format_of(args)?;
     can_be_written(&args.out)?;
     if let Some(data) = &args.data {

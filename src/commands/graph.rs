@@ -9,7 +9,7 @@ use crate::experiment::load;
 use crate::output;
 
 /// Prints the plan as a drawing.
-pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn graph(args: &GraphArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let Loaded { plan, .. } = load(&args.experiment, registry, true)?;
     if args.json {
         output::print(&plan.graph_json())?;

@@ -22,7 +22,7 @@ const KEY_DIGITS: usize = 12;
 
 /// Of `info`: what a recording holds.
 #[derive(JsonSchema, Serialize)]
-pub struct Info {
+pub(crate) struct Info {
     file: String,
     bytes: u64,
     /// `whole`, `unfinished` or `damaged`.
@@ -46,7 +46,7 @@ pub struct Info {
 
 /// A topic.
 #[derive(JsonSchema, Serialize)]
-pub struct Topic {
+pub(crate) struct Topic {
     topic: String,
     // Of a planned port its type, of other topics what they are for.
     #[serde(rename = "type")]
@@ -63,7 +63,7 @@ pub struct Topic {
 
 /// An attached file.
 #[derive(JsonSchema, Serialize)]
-pub struct Attachment {
+pub(crate) struct Attachment {
     name: String,
     #[serde(rename = "type")]
     media_type: String,
@@ -72,7 +72,7 @@ pub struct Attachment {
 
 /// Bytes that are not what was written.
 #[derive(JsonSchema, Serialize)]
-pub struct Damage {
+pub(crate) struct Damage {
     offset: u64,
     bytes: u64,
     held: String,
@@ -80,7 +80,7 @@ pub struct Damage {
 
 /// The key of a value.
 #[derive(JsonSchema, Serialize)]
-pub struct KeyOf {
+pub(crate) struct KeyOf {
     /// The name of its stage run.
     #[serde(skip)]
     run: String,
@@ -94,7 +94,7 @@ pub struct KeyOf {
 }
 
 /// Prints topics with their messages, sizes and keys, attachments, and whether the recording is whole.
-pub fn info(args: &InfoArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn info(args: &InfoArgs) -> Result<ExitCode, CliError> {
     let path = recording_of(&args.run, "info")?;
     let interrupt = signals::listen("stopping")?;
     let recording = open(&path)?;

@@ -14,7 +14,7 @@ use crate::args::ManArgs;
 const RELEASED: &str = "2026-11-21";
 
 /// Prints a page of a program, or writes all.
-pub fn man(args: &ManArgs, program: clap::Command) -> Result<ExitCode, CliError> {
+pub(crate) fn man(args: &ManArgs, program: clap::Command) -> Result<ExitCode, CliError> {
     let mut program = program.disable_help_subcommand(true);
     program.build();
     if let Some(out) = &args.out {

@@ -11,7 +11,7 @@ use crate::args::NewArgs;
 const FIRST: &str = include_str!("new.yaml");
 
 /// Writes the first experiment where nothing is yet.
-pub fn new(args: &NewArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn new(args: &NewArgs) -> Result<ExitCode, CliError> {
     let file = &args.file;
     let failed = |error: std::io::Error| match error.kind() {
         ErrorKind::AlreadyExists => {

@@ -7,7 +7,7 @@ use crate::args::NodesArgs;
 use crate::output;
 
 /// Lists all kinds, or explains one.
-pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn nodes(args: &NodesArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let Some(kind) = &args.kind else {
         if args.output.json {
             output::print(&render::kinds_json(registry))?;

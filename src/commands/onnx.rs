@@ -18,7 +18,7 @@ const MOST_BYTES: u64 = 2 << 30;
 
 /// Of `onnx`: what an ONNX file takes, gives and costs.
 #[derive(JsonSchema, Serialize)]
-pub struct Onnx {
+pub(crate) struct Onnx {
     file: String,
     bytes: u64,
     /// The hash of its content, by which it enters keys.
@@ -51,14 +51,14 @@ pub struct Onnx {
 
 /// An operator set.
 #[derive(JsonSchema, Serialize)]
-pub struct Opset {
+pub(crate) struct Opset {
     /// Empty of the standard one.
     domain: String,
     version: i64,
 }
 
 /// Shows a model.
-pub fn onnx(args: &OnnxArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn onnx(args: &OnnxArgs) -> Result<ExitCode, CliError> {
     let file = &args.file;
     let bytes = regular_file::read(file, MOST_BYTES)
         .map_err(|error| CliError::new(ExitCode::Usage, format!("failed to read {}: {error}", file.display())))?;

@@ -22,7 +22,7 @@ use crate::output;
 
 /// Of `plan --reuse`: what would be taken from earlier runs.
 #[derive(JsonSchema, Serialize)]
-pub struct PlanReuse {
+pub(crate) struct PlanReuse {
     /// The run that is nearest.
     nearest: Option<String>,
     nodes: Vec<ReusedNode>,
@@ -31,7 +31,7 @@ pub struct PlanReuse {
 
 /// How often a node would run.
 #[derive(JsonSchema, Serialize)]
-pub struct ReusedNode {
+pub(crate) struct ReusedNode {
     stage: String,
     node: String,
     /// Those that use it; none where all do.
@@ -43,7 +43,7 @@ pub struct ReusedNode {
 }
 
 /// Prints every node of the plan, the variants that share it, and its recipe.
-pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn plan(args: &PlanArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let loaded = load(&args.experiment, registry, args.output.json)?;
     if args.reuse {
         return reuse(args, loaded, registry);

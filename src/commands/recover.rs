@@ -14,13 +14,13 @@ use depthloom_terminal::{CliError, ExitCode, print_path, say};
 
 /// Of `recover`: the recording that was made.
 #[derive(JsonSchema, Serialize)]
-pub struct Recover {
+pub(crate) struct Recover {
     recording: String,
     frames: u64,
 }
 
 /// Copies what was committed, and closes it with a summary.
-pub fn recover(args: &RecoverArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn recover(args: &RecoverArgs) -> Result<ExitCode, CliError> {
     let path = recording_of(&args.run, "recover")?;
     let out = args.out.clone().unwrap_or_else(|| named_after(&path));
     if out.symlink_metadata().is_ok() {

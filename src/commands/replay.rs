@@ -21,7 +21,7 @@ use crate::signals;
 
 /// Of `replay`: whether nodes make again what was recorded.
 #[derive(JsonSchema, Serialize)]
-pub struct Replay {
+pub(crate) struct Replay {
     run: String,
     /// The nodes that were named.
     asked: Vec<String>,
@@ -37,7 +37,7 @@ pub struct Replay {
 }
 
 /// Makes nodes again and says whether their values are those recorded.
-pub fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     allow_exec::decide(args.exec, None)?;
     let path = recording_of(&args.run, "replay")?;
     let interrupt = signals::listen("stopping: nothing is written")?;

@@ -15,7 +15,7 @@ use crate::report::{Report, analyse, no_pixel_counted, summary};
 use crate::signals;
 
 /// Makes tables, plots and models again, from the recording alone.
-pub fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
     let path = recording_of(&args.run, "report")?;
     let out = match &args.out {
         Some(out) => out.clone(),

@@ -11,7 +11,7 @@ use crate::experiment::{is_file, load};
 use crate::signals;
 
 /// Loads, plans, opens, runs, records, scores and prints.
-pub fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+pub(crate) fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     is_file(&args.experiment)?;
     let loaded = load(&args.experiment, registry, is_silent(args))?;
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;

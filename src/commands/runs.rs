@@ -13,17 +13,17 @@ use depthloom_terminal::{CliError, ExitCode, print, size};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-pub use list::RunsList;
-pub use prune::RunsPrune;
-pub use rm::RunsRm;
-pub use show::RunsShow;
+pub(crate) use list::RunsList;
+pub(crate) use prune::RunsPrune;
+pub(crate) use rm::RunsRm;
+pub(crate) use show::RunsShow;
 
 use crate::args::{RunsArgs, RunsCommand};
 use crate::diagnostics::{Error, print_stop};
 use crate::output::{self, CommandOutput};
 
 /// Lists runs, or executes one of the commands for runs.
-pub fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
     match &args.command {
         None | Some(RunsCommand::List) => list::list(args),
         Some(RunsCommand::Show(command)) => show::show(args, command),
@@ -43,7 +43,7 @@ fn all_in(args: &RunsArgs) -> Result<Vec<FoundRun>, CliError> {
 
 /// A run that was removed.
 #[derive(JsonSchema, Serialize)]
-pub struct Removed {
+pub(crate) struct Removed {
     path: String,
     bytes: u64,
 }

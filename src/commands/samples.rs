@@ -15,7 +15,7 @@ use crate::signals;
 
 /// Of `samples`: what was written.
 #[derive(JsonSchema, Serialize)]
-pub struct Samples {
+pub(crate) struct Samples {
     file: String,
     /// The rows.
     samples: u64,
@@ -26,7 +26,7 @@ pub struct Samples {
 }
 
 /// Writes the samples of a run.
-pub fn samples(args: &SamplesArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn samples(args: &SamplesArgs) -> Result<ExitCode, CliError> {
     let path = recording_of(&args.run, "samples")?;
     let out = match &args.out {
         Some(out) => {

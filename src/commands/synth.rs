@@ -17,7 +17,7 @@ use crate::progress::bar;
 use crate::signals;
 
 /// Writes the frames.
-pub fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
     let params = SyntheticRoadParams {
         frames: FrameSelection::Range(0..u64::from(args.frames)),
         seed: args.seed,

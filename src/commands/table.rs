@@ -12,7 +12,7 @@ use crate::delivery::Delivery;
 use crate::signals;
 
 /// Prints a table of a run's scores, or writes it to a file.
-pub fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
     let delivery = Delivery::new(&args.output)?;
     let [run] = &args.runs[..] else { return leaderboard(args, &delivery) };
     let path = recording_of(run, "table")?;

@@ -13,13 +13,13 @@ use crate::output;
 
 /// Of `timings`: where a run's time went.
 #[derive(JsonSchema, Serialize)]
-pub struct Timings {
+pub(crate) struct Timings {
     timings: Vec<Timing>,
 }
 
 /// What a part of a run cost.
 #[derive(JsonSchema, Serialize)]
-pub struct Timing {
+pub(crate) struct Timing {
     stage: String,
     /// Null where all variants share the node; of several, the first.
     variant: Option<String>,
@@ -33,7 +33,7 @@ pub struct Timing {
 }
 
 /// Prints core-milliseconds per frame by node, encoding, compression and writing.
-pub fn timings(args: &TimingsArgs) -> Result<ExitCode, CliError> {
+pub(crate) fn timings(args: &TimingsArgs) -> Result<ExitCode, CliError> {
     let run = named(&args.run, Path::new(FOLDER))?;
     let path = run.join(TIMINGS);
     let failed = |error: AnalysisError| {

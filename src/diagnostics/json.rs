@@ -9,7 +9,7 @@ use serde::Serialize;
 
 /// Of a command that ended before it had anything else to print.
 #[derive(JsonSchema, Serialize)]
-pub struct Failed {
+pub(crate) struct Failed {
     error: Error,
 }
 
@@ -21,7 +21,7 @@ impl From<&CliError> for Failed {
 
 /// How a command ended that did not do all it was asked to.
 #[derive(JsonSchema, Serialize)]
-pub struct Error {
+pub(crate) struct Error {
     /// What went wrong.
     message: String,
     /// What helps.
@@ -45,7 +45,7 @@ impl From<&CliError> for Error {
 
 /// A problem, and where it is if it is in a file. Lines and columns count from 1, columns in characters.
 #[derive(Default, JsonSchema, Serialize)]
-pub struct Diagnostic {
+pub(crate) struct Diagnostic {
     severity: Severity,
     message: String,
     help: Option<String>,
@@ -104,7 +104,7 @@ impl From<&Problem> for Diagnostic {
 /// How bad a problem is.
 #[derive(Default, JsonSchema, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Severity {
+pub(super) enum Severity {
     #[default]
     Error,
     Warning,
@@ -121,14 +121,14 @@ impl From<language::Severity> for Severity {
 
 /// A place.
 #[derive(JsonSchema, Serialize)]
-pub struct End {
+pub(super) struct End {
     line: u64,
     column: u64,
 }
 
 /// Another place that has to do with a problem.
 #[derive(JsonSchema, Serialize)]
-pub struct Related {
+pub(super) struct Related {
     message: String,
     file: String,
     line: u64,

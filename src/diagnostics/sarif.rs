@@ -20,7 +20,7 @@ const RULES: [(Severity, &str, &str); 2] = [
 ///
 /// Files are named as they were asked for, relative to the working directory: run in the root of a repository, where code review
 /// tools look for them.
-pub fn sarif<'a>(experiment: &Path, diagnostics: impl IntoIterator<Item = &'a Diagnostic>) -> Json {
+pub(crate) fn sarif<'a>(experiment: &Path, diagnostics: impl IntoIterator<Item = &'a Diagnostic>) -> Json {
     let rules = RULES.map(|(level, id, about)| {
         json!({
             "id": id,

@@ -11,7 +11,7 @@ const OF_THE_MOMENT: [&str; 2] = ["environment.json", "timings.parquet"];
 
 /// What the program answered.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Answer {
+pub(crate) struct Answer {
     pub stdout: String,
     /// By path below the folder.
     pub files: BTreeMap<String, Vec<u8>>,
@@ -19,12 +19,12 @@ pub struct Answer {
 
 impl Answer {
     /// What a child printed and left in a folder.
-    pub fn of(ended: &Ended, folder: &Path) -> Self {
+    pub(crate) fn of(ended: &Ended, folder: &Path) -> Self {
         Self { stdout: ended.stdout.clone(), files: files(folder) }
     }
 
     /// In what another answer is not this one.
-    pub fn difference(&self, other: &Self) -> Option<String> {
+    pub(crate) fn difference(&self, other: &Self) -> Option<String> {
         if let Some(what) = self.difference_in_files(other) {
             return Some(what);
         }
@@ -36,7 +36,7 @@ impl Answer {
     }
 
     /// In which files another answer is not this one.
-    pub fn difference_in_files(&self, other: &Self) -> Option<String> {
+    pub(crate) fn difference_in_files(&self, other: &Self) -> Option<String> {
         let names: BTreeSet<&String> = self.files.keys().chain(other.files.keys()).collect();
         let is_other = |name: &&String| self.files.get(*name) != other.files.get(*name);
         let differing: Vec<&str> = names.into_iter().filter(is_other).map(String::as_str).collect();
@@ -44,14 +44,14 @@ impl Answer {
     }
 
     /// The same without the recording: what a report of it gives.
-    pub fn without_recording(mut self) -> Self {
+    pub(crate) fn without_recording(mut self) -> Self {
         self.files.retain(|name, _| !name.ends_with(".mcap") && !name.starts_with("experiment"));
         self
     }
 }
 
 /// Every file below a folder that a person keeps.
-pub fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+pub(crate) fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     collect(folder, "", &mut found);
     found

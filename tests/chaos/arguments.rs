@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 /// What was asked for.
-pub struct Arguments {
+pub(crate) struct Arguments {
     pub seed: u64,
     /// Ten thousand cases, not some hundred.
     pub full: bool,
@@ -22,7 +22,7 @@ pub struct Arguments {
 }
 
 /// Reads the arguments.
-pub fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Arguments, String> {
+pub(crate) fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Arguments, String> {
     let mut found = Arguments {
         seed: 1,
         full: false,

@@ -17,22 +17,22 @@ use crate::verdict::{Verdict, judge, says_it_is_not_whole};
 /// The beginning of a recording holds its plan, its settings and the first frame.
 const HEAD: usize = 40_000;
 
-pub fn whole(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn whole(case: &mut Case<'_>) -> Verdict {
     let reference = of_any(case);
     in_whole(case, reference, reference.recording.len())
 }
 
-pub fn whole_head(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn whole_head(case: &mut Case<'_>) -> Verdict {
     let reference = of_any(case);
     in_whole(case, reference, HEAD)
 }
 
-pub fn unfinished(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn unfinished(case: &mut Case<'_>) -> Verdict {
     let reference = of_any(case);
     in_unfinished(case, reference, reference.unfinished.len())
 }
 
-pub fn unfinished_head(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn unfinished_head(case: &mut Case<'_>) -> Verdict {
     let reference = of_any(case);
     in_unfinished(case, reference, HEAD)
 }
@@ -88,7 +88,7 @@ fn reported(case: &mut Case<'_>, recording: &[u8], within: usize) -> (crate::chi
     (ended, answer)
 }
 
-pub fn checkpoint(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn checkpoint(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.learn();
     copy_folder(case.ground.checkpoints(), &case.at("checkpoints"));
     let found = files(&case.at("checkpoints"));

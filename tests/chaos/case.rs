@@ -11,7 +11,7 @@ use crate::ground::Ground;
 use crate::random::Random;
 
 /// A case.
-pub struct Case<'a> {
+pub(crate) struct Case<'a> {
     pub random: Random,
     /// A private folder, empty at first; the program runs in it.
     pub folder: PathBuf,
@@ -23,36 +23,36 @@ pub struct Case<'a> {
 }
 
 impl Case<'_> {
-    pub fn note(&mut self, what: impl Into<String>) {
+    pub(crate) fn note(&mut self, what: impl Into<String>) {
         self.notes.push(what.into());
     }
 
     /// Whether a running child is the program by now, not what started it.
-    pub fn is_depthloom(&self, running: &Running) -> bool {
+    pub(crate) fn is_depthloom(&self, running: &Running) -> bool {
         running.name().is_none_or(|name| name == "depthloom")
     }
 
     /// A path in its folder.
-    pub fn at(&self, name: &str) -> PathBuf {
+    pub(crate) fn at(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
 
     /// Writes a file into its folder.
-    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+    pub(crate) fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
         let path = self.at(name);
         let parent = path.parent().expect("a file in a folder");
         fs::create_dir_all(parent).and_then(|()| fs::write(&path, bytes)).expect("the case's folder takes files");
     }
 
     /// The program with some arguments, in the case's folder.
-    pub fn depthloom(&self, arguments: &[&str]) -> Command {
+    pub(crate) fn depthloom(&self, arguments: &[&str]) -> Command {
         let mut command = self.ground.command(&self.folder);
         command.args(arguments);
         command
     }
 
     /// The program with some arguments, started by another one: `prlimit`, `sh`.
-    pub fn depthloom_by(&self, by: &[impl AsRef<OsStr>], arguments: &[&str]) -> Command {
+    pub(crate) fn depthloom_by(&self, by: &[impl AsRef<OsStr>], arguments: &[&str]) -> Command {
         let mut command = Command::new(&by[0]);
         self.ground.surroundings(&mut command, &self.folder);
         command.args(&by[1..]).arg(&self.ground.binary).args(arguments);
@@ -60,19 +60,24 @@ impl Case<'_> {
     }
 
     /// Starts a command.
-    pub fn start(&mut self, command: &mut Command) -> Running {
+    pub(crate) fn start(&mut self, command: &mut Command) -> Running {
         self.start_into(command, None, None)
     }
 
     /// Starts a command that prints elsewhere.
-    pub fn start_into(&mut self, command: &mut Command, stdout: Option<Stdio>, stderr: Option<Stdio>) -> Running {
+    pub(crate) fn start_into(
+        &mut self,
+        command: &mut Command,
+        stdout: Option<Stdio>,
+        stderr: Option<Stdio>,
+    ) -> Running {
         let arguments: Vec<_> = command.get_args().map(OsStr::to_string_lossy).collect();
         self.note(format!("{} {}", command.get_program().to_string_lossy(), arguments.join(" ")));
         child::start(command, stdout, stderr, self.ground.patience)
     }
 
     /// Waits for a child's end.
-    pub fn end(&mut self, running: Running) -> Ended {
+    pub(crate) fn end(&mut self, running: Running) -> Ended {
         let ended = running.end();
         self.note(format!("  {}", ended.told()));
         let count = self.notes.len();
@@ -82,13 +87,13 @@ impl Case<'_> {
     }
 
     /// Runs a command to its end.
-    pub fn run(&mut self, command: &mut Command) -> Ended {
+    pub(crate) fn run(&mut self, command: &mut Command) -> Ended {
         let running = self.start(command);
         self.end(running)
     }
 
     /// Waits up to some time, a random part of it.
-    pub fn wait_within(&mut self, running: &mut Running, most: Duration) {
+    pub(crate) fn wait_within(&mut self, running: &mut Running, most: Duration) {
         let time = most.mul_f64(self.random.within(0..10_000) as f64 / 10_000.0);
         self.note(format!("  waited {:.1} ms", time.as_secs_f64() * 1e3));
         running.wait(time);
@@ -104,7 +109,7 @@ impl Case<'_> {
 }
 
 /// Copies a folder with everything in it.
-pub fn copy_folder(from: &Path, to: &Path) {
+pub(crate) fn copy_folder(from: &Path, to: &Path) {
     fs::create_dir_all(to).expect("a folder can be made");
     for entry in fs::read_dir(from).expect("a folder").flatten() {
         let (path, copy) = (entry.path(), to.join(entry.file_name()));

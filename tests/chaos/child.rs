@@ -16,7 +16,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// How a child ended.
 #[derive(Clone, Debug)]
-pub struct Ended {
+pub(crate) struct Ended {
     pub code: Option<i32>,
     pub signal: Option<i32>,
     pub stdout: String,
@@ -26,12 +26,12 @@ pub struct Ended {
 }
 
 impl Ended {
-    pub fn succeeded(&self) -> bool {
+    pub(crate) fn succeeded(&self) -> bool {
         self.code == Some(0)
     }
 
     /// How it ended, in a few words.
-    pub fn told(&self) -> String {
+    pub(crate) fn told(&self) -> String {
         let how = match (self.hung, self.code, self.signal) {
             (true, ..) => "hung".to_owned(),
             (_, Some(code), _) => format!("exit {code}"),
@@ -45,7 +45,7 @@ impl Ended {
 }
 
 /// A child under way.
-pub struct Running {
+pub(crate) struct Running {
     child: Child,
     stdout: Option<JoinHandle<Vec<u8>>>,
     stderr: Option<JoinHandle<Vec<u8>>>,
@@ -54,7 +54,7 @@ pub struct Running {
 }
 
 /// Starts a command; standard output and error are listened to unless they were set before by [`Command::stdout`].
-pub fn start(command: &mut Command, stdout: Option<Stdio>, stderr: Option<Stdio>, limit: Duration) -> Running {
+pub(crate) fn start(command: &mut Command, stdout: Option<Stdio>, stderr: Option<Stdio>, limit: Duration) -> Running {
     command.process_group(0).stdin(Stdio::null());
     command.stdout(stdout.unwrap_or_else(Stdio::piped)).stderr(stderr.unwrap_or_else(Stdio::piped));
     let mut child = command.spawn().unwrap_or_else(|error| panic!("{command:?} cannot be started: {error}"));
@@ -76,7 +76,7 @@ fn listen(from: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
 
 impl Running {
     /// Whether it has ended by itself.
-    pub fn is_over(&mut self) -> bool {
+    pub(crate) fn is_over(&mut self) -> bool {
         if self.ended.is_none() {
             self.ended = self.child.try_wait().expect("a child can be asked");
         }
@@ -84,20 +84,20 @@ impl Running {
     }
 
     /// The name of the program it is by now; `None` where the system does not tell.
-    pub fn name(&self) -> Option<String> {
+    pub(crate) fn name(&self) -> Option<String> {
         let name = std::fs::read_to_string(format!("/proc/{}/comm", self.child.id())).ok()?;
         Some(name.trim_end().to_owned())
     }
 
     /// Sends a signal (`INT`, `TERM`, `HUP`, `KILL`) unless it has ended.
-    pub fn signal(&mut self, name: &str) {
+    pub(crate) fn signal(&mut self, name: &str) {
         if !self.is_over() {
             send(name, &self.child.id().to_string());
         }
     }
 
     /// Waits for a moment of the child's life: until `come` says so, it has ended, or its time is over. Whether it came.
-    pub fn until(&mut self, mut come: impl FnMut(&Self) -> bool) -> bool {
+    pub(crate) fn until(&mut self, mut come: impl FnMut(&Self) -> bool) -> bool {
         loop {
             if come(self) {
                 return true;
@@ -110,7 +110,7 @@ impl Running {
     }
 
     /// Waits some time, or until it has ended.
-    pub fn wait(&mut self, time: Duration) {
+    pub(crate) fn wait(&mut self, time: Duration) {
         let end = Instant::now() + time;
         while !self.is_over() && Instant::now() < end {
             std::thread::sleep(LOOK_EVERY.min(end.saturating_duration_since(Instant::now())));
@@ -118,7 +118,7 @@ impl Running {
     }
 
     /// Waits until it ends; ends it where it takes too long, and then tells what each of its threads was at.
-    pub fn end(mut self) -> Ended {
+    pub(crate) fn end(mut self) -> Ended {
         // What this process or a `kill` before was late is no fault of the child: it may have waited for them.
         let deadline = self.deadline.max(Instant::now() + AT_THE_END);
         while !self.is_over() && Instant::now() < deadline {
@@ -160,7 +160,7 @@ fn send(name: &str, to: &str) {
 }
 
 /// Where a program of the system is, if it is there.
-pub fn program(name: &str) -> Option<PathBuf> {
+pub(crate) fn program(name: &str) -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
     std::env::split_paths(&path).map(|folder| folder.join(name)).find(|file| file.is_file())
 }

@@ -13,7 +13,7 @@ use crate::child;
 use crate::records;
 
 /// Two variants, three estimators, no learning.
-pub const STREET: &str = "experiment: street
+pub(crate) const STREET: &str = "experiment: street
 sources:
   street: { kind: synthetic/road, with: { frames: 0..5, width: 96, height: 48, seed: 1 } }
 stages:
@@ -39,7 +39,7 @@ variants:
 ";
 
 /// A network learns on one street and is scored on another.
-pub const LEARN: &str = "experiment: learn
+pub(crate) const LEARN: &str = "experiment: learn
 sources:
   train: { kind: synthetic/road, with: { frames: 0..3, width: 96, height: 48, seed: 4 } }
   test: { kind: synthetic/road, with: { frames: 0..2, width: 96, height: 48, seed: 5 } }
@@ -67,10 +67,10 @@ stages:
 ";
 
 /// Steps of [`LEARN`], each with a checkpoint.
-pub const LEARN_STEPS: usize = 12;
+pub(crate) const LEARN_STEPS: usize = 12;
 
 /// The street's stereo on a data set on the disk.
-pub const DATA: &str = "experiment: data
+pub(crate) const DATA: &str = "experiment: data
 sources: { street: { kind: kitti/stereo2015, with: { root: data, split: training, truth: occ } } }
 stages:
   look:
@@ -82,7 +82,7 @@ stages:
 ";
 
 /// What is the same for all cases.
-pub struct Ground {
+pub(crate) struct Ground {
     pub binary: PathBuf,
     /// Where the cases' folders lie.
     pub root: PathBuf,
@@ -97,7 +97,7 @@ pub struct Ground {
 }
 
 /// An experiment, and what the undisturbed program makes of it.
-pub struct Reference {
+pub(crate) struct Reference {
     pub experiment: &'static str,
     /// Of `run`: everything it printed and wrote.
     pub run: Answer,
@@ -112,7 +112,7 @@ pub struct Reference {
 }
 
 /// What a report gives of the recording's first bytes.
-pub struct Shorter {
+pub(crate) struct Shorter {
     pub bytes: usize,
     pub frames: usize,
     /// `None`: it is an error.
@@ -120,21 +120,21 @@ pub struct Shorter {
 }
 
 impl Ground {
-    pub fn new(binary: PathBuf, root: PathBuf, patience: Duration) -> Self {
+    pub(crate) fn new(binary: PathBuf, root: PathBuf, patience: Duration) -> Self {
         let (street, learn, checkpoints, data) = Default::default();
         let (least_memory, for_others) = Default::default();
         Self { binary, root, patience, street, learn, checkpoints, data, least_memory, for_others }
     }
 
     /// The program in a folder.
-    pub fn command(&self, folder: &Path) -> Command {
+    pub(crate) fn command(&self, folder: &Path) -> Command {
         let mut command = Command::new(&self.binary);
         self.surroundings(&mut command, folder);
         command
     }
 
     /// The folder and the environment every child has.
-    pub fn surroundings(&self, command: &mut Command, folder: &Path) {
+    pub(crate) fn surroundings(&self, command: &mut Command, folder: &Path) {
         for name in ["ORT_DYLIB_PATH", "KITTI_STEREO_2015", "MONO_MODEL", "VIRTUAL_ENV", "CONDA_PREFIX"] {
             command.env_remove(name);
         }
@@ -142,16 +142,16 @@ impl Ground {
         command.env("DEPTHLOOM_ONNX_ENGINE", "tract");
     }
 
-    pub fn street(&self) -> &Reference {
+    pub(crate) fn street(&self) -> &Reference {
         self.street.get_or_init(|| self.reference(STREET, "street"))
     }
 
-    pub fn learn(&self) -> &Reference {
+    pub(crate) fn learn(&self) -> &Reference {
         self.learn.get_or_init(|| self.reference(LEARN, "learn"))
     }
 
     /// The folder of checkpoints that a training killed half-way left.
-    pub fn checkpoints(&self) -> &Path {
+    pub(crate) fn checkpoints(&self) -> &Path {
         self.checkpoints.get_or_init(|| {
             // Where the kill comes too late, the checkpoint is gone already.
             (0..20).find_map(|attempt| self.half_learned(attempt)).expect("a training can be killed half-way")
@@ -174,7 +174,7 @@ impl Ground {
     }
 
     /// A small data set on the disk, and the answer of [`DATA`] on it.
-    pub fn data(&self) -> &(PathBuf, Answer) {
+    pub(crate) fn data(&self) -> &(PathBuf, Answer) {
         self.data.get_or_init(|| {
             let folder = self.fresh("data-set");
             let synth = ["synth", "data", "--width", "96", "--height", "48", "--frames", "2", "--quiet"];
@@ -186,7 +186,7 @@ impl Ground {
     }
 
     /// The address space in which the program can say its version: its own code and the libraries', bytes.
-    pub fn least_memory(&self) -> u64 {
+    pub(crate) fn least_memory(&self) -> u64 {
         *self.least_memory.get_or_init(|| {
             let fits = |limit: u64| self.version_under(&["prlimit".to_owned(), format!("--as={limit}")]);
             let (mut too_little, mut enough) = (0, 1 << 32);
@@ -199,7 +199,7 @@ impl Ground {
     }
 
     /// Whether a user who owns nothing can start the program.
-    pub fn can_be_started_by_others(&self) -> bool {
+    pub(crate) fn can_be_started_by_others(&self) -> bool {
         *self.for_others.get_or_init(|| {
             self.version_under(&["setpriv", "--clear-groups", "--reuid=61000", "--regid=61000"].map(str::to_owned))
         })
@@ -265,11 +265,11 @@ impl Ground {
 
 /// Counts how often the files of a folder were replaced.
 #[derive(Default)]
-pub struct Changes(BTreeSet<u64>);
+pub(crate) struct Changes(BTreeSet<u64>);
 
 impl Changes {
     /// Looks again; how many files there were so far.
-    pub fn look(&mut self, folder: &Path) -> usize {
+    pub(crate) fn look(&mut self, folder: &Path) -> usize {
         let entries = fs::read_dir(folder).into_iter().flatten().flatten();
         let is_file =
             |entry: &fs::DirEntry| entry.path().extension().is_some_and(|extension| extension == "checkpoint");
@@ -279,19 +279,19 @@ impl Changes {
 }
 
 /// The arguments of a run.
-pub const RUN: [&str; 6] = ["run", "experiment.yaml", "--workers", "2", "--out", "run"];
+pub(crate) const RUN: [&str; 6] = ["run", "experiment.yaml", "--workers", "2", "--out", "run"];
 /// The arguments of a report.
-pub const REPORT: [&str; 4] = ["report", "recording.mcap", "--out", "out"];
+pub(crate) const REPORT: [&str; 4] = ["report", "recording.mcap", "--out", "out"];
 
 impl Reference {
     /// What a report of the first bytes must give.
-    pub fn up_to(&self, bytes: usize) -> &Shorter {
+    pub(crate) fn up_to(&self, bytes: usize) -> &Shorter {
         let before = self.shorter.iter().rev().find(|shorter| shorter.bytes <= bytes);
         before.expect("the first is of no byte")
     }
 
     /// Whether an answer is that of a recording that was cut somewhere; how many frames it is of.
-    pub fn of_a_cut(&self, answer: &Answer) -> Option<usize> {
+    pub(crate) fn of_a_cut(&self, answer: &Answer) -> Option<usize> {
         let equal = |shorter: &&Shorter| {
             shorter.answer.as_ref().is_some_and(|shorter| shorter.difference_in_files(answer).is_none())
         };
@@ -299,7 +299,7 @@ impl Reference {
     }
 
     /// Whether every file of an answer is one of the recording that was cut at one place.
-    pub fn has_part_of_a_cut(&self, answer: &Answer) -> bool {
+    pub(crate) fn has_part_of_a_cut(&self, answer: &Answer) -> bool {
         let whole = || answer.files.iter().filter(|(name, _)| !name.ends_with(".partial"));
         let answers = self.shorter.iter().filter_map(|shorter| shorter.answer.as_ref());
         whole().next().is_none()
@@ -307,7 +307,7 @@ impl Reference {
     }
 
     /// The answer of a recording of so many frames.
-    pub fn of_frames(&self, frames: usize) -> impl Iterator<Item = &Shorter> {
+    pub(crate) fn of_frames(&self, frames: usize) -> impl Iterator<Item = &Shorter> {
         self.shorter.iter().filter(move |shorter| shorter.frames == frames)
     }
 }

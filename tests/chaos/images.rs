@@ -18,7 +18,7 @@ use crate::verdict::{Verdict, judge};
 /// The folders of images.
 const FOLDERS: [&str; 3] = ["image_2", "image_3", "disp_occ_0"];
 
-pub fn bits(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn bits(case: &mut Case<'_>) -> Verdict {
     let (path, mut bytes) = an_image(case);
     let what = case.random.flip(&mut bytes);
     case.note(what);
@@ -26,7 +26,7 @@ pub fn bits(case: &mut Case<'_>) -> Verdict {
     run_and_compare(case)
 }
 
-pub fn cuts(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn cuts(case: &mut Case<'_>) -> Verdict {
     let (path, bytes) = an_image(case);
     let at = case.random.below(bytes.len());
     case.note(format!("cut to {at} of {} bytes", bytes.len()));
@@ -35,7 +35,7 @@ pub fn cuts(case: &mut Case<'_>) -> Verdict {
 }
 
 /// Another image: of odd size, or of other pixels.
-pub fn others(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn others(case: &mut Case<'_>) -> Verdict {
     let sides = [1, 2, 3, 7, 15, 16, 17, 31, 33, 47, 48, 64, 95, 96, 97, 130, 257];
     let size = (case.random.pick(&sides), case.random.pick(&sides));
     // Sometimes all files of the frame, so that they agree.
@@ -62,7 +62,7 @@ pub fn others(case: &mut Case<'_>) -> Verdict {
 }
 
 /// A JPEG under the name of a PNG, whole or spoilt.
-pub fn jpegs(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn jpegs(case: &mut Case<'_>) -> Verdict {
     let (path, bytes) = an_image(case);
     let image = image::load_from_memory(&bytes).expect("an image");
     let mut jpeg = encoded(&DynamicImage::ImageRgb8(image.to_rgb8()), ImageFormat::Jpeg);
@@ -77,7 +77,7 @@ pub fn jpegs(case: &mut Case<'_>) -> Verdict {
 }
 
 /// A small file that says it is a huge image.
-pub fn bombs(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn bombs(case: &mut Case<'_>) -> Verdict {
     let (path, _) = an_image(case);
     let sides = [0, 1, 20_000, 65_535, 1 << 20, 0x7fff_ffff, 0x8000_0000, u32::MAX];
     let (width, height) = (case.random.pick(&sides), case.random.pick(&sides));
@@ -100,7 +100,7 @@ pub fn bombs(case: &mut Case<'_>) -> Verdict {
     judge(&ended, || Verdict::different("a bomb was taken for an image"))
 }
 
-pub fn calibrations(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn calibrations(case: &mut Case<'_>) -> Verdict {
     let path = data(case).join("training/calib_cam_to_cam/000000.txt");
     let text = fs::read_to_string(&path).expect("a calibration");
     let numbers = [

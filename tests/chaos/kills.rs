@@ -11,13 +11,13 @@ use crate::verdict::{Verdict, fault, judge};
 
 const KILL: i32 = 9;
 
-pub fn street(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn street(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     killed(case, reference, 1)
 }
 
 /// A training killed one to three times.
-pub fn learning(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn learning(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.learn();
     let times = 1 + case.random.below(3);
     killed(case, reference, times)
@@ -44,7 +44,7 @@ fn killed(case: &mut Case<'_>, reference: &Reference, times: usize) -> Verdict {
 }
 
 /// A killed report leaves files that are whole or not there, and the next report is right.
-pub fn report(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn report(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     case.write("recording.mcap", &reference.recording);
     let mut running = case.start(&mut case.depthloom(&REPORT));

@@ -14,7 +14,7 @@ use crate::verdict::{Verdict, fault, says_it_is_not_whole};
 /// Looks at what an ended run of the reference's experiment left in the folder `run` or beside it.
 ///
 /// `by`: the signals it may have died of. A run that ended whole must have the reference's answer.
-pub fn look(case: &mut Case<'_>, reference: &Reference, ended: &Ended, by: &[i32]) -> Verdict {
+pub(crate) fn look(case: &mut Case<'_>, reference: &Reference, ended: &Ended, by: &[i32]) -> Verdict {
     if let Some(fault) = fault(ended) {
         return fault;
     }
@@ -74,7 +74,7 @@ fn look_at_recording(case: &mut Case<'_>, reference: &Reference, path: &Path, ki
 }
 
 /// Begins the same run again in its place, which must give the undisturbed answer; else the verdict of before.
-pub fn begin_again(case: &mut Case<'_>, reference: &Reference, before: Verdict) -> Verdict {
+pub(crate) fn begin_again(case: &mut Case<'_>, reference: &Reference, before: Verdict) -> Verdict {
     if !matches!(before, Verdict::Error | Verdict::Said) {
         return before;
     }
@@ -92,7 +92,7 @@ pub fn begin_again(case: &mut Case<'_>, reference: &Reference, before: Verdict) 
 }
 
 /// The recording below a folder.
-pub fn recording_in(folder: &Path) -> Option<PathBuf> {
+pub(crate) fn recording_in(folder: &Path) -> Option<PathBuf> {
     fs::read_dir(folder).ok()?.flatten().find_map(|entry| {
         let path = entry.path();
         if path.is_dir() { recording_in(&path) } else { path.ends_with("recording.mcap").then_some(path) }

@@ -21,19 +21,19 @@ const XFSZ: i32 = 25;
 /// Users that own nothing else on this machine: threads are counted by user, cases run side by side.
 const USERS: std::ops::Range<u64> = 61_000..63_000;
 
-pub fn memory(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn memory(case: &mut Case<'_>) -> Verdict {
     // From where the program itself just fits, in steps that grow.
     let least = case.ground.least_memory();
     let limit = least + (1 << case.random.within(16..32)) + case.random.within(0..1 << 20);
     limited(case, &[format!("--as={limit}")])
 }
 
-pub fn descriptors(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn descriptors(case: &mut Case<'_>) -> Verdict {
     let limit = case.random.within(3..40);
     limited(case, &[format!("--nofile={limit}")])
 }
 
-pub fn file_size(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn file_size(case: &mut Case<'_>) -> Verdict {
     let largest = case.ground.street().recording.len() as u64;
     let limit = case.random.within(0..largest + largest / 8);
     if case.random.chance(3) {
@@ -45,7 +45,7 @@ pub fn file_size(case: &mut Case<'_>) -> Verdict {
     limited(case, &[format!("--fsize={limit}"), sh, option, script])
 }
 
-pub fn threads(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn threads(case: &mut Case<'_>) -> Verdict {
     if !is_root() {
         return Verdict::Skipped("only root may become a user without other threads".to_owned());
     }
@@ -124,7 +124,7 @@ fn not_started(ended: &Ended) -> Option<Verdict> {
 }
 
 /// A disk that fills during the run, and has room again when it is begun again.
-pub fn disk(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn disk(case: &mut Case<'_>) -> Verdict {
     if !is_root() {
         return Verdict::Skipped("only root may mount a small disk".to_owned());
     }

@@ -36,7 +36,7 @@ fn learned(case: &Case<'_>) -> Vec<u8> {
     records::attachment(&case.ground.learn().recording, "application/onnx").expect("a learned network").to_vec()
 }
 
-pub fn bits(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn bits(case: &mut Case<'_>) -> Verdict {
     let mut bytes = learned(case);
     // Most of the file is weights; its structure stands around them.
     let within = [bytes.len(), 4096.min(bytes.len())][case.random.below(2)];
@@ -49,14 +49,14 @@ pub fn bits(case: &mut Case<'_>) -> Verdict {
     any(case, &bytes, "{}")
 }
 
-pub fn cuts(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn cuts(case: &mut Case<'_>) -> Verdict {
     let bytes = learned(case);
     let at = case.random.below(bytes.len());
     any(case, &bytes[..at], "{}")
 }
 
 /// Bytes that are no network, or pieces of one in another order.
-pub fn garbage(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn garbage(case: &mut Case<'_>) -> Verdict {
     let mut bytes = learned(case);
     match case.random.below(3) {
         0 => {
@@ -78,7 +78,7 @@ pub fn garbage(case: &mut Case<'_>) -> Verdict {
 }
 
 /// Shapes and types that no network of depth has, most of them to be seen before any frame.
-pub fn shapes(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn shapes(case: &mut Case<'_>) -> Verdict {
     let sides = [-1, 0, 1, 2, 3, 7, 32, 96, 1 << 14, 1 << 20, 1 << 31, i64::MAX, i64::MIN];
     let mut shape = |right: [i64; 4]| -> Vec<i64> {
         let rank = if case.random.chance(4) { case.random.below(6) } else { 4 };
@@ -102,7 +102,7 @@ pub fn shapes(case: &mut Case<'_>) -> Verdict {
 }
 
 /// A network whose every answer is NaN or infinite.
-pub fn not_finite(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn not_finite(case: &mut Case<'_>) -> Verdict {
     let (operator, with) = case.random.pick(&[
         // The logarithm and the root of what is below zero; one over zero.
         ("Log", "{ mean: [2, 2, 2] }"),

@@ -1,7 +1,7 @@
 //! The records of an MCAP file, read by its specification alone: independent of what is tested.
 
 /// A record.
-pub struct Record<'a> {
+pub(crate) struct Record<'a> {
     pub opcode: u8,
     pub body: &'a [u8],
     /// Where the next one begins.
@@ -18,7 +18,7 @@ const METADATA: u8 = 0x0c;
 const DATA_END: u8 = 0x0f;
 
 /// The whole records of the data section.
-pub fn records(file: &[u8]) -> Vec<Record<'_>> {
+pub(crate) fn records(file: &[u8]) -> Vec<Record<'_>> {
     let mut found = Vec::new();
     let mut at = MAGIC;
     while let Some(header) = file.get(at..at + 9) {
@@ -46,7 +46,7 @@ fn number(bytes: &[u8]) -> Option<u16> {
 }
 
 /// Where each whole frame ends: behind the chunk with its commit. The index behind it adds nothing that is not in it.
-pub fn commits(file: &[u8]) -> Vec<usize> {
+pub(crate) fn commits(file: &[u8]) -> Vec<usize> {
     let (mut schema, mut channels, mut ends) = (None, Vec::new(), Vec::new());
     for record in records(file) {
         match record.opcode {
@@ -74,7 +74,7 @@ fn first_channel(chunk: &[u8]) -> Option<u16> {
 }
 
 /// Where what a report shows may change: behind the frames, and behind what stands outside them.
-pub fn steps(file: &[u8]) -> Vec<usize> {
+pub(crate) fn steps(file: &[u8]) -> Vec<usize> {
     let outside = records(file).into_iter().filter(|record| matches!(record.opcode, METADATA | ATTACHMENT));
     let mut ends: Vec<usize> = outside.map(|record| record.end).chain(commits(file)).collect();
     ends.sort_unstable();
@@ -82,7 +82,7 @@ pub fn steps(file: &[u8]) -> Vec<usize> {
 }
 
 /// The content of the first attachment of a media type.
-pub fn attachment<'a>(file: &'a [u8], media_type: &str) -> Option<&'a [u8]> {
+pub(crate) fn attachment<'a>(file: &'a [u8], media_type: &str) -> Option<&'a [u8]> {
     records(file).into_iter().filter(|record| record.opcode == ATTACHMENT).find_map(|record| {
         let (_, rest) = text(record.body.get(16..)?)?;
         let (found, rest) = text(rest)?;

@@ -130,7 +130,7 @@ impl Tally {
 }
 
 /// Runs what was asked for.
-pub fn run(arguments: &Arguments) -> ExitCode {
+pub(crate) fn run(arguments: &Arguments) -> ExitCode {
     let cases = cases(arguments);
     if arguments.list {
         KINDS.iter().for_each(|kind| println!("{}: test", kind.name));

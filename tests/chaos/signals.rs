@@ -19,19 +19,19 @@ const SIGNALS: [(&str, i32); 3] = [("INT", 2), ("TERM", 15), ("HUP", 1)];
 const PIPE: usize = 65_536;
 
 /// Before the first frame: arguments, plan, sources.
-pub fn at_the_start(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn at_the_start(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     during(case, reference, reference.took.mul_f64(0.3), || true)
 }
 
-pub fn among_frames(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn among_frames(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     let partial = case.at("run.partial");
     during(case, reference, reference.took.mul_f64(0.5), move || size(&partial.join("recording.mcap")) > 0)
 }
 
 /// At least a third of the steps before the end: so a checkpoint must be left, and the training not be over.
-pub fn while_learning(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn while_learning(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.learn();
     case.write("experiment.yaml", reference.experiment);
     let mut running = case.start(&mut case.depthloom(&RUN));
@@ -48,7 +48,7 @@ pub fn while_learning(case: &mut Case<'_>) -> Verdict {
     begin_again(case, reference, verdict)
 }
 
-pub fn in_the_analysis(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn in_the_analysis(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     let partial = case.at("run.partial");
     during(case, reference, reference.took.mul_f64(0.3), move || partial.join("timings.parquet").exists())
@@ -94,7 +94,7 @@ fn send(case: &mut Case<'_>, running: &mut Running) -> i32 {
 }
 
 /// While the program waits for a reader of what it prints.
-pub fn while_printing(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn while_printing(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     case.write("experiment.yaml", reference.experiment);
     let (mut reader, mut writer) = std::io::pipe().expect("a pipe");
@@ -113,7 +113,7 @@ pub fn while_printing(case: &mut Case<'_>) -> Verdict {
 }
 
 /// What `nohup` and a shell's background jobs ignore stays ignored.
-pub fn ignored(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn ignored(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     case.write("experiment.yaml", reference.experiment);
     let (name, _) = case.random.pick(&SIGNALS);

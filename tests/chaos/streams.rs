@@ -17,7 +17,7 @@ use crate::verdict::{Verdict, fault, judge};
 /// What is wrong with a stream.
 const WRONG: [&str; 3] = ["closed", "full", "forsaken"];
 
-pub fn run(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn run(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     case.write("experiment.yaml", reference.experiment);
     broken(case, &RUN, |case| {
@@ -27,7 +27,7 @@ pub fn run(case: &mut Case<'_>) -> Verdict {
     })
 }
 
-pub fn report(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn report(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     case.write("recording.mcap", &reference.recording);
     broken(case, &REPORT, |case| {
@@ -36,7 +36,7 @@ pub fn report(case: &mut Case<'_>) -> Verdict {
     })
 }
 
-pub fn others(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn others(case: &mut Case<'_>) -> Verdict {
     case.write("experiment.yaml", case.ground.street().experiment);
     let commands: [&[&str]; 9] = [
         &["check", "experiment.yaml"],
@@ -107,7 +107,7 @@ fn broken(case: &mut Case<'_>, arguments: &[&str], difference: impl FnOnce(&Case
 }
 
 /// What is given as a recording or an experiment and is none.
-pub fn no_files(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn no_files(case: &mut Case<'_>) -> Verdict {
     case.write("folder/file", "");
     case.write("empty", "");
     case.write("text", "experiment");
@@ -137,7 +137,7 @@ pub fn no_files(case: &mut Case<'_>) -> Verdict {
 }
 
 /// Names that are no UTF-8, long, or nothing.
-pub fn names(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn names(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     let long = "n".repeat(case.random.within(100..400) as usize);
     let names: [&[u8]; 8] =

@@ -9,14 +9,14 @@ use crate::ground::REPORT;
 use crate::records;
 use crate::verdict::{Verdict, judge, says_it_is_not_whole};
 
-pub fn anywhere(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn anywhere(case: &mut Case<'_>) -> Verdict {
     let length = case.ground.street().recording.len();
     let at = case.random.below(length);
     cut(case, at)
 }
 
 /// A few bytes before or behind the end of a record.
-pub fn near_a_record(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn near_a_record(case: &mut Case<'_>) -> Verdict {
     let recording = &case.ground.street().recording;
     let ends: Vec<usize> = records::records(recording).iter().map(|record| record.end).collect();
     let end = case.random.pick(&ends) + case.random.below(25);
@@ -47,7 +47,7 @@ fn cut(case: &mut Case<'_>, at: usize) -> Verdict {
 }
 
 /// Zeros behind the cut: what a file system may leave after a power cut.
-pub fn zeros(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn zeros(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     let mut bytes = reference.recording.clone();
     let at = case.random.below(bytes.len());

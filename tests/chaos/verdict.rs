@@ -4,7 +4,7 @@ use crate::child::Ended;
 
 /// What a case came to. The last three are faults of the program.
 #[derive(Clone, Debug)]
-pub enum Verdict {
+pub(crate) enum Verdict {
     /// Exit code, what was printed and every file that matters are those of the undisturbed program.
     Equal,
     /// A non-zero exit code with a message.
@@ -22,7 +22,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    pub fn different(what: impl Into<String>) -> Self {
+    pub(crate) fn different(what: impl Into<String>) -> Self {
         Self::Different(what.into())
     }
 }
@@ -42,7 +42,7 @@ const BY_A_THREADS_START: [&str; 4] = [
 ];
 
 /// What no area excuses: a hang, a panic, a code nobody knows, an error without a word.
-pub fn fault(ended: &Ended) -> Option<Verdict> {
+pub(crate) fn fault(ended: &Ended) -> Option<Verdict> {
     if ended.hung {
         return Some(Verdict::Hang(ended.told()));
     }
@@ -67,7 +67,7 @@ pub fn fault(ended: &Ended) -> Option<Verdict> {
 }
 
 /// For a child that nothing from outside ended: its fault, an error, or what `answered` makes of exit 0.
-pub fn judge(ended: &Ended, answered: impl FnOnce() -> Verdict) -> Verdict {
+pub(crate) fn judge(ended: &Ended, answered: impl FnOnce() -> Verdict) -> Verdict {
     if let Some(fault) = fault(ended) {
         return fault;
     }
@@ -79,7 +79,7 @@ pub fn judge(ended: &Ended, answered: impl FnOnce() -> Verdict) -> Verdict {
 }
 
 /// Whether a person who reads what was printed learns that the recording is not whole.
-pub fn says_it_is_not_whole(ended: &Ended) -> bool {
+pub(crate) fn says_it_is_not_whole(ended: &Ended) -> bool {
     let said = format!("{}\n{}", ended.stdout, ended.stderr).to_lowercase();
     ["unfinished", "not finished", " cut", "interrupted", "not whole", "damaged", "whole frame"]
         .iter()

@@ -117,7 +117,7 @@ const PARAMETERS: [(&str, &[&str]); 20] = [
     ("look.score.preset", &["paper", "kitti"]),
 ];
 
-pub fn neutral(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn neutral(case: &mut Case<'_>) -> Verdict {
     let original = base(case);
     let mut text = original.clone();
     for _ in 0..1 + case.random.below(4) {
@@ -150,7 +150,7 @@ pub fn neutral(case: &mut Case<'_>) -> Verdict {
     }
 }
 
-pub fn broken(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn broken(case: &mut Case<'_>) -> Verdict {
     let original = base(case);
     let broken: [(&str, &str); 22] = [
         ("stages:", "stages: 5\nstages:"),
@@ -193,7 +193,7 @@ pub fn broken(case: &mut Case<'_>) -> Verdict {
     Verdict::Error
 }
 
-pub fn hostile(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn hostile(case: &mut Case<'_>) -> Verdict {
     let mut text = base(case);
     for _ in 0..1 + case.random.below(4).saturating_sub(1) {
         text = mutated(&mut case.random, &text);
@@ -218,7 +218,7 @@ pub fn hostile(case: &mut Case<'_>) -> Verdict {
     }
 }
 
-pub fn values(case: &mut Case<'_>) -> Verdict {
+pub(crate) fn values(case: &mut Case<'_>) -> Verdict {
     if program("prlimit").is_none() {
         return Verdict::Skipped("this machine has no `prlimit`".to_owned());
     }

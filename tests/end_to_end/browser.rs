@@ -13,7 +13,7 @@ use serde_json::{Value as Json, json};
 const PATIENCE: Duration = Duration::from_secs(300);
 
 /// A browser with one page.
-pub struct Browser {
+pub(crate) struct Browser {
     child: Child,
     to: ChildStdin,
     from: Receiver<Json>,
@@ -25,7 +25,7 @@ pub struct Browser {
 
 impl Browser {
     /// Starts it with a profile of its own.
-    pub fn start(program: &Path) -> Self {
+    pub(crate) fn start(program: &Path) -> Self {
         let profile = tempfile::tempdir().expect("a folder");
         // Chromium reads from descriptor 3 and writes to 4.
         let mut command = Command::new("sh");
@@ -60,7 +60,7 @@ impl Browser {
     }
 
     /// Calls a method of the protocol.
-    pub fn call(&mut self, method: &str, params: &Json) -> Json {
+    pub(crate) fn call(&mut self, method: &str, params: &Json) -> Json {
         self.number += 1;
         let number = self.number;
         let mut message = json!({ "id": number, "method": method, "params": params });
@@ -81,7 +81,7 @@ impl Browser {
     }
 
     /// Opens a file, and waits until all of it is there.
-    pub fn open(&mut self, file: &Path) {
+    pub(crate) fn open(&mut self, file: &Path) {
         self.events.clear();
         self.call("Page.navigate", &json!({ "url": format!("file://{}", file.display()) }));
         while !self.events.iter().any(|event| event["method"] == "Page.loadEventFired") {
@@ -91,7 +91,7 @@ impl Browser {
     }
 
     /// What an expression is, or what it promises.
-    pub fn eval(&mut self, expression: &str) -> Json {
+    pub(crate) fn eval(&mut self, expression: &str) -> Json {
         let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
         let mut answer = self.call("Runtime.evaluate", &asked);
         assert!(answer.get("exceptionDetails").is_none(), "{expression}: {}", answer["exceptionDetails"]);
@@ -99,7 +99,7 @@ impl Browser {
     }
 
     /// Waits until an expression is true.
-    pub fn until(&mut self, expression: &str) {
+    pub(crate) fn until(&mut self, expression: &str) {
         let waits = format!(
             "new Promise((done, failed) => {{ const begun = Date.now(), look = () => {{ if ({expression}) done(true); else if (Date.now() - begun > 60000) failed(new Error('never')); else setTimeout(look, 20); }}; look(); }})"
         );
@@ -107,7 +107,7 @@ impl Browser {
     }
 
     /// Moves the pointer to the middle of an element, or to a share of it.
-    pub fn point_at(&mut self, selector: &str, (across, down): (f64, f64)) {
+    pub(crate) fn point_at(&mut self, selector: &str, (across, down): (f64, f64)) {
         // The pointer goes to what is drawn: not before the scrolling is.
         let place = format!(
             "(async () => {{ const of = document.querySelector({selector:?}); of.scrollIntoView({{ block: 'center', behavior: 'instant' }}); for (let i = 0; i < 3; i++) await new Promise(requestAnimationFrame); const box = of.getBoundingClientRect(); return [box.left + {across} * box.width, box.top + {down} * box.height]; }})()"
@@ -120,7 +120,7 @@ impl Browser {
     }
 
     /// What went wrong on the page until now, and what it asked of a network.
-    pub fn complaints(&mut self) -> Vec<String> {
+    pub(crate) fn complaints(&mut self) -> Vec<String> {
         // Whatever was said before this comes before its answer.
         self.eval("new Promise((done) => setTimeout(done, 100))");
         let told = self.events.iter().filter_map(|event| {

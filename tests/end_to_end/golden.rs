@@ -10,7 +10,7 @@ fn agree(ours: f64, theirs: f64, relative: f64) -> bool {
     (ours - theirs).abs() <= relative * theirs.abs().max(1e-9)
 }
 
-pub fn assert_scores_agree(ours: &Path, theirs: &Path, relative: f64) {
+pub(crate) fn assert_scores_agree(ours: &Path, theirs: &Path, relative: f64) {
     let (ours, theirs) = (read_csv(ours), read_csv(theirs));
     let name = |row: &Row| (row["frame"].clone(), label(row), set(row).to_owned());
     let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();
@@ -26,7 +26,7 @@ pub fn assert_scores_agree(ours: &Path, theirs: &Path, relative: f64) {
 }
 
 /// The error against distance on the pixels that each answered, with the oracle's names of columns.
-pub fn answered_bins(path: &Path) -> Vec<Row> {
+pub(crate) fn answered_bins(path: &Path) -> Vec<Row> {
     let mut rows = read_csv(path);
     rows.retain(|row| row["set"] == "answered");
     for row in &mut rows {
@@ -42,7 +42,7 @@ pub fn answered_bins(path: &Path) -> Vec<Row> {
 }
 
 /// `tolerance`: how far a percentile may be off, from itself and its distance, all metres.
-pub fn assert_percentiles_agree(ours: &Path, theirs: &Path, tolerance: impl Fn(f64, f64) -> f64) {
+pub(crate) fn assert_percentiles_agree(ours: &Path, theirs: &Path, tolerance: impl Fn(f64, f64) -> f64) {
     let (ours, theirs) = (answered_bins(ours), read_csv(theirs));
     let name = |row: &Row| (label(row), row["bin_m"].parse::<u32>().expect("a bin"));
     let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();

@@ -11,12 +11,12 @@ use depthloom_test_needs::is_full;
 use crate::support::{depthloom, succeed, workspace};
 
 /// The steps of a training; the hermetic suite takes fewer.
-pub fn steps() -> u64 {
+pub(crate) fn steps() -> u64 {
     if is_full() { 60 } else { 24 }
 }
 
 /// The nodes of a stage `learn`, small enough for seconds.
-pub fn learn(steps: u64, checkpoint_every: u64) -> String {
+pub(crate) fn learn(steps: u64, checkpoint_every: u64) -> String {
     format!(
         "  learn:
     source: train
@@ -36,7 +36,7 @@ pub fn learn(steps: u64, checkpoint_every: u64) -> String {
 }
 
 /// Writes an experiment that learns on a street, and nothing else.
-pub fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
+pub(crate) fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
     let source = "  train: { kind: synthetic/road, with: { frames: 0..5, width: 320, height: 96, seed: 4 } }";
     let path = folder.join(format!("street-{checkpoint_every}.yaml"));
     let stage = learn(steps(), checkpoint_every);
@@ -45,7 +45,7 @@ pub fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
 }
 
 /// The hashes of what learning left in a recording: model and samples by their content, the curve by its file.
-pub fn learned(out: &Path) -> (String, String, Vec<u8>) {
+pub(crate) fn learned(out: &Path) -> (String, String, Vec<u8>) {
     let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
     let hash = |of: &str| {
         let mut found = recording.once_values().iter().filter(|value| value.value_type == of);
@@ -57,7 +57,7 @@ pub fn learned(out: &Path) -> (String, String, Vec<u8>) {
     (hash("model"), hash("samples"), std::fs::read(out.join("learning_curves.csv")).expect("a curve"))
 }
 
-pub fn run(experiment: &Path, out: &Path, workers: &str) -> (String, String, Vec<u8>) {
+pub(crate) fn run(experiment: &Path, out: &Path, workers: &str) -> (String, String, Vec<u8>) {
     succeed(
         depthloom()
             .args(["run", "--no-page"])
@@ -115,7 +115,7 @@ fn the_network_is_the_same_with_one_and_eight_workers() {
 }
 
 /// The step of the checkpoint in a folder, if there is one: it begins as a `.safetensors` file, with the progress as JSON in its header.
-pub fn step(checkpoints: &Path) -> Option<u64> {
+pub(crate) fn step(checkpoints: &Path) -> Option<u64> {
     let mut files = std::fs::read_dir(checkpoints).ok()?.flatten().map(|entry| entry.path());
     let path = files.find(|path| path.extension().is_some_and(|extension| extension == "checkpoint"))?;
     let bytes = std::fs::read(path).ok()?;
@@ -129,7 +129,7 @@ pub fn step(checkpoints: &Path) -> Option<u64> {
 /// Runs until a checkpoint of at least this step is there, then kills it. The step it was killed at; it never falls below `from`.
 ///
 /// On a loaded machine the kill may come after the end of the run, which takes the checkpoint with it: then it is repeated, from the first step.
-pub fn run_and_kill(experiment: &Path, out: &Path, from: u64, at: u64) -> u64 {
+pub(crate) fn run_and_kill(experiment: &Path, out: &Path, from: u64, at: u64) -> u64 {
     let attempts = (0..20).map(|attempt| if attempt == 0 { from } else { 0 });
     let killed = attempts.into_iter().find_map(|from| killed_at(experiment, out, from, at));
     killed.expect("one of twenty kills comes before the end of the run")

@@ -4,7 +4,7 @@ mod examples;
 mod faults;
 mod keys;
 mod permission;
-pub mod python;
+pub(crate) mod python;
 mod replies;
 mod secrets;
 

@@ -10,13 +10,13 @@ use crate::reuse::experiment;
 use crate::support::{depthloom, full, succeed};
 
 /// At how many places a recording is cut, and how many runs are killed or fail: `DEPTHLOOM_KILLS`, or few enough for every day.
-pub fn kills() -> u64 {
+pub(crate) fn kills() -> u64 {
     let default = if is_full() { 20 } else { 5 };
     std::env::var("DEPTHLOOM_KILLS").map_or(default, |kills| kills.parse().expect("DEPTHLOOM_KILLS is a number"))
 }
 
 /// A number that the seed decides, below `end`.
-pub fn below(seed: u64, end: u64) -> u64 {
+pub(crate) fn below(seed: u64, end: u64) -> u64 {
     (seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11) % end
 }
 

@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use crate::support::{depthloom, full, succeed, workspace};
 
 /// Two stages, one of which learns, on a small street.
-pub fn experiment(folder: &Path) -> PathBuf {
+pub(crate) fn experiment(folder: &Path) -> PathBuf {
     let path = folder.join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
     let text = format!(

@@ -8,12 +8,12 @@ use serde_json::{Value as Json, json};
 use crate::support::{depthloom, succeed, workspace};
 
 /// A folder with an experiment on two small frames, to call the program in.
-pub struct Here {
+pub(crate) struct Here {
     folder: tempfile::TempDir,
 }
 
 impl Here {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let here = Self { folder: tempfile::tempdir().expect("a folder") };
         let look = workspace().join("experiments/first-look.yaml");
         let small = "sources: { street: { with: { frames: 0..2, width: 320, height: 96 } } }";
@@ -22,28 +22,28 @@ impl Here {
         here
     }
 
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         self.folder.path()
     }
 
-    pub fn command(&self, arguments: &[&str]) -> Command {
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = depthloom();
         command.current_dir(self.path()).args(arguments);
         command
     }
 
     /// Runs the experiment into a folder below.
-    pub fn run(&self, out: &str, more: &[&str]) -> PathBuf {
+    pub(crate) fn run(&self, out: &str, more: &[&str]) -> PathBuf {
         succeed(self.command(&["run", "--no-page", "look.yaml", "--quiet", "--out", out]).args(more));
         self.path().join(out)
     }
 
-    pub fn json(&self, arguments: &[&str]) -> Json {
+    pub(crate) fn json(&self, arguments: &[&str]) -> Json {
         json_of(&succeed(self.command(arguments).arg("--json")))
     }
 
     /// Calls what must end with a code; what it said on standard error.
-    pub fn fails(&self, arguments: &[&str], code: i32) -> String {
+    pub(crate) fn fails(&self, arguments: &[&str], code: i32) -> String {
         let output = self.command(arguments).output().expect("the binary starts");
         let said = String::from_utf8(output.stderr).expect("UTF-8");
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
@@ -51,11 +51,11 @@ impl Here {
     }
 }
 
-pub fn json_of(output: &Output) -> Json {
+pub(crate) fn json_of(output: &Output) -> Json {
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
-pub fn text(output: &Output) -> String {
+pub(crate) fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).expect("UTF-8")
 }
 

@@ -3,10 +3,12 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-pub use depthloom_test_needs::{full, onnx_runtime, python, python_package, shared, skipped, system_python, workspace};
+pub(crate) use depthloom_test_needs::{
+    full, onnx_runtime, python, python_package, shared, skipped, system_python, workspace,
+};
 
 /// The binary under test.
-pub fn depthloom() -> Command {
+pub(crate) fn depthloom() -> Command {
     #[cfg(unix)]
     depthloom_test_needs::signals::as_usual();
     let mut command = Command::new(env!("CARGO_BIN_EXE_depthloom"));
@@ -17,7 +19,7 @@ pub fn depthloom() -> Command {
 }
 
 /// Runs a command that must succeed.
-pub fn succeed(command: &mut Command) -> Output {
+pub(crate) fn succeed(command: &mut Command) -> Output {
     let output = loop {
         match command.output() {
             // A binary that was just copied: another test's child, begun meanwhile, holds it open for writing until it is itself.
@@ -36,10 +38,10 @@ pub fn succeed(command: &mut Command) -> Output {
 }
 
 /// A row of a small CSV file, by column name.
-pub type Row = std::collections::BTreeMap<String, String>;
+pub(crate) type Row = std::collections::BTreeMap<String, String>;
 
 /// Reads a CSV file without quoting: what the oracle writes, and what we write.
-pub fn read_csv(path: &Path) -> Vec<Row> {
+pub(crate) fn read_csv(path: &Path) -> Vec<Row> {
     let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
@@ -49,7 +51,7 @@ pub fn read_csv(path: &Path) -> Vec<Row> {
 }
 
 /// What people call the estimator of a row of ours, and the oracle its own: `variant/estimator`, without a variant where all share it.
-pub fn label(row: &Row) -> String {
+pub(crate) fn label(row: &Row) -> String {
     match row.get("variant").map(String::as_str) {
         None | Some("") => row["estimator"].clone(),
         Some(variant) => format!("{variant}/{}", row["estimator"]),
@@ -57,11 +59,11 @@ pub fn label(row: &Row) -> String {
 }
 
 /// The pixel set of a row of ours, or of the oracle.
-pub fn set(row: &Row) -> &str {
+pub(crate) fn set(row: &Row) -> &str {
     &row[if row.contains_key("set") { "set" } else { "scored_on" }]
 }
 
 /// A number in a row.
-pub fn number(row: &Row, column: &str) -> f64 {
+pub(crate) fn number(row: &Row, column: &str) -> f64 {
     row[column].parse().unwrap_or_else(|error| panic!("{column} of {row:?}: {error}"))
 }

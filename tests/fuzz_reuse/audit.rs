@@ -12,16 +12,16 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The variable by which this test program is depthloom with one more kind, and its value the constant in that kind's code.
-pub const FACTOR: &str = "DEPTHLOOM_TEST_FACTOR";
+pub(crate) const FACTOR: &str = "DEPTHLOOM_TEST_FACTOR";
 
 /// Parameters of `test/scale`.
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[derive(Default)]
-pub struct ScaleParams {}
+pub(crate) struct ScaleParams {}
 
 /// A kind whose code somebody changes without raising its version.
-pub struct Scale {
+pub(crate) struct Scale {
     factor: f32,
 }
 
@@ -143,7 +143,7 @@ fn errors(output: &Output) -> String {
 }
 
 /// All cases; `python` has the package `depthloom`.
-pub fn check(binary: &Path, python: Option<&Path>) {
+pub(crate) fn check(binary: &Path, python: Option<&Path>) {
     constant(binary);
     if let Some(python) = python {
         module(binary, python);

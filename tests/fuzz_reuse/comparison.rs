@@ -9,7 +9,7 @@ const MAY_DIFFER: [&str; 2] = ["environment.json", "timings.parquet"];
 
 /// What two runs have in common.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Equality {
+pub(crate) enum Equality {
     /// Every byte of every file.
     Bytes,
     /// Every value and every table. Of a program with neither `version` nor `code` each run makes up keys, which recordings and Parquet files contain.
@@ -17,7 +17,7 @@ pub enum Equality {
 }
 
 /// The first difference, in words; `None` if there is none.
-pub fn difference(reusing: &Path, fresh: &Path, equality: Equality) -> Option<String> {
+pub(crate) fn difference(reusing: &Path, fresh: &Path, equality: Equality) -> Option<String> {
     let (reusing_files, fresh_files) = (contents(reusing), contents(fresh));
     let names = reusing_files.keys().chain(fresh_files.keys());
     let has_keys =

@@ -65,7 +65,7 @@ const EDITS: &[(usize, Edit)] = &[
 ];
 
 /// Makes one edit; says what it was.
-pub fn edit(state: &mut State, random: &mut Random, earlier: &[EarlierRun]) -> String {
+pub(crate) fn edit(state: &mut State, random: &mut Random, earlier: &[EarlierRun]) -> String {
     let total: usize = EDITS.iter().map(|(share, _)| share).sum();
     for _ in 0..50 {
         let mut place = random.below(total);

@@ -7,11 +7,11 @@ use serde_json::{Map, Value as Json, json};
 use crate::kinds::{Contract, Kind, Type};
 
 /// The number of a source, stage, node, estimate or variant; the same in all steps of a sequence.
-pub type Id = u32;
+pub(crate) type Id = u32;
 
 /// An experiment.
 #[derive(Clone, Debug)]
-pub struct Experiment {
+pub(crate) struct Experiment {
     pub sources: Vec<Source>,
     pub stages: Vec<Stage>,
     pub variants: Vec<Variant>,
@@ -24,7 +24,7 @@ pub struct Experiment {
 
 /// A named source.
 #[derive(Clone, Debug)]
-pub struct Source {
+pub(crate) struct Source {
     pub id: Id,
     pub name: String,
     /// One, or several that are joined.
@@ -33,7 +33,7 @@ pub struct Source {
 
 /// A source of one kind.
 #[derive(Clone, Debug)]
-pub struct SourcePart {
+pub(crate) struct SourcePart {
     pub kind: &'static str,
     pub with: Map<String, Json>,
     pub ports: Vec<(String, Type)>,
@@ -41,7 +41,7 @@ pub struct SourcePart {
 
 /// A stage.
 #[derive(Clone, Debug)]
-pub struct Stage {
+pub(crate) struct Stage {
     pub id: Id,
     pub name: String,
     pub source: Id,
@@ -51,7 +51,7 @@ pub struct Stage {
 
 /// A node.
 #[derive(Clone, Debug)]
-pub struct Node {
+pub(crate) struct Node {
     pub id: Id,
     pub name: String,
     pub kind: &'static Kind,
@@ -61,7 +61,7 @@ pub struct Node {
 
 /// Where an input's value comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Input {
+pub(crate) enum Input {
     Source(String),
     Node(Id, &'static str),
     File(&'static str),
@@ -69,7 +69,7 @@ pub enum Input {
 
 /// The `score` of a stage.
 #[derive(Clone, Debug)]
-pub struct Score {
+pub(crate) struct Score {
     pub truth: Input,
     pub settings: Map<String, Json>,
     pub estimates: Vec<Estimate>,
@@ -77,7 +77,7 @@ pub struct Score {
 
 /// A scored estimate.
 #[derive(Clone, Debug)]
-pub struct Estimate {
+pub(crate) struct Estimate {
     pub id: Id,
     pub name: String,
     pub from: Input,
@@ -86,7 +86,7 @@ pub struct Estimate {
 
 /// A variant.
 #[derive(Clone, Debug)]
-pub struct Variant {
+pub(crate) struct Variant {
     pub id: Id,
     pub name: String,
     pub changes: Vec<Change>,
@@ -94,7 +94,7 @@ pub struct Variant {
 
 /// A changed value of a variant or of `--set`.
 #[derive(Clone, Debug)]
-pub enum Change {
+pub(crate) enum Change {
     Parameter(Id, &'static str, Json),
     Input(Id, &'static str, Input),
     SourceParameter(Id, &'static str, Json),
@@ -102,7 +102,7 @@ pub enum Change {
 
 /// A parameter of a node that takes several values, each in a variant.
 #[derive(Clone, Debug)]
-pub struct Axis {
+pub(crate) struct Axis {
     pub node: Id,
     pub parameter: &'static str,
     pub values: Vec<Json>,
@@ -110,7 +110,7 @@ pub struct Axis {
 
 /// What is recorded.
 #[derive(Clone, Debug, Default)]
-pub struct Record {
+pub(crate) struct Record {
     /// All topics, or these nodes (0: the sources) and whatever nothing reads.
     pub topics: Option<BTreeSet<Id>>,
     pub every: Option<u64>,
@@ -120,7 +120,7 @@ pub struct Record {
 
 impl Change {
     /// The part that is changed.
-    pub const fn target(&self) -> Id {
+    pub(crate) const fn target(&self) -> Id {
         match self {
             Self::Parameter(id, ..) | Self::Input(id, ..) | Self::SourceParameter(id, ..) => *id,
         }
@@ -128,29 +128,29 @@ impl Change {
 }
 
 impl Experiment {
-    pub fn nodes(&self) -> impl Iterator<Item = (&Stage, &Node)> {
+    pub(crate) fn nodes(&self) -> impl Iterator<Item = (&Stage, &Node)> {
         self.stages.iter().flat_map(|stage| stage.nodes.iter().map(move |node| (stage, node)))
     }
 
-    pub fn node(&self, id: Id) -> Option<(&Stage, &Node)> {
+    pub(crate) fn node(&self, id: Id) -> Option<(&Stage, &Node)> {
         self.nodes().find(|(_, node)| node.id == id)
     }
 
-    pub fn node_mut(&mut self, id: Id) -> Option<&mut Node> {
+    pub(crate) fn node_mut(&mut self, id: Id) -> Option<&mut Node> {
         self.stages.iter_mut().flat_map(|stage| &mut stage.nodes).find(|node| node.id == id)
     }
 
-    pub fn source(&self, id: Id) -> Option<&Source> {
+    pub(crate) fn source(&self, id: Id) -> Option<&Source> {
         self.sources.iter().find(|source| source.id == id)
     }
 
-    pub fn new_id(&mut self) -> Id {
+    pub(crate) fn new_id(&mut self) -> Id {
         self.next_id += 1;
         self.next_id
     }
 
     /// The nodes that a node's values depend on, itself included, with the base inputs and those of all variants.
-    pub fn upstream(&self, id: Id) -> BTreeSet<Id> {
+    pub(crate) fn upstream(&self, id: Id) -> BTreeSet<Id> {
         let mut found = BTreeSet::from([id]);
         let mut open = vec![id];
         while let Some(id) = open.pop() {
@@ -172,7 +172,7 @@ impl Experiment {
     }
 
     /// All values of a type that an input of a node in a stage may be connected to; `avoid`: the node itself, which nothing may read that it depends on.
-    pub fn values(&self, stage: usize, of: Type, contract: Contract, avoid: Option<Id>) -> Vec<Input> {
+    pub(crate) fn values(&self, stage: usize, of: Type, contract: Contract, avoid: Option<Id>) -> Vec<Input> {
         let of_source = || {
             let source = self.source(self.stages[stage].source)?;
             let ports = source.parts.first()?.ports.iter().filter(|(_, port)| *port == of);
@@ -194,7 +194,7 @@ impl Experiment {
     }
 
     /// Removes whatever refers to a part that is no longer there, until nothing does.
-    pub fn prune(&mut self) {
+    pub(crate) fn prune(&mut self) {
         loop {
             let before = self.count();
             self.prune_once();
@@ -269,7 +269,7 @@ impl Experiment {
     }
 
     /// Removes the part of that number, and whatever cannot be there without it.
-    pub fn remove(&mut self, id: Id) {
+    pub(crate) fn remove(&mut self, id: Id) {
         self.sources.retain(|source| source.id != id);
         self.stages.retain(|stage| stage.id != id);
         self.variants.retain(|variant| variant.id != id);
@@ -283,7 +283,7 @@ impl Experiment {
     }
 
     /// The numbers of all parts, large ones first.
-    pub fn ids(&self) -> Vec<Id> {
+    pub(crate) fn ids(&self) -> Vec<Id> {
         let stages = self.stages.iter().map(|stage| stage.id);
         let sources = self.sources.iter().map(|source| source.id);
         let variants = self.variants.iter().map(|variant| variant.id);
@@ -306,7 +306,7 @@ impl Experiment {
     }
 
     /// The path and the value of a change; `None` if its part is not there.
-    pub fn change(&self, change: &Change, program: &str) -> Option<(String, Json)> {
+    pub(crate) fn change(&self, change: &Change, program: &str) -> Option<(String, Json)> {
         let of_node = |id: Id| self.node(id).map(|(stage, node)| (stage.id, format!("{}.{}", stage.name, node.name)));
         Some(match change {
             Change::Parameter(id, parameter, value) => {
@@ -355,7 +355,7 @@ impl Experiment {
     }
 
     /// The experiment file; `program` is the path of the program that processes run.
-    pub fn yaml(&self, program: &str) -> String {
+    pub(crate) fn yaml(&self, program: &str) -> String {
         let mut text = "experiment: random\nsources:\n".to_owned();
         let part = |part: &SourcePart| json!({ "kind": part.kind, "with": with_program(&Json::Object(part.with.clone()), program) });
         for source in &self.sources {
@@ -415,7 +415,7 @@ impl Experiment {
 }
 
 /// Sets a parameter at a path in `with`.
-pub fn set(with: &mut Map<String, Json>, path: &str, value: Json) {
+pub(crate) fn set(with: &mut Map<String, Json>, path: &str, value: Json) {
     match path.split_once('.') {
         None => drop(with.insert(path.to_owned(), value)),
         Some((first, rest)) => {

@@ -12,13 +12,13 @@ use crate::onnx_file::{F32, Tensor, model, model_with};
 use crate::random::Random;
 
 /// Columns of all images.
-pub const WIDTH: u32 = 64;
+pub(crate) const WIDTH: u32 = 64;
 /// Rows of all images.
-pub const HEIGHT: u32 = 32;
+pub(crate) const HEIGHT: u32 = 32;
 
 /// What a file contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Content {
+pub(crate) enum Content {
     /// A texture, moved to the left.
     Image { seed: u32, shift: u32 },
     /// One depth, in 1/256 m.
@@ -35,7 +35,7 @@ pub enum Content {
 
 /// Networks of one operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Network {
+pub(crate) enum Network {
     /// The mean of an image's channels.
     Mean,
     /// The maximum of an image's channels.
@@ -47,17 +47,17 @@ pub enum Network {
 }
 
 /// Files by their path.
-pub type Files = BTreeMap<String, Content>;
+pub(crate) type Files = BTreeMap<String, Content>;
 
 /// Roots of the image data sets.
-pub const ROOTS: [&str; 2] = ["data-a", "data-b"];
+pub(crate) const ROOTS: [&str; 2] = ["data-a", "data-b"];
 /// Texts that programs read.
-pub const TEXTS: [&str; 3] = ["gain-a.txt", "gain-b.txt", NEVER_REUSED];
+pub(crate) const TEXTS: [&str; 3] = ["gain-a.txt", "gain-b.txt", NEVER_REUSED];
 /// The text that only programs with neither `version` nor `code` read.
-pub const NEVER_REUSED: &str = "gain-c.txt";
+pub(crate) const NEVER_REUSED: &str = "gain-c.txt";
 
 /// The module that nodes in Python import.
-pub const MODULE: &str = "package/module.py";
+pub(crate) const MODULE: &str = "package/module.py";
 const PYTHON_NODE: &str = "import depthloom
 from package.module import FACTOR
 
@@ -69,7 +69,7 @@ depthloom.serve(own)
 ";
 
 /// The files that a sequence begins with.
-pub fn first(random: &mut Random, has_python: bool) -> Files {
+pub(crate) fn first(random: &mut Random, has_python: bool) -> Files {
     let mut files = Files::new();
     if has_python {
         files.insert("node.py".to_owned(), Content::PythonNode);
@@ -98,7 +98,7 @@ pub fn first(random: &mut Random, has_python: bool) -> Files {
 }
 
 /// Adds both images and the ground truth of a frame.
-pub fn add_pair(files: &mut Files, root: &str, frame: usize, random: &mut Random) {
+pub(crate) fn add_pair(files: &mut Files, root: &str, frame: usize, random: &mut Random) {
     let seed = random.below(1000) as u32;
     let shift = 2 + random.below(8) as u32;
     files.insert(format!("{root}/left/{frame:03}.png"), Content::Image { seed, shift: 0 });
@@ -107,7 +107,7 @@ pub fn add_pair(files: &mut Files, root: &str, frame: usize, random: &mut Random
 }
 
 /// A texture that stereo can match.
-pub fn texture(seed: u32, x: u32, y: u32) -> u8 {
+pub(crate) fn texture(seed: u32, x: u32, y: u32) -> u8 {
     let mixed = (y * 4096 + x / 2).wrapping_add(seed.wrapping_mul(77_777)).wrapping_mul(2_654_435_761);
     ((mixed ^ (mixed >> 15)).wrapping_mul(2_246_822_519) >> 24) as u8
 }
@@ -155,7 +155,7 @@ impl fmt::Display for Content {
 }
 
 /// Brings a folder from one state to the next: writes what differs and removes what is gone.
-pub fn write(folder: &Path, before: &Files, files: &Files) -> std::io::Result<()> {
+pub(crate) fn write(folder: &Path, before: &Files, files: &Files) -> std::io::Result<()> {
     for name in before.keys().filter(|name| !files.contains_key(*name)) {
         fs::remove_file(folder.join(name))?;
     }
@@ -170,7 +170,7 @@ pub fn write(folder: &Path, before: &Files, files: &Files) -> std::io::Result<()
 }
 
 /// How the files of two states differ, one line per file.
-pub fn differences(before: &Files, after: &Files) -> Vec<String> {
+pub(crate) fn differences(before: &Files, after: &Files) -> Vec<String> {
     let removed = before.keys().filter(|name| !after.contains_key(*name)).map(|name| format!("{name}: removed"));
     let changed = after.iter().filter(|(name, content)| before.get(*name) != Some(*content));
     removed.chain(changed.map(|(name, content)| format!("{name}: {content}"))).collect()

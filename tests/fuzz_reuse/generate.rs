@@ -23,7 +23,7 @@ const SOURCE_NAMES: &[&str] = &["street", "own", "other", "camera"];
 const VARIANT_NAMES: &[&str] = &["a", "b", "c", "d", "full"];
 
 /// Parameters of a road that change without changing its ports.
-pub const ROAD: &[Parameter] = &[
+pub(crate) const ROAD: &[Parameter] = &[
     ("frames", &["\"0..2\"", "\"0..3\"", "\"1..4\"", "[2, 0]", "[1]", "[0, 1, 2]", "[1, 0]"]),
     ("seed", &["1", "2", "\"${SEED:-3}\""]),
     ("truth", &["\"noc\"", "\"occ\""]),
@@ -43,12 +43,12 @@ const PROGRAM: &[Parameter] = &[
 const RECORDING: &[Parameter] = &[("frames", &["\"available\"", "\"0..2 available\"", "\"1..3 available\""])];
 
 /// One of a parameter's values.
-pub fn choose(random: &mut Random, (name, values): Parameter) -> (&'static str, Json) {
+pub(crate) fn choose(random: &mut Random, (name, values): Parameter) -> (&'static str, Json) {
     (name, json_of(random.pick(values)))
 }
 
 /// One of several parameters, and one of its values.
-pub fn choose_any(random: &mut Random, parameters: &[Parameter]) -> (&'static str, Json) {
+pub(crate) fn choose_any(random: &mut Random, parameters: &[Parameter]) -> (&'static str, Json) {
     let parameter = random.pick(parameters);
     choose(random, parameter)
 }
@@ -58,7 +58,7 @@ fn json_of(text: &str) -> Json {
 }
 
 /// The parameters of a source kind that may change.
-pub fn source_parameters(kind: &str) -> &'static [Parameter] {
+pub(crate) fn source_parameters(kind: &str) -> &'static [Parameter] {
     match kind {
         "synthetic/road" => ROAD,
         "images" => IMAGES,
@@ -73,28 +73,28 @@ fn free_name(random: &mut Random, names: &[&str], taken: &BTreeSet<&str>) -> Opt
     (!free.is_empty()).then(|| random.pick(&free).to_owned())
 }
 
-pub fn node_name(random: &mut Random, stage: &Stage) -> Option<String> {
+pub(crate) fn node_name(random: &mut Random, stage: &Stage) -> Option<String> {
     free_name(random, NODE_NAMES, &stage.nodes.iter().map(|node| node.name.as_str()).collect())
 }
 
-pub fn estimate_name(random: &mut Random, score: &Score) -> Option<String> {
+pub(crate) fn estimate_name(random: &mut Random, score: &Score) -> Option<String> {
     free_name(random, ESTIMATE_NAMES, &score.estimates.iter().map(|estimate| estimate.name.as_str()).collect())
 }
 
-pub fn stage_name(random: &mut Random, experiment: &Experiment) -> Option<String> {
+pub(crate) fn stage_name(random: &mut Random, experiment: &Experiment) -> Option<String> {
     free_name(random, STAGE_NAMES, &experiment.stages.iter().map(|stage| stage.name.as_str()).collect())
 }
 
-pub fn source_name(random: &mut Random, experiment: &Experiment) -> Option<String> {
+pub(crate) fn source_name(random: &mut Random, experiment: &Experiment) -> Option<String> {
     free_name(random, SOURCE_NAMES, &experiment.sources.iter().map(|source| source.name.as_str()).collect())
 }
 
-pub fn variant_name(random: &mut Random, experiment: &Experiment) -> Option<String> {
+pub(crate) fn variant_name(random: &mut Random, experiment: &Experiment) -> Option<String> {
     free_name(random, VARIANT_NAMES, &experiment.variants.iter().map(|variant| variant.name.as_str()).collect())
 }
 
 /// A whole experiment.
-pub fn experiment(random: &mut Random, earlier: &[EarlierRun]) -> Experiment {
+pub(crate) fn experiment(random: &mut Random, earlier: &[EarlierRun]) -> Experiment {
     let mut experiment = Experiment {
         sources: Vec::new(),
         stages: Vec::new(),
@@ -122,7 +122,7 @@ pub fn experiment(random: &mut Random, earlier: &[EarlierRun]) -> Experiment {
 }
 
 /// Adds a source; tells its number.
-pub fn add_source(random: &mut Random, experiment: &mut Experiment, earlier: &[EarlierRun]) -> Option<Id> {
+pub(crate) fn add_source(random: &mut Random, experiment: &mut Experiment, earlier: &[EarlierRun]) -> Option<Id> {
     let name = source_name(random, experiment)?;
     let mut parts = vec![source_part(random, earlier)];
     if random.chance(4) {
@@ -137,7 +137,7 @@ pub fn add_source(random: &mut Random, experiment: &mut Experiment, earlier: &[E
 }
 
 /// A source of one kind.
-pub fn source_part(random: &mut Random, earlier: &[EarlierRun]) -> SourcePart {
+pub(crate) fn source_part(random: &mut Random, earlier: &[EarlierRun]) -> SourcePart {
     if !earlier.is_empty() && random.chance(3) {
         return recording(random, earlier);
     }
@@ -254,7 +254,7 @@ fn recording(random: &mut Random, earlier: &[EarlierRun]) -> SourcePart {
 }
 
 /// Adds a stage with nodes and, often, a score; tells its number.
-pub fn add_stage(random: &mut Random, experiment: &mut Experiment) -> Option<Id> {
+pub(crate) fn add_stage(random: &mut Random, experiment: &mut Experiment) -> Option<Id> {
     let name = stage_name(random, experiment)?;
     let source = experiment.sources[random.below(experiment.sources.len())].id;
     let id = experiment.new_id();
@@ -281,7 +281,7 @@ pub fn add_stage(random: &mut Random, experiment: &mut Experiment) -> Option<Id>
 }
 
 /// Adds a node whose inputs are all there; tells its number.
-pub fn add_node(random: &mut Random, experiment: &mut Experiment, stage: usize) -> Option<Id> {
+pub(crate) fn add_node(random: &mut Random, experiment: &mut Experiment, stage: usize) -> Option<Id> {
     let total: usize = KINDS.iter().map(|kind| kind.share).sum();
     (0..8).find_map(|_| {
         let mut place = random.below(total);
@@ -294,7 +294,12 @@ pub fn add_node(random: &mut Random, experiment: &mut Experiment, stage: usize) 
     })
 }
 
-pub fn add_node_of(random: &mut Random, experiment: &mut Experiment, stage: usize, kind: &'static Kind) -> Option<Id> {
+pub(crate) fn add_node_of(
+    random: &mut Random,
+    experiment: &mut Experiment,
+    stage: usize,
+    kind: &'static Kind,
+) -> Option<Id> {
     let name = node_name(random, &experiment.stages[stage])?;
     let mut inputs = Vec::new();
     for (port, of) in kind.inputs {
@@ -318,7 +323,7 @@ pub fn add_node_of(random: &mut Random, experiment: &mut Experiment, stage: usiz
 }
 
 /// A value that an input may be connected to; late ones more often, so that chains become long.
-pub fn input(
+pub(crate) fn input(
     random: &mut Random,
     experiment: &Experiment,
     stage: usize,
@@ -338,7 +343,7 @@ pub fn input(
 }
 
 /// A score of some of a stage's values.
-pub fn score(random: &mut Random, experiment: &mut Experiment, stage: usize) -> Option<Score> {
+pub(crate) fn score(random: &mut Random, experiment: &mut Experiment, stage: usize) -> Option<Score> {
     let of_type = |of: Type| experiment.values(stage, of, Contract::Pure, None);
     let truths: Vec<Input> = of_type(Type::Depth)
         .into_iter()
@@ -367,7 +372,12 @@ pub fn score(random: &mut Random, experiment: &mut Experiment, stage: usize) -> 
 }
 
 /// A further estimate of a score.
-pub fn estimate(random: &mut Random, experiment: &mut Experiment, stage: usize, score: &Score) -> Option<Estimate> {
+pub(crate) fn estimate(
+    random: &mut Random,
+    experiment: &mut Experiment,
+    stage: usize,
+    score: &Score,
+) -> Option<Estimate> {
     let mut values = experiment.values(stage, Type::Depth, Contract::Pure, None);
     values.retain(|value| matches!(value, Input::Node(..)));
     let name = estimate_name(random, score)?;
@@ -390,7 +400,7 @@ pub fn estimate(random: &mut Random, experiment: &mut Experiment, stage: usize, 
 }
 
 /// Adds a variant with one or two changes; tells its number.
-pub fn add_variant(random: &mut Random, experiment: &mut Experiment) -> Option<Id> {
+pub(crate) fn add_variant(random: &mut Random, experiment: &mut Experiment) -> Option<Id> {
     let name = variant_name(random, experiment)?;
     let id = experiment.new_id();
     experiment.variants.push(Variant { id, name, changes: Vec::new() });
@@ -407,7 +417,7 @@ pub fn add_variant(random: &mut Random, experiment: &mut Experiment) -> Option<I
 }
 
 /// A change of a parameter, an input or a source.
-pub fn change(random: &mut Random, experiment: &Experiment) -> Option<Change> {
+pub(crate) fn change(random: &mut Random, experiment: &Experiment) -> Option<Change> {
     if random.chance(6) {
         let single: Vec<&Source> = experiment.sources.iter().filter(|source| source.parts.len() == 1).collect();
         let source = (!single.is_empty()).then(|| single[random.below(single.len())])?;
@@ -427,7 +437,7 @@ pub fn change(random: &mut Random, experiment: &Experiment) -> Option<Change> {
 }
 
 /// An input of a node and another value for it.
-pub fn other_input(random: &mut Random, experiment: &Experiment, id: Id) -> Option<(&'static str, Input)> {
+pub(crate) fn other_input(random: &mut Random, experiment: &Experiment, id: Id) -> Option<(&'static str, Input)> {
     let stage = experiment.stages.iter().position(|stage| stage.nodes.iter().any(|node| node.id == id))?;
     let (_, node) = experiment.node(id)?;
     let ports: Vec<_> = node.kind.inputs.iter().chain(node.kind.optional_inputs).collect();
@@ -438,7 +448,7 @@ pub fn other_input(random: &mut Random, experiment: &Experiment, id: Id) -> Opti
 }
 
 /// A matrix of one axis: two or three values of a parameter.
-pub fn axis(random: &mut Random, experiment: &Experiment) -> Option<Axis> {
+pub(crate) fn axis(random: &mut Random, experiment: &Experiment) -> Option<Axis> {
     let nodes: Vec<&Node> = experiment.nodes().map(|(_, node)| node).collect();
     let node = (!nodes.is_empty()).then(|| nodes[random.below(nodes.len())])?;
     let parameters = node.kind.parameters;
@@ -456,7 +466,7 @@ pub fn axis(random: &mut Random, experiment: &Experiment) -> Option<Axis> {
 }
 
 /// Record settings.
-pub fn record(random: &mut Random, experiment: &Experiment) -> Record {
+pub(crate) fn record(random: &mut Random, experiment: &Experiment) -> Record {
     let nodes: Vec<Id> = experiment.nodes().map(|(_, node)| node.id).collect();
     let topics = random.chance(2).then(|| {
         let chosen = nodes.iter().copied().filter(|_| random.chance(2)).collect::<Vec<_>>();

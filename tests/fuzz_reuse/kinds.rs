@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 /// The type of a value, as far as ports are connected by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Type {
+pub(crate) enum Type {
     Image,
     Disparity,
     TrueDisparity,
@@ -23,20 +23,20 @@ pub enum Type {
 
 impl Type {
     /// Whether there is one value per stage and not one per frame.
-    pub const fn is_aggregate(self) -> bool {
+    pub(crate) const fn is_aggregate(self) -> bool {
         matches!(self, Self::Samples | Self::Model | Self::Bytes | Self::Curve)
     }
 }
 
 /// A port's name and type.
-pub type Port = (&'static str, Type);
+pub(crate) type Port = (&'static str, Type);
 
 /// A parameter (a path in `with`, `zones.rows`) and the JSON texts of the values that it may have.
-pub type Parameter = (&'static str, &'static [&'static str]);
+pub(crate) type Parameter = (&'static str, &'static [&'static str]);
 
 /// How a node is called.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Contract {
+pub(crate) enum Contract {
     /// For each frame, without memory.
     Pure,
     /// For each frame in order, with memory.
@@ -47,7 +47,7 @@ pub enum Contract {
 
 /// A row of the table. Several rows may have the same registry kind.
 #[derive(Debug)]
-pub struct Kind {
+pub(crate) struct Kind {
     /// The name of the row.
     pub label: &'static str,
     /// The kind in the registry.
@@ -102,10 +102,10 @@ const ARGUMENTS: Parameter = (
 );
 
 /// The row of nodes in Python, which import a module.
-pub const PYTHON: &str = "process, in Python";
+pub(crate) const PYTHON: &str = "process, in Python";
 
 /// All rows.
-pub const KINDS: &[Kind] = &[
+pub(crate) const KINDS: &[Kind] = &[
     Kind {
         label: "stereo/sgbm",
         kind: "stereo/sgbm",
@@ -489,7 +489,7 @@ pub const KINDS: &[Kind] = &[
 ];
 
 /// The row of that name.
-pub fn kind(label: &str) -> &'static Kind {
+pub(crate) fn kind(label: &str) -> &'static Kind {
     KINDS.iter().find(|kind| kind.label == label).expect("nodes are made from rows of the table")
 }
 
@@ -516,7 +516,7 @@ const SOURCES_COVERED: &[&str] = &["images", "mcap", "process/source", "syntheti
 ///
 /// # Panics
 /// If it does not.
-pub fn check_complete(nodes: &BTreeSet<String>, sources: &BTreeSet<String>) {
+pub(crate) fn check_complete(nodes: &BTreeSet<String>, sources: &BTreeSet<String>) {
     let known: BTreeSet<String> =
         KINDS.iter().map(|kind| kind.kind).chain(NOT_COVERED.iter().copied()).map(str::to_owned).collect();
     assert_eq!(nodes, &known, "tests/fuzz_reuse/kinds.rs lists other node kinds than the registry");

@@ -9,7 +9,7 @@ use crate::sequence::Sequence;
 const AT_MOST: Duration = Duration::from_secs(90);
 
 /// A smaller sequence that fails, and how.
-pub fn minimise(runner: &Runner, mut sequence: Sequence, mut failure: Failure) -> (Sequence, Failure) {
+pub(crate) fn minimise(runner: &Runner, mut sequence: Sequence, mut failure: Failure) -> (Sequence, Failure) {
     let began = Instant::now();
     sequence.steps.truncate(failure.step + 1);
     let mut attempt = |sequence: &mut Sequence, smaller: Sequence| {

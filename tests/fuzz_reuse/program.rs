@@ -17,10 +17,10 @@ use crate::files::{HEIGHT, WIDTH, texture};
 
 /// Hashes that are the same on every machine (FNV-1a).
 #[derive(Clone)]
-pub struct Digest(u64);
+pub(crate) struct Digest(u64);
 
 impl Digest {
-    pub const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self(0xcbf2_9ce4_8422_2325)
     }
 }
@@ -38,7 +38,7 @@ impl std::hash::Hasher for Digest {
 }
 
 /// Answers calls until standard input ends.
-pub fn serve(arguments: &[String]) -> io::Result<()> {
+pub(crate) fn serve(arguments: &[String]) -> io::Result<()> {
     let mut calls = StreamReader::new(io::stdin().lock());
     let broken = |error: &dyn std::fmt::Display| io::Error::other(error.to_string());
     let schema = calls.schema().map_err(|error| broken(&error))?.ok_or_else(|| broken(&"no schema"))?;

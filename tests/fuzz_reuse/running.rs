@@ -15,7 +15,7 @@ use crate::sequence::{Ending, Sequence, State, Step};
 /// A run that takes longer hangs.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// The name of this test program for nodes, and the folder where it is found.
-pub const PROGRAM: &str = "random-program";
+pub(crate) const PROGRAM: &str = "random-program";
 const PROGRAMS: &str = "bin";
 /// The experiment file.
 const EXPERIMENT: &str = "experiment.yaml";
@@ -26,7 +26,7 @@ const FRAMES_FAILED: i32 = 3;
 
 /// What the runs of sequences did, to see that they test something.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Statistics {
+pub(crate) struct Statistics {
     pub sequences: u64,
     /// Comparisons of two completed runs.
     pub compared: u64,
@@ -52,14 +52,14 @@ impl AddAssign for Statistics {
 
 /// A difference between a run and the fresh run of the same state.
 #[derive(Clone, Debug)]
-pub struct Failure {
+pub(crate) struct Failure {
     /// The step, by its place.
     pub step: usize,
     pub what: String,
 }
 
 /// The programs, and the folder that a sequence is run in.
-pub struct Runner {
+pub(crate) struct Runner {
     /// The program under test.
     pub binary: PathBuf,
     /// This test program.
@@ -90,7 +90,7 @@ impl Ended {
 
 impl Runner {
     /// Runs all steps.
-    pub fn run(&self, sequence: &Sequence) -> Result<Statistics, Failure> {
+    pub(crate) fn run(&self, sequence: &Sequence) -> Result<Statistics, Failure> {
         let _ = fs::remove_dir_all(&self.folder);
         fs::create_dir_all(&self.folder).expect("a folder for the sequence can be made");
         // Found by its name in the PATH: the file of a program that is named by its path is part of keys, and this one is large.
@@ -273,7 +273,7 @@ impl Runner {
 }
 
 /// The arguments of a state that select and change.
-pub fn arguments(state: &State) -> Vec<String> {
+pub(crate) fn arguments(state: &State) -> Vec<String> {
     let selected = state.experiment.variants.iter().find(|variant| Some(variant.id) == state.selected);
     let mut arguments: Vec<String> =
         selected.into_iter().flat_map(|of| ["--variant".to_owned(), of.name.clone()]).collect();
@@ -284,12 +284,12 @@ pub fn arguments(state: &State) -> Vec<String> {
 }
 
 /// The name of a step's experiment file.
-pub fn yaml_name(place: usize) -> String {
+pub(crate) fn yaml_name(place: usize) -> String {
     format!("step-{place}.yaml")
 }
 
 /// The command of a step, as a person types it.
-pub fn typed(place: usize, step: &Step) -> String {
+pub(crate) fn typed(place: usize, step: &Step) -> String {
     let environment: String = step.state.environment.iter().map(|(name, value)| format!("{name}={value} ")).collect();
     let arguments = arguments(&step.state).join(" ");
     let out = Path::new("runs").join(&step.out);

@@ -11,7 +11,7 @@ use crate::random::Random;
 
 /// Everything that a run depends on.
 #[derive(Clone, Debug)]
-pub struct State {
+pub(crate) struct State {
     pub experiment: Experiment,
     pub files: Files,
     /// Variables of the environment.
@@ -28,7 +28,7 @@ pub struct State {
 
 /// How a run ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Ending {
+pub(crate) enum Ending {
     /// It completes, and is compared with a fresh run.
     Complete,
     /// It is left as a killed run leaves it whose recording has this share of its bytes. The next step resumes it.
@@ -39,7 +39,7 @@ pub enum Ending {
 
 /// A state and how it is run.
 #[derive(Clone, Debug)]
-pub struct Step {
+pub(crate) struct Step {
     /// What changed since the step before.
     pub edits: Vec<String>,
     pub state: State,
@@ -50,20 +50,20 @@ pub struct Step {
 
 /// The steps of a seed.
 #[derive(Clone, Debug)]
-pub struct Sequence {
+pub(crate) struct Sequence {
     pub seed: u64,
     pub steps: Vec<Step>,
 }
 
 /// A completed run of the sequence, which later steps may read as a source.
-pub struct EarlierRun {
+pub(crate) struct EarlierRun {
     pub folder: String,
     pub experiment: Experiment,
 }
 
 impl Sequence {
     /// The sequence of a seed. Where there is a Python, one in fifty has a node in Python.
-    pub fn new(seed: u64, has_python: bool) -> Self {
+    pub(crate) fn new(seed: u64, has_python: bool) -> Self {
         let random = &mut Random::of(seed, "reuse");
         let has_python = has_python && seed.is_multiple_of(50);
         let mut state = State {

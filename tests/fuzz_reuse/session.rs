@@ -18,7 +18,7 @@ const PROGRESS: Duration = Duration::from_secs(20);
 const KEPT: usize = 12;
 
 /// What is run.
-pub struct Options {
+pub(crate) struct Options {
     pub first_seed: u64,
     pub count: u64,
     pub jobs: usize,
@@ -28,7 +28,7 @@ pub struct Options {
 }
 
 /// Runs all sequences; fails if one does.
-pub fn run(options: &Options) -> ExitCode {
+pub(crate) fn run(options: &Options) -> ExitCode {
     let root = root();
     let (next, failures) = (AtomicU64::new(0), AtomicUsize::new(0));
     let statistics = Mutex::new(Statistics::default());

@@ -57,7 +57,7 @@ impl Verdict {
 
 /// How many rows have which verdict.
 #[derive(Clone, Debug, Default, PartialEq, JsonSchema, Serialize)]
-pub struct Verdicts {
+pub(crate) struct Verdicts {
     better: u64,
     worse: u64,
     unclear: u64,

@@ -60,7 +60,7 @@ pub(super) struct Limit {
 /// A limit held against a row.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 #[schemars(rename = "Limit")]
-pub struct JudgedLimit {
+pub(crate) struct JudgedLimit {
     /// As it was written.
     limit: String,
     /// The row's place in `rows`; null for `density`, which has no row.

@@ -30,7 +30,7 @@ pub struct ComparisonOutput {
 
 /// How intervals and tests were found.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct CompareMethod {
+pub(crate) struct CompareMethod {
     /// `BCa` or `percentile`.
     interval: &'static str,
     /// From 0 to 1.
@@ -61,7 +61,7 @@ impl CompareMethod {
 
 /// What was set otherwise in a side.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct OtherParameters {
+pub(crate) struct OtherParameters {
     pub(super) side: String,
     /// As in `runs why`; `what` may also be `new` or `gone`, and `node` says whose it is.
     #[schemars(with = "Vec<BTreeMap<String, Json>>")]

@@ -8,12 +8,12 @@ use serde_json::Number;
 use super::{Cells, Table};
 
 /// A row: column to cell, in the order of the columns. An empty cell is null.
-pub type JsonRow = ByName<Option<Cell>>;
+pub(crate) type JsonRow = ByName<Option<Cell>>;
 
 /// A cell of a table.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 #[serde(untagged)]
-pub enum Cell {
+pub(crate) enum Cell {
     // Not `f64`, which would print a count with a decimal point.
     Number(#[schemars(with = "f64")] Number),
     Text(String),

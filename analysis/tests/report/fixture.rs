@@ -15,20 +15,20 @@ use depthloom_scores::{PixelSet, ScoreRow, Settings, score};
 use serde_json::json;
 
 /// Width and height of the maps.
-pub const SIZE: (u32, u32) = (40, 30);
+pub(crate) const SIZE: (u32, u32) = (40, 30);
 /// How many frames; the last has no truth, on the one before it `b/mono` failed.
-pub const FRAMES: u64 = 9;
+pub(crate) const FRAMES: u64 = 9;
 /// How many frames have a value of every estimator.
 const COMPLETE: u64 = FRAMES - 2;
 /// The estimators as the plan has them: label, name, variant, pixel sets.
-pub const ESTIMATORS: [(&str, &str, Option<usize>, &[PixelSet]); 3] = [
+pub(crate) const ESTIMATORS: [(&str, &str, Option<usize>, &[PixelSet]); 3] = [
     ("a/mono", "mono", Some(0), &[PixelSet::All]),
     ("b/mono", "mono", Some(1), &[PixelSet::All]),
     ("stereo", "stereo", None, &[PixelSet::Answered, PixelSet::All]),
 ];
 
 /// A node for each estimate, then one for each of their scores.
-pub fn plan(every: u64, keep_b: bool) -> Plan {
+pub(crate) fn plan(every: u64, keep_b: bool) -> Plan {
     let output = |node: &str, port: Port, recorded| PlannedOutput {
         topic: format!("/compare/{node}/{}", port.name),
         port,
@@ -98,7 +98,7 @@ pub fn plan(every: u64, keep_b: bool) -> Plan {
 }
 
 /// The plan with a node after the others that learns, and keeps its curve.
-pub fn plan_that_learns() -> Plan {
+pub(crate) fn plan_that_learns() -> Plan {
     let mut plan = plan(1, true);
     let mut node = plan.runs[0].nodes[0].clone();
     node.name = "teacher".to_owned();
@@ -111,7 +111,7 @@ pub fn plan_that_learns() -> Plan {
 }
 
 /// The curve of `teacher`.
-pub fn curve() -> Curve {
+pub(crate) fn curve() -> Curve {
     let point = |step: u64| CurvePoint {
         step: 50 * step,
         loss: 2.0 / (step + 1) as f64,
@@ -122,7 +122,7 @@ pub fn curve() -> Curve {
 }
 
 /// A frame's truth and the three estimates.
-pub fn maps(index: u64) -> [Vec<f32>; 4] {
+pub(crate) fn maps(index: u64) -> [Vec<f32>; 4] {
     let mut state = index + 1;
     let mut share = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -139,7 +139,7 @@ pub fn maps(index: u64) -> [Vec<f32>; 4] {
 }
 
 /// The scores of a frame, by estimator, as the engine records them.
-pub fn rows(index: u64) -> [Vec<ScoreRow>; 3] {
+pub(crate) fn rows(index: u64) -> [Vec<ScoreRow>; 3] {
     rows_of(&maps(index))
 }
 
@@ -149,17 +149,17 @@ fn rows_of([truth, estimates @ ..]: &[Vec<f32>; 4]) -> [Vec<ScoreRow>; 3] {
 }
 
 /// Whether an estimator has a value and scores on a frame.
-pub const fn answered(index: u64, estimator: usize) -> bool {
+pub(crate) const fn answered(index: u64, estimator: usize) -> bool {
     !(index + 2 == FRAMES && estimator == 1)
 }
 
 /// Whether a frame has a truth.
-pub const fn has_truth(index: u64) -> bool {
+pub(crate) const fn has_truth(index: u64) -> bool {
     index + 1 != FRAMES
 }
 
 /// The plan with a stage `learn` before it that scores nothing, on the same source.
-pub fn plan_of_two_stages() -> Plan {
+pub(crate) fn plan_of_two_stages() -> Plan {
     let mut plan = plan(1, true);
     let mut learn = plan.runs[0].clone();
     (learn.stage, learn.prefix) = ("learn".to_owned(), "/learn".to_owned());
@@ -171,7 +171,7 @@ pub fn plan_of_two_stages() -> Plan {
 }
 
 /// Records so many frames of each stage run, and is killed.
-pub fn record_unfinished(path: &Path, plan: &Plan, frames: &[u64]) {
+pub(crate) fn record_unfinished(path: &Path, plan: &Plan, frames: &[u64]) {
     let recorder = Recorder::create(path, plan).unwrap();
     for (run, frames) in frames.iter().enumerate() {
         (0..*frames).for_each(|index| record_frame(&recorder, RunId(run), index, true));
@@ -179,12 +179,12 @@ pub fn record_unfinished(path: &Path, plan: &Plan, frames: &[u64]) {
 }
 
 /// Records the fixture.
-pub fn record(path: &Path, plan: &Plan) {
+pub(crate) fn record(path: &Path, plan: &Plan) {
     record_with(path, plan, true);
 }
 
 /// Records the fixture, `b/mono` being absent where it failed.
-pub fn record_absent(path: &Path, plan: &Plan) {
+pub(crate) fn record_absent(path: &Path, plan: &Plan) {
     record_with(path, plan, false);
 }
 
@@ -208,7 +208,7 @@ fn record_with(path: &Path, plan: &Plan, fails: bool) {
 }
 
 /// Records frames that have a value of every estimator and the cache keys of all values; `change` changes truth and estimates.
-pub fn record_complete(path: &Path, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) {
+pub(crate) fn record_complete(path: &Path, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) {
     let recorder = Recorder::create(path, plan).unwrap();
     for index in 0..COMPLETE {
         let mut maps = maps(index);

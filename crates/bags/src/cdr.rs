@@ -9,7 +9,7 @@ use depthloom_graphs::ErrorMessage;
 const HEADER: usize = 4;
 
 /// A message read from its beginning. Every value is named, for the error that says where the message ended.
-pub struct Cdr<'a> {
+pub(crate) struct Cdr<'a> {
     /// Behind the header: alignment counts from here.
     bytes: &'a [u8],
     at: usize,
@@ -18,7 +18,7 @@ pub struct Cdr<'a> {
 
 impl<'a> Cdr<'a> {
     /// Reads the header.
-    pub fn new(message: &'a [u8]) -> Result<Self, ErrorMessage> {
+    pub(crate) fn new(message: &'a [u8]) -> Result<Self, ErrorMessage> {
         let Some((header, bytes)) = message.split_first_chunk::<HEADER>() else {
             return Err(ErrorMessage::new(format!(
                 "{} bytes are no CDR: its header alone has {HEADER}",
@@ -61,24 +61,24 @@ impl<'a> Cdr<'a> {
         Ok(array)
     }
 
-    pub fn u8(&mut self, name: &str) -> Result<u8, ErrorMessage> {
+    pub(crate) fn u8(&mut self, name: &str) -> Result<u8, ErrorMessage> {
         self.number(name).map(u8::from_le_bytes)
     }
 
-    pub fn u32(&mut self, name: &str) -> Result<u32, ErrorMessage> {
+    pub(crate) fn u32(&mut self, name: &str) -> Result<u32, ErrorMessage> {
         self.number(name).map(u32::from_le_bytes)
     }
 
-    pub fn i32(&mut self, name: &str) -> Result<i32, ErrorMessage> {
+    pub(crate) fn i32(&mut self, name: &str) -> Result<i32, ErrorMessage> {
         self.number(name).map(i32::from_le_bytes)
     }
 
-    pub fn f64(&mut self, name: &str) -> Result<f64, ErrorMessage> {
+    pub(crate) fn f64(&mut self, name: &str) -> Result<f64, ErrorMessage> {
         self.number(name).map(f64::from_le_bytes)
     }
 
     /// So many numbers, without a length before them.
-    pub fn f64s<const N: usize>(&mut self, name: &str) -> Result<[f64; N], ErrorMessage> {
+    pub(crate) fn f64s<const N: usize>(&mut self, name: &str) -> Result<[f64; N], ErrorMessage> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             *number = self.f64(name)?;
@@ -87,13 +87,13 @@ impl<'a> Cdr<'a> {
     }
 
     /// `sequence<double>`.
-    pub fn f64_sequence(&mut self, name: &str) -> Result<Vec<f64>, ErrorMessage> {
+    pub(crate) fn f64_sequence(&mut self, name: &str) -> Result<Vec<f64>, ErrorMessage> {
         let count = self.count(8, name)?;
         (0..count).map(|_| self.f64(name)).collect()
     }
 
     /// The length of a sequence whose elements have at least so many bytes each: as many must be left.
-    pub fn count(&mut self, least: usize, name: &str) -> Result<usize, ErrorMessage> {
+    pub(crate) fn count(&mut self, least: usize, name: &str) -> Result<usize, ErrorMessage> {
         let count = self.u32(name)? as usize;
         let left = self.bytes.len().saturating_sub(self.at);
         if count.saturating_mul(least) > left {
@@ -107,13 +107,13 @@ impl<'a> Cdr<'a> {
     }
 
     /// `sequence<octet>`.
-    pub fn bytes(&mut self, name: &str) -> Result<&'a [u8], ErrorMessage> {
+    pub(crate) fn bytes(&mut self, name: &str) -> Result<&'a [u8], ErrorMessage> {
         let length = self.u32(name)? as usize;
         self.take(length, name)
     }
 
     /// A string: its length counts the zero at its end.
-    pub fn text(&mut self, name: &str) -> Result<&'a str, ErrorMessage> {
+    pub(crate) fn text(&mut self, name: &str) -> Result<&'a str, ErrorMessage> {
         let bytes = self.bytes(name)?;
         let bytes = bytes.strip_suffix(&[0]).unwrap_or(bytes);
         std::str::from_utf8(bytes).map_err(|_| ErrorMessage::new(format!("`{name}` is no UTF-8")))

@@ -6,7 +6,7 @@ use depthloom_graphs::{Fault, regular_file};
 use serde::Deserialize;
 
 /// Its name.
-pub const NAME: &str = "metadata.yaml";
+pub(crate) const NAME: &str = "metadata.yaml";
 
 /// Its most bytes.
 const MOST_BYTES: u64 = 16 << 20;
@@ -23,7 +23,7 @@ struct Information {
 }
 
 /// The files that a folder's metadata names, in their order; `None` where there is none.
-pub fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
+pub(crate) fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
     let path = folder.join(NAME);
     if !path.exists() {
         return Ok(None);
@@ -73,7 +73,7 @@ fn first_line(text: &str) -> String {
 }
 
 /// That a whole file is compressed, so that nothing in it can be sought.
-pub fn packed(path: &Path) -> Fault {
+pub(crate) fn packed(path: &Path) -> Fault {
     let path = path.display();
     let remedy = format!(
         "`zstd -d {path}` unpacks it, beside it; then the bag is read. Bags that are compressed by chunk (MCAP) or by message need no unpacking"

@@ -14,7 +14,7 @@ pub(crate) struct Mosaic {
 
 impl Mosaic {
     /// The mosaic that an encoding of ROS 2 or Foxglove names; `None` if it names none.
-    pub fn named(encoding: &str) -> Option<Self> {
+    pub(crate) fn named(encoding: &str) -> Option<Self> {
         let (order, bits) = encoding.strip_prefix("bayer_")?.split_at_checked(4)?;
         let red = match order {
             "rggb" => (0, 0),
@@ -33,7 +33,7 @@ impl Mosaic {
 
     /// Red, green and blue of each pixel, row by row, from one sample per pixel. The missing two are means of the nearest samples, rounded half up; the
     /// outermost rows and columns repeat their inner neighbours.
-    pub fn colours(self, samples: &[u16], width: u32, height: u32) -> Result<Vec<u16>, ErrorMessage> {
+    pub(crate) fn colours(self, samples: &[u16], width: u32, height: u32) -> Result<Vec<u16>, ErrorMessage> {
         if width < 3 || height < 3 {
             return Err(ErrorMessage::new(format!(
                 "its mosaic is {width}x{height}, and at least 3x3 pixels are needed"

@@ -2,9 +2,9 @@
 
 mod chunk_cache;
 mod index;
-pub mod mcap_file;
-pub mod message;
+pub(crate) mod mcap_file;
+pub(crate) mod message;
 mod scan;
-pub mod sqlite_file;
+pub(crate) mod sqlite_file;
 
-pub use chunk_cache::ChunkCache;
+pub(crate) use chunk_cache::ChunkCache;

@@ -21,7 +21,7 @@ pub(crate) enum Packed {
 
 impl Packed {
     /// The order that an encoding of ROS 2 or Foxglove names; `None` if it names none.
-    pub fn named(encoding: &str) -> Option<Self> {
+    pub(crate) fn named(encoding: &str) -> Option<Self> {
         match encoding {
             "uyvy" | "yuv422" => Some(Self::Uyvy),
             "yuyv" | "yuv422_yuy2" => Some(Self::Yuyv),
@@ -30,7 +30,7 @@ impl Packed {
     }
 
     /// Red, green and blue of two neighbouring pixels.
-    pub fn colours(self, bytes: [u8; 4]) -> [[u8; 3]; 2] {
+    pub(crate) fn colours(self, bytes: [u8; 4]) -> [[u8; 3]; 2] {
         let [u, first, v, second] = match self {
             Self::Uyvy => bytes,
             Self::Yuyv => [bytes[1], bytes[0], bytes[3], bytes[2]],

@@ -157,7 +157,7 @@ impl Bridge {
 }
 
 /// What the metadata of a message says about its frame.
-pub fn metadata_of(position: FrameIndex, frame: &Frame) -> Map<String, Json> {
+pub(crate) fn metadata_of(position: FrameIndex, frame: &Frame) -> Map<String, Json> {
     Map::from_iter([
         ("frame".to_owned(), position.0.into()),
         ("frame_id".to_owned(), (&*frame.id).into()),

@@ -23,7 +23,7 @@ use crate::mailbox::{Arrived, Gone, Mailbox};
 use crate::message::{Row, of_value};
 
 /// The node, as the runner sees it, and what it depends on.
-pub fn build(
+pub(crate) fn build(
     plan: &Plan,
     node: NodeRef,
     _: &Registry,

@@ -14,7 +14,7 @@ use crate::mailbox::Gone;
 use crate::remedies::{Remedies, keep_remedy};
 
 /// A node that gives what comes at a once-input.
-pub struct Received {
+pub(crate) struct Received {
     pub bridge: Arc<Bridge>,
     pub port: Port,
     pub interrupt: Interrupt,
@@ -29,7 +29,7 @@ impl OnceNode for Received {
 }
 
 /// Frames whose values come from other parts.
-pub struct Incoming {
+pub(crate) struct Incoming {
     pub bridge: Arc<Bridge>,
     pub frames: Vec<Frame>,
     pub ports: Vec<Port>,
@@ -67,7 +67,7 @@ impl Source for Incoming {
 }
 
 /// A source that reads a frame when the recorder has let it in.
-pub struct Admitted {
+pub(crate) struct Admitted {
     pub source: Box<dyn Source>,
     pub bridge: Arc<Bridge>,
     /// How many frames it may have read by now.

@@ -67,17 +67,17 @@ impl Part {
 }
 
 /// The recorder's output that lets frames of a stage run in.
-pub fn admission(run: RunId) -> String {
+pub(crate) fn admission(run: RunId) -> String {
     format!("{}.{run}", channel::ADMITTED)
 }
 
 /// The output by which a part asks somebody else's node, and the input by which that answers.
-pub fn asked(port: &str) -> String {
+pub(crate) fn asked(port: &str) -> String {
     format!("ask.{port}")
 }
 
 /// See [`asked`].
-pub fn answered(port: &str) -> String {
+pub(crate) fn answered(port: &str) -> String {
     format!("answer.{port}")
 }
 

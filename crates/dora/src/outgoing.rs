@@ -17,7 +17,7 @@ use crate::remedies::Remedies;
 use crate::report::Report;
 
 /// What goes: each value as soon as it is there, and of each frame a report.
-pub struct Outgoing<'a> {
+pub(crate) struct Outgoing<'a> {
     bridge: &'a Bridge,
     /// The outputs with a value for every frame.
     slots: Vec<(Slot, &'static str)>,
@@ -30,7 +30,7 @@ pub struct Outgoing<'a> {
 
 impl<'a> Outgoing<'a> {
     /// Of the last node of a piece, or of its source where it has no nodes.
-    pub fn new(bridge: &'a Bridge, run: &StageRun, remedies: Arc<Remedies>) -> Self {
+    pub(crate) fn new(bridge: &'a Bridge, run: &StageRun, remedies: Arc<Remedies>) -> Self {
         let (mut slots, mut once) = (Vec::new(), Vec::new());
         let is_source = run.nodes.is_empty();
         if let Some((node, planned)) = NodeId::enumerate(&run.nodes).last() {
@@ -50,7 +50,7 @@ impl<'a> Outgoing<'a> {
     }
 
     /// Tells how it ended, once there are no more frames.
-    pub fn close(&self, ran: &Result<depthloom_runner::Report, RunError>) -> Result<(), Fault> {
+    pub(crate) fn close(&self, ran: &Result<depthloom_runner::Report, RunError>) -> Result<(), Fault> {
         let report = |position: Option<usize>, report: &Report| {
             let frame = Frame::at_10_hz("", 0);
             self.bridge.send(

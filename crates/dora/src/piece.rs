@@ -22,7 +22,7 @@ use crate::remedies::{Remedies, guarded};
 use crate::report::Readiness;
 
 /// Where a piece's frames come from.
-pub enum FrameInput {
+pub(crate) enum FrameInput {
     /// From data.
     Read(Box<dyn Source>),
     /// From other parts, at these inputs.
@@ -32,7 +32,7 @@ pub enum FrameInput {
 }
 
 /// A piece of the plan, ready to run.
-pub struct Piece {
+pub(crate) struct Piece {
     pub plan: Plan,
     pub source: FrameInput,
     pub nodes: Vec<Instance>,
@@ -52,7 +52,7 @@ fn piece_of(plan: &Plan, run: RunId, source: PlannedSource, nodes: Vec<PlannedNo
 }
 
 /// Of a source.
-pub fn source_piece(plan: &Plan, run: RunId, registry: &Registry) -> Result<Piece, Vec<NotReady>> {
+pub(crate) fn source_piece(plan: &Plan, run: RunId, registry: &Registry) -> Result<Piece, Vec<NotReady>> {
     let planned = &plan.runs[run].source;
     let source = ready::open(planned, registry).map_err(|error| vec![*error])?;
     let readiness = Readiness { warnings: source.warnings().to_vec(), ..Readiness::default() };
@@ -67,7 +67,7 @@ pub fn source_piece(plan: &Plan, run: RunId, registry: &Registry) -> Result<Piec
 }
 
 /// Of a node.
-pub fn node_piece(
+pub(crate) fn node_piece(
     plan: &Plan,
     node: NodeRef,
     part: &Part,

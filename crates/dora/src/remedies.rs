@@ -9,17 +9,17 @@ use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Outputs};
 use depthloom_threads::locked;
 
 /// By frame.
-pub type Remedies = Mutex<BTreeMap<FrameIndex, String>>;
+pub(crate) type Remedies = Mutex<BTreeMap<FrameIndex, String>>;
 
 /// Keeps what a failure says of it.
-pub fn keep_remedy(remedies: &Remedies, position: Option<FrameIndex>, fault: &Fault) {
+pub(crate) fn keep_remedy(remedies: &Remedies, position: Option<FrameIndex>, fault: &Fault) {
     if let (Some(position), Some(remedy)) = (position, fault.remedy_text()) {
         locked(remedies).insert(position, remedy.to_owned());
     }
 }
 
 /// A node that keeps what can be done about its failures.
-pub fn guarded(instance: Instance, remedies: &Arc<Remedies>) -> Instance {
+pub(crate) fn guarded(instance: Instance, remedies: &Arc<Remedies>) -> Instance {
     match instance {
         Instance::Pure(node) => Instance::Pure(Box::new(Guarded { node, remedies: Arc::clone(remedies) })),
         Instance::Ordered(node) => Instance::Ordered(Box::new(Guarded { node, remedies: Arc::clone(remedies) })),

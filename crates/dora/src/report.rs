@@ -10,7 +10,7 @@ use crate::mailbox::Arrived;
 
 /// What a part did on a frame, or when it gave its once-values.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Report {
+pub(crate) struct Report {
     /// Of a source, the key of what it read.
     pub key: Option<Key>,
     /// The ports that have no value.
@@ -23,19 +23,19 @@ pub struct Report {
 
 impl Report {
     /// That it failed.
-    pub fn failed(fault: &Fault) -> Self {
+    pub(crate) fn failed(fault: &Fault) -> Self {
         Self { failed: Some((fault.chain(), fault.remedy_text().map(str::to_owned))), ..Self::default() }
     }
 
     /// As a text.
-    pub fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         let Self { key, absent, warnings, failed } = self;
         json!({ "key": key.map(|key| key.to_string()), "absent": absent, "warnings": warnings, "failed": failed })
             .to_string()
     }
 
     /// Reads one.
-    pub fn read(arrived: &Arrived) -> Result<Self, Fault> {
+    pub(crate) fn read(arrived: &Arrived) -> Result<Self, Fault> {
         let json = arrived.json()?;
         let wrong = || Fault::new(format!("what came at `{}` is no report", arrived.input));
         let of = |name: &str| json.get(name).cloned().unwrap_or_default();
@@ -51,7 +51,7 @@ impl Report {
 
 /// That a part can begin, or why not.
 #[derive(Debug, Default)]
-pub struct Readiness {
+pub(crate) struct Readiness {
     /// The fingerprint of the engine that a node runs in, if that decides its results.
     pub fingerprint: Option<Key>,
     /// What a source has to say of its data.
@@ -62,14 +62,14 @@ pub struct Readiness {
 
 impl Readiness {
     /// As a text.
-    pub fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         let Self { fingerprint, warnings, missing } = self;
         let fingerprint = fingerprint.map(|key| key.to_string());
         json!({ "fingerprint": fingerprint, "warnings": warnings, "missing": missing }).to_string()
     }
 
     /// Reads one.
-    pub fn read(arrived: &Arrived) -> Result<Self, Fault> {
+    pub(crate) fn read(arrived: &Arrived) -> Result<Self, Fault> {
         let json = arrived.json()?;
         let wrong = |_| Fault::new(format!("what came at `{}` is no report", arrived.input));
         let of = |name: &str| json.get(name).cloned().unwrap_or_default();
@@ -82,17 +82,17 @@ impl Readiness {
 }
 
 /// Fingerprints by node.
-pub type Engines = BTreeMap<NodeRef, Key>;
+pub(crate) type Engines = BTreeMap<NodeRef, Key>;
 
 /// Fingerprints as a text.
-pub fn engines_text(engines: &Engines) -> String {
+pub(crate) fn engines_text(engines: &Engines) -> String {
     let listed: Vec<_> =
         engines.iter().map(|(NodeRef { run, node }, key)| json!([run, node, key.to_string()])).collect();
     json!(listed).to_string()
 }
 
 /// Reads them.
-pub fn engines(arrived: &Arrived) -> Result<Engines, Fault> {
+pub(crate) fn engines(arrived: &Arrived) -> Result<Engines, Fault> {
     let wrong = || Fault::new(format!("what came at `{}` is no list of engines", arrived.input));
     let listed: Vec<(RunId, NodeId, String)> = serde_json::from_value(arrived.json()?).map_err(|_| wrong())?;
     listed
@@ -102,13 +102,13 @@ pub fn engines(arrived: &Arrived) -> Result<Engines, Fault> {
 }
 
 /// The frames of a stage as a text.
-pub fn frames_text(frames: &[Frame]) -> String {
+pub(crate) fn frames_text(frames: &[Frame]) -> String {
     let frames: Vec<_> = frames.iter().map(|of| json!([&*of.id, of.index, of.time_ns])).collect();
     json!(frames).to_string()
 }
 
 /// Reads them.
-pub fn frames(arrived: &Arrived) -> Result<Vec<Frame>, Fault> {
+pub(crate) fn frames(arrived: &Arrived) -> Result<Vec<Frame>, Fault> {
     let wrong = |_| Fault::new(format!("what came at `{}` is no list of frames", arrived.input));
     let listed: Vec<(String, u64, u64)> = serde_json::from_value(arrived.json()?).map_err(wrong)?;
     Ok(listed.into_iter().map(|(id, index, time_ns)| Frame { id: id.into(), index, time_ns }).collect())

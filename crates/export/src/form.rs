@@ -34,7 +34,7 @@ pub struct FileContent {
 }
 
 /// The formats that a type has, the first of them where none is asked for; none for what is not exported.
-pub const fn formats_of(value_type: ValueType) -> &'static [ExportFormat] {
+pub(crate) const fn formats_of(value_type: ValueType) -> &'static [ExportFormat] {
     use ExportFormat::{Npy, Onnx, Parquet, Pcd, Pfm, Ply, Png};
     match value_type {
         ValueType::Image | ValueType::Mask => &[Png, Npy],

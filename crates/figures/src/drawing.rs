@@ -20,7 +20,7 @@ pub type Colour = [u8; 3];
 /// The colour of text.
 pub const BLACK: Colour = [0; 3];
 /// The colour of the page.
-pub const WHITE: Colour = [255; 3];
+pub(crate) const WHITE: Colour = [255; 3];
 
 /// A point: to the right and down from the upper left corner, points.
 pub(crate) type At = (f64, f64);

@@ -13,7 +13,7 @@ use crate::TIMINGS;
 const REMEDY: &str = "may belong to another variant; run again with --fresh";
 
 /// A warning if depthloom 0.1 wrote the recording and some of its values were reused, or that cannot be determined.
-pub fn warning(recording: &Recording, run: &Path) -> Option<String> {
+pub(crate) fn warning(recording: &Recording, run: &Path) -> Option<String> {
     // Earlier formats are those of depthloom 0.1.
     if recording.is_of_this_format() {
         return None;

@@ -40,7 +40,7 @@ pub struct RunDifference {
 
 /// The frames of a stage in both runs.
 #[derive(JsonSchema, Serialize)]
-pub struct Frames {
+pub(crate) struct Frames {
     stage: String,
     source: Vec<PlanDifference>,
     both: u64,
@@ -58,7 +58,7 @@ pub struct Frames {
 
 /// A node of either run.
 #[derive(JsonSchema, Serialize)]
-pub struct Node {
+pub(crate) struct Node {
     stage: String,
     node: String,
     variants: Vec<String>,

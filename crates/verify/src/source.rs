@@ -7,7 +7,7 @@ use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutput
 use depthloom_recording::Recording;
 
 /// The frames of a stage run that have values, and of each the values of some topics.
-pub struct RecordedFrames {
+pub(crate) struct RecordedFrames {
     recording: Arc<Recording>,
     run: RunId,
     topics: Vec<&'static str>,
@@ -18,7 +18,7 @@ pub struct RecordedFrames {
 
 impl RecordedFrames {
     /// The frames of a stage run; none if there are no topics to read.
-    pub fn new(recording: Arc<Recording>, run: RunId, topics: Vec<&'static str>) -> Self {
+    pub(crate) fn new(recording: Arc<Recording>, run: RunId, topics: Vec<&'static str>) -> Self {
         let every = usize::try_from(recording.plan().every).unwrap_or(usize::MAX).max(1);
         let all = if topics.is_empty() { 0 } else { recording.frames(run).len() };
         // Of the frames between, scores alone are kept.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// Parameters of `example/nearer`; these words are its reference, and its ranges are checked.
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct NearerParams {
+pub(crate) struct NearerParams {
     /// The farthest depth that is kept, metres.
     #[schemars(extend("exclusiveMinimum" = 0))]
     far_m: f32,
@@ -22,7 +22,7 @@ impl Default for NearerParams {
 }
 
 /// The kind `example/nearer`.
-pub struct Nearer {
+pub(crate) struct Nearer {
     far_m: f32,
 }
 

@@ -16,13 +16,13 @@ const BASELINE_M: f64 = 0.5;
 /// Parameters of `example/plane`.
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct PlaneParams {
+pub(crate) struct PlaneParams {
     /// The disparity of every frame's plane, px: its depth is 100 / disparity metres.
     disparities: Vec<u32>,
 }
 
 /// The kind `example/plane`.
-pub struct Plane {
+pub(crate) struct Plane {
     disparities: Vec<u32>,
     frames: Vec<Frame>,
 }

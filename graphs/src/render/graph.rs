@@ -16,7 +16,7 @@ pub struct Graph {
 
 /// A box.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct GraphNode {
+pub(super) struct GraphNode {
     id: String,
     /// `source`, `node` or `file`.
     #[serde(rename = "type")]
@@ -38,7 +38,7 @@ pub struct GraphNode {
 
 /// An arrow.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct Edge {
+pub(super) struct Edge {
     from: EdgeEnd,
     to: EdgeEnd,
     /// `frame` or `once`.
@@ -47,7 +47,7 @@ pub struct Edge {
 
 /// An end of an arrow.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct EdgeEnd {
+pub(super) struct EdgeEnd {
     id: String,
     port: Option<String>,
 }

@@ -15,7 +15,7 @@ pub struct Nodes {
 
 /// A kind of node or source.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct Kind {
+pub(super) struct Kind {
     kind: String,
     /// `source`, `pure`, `ordered` or `once`.
     contract: String,
@@ -43,7 +43,7 @@ pub struct NodesKind {
 
 /// A port.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct Port {
+pub(super) struct Port {
     port: String,
     #[serde(rename = "type")]
     value_type: String,

@@ -22,7 +22,7 @@ pub struct Plan {
 
 /// Which values are kept.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct Record {
+pub(super) struct Record {
     /// Of how many frames of a stage the first.
     every: u64,
     /// Whether maps are kept as pictures too.
@@ -31,7 +31,7 @@ pub struct Record {
 
 /// A stage on one source.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct StageRun {
+pub(super) struct StageRun {
     stage: String,
     variants: Vec<String>,
     source: Source,
@@ -41,7 +41,7 @@ pub struct StageRun {
 
 /// A stage's source.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct Source {
+pub(super) struct Source {
     name: String,
     /// Those that are joined, one behind the other; usually one.
     parts: Vec<SourcePart>,
@@ -51,7 +51,7 @@ pub struct Source {
 
 /// A source, with its parameters.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct SourcePart {
+pub(super) struct SourcePart {
     kind: String,
     version: u32,
     with: Json,
@@ -59,7 +59,7 @@ pub struct SourcePart {
 
 /// An output, and its topic.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct PlannedPort {
+pub(super) struct PlannedPort {
     #[serde(rename = "type")]
     value_type: String,
     /// `frame` or `once`.
@@ -71,7 +71,7 @@ pub struct PlannedPort {
 
 /// A node, with its parameters.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct Node {
+pub(super) struct Node {
     name: String,
     kind: String,
     version: u32,
@@ -95,7 +95,7 @@ pub struct Node {
 
 /// What is scored.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct Estimate {
+pub(super) struct Estimate {
     label: String,
     name: String,
     variant: Option<String>,

@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Every toy.
-pub fn registry() -> Registry {
+pub(crate) fn registry() -> Registry {
     Registry::default()
         .source::<Road>()
         .source::<Kitti>()
@@ -37,7 +37,7 @@ fn not_built<T>() -> Result<T, Fault> {
 
 macro_rules! source {
     ($name:ident, $kind:literal, $params:ty, [$($port:expr),* $(,)?]) => {
-        pub struct $name;
+        pub(crate) struct $name;
         impl SourceKind for $name {
             type Params = $params;
             fn declaration() -> SourceDeclaration {
@@ -52,7 +52,7 @@ macro_rules! source {
 
 macro_rules! node {
     ($name:ident, $kind:literal, $contract:ident, $params:ty, [$($input:expr),* $(,)?] => [$($output:expr),* $(,)?] $($more:item)*) => {
-        pub struct $name;
+        pub(crate) struct $name;
         impl Node for $name {
             type Params = $params;
             fn declaration() -> NodeDeclaration {
@@ -75,7 +75,7 @@ const fn port(name: &'static str, value_type: ValueType) -> Port {
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct RoadParams {
+pub(crate) struct RoadParams {
     /// Which frames.
     frames: FrameSelection,
     /// The random seed.
@@ -100,7 +100,7 @@ source!(
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct KittiParams {
+pub(crate) struct KittiParams {
     /// The folder that holds `image_2`.
     root: DataPath,
     /// Which frames.
@@ -113,7 +113,7 @@ pub struct KittiParams {
 /// Which truth is scored.
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Truth {
+pub(crate) enum Truth {
     /// Not occluded.
     #[default]
     Noc,
@@ -134,12 +134,12 @@ source!(
 
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct NoParams {}
+pub(crate) struct NoParams {}
 source!(Mono, "toy/mono", NoParams, [port("left", ValueType::Image)]);
 
 #[derive(Clone, Copy, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Mode {
+pub(crate) enum Mode {
     #[default]
     Sgbm,
     Hh,
@@ -147,7 +147,7 @@ pub enum Mode {
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SgbmParams {
+pub(crate) struct SgbmParams {
     /// How many disparities are searched, pixels.
     #[schemars(range(min = 16), extend("multipleOf" = 16))]
     disparities: u32,
@@ -188,7 +188,7 @@ node!(Sgbm, "stereo/sgbm", Pure, SgbmParams,
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
-pub struct EdgesParams {
+pub(crate) struct EdgesParams {
     /// The smallest gradient that is an edge.
     #[schemars(range(min = 0, max = 1020))]
     threshold: f32,
@@ -209,7 +209,7 @@ node!(Samples, "learn/samples", Ordered, NoParams,
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SslParams {
+pub(crate) struct SslParams {
     /// The network's name.
     network: String,
     /// How many steps.
@@ -243,7 +243,7 @@ node!(Ssl, "learn/ssl", Once, SslParams,
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct CapParams {
+pub(crate) struct CapParams {
     /// The largest depth, metres.
     #[schemars(extend("exclusiveMinimum" = 0))]
     cap: f64,
@@ -261,7 +261,7 @@ node!(Onnx, "mono/onnx", Pure, CapParams,
 
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Method {
+pub(crate) enum Method {
     /// Ranges are made equal.
     #[default]
     Minmax,
@@ -272,7 +272,7 @@ pub enum Method {
 }
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct ScaleParams {
+pub(crate) struct ScaleParams {
     /// How mono is scaled.
     method: Method,
 }
@@ -281,7 +281,7 @@ node!(Scale, "fusion/scale", Pure, ScaleParams,
 
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Weighting {
+pub(crate) enum Weighting {
     #[default]
     Full,
     Confidence,
@@ -289,7 +289,7 @@ pub enum Weighting {
 }
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct MergeParams {
+pub(crate) struct MergeParams {
     weighting: Weighting,
 }
 node!(Merge, "fusion/confidence", Pure, MergeParams,
@@ -298,7 +298,7 @@ node!(Merge, "fusion/confidence", Pure, MergeParams,
 
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct MedianParams {
+pub(crate) struct MedianParams {
     /// The side of the window, pixels.
     #[schemars(range(min = 1, max = 9), extend("not" = { "multipleOf": 2 }))]
     size: u32,
@@ -314,14 +314,14 @@ node!(Median, "filter/median", Pure, MedianParams, [port("depth", ValueType::Dep
 
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Sets {
+pub(crate) enum Sets {
     #[default]
     All,
     Answered,
 }
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct ScoreParams {
+pub(crate) struct ScoreParams {
     /// The named convention.
     preset: Option<String>,
     /// The pixel sets scored.
@@ -345,7 +345,7 @@ node!(Broken, "toy/no-engine", Pure, NoParams, [port("image", ValueType::Image)]
 
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Called {
+pub(crate) enum Called {
     /// Frame by frame.
     #[default]
     Pure,
@@ -362,7 +362,7 @@ impl Called {
 }
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct OwnParams {
+pub(crate) struct OwnParams {
     /// How it is called.
     contract: Called,
     /// Its ports.

@@ -13,7 +13,7 @@ use crate::shape::filled;
 /// Parameters of `confidence/edges`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct EdgesParams {
+pub(crate) struct EdgesParams {
     /// A pixel is an edge where the absolute 3x3 Sobel derivative along the row, of 8-bit grey, exceeds this.
     #[schemars(range(min = 0, max = 1020))]
     pub threshold: f64,
@@ -26,7 +26,7 @@ impl Default for EdgesParams {
 }
 
 /// The kind `confidence/edges`.
-pub struct Edges {
+pub(crate) struct Edges {
     threshold: f32,
 }
 

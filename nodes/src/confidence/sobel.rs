@@ -14,7 +14,7 @@ use crate::shape::filled;
 /// Parameters of `confidence/sobel`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SobelParams {
+pub(crate) struct SobelParams {
     /// A pixel is an edge where the absolute 3x3 Sobel derivative along the row, of 8-bit grey, exceeds this.
     #[schemars(range(min = 0, max = 1020))]
     pub threshold: f64,
@@ -30,7 +30,7 @@ impl Default for SobelParams {
 }
 
 /// The kind `confidence/sobel`.
-pub struct Sobel {
+pub(crate) struct Sobel {
     threshold: f32,
     sigma_px: f64,
 }

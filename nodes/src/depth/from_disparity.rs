@@ -13,7 +13,7 @@ use crate::shape::filled;
 /// Parameters of `depth/from-disparity`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct FromDisparityParams {
+pub(crate) struct FromDisparityParams {
     /// Largest depth given, metres; `null` leaves depth uncapped. The paper caps before fusion, and truth stops near 80 m.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
@@ -26,7 +26,7 @@ impl Default for FromDisparityParams {
 }
 
 /// The kind `depth/from-disparity`.
-pub struct FromDisparity {
+pub(crate) struct FromDisparity {
     cap_m: f32,
 }
 

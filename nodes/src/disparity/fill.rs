@@ -12,13 +12,13 @@ use super::{changed, invalid};
 /// Parameters of `disparity/fill`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct FillParams {
+pub(crate) struct FillParams {
     /// Longest run of unanswered pixels that is filled, px; `null` fills all, as KITTI's development kit does.
     pub longest: Option<u32>,
 }
 
 /// The kind `disparity/fill`.
-pub struct Fill {
+pub(crate) struct Fill {
     longest: usize,
 }
 

@@ -13,7 +13,7 @@ use crate::shape::same_size;
 /// Parameters of `disparity/left-right`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct LeftRightParams {
+pub(crate) struct LeftRightParams {
     /// Largest difference between the two disparities, px, in whole sixteenths; Hirschmueller (2008) and MC-CNN take 1.
     #[schemars(range(min = 0, max = 4095))]
     pub max_difference: f64,
@@ -26,7 +26,7 @@ impl Default for LeftRightParams {
 }
 
 /// The kind `disparity/left-right`.
-pub struct LeftRight {
+pub(crate) struct LeftRight {
     max_difference_sixteenths: i32,
 }
 

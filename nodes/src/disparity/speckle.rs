@@ -12,7 +12,7 @@ use super::{invalid, pruned};
 /// Parameters of `disparity/speckle`; the defaults lie in the middle of what OpenCV advises (50 to 200 px, 1 or 2 px).
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SpeckleParams {
+pub(crate) struct SpeckleParams {
     /// Largest region, px, that is removed (`maxSpeckleSize`); 0 removes none.
     pub window: u32,
     /// Largest disparity step between neighbours of one region, px (`maxDiff`), in whole sixteenths.
@@ -27,7 +27,7 @@ impl Default for SpeckleParams {
 }
 
 /// The kind `disparity/speckle`.
-pub struct Speckle {
+pub(crate) struct Speckle {
     window: usize,
     range_sixteenths: i32,
 }

@@ -14,7 +14,7 @@ use crate::tiles::HostTiles;
 /// Parameters of `disparity/weighted-least-squares`; the defaults are those of `cv::ximgproc::DisparityWLSFilter`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct WeightedLeastSquaresParams {
+pub(crate) struct WeightedLeastSquaresParams {
     /// Weight of smoothness against the data (`lambda`).
     #[schemars(range(min = 0, max = 1_000_000))]
     pub lambda: f64,
@@ -53,7 +53,7 @@ impl Default for WeightedLeastSquaresParams {
 }
 
 /// The kind `disparity/weighted-least-squares`.
-pub struct WeightedLeastSquares {
+pub(crate) struct WeightedLeastSquares {
     smoother: Smoother,
     fill: bool,
     max_difference_sixteenths: i32,

@@ -12,7 +12,7 @@ use crate::shape::filled;
 /// Parameters of `filter/median`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct MedianParams {
+pub(crate) struct MedianParams {
     /// Side of the window, px: 3 or 5.
     #[schemars(extend("enum" = [3, 5]))]
     pub size: u32,
@@ -25,7 +25,7 @@ impl Default for MedianParams {
 }
 
 /// The kind `filter/median`.
-pub struct Median {
+pub(crate) struct Median {
     kernel: fn(&[f32], usize, usize, &mut [f32]),
 }
 

@@ -12,7 +12,7 @@ use crate::shape::{filled, same_size};
 /// How the two are weighed where stereo answered; mono stands everywhere else.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Weighting {
+pub(crate) enum Weighting {
     /// `W_c Z_s + (1 - W_c) (W_s Z_s + (1 - W_s) Z_m)`: the paper's.
     #[default]
     Full,
@@ -27,13 +27,13 @@ pub enum Weighting {
 /// Parameters of `fusion/confidence`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct ConfidenceParams {
+pub(crate) struct ConfidenceParams {
     /// How the two are weighed: `full`, `confidence`, `mean` or `fill`.
     pub weighting: Weighting,
 }
 
 /// The kind `fusion/confidence`.
-pub struct Confidence {
+pub(crate) struct Confidence {
     weighting: fuse::Weighting,
 }
 

@@ -12,7 +12,7 @@ use crate::shape::{filled, same_size};
 /// How mono is brought to stereo's scale.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum ScaleMethod {
+pub(crate) enum ScaleMethod {
     /// `min(Z_s) + r_s (Z_m - min(Z_m)) / r_m`, with the ranges `r`: stereo's over answered pixels, mono's over all.
     #[default]
     Minmax,
@@ -25,13 +25,13 @@ pub enum ScaleMethod {
 /// Parameters of `fusion/scale`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct ScaleParams {
+pub(crate) struct ScaleParams {
     /// How mono is scaled: `minmax`, `average` or `none`.
     pub method: ScaleMethod,
 }
 
 /// The kind `fusion/scale`.
-pub struct Scale {
+pub(crate) struct Scale {
     method: ScaleMethod,
 }
 

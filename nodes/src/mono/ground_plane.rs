@@ -12,7 +12,7 @@ use crate::shape::filled;
 /// Parameters of `mono/ground-plane`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct GroundPlaneParams {
+pub(crate) struct GroundPlaneParams {
     /// Height of the camera above the road, metres; KITTI's is 1.65.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub height_m: f64,
@@ -34,7 +34,7 @@ impl Default for GroundPlaneParams {
 }
 
 /// The kind `mono/ground-plane`.
-pub struct GroundPlane {
+pub(crate) struct GroundPlane {
     params: GroundPlaneParams,
 }
 

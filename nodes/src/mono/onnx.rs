@@ -18,7 +18,7 @@ const NEAREST_M: f32 = 1e-3;
 const SMALLEST_INVERSE: f32 = 1e-6;
 
 /// The kind `mono/onnx`.
-pub struct Onnx {
+pub(crate) struct Onnx {
     params: OnnxParams,
     network: onnx::Loaded<Network>,
 }

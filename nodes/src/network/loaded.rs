@@ -23,7 +23,7 @@ impl Loaded {
     ///
     /// # Errors
     /// If it is no model, or its inputs and outputs are not those of the ports.
-    pub fn new(model: &Artifact, params: &NetworkParams) -> Result<Self, Fault> {
+    pub(super) fn new(model: &Artifact, params: &NetworkParams) -> Result<Self, Fault> {
         let declared = onnx::declared(model, params.provider)?;
         let given: Vec<&str> = declared.inputs.iter().map(|input| input.name.as_str()).collect();
         let named = |what: &str, port: &str, name: Option<&String>, all: &[&str]| match (name, all) {
@@ -85,7 +85,7 @@ impl Loaded {
     ///
     /// # Errors
     /// If the network takes no images of it.
-    pub fn fitted(&self, from: (usize, usize), params: &NetworkParams) -> Result<Fitted, Fault> {
+    pub(super) fn fitted(&self, from: (usize, usize), params: &NetworkParams) -> Result<Fitted, Fault> {
         Fitted::new(from, self.sizes, params.fit, params.pad_at)
     }
 
@@ -93,7 +93,7 @@ impl Loaded {
     ///
     /// # Errors
     /// If the engine cannot load it.
-    pub fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
+    pub(super) fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
         let inputs = self.inputs.iter().map(|(name, axes, planes)| (name.as_str(), axes, 1, *planes));
         self.pools.get(size, inputs, &self.outputs)
     }

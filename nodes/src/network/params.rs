@@ -11,7 +11,7 @@ use crate::onnx::{Channels, Fit, PadAt, PadWith, Provider, Resize, TensorLayout}
 /// What an input port takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum InputType {
+pub(crate) enum InputType {
     /// An image, grey or in colour as the network's input has one channel or three.
     Image,
     /// Depth, metres.
@@ -39,7 +39,7 @@ impl InputType {
 /// What an output port gives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum OutputType {
+pub(crate) enum OutputType {
     /// Depth, metres.
     Depth,
     /// Disparity, px.
@@ -64,7 +64,7 @@ impl OutputType {
 /// In what a depth is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Form {
+pub(crate) enum Form {
     /// As it is.
     #[default]
     Plain,
@@ -75,7 +75,7 @@ pub enum Form {
 /// An input port and its tensor.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct NetworkInput {
+pub(crate) struct NetworkInput {
     /// What it takes: `image`, `depth`, `disparity`, `weight` or `mask`.
     #[serde(rename = "type")]
     pub value_type: InputType,
@@ -115,7 +115,7 @@ pub struct NetworkInput {
 /// An output port and its tensor.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct NetworkOutput {
+pub(crate) struct NetworkOutput {
     /// What it gives: `depth`, `disparity`, `weight` or `mask`.
     #[serde(rename = "type")]
     pub value_type: OutputType,
@@ -150,7 +150,7 @@ const fn ones() -> [f64; 3] {
 /// The ports of a network, by name.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct NetworkPorts {
+pub(crate) struct NetworkPorts {
     /// Input ports; the port `model` comes by itself.
     pub inputs: BTreeMap<String, NetworkInput>,
     /// Output ports.
@@ -160,7 +160,7 @@ pub struct NetworkPorts {
 /// Parameters of `onnx`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct NetworkParams {
+pub(crate) struct NetworkParams {
     /// What goes in and out.
     pub ports: NetworkPorts,
     /// How inputs come to the network's size: `pad` (no pixel is changed) or `resize` (disparities are scaled, there and back).

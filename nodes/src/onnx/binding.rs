@@ -20,7 +20,7 @@ pub(crate) enum Element {
 
 impl Element {
     /// The element type of a tensor, if it can be fed.
-    pub const fn of(element: TensorElementType) -> Option<Self> {
+    pub(crate) const fn of(element: TensorElementType) -> Option<Self> {
         match element {
             TensorElementType::Float32 => Some(Self::F32),
             TensorElementType::Float16 => Some(Self::F16),

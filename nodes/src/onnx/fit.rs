@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// How images come to the network's size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Fit {
+pub(crate) enum Fit {
     /// Rows and columns are added and taken away again: no pixel is changed.
     #[default]
     Pad,
@@ -20,7 +20,7 @@ pub enum Fit {
 /// Where rows and columns are added.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum PadAt {
+pub(crate) enum PadAt {
     /// Below and to the right.
     #[default]
     BottomRight,
@@ -35,7 +35,7 @@ pub enum PadAt {
 /// What is added.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum PadWith {
+pub(crate) enum PadWith {
     /// The nearest pixel of the image.
     #[default]
     Edge,
@@ -45,7 +45,7 @@ pub enum PadWith {
 
 /// The sizes a network takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sizes {
+pub(crate) struct Sizes {
     /// Columns, if they are fixed, px.
     pub width: Option<usize>,
     /// Rows, if they are fixed, px.
@@ -56,7 +56,7 @@ pub struct Sizes {
 
 /// The way of a frame of one size to the network's and back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Fitted {
+pub(crate) struct Fitted {
     /// Columns and rows of the frame's images.
     pub from: (usize, usize),
     /// Columns and rows of what the network sees.
@@ -69,7 +69,7 @@ pub struct Fitted {
 impl Fitted {
     /// # Errors
     /// If the images are larger than what the network takes, and shall not be resized.
-    pub fn new(from: (usize, usize), sizes: Sizes, fit: Fit, pad_at: PadAt) -> Result<Self, Fault> {
+    pub(crate) fn new(from: (usize, usize), sizes: Sizes, fit: Fit, pad_at: PadAt) -> Result<Self, Fault> {
         let up = |side: usize, fixed: Option<usize>| fixed.unwrap_or_else(|| side.next_multiple_of(sizes.multiple));
         let to = (up(from.0, sizes.width), up(from.1, sizes.height));
         let at = match fit {
@@ -94,7 +94,7 @@ impl Fitted {
     }
 
     /// Pixels of what the network sees.
-    pub const fn pixels(&self) -> usize {
+    pub(crate) const fn pixels(&self) -> usize {
         self.to.0 * self.to.1
     }
 
@@ -104,17 +104,17 @@ impl Fitted {
     }
 
     /// Whether planes are resized.
-    pub fn resizes(&self) -> bool {
+    pub(crate) fn resizes(&self) -> bool {
         self.fit == Fit::Resize && !self.is_same()
     }
 
     /// Whether rows or columns are added.
-    pub fn pads(&self) -> bool {
+    pub(crate) fn pads(&self) -> bool {
         self.fit == Fit::Pad && !self.is_same()
     }
 
     /// A length along rows, px of what the network sees, in px of the image.
-    pub fn columns_back(&self, length: f64) -> f64 {
+    pub(crate) fn columns_back(&self, length: f64) -> f64 {
         if self.resizes() { length * self.from.0 as f64 / self.to.0 as f64 } else { length }
     }
 
@@ -122,7 +122,7 @@ impl Fitted {
     ///
     /// # Errors
     /// If there is not the memory for it.
-    pub fn padded(&self, plane: &[f32], with: PadWith) -> Result<Vec<f32>, TooMuch> {
+    pub(crate) fn padded(&self, plane: &[f32], with: PadWith) -> Result<Vec<f32>, TooMuch> {
         let ((width, height), (columns, rows), (left, top)) = (self.from, self.to, self.at);
         let mut out = zeros::<f32>(columns * rows)?;
         for (row, line) in out.chunks_exact_mut(columns).enumerate() {
@@ -146,7 +146,7 @@ impl Fitted {
     ///
     /// # Errors
     /// If there is not the memory for it.
-    pub fn map_there(&self, plane: &[f32], with: PadWith) -> Result<Vec<f32>, TooMuch> {
+    pub(crate) fn map_there(&self, plane: &[f32], with: PadWith) -> Result<Vec<f32>, TooMuch> {
         if self.is_same() {
             return Ok(plane.to_vec());
         }
@@ -165,7 +165,7 @@ impl Fitted {
     ///
     /// # Errors
     /// If there is not the memory for it.
-    pub fn map_back(&self, mut map: Vec<f32>, size: (usize, usize)) -> Result<Vec<f32>, TooMuch> {
+    pub(crate) fn map_back(&self, mut map: Vec<f32>, size: (usize, usize)) -> Result<Vec<f32>, TooMuch> {
         if self.resizes() {
             // From a map's own size in one step.
             return resized(&mut map, size, self.from);

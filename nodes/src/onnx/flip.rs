@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Whether the network sees the mirrored image too, and how both answers are joined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Flip {
+pub(crate) enum Flip {
     /// The image alone.
     #[default]
     None,

@@ -8,7 +8,7 @@ use super::params::Resize;
 
 /// The size of a network's input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct InputSize {
+pub(super) struct InputSize {
     /// 1 (grey) or 3.
     pub channels: usize,
     /// Columns, px.

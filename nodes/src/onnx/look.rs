@@ -9,7 +9,7 @@ use super::params::{Channels, Resize};
 
 /// How images become planes of a tensor.
 #[derive(Clone, Debug)]
-pub struct Look {
+pub(crate) struct Look {
     /// The order of three channels.
     pub channels: Channels,
     /// Subtracted from each channel, in the network's order of channels.
@@ -31,7 +31,7 @@ impl Look {
     ///
     /// # Errors
     /// If there is not the memory for it.
-    pub fn planes(
+    pub(crate) fn planes(
         &self,
         image: &Image,
         count: usize,

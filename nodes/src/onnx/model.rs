@@ -40,7 +40,7 @@ impl Declared {
     ///
     /// # Errors
     /// Why it is no ONNX file.
-    pub fn read(model: &[u8]) -> Result<Self, String> {
+    pub(crate) fn read(model: &[u8]) -> Result<Self, String> {
         let ModelProto { graph, metadata_props: metadata, .. } = decode(model)?;
         let graph = graph.ok_or(NO_GRAPH)?;
         // Old models list their weights among the inputs.
@@ -64,7 +64,7 @@ impl Declared {
     }
 
     /// What the model says of itself under a name.
-    pub fn metadata(&self, name: &str) -> Option<&str> {
+    pub(crate) fn metadata(&self, name: &str) -> Option<&str> {
         self.metadata.iter().find(|said| said.key == name).map(|said| said.value.as_str())
     }
 }

@@ -17,7 +17,7 @@ use super::pool::{self, Pool, Pools};
 use super::shapes::{Axes, Maps, batch, check_map, map_of, map_output, outlet, planes, shown, sizes};
 
 /// A network of one image, ready to run.
-pub struct Network {
+pub(crate) struct Network {
     params: OnnxParams,
     /// The input's name and axes.
     input: (String, Axes),
@@ -37,7 +37,7 @@ impl Network {
     ///
     /// # Errors
     /// If it is no model, or of other inputs, rank or type than a network of depth has.
-    pub fn load(model: &Artifact, params: &OnnxParams) -> Result<Self, Fault> {
+    pub(crate) fn load(model: &Artifact, params: &OnnxParams) -> Result<Self, Fault> {
         let declared = pool::declared(model, params.provider)?;
         let Declared { inputs, outputs, .. } = &declared;
         let input = outlet("input", inputs, params.input_name.as_deref())?;
@@ -94,7 +94,7 @@ impl Network {
     ///
     /// # Errors
     /// If the network takes no images of it.
-    pub fn fitted(&self, from: (usize, usize)) -> Result<Fitted, Fault> {
+    pub(crate) fn fitted(&self, from: (usize, usize)) -> Result<Fitted, Fault> {
         Fitted::new(from, self.sizes, self.params.fit, PadAt::BottomRight)
     }
 
@@ -102,7 +102,7 @@ impl Network {
     ///
     /// # Errors
     /// If there is not the memory, the engine fails, or the output is no single map for each image.
-    pub fn run(&self, image: &Image, fitted: &Fitted, look: &Look) -> Result<Maps, Fault> {
+    pub(crate) fn run(&self, image: &Image, fitted: &Fitted, look: &Look) -> Result<Maps, Fault> {
         self.check_memory(fitted.to)?;
         let pool = self.pool(fitted.to)?;
         let views: &[bool] = if self.params.flip == Flip::None { &[false] } else { &[false, true] };

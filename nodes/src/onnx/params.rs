@@ -10,7 +10,7 @@ use super::provider::Provider;
 /// The order of the input tensor's axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum TensorLayout {
+pub(crate) enum TensorLayout {
     /// Batch, channels, rows, columns: PyTorch's.
     #[default]
     Nchw,
@@ -21,7 +21,7 @@ pub enum TensorLayout {
 /// The order of the input's channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Channels {
+pub(crate) enum Channels {
     /// Red first.
     #[default]
     Rgb,
@@ -32,7 +32,7 @@ pub enum Channels {
 /// How the image is brought to the network's size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Resize {
+pub(crate) enum Resize {
     /// Mean over each pixel's area, rounded to 8 bits: OpenCV's `INTER_AREA`.
     #[default]
     Area,
@@ -61,7 +61,7 @@ pub(crate) fn check_resize(resize: Resize, round: bool) -> Result<(), (&'static 
 /// What the network's output means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Output {
+pub(crate) enum Output {
     /// Disparity as a share of the image's width.
     #[default]
     DisparityShare,
@@ -76,7 +76,7 @@ pub enum Output {
 /// Parameters of `mono/onnx`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct OnnxParams {
+pub(crate) struct OnnxParams {
     /// Order of the input tensor's axes: `nchw` or `nhwc`.
     pub layout: TensorLayout,
     /// Order of the input's channels: `rgb` or `bgr`.

@@ -42,7 +42,7 @@ impl<N> Default for Loaded<N> {
 }
 
 impl<N> Loaded<N> {
-    pub fn get(&self, model: &Artifact, load: impl FnOnce() -> Result<N, Fault>) -> Result<Arc<N>, Fault> {
+    pub(crate) fn get(&self, model: &Artifact, load: impl FnOnce() -> Result<N, Fault>) -> Result<Arc<N>, Fault> {
         let mut loaded = locked(&self.0);
         match &*loaded {
             Some((hash, network)) if *hash == model.hash => Ok(Arc::clone(network)),
@@ -64,7 +64,7 @@ pub(crate) struct Pools {
 }
 
 impl Pools {
-    pub fn new(model: &Artifact, provider: Provider, threads: u32) -> Self {
+    pub(crate) fn new(model: &Artifact, provider: Provider, threads: u32) -> Self {
         Self { model: model.clone(), provider, threads, by_size: Mutex::default() }
     }
 
@@ -72,7 +72,7 @@ impl Pools {
     ///
     /// # Errors
     /// If the engine cannot load it.
-    pub fn get<'a>(
+    pub(crate) fn get<'a>(
         &self,
         size: (usize, usize),
         inputs: impl Iterator<Item = (&'a str, &'a Axes, usize, usize)>,
@@ -121,7 +121,7 @@ impl Pool {
     ///
     /// # Errors
     /// If the engine fails.
-    pub fn run(&self, tensors: &[&[f32]]) -> Result<Vec<Given>, Fault> {
+    pub(crate) fn run(&self, tensors: &[&[f32]]) -> Result<Vec<Given>, Fault> {
         let idle = locked(&self.sessions).pop();
         let mut session = idle.map_or_else(|| self.session(), Ok)?;
         let result = session.run(&self.binding, tensors);

@@ -21,7 +21,7 @@ type Failed = Box<dyn Error + Send + Sync>;
 impl EngineSession {
     /// Makes ready for runs of this binding.
     #[cfg_attr(not(feature = "tract"), expect(unused_variables, reason = "only tract plans for a binding"))]
-    pub fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
+    pub(crate) fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
         match self {
             Self::OnnxRuntime(_) => Ok(()),
             #[cfg(feature = "tract")]
@@ -30,7 +30,7 @@ impl EngineSession {
     }
 
     /// What tensors of the binding's shapes become, by output of the binding.
-    pub fn run(&mut self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, Failed> {
+    pub(crate) fn run(&mut self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, Failed> {
         match self {
             Self::OnnxRuntime(session) => {
                 let fed = binding.inputs.iter().zip(tensors);

@@ -9,7 +9,7 @@ use super::params::TensorLayout;
 
 /// The axes of an input of planes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Axes {
+pub(crate) struct Axes {
     /// Its numbers.
     pub element: Element,
     /// How many images or maps at once; `None` where the network leaves it open.
@@ -28,7 +28,7 @@ pub struct Axes {
 ///
 /// # Errors
 /// If it is no such tensor, or of numbers that cannot be fed.
-pub fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault> {
+pub(crate) fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault> {
     let name = &input.name;
     let Some((element, shape)) = &input.tensor else {
         return Err(Fault::new(format!("input `{name}` of the network is no tensor")));
@@ -66,7 +66,7 @@ pub fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault> {
 
 impl Axes {
     /// The shape of a tensor of so many images of so many planes of a size.
-    pub fn shape(&self, batch: usize, channels: usize, (width, height): (usize, usize)) -> Vec<usize> {
+    pub(crate) fn shape(&self, batch: usize, channels: usize, (width, height): (usize, usize)) -> Vec<usize> {
         match (self.rank, self.layout) {
             (2, _) => vec![height, width],
             (3, _) => vec![batch, height, width],
@@ -76,7 +76,7 @@ impl Axes {
     }
 
     /// Planes in the order of the tensor.
-    pub fn laid_out(&self, planes: &[Vec<f32>], tensor: &mut Vec<f32>) {
+    pub(crate) fn laid_out(&self, planes: &[Vec<f32>], tensor: &mut Vec<f32>) {
         match (self.rank, self.layout) {
             (4, TensorLayout::Nhwc) if planes.len() > 1 => {
                 let pixels = planes.first().map_or(0, Vec::len);
@@ -93,7 +93,7 @@ impl Axes {
 ///
 /// # Errors
 /// If inputs are fixed at different sizes, or the experiment asks for another.
-pub fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: u32) -> Result<Sizes, Fault> {
+pub(crate) fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: u32) -> Result<Sizes, Fault> {
     let side = |what: &str, of: fn(&Axes) -> Option<usize>, asked: Option<u32>| {
         let asked = asked.map(|asked| asked as usize);
         let mut found = asked.map(|side| ("`size`", side));
@@ -122,7 +122,7 @@ pub fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: u32) ->
 ///
 /// # Errors
 /// If the network wants another number at once.
-pub fn batch(inputs: &[(&str, Axes)], output: &Outlet, images: usize) -> Result<usize, Fault> {
+pub(crate) fn batch(inputs: &[(&str, Axes)], output: &Outlet, images: usize) -> Result<usize, Fault> {
     let of_output = output.tensor.as_ref().filter(|(_, shape)| shape.len() > 2).map(|(_, shape)| shape[0]);
     let mut batch = if of_output.is_some_and(|first| first == -1 || first == images as i64) { images } else { 1 };
     for (name, axes) in inputs {
@@ -149,13 +149,13 @@ const fn is_side(side: usize, of_image: usize) -> bool {
 }
 
 /// Whether (columns, rows) can be those of a map of an image of (columns, rows): a vector, such as a pose, is not a map.
-pub const fn is_map_size(size: (usize, usize), of_image: (usize, usize)) -> bool {
+pub(super) const fn is_map_size(size: (usize, usize), of_image: (usize, usize)) -> bool {
     is_side(size.0, of_image.0) && is_side(size.1, of_image.1)
 }
 
 /// Whether an output of such a shape can be maps, as far as its sides are fixed (-1: open); `of_image`: columns and rows of what the network sees,
 /// where they are known.
-pub fn may_be_map(shape: &[i64], of_image: (Option<usize>, Option<usize>)) -> bool {
+pub(super) fn may_be_map(shape: &[i64], of_image: (Option<usize>, Option<usize>)) -> bool {
     // Where no shape is declared everything is open.
     if shape.is_empty() {
         return true;
@@ -178,7 +178,7 @@ pub fn may_be_map(shape: &[i64], of_image: (Option<usize>, Option<usize>)) -> bo
 ///
 /// # Errors
 /// If there is no such output.
-pub fn map_output<'a>(
+pub(crate) fn map_output<'a>(
     outputs: &'a [Outlet],
     name: Option<&str>,
     of_image: (Option<usize>, Option<usize>),
@@ -206,7 +206,7 @@ pub fn map_output<'a>(
 }
 
 /// The maps of an output: one for each image of a batch, one after the other.
-pub struct Maps {
+pub(crate) struct Maps {
     /// Row-major, one map after the other.
     pub values: Vec<f32>,
     /// Columns and rows of a map.
@@ -214,7 +214,7 @@ pub struct Maps {
 }
 
 /// Where the map of each image is in an output.
-pub struct Place {
+pub(super) struct Place {
     /// Columns and rows of a map.
     size: (usize, usize),
     /// How many maps there are for one image, and which is taken.
@@ -229,7 +229,7 @@ pub struct Place {
 ///
 /// # Errors
 /// If it holds no maps of an image of (columns, rows) `of_image`, others than so many, or no such head.
-pub fn check_map(
+pub(super) fn check_map(
     shape: &[i64],
     name: &str,
     (batch, of_image): (usize, (usize, usize)),
@@ -280,7 +280,7 @@ pub fn check_map(
 ///
 /// # Errors
 /// As there.
-pub fn map_of(
+pub(crate) fn map_of(
     given: Given,
     name: &str,
     (batch, of_image): (usize, (usize, usize)),
@@ -301,7 +301,7 @@ pub fn map_of(
 }
 
 /// How many values are NaN or infinite.
-pub fn numberless(values: &[f32]) -> usize {
+pub(crate) fn numberless(values: &[f32]) -> usize {
     values.iter().filter(|value| !value.is_finite()).count()
 }
 

@@ -19,17 +19,17 @@ use tract_onnx::tract_core::ops::Cost;
 use super::binding::{self, Binding, Element, Given};
 
 /// The version that is compiled in; `Cargo.toml` pins it.
-pub const VERSION: &str = "0.23.9";
+pub(super) const VERSION: &str = "0.23.9";
 
 /// A model in tract.
-pub struct TractSession {
+pub(crate) struct TractSession {
     model: Box<ModelProto>,
     plan: Option<Arc<TypedRunnableModel>>,
 }
 
 impl TractSession {
     /// Reads a model; what it computes is looked at by [`TractSession::prepare`].
-    pub fn read(mut model: &[u8]) -> Result<Self, String> {
+    pub(crate) fn read(mut model: &[u8]) -> Result<Self, String> {
         caught(|| {
             let mut model = Box::new(tract_onnx::onnx().proto_model_for_read(&mut model)?);
             name_nodes(&mut model);
@@ -39,7 +39,7 @@ impl TractSession {
     }
 
     /// Plans the way from inputs of fixed shapes to outputs.
-    pub fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
+    pub(crate) fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
         let plan = caught(|| {
             // Sizes that the model leaves open are known here; what it says of them within is left to follow from the inputs'.
             let parsed = tract_onnx::onnx().with_ignore_value_info(true).parse(&self.model, None)?;
@@ -71,7 +71,7 @@ impl TractSession {
     }
 
     /// What tensors of the shapes that were prepared become.
-    pub fn run(&self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, String> {
+    pub(crate) fn run(&self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, String> {
         let plan = self.plan.as_ref().ok_or("the network was not prepared")?;
         caught(|| {
             let mut fed = tvec!();
@@ -120,7 +120,7 @@ fn check_domains(model: &ModelProto) -> TractResult<()> {
 }
 
 /// Multiplications with an addition in one run, its inputs in the model's order and of these shapes.
-pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String> {
+pub(super) fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String> {
     let mut bytes = model;
     caught(|| {
         let mut model = tract_onnx::onnx().proto_model_for_read(&mut bytes)?;

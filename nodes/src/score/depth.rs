@@ -26,7 +26,7 @@ static DOC: LazyLock<String> =
     LazyLock::new(|| doc::with_formulas(BEFORE, Family::Depth, &format!("{}{BEHIND}", doc::ZONES)));
 
 /// The kind `score/depth`.
-pub struct ScoreDepth {
+pub(crate) struct ScoreDepth {
     scores: DepthScores,
 }
 

@@ -10,7 +10,7 @@ use std::sync::Mutex;
 const MOST: usize = 24;
 
 /// What was read for frames' keys, by position; the latest, and each until it is taken.
-pub struct Asked<T>(Mutex<VecDeque<(FrameIndex, T)>>);
+pub(super) struct Asked<T>(Mutex<VecDeque<(FrameIndex, T)>>);
 
 impl<T> Default for Asked<T> {
     fn default() -> Self {
@@ -20,7 +20,7 @@ impl<T> Default for Asked<T> {
 
 impl<T> Asked<T> {
     /// Keeps what was read for a frame's key, in place of what was kept of the frame before.
-    pub fn keep(&self, position: FrameIndex, read: T) {
+    pub(super) fn keep(&self, position: FrameIndex, read: T) {
         let mut kept = locked(&self.0);
         kept.retain(|(other, _)| *other != position);
         if kept.len() == MOST {
@@ -30,7 +30,7 @@ impl<T> Asked<T> {
     }
 
     /// What was read for a frame's key, if it is still kept.
-    pub fn take(&self, position: FrameIndex) -> Option<T> {
+    pub(super) fn take(&self, position: FrameIndex) -> Option<T> {
         let mut kept = locked(&self.0);
         let at = kept.iter().position(|(other, _)| *other == position)?;
         kept.remove(at).map(|(_, read)| read)

@@ -16,19 +16,19 @@ use crate::sources::asked::Asked;
 use crate::sources::files::{float_file, image_file};
 
 /// The part a file plays in a frame: `left`, `calibration`. It enters the frame's key.
-pub type Part = &'static str;
+pub(super) type Part = &'static str;
 
 /// The left image, which gives the frame its size.
-pub const LEFT: Part = "left";
+pub(super) const LEFT: Part = "left";
 /// The right image.
-pub const RIGHT: Part = "right";
+pub(super) const RIGHT: Part = "right";
 /// What tells focal length and baseline.
-pub const CALIBRATION: Part = "calibration";
+pub(super) const CALIBRATION: Part = "calibration";
 /// The truth.
-pub const TRUTH: Part = "truth";
+pub(super) const TRUTH: Part = "truth";
 
 /// What the files of a data set mean.
-pub trait Layout: Send + Sync + 'static {
+pub(super) trait Layout: Send + Sync + 'static {
     /// The kind's name and version.
     const KIND: (&'static str, u32);
 
@@ -51,21 +51,21 @@ pub trait Layout: Send + Sync + 'static {
 
 /// A frame with its files.
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub(super) struct Entry {
     pub frame: Frame,
     pub files: Vec<(Part, PathBuf)>,
 }
 
 /// A frame's files as they are looked for: those that are there, and what is missing.
 #[derive(Debug, Default)]
-pub struct Gathered {
+pub(super) struct Gathered {
     files: Vec<(Part, PathBuf)>,
     faults: Vec<Fault>,
 }
 
 impl Gathered {
     /// Takes the file of a part, or why there is none.
-    pub fn take(&mut self, part: Part, file: Result<PathBuf, Fault>) {
+    pub(super) fn take(&mut self, part: Part, file: Result<PathBuf, Fault>) {
         match file {
             Ok(path) => self.files.push((part, path)),
             Err(fault) => self.faults.push(fault),
@@ -75,7 +75,7 @@ impl Gathered {
 
 /// What was found of a data set.
 #[derive(Debug, Default)]
-pub struct Listing {
+pub(super) struct Listing {
     /// The frames that were asked for and have all their files.
     pub entries: Vec<Entry>,
     /// What is wrong with the others.
@@ -92,7 +92,7 @@ pub struct Listing {
 
 impl Listing {
     /// Takes a frame with all its files, or all that is wrong with them.
-    pub fn gather(&mut self, frame: Frame, of: Gathered) {
+    pub(super) fn gather(&mut self, frame: Frame, of: Gathered) {
         if of.faults.is_empty() {
             self.entries.push(Entry { frame, files: of.files });
             return;
@@ -103,7 +103,7 @@ impl Listing {
     }
 
     /// Takes a frame, or what it lacks.
-    pub fn push(&mut self, entry: Result<Entry, Fault>) {
+    pub(super) fn push(&mut self, entry: Result<Entry, Fault>) {
         match entry {
             Ok(entry) => self.entries.push(entry),
             Err(fault) => self.faults.push(fault),
@@ -114,7 +114,7 @@ impl Listing {
     ///
     /// # Errors
     /// The first fault, with the number of the others.
-    pub fn open<L: Layout>(mut self, layout: L) -> Result<Box<dyn Source>, Fault> {
+    pub(super) fn open<L: Layout>(mut self, layout: L) -> Result<Box<dyn Source>, Fault> {
         if self.faults.is_empty() {
             self.warnings.append(&mut self.alone);
             let source = Dataset::new(self, layout);
@@ -131,7 +131,7 @@ impl Listing {
 }
 
 /// What there is of a data set, from its listing or what stands in the way of one.
-pub fn survey<L: Layout>(listed: Result<(Listing, L), Fault>) -> Survey {
+pub(super) fn survey<L: Layout>(listed: Result<(Listing, L), Fault>) -> Survey {
     match listed {
         Ok((mut listing, layout)) => {
             let mut faults = std::mem::take(&mut listing.faults);
@@ -153,7 +153,7 @@ fn unreadable(files: &[(Part, PathBuf)]) -> Vec<Fault> {
 }
 
 /// What a folder is recognised as by what its listing gives: frames, or what is wrong with them.
-pub fn recognised(listed: Result<Listing, Fault>, what: &str, params: Json) -> Vec<Recognised> {
+pub(super) fn recognised(listed: Result<Listing, Fault>, what: &str, params: Json) -> Vec<Recognised> {
     let is_one = listed.is_ok_and(|listing| !listing.entries.is_empty() || !listing.faults.is_empty());
     is_one.then(|| Recognised::new(what, params)).into_iter().collect()
 }
@@ -292,7 +292,7 @@ const LACKS: &str = "the frame has no file of its part";
 
 /// A file of a frame, whole and not decoded.
 #[derive(Debug)]
-pub struct File {
+pub(super) struct File {
     part: Part,
     pub path: PathBuf,
     pub bytes: Arc<[u8]>,
@@ -300,29 +300,29 @@ pub struct File {
 
 impl File {
     /// The file as text; what is no UTF-8 is shown as such.
-    pub fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         String::from_utf8_lossy(&self.bytes).into_owned()
     }
 
     /// A failure in this file.
-    pub fn fault(&self, what: impl std::fmt::Display) -> Fault {
+    pub(super) fn fault(&self, what: impl std::fmt::Display) -> Fault {
         Fault::new(format!("{}: {what}", self.path.display()))
     }
 }
 
 /// The files of a frame.
 #[derive(Debug)]
-pub struct Files(Vec<File>);
+pub(super) struct Files(Vec<File>);
 
 impl Files {
     /// The key of a kind's frame of these files.
-    pub fn key(&self, (kind, version): (&str, u32), meaning: &str) -> Key {
+    pub(super) fn key(&self, (kind, version): (&str, u32), meaning: &str) -> Key {
         let key = Key::build(kind).number(version.into()).text(meaning);
         self.0.iter().fold(key, |key, file| key.text(file.part).bytes(&file.bytes)).finish()
     }
 
     /// The file of a part, if the frame has it.
-    pub fn get(&self, part: Part) -> Option<&File> {
+    pub(super) fn get(&self, part: Part) -> Option<&File> {
         self.0.iter().find(|file| file.part == part)
     }
 
@@ -330,7 +330,7 @@ impl Files {
     ///
     /// # Errors
     /// If it is not there, which is the layout's mistake.
-    pub fn the(&self, part: Part) -> Result<&File, Fault> {
+    pub(super) fn the(&self, part: Part) -> Result<&File, Fault> {
         self.get(part).ok_or_else(|| Fault::new(format!("{LACKS} `{part}`")))
     }
 
@@ -338,7 +338,7 @@ impl Files {
     ///
     /// # Errors
     /// If one is no image, or they differ in size.
-    pub fn pair(&self, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
+    pub(super) fn pair(&self, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
         self.pair_of_bits(None, ctx)
     }
 
@@ -346,7 +346,7 @@ impl Files {
     ///
     /// # Errors
     /// As [`Files::pair`].
-    pub fn pair_of_bits(&self, bits: Option<u32>, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
+    pub(super) fn pair_of_bits(&self, bits: Option<u32>, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
         let image = |file: &File| {
             let (image, brightest) = image_file::image_of_bits(&file.path, Arc::clone(&file.bytes), bits)?;
             if let Some(warning) = brightest.and_then(|brightest| brightest.warning(bits)) {
@@ -365,7 +365,7 @@ impl Files {
     ///
     /// # Errors
     /// If it is no such map.
-    pub fn map_u16(&self, part: Part, unit: &str, left: (u32, u32)) -> Result<Option<Raster<u16>>, Fault> {
+    pub(super) fn map_u16(&self, part: Part, unit: &str, left: (u32, u32)) -> Result<Option<Raster<u16>>, Fault> {
         let Some(file) = self.get(part) else { return Ok(None) };
         let map = image_file::map_u16(&file.path, &file.bytes, unit)?;
         self.same_size_as_left(left, file, map.dimensions())?;
@@ -376,7 +376,7 @@ impl Files {
     ///
     /// # Errors
     /// If it is no such map.
-    pub fn map_f32(&self, part: Part, left: (u32, u32)) -> Result<Option<Raster<f32>>, Fault> {
+    pub(super) fn map_f32(&self, part: Part, left: (u32, u32)) -> Result<Option<Raster<f32>>, Fault> {
         let Some(file) = self.get(part) else { return Ok(None) };
         let map = float_file::map_f32(&file.path, &file.bytes)?;
         self.same_size_as_left(left, file, map.dimensions())?;
@@ -387,7 +387,7 @@ impl Files {
     ///
     /// # Errors
     /// If it is no such map.
-    pub fn map_u8(&self, part: Part, what: &str, left: (u32, u32)) -> Result<Option<Raster<u8>>, Fault> {
+    pub(super) fn map_u8(&self, part: Part, what: &str, left: (u32, u32)) -> Result<Option<Raster<u8>>, Fault> {
         let Some(file) = self.get(part) else { return Ok(None) };
         let map = image_file::map_u8(&file.path, &file.bytes, what)?;
         self.same_size_as_left(left, file, map.dimensions())?;
@@ -398,7 +398,7 @@ impl Files {
     ///
     /// # Errors
     /// Naming both files and sizes.
-    pub fn same_size_as_left(&self, left: (u32, u32), file: &File, (w, h): (u32, u32)) -> Result<(), Fault> {
+    pub(super) fn same_size_as_left(&self, left: (u32, u32), file: &File, (w, h): (u32, u32)) -> Result<(), Fault> {
         if left == (w, h) {
             return Ok(());
         }
@@ -417,7 +417,7 @@ impl Files {
 ///
 /// # Errors
 /// If the folder cannot be listed; where it is not there, `layout` is the remedy.
-pub fn stems(folder: &Path, endings: &[&str], layout: &str) -> Result<BTreeMap<String, PathBuf>, Fault> {
+pub(super) fn stems(folder: &Path, endings: &[&str], layout: &str) -> Result<BTreeMap<String, PathBuf>, Fault> {
     let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
     let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
         ErrorKind::NotFound => no_folder(folder, layout),
@@ -441,7 +441,7 @@ pub fn stems(folder: &Path, endings: &[&str], layout: &str) -> Result<BTreeMap<S
 
 /// The indices of frames by the numbers that their files are named by: `None` if a name is not a number of at most 32 bits (a time stamp has more),
 /// or if the numbers do not rise.
-pub fn numbered<'a>(stems: impl Iterator<Item = &'a str>) -> Option<Vec<u64>> {
+pub(super) fn numbered<'a>(stems: impl Iterator<Item = &'a str>) -> Option<Vec<u64>> {
     let numbers: Vec<u64> = stems.map(|stem| stem.parse::<u32>().ok().map(u64::from)).collect::<Option<_>>()?;
     numbers.is_sorted_by(|a, b| a < b).then_some(numbers)
 }
@@ -450,7 +450,7 @@ pub fn numbered<'a>(stems: impl Iterator<Item = &'a str>) -> Option<Vec<u64>> {
 ///
 /// # Errors
 /// As [`stems`].
-pub fn folders(folder: &Path, layout: &str) -> Result<Vec<String>, Fault> {
+pub(super) fn folders(folder: &Path, layout: &str) -> Result<Vec<String>, Fault> {
     let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
     let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
         ErrorKind::NotFound => no_folder(folder, layout),
@@ -468,16 +468,16 @@ pub fn folders(folder: &Path, layout: &str) -> Result<Vec<String>, Fault> {
 }
 
 /// That a folder is not there.
-pub fn no_folder(folder: &Path, remedy: &str) -> Fault {
+pub(super) fn no_folder(folder: &Path, remedy: &str) -> Fault {
     Fault::new(format!("there is no folder {}", folder.display())).remedy(remedy)
 }
 
 /// That a file is not there.
-pub fn no_file(path: &Path, remedy: &str) -> Fault {
+pub(super) fn no_file(path: &Path, remedy: &str) -> Fault {
     Fault::new(format!("there is no file {}", path.display())).remedy(remedy)
 }
 
 /// A fault with the file or folder that it is in.
-pub fn at_file(path: &Path, fault: Fault) -> Fault {
+pub(super) fn at_file(path: &Path, fault: Fault) -> Fault {
     fault.map_what(|what| format!("{}: {what}", path.display()))
 }

@@ -34,7 +34,7 @@ const DEPTH: Part = "depth";
 /// Which size of the images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum DrivingStereoSize {
+pub(crate) enum DrivingStereoSize {
     /// 881 x 400.
     #[default]
     Half,
@@ -45,7 +45,7 @@ pub enum DrivingStereoSize {
 /// Which pixels are true.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum DrivingStereoTruth {
+pub(crate) enum DrivingStereoTruth {
     /// What the scanners hit.
     #[default]
     All,
@@ -56,7 +56,7 @@ pub enum DrivingStereoTruth {
 /// Parameters of `drivingstereo`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct DrivingStereoParams {
+pub(crate) struct DrivingStereoParams {
     /// The folder that holds the images' folders: of a weather, of the training or of the test set.
     pub root: DataPath,
     /// Which size: `half` or `full`.
@@ -72,7 +72,7 @@ pub struct DrivingStereoParams {
 }
 
 /// The kind `drivingstereo`.
-pub struct DrivingStereo {
+pub(crate) struct DrivingStereo {
     size: DrivingStereoSize,
 }
 

@@ -21,7 +21,7 @@ calib.txt, and in training disp0GT.pfm and mask0nocc.png, unless `truth: none`";
 /// Parameters of `eth3d/two-view`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct Eth3dTwoViewParams {
+pub(crate) struct Eth3dTwoViewParams {
     /// The folder that holds `two_view_training` and `two_view_training_gt`; or one with a folder a scene.
     pub root: DataPath,
     /// Which scenes, in this order. By default all there are, by name.
@@ -33,7 +33,7 @@ pub struct Eth3dTwoViewParams {
 }
 
 /// The kind `eth3d/two-view`.
-pub struct Eth3dTwoView {
+pub(crate) struct Eth3dTwoView {
     truth: TruePixels,
 }
 

@@ -5,7 +5,7 @@ use depthloom_graphs::{Outputs, Port, ValueType};
 
 /// The maps of a frame, as far as they are there; all of one size.
 #[derive(Debug, Default)]
-pub struct Evaluation {
+pub(super) struct Evaluation {
     /// The true disparities of what both cameras see.
     pub noc: Option<TrueDisparity>,
     /// All true disparities.
@@ -16,7 +16,7 @@ pub struct Evaluation {
 
 impl Evaluation {
     /// The ports of the disparities and of what lies between them, where `disparities: true` asks for them.
-    pub fn asked() -> [Port; 3] {
+    pub(super) fn asked() -> [Port; 3] {
         ports([
             "True disparity where both cameras see it, px, NaN = unknown; with `disparities: true`.",
             "True disparity of all true pixels, likewise; with `disparities: true`.",
@@ -25,7 +25,7 @@ impl Evaluation {
     }
 
     /// The same of a source that gives them as far as they are there.
-    pub fn always() -> [Port; 3] {
+    pub(super) fn always() -> [Port; 3] {
         ports([
             "True disparity where both cameras see it, px, NaN = unknown; absent where no file tells it.",
             "True disparity of all true pixels, likewise; absent without truth.",
@@ -34,7 +34,7 @@ impl Evaluation {
     }
 
     /// Adds what is there.
-    pub fn outputs(self, mut outputs: Outputs) -> Outputs {
+    pub(super) fn outputs(self, mut outputs: Outputs) -> Outputs {
         if let (Some(noc), Some(occ)) = (&self.noc, &self.occ) {
             let hidden = |(noc, occ): (&f32, &f32)| if noc.is_nan() && !occ.is_nan() { 255 } else { 0 };
             let hidden = noc.px.iter().zip(occ.px.iter()).map(hidden).collect();

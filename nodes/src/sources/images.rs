@@ -35,7 +35,7 @@ const CALIBRATIONS: [Part; 4] = ["calibration", "calibration_2", "calibration_3"
 /// What is known of the cameras: numbers of a rectified pair, or files.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct ImagesCalibration {
+pub(crate) struct ImagesCalibration {
     /// Focal length of the rectified pair, px.
     #[schemars(extend("minimum" = 1, "maximum" = 1_000_000))]
     pub focal_px: Option<f64>,
@@ -75,7 +75,7 @@ impl ImagesCalibration {
 /// Parameters of `images`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct ImagesParams {
+pub(crate) struct ImagesParams {
     /// The folder that all else is relative to.
     pub root: DataPath,
     /// Left images: a path with `*` for any run of characters of a name, as `cam0/*.png` or `*_left.png`.
@@ -97,7 +97,7 @@ pub struct ImagesParams {
 }
 
 /// The kind `images`.
-pub struct Images {
+pub(crate) struct Images {
     calibration: Cameras,
     asked: Asked,
     bits: Option<u32>,

@@ -40,7 +40,7 @@ const BASELINE_M: f64 = 0.160;
 /// Parameters of `middlebury`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct MiddleburyParams {
+pub(crate) struct MiddleburyParams {
     /// The folder that holds a folder a scene, e.g. `MiddEval3/trainingQ`; or a scene's own.
     pub root: DataPath,
     /// Which scenes, in this order. By default all there are, by name.
@@ -64,7 +64,7 @@ pub struct MiddleburyParams {
 }
 
 /// The kind `middlebury`.
-pub struct Middlebury {
+pub(crate) struct Middlebury {
     truth: TruePixels,
     factor: Option<u32>,
     views: [u32; 2],
@@ -295,7 +295,7 @@ fn is_uncalibrated_2005(files: &[(Part, PathBuf)]) -> bool {
 ///
 /// # Errors
 /// If one that is asked for is not there, or the folder cannot be listed.
-pub fn scenes(
+pub(super) fn scenes(
     root: &Path,
     asked: &[String],
     is_scene: impl Fn(&Path) -> bool,

@@ -30,7 +30,7 @@ const TF_STATIC: &str = "/tf_static";
 const MOST_TRANSFORMS: usize = 100_000;
 
 /// The kind `ros2/bag`.
-pub struct Ros2Bag {
+pub(crate) struct Ros2Bag {
     bag: Bag,
     reading: Reading,
     frames: Vec<Frame>,

@@ -37,7 +37,7 @@ const ENDINGS: [&str; 2] = ["png", "webp"];
 /// Which rendering.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum SceneFlowPass {
+pub(crate) enum SceneFlowPass {
     /// With blur and depth of field: `frames_finalpass`.
     #[default]
     Final,
@@ -48,7 +48,7 @@ pub enum SceneFlowPass {
 /// Whether there is truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum SceneFlowTruth {
+pub(crate) enum SceneFlowTruth {
     /// All pixels: the data sets tell no occlusions.
     #[default]
     All,
@@ -59,7 +59,7 @@ pub enum SceneFlowTruth {
 /// Parameters of `scene-flow`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SceneFlowParams {
+pub(crate) struct SceneFlowParams {
     /// The folder that holds `frames_finalpass` and `disparity`, of one of the three sets.
     pub root: DataPath,
     /// Which rendering: `final` or `clean`.
@@ -73,7 +73,7 @@ pub struct SceneFlowParams {
 }
 
 /// The kind `scene-flow`.
-pub struct SceneFlow;
+pub(crate) struct SceneFlow;
 
 impl SourceKind for SceneFlow {
     type Params = SceneFlowParams;

@@ -36,7 +36,7 @@ const CAMERA_BYTES: usize = 4 + 8 * (9 + 12);
 /// Which rendering.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum SintelPass {
+pub(crate) enum SintelPass {
     /// With blur and depth of field.
     #[default]
     Final,
@@ -47,7 +47,7 @@ pub enum SintelPass {
 /// Parameters of `sintel-stereo`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SintelStereoParams {
+pub(crate) struct SintelStereoParams {
     /// The folder that holds `training`.
     pub root: DataPath,
     /// Which rendering: `final` or `clean`.
@@ -64,7 +64,7 @@ pub struct SintelStereoParams {
 }
 
 /// The kind `sintel-stereo`.
-pub struct SintelStereo {
+pub(crate) struct SintelStereo {
     truth: TruePixels,
     focal_px: Option<f64>,
 }

@@ -174,7 +174,7 @@ impl Road {
 }
 
 /// The kind `synthetic/road`.
-pub struct SyntheticRoad {
+pub(crate) struct SyntheticRoad {
     road: Road,
     truth: SyntheticTruth,
     disparities: bool,

@@ -8,13 +8,13 @@ use crate::geometry::geometry;
 use crate::shape::filled;
 
 /// `f * B / (d + doffs)`, NaN where the disparity is unknown or that sum not above 0.
-pub fn depth(truth: &TrueDisparity, of: &Calibration) -> Depth {
+pub(crate) fn depth(truth: &TrueDisparity, of: &Calibration) -> Depth {
     let px = &truth.px;
     Depth { metres: filled(px.dimensions(), |out| truth_from_disparity(px, geometry(of), out)) }
 }
 
 /// The disparities of a depth map, rounded to 1/256 px; unknown is also what 16 bits do not hold.
-pub fn from_depth(depth: &Depth, of: &Calibration) -> TrueDisparity {
+pub(crate) fn from_depth(depth: &Depth, of: &Calibration) -> TrueDisparity {
     let (width, height) = depth.metres.dimensions();
     let px_256 = Raster::from_fn(width, height, |x, y| {
         let metres = f64::from(depth.metres.get_pixel(x, y).0[0]);

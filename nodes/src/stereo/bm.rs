@@ -7,7 +7,7 @@ use depthloom_kernels::bm::{self, BmScratch, Params};
 use super::{disparity, matched, pair, refused};
 
 /// The kind `stereo/bm`.
-pub struct Bm {
+pub(crate) struct Bm {
     params: Params,
 }
 

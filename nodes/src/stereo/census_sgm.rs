@@ -7,7 +7,7 @@ use depthloom_kernels::census::{self, CensusScratch, Pair, Params};
 use super::{disparity, matched, pair, refused, too_large};
 
 /// The kind `stereo/census-sgm`.
-pub struct CensusSgm {
+pub(crate) struct CensusSgm {
     params: Params,
 }
 

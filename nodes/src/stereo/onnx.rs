@@ -13,7 +13,7 @@ use crate::onnx::{self, Fitted, Look, numberless};
 use crate::shape::{filled, same_size};
 
 /// The kind `stereo/onnx`.
-pub struct StereoOnnx {
+pub(crate) struct StereoOnnx {
     params: StereoOnnxParams,
     network: onnx::Loaded<PairNetwork>,
 }

@@ -36,7 +36,7 @@ impl PairNetwork {
     ///
     /// # Errors
     /// If it is no model, or of other inputs than a stereo network has.
-    pub fn load(model: &Artifact, params: &StereoOnnxParams) -> Result<Self, Fault> {
+    pub(super) fn load(model: &Artifact, params: &StereoOnnxParams) -> Result<Self, Fault> {
         let declared = onnx::declared(model, params.provider)?;
         let names: Vec<&str> = declared.inputs.iter().map(|input| input.name.as_str()).collect();
         let asked = [params.left_name.as_deref(), params.right_name.as_deref()];
@@ -77,7 +77,7 @@ impl PairNetwork {
     ///
     /// # Errors
     /// If the network takes no images of it.
-    pub fn fitted(&self, from: (usize, usize)) -> Result<Fitted, Fault> {
+    pub(super) fn fitted(&self, from: (usize, usize)) -> Result<Fitted, Fault> {
         Fitted::new(from, self.sizes, self.params.fit, self.params.pad_at)
     }
 
@@ -85,7 +85,7 @@ impl PairNetwork {
     ///
     /// # Errors
     /// If there is not the memory, the engine fails, or the output is no map.
-    pub fn run(&self, views: &[View<'_>], fitted: &Fitted, look: &Look) -> Result<Vec<Maps>, Fault> {
+    pub(super) fn run(&self, views: &[View<'_>], fitted: &Fitted, look: &Look) -> Result<Vec<Maps>, Fault> {
         let pool = self.pool(fitted.to)?;
         let mut maps = Vec::with_capacity(views.len());
         for views in views.chunks(self.batch) {

@@ -8,7 +8,7 @@ use crate::onnx::{Channels, Fit, PadAt, PadWith, Provider, Resize, TensorLayout}
 /// What the output of a stereo network means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum StereoOutput {
+pub(crate) enum StereoOutput {
     /// Disparity in pixels of what the network sees.
     #[default]
     DisparityPx,
@@ -23,7 +23,7 @@ pub enum StereoOutput {
 /// The order of the images in an input that takes both.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum PairOrder {
+pub(crate) enum PairOrder {
     /// The left image's channels first.
     #[default]
     LeftRight,
@@ -34,7 +34,7 @@ pub enum PairOrder {
 /// Parameters of `stereo/onnx`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct StereoOnnxParams {
+pub(crate) struct StereoOnnxParams {
     /// Name of the input of the left image; `null`: the network's first.
     pub left_name: Option<String>,
     /// Name of the input of the right image; `null`: the network's second. A network of one input takes both images as channels of it.

@@ -11,7 +11,7 @@ use super::{disparity, matched, pair, refused, too_large};
 /// OpenCV's parameters of `StereoSGBM`, with the paper's values as defaults.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SgbmParams {
+pub(crate) struct SgbmParams {
     /// How many disparities are searched, px (`numDisparities`): a multiple of 16.
     #[schemars(range(min = 16, max = 2032), extend("multipleOf" = 16))]
     pub disparities: i32,
@@ -94,7 +94,7 @@ impl SgbmParams {
 }
 
 /// The kind `stereo/sgbm`.
-pub struct Sgbm {
+pub(crate) struct Sgbm {
     params: Params,
 }
 

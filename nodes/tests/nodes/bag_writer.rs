@@ -8,35 +8,35 @@ use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 
 /// Size of the images.
-pub const SIZE: (u32, u32) = (40, 30);
+pub(crate) const SIZE: (u32, u32) = (40, 30);
 
 /// Focal length 20 px, principal point (20, 15), baseline 0.5 m: `f * B` is 10 px m.
-pub const LEFT_P: [f64; 12] = [20.0, 0.0, 20.0, 0.0, 0.0, 20.0, 15.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-pub const RIGHT_P: [f64; 12] = [20.0, 0.0, 20.0, -10.0, 0.0, 20.0, 15.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+pub(crate) const LEFT_P: [f64; 12] = [20.0, 0.0, 20.0, 0.0, 0.0, 20.0, 15.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+pub(crate) const RIGHT_P: [f64; 12] = [20.0, 0.0, 20.0, -10.0, 0.0, 20.0, 15.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
 /// When the first frame is.
-pub const T0: u64 = 1_700_000_000_000_000_000;
+pub(crate) const T0: u64 = 1_700_000_000_000_000_000;
 
 /// Nanoseconds of a millisecond.
-pub const MS: u64 = 1_000_000;
+pub(crate) const MS: u64 = 1_000_000;
 
-pub const LEFT: &str = "/stereo/left/image_rect";
-pub const RIGHT: &str = "/stereo/right/image_rect";
-pub const LEFT_INFO: &str = "/stereo/left/camera_info";
-pub const RIGHT_INFO: &str = "/stereo/right/camera_info";
+pub(crate) const LEFT: &str = "/stereo/left/image_rect";
+pub(crate) const RIGHT: &str = "/stereo/right/image_rect";
+pub(crate) const LEFT_INFO: &str = "/stereo/left/camera_info";
+pub(crate) const RIGHT_INFO: &str = "/stereo/right/camera_info";
 
 /// A message in XCDR1.
-pub struct Cdr {
+pub(crate) struct Cdr {
     bytes: Vec<u8>,
     big: bool,
 }
 
 impl Cdr {
-    pub fn new(big: bool) -> Self {
+    pub(crate) fn new(big: bool) -> Self {
         Self { bytes: vec![0, u8::from(!big), 0, 0], big }
     }
 
-    pub fn raw(mut self, bytes: &[u8]) -> Self {
+    pub(crate) fn raw(mut self, bytes: &[u8]) -> Self {
         self.bytes.extend_from_slice(bytes);
         self
     }
@@ -51,34 +51,34 @@ impl Cdr {
         self.raw(&little)
     }
 
-    pub fn u8(self, value: u8) -> Self {
+    pub(crate) fn u8(self, value: u8) -> Self {
         self.number([value])
     }
 
-    pub fn u32(self, value: u32) -> Self {
+    pub(crate) fn u32(self, value: u32) -> Self {
         self.number(value.to_le_bytes())
     }
 
-    pub fn f64s(self, values: &[f64]) -> Self {
+    pub(crate) fn f64s(self, values: &[f64]) -> Self {
         values.iter().fold(self, |cdr, value| cdr.number(value.to_le_bytes()))
     }
 
-    pub fn text(self, text: &str) -> Self {
+    pub(crate) fn text(self, text: &str) -> Self {
         self.u32(text.len() as u32 + 1).raw(text.as_bytes()).raw(&[0])
     }
 
-    pub fn header(self, stamp_ns: u64, frame: &str) -> Self {
+    pub(crate) fn header(self, stamp_ns: u64, frame: &str) -> Self {
         self.u32((stamp_ns / 1_000_000_000) as u32).u32((stamp_ns % 1_000_000_000) as u32).text(frame)
     }
 
-    pub fn end(self) -> Vec<u8> {
+    pub(crate) fn end(self) -> Vec<u8> {
         self.bytes
     }
 }
 
 /// A message, and the topic that it is on.
 #[derive(Clone)]
-pub struct Written {
+pub(crate) struct Written {
     pub topic: String,
     pub message_type: String,
     pub encoding: String,
@@ -87,7 +87,7 @@ pub struct Written {
 }
 
 impl Written {
-    pub fn new(topic: &str, message_type: &str, log_ns: u64, bytes: Vec<u8>) -> Self {
+    pub(crate) fn new(topic: &str, message_type: &str, log_ns: u64, bytes: Vec<u8>) -> Self {
         Self {
             topic: topic.to_owned(),
             message_type: message_type.to_owned(),
@@ -99,24 +99,24 @@ impl Written {
 }
 
 /// An image as it lies, all its parts free.
-pub struct Raw<'a> {
+pub(crate) struct Raw<'a> {
     pub size: (u32, u32),
     pub encoding: &'a str,
     pub step: u32,
     pub data: &'a [u8],
 }
 
-pub fn raw_image(big: bool, stamp_ns: u64, frame: &str, image: &Raw<'_>) -> Vec<u8> {
+pub(crate) fn raw_image(big: bool, stamp_ns: u64, frame: &str, image: &Raw<'_>) -> Vec<u8> {
     let cdr = Cdr::new(big).header(stamp_ns, frame).u32(image.size.1).u32(image.size.0).text(image.encoding);
     cdr.u8(u8::from(big)).u32(image.step).u32(image.data.len() as u32).raw(image.data).end()
 }
 
 /// Grey pixels: column, row and a number all enter.
-pub fn grey(number: u64) -> Vec<u8> {
+pub(crate) fn grey(number: u64) -> Vec<u8> {
     (0..SIZE.0 * SIZE.1).map(|at| (at as u64 * 7 + number * 31) as u8).collect()
 }
 
-pub fn image(topic: &str, frame: &str, stamp_ns: u64, number: u64) -> Written {
+pub(crate) fn image(topic: &str, frame: &str, stamp_ns: u64, number: u64) -> Written {
     let data = grey(number);
     let raw = Raw { size: SIZE, encoding: "mono8", step: SIZE.0, data: &data };
     Written::new(topic, "sensor_msgs/msg/Image", stamp_ns, raw_image(false, stamp_ns, frame, &raw))
@@ -124,7 +124,7 @@ pub fn image(topic: &str, frame: &str, stamp_ns: u64, number: u64) -> Written {
 
 /// What a camera says of itself.
 #[derive(Clone, Copy)]
-pub struct Info<'a> {
+pub(crate) struct Info<'a> {
     pub size: (u32, u32),
     pub model: &'a str,
     pub d: &'a [f64],
@@ -135,14 +135,14 @@ pub struct Info<'a> {
     pub part: [u32; 4],
 }
 
-pub const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+pub(crate) const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
 impl Info<'_> {
-    pub const fn of(p: [f64; 12]) -> Self {
+    pub(crate) const fn of(p: [f64; 12]) -> Self {
         Self { size: SIZE, model: "plumb_bob", d: &[0.0; 5], r: IDENTITY, p, binning: 0, part: [0; 4] }
     }
 
-    pub fn message(&self, big: bool, stamp_ns: u64, frame: &str) -> Vec<u8> {
+    pub(crate) fn message(&self, big: bool, stamp_ns: u64, frame: &str) -> Vec<u8> {
         let p = &self.p;
         let k = [p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]];
         let [x, y, width, height] = self.part;
@@ -151,13 +151,13 @@ impl Info<'_> {
         cdr.u32(self.binning).u32(self.binning).u32(x).u32(y).u32(height).u32(width).u8(0).end()
     }
 
-    pub fn on(&self, topic: &str, stamp_ns: u64) -> Written {
+    pub(crate) fn on(&self, topic: &str, stamp_ns: u64) -> Written {
         Written::new(topic, "sensor_msgs/msg/CameraInfo", stamp_ns, self.message(false, stamp_ns, "camera_left"))
     }
 }
 
 /// Points as little-endian f32 x, y, z and an intensity, in one row.
-pub fn cloud(stamp_ns: u64, frame: &str, points: &[[f32; 3]], fields: &[&str]) -> Vec<u8> {
+pub(crate) fn cloud(stamp_ns: u64, frame: &str, points: &[[f32; 3]], fields: &[&str]) -> Vec<u8> {
     let data: Vec<u8> = points.iter().flat_map(|[x, y, z]| [*x, *y, *z, 1.0]).flat_map(f32::to_le_bytes).collect();
     let cdr = Cdr::new(false).header(stamp_ns, frame).u32(1).u32(points.len() as u32).u32(fields.len() as u32);
     let field = |cdr: Cdr, (at, name): (usize, &&str)| cdr.text(name).u32(at as u32 * 4).u8(7).u32(1);
@@ -166,7 +166,7 @@ pub fn cloud(stamp_ns: u64, frame: &str, points: &[[f32; 3]], fields: &[&str]) -
 }
 
 /// Transforms: parent, child, translation, quaternion.
-pub fn transforms(of: &[(&str, &str, [f64; 3], [f64; 4])]) -> Vec<u8> {
+pub(crate) fn transforms(of: &[(&str, &str, [f64; 3], [f64; 4])]) -> Vec<u8> {
     let one = |cdr: Cdr, (parent, child, t, q): &(&str, &str, [f64; 3], [f64; 4])| {
         cdr.header(T0, parent).text(child).f64s(t).f64s(q)
     };
@@ -174,7 +174,7 @@ pub fn transforms(of: &[(&str, &str, [f64; 3], [f64; 4])]) -> Vec<u8> {
 }
 
 /// A stereo pair with its cameras.
-pub fn frame(stamp_ns: u64, number: u64) -> Vec<Written> {
+pub(crate) fn frame(stamp_ns: u64, number: u64) -> Vec<Written> {
     vec![
         image(LEFT, "camera_left", stamp_ns, number),
         image(RIGHT, "camera_right", stamp_ns, number + 100),
@@ -184,12 +184,12 @@ pub fn frame(stamp_ns: u64, number: u64) -> Vec<Written> {
 }
 
 /// Three frames, 100 ms apart.
-pub fn frames() -> Vec<Written> {
+pub(crate) fn frames() -> Vec<Written> {
     (0..3).flat_map(|number| frame(T0 + number * 100 * MS, number)).collect()
 }
 
 /// Writes an MCAP file.
-pub fn mcap(path: &Path, messages: &[Written], options: WriteOptions) {
+pub(crate) fn mcap(path: &Path, messages: &[Written], options: WriteOptions) {
     let mut writer = options.create(BufWriter::new(File::create(path).unwrap())).unwrap();
     for (sequence, message) in (0..).zip(messages) {
         let schema = writer.add_schema(&message.message_type, "ros2msg", b"").unwrap();
@@ -201,7 +201,7 @@ pub fn mcap(path: &Path, messages: &[Written], options: WriteOptions) {
 }
 
 /// Writes a file of rosbag2's SQLite storage.
-pub fn sqlite(path: &Path, messages: &[Written]) {
+pub(crate) fn sqlite(path: &Path, messages: &[Written]) {
     let database = rusqlite::Connection::open(path).unwrap();
     let tables = "CREATE TABLE topics(id INTEGER PRIMARY KEY,name TEXT NOT NULL,type TEXT NOT NULL,serialization_format TEXT NOT NULL,offered_qos_profiles TEXT NOT NULL);
         CREATE TABLE messages(id INTEGER PRIMARY KEY,topic_id INTEGER NOT NULL,timestamp INTEGER NOT NULL, data BLOB NOT NULL);

@@ -11,10 +11,10 @@ use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Registry, Sc
 use serde_json::Value as Json;
 
 /// The values at a node's output ports.
-pub type Values = BTreeMap<&'static str, Value>;
+pub(crate) type Values = BTreeMap<&'static str, Value>;
 
 /// A node built and called once, as the runner does it: parameters resolved, ports in order, outputs checked.
-pub fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Result<Values, Fault> {
+pub(crate) fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Result<Values, Fault> {
     let registry = depthloom_nodes::registry();
     let node = registry.node_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
     let resolved =
@@ -36,7 +36,7 @@ pub fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Result<Value
 }
 
 /// The only output of a node that is expected to work.
-pub fn value(kind: &str, params: &Json, inputs: &[(&str, &Value)]) -> Value {
+pub(crate) fn value(kind: &str, params: &Json, inputs: &[(&str, &Value)]) -> Value {
     let inputs: Vec<(&str, Value)> = inputs.iter().map(|(name, value)| (*name, (*value).clone())).collect();
     let outputs = call(kind, params, &inputs).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
     assert_eq!(outputs.len(), 1, "{kind} gives one value");
@@ -44,13 +44,13 @@ pub fn value(kind: &str, params: &Json, inputs: &[(&str, &Value)]) -> Value {
 }
 
 /// A source, opened.
-pub struct Opened {
+pub(crate) struct Opened {
     pub source: Box<dyn Source>,
     declaration: SourceDeclaration,
 }
 
 /// Opens a source as the runner does.
-pub fn open(kind: &str, params: &Json) -> Result<Opened, Fault> {
+pub(crate) fn open(kind: &str, params: &Json) -> Result<Opened, Fault> {
     let registry: Registry = depthloom_nodes::registry();
     let entry = registry.source_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
     let resolved =
@@ -60,12 +60,12 @@ pub fn open(kind: &str, params: &Json) -> Result<Opened, Fault> {
 
 impl Opened {
     /// A frame's values and key.
-    pub fn read(&self, position: FrameIndex) -> Result<(Values, Key), Fault> {
+    pub(crate) fn read(&self, position: FrameIndex) -> Result<(Values, Key), Fault> {
         self.read_on(&InlineHost, position)
     }
 
     /// As [`Opened::read`], on a host of the test's own.
-    pub fn read_on(&self, host: &dyn Host, position: FrameIndex) -> Result<(Values, Key), Fault> {
+    pub(crate) fn read_on(&self, host: &dyn Host, position: FrameIndex) -> Result<(Values, Key), Fault> {
         let mut scratch = Scratch::default();
         let key = self.source.key(position)?;
         let read = self.source.read(position, &mut Context::new(host, &mut scratch))?;
@@ -77,18 +77,18 @@ impl Opened {
 }
 
 /// A depth map's pixels.
-pub fn metres(value: &Value) -> &[f32] {
+pub(crate) fn metres(value: &Value) -> &[f32] {
     value.metres().unwrap_or_else(|| panic!("{} is no depth", value.value_type())).as_raw()
 }
 
 /// A 16-bit PNG of the reference.
-pub fn png_u16(path: &Path) -> Raster<u16> {
+pub(crate) fn png_u16(path: &Path) -> Raster<u16> {
     let image = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let image::DynamicImage::ImageLuma16(map) = image else { panic!("{} has not 16 bits", path.display()) };
     map
 }
 
 /// An ONNX model as a once-value.
-pub fn model(bytes: Vec<u8>) -> Value {
+pub(crate) fn model(bytes: Vec<u8>) -> Value {
     Value::Model(Arc::new(depthloom_graphs::values::Artifact::model(bytes)))
 }

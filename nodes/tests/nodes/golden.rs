@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::call::{call, metres, model, open, png_u16, value};
 
 /// The variants of Table I as the oracle ran them: name, scaling, weighting.
-pub const VARIANTS: [(&str, &str, &str); 5] = [
+pub(crate) const VARIANTS: [(&str, &str, &str); 5] = [
     ("full", "minmax", "full"),
     ("no_weighting", "minmax", "confidence"),
     ("mean", "minmax", "mean"),

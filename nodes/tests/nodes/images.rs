@@ -21,7 +21,7 @@ struct Folder {
 }
 
 /// A small set in a folder, as parameters.
-pub fn small(root: &Path) -> Json {
+pub(crate) fn small(root: &Path) -> Json {
     let set = pairs(Folder { root: root.to_owned(), _folder: None });
     set.map("depth/1.png", 2500);
     set.map("depth/2.png", 2500);

@@ -18,7 +18,7 @@ fn projections(left: &str, right: &str) -> String {
 }
 
 /// A small set of a kind in a folder, as parameters.
-pub fn small(kind: &str, root: &Path) -> Json {
+pub(crate) fn small(kind: &str, root: &Path) -> Json {
     let set = Folder::at(root);
     match kind {
         "kitti/stereo2012" => stereo_2012(set).params(&json!({ "disparities": true })),

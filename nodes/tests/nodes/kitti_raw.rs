@@ -39,7 +39,7 @@ struct Raw {
 type Breaks<'a> = dyn Fn(&Raw) + 'a;
 
 /// A small set in a folder, as parameters.
-pub fn small(root: &Path) -> Json {
+pub(crate) fn small(root: &Path) -> Json {
     Raw { root: root.to_owned(), _folder: None }.filled().params(&json!({}))
 }
 

@@ -21,26 +21,26 @@ use crate::bag_writer::{
 use crate::call::{Opened, Values, metres, open};
 
 /// A folder with a bag.
-pub struct Bench(TempDir);
+pub(crate) struct Bench(TempDir);
 
 impl Bench {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
     /// Writes an MCAP file.
-    pub fn mcap(&self, messages: &[Written]) -> PathBuf {
+    pub(crate) fn mcap(&self, messages: &[Written]) -> PathBuf {
         let path = self.path("bag.mcap");
         mcap(&path, messages, WriteOptions::new());
         path
     }
 
     /// What a person is told at the opening or by the first frame that fails.
-    pub fn told(&self, path: &Path, more: &Json) -> String {
+    pub(crate) fn told(&self, path: &Path, more: &Json) -> String {
         let said = match open("ros2/bag", &params(path, more)) {
             Err(fault) => Ok(fault),
             Ok(opened) => {
@@ -61,19 +61,19 @@ impl Bench {
     }
 }
 
-pub fn params(path: &Path, more: &Json) -> Json {
+pub(crate) fn params(path: &Path, more: &Json) -> Json {
     let mut params = json!({ "path": path });
     params.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
     params
 }
 
-pub fn opened(path: &Path, more: &Json) -> Opened {
+pub(crate) fn opened(path: &Path, more: &Json) -> Opened {
     open("ros2/bag", &params(path, more))
         .unwrap_or_else(|fault| panic!("{} ({:?})", fault.chain(), fault.remedy_text()))
 }
 
 /// A small bag in a folder, as parameters.
-pub fn small(root: &Path) -> Json {
+pub(crate) fn small(root: &Path) -> Json {
     let path = root.join("small.mcap");
     mcap(&path, &with_points(), WriteOptions::new());
     json!({ "path": path, "points": "/lidar/points" })
@@ -363,7 +363,7 @@ fn depths_are_millimetres_metres_or_as_they_are_said_to_be() {
 }
 
 /// Three frames, and points of a scanner that looks along x: 1 m behind the camera, 0.3 m to the left of it and 0.5 m above.
-pub fn with_points() -> Vec<Written> {
+pub(crate) fn with_points() -> Vec<Written> {
     let mut messages = frames();
     // x forward, y left, z up becomes z forward, x right, y down: the usual quaternion of optical frames.
     let optical = [-0.5, 0.5, -0.5, 0.5];
@@ -621,7 +621,7 @@ proptest! {
 }
 
 /// Where a record of that opcode and of such a length begins: searched from the end.
-pub fn find(bytes: &[u8], opcode: &[u8], header: usize, lengths: Range<u64>) -> Option<usize> {
+pub(crate) fn find(bytes: &[u8], opcode: &[u8], header: usize, lengths: Range<u64>) -> Option<usize> {
     (0..bytes.len() - header).rev().find(|at| {
         let length = u64::from_le_bytes(bytes[at + 1..at + header].try_into().unwrap());
         bytes[*at..].starts_with(opcode) && lengths.contains(&length) && at + header + length as usize <= bytes.len()

@@ -9,7 +9,7 @@ use crate::call::{call, metres, value};
 
 const NAN: f32 = f32::NAN;
 
-pub fn depth(width: u32, metres: &[f32]) -> Value {
+pub(crate) fn depth(width: u32, metres: &[f32]) -> Value {
     let height = metres.len() as u32 / width;
     Depth { metres: Raster::from_raw(width, height, metres.to_vec()).unwrap() }.into()
 }
@@ -19,7 +19,7 @@ fn weight(width: u32, shares: &[f32]) -> Value {
     Weight { share: Raster::from_raw(width, height, shares.to_vec()).unwrap() }.into()
 }
 
-pub fn calibration(focal_px: f64, baseline_m: f64) -> Value {
+pub(crate) fn calibration(focal_px: f64, baseline_m: f64) -> Value {
     Calibration { width: 4, height: 1, focal_px, cx_px: 2.0, cy_px: 0.5, baseline_m, doffs_px: 0.0 }.into()
 }
 

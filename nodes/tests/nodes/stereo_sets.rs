@@ -15,10 +15,10 @@ use crate::call::{Values, metres, open, value};
 use crate::folder::{Folder, SIZE};
 
 /// A calibration of 2014: `f * B` is 20 px m.
-pub const OF_2014: &str = "cam0=[100 0 18; 0 100 15; 0 0 1]\ncam1=[100 0 23.5; 0 100 15; 0 0 1]\ndoffs=5.5\nbaseline=200\nwidth=40\nheight=30\nndisp=64\n";
+pub(crate) const OF_2014: &str = "cam0=[100 0 18; 0 100 15; 0 0 1]\ncam1=[100 0 23.5; 0 100 15; 0 0 1]\ndoffs=5.5\nbaseline=200\nwidth=40\nheight=30\nndisp=64\n";
 
 /// A small set of a kind in a folder, as parameters.
-pub fn small(kind: &str, root: &Path) -> Json {
+pub(crate) fn small(kind: &str, root: &Path) -> Json {
     let set = Folder::at(root);
     match kind {
         "middlebury" => of_2014(set).params(&json!({})),
@@ -48,7 +48,7 @@ fn known(map: &[f32], width: usize) -> Vec<((usize, usize), f32)> {
 }
 
 /// That disparity, depth and calibration speak of one place: each pixel's point, of its depth, is seen by the right camera a disparity to the left.
-pub fn agree(values: &Values) -> usize {
+pub(crate) fn agree(values: &Values) -> usize {
     let of = calibration(values);
     let (width, depth) = (of.width as usize, metres(&values["depth"]));
     let seen = known(px(values, "disp_occ"), width);
@@ -63,7 +63,7 @@ pub fn agree(values: &Values) -> usize {
     seen.len()
 }
 
-pub fn of_2014(set: Folder) -> Folder {
+pub(crate) fn of_2014(set: Folder) -> Folder {
     for scene in ["Adirondack", "Vintage"] {
         set.image(&format!("{scene}/im0.png"));
         set.image(&format!("{scene}/im1.png"));
@@ -118,7 +118,7 @@ fn middlebury_scales_with_its_calibration() {
     assert_eq!((agree(&half), half.contains_key("disp_noc")), (1, false));
 }
 
-pub fn of_2006(set: Folder) -> Folder {
+pub(crate) fn of_2006(set: Folder) -> Folder {
     set.image_of("Aloe/view1.png", (8, 555));
     set.image_of("Aloe/view5.png", (8, 555));
     set.map_u8_of("Aloe/disp1.png", (8, 555), 96);
@@ -147,7 +147,7 @@ fn middlebury_2006_adds_what_cropping_took() {
     assert_eq!(values.keys().copied().collect::<Vec<_>>(), ["disp_occ", "left", "right"]);
 }
 
-pub fn of_2001(set: Folder) -> Folder {
+pub(crate) fn of_2001(set: Folder) -> Folder {
     for view in [2, 4, 6] {
         set.image(&format!("venus/im{view}.ppm"));
     }
@@ -170,7 +170,7 @@ fn middlebury_2001_and_2003_have_no_calibration_but_what_is_given() {
     assert_eq!((calibration(&given).cx_px, calibration(&given).cy_px), (19.5, 14.5));
 }
 
-pub fn eth3d(set: Folder) -> Folder {
+pub(crate) fn eth3d(set: Folder) -> Folder {
     let calibration = "cam0=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]\ncam1=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]\ndoffs=0\nbaseline=59.9101\nwidth=40\nheight=30\n";
     set.image("two_view_training/delivery_area_1l/im0.png");
     set.image("two_view_training/delivery_area_1l/im1.png");
@@ -193,7 +193,7 @@ fn eth3d_has_its_baseline_in_millimetres_and_its_truth_apart() {
     assert!(!alone.read(FrameIndex(0)).unwrap().0.contains_key("disp_occ"));
 }
 
-pub fn sintel(set: Folder) -> Folder {
+pub(crate) fn sintel(set: Folder) -> Folder {
     for folder in ["final_left", "final_right", "clean_left", "clean_right"] {
         set.image(&format!("training/{folder}/alley_1/frame_0001.png"));
         set.image(&format!("training/{folder}/alley_1/frame_0002.png"));
@@ -237,7 +237,7 @@ fn sintel_leaves_out_what_leaves_the_frame_and_tells_what_is_occluded() {
     assert_eq!((of.focal_px, of.cx_px, of.cy_px, metres(&values["depth"])[41]), (900.0, 20.0, 14.0, 90.0 / disparity));
 }
 
-pub fn scene_flow(set: Folder) -> Folder {
+pub(crate) fn scene_flow(set: Folder) -> Folder {
     let size = (960, 4);
     for way in ["35mm_focallength/scene_forwards/fast", "15mm_focallength/scene_backwards/slow"] {
         for pass in ["frames_finalpass", "frames_cleanpass"] {
@@ -278,9 +278,9 @@ fn scene_flow_has_two_lenses() {
 }
 
 /// Of a half-size file the last column of the right projection is that of the full size.
-pub const OF_DRIVING: &str = "calib_time: 09-Jan-2018\nT_103: -0.5 0.0 0.0\nP_rect_101: 30 0 20 0 0 30 15 0 0 0 1 0\nP_rect_103: 30 0 20 -30 0 30 15 0 0 0 1 0\n";
+pub(crate) const OF_DRIVING: &str = "calib_time: 09-Jan-2018\nT_103: -0.5 0.0 0.0\nP_rect_101: 30 0 20 0 0 30 15 0 0 0 1 0\nP_rect_103: 30 0 20 -30 0 30 15 0 0 0 1 0\n";
 
-pub fn driving_stereo(set: Folder) -> Folder {
+pub(crate) fn driving_stereo(set: Folder) -> Folder {
     let stem = "2018-10-19-09-30-39_2018-10-19-09-31-36-438";
     set.image(&format!("left-image-half-size/{stem}.jpg"));
     set.image(&format!("right-image-half-size/{stem}.jpg"));

@@ -37,7 +37,7 @@ struct Numbers {
 /// decode to; of maps of floats also the sum of the finite numbers, as text, and how many are NaN and infinite.
 ///
 /// `tests/python/read_recording.py` computes the same object with Python's readers.
-pub fn digest(path: impl AsRef<Path>) -> Json {
+pub(crate) fn digest(path: impl AsRef<Path>) -> Json {
     let recording = Recording::open(path).expect("a recording");
     let mut topics: Vec<(String, Topic)> = Vec::new();
     let read = recording.each_message(|StoredMessage { topic: name, schema, time_ns, data }| {

@@ -20,7 +20,7 @@ use image::{GrayImage, RgbImage};
 use serde_json::json;
 
 /// When stages begin whose frames have no clock: 2000-01-01T00:00:00Z.
-pub const BEGINNING_NS: u64 = 946_684_800_000_000_000;
+pub(crate) const BEGINNING_NS: u64 = 946_684_800_000_000_000;
 
 /// What a node of the fixture reads and gives.
 struct NodeSpec {
@@ -91,12 +91,12 @@ fn port_type(slot: Slot) -> ValueType {
 }
 
 /// A plan of one stage run, `/compare`.
-pub fn plan() -> Plan {
+pub(crate) fn plan() -> Plan {
     plan_of(&["compare"])
 }
 
 /// A plan of these stages, all alike.
-pub fn plan_of(stages: &[&str]) -> Plan {
+pub(crate) fn plan_of(stages: &[&str]) -> Plan {
     Plan {
         experiment: "fixture".to_owned(),
         about: "Every type of value.".to_owned(),
@@ -167,23 +167,23 @@ fn stage_run(stage: &str) -> StageRun {
 }
 
 /// Numbers that look like noise, the same on every machine.
-pub struct Noise(pub u64);
+pub(crate) struct Noise(pub u64);
 
 impl Noise {
     /// The next 32 bits.
-    pub fn bits(&mut self) -> u32 {
+    pub(crate) fn bits(&mut self) -> u32 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 32) as u32
     }
 
     /// A share in [0, 1).
-    pub fn share(&mut self) -> f32 {
+    pub(crate) fn share(&mut self) -> f32 {
         (self.bits() >> 8) as f32 / (1 << 24) as f32
     }
 }
 
 /// A raster of made samples.
-pub fn raster<T: Copy>(width: u32, height: u32, mut sample: impl FnMut() -> T) -> Raster<T>
+pub(crate) fn raster<T: Copy>(width: u32, height: u32, mut sample: impl FnMut() -> T) -> Raster<T>
 where
     image::Luma<T>: image::Pixel<Subpixel = T>,
 {
@@ -192,7 +192,7 @@ where
 }
 
 /// A frame's values: the source's, then the nodes', in plan order.
-pub fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value)> {
+pub(crate) fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value)> {
     let mut noise = Noise(frame.index + 1);
     let pixels =
         Pixels::Rgb(RgbImage::from_fn(width, height, |x, y| image::Rgb([x as u8, y as u8, frame.index as u8])));
@@ -258,22 +258,22 @@ pub fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value)> {
 }
 
 /// The fixture's frame of that index.
-pub fn frame(index: u64) -> Frame {
+pub(crate) fn frame(index: u64) -> Frame {
     Frame::at_10_hz(format!("{index:06}_10"), index)
 }
 
 /// The key of a node's values.
-pub fn key(frame: &Frame, node: NodeId) -> Key {
+pub(crate) fn key(frame: &Frame, node: NodeId) -> Key {
     Key::build("test").number(frame.index).number(node.0 as u64).finish()
 }
 
 /// As [`record_frame_at`], of a source that is read from its first frame on.
-pub fn record_frame(recorder: &Recorder, run: RunId, frame: &Frame, values: &[(Slot, Value)], backwards: bool) {
+pub(crate) fn record_frame(recorder: &Recorder, run: RunId, frame: &Frame, values: &[(Slot, Value)], backwards: bool) {
     record_frame_at(recorder, run, (frame.index as usize, frame), values, backwards);
 }
 
 /// Encodes a frame's parts in the order given by `order`, and commits it.
-pub fn record_frame_at(
+pub(crate) fn record_frame_at(
     recorder: &Recorder,
     run: RunId,
     (position, frame): (usize, &Frame),
@@ -306,15 +306,15 @@ pub fn record_frame_at(
 }
 
 /// The topic of the fixture's learning curve.
-pub const CURVE: &str = "/compare/teacher/curve";
+pub(crate) const CURVE: &str = "/compare/teacher/curve";
 
 /// The model of the fixture.
-pub fn model() -> Value {
+pub(crate) fn model() -> Value {
     Value::Model(Arc::new(Artifact::model(vec![7_u8; 1000])))
 }
 
 /// The learning curve of the fixture: of numbers that are easily lost.
-pub fn curve() -> Curve {
+pub(crate) fn curve() -> Curve {
     let point = |step, loss, validation, learning_rate| CurvePoint { step, loss, validation, learning_rate };
     let other_nan = f64::from_bits(0x7ff8_0000_0000_dead);
     let points = vec![
@@ -327,14 +327,14 @@ pub fn curve() -> Curve {
 }
 
 /// Records the once-values of a stage run.
-pub fn record_once_values(recorder: &Recorder, run: RunId) {
+pub(crate) fn record_once_values(recorder: &Recorder, run: RunId) {
     let key = Key::of_content(b"teacher");
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(0) }, &key, &model(), &[]).unwrap();
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(1) }, &key, &curve().into(), &[]).unwrap();
 }
 
 /// Records frames of that size and finishes the file.
-pub fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, width: u32, height: u32) {
+pub(crate) fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, width: u32, height: u32) {
     let recorder = Recorder::create(path, plan).unwrap();
     for (position, index) in frames.enumerate() {
         let frame = frame(index);

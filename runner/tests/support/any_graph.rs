@@ -11,7 +11,7 @@ use super::{Bench, Numbers, Toy};
 
 /// A random node: indices are taken modulo what there is to choose from.
 #[derive(Clone, Debug)]
-pub struct AnyNode {
+pub(crate) struct AnyNode {
     contract: u8,
     a: usize,
     b: Option<usize>,
@@ -23,7 +23,7 @@ pub struct AnyNode {
 }
 
 #[derive(Clone, Debug)]
-pub struct AnyGraph {
+pub(crate) struct AnyGraph {
     pub frames: u64,
     pub stages: Vec<Vec<AnyNode>>,
     pub source_fails_at: BTreeSet<u64>,
@@ -51,7 +51,7 @@ fn any_node(mishaps: usize) -> impl Strategy<Value = AnyNode> {
         })
 }
 
-pub fn any_graph() -> impl Strategy<Value = AnyGraph> {
+pub(crate) fn any_graph() -> impl Strategy<Value = AnyGraph> {
     (0..2_usize).prop_flat_map(|mishaps| {
         let few = |most: usize| btree_set(1..25_u64, 0..=most);
         let stages = vec(vec(any_node(mishaps), 0..9), 1..3);
@@ -69,7 +69,7 @@ pub fn any_graph() -> impl Strategy<Value = AnyGraph> {
     })
 }
 
-pub fn bench(graph: &AnyGraph) -> Bench {
+pub(crate) fn bench(graph: &AnyGraph) -> Bench {
     let mut bench = Bench::new(&["one"]);
     let mut once_values: Vec<Origin> = Vec::new();
     for (run, nodes) in RunId::enumerate(&graph.stages) {

@@ -2,7 +2,7 @@
 #![allow(dead_code, clippy::allow_attributes, reason = "each test and the bench use a part of it")]
 #![allow(missing_docs, reason = "test support")]
 
-pub mod any_graph;
+pub(crate) mod any_graph;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,35 +21,35 @@ use depthloom_graphs::{
 };
 
 /// A number as a value. Its low 16 bits are the frame's index all along the graph, so that toys know when to fail.
-pub fn number(n: u64) -> Value {
+pub(crate) fn number(n: u64) -> Value {
     let (width, height) = ((n >> 32) as u32, n as u32);
     Value::from(Calibration { width, height, focal_px: 0.0, cx_px: 0.0, cy_px: 0.0, baseline_m: 0.0, doffs_px: 0.0 })
 }
 
-pub fn read(value: &Calibration) -> u64 {
+pub(crate) fn read(value: &Calibration) -> u64 {
     u64::from(value.width) << 32 | u64::from(value.height)
 }
 
-pub fn mix(a: u64, b: u64) -> u64 {
+pub(crate) fn mix(a: u64, b: u64) -> u64 {
     let mixed = (a ^ b.rotate_left(23)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     (mixed ^ mixed >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9)
 }
 
-pub fn at_frame(n: u64, frame: u64) -> u64 {
+pub(crate) fn at_frame(n: u64, frame: u64) -> u64 {
     n << 16 | frame & 0xFFFF
 }
 
-pub fn artifact(n: u64) -> Value {
+pub(crate) fn artifact(n: u64) -> Value {
     Value::Samples(Arc::new(Artifact::new("samples", n.to_le_bytes().to_vec())))
 }
 
-pub fn read_artifact(artifact: &Artifact) -> u64 {
+pub(crate) fn read_artifact(artifact: &Artifact) -> u64 {
     artifact.bytes.iter().rev().fold(0, |n, &byte| n << 8 | u64::from(byte))
 }
 
 /// What a toy does on which frames.
 #[derive(Clone, Debug, Default)]
-pub struct Toy {
+pub(crate) struct Toy {
     pub salt: u64,
     pub fails_at: BTreeSet<u64>,
     pub panics_at: BTreeSet<u64>,
@@ -61,7 +61,7 @@ pub struct Toy {
 }
 
 impl Toy {
-    pub fn salted(salt: u64) -> Self {
+    pub(crate) fn salted(salt: u64) -> Self {
         Self { salt, ..Self::default() }
     }
 
@@ -102,7 +102,7 @@ impl PureNode for Toy {
 }
 
 /// An ordered toy: every frame's number depends on all before.
-pub struct OrderedToy {
+pub(crate) struct OrderedToy {
     pub toy: Toy,
     pub state: u64,
 }
@@ -137,13 +137,13 @@ impl OnceNode for Toy {
 }
 
 /// A source of numbers.
-pub struct Numbers {
+pub(crate) struct Numbers {
     pub frames: Vec<Frame>,
     pub toy: Toy,
 }
 
 impl Numbers {
-    pub fn new(frames: u64) -> Self {
+    pub(crate) fn new(frames: u64) -> Self {
         // Indices start at 1, so that positions and indices are not the same.
         Self { frames: (1..=frames).map(|k| Frame::at_10_hz(format!("f{k}"), k)).collect(), toy: Toy::salted(1) }
     }
@@ -165,18 +165,18 @@ impl Source for Numbers {
     }
 }
 
-pub fn output(port: Port) -> PlannedOutput {
+pub(crate) fn output(port: Port) -> PlannedOutput {
     PlannedOutput { topic: format!("/toys/{}", port.name), port, aliases: Vec::new(), recorded: true }
 }
 
 /// What every toy and the source give on a frame.
-pub fn frame_outputs() -> Vec<PlannedOutput> {
+pub(crate) fn frame_outputs() -> Vec<PlannedOutput> {
     let [x, y] = ["x", "y"].map(|name| Port::frame(name, ValueType::Calibration, "a number"));
     vec![output(x), output(y.optional())]
 }
 
 /// A toy in a plan: wired, not built.
-pub fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3]) -> PlannedNode {
+pub(crate) fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3]) -> PlannedNode {
     let numbers = |name| Port::frame(name, ValueType::Calibration, "a number");
     let once = |name| Port::once(name, ValueType::Samples, "a number");
     let (ports, outputs) = match contract {
@@ -204,7 +204,7 @@ pub fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3]) -> Pla
     }
 }
 
-pub fn build(contract: Contract, toy: Toy) -> Instance {
+pub(crate) fn build(contract: Contract, toy: Toy) -> Instance {
     match contract {
         Contract::Pure => Instance::Pure(Box::new(toy)),
         Contract::Ordered => Instance::Ordered(Box::new(OrderedToy { toy, state: 0 })),
@@ -213,13 +213,13 @@ pub fn build(contract: Contract, toy: Toy) -> Instance {
 }
 
 /// A plan with what stands behind it, put together by hand.
-pub struct Bench {
+pub(crate) struct Bench {
     pub plan: Plan,
     pub runs: Vec<ReadyRun>,
 }
 
 impl Bench {
-    pub fn new(variants: &[&str]) -> Self {
+    pub(crate) fn new(variants: &[&str]) -> Self {
         let plan = Plan {
             experiment: "toys".to_owned(),
             about: String::new(),
@@ -233,7 +233,7 @@ impl Bench {
         Self { plan, runs: Vec::new() }
     }
 
-    pub fn stage(&mut self, name: &str, source: impl Source + 'static) {
+    pub(crate) fn stage(&mut self, name: &str, source: impl Source + 'static) {
         self.plan.runs.push(StageRun {
             stage: name.to_owned(),
             prefix: format!("/{name}"),
@@ -246,16 +246,16 @@ impl Bench {
     }
 
     /// Adds a node to the stage last added.
-    pub fn node(&mut self, planned: PlannedNode, instance: Instance) {
+    pub(crate) fn node(&mut self, planned: PlannedNode, instance: Instance) {
         self.plan.runs.last_mut().expect("a stage was added").nodes.push(planned);
         self.runs.last_mut().expect("a stage was added").nodes.push(instance);
     }
 
-    pub fn toy(&mut self, name: &str, contract: Contract, from: [Option<Origin>; 3], toy: Toy) {
+    pub(crate) fn toy(&mut self, name: &str, contract: Contract, from: [Option<Origin>; 3], toy: Toy) {
         self.node(planned(name, contract, from), build(contract, toy));
     }
 
-    pub fn ready(self) -> Ready {
+    pub(crate) fn ready(self) -> Ready {
         Ready {
             plan: self.plan,
             runs: self.runs,
@@ -266,24 +266,24 @@ impl Bench {
     }
 }
 
-pub fn source(port: usize) -> Option<Origin> {
+pub(crate) fn source(port: usize) -> Option<Origin> {
     Some(Origin::Here(Slot::Source { port: PortId(port) }))
 }
 
-pub fn node(node: usize, port: usize) -> Option<Origin> {
+pub(crate) fn node(node: usize, port: usize) -> Option<Origin> {
     Some(Origin::Here(node_slot(node, port)))
 }
 
-pub fn once(run: usize, node: usize, port: usize) -> Option<Origin> {
+pub(crate) fn once(run: usize, node: usize, port: usize) -> Option<Origin> {
     Some(Origin::Once { run: RunId(run), node: NodeId(node), port: PortId(port) })
 }
 
-pub const fn node_slot(node: usize, port: usize) -> Slot {
+pub(crate) const fn node_slot(node: usize, port: usize) -> Slot {
     Slot::Node { node: NodeId(node), port: PortId(port) }
 }
 
 /// What a tap was given, in words.
-pub fn told_value(value: &Value) -> String {
+pub(crate) fn told_value(value: &Value) -> String {
     match value {
         Value::Calibration(number) => format!("{:x}", read(number)),
         Value::Samples(bytes) => format!("{:x}", read_artifact(bytes)),
@@ -292,24 +292,24 @@ pub fn told_value(value: &Value) -> String {
 }
 
 /// A panic's message without its place.
-pub fn without_place(what: &str) -> &str {
+pub(crate) fn without_place(what: &str) -> &str {
     if what.starts_with("panicked at ") { what.rsplit(": ").next().unwrap_or(what) } else { what }
 }
 
-pub fn told_commit(commit: &Commit<'_>, parts: &[String]) -> String {
+pub(crate) fn told_commit(commit: &Commit<'_>, parts: &[String]) -> String {
     let keys: Vec<_> = commit.keys.iter().map(|k| format!("{}:{}", k.node, k.key)).collect();
     let failures: Vec<_> = commit.failures.iter().map(|f| format!("{:?} {}", f.node, without_place(&f.what))).collect();
     format!("{} {} {:?} {keys:?} {failures:?} {parts:?}", commit.run, commit.frame.id, commit.source_key)
 }
 
-pub fn told_part(part: PartId, values: &[(Slot, Value)]) -> String {
+pub(crate) fn told_part(part: PartId, values: &[(Slot, Value)]) -> String {
     let values: Vec<_> = values.iter().map(|(slot, value)| format!("{slot:?}={}", told_value(value))).collect();
     format!("{part}: {}", values.join(" "))
 }
 
 /// A tap that writes down all it is given. Values go to one of `parts` parts; with none, nothing is taken.
 #[derive(Default)]
-pub struct Notebook {
+pub(crate) struct Notebook {
     pub parts: usize,
     pub lines: Mutex<Vec<String>>,
     pub refuses_to_encode: BTreeSet<u64>,
@@ -318,17 +318,17 @@ pub struct Notebook {
 }
 
 impl Notebook {
-    pub fn with_parts(parts: usize) -> Self {
+    pub(crate) fn with_parts(parts: usize) -> Self {
         Self { parts, ..Self::default() }
     }
 
-    pub fn lines(&self) -> Vec<String> {
+    pub(crate) fn lines(&self) -> Vec<String> {
         self.lines.lock().expect("nobody panics with the lock").clone()
     }
 }
 
 /// Which part of the notebook a slot belongs to; some belong to none.
-pub fn part_of(parts: usize, slot: Slot) -> Option<PartId> {
+pub(crate) fn part_of(parts: usize, slot: Slot) -> Option<PartId> {
     let n = match slot {
         Slot::Source { port } => port.0,
         Slot::Node { node, port } => 3 * node.0 + port.0,
@@ -379,7 +379,7 @@ impl Tap for Notebook {
 }
 
 /// The key under which a value enters other keys: an artefact's hash, or that of its port.
-pub fn once_key(value: &Value, node: &Key, port: &str) -> Key {
+pub(crate) fn once_key(value: &Value, node: &Key, port: &str) -> Key {
     match value {
         Value::Samples(artifact) => artifact.hash,
         _ => value_keys::port(node, port),

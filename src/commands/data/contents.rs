@@ -8,14 +8,14 @@ use serde::Serialize;
 
 /// Files of one ending in a folder.
 #[derive(JsonSchema, Serialize)]
-pub struct Contents {
+pub(super) struct Contents {
     pub folder: String,
     pub ending: String,
     pub files: u64,
 }
 
 /// The files below a folder by folder and ending, the most first; of the first forty.
-pub fn contents(root: &Path) -> Vec<Contents> {
+pub(super) fn contents(root: &Path) -> Vec<Contents> {
     let mut counts: BTreeMap<(PathBuf, String), u64> = BTreeMap::new();
     let mut folders = vec![(root.to_owned(), 0)];
     let mut left = 100_000_usize;

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 /// What frames hold, of those looked at.
 #[derive(Default)]
-pub struct Seen {
+pub(super) struct Seen {
     pub frames: usize,
     /// Columns and rows, grey or colour: how many.
     images: BTreeMap<(u32, u32, bool), usize>,
@@ -33,7 +33,7 @@ struct SeenTruth {
 
 impl Seen {
     /// Takes note of a value.
-    pub fn take(&mut self, port: &'static str, value: &Value) {
+    pub(super) fn take(&mut self, port: &'static str, value: &Value) {
         match value {
             Value::Image(image) if port == "left" => {
                 let ((width, height), colour) = (image.dimensions(), matches!(image.pixels(), Pixels::Rgb(_)));
@@ -75,7 +75,7 @@ impl SeenTruth {
 
 impl Seen {
     /// Of one line each: label and text.
-    pub fn lines(&self) -> Vec<(&'static str, String)> {
+    pub(super) fn lines(&self) -> Vec<(&'static str, String)> {
         let mut lines = Vec::new();
         let sizes: Vec<String> = self
             .images
@@ -121,7 +121,7 @@ impl Seen {
     }
 
     /// The sizes of the images, for programs.
-    pub fn sizes(&self) -> Vec<ImageSize> {
+    pub(super) fn sizes(&self) -> Vec<ImageSize> {
         let size = |(&(width, height, colour), &frames): (&(u32, u32, bool), &usize)| ImageSize {
             width,
             height,
@@ -132,7 +132,7 @@ impl Seen {
     }
 
     /// The first calibration, for programs.
-    pub fn calibration(&self) -> Option<Calibration> {
+    pub(super) fn calibration(&self) -> Option<Calibration> {
         self.calibration.as_ref().map(|of| Calibration {
             focal_px: of.focal_px,
             cx_px: of.cx_px,
@@ -145,7 +145,7 @@ impl Seen {
     }
 
     /// The truths by port, for programs.
-    pub fn truth_of_ports(&self) -> BTreeMap<String, Truth> {
+    pub(super) fn truth_of_ports(&self) -> BTreeMap<String, Truth> {
         let of_port = |(port, truth): (&&str, &SeenTruth)| {
             let [min, median, max] = truth.spread().map(|number| number.map(f64::from));
             let (frames, density, unit) = (truth.frames as u64, truth.density(), truth.unit.to_owned());
@@ -157,7 +157,7 @@ impl Seen {
 
 /// Images of one size, pixels.
 #[derive(JsonSchema, Serialize)]
-pub struct ImageSize {
+pub(super) struct ImageSize {
     width: u32,
     height: u32,
     colour: bool,
@@ -166,7 +166,7 @@ pub struct ImageSize {
 
 /// The first calibration.
 #[derive(JsonSchema, Serialize)]
-pub struct Calibration {
+pub(super) struct Calibration {
     focal_px: f64,
     cx_px: f64,
     cy_px: f64,
@@ -179,7 +179,7 @@ pub struct Calibration {
 
 /// A truth of the frames that were looked at.
 #[derive(JsonSchema, Serialize)]
-pub struct Truth {
+pub(super) struct Truth {
     frames: u64,
     /// The share of pixels that have one.
     density: f64,

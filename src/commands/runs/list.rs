@@ -13,13 +13,13 @@ use crate::output;
 
 /// Of `runs`: the runs in a folder, newest first.
 #[derive(JsonSchema, Serialize)]
-pub struct RunsList {
+pub(crate) struct RunsList {
     folder: String,
     runs: Vec<Glance>,
 }
 
 /// Prints a line a run.
-pub fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
+pub(super) fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
     let runs = all_in(args)?;
     let glances: Vec<Glance> = runs.iter().rev().map(Glance::at).collect();
     if args.json {

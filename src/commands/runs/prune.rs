@@ -20,7 +20,7 @@ const LARGEST: u64 = 64 << 20;
 
 /// Of `runs prune`: what was removed, or would be.
 #[derive(JsonSchema, Serialize)]
-pub struct RunsPrune {
+pub(crate) struct RunsPrune {
     dry_run: bool,
     /// How many runs were looked at.
     runs: u64,
@@ -34,13 +34,13 @@ pub struct RunsPrune {
 
 /// A run that was kept, and why.
 #[derive(JsonSchema, Serialize)]
-pub struct Kept {
+pub(super) struct Kept {
     path: String,
     why: String,
 }
 
 /// Removes what the rules choose, and says what was kept though they chose it.
-pub fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliError> {
+pub(super) fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliError> {
     let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::of).collect();
     let chosen = chosen(&runs, rules, Utc::now());
     let (chosen, mut kept) = without_those_that_are_read(&runs, &chosen);

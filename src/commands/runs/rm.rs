@@ -13,7 +13,7 @@ use crate::diagnostics::Error;
 
 /// Of `runs rm`: what was removed.
 #[derive(Default, JsonSchema, Serialize)]
-pub struct RunsRm {
+pub(crate) struct RunsRm {
     removed: Vec<Removed>,
     bytes: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -21,7 +21,7 @@ pub struct RunsRm {
 }
 
 /// Removes the runs that are named: all of them, or none if one may not be removed.
-pub fn rm(args: &RunsArgs, named: &RmArgs) -> Result<ExitCode, CliError> {
+pub(super) fn rm(args: &RunsArgs, named: &RmArgs) -> Result<ExitCode, CliError> {
     // Without this, names would be those of the current directory.
     if args.folder != Path::new(depthloom_runs::FOLDER) && !args.folder.is_dir() {
         let what = format!("--in {}: there is no such folder", args.folder.display());

@@ -18,7 +18,7 @@ const NAMED: usize = 12;
 
 /// Of `runs show`: a run.
 #[derive(JsonSchema, Serialize)]
-pub struct RunsShow {
+pub(crate) struct RunsShow {
     name: String,
     path: String,
     time_utc: String,
@@ -42,7 +42,7 @@ pub struct RunsShow {
 
 /// A stage of a run.
 #[derive(JsonSchema, Serialize)]
-pub struct Stage {
+pub(super) struct Stage {
     // Of the stage run.
     #[serde(skip)]
     name: String,
@@ -58,7 +58,7 @@ pub struct Stage {
 }
 
 /// Prints what a run is of, what became of it, and what lies in its folder.
-pub fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliError> {
+pub(super) fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliError> {
     let path = named(&show.run, &args.folder)?;
     let run = FoundRun::at(&path, &args.folder)?;
     let glance = Glance::at(&run);

@@ -9,7 +9,7 @@ use crate::args::{RunsArgs, WhyArgs};
 use crate::output;
 
 /// Prints what differs between two runs, the first of which counts as the earlier.
-pub fn why(args: &RunsArgs, why: &WhyArgs) -> Result<ExitCode, CliError> {
+pub(super) fn why(args: &RunsArgs, why: &WhyArgs) -> Result<ExitCode, CliError> {
     let recording = |run: &Path| open(&recording_in(&args.folder, run, "runs show")?);
     let difference = RunDifference::new(&recording(&why.before)?, &recording(&why.after)?)?;
     if args.json {

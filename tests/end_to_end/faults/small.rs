@@ -7,7 +7,7 @@ use std::process::{Child, Command, Output, Stdio};
 use crate::support::{depthloom, succeed, workspace};
 
 /// A run of the first experiment on small frames.
-pub fn look(command: &mut Command, frames: &str, out: &Path) {
+pub(super) fn look(command: &mut Command, frames: &str, out: &Path) {
     let frames = format!("sources.street.with.frames={frames}");
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96", "--set", &frames];
     command
@@ -18,14 +18,14 @@ pub fn look(command: &mut Command, frames: &str, out: &Path) {
     command.arg("--out").arg(out);
 }
 
-pub fn run(frames: &str, out: &Path, arguments: &[&str]) -> Output {
+pub(super) fn run(frames: &str, out: &Path, arguments: &[&str]) -> Output {
     let mut command = depthloom();
     look(&mut command, frames, out);
     command.args(arguments).output().expect("the binary starts")
 }
 
 /// The same program under another one: `prlimit`, `sh`, `timeout`.
-pub fn under(program: &str, arguments: &[&str]) -> Command {
+pub(super) fn under(program: &str, arguments: &[&str]) -> Command {
     let binary = depthloom();
     let mut command = Command::new(program);
     command.args(arguments).arg(binary.get_program()).current_dir(workspace());
@@ -38,33 +38,33 @@ pub fn under(program: &str, arguments: &[&str]) -> Command {
     command
 }
 
-pub fn said(output: &Output) -> String {
+pub(super) fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// The bytes of its recording that a run has written so far.
-pub fn recorded(out: &Path) -> u64 {
+pub(super) fn recorded(out: &Path) -> u64 {
     fs::metadata(partial(out).join("recording.mcap")).map_or(0, |file| file.len())
 }
 
-pub fn partial(out: &Path) -> PathBuf {
+pub(super) fn partial(out: &Path) -> PathBuf {
     out.with_extension("partial")
 }
 
 /// Waits until something holds of a run that goes on.
-pub fn wait(child: &mut Child, until: impl Fn() -> bool) {
+pub(super) fn wait(child: &mut Child, until: impl Fn() -> bool) {
     while !until() {
         assert!(child.try_wait().expect("a child").is_none(), "the run ended by itself");
         std::thread::yield_now();
     }
 }
 
-pub fn send(signal: &str, child: &Child) {
+pub(super) fn send(signal: &str, child: &Child) {
     succeed(Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]));
 }
 
 /// An experiment that learns on a street.
-pub fn street(folder: &Path, steps: u64) -> PathBuf {
+pub(super) fn street(folder: &Path, steps: u64) -> PathBuf {
     let path = folder.join(format!("street-{steps}.yaml"));
     let text = format!(
         "experiment: street
@@ -91,7 +91,7 @@ stages:
 }
 
 /// Starts a run of more frames than anybody waits for, and waits until it has recorded some.
-pub fn start_long(command: &mut Command, out: &Path) -> Child {
+pub(super) fn start_long(command: &mut Command, out: &Path) -> Child {
     look(command, "0..100000", out);
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary starts");
     wait(&mut child, || recorded(out) > 1_000_000);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::book;
 
 /// A fenced block, and the comment right before it.
-pub struct Block {
+pub(super) struct Block {
     /// The line of its fence, from 1.
     pub line: usize,
     pub language: String,
@@ -16,7 +16,7 @@ pub struct Block {
 
 /// What a page wants done with a block.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Use {
+pub(super) enum Use {
     /// Its commands are run; they end with this code, and are skipped where what they need is not here.
     Run { expect: i32, needs: Option<String> },
     /// Its commands are not run, for this reason.
@@ -32,7 +32,7 @@ impl Block {
     ///
     /// # Panics
     /// If its comment is none that is known.
-    pub fn used(&self, page: &str) -> Use {
+    pub(super) fn used(&self, page: &str) -> Use {
         let comment = self.comment.as_deref();
         let with = |name: &str| comment.and_then(|comment| comment.strip_prefix(name)).map(str::trim);
         if let Some(why) = with("not run:") {
@@ -57,7 +57,7 @@ impl Block {
     }
 
     /// Its commands: lines that begin one. What goes on behind a `\`, or is said behind a `#`, is none.
-    pub fn commands(&self) -> usize {
+    pub(super) fn commands(&self) -> usize {
         let mut goes_on = false;
         let begins = |line: &&str| {
             let begins = !goes_on && !line.trim().is_empty() && !line.trim_start().starts_with('#');
@@ -69,7 +69,7 @@ impl Block {
 }
 
 /// The blocks of a page, in order.
-pub fn blocks(text: &str) -> Vec<Block> {
+pub(super) fn blocks(text: &str) -> Vec<Block> {
     let mut blocks: Vec<Block> = Vec::new();
     let mut comment = None;
     let mut is_open = false;
@@ -97,7 +97,7 @@ pub fn blocks(text: &str) -> Vec<Block> {
 }
 
 /// A page without its blocks, line for line.
-pub fn prose(text: &str) -> String {
+pub(super) fn prose(text: &str) -> String {
     let mut is_open = false;
     let line = |line: &str| {
         let is_fence = line.starts_with("```");
@@ -109,7 +109,7 @@ pub fn prose(text: &str) -> String {
 }
 
 /// Every page of the book but its list, by its path from the book's folder.
-pub fn pages() -> Vec<String> {
+pub(super) fn pages() -> Vec<String> {
     fn below(folder: &Path, found: &mut Vec<PathBuf>) {
         for entry in std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()) {
             if entry.is_dir() {
@@ -130,7 +130,7 @@ pub fn pages() -> Vec<String> {
 }
 
 /// The text of a page.
-pub fn read(page: &str) -> String {
+pub(super) fn read(page: &str) -> String {
     std::fs::read_to_string(book().join(page)).unwrap_or_else(|error| panic!("{page}: {error}"))
 }
 

@@ -7,7 +7,7 @@ use super::{run, said};
 use crate::support::{depthloom, label, number, python_package, read_csv, set, succeed, workspace};
 
 /// The PATH on which `python3` is the one with the package.
-pub fn path_of(python: &Path) -> std::ffi::OsString {
+pub(crate) fn path_of(python: &Path) -> std::ffi::OsString {
     let own = python.parent().expect("a folder").to_owned();
     let others = std::env::var_os("PATH").unwrap_or_default();
     std::env::join_paths(std::iter::once(own).chain(std::env::split_paths(&others))).expect("a PATH")

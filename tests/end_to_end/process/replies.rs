@@ -6,9 +6,9 @@ use depthloom_codecs::arrow::{self, Data, DataType, Field, Items, Offsets, Schem
 use depthloom_graphs::ValueType;
 
 /// The size of the maps of these tests.
-pub const SIZE: (u32, u32) = (64, 32);
+pub(super) const SIZE: (u32, u32) = (64, 32);
 /// Of those whose values lie in shared memory: their modes begin with `shared`.
-pub const LARGE: (u32, u32) = (256, 128);
+pub(super) const LARGE: (u32, u32) = (256, 128);
 
 /// A number of a call that stands for any: it occurs nowhere else in a reply.
 const ANY: i64 = 0x1122_3344_5566_7788;
@@ -91,7 +91,7 @@ fn place(bytes: &[u8], of: &[u8]) -> usize {
 }
 
 /// Writes all replies into a folder.
-pub fn write(folder: &Path) {
+pub(super) fn write(folder: &Path) {
     let put = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).expect("written");
     of_shared_memory(&put);
     let plain = schema(vec![depth("depth")]);

@@ -24,7 +24,7 @@ pub struct DistanceComparisonOutput {
 
 /// How intervals and tests were found.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct DistanceMethod {
+pub(crate) struct DistanceMethod {
     /// `BCa` or `percentile`.
     interval: &'static str,
     /// `percentile`: that of distances.
@@ -45,7 +45,7 @@ pub struct DistanceMethod {
 
 /// The distance at which one of two estimates should hand over to the other; nulls where one alone is best.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
-pub struct HandoverAt {
+pub(crate) struct HandoverAt {
     baseline: String,
     other: String,
     /// `mean` or `median`.

@@ -12,15 +12,15 @@ const MOST_BYTES: u64 = 256 << 20;
 type Slot = Arc<Mutex<Option<Arc<Vec<u8>>>>>;
 
 /// A chunk of a bag: its file, and its place there.
-pub type ChunkId = (usize, usize);
+pub(super) type ChunkId = (usize, usize);
 
 /// The chunks used last, each with its size.
 #[derive(Default)]
-pub struct ChunkCache(Mutex<VecDeque<(ChunkId, u64, Slot)>>);
+pub(crate) struct ChunkCache(Mutex<VecDeque<(ChunkId, u64, Slot)>>);
 
 impl ChunkCache {
     /// The records of a chunk of that size, by `read` where they are not kept.
-    pub fn get<E>(
+    pub(crate) fn get<E>(
         &self,
         chunk: ChunkId,
         size: u64,

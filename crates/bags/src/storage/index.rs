@@ -15,7 +15,7 @@ const MOST_SUMMARY: u64 = 256 << 20;
 
 /// A message that no message index names.
 #[derive(Clone, Copy, Debug)]
-pub struct Unindexed {
+pub(super) struct Unindexed {
     pub channel: u16,
     pub log_ns: u64,
     pub place: super::message::Place,
@@ -23,7 +23,7 @@ pub struct Unindexed {
 
 /// The content of a file.
 #[derive(Default)]
-pub struct Index {
+pub(super) struct Index {
     pub channels: BTreeMap<u16, Channel>,
     pub chunks: Vec<ChunkIndex>,
     pub unindexed: Vec<Unindexed>,
@@ -32,14 +32,14 @@ pub struct Index {
 
 /// Schemas and channels, whichever comes first.
 #[derive(Default)]
-pub struct Known {
+pub(super) struct Known {
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, (u16, Channel)>,
 }
 
 impl Known {
     /// Takes note of a record that is a schema or a channel; `None` if it is malformed.
-    pub fn add(&mut self, opcode: u8, body: &[u8]) -> Option<()> {
+    pub(super) fn add(&mut self, opcode: u8, body: &[u8]) -> Option<()> {
         match opcode {
             op::SCHEMA => {
                 let (schema, _) = read::<SchemaHeader>(body)?;
@@ -55,12 +55,12 @@ impl Known {
     }
 
     /// Whether a channel was noted.
-    pub fn has(&self, channel: u16) -> bool {
+    pub(super) fn has(&self, channel: u16) -> bool {
         self.channels.contains_key(&channel)
     }
 
     /// All channels, with their schemas' names.
-    pub fn channels(self) -> impl Iterator<Item = (u16, Channel)> {
+    pub(super) fn channels(self) -> impl Iterator<Item = (u16, Channel)> {
         let Self { schemas, channels } = self;
         channels.into_iter().map(move |(id, (schema, channel))| {
             let message_type = schemas.get(&schema).cloned().unwrap_or_default();
@@ -70,7 +70,7 @@ impl Known {
 }
 
 /// The index as the summary has it; `None` where there is none, or it does not name all messages. An error is a fragment without the path.
-pub fn summary(file: &PositionedFile) -> Result<Option<Index>, String> {
+pub(super) fn summary(file: &PositionedFile) -> Result<Option<Index>, String> {
     let reason = |error: FileError| match error {
         FileError::Damaged { offset, what, .. } => format!("at byte {offset}, {what}"),
         other => Fault::from(other).chain(),

@@ -58,7 +58,7 @@ fn read_index(file: &PositionedFile) -> Result<Index, FileError> {
     completed(file, index)
 }
 
-pub struct McapFile {
+pub(crate) struct McapFile {
     file: PositionedFile,
     index: Index,
     /// Which file of the bag it is.
@@ -69,21 +69,26 @@ pub struct McapFile {
 }
 
 impl McapFile {
-    pub fn open(file: PositionedFile, number: usize, cache: Arc<ChunkCache>) -> Result<Self, FileError> {
+    pub(crate) fn open(file: PositionedFile, number: usize, cache: Arc<ChunkCache>) -> Result<Self, FileError> {
         let index = read_index(&file)?;
         Ok(Self { file, index, number, cache, sound: Mutex::default() })
     }
 
-    pub const fn channels(&self) -> &BTreeMap<u16, Channel> {
+    pub(crate) const fn channels(&self) -> &BTreeMap<u16, Channel> {
         &self.index.channels
     }
 
-    pub const fn warning(&self) -> Option<&Warning> {
+    pub(crate) const fn warning(&self) -> Option<&Warning> {
         self.index.warning.as_ref()
     }
 
     /// The messages of some channels, in the order of the file, each with the channel's place among them.
-    pub fn messages(&self, file: usize, channels: &[u32], give: &mut dyn FnMut(usize, Message)) -> Result<(), Fault> {
+    pub(crate) fn messages(
+        &self,
+        file: usize,
+        channels: &[u32],
+        give: &mut dyn FnMut(usize, Message),
+    ) -> Result<(), Fault> {
         let wanted = |channel: u16| channels.iter().position(|of| *of == u32::from(channel));
         let mut count = 0;
         for (number, place) in self.index.chunks.iter().enumerate() {
@@ -158,7 +163,7 @@ impl McapFile {
     }
 
     /// A message's bytes.
-    pub fn read(&self, place: Place) -> Result<Vec<u8>, Fault> {
+    pub(crate) fn read(&self, place: Place) -> Result<Vec<u8>, Fault> {
         let (chunk, channel, offset) = match place {
             Place::Bytes { offset, length } => return Ok(self.file.range(offset, length, MOST_BYTES)?),
             Place::Chunk { chunk, channel, offset } => (chunk, channel, offset),
@@ -180,7 +185,7 @@ impl McapFile {
     }
 
     /// The first bytes of messages: of those in compressed chunks, chunk by chunk on as many threads as there are.
-    pub fn heads(&self, places: &[Place], most: usize, tiles: &dyn Tiles) -> Result<Vec<Vec<u8>>, Fault> {
+    pub(crate) fn heads(&self, places: &[Place], most: usize, tiles: &dyn Tiles) -> Result<Vec<Vec<u8>>, Fault> {
         let mut heads = vec![Vec::new(); places.len()];
         let mut packed: BTreeMap<usize, Vec<(u64, usize)>> = BTreeMap::new();
         for (number, place) in places.iter().enumerate() {

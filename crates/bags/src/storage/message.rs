@@ -22,7 +22,7 @@ pub(crate) enum Place {
 
 /// A channel of a file: an MCAP channel, or a topic of an SQLite file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Channel {
+pub(crate) struct Channel {
     pub topic: String,
     /// The schema's name; empty where there is none.
     pub message_type: String,
@@ -31,7 +31,7 @@ pub struct Channel {
 }
 
 /// A warning about a file that can be read.
-pub struct Warning {
+pub(crate) struct Warning {
     /// With the file's name.
     pub text: String,
     /// Whether messages were lost.

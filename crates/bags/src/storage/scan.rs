@@ -10,7 +10,7 @@ use super::index::{Index, Known, Unindexed};
 use super::message::{Place, Warning};
 
 /// The most bytes of a chunk, as stored and decompressed. Writers make them of some MB, and larger where one message is.
-pub const MOST_CHUNK: u64 = 1 << 30;
+pub(super) const MOST_CHUNK: u64 = 1 << 30;
 
 /// The most bytes of a schema or a channel.
 const MOST_RECORD: u64 = 16 << 20;
@@ -19,7 +19,7 @@ const MOST_RECORD: u64 = 16 << 20;
 const MOST_HEADER: u64 = 104;
 
 /// The index of a file, from a look at every record.
-pub fn scan(file: &PositionedFile) -> Result<Index, FileError> {
+pub(super) fn scan(file: &PositionedFile) -> Result<Index, FileError> {
     let mut index = Index::default();
     let mut known = Known::default();
     let (mut window, mut at, mut is_ended) = (Window::new(file), MAGIC_LENGTH, false);
@@ -76,7 +76,7 @@ pub fn scan(file: &PositionedFile) -> Result<Index, FileError> {
 }
 
 /// The index with what only the chunks themselves say: channels that no record outside names, messages that no message index names.
-pub fn completed(file: &PositionedFile, mut index: Index) -> Result<Index, FileError> {
+pub(super) fn completed(file: &PositionedFile, mut index: Index) -> Result<Index, FileError> {
     let mut known = Known::default();
     let (mut stored, mut unpacked) = (Vec::new(), Vec::new());
     for (number, place) in index.chunks.iter().enumerate() {
@@ -104,7 +104,7 @@ pub fn completed(file: &PositionedFile, mut index: Index) -> Result<Index, FileE
 }
 
 /// Reads the chunk that an index names.
-pub fn read_chunk<'a>(
+pub(super) fn read_chunk<'a>(
     file: &'a PositionedFile,
     place: &ChunkIndex,
     buffer: &'a mut Vec<u8>,

@@ -14,7 +14,7 @@ use super::message::{Channel, Message, Place, Warning};
 use crate::MOST_BYTES;
 
 /// How every SQLite file begins.
-pub const MAGIC: &[u8; 16] = b"SQLite format 3\0";
+pub(crate) const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 
 /// The most topics and messages of a file.
 const MOST_TOPICS: i64 = 100_000;
@@ -23,7 +23,7 @@ const MOST_MESSAGES: i64 = 400_000_000 / size_of::<Message>() as i64;
 /// The most unused connections that are kept: a bag may have many files.
 const MOST_IDLE: usize = 4;
 
-pub struct SqliteFile {
+pub(crate) struct SqliteFile {
     path: PathBuf,
     /// Of threads that read and of those that have read.
     connections: Mutex<Vec<Connection>>,
@@ -32,7 +32,7 @@ pub struct SqliteFile {
 }
 
 impl SqliteFile {
-    pub fn open(path: &Path) -> Result<Self, Fault> {
+    pub(crate) fn open(path: &Path) -> Result<Self, Fault> {
         // A pipe or a device is not a database.
         drop(
             regular_file::open(path)
@@ -62,11 +62,11 @@ impl SqliteFile {
     }
 
     /// The topics by number.
-    pub fn channels(&self) -> impl Iterator<Item = (u32, &Channel)> {
+    pub(crate) fn channels(&self) -> impl Iterator<Item = (u32, &Channel)> {
         self.topics.iter().map(|(number, (_, channel))| (*number, channel))
     }
 
-    pub const fn warning(&self) -> Option<&Warning> {
+    pub(crate) const fn warning(&self) -> Option<&Warning> {
         self.warning.as_ref()
     }
 
@@ -120,7 +120,12 @@ impl SqliteFile {
     }
 
     /// The messages of some topics, in the order of the file, each with the topic's place among them. What they hold is not touched.
-    pub fn messages(&self, file: usize, channels: &[u32], give: &mut dyn FnMut(usize, Message)) -> Result<(), Fault> {
+    pub(crate) fn messages(
+        &self,
+        file: usize,
+        channels: &[u32],
+        give: &mut dyn FnMut(usize, Message),
+    ) -> Result<(), Fault> {
         let ids: Vec<i64> = channels.iter().map(|number| self.topics[number].0).collect();
         let connection = self.connection()?;
         let mut read = || {
@@ -166,7 +171,7 @@ impl SqliteFile {
     }
 
     /// A message's bytes.
-    pub fn read(&self, place: Place) -> Result<Vec<u8>, Fault> {
+    pub(crate) fn read(&self, place: Place) -> Result<Vec<u8>, Fault> {
         let connection = self.connection()?;
         let bytes = self.bytes(&connection, Self::row(place), u64::MAX)?;
         self.give_back(connection);
@@ -174,7 +179,7 @@ impl SqliteFile {
     }
 
     /// The first bytes of messages: SQLite reads the first page of each.
-    pub fn heads(&self, places: &[Place], most: usize) -> Result<Vec<Vec<u8>>, Fault> {
+    pub(crate) fn heads(&self, places: &[Place], most: usize) -> Result<Vec<Vec<u8>>, Fault> {
         let connection = self.connection()?;
         let heads = places
             .iter()

@@ -12,7 +12,7 @@ pub(super) struct RightView {
 impl RightView {
     /// Takes back answers of a row that disagree by more than `max_diff` (1/16 px) with what their partner answers.
     /// `cost` is read where there is an answer.
-    pub fn check(&mut self, search: &Search, max_diff: i32, disparity: &mut [i16], cost: &[i32]) {
+    pub(super) fn check(&mut self, search: &Search, max_diff: i32, disparity: &mut [i16], cost: &[i32]) {
         let (width, invalid) = (search.width, search.invalid);
         self.disparity.clear();
         self.disparity.resize(width, invalid);

@@ -30,7 +30,7 @@ pub(super) struct Search {
 
 impl Search {
     /// `None` if no pixel can be answered. `params` must have passed its check.
-    pub fn new(params: &Params, width: usize, height: usize) -> Option<Self> {
+    pub(super) fn new(params: &Params, width: usize, height: usize) -> Option<Self> {
         let largest = params.min_disparity + params.disparities - 1;
         let (first_column, first_partner) = (largest.max(0) as usize, (-largest).max(0) as usize);
         let columns = (width + 1).checked_sub(first_partner + params.disparities as usize)?;
@@ -55,30 +55,30 @@ impl Search {
     }
 
     /// Columns that may be answered: those searched, within `getValidDisparityROI`.
-    pub fn kept_columns(&self) -> Range<usize> {
+    pub(super) fn kept_columns(&self) -> Range<usize> {
         let end = self.width.saturating_sub(self.radius).min(self.first_column + self.columns);
         self.first_column + self.radius..end
     }
 
     /// Rows that may be answered.
-    pub fn kept_rows(&self) -> Range<usize> {
+    pub(super) fn kept_rows(&self) -> Range<usize> {
         self.radius..self.height - self.radius
     }
 
     /// The disparity of candidate `index`, px: the right image is read from left to right, disparities fall.
-    pub fn disparity(&self, index: usize) -> i32 {
+    pub(super) fn disparity(&self, index: usize) -> i32 {
         self.min_disparity + (self.disparities - 1 - index) as i32
     }
 
     /// The column of the left image, counted from the first searched one; borders repeat.
     #[inline(always)]
-    pub fn left(&self, column: isize) -> usize {
+    pub(super) fn left(&self, column: isize) -> usize {
         replicate(self.first_column as isize + column, self.width)
     }
 
     /// Where the candidates of that column start in the right image; at the borders they stop moving all together.
     #[inline(always)]
-    pub fn right(&self, column: isize) -> usize {
+    pub(super) fn right(&self, column: isize) -> usize {
         replicate(self.first_partner as isize + column, self.width - self.disparities + 1)
     }
 }

@@ -88,7 +88,7 @@ pub(super) struct Column<'a> {
 impl<'a> Pair<'a> {
     /// The column counted from the first searched one.
     #[inline(always)]
-    pub fn column(&self, search: &Search, column: isize) -> Column<'a> {
+    pub(super) fn column(&self, search: &Search, column: isize) -> Column<'a> {
         let (left, right) = (search.left(column), search.right(column));
         Column { left: self.left[left], right: &self.right[right..][..search.disparities] }
     }

@@ -21,7 +21,7 @@ pub(super) struct RightBest {
 impl RightBest {
     /// No matches yet in a row.
     #[inline(always)]
-    pub fn begin(&mut self, width: usize, disparities: usize) {
+    pub(super) fn begin(&mut self, width: usize, disparities: usize) {
         self.width = width;
         self.keys.clear();
         self.keys.resize(width + disparities, u32::MAX);
@@ -29,7 +29,7 @@ impl RightBest {
 
     /// Disparities of the right image's columns, counted from `min_disparity`.
     #[inline(always)]
-    pub fn write(&self, min_disparity: i32, out: &mut [u16]) {
+    pub(super) fn write(&self, min_disparity: i32, out: &mut [u16]) {
         let last = self.width as isize - 1 - min_disparity as isize;
         for (column, out) in out.iter_mut().enumerate() {
             let key = usize::try_from(last - column as isize).ok().and_then(|index| self.keys.get(index));

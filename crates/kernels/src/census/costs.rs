@@ -11,7 +11,7 @@ pub(super) struct Candidates<F> {
 
 impl<F: Feature> Candidates<F> {
     /// Takes a row; there will be `lanes` candidates from `min_disparity` on. Outside of the image, a feature is 0.
-    pub fn set(&mut self, right: &[F], min_disparity: i32, lanes: usize) {
+    pub(super) fn set(&mut self, right: &[F], min_disparity: i32, lanes: usize) {
         self.width = right.len();
         self.reversed.clear();
         self.reversed.resize(self.width + lanes, F::default());
@@ -28,7 +28,7 @@ impl<F: Feature> Candidates<F> {
 
     /// The candidates of the left image's column `x`.
     #[inline(always)]
-    pub fn of(&self, x: usize, lanes: usize) -> &[F] {
+    pub(super) fn of(&self, x: usize, lanes: usize) -> &[F] {
         &self.reversed[self.width - 1 - x..][..lanes]
     }
 }

@@ -115,7 +115,7 @@ pub(super) struct Aggregation<F> {
 
 impl<F: Feature> Aggregation<F> {
     /// Before the first row.
-    pub fn begin(
+    pub(super) fn begin(
         &mut self,
         upward: bool,
         width: usize,
@@ -137,7 +137,7 @@ impl<F: Feature> Aggregation<F> {
 
     /// Adds the costs of this sweep's paths at one row to `sums`, `lanes` a column.
     #[inline(always)]
-    pub fn row<const N: usize>(&mut self, left: &[F], right: &[F], min_disparity: i32, sums: &mut [u16]) {
+    pub(super) fn row<const N: usize>(&mut self, left: &[F], right: &[F], min_disparity: i32, sums: &mut [u16]) {
         let Self { width, lanes, penalties, .. } = *self;
         self.candidates.set(right, min_disparity, lanes);
         self.horizontal.begin_path(0);

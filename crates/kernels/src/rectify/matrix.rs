@@ -3,18 +3,18 @@
 /// A 3x3 matrix, row-major.
 pub type Matrix = [[f64; 3]; 3];
 
-pub const IDENTITY: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+pub(super) const IDENTITY: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-pub fn product(a: &Matrix, b: &Matrix) -> Matrix {
+pub(super) fn product(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|row| std::array::from_fn(|column| (0..3).map(|k| a[row][k] * b[k][column]).sum()))
 }
 
-pub fn transposed(a: &Matrix) -> Matrix {
+pub(super) fn transposed(a: &Matrix) -> Matrix {
     std::array::from_fn(|row| std::array::from_fn(|column| a[column][row]))
 }
 
 /// The inverse, by cofactors, as OpenCV's `invert` has it of 3x3; not finite of a matrix that has none.
-pub fn inverse(a: &Matrix) -> Matrix {
+pub(super) fn inverse(a: &Matrix) -> Matrix {
     let minor = |[r, s]: [usize; 2], [c, d]: [usize; 2]| a[r][c] * a[s][d] - a[r][d] * a[s][c];
     let determinant =
         a[0][0] * minor([1, 2], [1, 2]) - a[0][1] * minor([1, 2], [0, 2]) + a[0][2] * minor([1, 2], [0, 1]);
@@ -28,20 +28,20 @@ pub fn inverse(a: &Matrix) -> Matrix {
     })
 }
 
-pub fn times(a: &Matrix, v: [f64; 3]) -> [f64; 3] {
+pub(super) fn times(a: &Matrix, v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|row| (0..3).map(|k| a[row][k] * v[k]).sum())
 }
 
-pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-pub fn norm(v: [f64; 3]) -> f64 {
+pub(super) fn norm(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 /// The rotation about a vector by its length, radians.
-pub fn rotation_about(vector: [f64; 3]) -> Matrix {
+pub(super) fn rotation_about(vector: [f64; 3]) -> Matrix {
     let angle = norm(vector);
     if angle < f64::EPSILON {
         return IDENTITY;
@@ -58,7 +58,7 @@ pub fn rotation_about(vector: [f64; 3]) -> Matrix {
 }
 
 /// The vector of a rotation: [`rotation_about`] the other way. What is nearly none is none, as OpenCV's `Rodrigues` has it.
-pub fn vector_of(rotation: &Matrix) -> [f64; 3] {
+pub(super) fn vector_of(rotation: &Matrix) -> [f64; 3] {
     let r = nearest_rotation(rotation);
     let twice_sine = [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]];
     let sine = 0.5 * norm(twice_sine);

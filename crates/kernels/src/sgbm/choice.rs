@@ -15,7 +15,7 @@ pub(super) struct Choice {
 
 impl Choice {
     /// The first candidate of smallest cost; -1 if no cost is below 32767.
-    pub fn first_smallest(sum: &[i16]) -> Self {
+    pub(super) fn first_smallest(sum: &[i16]) -> Self {
         let mut choice = Self { index: -1, cost: i16::MAX };
         for (index, &cost) in sum.iter().enumerate() {
             if cost < choice.cost {
@@ -27,7 +27,7 @@ impl Choice {
 
     /// As OpenCV's `3way` breaks ties: of equal costs the *last* in each of the eight residue classes, then the first
     /// of these.
-    pub fn three_way(sum: &[i16]) -> Self {
+    pub(super) fn three_way(sum: &[i16]) -> Self {
         let cost = sum.iter().copied().min().unwrap_or(i16::MAX);
         let last_of = |lane: usize| (lane..sum.len()).step_by(8).rev().find(|&d| sum[d] == cost);
         let index = (0..8).filter_map(last_of).min().unwrap_or(0);
@@ -35,7 +35,7 @@ impl Choice {
     }
 
     /// Whether a candidate that is not next to this one comes within the uniqueness margin.
-    pub fn is_rivalled(&self, search: &Search, sum: &[i16]) -> bool {
+    pub(super) fn is_rivalled(&self, search: &Search, sum: &[i16]) -> bool {
         let far = |d: usize| (d as i32 - self.index).abs() > 1;
         if search.mode == Mode::ThreeWay {
             let limit = self.three_way_limit(search);
@@ -46,7 +46,7 @@ impl Choice {
     }
 
     /// The cost below which a candidate is a rival, `None` if every cost is; the cost must not be negative.
-    pub fn rival_limit(&self, search: &Search) -> Option<i16> {
+    pub(super) fn rival_limit(&self, search: &Search) -> Option<i16> {
         if search.mode == Mode::ThreeWay {
             return Some(self.three_way_limit(search));
         }
@@ -69,19 +69,19 @@ pub(super) struct RowChoice {
 
 impl RowChoice {
     /// For rows of `search`'s width.
-    pub fn new(search: &Search) -> Self {
+    pub(super) fn new(search: &Search) -> Self {
         Self { right_disparity: vec![0; search.width], right_cost: vec![0; search.width] }
     }
 
     /// Begins a row: no answers yet.
-    pub fn start(&mut self, search: &Search, row: &mut [i16]) {
+    pub(super) fn start(&mut self, search: &Search, row: &mut [i16]) {
         self.right_disparity.fill(search.invalid);
         self.right_cost.fill(i16::MAX);
         row.fill(search.invalid);
     }
 
     /// Decides searched column `x`; OpenCV goes from right to left.
-    pub fn decide(&mut self, search: &Search, x: usize, best: &Choice, sum: &[i16], row: &mut [i16]) {
+    pub(super) fn decide(&mut self, search: &Search, x: usize, best: &Choice, sum: &[i16], row: &mut [i16]) {
         if !best.is_rivalled(search, sum) {
             self.answer(search, x, best, sum, row);
         }
@@ -101,7 +101,7 @@ impl RowChoice {
     }
 
     /// The left-right check, made against the winners seen from the right image; a finished row.
-    pub fn check(&self, search: &Search, row: &mut [i16]) {
+    pub(super) fn check(&self, search: &Search, row: &mut [i16]) {
         let invalid = search.invalid;
         // A partner that nobody chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a minimum
         // disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.

@@ -22,7 +22,7 @@ pub(super) struct CostRows<'a> {
 
 impl<'a> CostRows<'a> {
     /// Costs of `stripe`'s rows.
-    pub fn new(search: &'a Search, left: &'a View<'a>, right: &'a View<'a>, stripe: &Stripe) -> Self {
+    pub(super) fn new(search: &'a Search, left: &'a View<'a>, right: &'a View<'a>, stripe: &Stripe) -> Self {
         let len = search.row_len();
         Self {
             search,
@@ -39,7 +39,7 @@ impl<'a> CostRows<'a> {
     }
 
     /// Costs of the next row.
-    pub fn next(&mut self) -> &[i16] {
+    pub(super) fn next(&mut self) -> &[i16] {
         let y = self.next;
         self.next += 1;
         let last = self.search.height - 1;

@@ -28,13 +28,13 @@ pub(super) struct Planes(Vec<Plane>);
 
 impl Planes {
     /// The planes, Sobel first.
-    pub fn planes(&self) -> &[Plane] {
+    pub(super) fn planes(&self) -> &[Plane] {
         &self.0
     }
 
     /// Fills the planes from row `y`.
     #[inline(always)]
-    pub fn fill(&mut self, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
+    pub(super) fn fill(&mut self, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
         let channels = image.channels;
         self.0.resize_with(2 * channels, Plane::default);
         let above = image.row(y.saturating_sub(1));

@@ -39,7 +39,7 @@ pub(super) struct Search {
 
 impl Search {
     /// Resolves checked parameters for one image size.
-    pub fn new(params: &Params, width: usize, height: usize, channels: usize) -> Self {
+    pub(super) fn new(params: &Params, width: usize, height: usize, channels: usize) -> Self {
         let end = params.min_disparity + params.disparities;
         let first_column = end.max(0) as usize;
         let last_column = width as i32 + params.min_disparity.min(0);
@@ -67,7 +67,7 @@ impl Search {
 
     /// The least width OpenCV accepts. `sgbm` and `hh` ask for more than half a block beyond the largest disparity, `3way`
     /// for one searched column; `hh4` takes anything, and where nothing can be searched nothing is answered.
-    pub fn least_width(&self) -> i64 {
+    pub(super) fn least_width(&self) -> i64 {
         let end = i64::from(self.min_disparity) + self.disparities as i64;
         match self.mode {
             Mode::Sgbm | Mode::Hh => end + self.radius as i64 + 1,
@@ -77,7 +77,7 @@ impl Search {
     }
 
     /// Elements of one row of costs.
-    pub fn row_len(&self) -> usize {
+    pub(super) fn row_len(&self) -> usize {
         self.columns * self.disparities
     }
 
@@ -86,7 +86,7 @@ impl Search {
     /// Only `3way` has several: OpenCV cuts four stripes, each starting early by an overlap so that the downward
     /// direction settles, and assembles the result by rows *counted from the stripe's buffer*: where the overlap of a
     /// small image reaches above row 0, the kept rows are therefore shifted or missing. That is kept.
-    pub fn stripes(&self, block: i32) -> Vec<Stripe> {
+    pub(super) fn stripes(&self, block: i32) -> Vec<Stripe> {
         let height = self.height;
         if self.mode != Mode::ThreeWay {
             return vec![Stripe { start: 0, end: height, kept: 0..height, first_output: 0 }];

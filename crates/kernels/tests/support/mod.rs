@@ -3,7 +3,7 @@
 use depthloom_kernels::tiles::Tiles;
 
 /// Tiles in reverse order: what depends on order shows.
-pub struct Backwards;
+pub(crate) struct Backwards;
 
 impl Tiles for Backwards {
     fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
@@ -16,7 +16,7 @@ impl Tiles for Backwards {
 }
 
 /// The right image is the left one, shifted and disturbed: costs have a clear minimum at some places and none at others.
-pub fn images(len: usize, shift: usize, grain: u32, seed: u64) -> (Vec<u8>, Vec<u8>) {
+pub(crate) fn images(len: usize, shift: usize, grain: u32, seed: u64) -> (Vec<u8>, Vec<u8>) {
     let mut state = seed | 1;
     let mut random = move || {
         state ^= state << 13;

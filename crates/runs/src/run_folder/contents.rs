@@ -66,7 +66,7 @@ pub fn mark_for_reports(folder: &Path) -> io::Result<()> {
 }
 
 /// Removes what killed writers left in a run's folder; for whoever has its lock.
-pub fn remove_abandoned(folder: &Path) {
+pub(super) fn remove_abandoned(folder: &Path) {
     let folders = FOLDERS.iter().map(|(below, _)| folder.join(below));
     for folder in folders.filter(|folder| fs::symlink_metadata(folder).is_ok_and(|there| there.is_dir())) {
         depthloom_durable::remove_abandoned(&folder);
@@ -75,7 +75,7 @@ pub fn remove_abandoned(folder: &Path) {
 }
 
 /// Removes the reports of what a folder's recording held before its run goes on: they would be taken for those of the whole run.
-pub fn remove_reports(folder: &Path) -> io::Result<()> {
+pub(super) fn remove_reports(folder: &Path) -> io::Result<()> {
     for name in REPORT {
         match fs::remove_file(folder.join(name)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
@@ -86,7 +86,7 @@ pub fn remove_reports(folder: &Path) -> io::Result<()> {
 }
 
 /// What lies in the folder that no run wrote there, if anything; of several the first by name.
-pub fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
+pub(super) fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder)? {
         let entry = entry?;

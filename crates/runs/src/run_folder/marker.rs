@@ -43,7 +43,7 @@ impl Found {
 }
 
 /// Whether it is a whole run's folder as version 0.1.0 left them: without a marker, these two files beside each other.
-pub fn is_of_0_1_0(folder: &Path) -> bool {
+pub(super) fn is_of_0_1_0(folder: &Path) -> bool {
     has_file(folder, "recording.mcap") && has_file(folder, "experiment.resolved.yaml")
 }
 

@@ -23,7 +23,7 @@ pub fn on_one_line(text: &str) -> Cow<'_, str> {
 }
 
 /// JSON with those characters escaped as JSON does it; serde_json escapes the first 32 alone.
-pub fn in_quotes(json: &str) -> Cow<'_, str> {
+pub(super) fn in_quotes(json: &str) -> Cow<'_, str> {
     replaced(
         json,
         |c| is_obeyed(c) && !matches!(c, '\n' | '\t'),

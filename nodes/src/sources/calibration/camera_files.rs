@@ -13,12 +13,12 @@ use depthloom_kernels::rectify::{Camera, Lens, Matrix, View};
 use document::Document;
 
 /// What a calibration file can be.
-pub const FORMS: &str = "a calibration is OpenCV's FileStorage (YAML, XML or JSON, in one file or two: M1, D1, M2, D2 and R, T, or R1, R2, P1, P2), two \
+pub(crate) const FORMS: &str = "a calibration is OpenCV's FileStorage (YAML, XML or JSON, in one file or two: M1, D1, M2, D2 and R, T, or R1, R2, P1, P2), two \
     camera_info YAML files of ROS (left, then right), or Kalibr's camchain YAML (cam0 left, cam1 right)";
 
 /// A camera as its calibration tells of it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CalibratedCamera {
+pub(crate) struct CalibratedCamera {
     /// Columns and rows of its images, if they are told.
     pub size: Option<(u32, u32)>,
     pub camera: Camera,
@@ -28,7 +28,7 @@ pub struct CalibratedCamera {
 
 /// Two cameras, left and right.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CameraPair {
+pub(crate) struct CameraPair {
     pub cameras: [CalibratedCamera; 2],
     /// Rotation and translation from the left camera's frame to the right one's.
     pub pose: Option<(Matrix, [f64; 3])>,
@@ -41,7 +41,7 @@ pub struct CameraPair {
 ///
 /// # Errors
 /// The file at fault, the place and the remedy.
-pub fn read(files: &[(&Path, &[u8])], fisheye: bool) -> Result<CameraPair, Fault> {
+pub(crate) fn read(files: &[(&Path, &[u8])], fisheye: bool) -> Result<CameraPair, Fault> {
     let documents = files.iter().map(|(path, bytes)| Document::parse(path, bytes)).collect::<Result<Vec<_>, _>>()?;
     let pair = match documents.as_slice() {
         [one] if kalibr::is(one) => kalibr::read(one),

@@ -8,7 +8,7 @@ use crate::sources::calibration::rectified_pair::{BASELINE_M, CENTRE_PX, FOCAL_P
 ///
 /// # Errors
 /// What is not possible, as a lower-case fragment.
-pub fn check(of: &Calibration) -> Result<(), String> {
+pub(crate) fn check(of: &Calibration) -> Result<(), String> {
     let numbers = [
         ("the focal length", of.focal_px, FOCAL_PX, "px"),
         ("the principal point's column", of.cx_px, CENTRE_PX, "px"),
@@ -26,6 +26,6 @@ pub fn check(of: &Calibration) -> Result<(), String> {
 }
 
 /// The principal point where nobody tells it: the image's middle, pixel centres having whole coordinates.
-pub fn middle((width, height): (u32, u32)) -> (f64, f64) {
+pub(crate) fn middle((width, height): (u32, u32)) -> (f64, f64) {
     ((f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0)
 }

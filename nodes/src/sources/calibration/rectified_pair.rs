@@ -6,9 +6,9 @@ use depthloom_graphs::values::Calibration;
 
 /// What a camera can have: from a fisheye to a telescope, from an endoscope to two aeroplanes. Beyond, disparities and depths leave
 /// the numbers that hold them.
-pub const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
-pub const CENTRE_PX: RangeInclusive<f64> = -1e6..=1e6;
-pub const BASELINE_M: RangeInclusive<f64> = 1e-4..=1e4;
+pub(crate) const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
+pub(crate) const CENTRE_PX: RangeInclusive<f64> = -1e6..=1e6;
+pub(crate) const BASELINE_M: RangeInclusive<f64> = 1e-4..=1e4;
 
 /// How far the two cameras of a rectified pair may differ: by one in the last of the seven digits that KITTI writes.
 const FOCAL_TOLERANCE: f64 = 1.5e-6;
@@ -16,7 +16,7 @@ const CENTRE_TOLERANCE_PX: f64 = 1e-3;
 
 /// Why two cameras are no rectified pair.
 #[derive(Debug)]
-pub struct NoPair {
+pub(crate) struct NoPair {
     /// Whose projection is at fault: 0 left, 1 right.
     pub camera: usize,
     /// What is wrong, as a lower-case fragment.
@@ -30,7 +30,7 @@ pub struct NoPair {
 ///
 /// # Errors
 /// Which of the two is at fault, called by its name.
-pub fn calibration(
+pub(crate) fn calibration(
     [left_name, right_name]: [&str; 2],
     [left, right]: [&[f64; 12]; 2],
     (width, height): (u32, u32),
@@ -80,6 +80,6 @@ pub fn calibration(
 }
 
 /// A number as a person would write it: of 1e300 not all its zeros.
-pub fn short(number: f64) -> String {
+pub(crate) fn short(number: f64) -> String {
     if number == 0.0 || (1e-3..1e7).contains(&number.abs()) { number.to_string() } else { format!("{number:e}") }
 }

@@ -22,7 +22,7 @@ const CENTRE_TOLERANCE_PX: f64 = 1e-2;
 /// How a place between pixels is taken where a pair is rectified.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Sampling {
+pub(crate) enum Sampling {
     /// As it is: OpenCV 5's `remap` with `CV_32FC1` maps.
     #[default]
     Float,
@@ -32,7 +32,7 @@ pub enum Sampling {
 
 /// What is asked of the rectification.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Asked {
+pub(crate) struct Asked {
     /// The images are rectified already: of the calibration the projections alone are taken.
     pub rectified: bool,
     /// The file's rectification is left out, and one is computed, as by [`stereo_rectify`]; below 0 the focal length stays.
@@ -44,7 +44,7 @@ pub struct Asked {
 
 /// What makes pairs of one size rectified ones.
 #[derive(Debug)]
-pub struct Rectifier {
+pub(crate) struct Rectifier {
     pub calibration: Calibration,
     /// None if they are so already.
     maps: Option<[Map; 2]>,
@@ -55,7 +55,7 @@ impl Rectifier {
     ///
     /// # Errors
     /// What of the calibration is missing or contradicts itself or the size, with the remedy.
-    pub fn new(pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Self, (String, String)> {
+    pub(crate) fn new(pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Self, (String, String)> {
         for (side, camera) in ["left", "right"].into_iter().zip(&pair.cameras) {
             if let Some((width, height)) = camera.size.filter(|of| *of != size) {
                 let what = format!(
@@ -123,12 +123,12 @@ impl Rectifier {
     }
 
     /// Whether pixels are taken from elsewhere.
-    pub const fn moves_pixels(&self) -> bool {
+    pub(crate) const fn moves_pixels(&self) -> bool {
         self.maps.is_some()
     }
 
     /// A pair, rectified.
-    pub fn pair(&self, left: Image, right: Image) -> (Image, Image) {
+    pub(crate) fn pair(&self, left: Image, right: Image) -> (Image, Image) {
         match &self.maps {
             None => (left, right),
             Some([of_left, of_right]) => (rectified(&left, of_left), rectified(&right, of_right)),
@@ -137,7 +137,7 @@ impl Rectifier {
 }
 
 /// An image seen through a map.
-pub fn rectified(image: &Image, map: &Map) -> Image {
+pub(crate) fn rectified(image: &Image, map: &Map) -> Image {
     let (width, height) = image.dimensions();
     let size = (width as usize, height as usize);
     Image::new(match image.pixels() {
@@ -220,7 +220,7 @@ fn calibration(
 
 /// The rectifier of images of the size asked for last: maps are computed once for a source, whose images have one size.
 #[derive(Debug, Default)]
-pub struct Latest(Mutex<Option<Known>>);
+pub(crate) struct Latest(Mutex<Option<Known>>);
 
 /// A size, and its rectifier.
 type Known = ((u32, u32), Arc<Rectifier>);
@@ -230,7 +230,12 @@ impl Latest {
     ///
     /// # Errors
     /// As [`Rectifier::new`].
-    pub fn of(&self, pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Arc<Rectifier>, (String, String)> {
+    pub(crate) fn of(
+        &self,
+        pair: &CameraPair,
+        asked: &Asked,
+        size: (u32, u32),
+    ) -> Result<Arc<Rectifier>, (String, String)> {
         let mut latest = locked(&self.0);
         if let Some((_, known)) = latest.as_ref().filter(|(of, _)| *of == size) {
             return Ok(Arc::clone(known));

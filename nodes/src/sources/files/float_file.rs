@@ -19,7 +19,7 @@ const LONGEST_HEADER: usize = 4096;
 ///
 /// # Errors
 /// If the bytes are none of the two, hold more or fewer numbers than they say, or others than a map's.
-pub fn map_f32(path: &Path, bytes: &[u8]) -> Result<Raster<f32>, Fault> {
+pub(crate) fn map_f32(path: &Path, bytes: &[u8]) -> Result<Raster<f32>, Fault> {
     let read = match bytes {
         [b'P', b'f', ..] => pfm(bytes),
         [b'P', b'F', ..] => Err(Wrong::Kind("it is a PFM of three channels: maps have one (`Pf`)".to_owned())),

@@ -19,7 +19,7 @@ const MOST_BYTES: u64 = 512 << 20;
 ///
 /// # Errors
 /// Naming the file, if it cannot be read or is larger than 512 MiB.
-pub fn read(path: &Path) -> Result<Arc<[u8]>, Fault> {
+pub(crate) fn read(path: &Path) -> Result<Arc<[u8]>, Fault> {
     let bytes = regular_file::read(path, MOST_BYTES);
     bytes.map(Into::into).map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))
 }
@@ -30,7 +30,7 @@ pub fn read(path: &Path) -> Result<Arc<[u8]>, Fault> {
 ///
 /// # Errors
 /// If the bytes are no whole image, or hold other pixels.
-pub fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
+pub(crate) fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
     image_of_bits(path, bytes, None).map(|(image, _)| image)
 }
 
@@ -38,7 +38,11 @@ pub fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
 ///
 /// # Errors
 /// As [`image`].
-pub fn image_of_bits(path: &Path, bytes: Arc<[u8]>, bits: Option<u32>) -> Result<(Image, Option<Brightest>), Fault> {
+pub(crate) fn image_of_bits(
+    path: &Path,
+    bytes: Arc<[u8]>,
+    bits: Option<u32>,
+) -> Result<(Image, Option<Brightest>), Fault> {
     let format = format_of(path, &bytes)?;
     let (decoded, is_turned) = decode_upright(path, format, &bytes)?;
     let mut brightest = None;
@@ -86,7 +90,7 @@ pub fn image_of_bits(path: &Path, bytes: Arc<[u8]>, bits: Option<u32>) -> Result
 ///
 /// # Errors
 /// If the bytes are no whole image, or hold other pixels.
-pub fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u16>, Fault> {
+pub(crate) fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u16>, Fault> {
     match decode(path, format_of(path, bytes)?, bytes)? {
         DynamicImage::ImageLuma16(map) => Ok(map),
         other => {
@@ -103,7 +107,7 @@ pub fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u16>, Fau
 ///
 /// # Errors
 /// If the bytes are no whole image, or hold other pixels.
-pub fn map_u8(path: &Path, bytes: &[u8], what: &str) -> Result<GrayImage, Fault> {
+pub(crate) fn map_u8(path: &Path, bytes: &[u8], what: &str) -> Result<GrayImage, Fault> {
     let remedy = "of a downloaded data set, take the file from its archive again: an image tool may have changed it";
     match decode(path, format_of(path, bytes)?, bytes)? {
         DynamicImage::ImageLuma8(map) => Ok(map),
@@ -127,7 +131,7 @@ const ONE_CHANNEL: &str = "a map has one channel, of 8 or 16 bits, or of 32-bit 
 ///
 /// # Errors
 /// If the bytes are no whole image, or hold other pixels.
-pub fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), Fault> {
+pub(crate) fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), Fault> {
     let format = format_of(path, bytes)?;
     if format == image::ImageFormat::Tiff
         && let Some(floats) = float_tiff(path, bytes)?

@@ -8,7 +8,7 @@ use depthloom_graphs::Fault;
 
 /// A file, and what of its path the pattern leaves open.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Match {
+pub(super) struct Match {
     /// What stood for each `*`, and each `?`.
     pub open: Vec<String>,
     pub path: PathBuf,
@@ -16,7 +16,7 @@ pub struct Match {
 
 impl Match {
     /// The numbers in what the pattern leaves open, without zeros in front.
-    pub fn numbers(&self) -> Vec<String> {
+    pub(super) fn numbers(&self) -> Vec<String> {
         let runs = self.open.iter().flat_map(|text| text.split(|c: char| !c.is_ascii_digit()));
         let significant = |digits: &str| match digits.trim_start_matches('0') {
             "" => "0".to_owned(),
@@ -26,7 +26,7 @@ impl Match {
     }
 
     /// A name for what the file belongs to: what the pattern leaves open, else the file's stem.
-    pub fn name(&self) -> String {
+    pub(super) fn name(&self) -> String {
         let open: Vec<&str> = self.open.iter().map(String::as_str).filter(|text| !text.is_empty()).collect();
         match open.is_empty() {
             true => self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -39,7 +39,7 @@ impl Match {
 ///
 /// # Errors
 /// If a folder cannot be listed.
-pub fn files(root: &Path, pattern: &str) -> Result<Vec<Match>, Fault> {
+pub(super) fn files(root: &Path, pattern: &str) -> Result<Vec<Match>, Fault> {
     let parts: Vec<&str> = pattern.split('/').filter(|part| !part.is_empty() && *part != ".").collect();
     let start = if pattern.starts_with('/') { PathBuf::from("/") } else { root.to_owned() };
     let mut found = vec![Match { open: Vec::new(), path: start }];
@@ -138,7 +138,7 @@ fn natural(a: &[String], b: &[String]) -> Ordering {
 }
 
 /// As [`natural`], of one part: `9` comes before `10`.
-pub fn natural_text(a: &str, b: &str) -> Ordering {
+pub(crate) fn natural_text(a: &str, b: &str) -> Ordering {
     let (mut a, mut b) = (a, b);
     loop {
         let (Some(x), Some(y)) = (a.chars().next(), b.chars().next()) else { return a.len().cmp(&b.len()) };

@@ -14,7 +14,7 @@ const SAY: &str = "write what differs between the two as text and what is common
 
 /// A frame's files, as far as they were found.
 #[derive(Debug)]
-pub struct Row {
+pub(super) struct Row {
     pub id: String,
     pub left: PathBuf,
     pub right: Result<PathBuf, Fault>,
@@ -23,7 +23,7 @@ pub struct Row {
 
 /// What was found, and what is to be said of it.
 #[derive(Debug, Default)]
-pub struct Pairs {
+pub(super) struct Pairs {
     pub rows: Vec<Row>,
     /// What belongs to no frame that could be asked for.
     pub faults: Vec<Fault>,
@@ -36,7 +36,7 @@ pub struct Pairs {
 ///
 /// # Errors
 /// If nothing is there, or it cannot be told what belongs together.
-pub fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>) -> Result<Pairs, Vec<Fault>> {
+pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>) -> Result<Pairs, Vec<Fault>> {
     let named = |pattern: &str| {
         let found = files(root, pattern)?;
         let place = root.join(pattern);
@@ -200,7 +200,7 @@ const COLUMNS: [&str; 4] = ["left", "right", "truth", "frame"];
 ///
 /// # Errors
 /// If it cannot be read or its header is wrong; what is wrong with a line is told with its number, and is a fault of its frame.
-pub fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
+pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
     let at = |line: usize, what: String| Fault::new(format!("{}:{line}: {what}", list.display()));
     let bytes = regular_file::read(list, MOST_BYTES)
         .map_err(|error| Fault::new(format!("failed to read {}", list.display())).because(error).remedy(LIST))?;

@@ -33,7 +33,7 @@ const MOST_FILES: usize = 200_000;
 const MOST_LISTS: usize = 20;
 
 /// Pairs below a folder.
-pub fn recognise(root: &Path) -> Vec<Recognised> {
+pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
     let mut folders = BTreeMap::new();
     let mut left = MOST_FILES;
     list(root, String::new(), DEEPEST, &mut left, &mut folders);

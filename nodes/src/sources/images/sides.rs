@@ -15,7 +15,7 @@ const CAMERAS: [&str; 10] = ["cam", "camera", "image", "im", "img", "view", "sen
 
 /// The name that the other side has.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Other {
+pub(super) struct Other {
     /// Where the side's word stands in the left name.
     pub at: usize,
     pub left_word: String,
@@ -28,13 +28,13 @@ pub struct Other {
 
 impl Other {
     /// Whether the names are numbers of a longer row, in which these two are no pair.
-    pub fn follows(&self, is_there: &impl Fn(&str) -> bool) -> bool {
+    pub(super) fn follows(&self, is_there: &impl Fn(&str) -> bool) -> bool {
         self.unless.iter().any(|name| is_there(name))
     }
 }
 
 /// The names that the right side of a left one could have.
-pub fn others(name: &str) -> Vec<Other> {
+pub(super) fn others(name: &str) -> Vec<Other> {
     let mut found = Vec::new();
     let mut add = |at: usize, left: &str, right: &str, unless: &[&str]| {
         let with = |word: &str| format!("{}{word}{}", &name[..at], &name[at + left.len()..]);

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// What the numbers of a file are, once divided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum TruthUnit {
+pub(crate) enum TruthUnit {
     /// Depth along the optical axis, metres.
     #[default]
     Metres,
@@ -19,7 +19,7 @@ pub enum TruthUnit {
 
 impl TruthUnit {
     /// Its name in a message.
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Metres => "m",
             Self::Millimetres => "mm",
@@ -31,7 +31,7 @@ impl TruthUnit {
 /// Which image a truth belongs to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum TruthOf {
+pub(crate) enum TruthOf {
     /// The left image as it is in its file.
     #[default]
     Left,
@@ -42,7 +42,7 @@ pub enum TruthOf {
 /// What is true.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct ImagesTruth {
+pub(crate) struct ImagesTruth {
     /// The files, a pattern as of `left`; with a `list`, its column `truth`.
     pub files: Option<String>,
     /// What the files' numbers are: depth in `metres` or `millimetres`, or disparity in `pixels`.
@@ -62,12 +62,12 @@ impl Default for ImagesTruth {
 
 impl ImagesTruth {
     /// Whether its numbers need more than 8 bits to mean anything.
-    pub fn is_of_more_bits(&self) -> bool {
+    pub(crate) fn is_of_more_bits(&self) -> bool {
         self.divide_by >= 256.0 || self.unit == TruthUnit::Millimetres
     }
 
     /// Metres, or pixels, of the numbers of a file: NaN where they are 0, negative or none.
-    pub fn numbers(&self, numbers: &Raster<f32>) -> Raster<f32> {
+    pub(crate) fn numbers(&self, numbers: &Raster<f32>) -> Raster<f32> {
         let divisor = match self.unit {
             TruthUnit::Millimetres => 1000.0 * self.divide_by,
             TruthUnit::Metres | TruthUnit::Pixels => self.divide_by,

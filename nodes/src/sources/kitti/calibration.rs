@@ -25,7 +25,7 @@ const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
 
 /// A warning about calibrations that no file gives, the same for every frame, so that it is printed once; of the folder the last name, since it is
 /// recorded.
-pub fn assumption(folder: &Path) -> String {
+pub(crate) fn assumption(folder: &Path) -> String {
     format!(
         "no calibration files in {}: KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of {BASELINE_M:.4} m are assumed",
         folder.file_name().unwrap_or(folder.as_os_str()).display(),
@@ -36,7 +36,7 @@ pub fn assumption(folder: &Path) -> String {
 ///
 /// # Errors
 /// If no recording day has this width.
-pub fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
+pub(crate) fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
     let day = BY_WIDTH.iter().find(|day| day.0 == width).ok_or_else(|| {
         let known: Vec<String> = BY_WIDTH.iter().map(|day| day.0.to_string()).collect();
         Fault::new(format!(
@@ -50,22 +50,22 @@ pub fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
 }
 
 /// What a file of the older benchmarks needs.
-pub const PROJECTIONS: &str = "a calibration file has the lines `P0:` to `P3:` (grey left, grey right, colour left, colour right), each with the 12 numbers of \
+pub(crate) const PROJECTIONS: &str = "a calibration file has the lines `P0:` to `P3:` (grey left, grey right, colour left, colour right), each with the 12 numbers of \
 `f 0 cx -f*x 0 f cy 0 0 0 1 0`: px, and x, the camera's place to the right, in metres";
 
 /// The two colour cameras of `calib_cam_to_cam`.
-pub const COLOUR: [&str; 2] = ["P_rect_02", "P_rect_03"];
+pub(crate) const COLOUR: [&str; 2] = ["P_rect_02", "P_rect_03"];
 
 /// Reads a `calib_cam_to_cam` text for an image of `size`: its colour cameras.
 ///
 /// # Errors
 /// As [`pair`].
-pub fn from_text(path: &Path, text: &str, size: (u32, u32)) -> Result<Calibration, Fault> {
+pub(crate) fn from_text(path: &Path, text: &str, size: (u32, u32)) -> Result<Calibration, Fault> {
     pair(&Lines::of(path, text, WANTED)?, COLOUR, size)
 }
 
 /// The lines of a calibration text: a name, a `:`, and values.
-pub struct Lines<'a> {
+pub(crate) struct Lines<'a> {
     path: &'a Path,
     /// What the file needs, as the remedy.
     wanted: &'static str,
@@ -77,7 +77,7 @@ impl<'a> Lines<'a> {
     ///
     /// # Errors
     /// A line without one.
-    pub fn of(path: &'a Path, text: &'a str, wanted: &'static str) -> Result<Self, Fault> {
+    pub(crate) fn of(path: &'a Path, text: &'a str, wanted: &'static str) -> Result<Self, Fault> {
         let mut lines = Vec::new();
         for (index, content) in text.lines().enumerate() {
             let content = content.trim();
@@ -94,7 +94,7 @@ impl<'a> Lines<'a> {
     }
 
     /// A failure in the file, or in one of its lines.
-    pub fn fault(&self, line: Option<usize>, what: impl std::fmt::Display) -> Fault {
+    pub(crate) fn fault(&self, line: Option<usize>, what: impl std::fmt::Display) -> Fault {
         let path = self.path.display();
         let place = line.map_or_else(|| path.to_string(), |line| format!("{path}:{line}"));
         Fault::new(format!("{place}: {what}")).remedy(self.wanted)
@@ -104,7 +104,7 @@ impl<'a> Lines<'a> {
     ///
     /// # Errors
     /// If there is none, or it does not hold as many numbers.
-    pub fn numbers<const N: usize>(&self, name: &str) -> Result<(usize, [f64; N]), Fault> {
+    pub(crate) fn numbers<const N: usize>(&self, name: &str) -> Result<(usize, [f64; N]), Fault> {
         let found = self.lines.iter().rev().find(|(_, other, _)| *other == name);
         let (line, _, values) = found.ok_or_else(|| self.fault(None, format!("there is no line `{name}`")))?;
         let fault = |what: String| self.fault(Some(*line), format!("{name} {what}"));
@@ -128,7 +128,7 @@ impl<'a> Lines<'a> {
 ///
 /// # Errors
 /// The line at fault, or the line that is missing.
-pub fn pair(
+pub(crate) fn pair(
     lines: &Lines<'_>,
     [left_name, right_name]: [&str; 2],
     (width, height): (u32, u32),

@@ -29,7 +29,7 @@ const RAW: &str = "raw holds a folder a date (2011_09_26) with its calibration a
 /// Which depth maps are true.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum KittiDepthTruth {
+pub(crate) enum KittiDepthTruth {
     /// `groundtruth`: eleven scans laid over each other, and checked against stereo.
     #[default]
     Groundtruth,
@@ -49,7 +49,7 @@ impl KittiDepthTruth {
 /// Parameters of `kitti/depth`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct KittiDepthParams {
+pub(crate) struct KittiDepthParams {
     /// The folder that holds the drives with their `proj_depth`; or `train` and `val` with them.
     pub root: DataPath,
     /// The folder of KITTI's raw data, which has the images and the calibration.
@@ -63,7 +63,7 @@ pub struct KittiDepthParams {
 }
 
 /// The kind `kitti/depth`.
-pub struct KittiDepth;
+pub(crate) struct KittiDepth;
 
 impl SourceKind for KittiDepth {
     type Params = KittiDepthParams;

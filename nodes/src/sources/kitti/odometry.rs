@@ -26,7 +26,7 @@ const MOST_BYTES: u64 = 16 << 20;
 /// Parameters of `kitti/odometry`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct KittiOdometryParams {
+pub(crate) struct KittiOdometryParams {
     /// The folder that holds `sequences`; or a sequence's own.
     pub root: DataPath,
     /// Which sequence: `00` to `21`. Not of a sequence's own folder.
@@ -45,7 +45,7 @@ const fn image_folders(cameras: KittiCameras) -> [&'static str; 2] {
 }
 
 /// The kind `kitti/odometry`.
-pub struct KittiOdometry {
+pub(crate) struct KittiOdometry {
     cameras: KittiCameras,
 }
 

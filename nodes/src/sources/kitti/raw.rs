@@ -26,7 +26,7 @@ const LAYOUT: &str = "root holds a folder a date (2011_09_26), with calib_cam_to
     (2011_09_26_drive_0002_sync) with image_02/data and image_03/data (KITTI raw, \"synced+rectified data\" and \"calibration\")";
 
 /// What the calibration files of a date need.
-pub const CAMERAS: &str = "calib_cam_to_cam.txt has `S_rect_0x:` (width, height), `R_rect_00:` (9 numbers) and `P_rect_0x:` of both cameras (12 numbers, \
+pub(super) const CAMERAS: &str = "calib_cam_to_cam.txt has `S_rect_0x:` (width, height), `R_rect_00:` (9 numbers) and `P_rect_0x:` of both cameras (12 numbers, \
 `f 0 cx -f*x 0 f cy 0 0 0 1 0`: px and metres): take it from the date's calibration zip again";
 const SCANNERS: &str = "calib_velo_to_cam.txt has `R:` (9 numbers) and `T:` (3 numbers, metres): take it from the date's calibration zip again";
 
@@ -34,7 +34,7 @@ const SCAN: Part = "scan";
 const SCANNER: Part = "calibration_scanner";
 
 /// Images of a drive.
-pub const IMAGES: [&str; 3] = ["png", "jpg", "jpeg"];
+pub(super) const IMAGES: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// What a file of frames holds.
 const SPLIT: &str = "a line is `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or `2011_09_26/2011_09_26_drive_0002_sync/image_02/data/0000000069.png`";
@@ -45,7 +45,7 @@ const MOST_BYTES: u64 = 16 << 20;
 /// Which pair of cameras.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum KittiCameras {
+pub(crate) enum KittiCameras {
     /// The colour cameras, 02 and 03.
     #[default]
     Color,
@@ -55,7 +55,7 @@ pub enum KittiCameras {
 
 impl KittiCameras {
     /// The folders of left and right images.
-    pub const fn folders(self) -> [&'static str; 2] {
+    pub(crate) const fn folders(self) -> [&'static str; 2] {
         match self {
             Self::Color => ["image_02", "image_03"],
             Self::Grey => ["image_00", "image_01"],
@@ -63,7 +63,7 @@ impl KittiCameras {
     }
 
     /// The names of their projections in `calib_cam_to_cam.txt`.
-    pub const fn projections(self) -> [&'static str; 2] {
+    pub(crate) const fn projections(self) -> [&'static str; 2] {
         match self {
             Self::Color => COLOUR,
             Self::Grey => ["P_rect_00", "P_rect_01"],
@@ -82,7 +82,7 @@ impl KittiCameras {
 /// What is true.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum KittiRawTruth {
+pub(crate) enum KittiRawTruth {
     /// The laser scans, projected into the left camera.
     #[default]
     Velodyne,
@@ -93,7 +93,7 @@ pub enum KittiRawTruth {
 /// By whose rules a scan becomes depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Compat {
+pub(crate) enum Compat {
     /// Points in front of the camera, at the nearest pixel; the nearest point wins; depth along the camera's axis.
     #[default]
     None,
@@ -124,7 +124,7 @@ impl Compat {
 /// Parameters of `kitti/raw`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct KittiRawParams {
+pub(crate) struct KittiRawParams {
     /// The folder that holds the dates; or a date's own.
     pub root: DataPath,
     /// Which drives, in this order: `2011_09_26_drive_0002_sync`, with or without `_sync`. By default all there are.
@@ -143,7 +143,7 @@ pub struct KittiRawParams {
 }
 
 /// The kind `kitti/raw`.
-pub struct KittiRaw {
+pub(crate) struct KittiRaw {
     cameras: KittiCameras,
     compat: Compat,
 }
@@ -277,7 +277,7 @@ fn drives(root: &Path) -> Result<BTreeMap<String, Drive>, Fault> {
 ///
 /// # Errors
 /// If there is none.
-pub fn drive_named<'a, T>(drives: &'a BTreeMap<String, T>, name: &str) -> Result<(&'a String, &'a T), Fault> {
+pub(super) fn drive_named<'a, T>(drives: &'a BTreeMap<String, T>, name: &str) -> Result<(&'a String, &'a T), Fault> {
     let name = name.trim_end_matches('/').rsplit('/').next().unwrap_or_default();
     let full = if name.ends_with("_sync") { name.to_owned() } else { format!("{name}_sync") };
     drives.get_key_value(&full).ok_or_else(|| {
@@ -475,7 +475,7 @@ impl Layout for KittiRaw {
 ///
 /// # Errors
 /// The line at fault.
-pub fn calibration(lines: &Lines<'_>, cameras: KittiCameras, size: (u32, u32)) -> Result<Calibration, Fault> {
+pub(super) fn calibration(lines: &Lines<'_>, cameras: KittiCameras, size: (u32, u32)) -> Result<Calibration, Fault> {
     let (line, [width, height]) = lines.numbers::<2>(cameras.size())?;
     if (width, height) != (f64::from(size.0), f64::from(size.1)) {
         let what = format!("{} says {width}x{height}, and the image is {}x{}", cameras.size(), size.0, size.1);

@@ -30,7 +30,7 @@ const OCC: Part = "disp_occ";
 /// Parameters of `kitti/stereo2012`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct KittiStereo2012Params {
+pub(crate) struct KittiStereo2012Params {
     /// The folder that holds `training` and `testing`.
     pub root: DataPath,
     /// Which half: `training` or `testing`.
@@ -47,7 +47,7 @@ pub struct KittiStereo2012Params {
 }
 
 /// The kind `kitti/stereo2012`.
-pub struct KittiStereo2012 {
+pub(crate) struct KittiStereo2012 {
     cameras: KittiCameras,
     truth: Option<Part>,
     disparities: bool,

@@ -38,7 +38,7 @@ const CALIBRATIONS: &str = "calib_cam_to_cam";
 /// Which half of the benchmark.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Split {
+pub(crate) enum Split {
     /// Frames with truth.
     #[default]
     Training,
@@ -48,7 +48,7 @@ pub enum Split {
 
 impl Split {
     /// Its folder.
-    pub const fn folder(self) -> &'static str {
+    pub(crate) const fn folder(self) -> &'static str {
         match self {
             Self::Training => "training",
             Self::Testing => "testing",
@@ -59,7 +59,7 @@ impl Split {
 /// Which true pixels of a training frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum KittiTruth {
+pub(crate) enum KittiTruth {
     /// Those that the right camera sees too: `disp_noc_0`.
     #[default]
     Noc,
@@ -82,7 +82,7 @@ impl KittiTruth {
 /// Parameters of `kitti/stereo2015`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct KittiStereo2015Params {
+pub(crate) struct KittiStereo2015Params {
     /// The folder that holds `training` and `testing`.
     pub root: DataPath,
     /// Which half: `training` or `testing`.
@@ -98,7 +98,7 @@ pub struct KittiStereo2015Params {
 }
 
 /// The kind `kitti/stereo2015`.
-pub struct KittiStereo2015 {
+pub(crate) struct KittiStereo2015 {
     folder: PathBuf,
     truth: Option<Part>,
     /// The parts that `score/disparity` takes.

@@ -12,7 +12,7 @@ const MOST_BYTES: u64 = 128 << 20;
 ///
 /// # Errors
 /// The line that holds no time.
-pub fn read(path: &Path) -> Result<Vec<u64>, Fault> {
+pub(super) fn read(path: &Path) -> Result<Vec<u64>, Fault> {
     let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
     let bytes = regular_file::read(path, MOST_BYTES).map_err(failed)?;
     let text = String::from_utf8_lossy(&bytes);
@@ -30,7 +30,7 @@ pub fn read(path: &Path) -> Result<Vec<u64>, Fault> {
 ///
 /// # Errors
 /// If there are times, and none for it: two clocks would mix.
-pub fn frame(id: &str, index: u64, line: Option<usize>, times: &[u64], clock: &Path) -> Result<Frame, Fault> {
+pub(super) fn frame(id: &str, index: u64, line: Option<usize>, times: &[u64], clock: &Path) -> Result<Frame, Fault> {
     if times.is_empty() {
         return Ok(Frame::at_10_hz(id, index));
     }

@@ -14,7 +14,7 @@ use crate::sources::evaluation::Evaluation;
 use crate::sources::true_disparity;
 
 /// What both cameras see.
-pub const MASK: Part = "mask0nocc";
+pub(crate) const MASK: Part = "mask0nocc";
 /// What the mask has there; 128: one camera alone, 0: no truth.
 const SEEN_BY_BOTH: u8 = 255;
 
@@ -25,7 +25,7 @@ const WANTED: &str = "a calibration has the lines `cam0=[f 0 cx; 0 f cy; 0 0 1]`
 /// Which true pixels are given as `depth`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum TruePixels {
+pub(crate) enum TruePixels {
     /// All that are known.
     #[default]
     All,
@@ -36,7 +36,7 @@ pub enum TruePixels {
 }
 
 /// The file of that stem in a folder, with the first of the endings that is there.
-pub fn with_ending(folder: &Path, stem: &str, endings: &[&str]) -> Option<PathBuf> {
+pub(crate) fn with_ending(folder: &Path, stem: &str, endings: &[&str]) -> Option<PathBuf> {
     endings.iter().map(|ending| folder.join(format!("{stem}.{ending}"))).find(|path| path.is_file())
 }
 
@@ -44,7 +44,7 @@ pub fn with_ending(folder: &Path, stem: &str, endings: &[&str]) -> Option<PathBu
 ///
 /// # Errors
 /// The first file that is missing.
-pub fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<Vec<(Part, PathBuf)>, Fault> {
+pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<Vec<(Part, PathBuf)>, Fault> {
     let there = |path: PathBuf, remedy: &str| if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) };
     let pair = "a scene has both images, im0.png (left) and im1.png (right): unpack its archive again";
     let mut files = vec![
@@ -75,7 +75,7 @@ pub fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<Vec<(Par
 ///
 /// # Errors
 /// The file at fault, the place in it and the remedy.
-pub fn values(files: &Files, truth: TruePixels, ctx: &Context<'_>) -> Result<Outputs, Fault> {
+pub(crate) fn values(files: &Files, truth: TruePixels, ctx: &Context<'_>) -> Result<Outputs, Fault> {
     let (left, right) = files.pair(ctx)?;
     let size = left.dimensions();
     let calibration = calibration(files.the(CALIBRATION)?, size)?;
@@ -97,7 +97,12 @@ pub fn values(files: &Files, truth: TruePixels, ctx: &Context<'_>) -> Result<Out
 }
 
 /// Adds true disparities, and the depths of those asked for, if there is a calibration; and the calibration.
-pub fn with_truth(outputs: Outputs, truth: TruePixels, maps: Evaluation, calibration: Option<Calibration>) -> Outputs {
+pub(crate) fn with_truth(
+    outputs: Outputs,
+    truth: TruePixels,
+    maps: Evaluation,
+    calibration: Option<Calibration>,
+) -> Outputs {
     let of_depth = match truth {
         TruePixels::All => maps.occ.as_ref(),
         TruePixels::Noc => maps.noc.as_ref(),
@@ -115,7 +120,7 @@ pub fn with_truth(outputs: Outputs, truth: TruePixels, maps: Evaluation, calibra
 }
 
 /// Only where a mask is not set, NaN elsewhere.
-pub fn without(px: &Raster<f32>, set: &Raster<u8>) -> Raster<f32> {
+pub(crate) fn without(px: &Raster<f32>, set: &Raster<u8>) -> Raster<f32> {
     let (width, height) = px.dimensions();
     Raster::from_fn(width, height, |x, y| Luma([if set[(x, y)].0[0] > 0 { f32::NAN } else { px[(x, y)].0[0] }]))
 }

@@ -8,14 +8,14 @@ use crate::sources::ros2_bag::frame::Part;
 use crate::sources::ros2_bag::params::Ros2BagParams;
 
 /// The topics that frames are made of.
-pub struct Chosen<'a>(pub Vec<(Part, &'a Topic, Form)>);
+pub(super) struct Chosen<'a>(pub Vec<(Part, &'a Topic, Form)>);
 
 impl<'a> Chosen<'a> {
     /// Those that parameters name, or their names suggest.
     ///
     /// # Errors
     /// What is not there, or of another type, with what there is.
-    pub fn of(bag: &'a Bag, params: &Ros2BagParams) -> Result<Self, Fault> {
+    pub(super) fn of(bag: &'a Bag, params: &Ros2BagParams) -> Result<Self, Fault> {
         let (left, right) = pair(bag, params)?;
         let camera = |named: &Option<String>, image: &Topic, parameter: &str| match named {
             Some(name) => bag.topic(name),
@@ -63,7 +63,7 @@ impl<'a> Chosen<'a> {
     }
 
     /// Which info topics lie beside the left and the right images, by their names.
-    pub fn beside(&self, bag: &Bag) -> [Option<String>; 2] {
+    pub(super) fn beside(&self, bag: &Bag) -> [Option<String>; 2] {
         [Part::Left, Part::Right].map(|part| {
             let image = self.0[self.position(part)?].1;
             topics::camera_of(bag, image).map(|topic| topic.name.clone())
@@ -71,7 +71,7 @@ impl<'a> Chosen<'a> {
     }
 
     /// Where a part stands, if it was chosen.
-    pub fn position(&self, part: Part) -> Option<usize> {
+    pub(super) fn position(&self, part: Part) -> Option<usize> {
         self.0.iter().position(|(of, _, _)| *of == part)
     }
 }

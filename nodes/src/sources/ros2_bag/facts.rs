@@ -8,7 +8,7 @@ use depthloom_graphs::contracts::Fact;
 const MOST: usize = 60;
 
 /// A line a topic, by the times of recording.
-pub fn topics(bag: &Bag) -> Vec<Fact> {
+pub(super) fn topics(bag: &Bag) -> Vec<Fact> {
     let topics: Vec<&Topic> = bag.topics().iter().take(MOST).collect();
     // Where an index is damaged, opening says so.
     let messages = bag.messages(&topics).ok();

@@ -16,7 +16,7 @@ use crate::sources::ros2_bag::params::{BagClock, Ros2BagParams};
 const MARGIN_NS: u64 = 1_000_000_000;
 
 /// The frames that were found.
-pub struct Found {
+pub(super) struct Found {
     pub frames: Vec<Frame>,
     /// By frame, the message of each part.
     pub messages: Vec<Vec<(Part, Message)>>,
@@ -30,7 +30,7 @@ impl Found {
     ///
     /// # Errors
     /// If a topic has no messages, or none belong together, with how near they come.
-    pub fn of(bag: &Bag, chosen: &Chosen<'_>, params: &Ros2BagParams) -> Result<Self, Fault> {
+    pub(super) fn of(bag: &Bag, chosen: &Chosen<'_>, params: &Ros2BagParams) -> Result<Self, Fault> {
         let names: Vec<&Topic> = chosen.0.iter().map(|(_, topic, _)| *topic).collect();
         let mut all = bag.messages(&names)?;
         if let Some(empty) = all.iter().position(Vec::is_empty) {

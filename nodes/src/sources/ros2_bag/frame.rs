@@ -23,7 +23,7 @@ use crate::sources::ros2_bag::params::{KIND, PointRotation, Ros2BagParams, VERSI
 
 /// The part a message plays in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub(super) enum Part {
     Left,
     Right,
     LeftInfo,
@@ -33,12 +33,12 @@ pub enum Part {
 }
 
 impl Part {
-    pub const fn is_camera(self) -> bool {
+    pub(super) const fn is_camera(self) -> bool {
         matches!(self, Self::LeftInfo | Self::RightInfo)
     }
 
     /// The parameter that names its topic.
-    pub const fn parameter(self) -> &'static str {
+    pub(super) const fn parameter(self) -> &'static str {
         match self {
             Self::Left => "left",
             Self::Right => "right",
@@ -49,7 +49,7 @@ impl Part {
         }
     }
 
-    pub fn fits(self, sort: Sort) -> bool {
+    pub(super) fn fits(self, sort: Sort) -> bool {
         match self {
             Self::Left | Self::Right | Self::Depth => sort.is_image(),
             Self::LeftInfo | Self::RightInfo => sort == Sort::CameraInfo,
@@ -58,7 +58,7 @@ impl Part {
     }
 
     /// What fits, in words.
-    pub const fn wanted(self) -> &'static str {
+    pub(super) const fn wanted(self) -> &'static str {
         match self {
             Self::Left | Self::Right | Self::Depth => "images",
             Self::LeftInfo | Self::RightInfo => "camera infos",
@@ -72,14 +72,14 @@ const TURN_TOLD_DEGREES: f64 = 0.01;
 
 /// The messages of a frame, not decoded.
 #[derive(Debug)]
-pub struct Messages {
+pub(super) struct Messages {
     parts: Vec<(Part, Arc<[u8]>)>,
     /// The frame's id.
     stamp: Arc<str>,
 }
 
 impl Messages {
-    pub fn new(parts: Vec<(Part, Arc<[u8]>)>, stamp: &Arc<str>) -> Self {
+    pub(super) fn new(parts: Vec<(Part, Arc<[u8]>)>, stamp: &Arc<str>) -> Self {
         Self { parts, stamp: Arc::clone(stamp) }
     }
 
@@ -103,7 +103,7 @@ struct Read {
 type Maps = (Vec<u64>, Arc<[Map; 2]>);
 
 /// How messages are read.
-pub struct Reading {
+pub(super) struct Reading {
     /// The bag, for what is told.
     path: PathBuf,
     topics: Vec<Read>,
@@ -120,7 +120,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    pub fn new(
+    pub(super) fn new(
         params: &Ros2BagParams,
         topics: impl Iterator<Item = (Part, String, Form)>,
         beside: [Option<String>; 2],
@@ -141,7 +141,7 @@ impl Reading {
     }
 
     /// The key of a frame: what its messages hold, how they are read, and the transforms that points go through.
-    pub fn key(&self, messages: &Messages) -> Key {
+    pub(super) fn key(&self, messages: &Messages) -> Key {
         let mut key = Key::build(KIND).number(VERSION.into());
         let float = |number: Option<f64>| number.map_or(u64::MAX, f64::to_bits);
         let rectified = self.rectified.map_or(2, u64::from);
@@ -199,7 +199,7 @@ impl Reading {
     }
 
     /// What would be wrong with every frame, by one; and what is to be said of all.
-    pub fn look_at(&self, messages: &Messages) -> Result<Vec<String>, Fault> {
+    pub(super) fn look_at(&self, messages: &Messages) -> Result<Vec<String>, Fault> {
         let mut warnings = Vec::new();
         let cameras = self.cameras(messages)?;
         let left = self.image_header(messages, Part::Left)?;
@@ -237,7 +237,7 @@ impl Reading {
     }
 
     /// The values of a frame.
-    pub fn values(&self, messages: &Messages, ctx: &Context<'_>) -> Result<Outputs, Fault> {
+    pub(super) fn values(&self, messages: &Messages, ctx: &Context<'_>) -> Result<Outputs, Fault> {
         let cameras = self.cameras(messages)?;
         let (mut left, left_frame) = self.image(messages, Part::Left, ctx)?;
         let (mut right, _) = self.image(messages, Part::Right, ctx)?;

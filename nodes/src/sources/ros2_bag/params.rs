@@ -4,13 +4,13 @@ use depthloom_graphs::contracts::{DataPath, FrameSelection};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub const KIND: &str = "ros2/bag";
-pub const VERSION: u32 = 2;
+pub(super) const KIND: &str = "ros2/bag";
+pub(super) const VERSION: u32 = 2;
 
 /// Whether R of the left camera turns points before P projects them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum PointRotation {
+pub(crate) enum PointRotation {
     /// Where the images are rectified here; otherwise the frame of the images is the rectified camera's.
     #[default]
     Auto,
@@ -23,7 +23,7 @@ pub enum PointRotation {
 /// By which time messages belong together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum BagClock {
+pub(crate) enum BagClock {
     /// The time in a message's header: when it was taken.
     #[default]
     Header,
@@ -34,7 +34,7 @@ pub enum BagClock {
 /// Parameters of `ros2/bag`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct Ros2BagParams {
+pub(crate) struct Ros2BagParams {
     /// The bag's folder (with `metadata.yaml`), or one file of it: `.mcap` or `.db3`.
     pub path: DataPath,
     /// The left camera's images. By default of the one stereo pair that there is: `/.../left/image_rect` and `/.../right/image_rect`, `infra1` and

@@ -19,7 +19,7 @@ const OURS: &str = "depthloom";
 const MOST_LOOKED_AT: usize = 40;
 
 /// Whether a bag is a recording of ours, which another kind reads.
-pub fn is_of_ours(bag: &Bag) -> bool {
+pub(super) fn is_of_ours(bag: &Bag) -> bool {
     is_written_by_us(bag.path()) || bag.topics().iter().any(|topic| topic.message_type.starts_with("depthloom."))
 }
 
@@ -45,7 +45,7 @@ fn has_metadata(root: &Path) -> bool {
 }
 
 /// A bag, with the topics that make it a source, or a damaged one.
-pub fn recognise(root: &Path) -> Vec<Recognised> {
+pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
     let is_bag = is_called_one(root) || has_metadata(root);
     if !is_bag && files(root).next().is_none() {
         return Vec::new();

@@ -31,12 +31,12 @@ pub(super) struct Slots<'a> {
 
 impl<'a> Slots<'a> {
     /// Values of memory for `count` slots, each padded by `padding` values.
-    pub fn len(search: &Search, count: usize, padding: usize) -> usize {
+    pub(super) fn len(search: &Search, count: usize, padding: usize) -> usize {
         LEAD + count * (search.disparities + padding)
     }
 
     /// Fresh paths: all costs 0.
-    pub fn new(search: &Search, memory: Shared<'a, i16>, count: usize, padding: usize, drift: isize) -> Self {
+    pub(super) fn new(search: &Search, memory: Shared<'a, i16>, count: usize, padding: usize, drift: isize) -> Self {
         // SAFETY: nobody else has this memory yet.
         let values = unsafe { memory.write(0..Self::len(search, count, padding)) };
         let stride = search.disparities + padding;

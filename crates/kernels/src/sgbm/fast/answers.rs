@@ -46,7 +46,7 @@ impl AnswerSlots {
     /// # Safety
     /// The answers must be alive and started for a row with this column.
     #[inline(always)]
-    pub unsafe fn none(&self, x: usize) {
+    pub(super) unsafe fn none(&self, x: usize) {
         // SAFETY: as the caller vouches.
         unsafe { *self.index.add(x) = NONE };
     }
@@ -56,7 +56,7 @@ impl AnswerSlots {
     /// # Safety
     /// As [`AnswerSlots::none`].
     #[inline(always)]
-    pub unsafe fn put(&self, search: &Search, x: usize, best: Choice, sums: &[i16]) {
+    pub(super) unsafe fn put(&self, search: &Search, x: usize, best: Choice, sums: &[i16]) {
         let partner = (x + search.first_column) as i32 - best.index - search.min_disparity;
         let key = i32::from(best.cost) << 16 | (INDICES - best.index);
         // At the ends these are not used; any in range will do.
@@ -75,7 +75,7 @@ impl AnswerSlots {
 
 impl Answers {
     /// Begins a row; the answers go where the slots say.
-    pub fn start(&mut self, search: &Search) -> AnswerSlots {
+    pub(super) fn start(&mut self, search: &Search) -> AnswerSlots {
         for values in [&mut self.index, &mut self.before, &mut self.here, &mut self.after] {
             values.resize(search.columns, 0);
         }
@@ -93,7 +93,7 @@ impl Answers {
 
     /// Writes the row's disparities.
     #[inline(always)]
-    pub fn finish(&mut self, search: &Search, out: &mut [i16]) {
+    pub(super) fn finish(&mut self, search: &Search, out: &mut [i16]) {
         let columns = search.first_column..search.first_column + search.columns;
         out[..columns.start].fill(search.invalid);
         out[columns.end..].fill(search.invalid);

@@ -73,7 +73,7 @@ macro_rules! compiled {
             }
 
             /// The kernels for `disparities`.
-            pub fn kernels(disparities: usize) -> Kernels {
+            pub(crate) fn kernels(disparities: usize) -> Kernels {
                 match disparities / <$lanes>::LANES {
                     2 => table::<2>(),
                     3 => table::<3>(),

@@ -19,7 +19,7 @@ impl Costs {
     ///
     /// # Errors
     /// If it is too much for one call, or for the machine.
-    pub fn make_room(&mut self, len: usize) -> Result<(), TooMuch> {
+    pub(super) fn make_room(&mut self, len: usize) -> Result<(), TooMuch> {
         let lines = len.div_ceil(32);
         if self.0.len() < lines {
             self.0 = Vec::new();
@@ -30,7 +30,7 @@ impl Costs {
     }
 
     /// At least `len` values, of whatever content.
-    pub fn at_least(&mut self, len: usize) -> Shared<'_, i16> {
+    pub(super) fn at_least(&mut self, len: usize) -> Shared<'_, i16> {
         let lines = len.div_ceil(32);
         if self.0.len() < lines {
             // What is there need not be kept: no copy to the new place.
@@ -62,7 +62,7 @@ impl<'a, T> From<&'a mut [T]> for Shared<'a, T> {
 
 impl<'a, T> Shared<'a, T> {
     /// Where element `index` lies; `index` may be the length.
-    pub fn at(&self, index: usize) -> *mut T {
+    pub(super) fn at(&self, index: usize) -> *mut T {
         assert!(index <= self.len, "index {index} in a buffer of {}", self.len);
         // SAFETY: within the allocation, or one past its end.
         unsafe { self.start.add(index) }
@@ -72,7 +72,7 @@ impl<'a, T> Shared<'a, T> {
     ///
     /// # Safety
     /// While it lives, nobody else may read or write any of it.
-    pub unsafe fn write(&self, range: Range<usize>) -> &'a mut [T] {
+    pub(super) unsafe fn write(&self, range: Range<usize>) -> &'a mut [T] {
         assert!(range.start <= range.end && range.end <= self.len, "{range:?} of a buffer of {}", self.len);
         // SAFETY: in bounds; the caller vouches that nobody else uses it.
         unsafe { std::slice::from_raw_parts_mut(self.start.add(range.start), range.len()) }
@@ -82,7 +82,7 @@ impl<'a, T> Shared<'a, T> {
     ///
     /// # Safety
     /// While it lives, nobody may write any of it.
-    pub unsafe fn read(&self, range: Range<usize>) -> &'a [T] {
+    pub(super) unsafe fn read(&self, range: Range<usize>) -> &'a [T] {
         assert!(range.start <= range.end && range.end <= self.len, "{range:?} of a buffer of {}", self.len);
         // SAFETY: in bounds; the caller vouches that nobody writes it.
         unsafe { std::slice::from_raw_parts(self.start.add(range.start), range.len()) }

@@ -13,7 +13,7 @@ const MOST_BYTES: usize = 1 << 20;
 const DEEPEST: usize = 16;
 
 /// A file's values by name.
-pub struct Document<'a> {
+pub(super) struct Document<'a> {
     path: &'a Path,
     root: Map<String, Json>,
 }
@@ -23,7 +23,7 @@ impl<'a> Document<'a> {
     ///
     /// # Errors
     /// Where it goes wrong.
-    pub fn parse(path: &'a Path, bytes: &[u8]) -> Result<Self, Fault> {
+    pub(super) fn parse(path: &'a Path, bytes: &[u8]) -> Result<Self, Fault> {
         let fault = |what: String| Fault::new(format!("{}: {what}", path.display())).remedy(FORMS);
         if bytes.len() > MOST_BYTES {
             let (size, most) = (bytes.len() >> 10, MOST_BYTES >> 10);
@@ -43,21 +43,21 @@ impl<'a> Document<'a> {
         }
     }
 
-    pub const fn path(&self) -> &Path {
+    pub(super) const fn path(&self) -> &Path {
         self.path
     }
 
     /// A failure in the file.
-    pub fn fault(&self, what: impl std::fmt::Display) -> Fault {
+    pub(super) fn fault(&self, what: impl std::fmt::Display) -> Fault {
         Fault::new(format!("{}: {what}", self.path.display()))
     }
 
     /// The value of the first of these names that is there, with the name.
-    pub fn get<'n>(&self, names: &[&'n str]) -> Option<(&'n str, &Json)> {
+    pub(super) fn get<'n>(&self, names: &[&'n str]) -> Option<(&'n str, &Json)> {
         names.iter().find_map(|name| Some((*name, self.root.get(*name)?)))
     }
 
-    pub fn has(&self, names: &[&str]) -> bool {
+    pub(super) fn has(&self, names: &[&str]) -> bool {
         self.get(names).is_some()
     }
 
@@ -65,7 +65,7 @@ impl<'a> Document<'a> {
     ///
     /// # Errors
     /// If it holds something else.
-    pub fn list(&self, names: &[&str]) -> Result<Option<Vec<f64>>, Fault> {
+    pub(super) fn list(&self, names: &[&str]) -> Result<Option<Vec<f64>>, Fault> {
         let Some((name, value)) = self.get(names) else { return Ok(None) };
         self.numbers(name, value).map(Some)
     }
@@ -74,7 +74,7 @@ impl<'a> Document<'a> {
     ///
     /// # Errors
     /// If there are more or less.
-    pub fn matrix<const N: usize>(&self, names: &[&str]) -> Result<Option<[f64; N]>, Fault> {
+    pub(super) fn matrix<const N: usize>(&self, names: &[&str]) -> Result<Option<[f64; N]>, Fault> {
         let Some((name, value)) = self.get(names) else { return Ok(None) };
         self.array(name, value).map(Some)
     }
@@ -83,7 +83,7 @@ impl<'a> Document<'a> {
     ///
     /// # Errors
     /// If it holds something else, or more or less.
-    pub fn array<const N: usize>(&self, name: &str, value: &Json) -> Result<[f64; N], Fault> {
+    pub(super) fn array<const N: usize>(&self, name: &str, value: &Json) -> Result<[f64; N], Fault> {
         let numbers = self.numbers(name, value)?;
         let count = numbers.len();
         numbers
@@ -95,7 +95,7 @@ impl<'a> Document<'a> {
     ///
     /// # Errors
     /// If it holds something else.
-    pub fn numbers(&self, name: &str, value: &Json) -> Result<Vec<f64>, Fault> {
+    pub(super) fn numbers(&self, name: &str, value: &Json) -> Result<Vec<f64>, Fault> {
         let wrong = |what: String| self.fault(format!("`{name}` {what}")).remedy(FORMS);
         let value = match value {
             Json::Object(map) => {
@@ -109,7 +109,7 @@ impl<'a> Document<'a> {
     }
 
     /// A text.
-    pub fn text(&self, names: &[&str]) -> Option<&str> {
+    pub(super) fn text(&self, names: &[&str]) -> Option<&str> {
         self.get(names)?.1.as_str()
     }
 
@@ -117,7 +117,7 @@ impl<'a> Document<'a> {
     ///
     /// # Errors
     /// If they are no size of an image.
-    pub fn size(&self, width: &[&str], height: &[&str]) -> Result<Option<(u32, u32)>, Fault> {
+    pub(super) fn size(&self, width: &[&str], height: &[&str]) -> Result<Option<(u32, u32)>, Fault> {
         let one = |names: &[&str]| Ok::<_, Fault>(self.matrix::<1>(names)?.map(|[of]| of));
         let (Some(width), Some(height)) = (one(width)?, one(height)?) else { return Ok(None) };
         self.size_of([width, height]).map(Some)
@@ -127,7 +127,7 @@ impl<'a> Document<'a> {
     ///
     /// # Errors
     /// If they are no size of an image.
-    pub fn size_of(&self, [width, height]: [f64; 2]) -> Result<(u32, u32), Fault> {
+    pub(super) fn size_of(&self, [width, height]: [f64; 2]) -> Result<(u32, u32), Fault> {
         let is_one = |of: f64| of.fract() == 0.0 && (1.0..=1e6).contains(&of);
         match is_one(width) && is_one(height) {
             true => Ok((width as u32, height as u32)),
@@ -136,7 +136,7 @@ impl<'a> Document<'a> {
     }
 
     /// The values of a name as a document of its own.
-    pub fn within(&self, name: &str) -> Option<Self> {
+    pub(super) fn within(&self, name: &str) -> Option<Self> {
         let root = self.root.get(name)?.as_object()?.clone();
         Some(Self { path: self.path, root })
     }

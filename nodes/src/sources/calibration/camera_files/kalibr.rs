@@ -7,12 +7,12 @@ use crate::sources::calibration::camera_files::document::Document;
 use crate::sources::calibration::camera_files::{CalibratedCamera, CameraPair, FORMS, lens};
 
 /// Whether a file is such a one.
-pub fn is(file: &Document<'_>) -> bool {
+pub(super) fn is(file: &Document<'_>) -> bool {
     file.has(&["cam0"])
 }
 
 /// Reads the first two cameras of a chain.
-pub fn read(file: &Document<'_>) -> Result<CameraPair, Fault> {
+pub(super) fn read(file: &Document<'_>) -> Result<CameraPair, Fault> {
     let of = |name: &str| {
         let camera = file.within(name);
         camera.ok_or_else(|| file.fault(format!("there is no camera `{name}`")).remedy(FORMS))

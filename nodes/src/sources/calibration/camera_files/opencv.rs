@@ -14,7 +14,7 @@ const COEFFICIENTS: [[&str; 4]; 2] = [
 ];
 
 /// Reads the cameras of one or several files together.
-pub fn read(files: &[Document<'_>], fisheye: bool) -> Result<CameraPair, Fault> {
+pub(super) fn read(files: &[Document<'_>], fisheye: bool) -> Result<CameraPair, Fault> {
     // The file that has one of the names, else the first, which lacks it.
     let with = |names: &[&str]| files.iter().find(|file| file.has(names)).unwrap_or(&files[0]);
     let size = {

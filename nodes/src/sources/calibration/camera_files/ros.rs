@@ -11,12 +11,12 @@ const ROTATION: [&str; 3] = ["rectification_matrix", "r", "R"];
 const PROJECTION: [&str; 3] = ["projection_matrix", "p", "P"];
 
 /// Whether a file is such a one.
-pub fn is(file: &Document<'_>) -> bool {
+pub(super) fn is(file: &Document<'_>) -> bool {
     file.has(&MATRIX) && file.has(&PROJECTION)
 }
 
 /// What a file lacks to be such a one.
-pub fn missing(file: &Document<'_>) -> String {
+pub(super) fn missing(file: &Document<'_>) -> String {
     let names = [MATRIX, COEFFICIENTS, ROTATION, PROJECTION];
     let missing: Vec<String> =
         names.iter().filter(|names| !file.has(*names)).map(|names| format!("`{}`", names[0])).collect();
@@ -24,7 +24,7 @@ pub fn missing(file: &Document<'_>) -> String {
 }
 
 /// Reads the left camera's file, and the right one's.
-pub fn read(files: [&Document<'_>; 2]) -> Result<CameraPair, Fault> {
+pub(super) fn read(files: [&Document<'_>; 2]) -> Result<CameraPair, Fault> {
     let [left, right] = files.map(|file| -> Result<CalibratedCamera, Fault> {
         let missing = |name: &str| file.fault(format!("there is no `{name}`")).remedy(FORMS);
         let k = file.matrix::<9>(&MATRIX)?.ok_or_else(|| missing(MATRIX[0]))?;
