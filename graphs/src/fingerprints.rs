@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 use crate::key::Key;
 use crate::plan::{NodeId, NodeRef, Plan, RunId};
 
-/// Adds fingerprints, by stage run and node, to the recipes of a plan; recipes that none of them reaches stay as they are.
 pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<NodeRef, Key>) {
     let mut changed: BTreeMap<NodeRef, Key> = BTreeMap::new();
     // Every node comes after those it reads.

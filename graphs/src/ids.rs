@@ -15,7 +15,7 @@ macro_rules! index_type {
         );
 
         impl $name {
-            /// The indices of a list of so many items.
+            /// All indices of a list of `count` items.
             $visibility fn all(count: usize) -> impl DoubleEndedIterator<Item = Self> + ExactSizeIterator + Clone {
                 (0..count).map(Self)
             }

@@ -4,8 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Part of every key that is made of parts. Raised when recordings may hold values under keys that are not theirs: those of depthloom 0.1 (version 1)
-/// can hold the values of another variant, so none of their keys is ever looked up again.
+/// Part of every key. Raised when recordings may hold values under wrong keys: those of depthloom 0.1 (version 1) can
+/// hold the values of another variant.
 const KEY_VERSION: u64 = 2;
 
 /// A 128-bit name: a prefix of a BLAKE3 hash, shown as 32 hexadecimal digits.
@@ -19,7 +19,7 @@ impl Key {
         Self::from_hash(&blake3::hash(bytes))
     }
 
-    /// The key of a content that is too large to hold: equal to [`Key::of_content`] of the same bytes.
+    /// The key of a large content: equal to [`Key::of_content`] of the same bytes.
     ///
     /// # Errors
     /// If the content cannot be read.
@@ -36,7 +36,7 @@ impl Key {
         builder.number(KEY_VERSION).text(domain)
     }
 
-    /// As [`Key::build`], for what is no cache key, and is stored: it does not depend on the version of cache keys.
+    /// As [`Key::build`], for stored digests that are not cache keys and do not depend on their version.
     #[must_use]
     pub fn digest(domain: &str) -> KeyBuilder {
         KeyBuilder(Vec::with_capacity(128)).text(domain)
@@ -101,7 +101,7 @@ impl<'de> Deserialize<'de> for Key {
 
 /// Collects the parts of a key; every part is length-prefixed, so that no two lists of parts collide.
 ///
-/// The parts are gathered and hashed at once: a hasher is near two kilobytes to hand on from part to part.
+/// The parts are hashed together at the end, since a hasher of two kilobytes is expensive to move.
 pub struct KeyBuilder(Vec<u8>);
 
 impl KeyBuilder {

@@ -2,40 +2,40 @@
 
 use std::error::Error;
 
-/// An error in words: what is wrong and where, what helps, and the error beneath.
+/// What is wrong and where, the remedy, and the cause.
 #[derive(Debug, thiserror::Error)]
 #[error("{what}")]
 pub struct ErrorMessage {
     /// A lower-case fragment that names file and place.
     pub what: String,
-    /// What the person can do about it, in the imperative.
+    /// The remedy, in the imperative.
     pub remedy: Option<String>,
-    /// The error beneath.
+    /// The cause.
     #[source]
     pub source: Option<Box<dyn Error + Send + Sync>>,
 }
 
 impl ErrorMessage {
-    /// A lower-case fragment and nothing else.
+    /// A lower-case fragment.
     #[must_use]
     pub fn new(what: impl Into<String>) -> Self {
         Self { what: what.into(), remedy: None, source: None }
     }
 
-    /// Adds what the person can do about it.
+    /// Adds the remedy.
     #[must_use]
     pub fn remedy(self, text: impl Into<String>) -> Self {
         Self { remedy: Some(text.into()), ..self }
     }
 
-    /// Adds the error beneath.
+    /// Adds the cause.
     #[must_use]
     pub fn because(self, error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Self { source: Some(error.into()), ..self }
     }
 }
 
-/// An error that may know what a person can do about it.
+/// An error that may have a remedy.
 pub trait Remedied: Error {
     /// What helps, in the imperative; `None` if nothing is known.
     fn remedy(&self) -> Option<String>;
@@ -47,7 +47,7 @@ impl Remedied for ErrorMessage {
     }
 }
 
-/// An error and everything beneath it, joined by colons.
+/// An error and its causes, joined by colons.
 #[must_use]
 pub fn chain(error: &dyn Error) -> String {
     let mut text = error.to_string();

@@ -21,25 +21,23 @@ pub struct Plan {
     pub about: String,
     /// The variants' names, in the order of the file; one empty name if it declares none.
     pub variants: Vec<String>,
-    /// By variant, the values that the axes of `matrix` have in it; empty without a matrix.
+    /// By variant, the values of the axes of `matrix`; empty without a matrix.
     pub factors: Vec<Vec<Factor>>,
     /// The stage runs, in the order they are executed.
     pub runs: Vec<StageRun>,
     /// What is recorded.
     pub record: Record,
-    /// The files the experiment was read from, as written: name and text, the file asked for first.
+    /// The files of the experiment as written: name and text, the main file first.
     pub written: Vec<(String, String)>,
     /// The experiment as resolved: `extends`, graph files, environment and `--set` applied, in YAML.
     pub resolved: String,
 }
 
-/// An axis of `matrix`, and the value it has in a variant.
-///
-/// Where `variants` are multiplied by a matrix they are an axis too, `variant`.
+/// An axis of `matrix` and its value in a variant. `variants` multiplied by a matrix are the axis `variant`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Factor {
-    /// The axis: its name in the file, or the end of its path that tells it from others, as in the variant's name.
+    /// The axis: its name, or the suffix of its path that is used in the variant's name.
     pub axis: String,
     /// The value as written in the file, or its name there.
     pub value: String,
@@ -52,15 +50,15 @@ impl Factor {
 /// What is recorded of every stage run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// Of how many frames of a stage run the first has its values kept (scores are kept of all).
+    /// Record values of every n-th frame; scores of all.
     pub every: u64,
-    /// Whether maps are also kept as pictures, for looking at.
+    /// Whether maps are also kept as pictures.
     pub view: bool,
-    /// Of which depths points are also kept, for looking at.
+    /// Depths that are also kept as points.
     pub points: Vec<OutputPattern>,
 }
 
-/// Outputs by stage, node and port, `*` in each for any run of characters; the source of a stage is its node `source`.
+/// A pattern of outputs, with `*` for any characters; the source of a stage is its node `source`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutputPattern {
     /// The stage.
@@ -72,14 +70,14 @@ pub struct OutputPattern {
 }
 
 impl OutputPattern {
-    /// Whether an output is meant.
+    /// Whether an output matches.
     #[must_use]
     pub fn names(&self, stage: &str, node: &str, port: &str) -> bool {
         glob(&self.stage, stage) && glob(&self.node, node) && glob(&self.port, port)
     }
 }
 
-/// A stage on one source: variants that change a stage's source make several runs of it.
+/// A stage on one source. A stage has several runs if variants change its source.
 #[derive(Clone, Debug)]
 pub struct StageRun {
     /// The stage's name.
@@ -88,7 +86,7 @@ pub struct StageRun {
     pub prefix: String,
     /// Where its frames come from.
     pub source: PlannedSource,
-    /// The nodes, each after all those it reads: the plan position is the index.
+    /// The nodes, each after all those it reads. The index is the plan position.
     pub nodes: Vec<PlannedNode>,
     /// What is scored.
     pub estimates: Vec<Estimate>,
@@ -135,14 +133,13 @@ pub struct SourcePart {
     pub version: u32,
     /// Its parameters, resolved.
     pub params: Json,
-    /// The same with `${NAME}` for what comes from the environment: what may be shown.
+    /// With `${NAME}` for values of environment variables: may be shown.
     pub shown: Json,
-    /// The same with every path replaced by its content's hash or its last name: what may be recorded, since it is equal on
-    /// every machine.
+    /// With the content's hash or the last name for every path: equal on every machine, may be recorded.
     pub portable: Json,
 }
 
-/// Parts of equal parameters are equal, whether or not these come from the environment.
+/// Parts with equal parameters are equal, whether or not these come from the environment.
 impl PartialEq for SourcePart {
     fn eq(&self, other: &Self) -> bool {
         (&self.kind, self.version, &self.params) == (&other.kind, other.version, &other.params)
@@ -160,29 +157,29 @@ pub struct PlannedNode {
     pub version: u32,
     /// How it is called.
     pub contract: Contract,
-    /// Its parameters, resolved: every default filled in.
+    /// Its parameters, with every default.
     pub params: Json,
-    /// The same as far as they may be shown; see [`SourcePart::shown`].
+    /// See [`SourcePart::shown`].
     pub shown: Json,
-    /// The same as far as they are equal on every machine; see [`SourcePart::portable`].
+    /// See [`SourcePart::portable`].
     pub portable: Json,
-    /// Those of its parameters that follow others ([`Auto`](crate::contracts::Auto)), as the first of the nodes it stands for has them.
+    /// Its parameters that follow others ([`Auto`](crate::contracts::Auto)).
     pub auto: Vec<String>,
-    /// Its input ports, in the order of the declaration, and what is wired to them.
+    /// Its input ports, in the order of the declaration.
     pub inputs: Vec<PlannedInput>,
     /// Its output ports, in the order of the declaration.
     pub outputs: Vec<PlannedOutput>,
-    /// What it observes of a frame besides its inputs; see [`Signature::observes`](crate::contracts::Signature::observes).
+    /// See [`Signature::observes`](crate::contracts::Signature::observes).
     pub observes: Option<Observation>,
-    /// `H(kind, version, parameters, recipes of inputs)`; of a plan made [`ready`](crate::ready), with the fingerprints of the engines
-    /// of this machine that the node and those before it run in.
+    /// `H(kind, version, parameters, recipes of inputs)`; in a [`ready`](crate::ready) plan, with the fingerprints of
+    /// the engines of this machine.
     pub recipe: Key,
     /// The variants that use it.
     pub variants: Vec<VariantId>,
 }
 
 impl PlannedNode {
-    /// A hash of the files that the node reads by itself for a frame; `None` if it reads none.
+    /// A hash of the files that the node itself reads for a frame; `None` if it reads none.
     ///
     /// # Errors
     /// The file that cannot be read.
@@ -190,7 +187,7 @@ impl PlannedNode {
         self.observes.as_ref().map_or(Ok(None), |observes| observes.content(frame))
     }
 
-    /// The variants it serves, named, for messages: empty where it serves all.
+    /// The names of the variants it serves; empty if it serves all.
     #[must_use]
     pub fn variant_names<'a>(&self, plan: &'a Plan) -> Vec<&'a str> {
         if self.variants.len() == plan.variants.len() {
@@ -207,12 +204,12 @@ pub struct PlannedInput {
     pub port: Port,
     /// Where its value comes from; `None` for an optional port left unwired.
     pub from: Option<Origin>,
-    /// The path of its file with `${NAME}` for what comes from the environment, if anything does.
+    /// The path of its file with `${NAME}`, if it contains variables.
     pub shown: Option<String>,
 }
 
 impl PlannedInput {
-    /// The node that it reads; `run` is the stage run of the input. `None` where it reads the source, a file or nothing.
+    /// The node that it reads; `None` for the source, a file or an unwired input. `run` is the input's stage run.
     #[must_use]
     pub const fn node_read(&self, run: RunId) -> Option<NodeRef> {
         match self.from {
@@ -222,7 +219,6 @@ impl PlannedInput {
         }
     }
 
-    /// The path of its file as it may be shown.
     pub(crate) fn shown_path(&self, path: &Path) -> String {
         self.shown.clone().unwrap_or_else(|| path.display().to_string())
     }
@@ -253,13 +249,13 @@ pub struct PlannedOutput {
     pub port: Port,
     /// The topic it is recorded under.
     pub topic: String,
-    /// The topics it has in variants that share it: `/<stage>/<variant>/<node>/<port>`, for the alias table.
+    /// Its topics in variants that share it: `/<stage>/<variant>/<node>/<port>`.
     pub aliases: Vec<String>,
     /// Whether it is recorded.
     pub recorded: bool,
 }
 
-/// Something that is scored against the truth.
+/// Something that is compared with ground truth.
 #[derive(Clone, Debug)]
 pub struct Estimate {
     /// `name` if the value is the same in all variants, else `variant/name`.
@@ -268,10 +264,10 @@ pub struct Estimate {
     pub name: String,
     /// The variant; `None` if the value is the same in all.
     pub variant: Option<VariantId>,
-    /// Where the estimated depth comes from.
+    /// The estimated depth.
     pub estimate: Slot,
-    /// Where the true depth comes from.
+    /// The ground truth.
     pub truth: Slot,
-    /// Which node of the stage run computes its scores (`score/depth`).
+    /// The node that computes its scores (`score/depth`).
     pub score_node: NodeId,
 }

@@ -19,17 +19,17 @@ use crate::values::{Artifact, Value, ValueType};
 pub struct Ready {
     /// The plan, its recipes with the fingerprints of this machine's engines.
     pub plan: Plan,
-    /// What stands behind each of its stage runs.
+    /// By stage run.
     pub runs: Vec<ReadyRun>,
     /// The once-values that come from files, by path.
     pub files: BTreeMap<PathBuf, Value>,
-    /// What the sources have to say of the data they found, each once, with the source's name.
+    /// Warnings of the sources, each once, with the source's name.
     pub warnings: Vec<String>,
-    /// By node, how another instance of the node is built: for an audit, which runs a node again from its first frame.
+    /// By node, how to build another instance, for the audit.
     pub builders: BTreeMap<NodeRef, NodeBuilder>,
 }
 
-/// How a node of a plan is built again.
+/// Builds another instance of a node.
 #[derive(Clone, Debug)]
 pub struct NodeBuilder {
     build: fn(&Json) -> Result<Instance, Fault>,
@@ -46,7 +46,7 @@ impl NodeBuilder {
     }
 }
 
-/// What stands behind a stage run.
+/// The source and nodes of a stage run.
 pub struct ReadyRun {
     /// Its source, opened.
     pub source: Box<dyn Source>,
@@ -97,7 +97,7 @@ pub enum NotReady {
 }
 
 impl NotReady {
-    /// What is wrong beneath.
+    /// The cause.
     #[must_use]
     pub const fn fault(&self) -> &Fault {
         match self {
@@ -107,7 +107,7 @@ impl NotReady {
 }
 
 impl Ready {
-    /// Opens the sources, builds the nodes, reads the files of a plan and shows them to the nodes that get them.
+    /// Opens the sources, builds the nodes and reads the files of a plan.
     ///
     /// # Errors
     /// Everything that is missing, in plan order.
@@ -140,7 +140,7 @@ impl Ready {
         Ok(Self { builders, ..Self::of(plan, runs, files, &prints) })
     }
 
-    /// A plan with what stands behind its stage runs, wherever it was made: `fingerprints` are those of its nodes.
+    /// A plan whose sources and nodes come from elsewhere; `fingerprints` by node.
     #[must_use]
     pub fn of(
         mut plan: Plan,
@@ -163,7 +163,6 @@ impl Ready {
     }
 }
 
-/// How the nodes of a plan are built again.
 fn builders(plan: &Plan, registry: &Registry) -> BTreeMap<NodeRef, NodeBuilder> {
     let mut builders = BTreeMap::new();
     for (run, planned) in RunId::enumerate(&plan.runs) {
@@ -176,8 +175,8 @@ fn builders(plan: &Plan, registry: &Registry) -> BTreeMap<NodeRef, NodeBuilder> 
     builders
 }
 
-/// Builds a node of a plan; the files among its inputs are read into `files`, unless they are there, and shown to it. With it
-/// comes the fingerprint of the engine it runs in, if that decides its results.
+/// Builds a node. Reads the files among its inputs into `files`. Returns the fingerprint of its engine, if that
+/// decides its results.
 ///
 /// # Errors
 /// Everything that is missing.
@@ -214,7 +213,7 @@ pub fn build(
     built.filter(|_| missing.is_empty()).ok_or(missing)
 }
 
-/// Reads the files among a node's inputs, unless they are there; gives what cannot be read.
+/// Reads the files among a node's inputs; returns what cannot be read.
 pub fn read_files(stage: &str, node: &PlannedNode, files: &mut BTreeMap<PathBuf, Value>) -> Vec<NotReady> {
     let mut missing = Vec::new();
     for input in &node.inputs {
@@ -237,7 +236,7 @@ pub fn read_files(stage: &str, node: &PlannedNode, files: &mut BTreeMap<PathBuf,
     missing
 }
 
-/// Lets a node look at the once-values that files give it, so that what is wrong with them is found before any frame.
+/// Checks once-values from files before any frame.
 fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf, Value>) -> Result<(), Fault> {
     let of_file = |from: &Option<Origin>| match from {
         Some(Origin::File(path)) => files.get(path).cloned(),
@@ -251,7 +250,7 @@ fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf,
     instance.prepare(&Inputs::new(&ports, &values))
 }
 
-/// The largest file of a once-value: ONNX's own limit.
+/// ONNX's own limit.
 const MOST_BYTES: u64 = 2 << 30;
 
 fn read_once_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
@@ -287,7 +286,7 @@ pub fn open(source: &PlannedSource, registry: &Registry) -> Result<Box<dyn Sourc
     }
 }
 
-/// Several sources, one after the other; indices and times go on where the one before ended.
+/// Indices and times continue after those of the source before.
 struct Joined {
     parts: Vec<Box<dyn Source>>,
     frames: Vec<Frame>,

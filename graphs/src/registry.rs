@@ -22,7 +22,7 @@ pub struct ParamError {
     pub what: String,
 }
 
-/// A node kind, its types erased.
+/// A node kind with erased types.
 pub struct NodeKind {
     /// Name, version, ports and docs.
     pub declaration: NodeDeclaration,
@@ -46,15 +46,15 @@ impl NodeKind {
         (self.resolve)(params)
     }
 
-    /// How a node with these parameters is called, and its ports; see [`Node::signature`].
+    /// See [`Node::signature`].
     ///
     /// # Errors
-    /// If they are none of this kind.
+    /// If the parameters do not belong to this kind.
     pub fn signature(&self, resolved: &Json) -> Result<Signature, Fault> {
         Ok((self.signature)(resolved)?.unwrap_or_else(|| Signature::from(&self.declaration)))
     }
 
-    /// The signature of all nodes of this kind; `None` where it follows from their parameters.
+    /// The signature of all nodes of this kind; `None` if it follows from the parameters.
     #[must_use]
     pub fn fixed_signature(&self) -> Option<Signature> {
         (!self.own_ports).then(|| Signature::from(&self.declaration))
@@ -63,7 +63,7 @@ impl NodeKind {
     /// See [`Node::check_inputs`].
     ///
     /// # Errors
-    /// As there.
+    /// What does not fit.
     pub fn check_inputs(&self, resolved: &Json, upstream: &Upstream<'_>) -> Result<(), Fault> {
         (self.check_inputs)(resolved, upstream)
     }
@@ -71,12 +71,11 @@ impl NodeKind {
     /// See [`Node::fingerprint`].
     ///
     /// # Errors
-    /// As there.
+    /// What is missing.
     pub fn fingerprint(&self, resolved: &Json) -> Result<Option<Key>, Fault> {
         (self.fingerprint)(resolved)
     }
 
-    /// What [`NodeKind::build`] calls.
     pub(crate) const fn builder(&self) -> fn(&Json) -> Result<Instance, Fault> {
         self.build
     }
@@ -90,7 +89,7 @@ impl NodeKind {
     }
 }
 
-/// A source kind, its types erased.
+/// A source kind with erased types.
 pub struct SourceEntry {
     /// Name, version, ports and docs.
     pub declaration: SourceDeclaration,
@@ -115,7 +114,7 @@ impl SourceEntry {
     /// See [`SourceKind::outputs`].
     ///
     /// # Errors
-    /// As there.
+    /// What is missing.
     pub fn outputs(&self, resolved: &Json) -> Result<Vec<Port>, Fault> {
         (self.outputs)(resolved)
     }
@@ -151,7 +150,7 @@ pub struct Registry {
     clashes: Vec<RegisteredTwice>,
 }
 
-/// A kind that two registrations declare: experiments could not say which of them they mean.
+/// Two registrations declare the same kind.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("kind `{kind}` is registered twice: by `{first}` and by `{second}`")]
 pub struct RegisteredTwice {
@@ -159,7 +158,7 @@ pub struct RegisteredTwice {
     pub kind: &'static str,
     /// The type that was registered first.
     pub first: &'static str,
-    /// The type that was registered after it; the same one, if it was registered twice itself.
+    /// The type that was registered second; possibly the same.
     pub second: &'static str,
 }
 
@@ -219,8 +218,7 @@ impl Registry {
         self
     }
 
-    /// Whether every kind was registered once; of two of one name, nodes or sources, the first is the one known. Whoever starts an
-    /// engine asks before anything else.
+    /// Checks that every kind was registered once. The first of two is used.
     ///
     /// # Errors
     /// The first kind that was registered twice.
@@ -228,7 +226,7 @@ impl Registry {
         self.clashes.first().map_or(Ok(()), |clash| Err(clash.clone()))
     }
 
-    /// Takes a kind's name for a type; `false` if it is taken.
+    /// `false` if the name is taken.
     fn claim(&mut self, kind: &'static str, declared_by: &'static str) -> bool {
         let first = *self.types.entry(kind).or_insert(declared_by);
         let is_free = !self.nodes.contains_key(kind) && !self.sources.contains_key(kind);
@@ -271,7 +269,6 @@ fn parse<P: serde::de::DeserializeOwned>(resolved: &Json) -> Result<P, Fault> {
         .map_err(|error| Fault::new(format!("parameter `{}`: {}", error.path(), error.inner())))
 }
 
-/// A step of a path as a key or an index.
 fn step_of(segment: &serde_path_to_error::Segment) -> String {
     match segment {
         serde_path_to_error::Segment::Seq { index } => index.to_string(),

@@ -13,7 +13,7 @@ pub fn open(path: &Path) -> Result<File, Error> {
     File::open(path)
 }
 
-/// What a regular file is, looked at before it is opened: opening a pipe waits for whoever writes to it.
+/// Checked before opening: opening a pipe waits for its writer.
 fn look(path: &Path) -> Result<Metadata, Error> {
     let metadata = std::fs::metadata(path)?;
     if metadata.is_dir() {
@@ -25,11 +25,11 @@ fn look(path: &Path) -> Result<Metadata, Error> {
     Ok(metadata)
 }
 
-/// The bytes of a regular file that holds at most `most` of them.
+/// The bytes of a regular file of at most `most` bytes.
 ///
 /// # Errors
-/// As lower-case fragments without the path: what the system says; [`ErrorKind::FileTooLarge`] with size and limit;
-/// [`ErrorKind::IsADirectory`]; [`ErrorKind::InvalidInput`] for pipes, sockets and devices.
+/// Lower-case fragments without the path; [`ErrorKind::FileTooLarge`], [`ErrorKind::IsADirectory`], and
+/// [`ErrorKind::InvalidInput`] for pipes, sockets and devices.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     let metadata = look(path)?;
     let too_large = |bytes: u64| {
@@ -46,31 +46,30 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     if bytes.len() as u64 > most { too_large(bytes.len() as u64) } else { Ok(bytes) }
 }
 
-/// How the text begins that Git LFS leaves in the place of a file that it has not downloaded.
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
 
-/// What to do about such a file.
+/// The remedy for a pointer of Git LFS.
 pub const LFS_REMEDY: &str = "fetch the file with `git lfs pull` in its repository";
 
-/// Whether a file, by its first 16 bytes or more, is a pointer of Git LFS and not the file itself.
+/// Whether the first 16 bytes or more are those of a Git LFS pointer.
 #[must_use]
 pub fn is_lfs_pointer(head: &[u8]) -> bool {
     head.len() >= 16 && head.iter().zip(LFS_POINTER).all(|(a, b)| a == b)
 }
 
-/// Fills the buffer with the bytes at a position, whoever else reads the file.
+/// Reads the bytes at a position.
 ///
 /// # Errors
-/// What the system says; [`ErrorKind::UnexpectedEof`] where the file ends before.
+/// [`ErrorKind::UnexpectedEof`] where the file ends before.
 #[cfg(unix)]
 pub fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> Result<(), Error> {
     std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
 }
 
-/// Fills the buffer with the bytes at a position, whoever else reads the file.
+/// Reads the bytes at a position.
 ///
 /// # Errors
-/// What the system says; [`ErrorKind::UnexpectedEof`] where the file ends before.
+/// [`ErrorKind::UnexpectedEof`] where the file ends before.
 #[cfg(windows)]
 pub fn read_exact_at(file: &File, mut buffer: &mut [u8], mut offset: u64) -> Result<(), Error> {
     while !buffer.is_empty() {

@@ -10,9 +10,10 @@ use crate::key::{Key, KeyBuilder};
 /// What a node observes of a frame besides its inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct Observed<'a> {
-    /// Which frame it is: id, index and time.
+    /// Id, index and time.
     pub frame: &'a Frame,
-    /// The content of the files that it reads by itself; see [`Observation::content`](crate::contracts::Observation::content).
+    /// The content of the files that it reads itself; see
+    /// [`Observation::content`](crate::contracts::Observation::content).
     pub files: Option<Key>,
 }
 
@@ -23,14 +24,13 @@ impl Observed<'_> {
     }
 }
 
-/// The key of one output port of a node, or of a source's frame, from the key they share.
+/// The key of one output port, from the key of the node or of the source's frame.
 #[must_use]
 pub fn port(node: &Key, port: &str) -> Key {
     Key::build("port").key(node).text(port).finish()
 }
 
-/// The key of a pure node's values on one frame: its recipe, the keys of its inputs on that frame, and what it observes of the frame, if
-/// it observes anything.
+/// The key of a pure node's values on one frame.
 #[must_use]
 pub fn pure(recipe: &Key, observed: Option<Observed<'_>>, inputs: &[Option<Key>]) -> Key {
     let builder = with_inputs(Key::build("pure").key(recipe), inputs);
@@ -40,22 +40,20 @@ pub fn pure(recipe: &Key, observed: Option<Observed<'_>>, inputs: &[Option<Key>]
     }
 }
 
-/// The key of an ordered node's values on one frame: its recipe, its key on the frame before, its inputs, and what it observes of the frame.
-///
-/// `previous` is `None` on the first frame.
+/// The key of an ordered node's values on one frame; `previous` is its key on the frame before.
 #[must_use]
 pub fn ordered(recipe: &Key, previous: Option<&Key>, observed: Observed<'_>, inputs: &[Option<Key>]) -> Key {
     let builder = with_inputs(optional(Key::build("ordered").key(recipe), previous), inputs);
     observed.add_to(builder).finish()
 }
 
-/// The key of the once-values an ordered node gives after its last frame; `last` is its key on that frame.
+/// The key of an ordered node's aggregate values; `last` is its key on the last frame.
 #[must_use]
 pub fn finished(recipe: &Key, last: Option<&Key>) -> Key {
     optional(Key::build("finished").key(recipe), last).finish()
 }
 
-/// The key of a once-node's values: its recipe and its inputs, by content hash where they are artefacts.
+/// The key of an aggregate node's values; inputs by content hash where they are artifacts.
 #[must_use]
 pub fn once(recipe: &Key, inputs: &[Option<Key>]) -> Key {
     with_inputs(Key::build("once").key(recipe), inputs).finish()

@@ -1,60 +1,51 @@
-//! The audit of reuse: recomputes a sample of the values that a run reuses, and compares them with those that are stored.
+//! The audit of reuse: recomputes a sample of the reused values and compares them bit for bit.
 //!
-//! A cache key names what a value was computed from, as far as the engine can observe it. What it cannot observe (a file that a program reads
-//! without declaring it, an implementation that changed under the same version, chance) is found here: some frames are computed once more
-//! from the source on, and every value that would be reused on them must be equal to the last bit.
-//!
-//! Most of the sample is taken before the stage's first frame, so that a wrong value fails a run early. Nodes of which nothing was reused on
-//! those frames are sampled after the last frame, on a random one of the frames on which they were reused.
+//! It finds what a cache key cannot observe: undeclared files of a program, an implementation that changed under the same version, chance. Most
+//! of the sample is taken before the stage's first frame, so that a wrong value fails a run early. Nodes without reused values on those frames
+//! are sampled after the last frame.
 
 pub(crate) mod comparison;
 pub(crate) mod failure;
 pub(crate) mod sample;
 
 use std::collections::BTreeMap;
-use std::sync::Mutex;
-use std::sync::atomic::AtomicU64;
 
 use depthloom_graphs::contracts::{Contract, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::values::ValueDifference;
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Outputs, Scratch, Value};
-use depthloom_threads::caught;
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Scratch, Value};
 
-use self::comparison::{Comparison, compare_aggregates};
+use self::comparison::{Comparison, compare_aggregates, now_fails};
 use self::failure::Cause;
 use crate::error::RunError;
 use crate::host::TaskHost;
 use crate::observer::Unwatched;
-use crate::panics::fault;
+use crate::panics::guarded;
 use crate::reuse::{FramePlan, Reuse};
 use crate::stage::frame_graph::{Feed, OutputId, StepId, StepOutput};
 use crate::stage::{FrameNode, Stage, process_pure};
 use crate::warnings::Warnings;
 
-/// Recomputes values of a stage run.
 pub(crate) struct Auditor<'s, 'a, T: Tap> {
     stage: &'s Stage<'a, T>,
     reuse: &'s Reuse<'a>,
     comparison: Comparison<'s>,
 }
 
-/// The values of one frame, as far as they were needed.
 struct FrameValues {
     position: FrameIndex,
     plan: FramePlan,
-    /// By step, its outputs once they were recomputed.
+    /// By step, its outputs if they were recomputed.
     computed: Vec<Option<Vec<Option<Value>>>>,
 }
 
 /// Why a step's values cannot be recomputed on a frame.
 enum NotRecomputed {
-    /// They depend on a node with memory whose values are not stored.
+    /// They depend on an ordered node whose values are not stored.
     NeedsOrderedNode,
     /// A required input is absent.
     Absent,
-    /// Reading or computing failed.
     Failed(Fault),
 }
 
@@ -64,7 +55,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         Some(Self { stage, reuse: stage.reuse.as_ref()?, comparison: stage.comparison()? })
     }
 
-    /// The part of the audit before the stage's frames; gives how many values were compared.
+    /// Returns how many values were compared.
     pub(crate) fn before_frames(&self, builders: &BTreeMap<NodeRef, NodeBuilder>) -> Result<u64, RunError> {
         let frames = self.stage.source.frames().len();
         let mut compared = 0;
@@ -85,7 +76,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         Ok(compared)
     }
 
-    /// The part behind them: the nodes of which nothing was reused on the frames of the first part.
+    /// Audits the nodes without reused values on the frames sampled before.
     pub(crate) fn after_frames(&self) -> Result<u64, RunError> {
         let mut compared = 0;
         for (position, steps) in self.stage.sampler.late() {
@@ -98,10 +89,10 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     }
 
     fn is_interrupted(&self) -> bool {
-        self.stage.interrupt.stops_admission()
+        self.stage.context.interrupt.stops_admission()
     }
 
-    /// Recomputes what is reused on a frame, of the source and of nodes without memory.
+    /// Recomputes the reused values of a frame: of the source and of pure nodes.
     fn frame(&self, position: FrameIndex, is_wanted: impl Fn(StepId) -> bool) -> Result<u64, RunError> {
         // A frame whose key cannot be determined fails when it is read.
         let Some(mut values) = self.frame_values(position) else { return Ok(0) };
@@ -113,10 +104,8 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
             match self.recompute(&mut values, step) {
                 Ok(()) => {
                     let outputs = values.computed[step].take().unwrap_or_default();
-                    let found = self.compare(&values, step, &outputs, || {
-                        self.is_deterministic(&mut self.frame_values(position), step, &outputs)
-                    });
-                    compared += found?;
+                    compared +=
+                        self.compare(&values, step, &outputs, || self.recompute_again(position, step, &outputs))?;
                     values.computed[step] = Some(outputs);
                     self.stage.sampler.cover(step);
                 }
@@ -126,16 +115,13 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
                     return Err(self.failure(&values, step, what));
                 }
                 Err(NotRecomputed::Failed(_)) if self.is_interrupted() => return Ok(compared),
-                Err(NotRecomputed::Failed(fault)) => {
-                    let what = format!("stored a value, and now fails: {}", fault.chain());
-                    return Err(self.failure(&values, step, what));
-                }
+                Err(NotRecomputed::Failed(fault)) => return Err(self.failure(&values, step, now_fails(&fault))),
             }
         }
         Ok(compared)
     }
 
-    /// Runs an ordered node that is reused again, from its first frame on.
+    /// Runs a reused ordered node again, from its first frame.
     fn ordered(&self, node: NodeId, builder: &NodeBuilder) -> Result<u64, RunError> {
         let step = StepId::of_node(node);
         let Ok(Instance::Ordered(mut instance)) = builder.build() else { return Ok(0) };
@@ -149,32 +135,26 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
             let inputs = match self.inputs(&mut values, step) {
                 Ok(inputs) => inputs,
                 Err(NotRecomputed::Absent) => continue,
-                // Its memory is then another one than that of the run: nothing that follows can be compared.
+                // Its state then differs from that of the run: nothing that follows can be compared.
                 Err(NotRecomputed::NeedsOrderedNode | NotRecomputed::Failed(_)) => return Ok(compared),
             };
             let producer = &self.stage.graph.producers[step];
             let warnings = Warnings::default();
             let host = self.host(&warnings, Some(node), Some(position));
             let mut ctx = Context::new(&host, &mut scratch);
-            let made = caught(|| instance.process(frame, &Inputs::new(&producer.inputs, &inputs), &mut ctx));
-            let made =
-                made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|made| made.in_order_of(&producer.outputs));
-            match made {
+            let outputs = guarded(|| instance.process(frame, &Inputs::new(&producer.inputs, &inputs), &mut ctx));
+            match outputs.and_then(|outputs| outputs.in_order_of(&producer.outputs)) {
                 Ok(outputs) => compared += self.compare(&values, step, &outputs, || None)?,
                 Err(_) if self.is_interrupted() => return Ok(compared),
-                Err(fault) => {
-                    let what = format!("stored a value, and now fails: {}", fault.chain());
-                    return Err(self.failure(&values, step, what));
-                }
+                Err(fault) => return Err(self.failure(&values, step, now_fails(&fault))),
             }
         }
         match &self.reuse.finished[node] {
             Some(stored) if prefix == frames.len() && !self.is_interrupted() => {
                 let warnings = Warnings::default();
                 let host = TaskHost { key: Some(stored.key), ..self.host(&warnings, Some(node), None) };
-                let made = caught(|| instance.finish(&mut Context::new(&host, &mut scratch)));
-                let made = made.unwrap_or_else(|panic| Err(fault(panic)));
-                compared += compare_aggregates(self.stage.plan, node, &stored.values, made)?;
+                let outputs = guarded(|| instance.finish(&mut Context::new(&host, &mut scratch)));
+                compared += compare_aggregates(self.stage.plan, node, &stored.values, outputs)?;
             }
             _ => {}
         }
@@ -182,8 +162,8 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     }
 
     fn frame_values(&self, position: FrameIndex) -> Option<FrameValues> {
-        let key = caught(|| self.stage.source.key(position)).ok()?.ok()?;
-        let plan = self.reuse.plan(&self.stage.graph, self.stage.tap, position, key);
+        let key = guarded(|| self.stage.source.key(position)).ok()?;
+        let plan = self.reuse.plan(&self.stage.graph, self.stage.context.tap, position, key);
         Some(FrameValues { position, plan, computed: vec![None; self.stage.graph.producers.len()] })
     }
 
@@ -202,22 +182,20 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         let host = self.host(&warnings, step.node(), Some(values.position));
         let mut ctx = Context::new(&host, &mut scratch);
         let position = values.position;
-        let made = caught(|| -> Result<Outputs, Fault> {
-            match step.node().map(|node| (&self.stage.nodes[node], &self.stage.plan.nodes[node])) {
+        let outputs =
+            guarded(|| match step.node().map(|node| (&self.stage.nodes[node], &self.stage.plan.nodes[node])) {
                 None => Ok(self.stage.source.read(position, &mut ctx)?.outputs),
                 Some((FrameNode::Pure(node), planned)) => {
                     let frame = &self.stage.source.frames()[position];
                     process_pure(&**node, planned, frame, &Inputs::new(&producer.inputs, &inputs), &mut ctx)
                 }
-                Some((FrameNode::Ordered(_) | FrameNode::Once, _)) => Err(Fault::new("it has memory")),
-            }
-        });
-        let made = made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|made| made.in_order_of(&producer.outputs));
-        values.computed[step] = Some(made.map_err(NotRecomputed::Failed)?);
+                Some((FrameNode::Ordered(_) | FrameNode::Once, _)) => Err(Fault::new("it is not a pure node")),
+            });
+        let outputs = outputs.and_then(|outputs| outputs.in_order_of(&producer.outputs));
+        values.computed[step] = Some(outputs.map_err(NotRecomputed::Failed)?);
         Ok(())
     }
 
-    /// The values at a step's inputs.
     fn inputs(&self, values: &mut FrameValues, step: StepId) -> Result<Vec<Option<Value>>, NotRecomputed> {
         let producer = &self.stage.graph.producers[step];
         let mut inputs = Vec::with_capacity(producer.inputs.len());
@@ -238,18 +216,18 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         Ok(inputs)
     }
 
-    /// A value of a step: recomputed on this frame already, stored, or recomputed now.
-    fn output(&self, values: &mut FrameValues, of_step: StepOutput) -> Result<Option<Value>, NotRecomputed> {
-        let StepOutput { step, output } = of_step;
+    /// A value of a step: recomputed before, stored, or recomputed now.
+    fn output(&self, values: &mut FrameValues, id: StepOutput) -> Result<Option<Value>, NotRecomputed> {
+        let StepOutput { step, output } = id;
         if let Some(computed) = &values.computed[step] {
             return Ok(computed[output].clone());
         }
-        if values.plan.absent.contains(&of_step) {
+        if values.plan.absent.contains(&id) {
             return Ok(None);
         }
-        if let Some(key) = values.plan.stored(of_step) {
+        if let Some(key) = values.plan.stored(id) {
             let port = self.stage.graph.producers[step].outputs[output].name;
-            let read = self.reuse.values(&[(key, port)]).map_err(NotRecomputed::Failed)?;
+            let read = self.reuse.store.values(&[(key, port)]).map_err(NotRecomputed::Failed)?;
             return Ok(read.into_iter().next().flatten());
         }
         if !self.is_recomputable(step) {
@@ -257,13 +235,11 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         }
         match self.recompute(values, step) {
             Ok(()) => Ok(values.computed[step].as_ref().and_then(|computed| computed[output].clone())),
-            // Its outputs are absent, too.
             Err(NotRecomputed::Absent) => Ok(None),
             Err(other) => Err(other),
         }
     }
 
-    /// Compares a step's outputs with those that are stored; gives how many values were compared.
     fn compare(
         &self,
         values: &FrameValues,
@@ -274,15 +250,10 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
         self.comparison.differences(values.position, &values.plan, step, outputs, cause).map_err(RunError::Audit)
     }
 
-    /// Whether a step gives the same outputs once more.
-    fn is_deterministic(
-        &self,
-        again: &mut Option<FrameValues>,
-        step: StepId,
-        outputs: &[Option<Value>],
-    ) -> Option<Cause> {
-        let values = again.as_mut()?;
-        self.recompute(values, step).ok()?;
+    /// Whether a step is not deterministic.
+    fn recompute_again(&self, position: FrameIndex, step: StepId, outputs: &[Option<Value>]) -> Option<Cause> {
+        let mut values = self.frame_values(position)?;
+        self.recompute(&mut values, step).ok()?;
         let others = values.computed[step].as_ref()?;
         let is_equal = outputs.iter().zip(others).all(|(a, b)| match (a, b) {
             (Some(a), Some(b)) => ValueDifference::between(a, b, 0.0).different == 0,
@@ -297,19 +268,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     }
 
     fn host<'h>(&'h self, warnings: &'h Warnings, node: Option<NodeId>, position: Option<FrameIndex>) -> TaskHost<'h> {
-        TaskHost {
-            budget: self.stage.budget,
-            interrupt: self.stage.interrupt,
-            observer: &Unwatched,
-            warnings,
-            run: self.stage.run,
-            node,
-            position,
-            key: None,
-            checkpoints: None,
-            helpers_cpu_ns: AtomicU64::new(0),
-            reported: Mutex::default(),
-            is_repeated: true,
-        }
+        let host = TaskHost::new(self.stage.context, self.stage.run, node);
+        TaskHost { observer: &Unwatched, warnings, position, is_repeated: true, ..host }
     }
 }

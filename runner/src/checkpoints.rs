@@ -1,4 +1,4 @@
-//! The files where once-nodes put down where they are: who may write which, and when they go.
+//! Checkpoint files of aggregate nodes: locked while they are written, removed when the values are safe.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
@@ -9,16 +9,16 @@ use std::sync::{Arc, Mutex};
 use depthloom_graphs::Key;
 use depthloom_threads::locked;
 
-/// The checkpoints that a run holds, each under the key of the values it leads to.
+/// The checkpoints of a run, by the key of the values they lead to.
 ///
-/// A lock beside each file keeps other processes away; it is the system's, so that a process that is killed leaves none. They are held
-/// to the end of the run: what a finished node gave is lost with a run that ends before its own end, and its checkpoint is what the
-/// next run takes it from. Whoever has made the run safe calls [`Checkpoints::remove`]; dropped, the files stay.
+/// A system lock next to each file keeps other processes away, and disappears with a killed process. Locks are held to the end of the run:
+/// if it ends early, the next run needs the checkpoints of finished nodes too. After a complete run call [`Checkpoints::remove`]; a drop keeps
+/// the files.
 #[derive(Clone, Debug, Default)]
-pub struct Checkpoints(Arc<Held>);
+pub struct Checkpoints(Arc<Shared>);
 
 #[derive(Debug, Default)]
-struct Held {
+struct Shared {
     folder: Option<PathBuf>,
     locks: Mutex<BTreeMap<Key, Lock>>,
 }
@@ -26,26 +26,24 @@ struct Held {
 #[derive(Debug)]
 struct Lock {
     _file: File,
-    /// Whether a node is at it right now.
+    /// Whether a node is using it now.
     in_use: bool,
 }
 
-/// Why a node gets no checkpoint though there is a folder for it.
 #[derive(Debug)]
 pub(crate) enum Refused {
-    /// Another process, or another node of this one, is at the same work.
+    /// By another process, or by another node of this one.
     InUse,
-    /// The system refused.
     Io(io::Error),
 }
 
 impl Checkpoints {
-    /// Checkpoints in a folder, which is made when the first node asks; without one, none.
+    /// The folder is created with the first checkpoint; without one there are none.
     pub(crate) fn new(folder: Option<PathBuf>) -> Self {
-        Self(Arc::new(Held { folder, locks: Mutex::default() }))
+        Self(Arc::new(Shared { folder, locks: Mutex::default() }))
     }
 
-    /// The file of the values with this key, until [`Checkpoints::release`]; `None` without a folder.
+    /// The file for a key, until [`Checkpoints::release`]; `None` without a folder.
     pub(crate) fn take(&self, key: &Key) -> Result<Option<PathBuf>, Refused> {
         let Some(folder) = &self.0.folder else { return Ok(None) };
         let mut locks = locked(&self.0.locks);
@@ -61,30 +59,29 @@ impl Checkpoints {
         Ok(Some(file_of(folder, key)))
     }
 
-    /// Says that the node with this key is done with its file.
     pub(crate) fn release(&self, key: &Key) {
         if let Some(lock) = locked(&self.0.locks).get_mut(key) {
             lock.in_use = false;
         }
     }
 
-    /// Removes the files: what they led to is safe. The folder goes with the last one.
+    /// Removes the files, whose values are safe, and the folder with the last one.
     pub fn remove(self) {
         let Some(folder) = &self.0.folder else { return };
         for key in locked(&self.0.locks).keys() {
-            // A checkpoint that stays costs room and nothing else.
+            // A checkpoint that stays only costs space.
             let _ = fs::remove_file(file_of(folder, key));
         }
     }
 }
 
-/// The locks go, and the folder if nothing is in it.
-impl Drop for Held {
+/// Removes the locks, and the folder if it is empty.
+impl Drop for Shared {
     fn drop(&mut self) {
         let Some(folder) = &self.folder else { return };
         let locks = self.locks.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
         for key in locks.keys() {
-            // Removed while it is held: who opened it before finds that it has no name any more, and makes another.
+            // Removed while it is locked: a process that opened it before notices that the name is gone, and creates another.
             let _ = fs::remove_file(lock_of(folder, key));
         }
         if !locks.is_empty() {
@@ -102,10 +99,9 @@ fn lock_of(folder: &Path, key: &Key) -> PathBuf {
     folder.join(format!("{key}.lock"))
 }
 
-/// Takes the lock of a key.
 fn lock(folder: &Path, key: &Key) -> Result<File, Refused> {
     let path = lock_of(folder, key);
-    // Another process may remove the folder or the file between two of these calls: then they are made again.
+    // Another process may remove the folder or the file between two of these calls: then they are created again.
     for _ in 0..100 {
         fs::create_dir_all(folder).map_err(Refused::Io)?;
         let file = match depthloom_durable::open_or_create(&path) {
@@ -123,7 +119,7 @@ fn lock(folder: &Path, key: &Key) -> Result<File, Refused> {
     Err(Refused::InUse)
 }
 
-/// Whether the file behind a name is still the one that was opened.
+/// Whether the path still names the opened file.
 fn has_this_name(file: &File, path: &Path) -> bool {
     #[cfg(unix)]
     {

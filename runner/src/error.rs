@@ -1,15 +1,16 @@
-//! Why a run ended before its end.
+//! Why a run ended early.
 
 use depthloom_graphs::contracts::ErrorMessage;
+use depthloom_graphs::plan::{Plan, PlannedNode, RunId};
 use depthloom_graphs::{Fault, Remedied};
 
-use crate::audit::failure::AuditFailure;
+use crate::audit::failure::{AuditFailure, on_frame};
 
-/// Why a run ended before its end. What was written before stays written.
+/// Why a run ended early. What was written before stays written.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// A node failed on a frame: of the frames that failed the first, and of its nodes the first in plan order.
-    #[error("node `{stage}.{node}`{} failed on frame {frame}", of_variants(.variants))]
+    /// A node failed: on the first frame that failed, the first node in plan order; or outside frames.
+    #[error("node `{stage}.{node}`{} failed{}", of_variants(.variants), on_frame(.frame))]
     NodeFailed {
         /// The stage.
         stage: String,
@@ -17,9 +18,9 @@ pub enum RunError {
         node: String,
         /// The variants it serves; empty if all.
         variants: Vec<String>,
-        /// The frame's id.
-        frame: String,
-        /// What failed.
+        /// The frame's id; `None` for an aggregate node, and for an ordered node after its last frame.
+        frame: Option<String>,
+        /// The cause.
         #[source]
         fault: Box<Fault>,
     },
@@ -32,35 +33,22 @@ pub enum RunError {
         source_name: String,
         /// The frame's id.
         frame: String,
-        /// What failed.
+        /// The cause.
         #[source]
         fault: Box<Fault>,
     },
-    /// A node failed outside any frame: a once-node, or an ordered node when it finished.
-    #[error("node `{stage}.{node}`{} failed", of_variants(.variants))]
-    OnceFailed {
-        /// The stage.
-        stage: String,
-        /// The node.
-        node: String,
-        /// The variants it serves; empty if all.
-        variants: Vec<String>,
-        /// What failed.
-        #[source]
-        fault: Box<Fault>,
-    },
-    /// The tap refused a frame or a once-value.
+    /// The tap refused a value.
     #[error("failed to record {what} of stage `{stage}`")]
     Tap {
         /// The stage.
         stage: String,
-        /// Which frame or once-value.
+        /// A frame or an aggregate value.
         what: String,
-        /// Why.
+        /// The cause.
         #[source]
         error: ErrorMessage,
     },
-    /// The unfinished recording that a run resumes holds an aggregate value that was computed from something else.
+    /// The unfinished recording that a run resumes has an aggregate value that was computed from other inputs.
     #[error("the recorded aggregate value of node `{stage}.{node}` was computed from other inputs than today's")]
     OutdatedAggregate {
         /// The stage.
@@ -68,18 +56,18 @@ pub enum RunError {
         /// The node.
         node: String,
     },
-    /// A value that was reused is not what its node computes now.
+    /// A reused value differs from the recomputed one.
     #[error(transparent)]
     Audit(Box<AuditFailure>),
-    /// The plan asks for what cannot be run: an error of whoever made it.
+    /// The plan contradicts itself: an error in the program that made it.
     #[error("the plan of stage `{stage}` cannot be run: {what}")]
     Unrunnable {
         /// The stage.
         stage: String,
-        /// What contradicts what.
+        /// The contradiction.
         what: String,
     },
-    /// The machine gave no thread.
+    /// The system refused a thread.
     #[error("failed to start a worker thread")]
     NoThread(#[source] std::io::Error),
     /// The run was interrupted twice and abandoned.
@@ -90,9 +78,7 @@ pub enum RunError {
 impl Remedied for RunError {
     fn remedy(&self) -> Option<String> {
         match self {
-            Self::NodeFailed { fault, .. } | Self::SourceFailed { fault, .. } | Self::OnceFailed { fault, .. } => {
-                fault.remedy_text().map(str::to_owned)
-            }
+            Self::NodeFailed { fault, .. } | Self::SourceFailed { fault, .. } => fault.remedy_text().map(str::to_owned),
             Self::NoThread(_) => {
                 Some("raise the limit of threads (`ulimit -u`), or run with fewer --workers".to_owned())
             }
@@ -107,10 +93,20 @@ impl Remedied for RunError {
 }
 
 impl RunError {
-    /// Whether it is frames of the data that failed, and not the engine, the disk or learning.
+    pub(crate) fn of_node(plan: &Plan, run: RunId, node: &PlannedNode, frame: Option<String>, fault: Fault) -> Self {
+        Self::NodeFailed {
+            stage: plan.runs[run].stage.clone(),
+            node: node.name.clone(),
+            variants: node.variant_names(plan).into_iter().map(str::to_owned).collect(),
+            frame,
+            fault: Box::new(fault),
+        }
+    }
+
+    /// Whether frames of the data failed, not the engine, the disk or a training.
     #[must_use]
     pub const fn is_of_a_frame(&self) -> bool {
-        matches!(self, Self::NodeFailed { .. } | Self::SourceFailed { .. })
+        matches!(self, Self::NodeFailed { frame: Some(_), .. } | Self::SourceFailed { .. })
     }
 }
 
@@ -135,8 +131,8 @@ mod tests {
             stage: "compare".into(),
             node: "merged".into(),
             variants: vec!["full".into(), "mean".into()],
-            frame: "000150_10".into(),
-            fault: Box::new(Fault::new("no pixel was answered").remedy("lower `threshold`")),
+            frame: Some("000150_10".into()),
+            fault: Box::new(Fault::new("no pixel is valid").remedy("lower `threshold`")),
         };
         assert_eq!(error.to_string(), "node `compare.merged` (variants full, mean) failed on frame 000150_10");
         assert_eq!(error.remedy().as_deref(), Some("lower `threshold`"));

@@ -13,6 +13,7 @@ use depthloom_threads::{Budget, Caught, caught, into_unlocked, locked, resume};
 use crate::checkpoints::{Checkpoints, Refused};
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
+use crate::run_context::RunContext;
 use crate::timing::Stopwatch;
 use crate::warnings::Warnings;
 
@@ -23,15 +24,13 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) observer: &'a dyn Observer,
     pub(crate) warnings: &'a Warnings,
     pub(crate) run: RunId,
-    /// The node that works, if it is one.
+    /// `None` for the source.
     pub(crate) node: Option<NodeId>,
-    /// The position of the frame it works on, if it is one.
+    /// `None` outside frames.
     pub(crate) position: Option<FrameIndex>,
-    /// The cache key of the aggregate values that it computes, if it does.
+    /// The cache key of the aggregate values that are computed.
     pub(crate) key: Option<Key>,
-    /// Where an aggregate node may keep checkpoints; an audit keeps none.
     pub(crate) checkpoints: Option<&'a Checkpoints>,
-    /// Processor time of helpers.
     pub(crate) helpers_cpu_ns: AtomicU64,
     /// The warnings of this task, each with a count.
     pub(crate) reported: Mutex<BTreeMap<String, u64>>,
@@ -39,8 +38,25 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) is_repeated: bool,
 }
 
-impl TaskHost<'_> {
-    /// The warnings of this task, as a commit has them.
+impl<'a> TaskHost<'a> {
+    pub(crate) fn new<T>(context: &RunContext<'a, T>, run: RunId, node: Option<NodeId>) -> Self {
+        let RunContext { budget, interrupt, observer, warnings, .. } = *context;
+        Self {
+            budget,
+            interrupt,
+            observer,
+            warnings,
+            run,
+            node,
+            position: None,
+            key: None,
+            checkpoints: None,
+            helpers_cpu_ns: AtomicU64::new(0),
+            reported: Mutex::default(),
+            is_repeated: false,
+        }
+    }
+
     pub(crate) fn into_warnings(self) -> impl Iterator<Item = Warned> {
         let reported = into_unlocked(self.reported);
         reported.into_iter().map(move |(what, count)| Warned { node: self.node, what, count })
@@ -60,7 +76,7 @@ impl Host for TaskHost<'_> {
         let mut reported = locked(&self.reported);
         let first = !reported.contains_key(what);
         let counted = reported.entry(what.to_owned()).or_default();
-        // Programs report any number.
+        // Saturating: programs report any number.
         *counted = counted.saturating_add(count);
         drop(reported);
         if !self.is_repeated && self.warnings.add(self.run, self.node, what, count, first) {
@@ -87,7 +103,7 @@ impl Host for TaskHost<'_> {
     }
 
     fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
-        // Of several tiles that panic the first is told, whoever ran it: so all are run.
+        // All tiles run, so that the panic of the first one is reported.
         let panic: Mutex<Option<(usize, Caught)>> = Mutex::new(None);
         let tile = |tile| {
             if let Err(new) = caught(|| f(tile)) {
@@ -128,7 +144,7 @@ impl Host for TaskHost<'_> {
         match self.checkpoints?.take(&self.key?) {
             Ok(path) => path,
             Err(Refused::InUse) => {
-                self.notice("another process is at the same work: nothing is kept of this one's until it is done");
+                self.notice("another process computes the same values: this one keeps no checkpoint");
                 None
             }
             Err(Refused::Io(error)) => {
@@ -169,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_panicking_tile_is_told() {
+    fn the_first_panicking_tile_is_reported() {
         let (budget, interrupt) = (Budget::new(4), Interrupt::default());
         let tiles = || {
             host(&budget, &interrupt, &Warnings::default())

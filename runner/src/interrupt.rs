@@ -3,20 +3,20 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// How urgently a run is asked to end; clones share the level, and raising it is safe in a signal handler's thread.
+/// How urgently a run has to end. Clones share the level, and raising it is safe in a signal handler's thread.
 ///
-/// Raised once, no frame is admitted any more and those admitted retire; raised twice, the run is abandoned.
+/// Level 1: no more frames are admitted, and those in flight are finished. Level 2: the run is abandoned.
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<AtomicU8>);
 
 impl Interrupt {
-    /// Raises the level by one, up to abandoning; returns how often it has been raised.
+    /// Raises the level by one, up to 2; returns the new level.
     pub fn raise(&self) -> u8 {
         let raise = |level: u8| Some(level.saturating_add(1).min(2));
         self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, raise).map_or(2, |before| (before + 1).min(2))
     }
 
-    /// Whether no frame is to be admitted any more.
+    /// Whether no more frames are admitted.
     #[must_use]
     pub fn stops_admission(&self) -> bool {
         self.0.load(Ordering::Relaxed) >= 1

@@ -1,21 +1,20 @@
 //! Executes a plan: admission, workers, tap.
 //!
-//! A stage run is a frame-synchronous dataflow: a node fires for frame k when its inputs for k are there, whatever other
-//! frames do. What waits is counted by atomics; what is ready lies in crossbeam queues, one for each frame in flight, and
-//! workers take from the oldest. Back-pressure acts at admission only: frame k is let in when k < oldest unretired frame +
-//! window, and a frame retires when the tap has written it; no task ever waits for another, so that no cycle of waits exists.
-//! A value is dropped when the last node that reads it and the tap are done with it.
+//! A stage run is a frame-synchronous dataflow: a node runs on frame k when its inputs for k are there, whatever other frames do. Atomic
+//! counters count what a step waits for. Ready steps are in crossbeam queues, one per frame in flight, and workers take the oldest frame first.
+//! The only back-pressure is admission: frame k is admitted when k < oldest unwritten frame + window. No task waits for another, so there is no
+//! deadlock. A value is dropped after its last use.
 //!
-//! Results do not depend on the number of workers, nor on the window: bit for bit. Of several failures the one of the
-//! lowest frame, and there of the lowest plan position, is told; the frames before it, and none after, are written.
+//! Results do not depend on the number of workers, nor on the window, to the bit. Of several failures, the one of the lowest frame, and there of
+//! the lowest plan position, is reported; exactly the frames before it are written.
 //!
-//! | who | does what |
+//! | thread | task |
 //! |---|---|
-//! | the thread that calls [`run`](fn@run) | admits frames, writes them in order, calls the tap for once-values |
+//! | the caller of [`run`](fn@run) | admits frames, writes them in order, writes aggregate values |
 //! | workers | read frames, run nodes, encode parts |
-//! | threads started by [`tiles`](depthloom_graphs::Host::tiles) | help a node with its tiles while permits are free: workers and helpers together never are more than [`Options::workers`](field@Options::workers) |
+//! | threads started by [`tiles`](depthloom_graphs::Host::tiles) | help a node with its tiles while permits are free: with the workers, at most [`Options::workers`](field@Options::workers) |
 //!
-//! A tap that prints, and a run of no nodes at all:
+//! A tap that prints, and a run without nodes:
 //!
 //! ```
 //! use depthloom_graphs::contracts::{Commit, Slot, Tap, ErrorMessage, Warned};
@@ -100,6 +99,7 @@ mod panics;
 mod report;
 mod reuse;
 mod run;
+mod run_context;
 mod stage;
 mod timing;
 mod warnings;
@@ -112,7 +112,7 @@ pub use observer::{Observer, Unwatched};
 pub use options::{Audit, Options};
 pub use report::{FrameFailure, Report, StageReport};
 pub use reuse::foresee::{Foreseen, foresee};
-pub use reuse::kept::{KeptValues, Outdated, outdated};
+pub use reuse::kept::{KeptValues, outdated};
 pub use run::run;
 pub use timing::{Phase, Sample, Spread, Timing};
 pub use warnings::Warning;

@@ -1,44 +1,44 @@
-//! What ordered nodes compute when they finish, and what aggregate nodes compute.
+//! Work outside frames: aggregate nodes, and what ordered nodes compute when they finish.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Contract, ErrorMessage, Slot, Tap, Warned};
+use depthloom_graphs::contracts::{Contract, Slot, Tap, Warned};
 use depthloom_graphs::plan::{NodeId, NodeRef, Plan, PlannedNode, PortId, RunId};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
-    Context, Fault, Host as _, Inputs, Instance, Key, OnceNode, OrderedNode, Port, Scratch, Source, Value, value_keys,
+    Context, Fault, Host as _, Inputs, Instance, Key, OnceNode, OrderedNode, Outputs, Port, Scratch, Source, Value,
+    value_keys,
 };
-use depthloom_threads::{caught, locked};
+use depthloom_threads::locked;
 
 use crate::audit::comparison::compare_aggregates;
 use crate::error::RunError;
 use crate::host::TaskHost;
-use crate::once_values::{OnceValue, OnceValues, inputs_of, is_once};
+use crate::once_values::{OnceValue, OnceValues, inputs_of, once_ports};
 use crate::options::Audit;
-use crate::panics::fault;
+use crate::panics::{guarded, guarded_tap};
 use crate::reuse::{Finished, Reuse, once_values};
-use crate::stage::Common;
+use crate::run_context::RunContext;
 use crate::stage::frame_graph::FrameGraph;
 use crate::stage::retire::Completion;
 use crate::timing::{Phase, Spent, Stopwatch, Timing};
 
-/// Work outside frames.
 pub(crate) enum Job {
-    /// A once-node, and what is at its inputs; `None` if a required one is absent.
-    Fire(Box<dyn OnceNode>, Option<Vec<Option<OnceValue>>>),
+    /// An aggregate node and its inputs; `None` if a required one is absent.
+    Run(Box<dyn OnceNode>, Option<Vec<Option<OnceValue>>>),
     /// An ordered node after its last frame, and its key there.
     Finish(Box<dyn OrderedNode>, Option<Key>),
-    /// Nothing: these values are known.
+    /// Nothing to do: these values are stored.
     Known(Finished),
 }
 
 impl Job {
-    /// The key of the values it gives; `None` if it gives none, for a required input is absent.
+    /// The key of its values; `None` if it has none because a required input is absent.
     fn key(&self, planned: &PlannedNode) -> Option<Key> {
         match self {
-            Self::Fire(_, inputs) => {
+            Self::Run(_, inputs) => {
                 let keys: Vec<_> = inputs.as_ref()?.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
                 Some(value_keys::once(&planned.recipe, &keys))
             }
@@ -48,41 +48,45 @@ impl Job {
     }
 }
 
-/// What a job came to: the once-values by port, what making them took (`None` where they were known), and what was told of.
-type Done = (Result<Vec<Option<Value>>, Fault>, Option<Spent>, Vec<Warned>);
+struct Done {
+    /// By aggregate port.
+    outputs: Result<Vec<Option<Value>>, Fault>,
+    /// `None` if the values were stored.
+    spent: Option<Spent>,
+    warnings: Vec<Warned>,
+}
 
-/// A stage run's work outside frames.
+/// The work of a stage run outside frames.
 pub(crate) struct OnceWork<'a, T> {
     pub(crate) run: RunId,
     pub(crate) plan: &'a Plan,
-    pub(crate) common: &'a Common<'a, T>,
-    /// The once-nodes that have not fired yet, by index.
+    pub(crate) context: &'a RunContext<'a, T>,
+    /// The aggregate nodes that have not run yet.
     pub(crate) waiting: BTreeMap<NodeId, Box<dyn OnceNode>>,
-    /// The key of each node that gave once-values, by index.
+    /// The keys of the nodes with aggregate values.
     pub(crate) keys: BTreeMap<NodeId, Key>,
-    /// What they told of, by index.
     pub(crate) reported: BTreeMap<NodeId, Vec<Warned>>,
-    /// The once-nodes that fired: not those whose values an equal one gave.
-    pub(crate) fired: BTreeSet<NodeId>,
-    /// The nodes whose once-values the tap's store had.
+    /// The aggregate nodes that ran: not those whose values come from an equal node.
+    pub(crate) ran: BTreeSet<NodeId>,
+    /// The nodes whose aggregate values were stored.
     pub(crate) reused: BTreeSet<NodeId>,
     pub(crate) timings: Vec<Timing>,
 }
 
 impl<T: Tap> OnceWork<'_, T> {
-    /// Fires every once-node whose inputs are there, and those whose inputs these give, and so on.
-    pub(crate) fn fire_all(&mut self, values: &mut OnceValues) -> Result<Completion, RunError> {
+    /// Runs every aggregate node whose inputs are there, then those that read them, and so on.
+    pub(crate) fn run_all(&mut self, values: &mut OnceValues) -> Result<Completion, RunError> {
         loop {
             let nodes = &self.plan.runs[self.run].nodes;
             let ready = self.waiting.extract_if(.., |node, _| inputs_of(&nodes[*node], values).is_some());
             let ready: Vec<_> = ready.collect();
             if ready.is_empty() {
-                return Ok(Completion::Whole);
+                return Ok(Completion::Complete);
             }
             let with_inputs = |(node, instance): (NodeId, Box<dyn OnceNode>)| {
                 let inputs = inputs_of(&nodes[node], values).unwrap_or_default();
                 let is_absent = inputs.iter().zip(&nodes[node].inputs).any(|(v, i)| v.is_none() && !i.port.optional);
-                (node, Job::Fire(instance, (!is_absent).then_some(inputs)))
+                (node, Job::Run(instance, (!is_absent).then_some(inputs)))
             };
             let jobs = ready.into_iter().map(with_inputs).collect();
             if self.do_all(jobs, values)? == Completion::Interrupted {
@@ -91,22 +95,22 @@ impl<T: Tap> OnceWork<'_, T> {
         }
     }
 
-    /// Does jobs that do not depend on each other, as many at once as there are workers.
+    /// Does jobs that do not depend on each other, on all workers.
     pub(crate) fn do_all(&mut self, jobs: Vec<(NodeId, Job)>, values: &mut OnceValues) -> Result<Completion, RunError> {
         if jobs.is_empty() {
-            return Ok(Completion::Whole);
+            return Ok(Completion::Complete);
         }
-        if self.common.interrupt.stops_admission() {
+        if self.context.interrupt.stops_admission() {
             return Ok(Completion::Interrupted);
         }
         let nodes = &self.plan.runs[self.run].nodes;
-        let mut fires: HashSet<Key> = HashSet::new();
+        let mut own: HashSet<Key> = HashSet::new();
         let jobs: Vec<_> = jobs
             .into_iter()
             .map(|(node, job)| {
                 let key = job.key(&nodes[node]);
                 let job = self.known(node, key, job, values);
-                let is_first = |key: &Key| !values.given.contains_key(key) && fires.insert(*key);
+                let is_first = |key: &Key| !values.given.contains_key(key) && own.insert(*key);
                 let runs = match nodes[node].contract {
                     Contract::Once => key.as_ref().is_some_and(is_first),
                     Contract::Ordered | Contract::Pure => true,
@@ -114,7 +118,7 @@ impl<T: Tap> OnceWork<'_, T> {
                 (node, key, Mutex::new(runs.then_some(job)), Mutex::new(None))
             })
             .collect();
-        let permit = self.common.budget.permit();
+        let permit = self.context.budget.permit();
         self.host(None, None).tiles(jobs.len(), &|i| {
             let (node, key, job, done) = &jobs[i];
             if let (Some(job), Some(key)) = (locked(job).take(), key) {
@@ -122,41 +126,35 @@ impl<T: Tap> OnceWork<'_, T> {
             }
         });
         drop(permit);
-        if self.common.interrupt.aborts() {
+        if self.context.interrupt.aborts() {
             return Err(RunError::Aborted);
         }
-        let mut completion = Completion::Whole;
+        let mut completion = Completion::Complete;
         for (node, key, _, done) in jobs {
             let planned = &nodes[node];
             let outputs = match locked(&done).take() {
-                Some((Ok(outputs), None, warnings)) => {
-                    self.reported.insert(node, warnings);
-                    self.reused.insert(node);
-                    if let (Contract::Once, Some(key)) = (planned.contract, key) {
-                        values.given.insert(key, outputs.clone());
-                    }
-                    outputs
-                }
-                Some((Err(Fault::Cancelled), ..)) if self.common.interrupt.stops_admission() => {
-                    // It was asked to, and put down where it is.
+                Some(Done { outputs: Err(Fault::Cancelled), .. }) if self.context.interrupt.stops_admission() => {
+                    // It stored a checkpoint.
                     completion = Completion::Interrupted;
                     continue;
                 }
-                Some((Err(fault), ..)) => {
-                    return Err(RunError::OnceFailed {
-                        stage: self.plan.runs[self.run].stage.clone(),
-                        node: planned.name.clone(),
-                        variants: planned.variant_names(self.plan).into_iter().map(str::to_owned).collect(),
-                        fault: Box::new(fault),
-                    });
+                Some(Done { outputs: Err(fault), .. }) => {
+                    return Err(RunError::of_node(self.plan, self.run, planned, None, fault));
                 }
-                Some((Ok(outputs), Some(spent), warnings)) => {
+                Some(Done { outputs: Ok(outputs), spent, warnings }) => {
                     self.reported.insert(node, warnings);
-                    let mut timing = Timing::new(self.run, planned.name.clone(), Phase::Once(node));
-                    timing.add(0, spent);
-                    self.timings.push(timing);
-                    if let (Contract::Once, Some(key)) = (planned.contract, key) {
-                        self.fired.insert(node);
+                    let is_aggregate = planned.contract == Contract::Once;
+                    if let Some(spent) = spent {
+                        let mut timing = Timing::new(self.run, planned.name.clone(), Phase::Once(node));
+                        timing.add(0, spent);
+                        self.timings.push(timing);
+                        if is_aggregate {
+                            self.ran.insert(node);
+                        }
+                    } else {
+                        self.reused.insert(node);
+                    }
+                    if let Some(key) = key.filter(|_| is_aggregate) {
                         values.given.insert(key, outputs.clone());
                     }
                     outputs
@@ -164,7 +162,7 @@ impl<T: Tap> OnceWork<'_, T> {
                 None => match key {
                     // A required input is absent: so are its outputs.
                     None => Vec::new(),
-                    // An equal node fired; unless it was put down, as above.
+                    // An equal node ran, unless it was interrupted as above.
                     Some(key) => match values.given.get(&key) {
                         Some(outputs) => outputs.clone(),
                         None => continue,
@@ -177,18 +175,18 @@ impl<T: Tap> OnceWork<'_, T> {
         Ok(completion)
     }
 
-    /// What of the stage's frames need not be made again.
+    /// Which values of the stage's frames are reused.
     pub(crate) fn reuse<'s>(&'s self, graph: &FrameGraph, source: &'s dyn Source) -> Option<Reuse<'s>> {
-        let permit = self.common.budget.permit();
-        let reuse =
-            Reuse::new(self.run, &self.plan.runs[self.run], graph, source, self.common.tap, &self.host(None, None));
+        let permit = self.context.budget.permit();
+        let (run, host) = (&self.plan.runs[self.run], self.host(None, None));
+        let reuse = Reuse::new(self.run, run, graph, source, self.context.tap, &host);
         drop(permit);
         reuse
     }
 
-    /// A job, or its outcome where the tap's store has it.
+    /// The job, or its stored values.
     fn known(&self, node: NodeId, key: Option<Key>, job: Job, values: &OnceValues) -> Job {
-        let (Job::Fire(..), Some(key), Some(store)) = (&job, key, self.common.tap.store()) else { return job };
+        let (Job::Run(..), Some(key), Some(store)) = (&job, key, self.context.tap.store()) else { return job };
         if values.given.contains_key(&key) {
             return job;
         }
@@ -198,14 +196,14 @@ impl<T: Tap> OnceWork<'_, T> {
         }
     }
 
-    /// Hands the once-values that are recorded to the tap, in plan order.
-    pub(crate) fn hand_over(&self, values: &OnceValues) -> Result<(), RunError> {
+    /// Writes the recorded aggregate values, in plan order.
+    pub(crate) fn write(&self, values: &OnceValues) -> Result<(), RunError> {
         let run = &self.plan.runs[self.run];
         for (&node, key) in &self.keys {
             let warnings = self.reported.get(&node).map_or(&[][..], Vec::as_slice);
             for (port, output) in PortId::enumerate(&run.nodes[node].outputs).filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.node_ref(node), port)) else { continue };
-                match self.common.tap.written_aggregate(self.run, Slot::Node { node, port }) {
+                match self.context.tap.written_aggregate(self.run, Slot::Node { node, port }) {
                     Some(written) if written == *key => continue,
                     Some(_) => {
                         return Err(RunError::OutdatedAggregate {
@@ -215,18 +213,18 @@ impl<T: Tap> OnceWork<'_, T> {
                     }
                     None => {}
                 }
-                caught(|| self.common.tap.once(self.run, Slot::Node { node, port }, key, &once.value, warnings))
-                    .unwrap_or_else(|panic| Err(ErrorMessage::new(format!("panicked {}", panic.0))))
-                    .map_err(|error| {
-                        let what = format!("the once-value `{}/{}`", run.nodes[node].name, output.port.name);
-                        RunError::Tap { stage: run.stage.clone(), what, error }
-                    })?;
+                let slot = Slot::Node { node, port };
+                guarded_tap(|| self.context.tap.once(self.run, slot, key, &once.value, warnings)).map_err(|error| {
+                    let what = format!("the aggregate value `{}/{}`", run.nodes[node].name, output.port.name);
+                    RunError::Tap { stage: run.stage.clone(), what, error }
+                })?;
             }
         }
         Ok(())
     }
 
-    /// Recomputes the reused values of aggregate nodes, where all reused values are audited: a training may take hours. Gives how many were compared.
+    /// Recomputes the reused values of aggregate nodes, but only if all reused values are audited: a training may take hours.
+    /// Returns how many were compared.
     pub(crate) fn audit(
         &self,
         builders: &BTreeMap<NodeRef, NodeBuilder>,
@@ -236,30 +234,23 @@ impl<T: Tap> OnceWork<'_, T> {
         let mut compared = 0;
         for &node in &self.reused {
             let planned = &run.nodes[node];
-            let (Audit::All, Contract::Once) = (self.common.audit, planned.contract) else { continue };
+            let (Audit::All, Contract::Once) = (self.context.audit, planned.contract) else { continue };
             let (Some(inputs), Some(builder)) = (inputs_of(planned, values), builders.get(&self.node_ref(node))) else {
                 continue;
             };
-            if self.common.interrupt.stops_admission() {
+            if self.context.interrupt.stops_admission() {
                 break;
             }
-            let ports: Vec<Port> = planned.inputs.iter().map(|input| input.port.clone()).collect();
-            let inputs: Vec<_> = inputs.into_iter().map(|input| input.map(|once| once.value)).collect();
             let host = TaskHost { key: self.keys.get(&node).copied(), ..self.host(Some(node), None) };
-            let mut scratch = Scratch::default();
-            let made = match builder.build() {
-                Ok(Instance::Once(instance)) => {
-                    let mut ctx = Context::new(&host, &mut scratch);
-                    caught(|| instance.run(&Inputs::new(&ports, &inputs), &mut ctx))
-                        .unwrap_or_else(|panic| Err(fault(panic)))
-                }
+            let recomputed = match builder.build() {
+                Ok(Instance::Once(instance)) => run_aggregate(&*instance, planned, inputs, &host),
                 Ok(Instance::Pure(_) | Instance::Ordered(_)) => continue,
                 Err(fault) => Err(fault),
             };
             let stored: Vec<Option<Value>> = PortId::all(planned.outputs.len())
                 .map(|port| values.made.get(&(self.node_ref(node), port)).cloned().flatten().map(|once| once.value))
                 .collect();
-            compared += compare_aggregates(run, node, &stored, made)?;
+            compared += compare_aggregates(run, node, &stored, recomputed)?;
         }
         Ok(compared)
     }
@@ -269,50 +260,40 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     fn host(&self, node: Option<NodeId>, key: Option<Key>) -> TaskHost<'_> {
-        let Common { budget, interrupt, observer, warnings, checkpoints, .. } = *self.common;
-        let (run, helpers_cpu_ns) = (self.run, AtomicU64::new(0));
-        let checkpoints = key.is_some().then_some(checkpoints);
-        let (reported, is_repeated) = (Mutex::default(), false);
-        let position = None;
-        TaskHost {
-            budget,
-            interrupt,
-            observer,
-            warnings,
-            run,
-            node,
-            position,
-            key,
-            checkpoints,
-            helpers_cpu_ns,
-            reported,
-            is_repeated,
-        }
+        let checkpoints = key.is_some().then_some(self.context.checkpoints);
+        TaskHost { key, checkpoints, ..TaskHost::new(self.context, self.run, node) }
     }
 
-    /// Does a job.
     fn perform(&self, node: NodeId, planned: &PlannedNode, key: Key, job: Job) -> Done {
-        let (watch, host, mut scratch) = (Stopwatch::start(), self.host(Some(node), Some(key)), Scratch::default());
-        let mut ctx = Context::new(&host, &mut scratch);
-        let ports: Vec<Port> =
-            planned.outputs.iter().map(|o| &o.port).filter(|p| is_once(planned, p)).cloned().collect();
-        let made = match job {
-            Job::Fire(instance, inputs) => {
-                let in_ports: Vec<Port> = planned.inputs.iter().map(|i| i.port.clone()).collect();
-                let values: Vec<_> = inputs.into_iter().flatten().map(|i| i.map(|once| once.value)).collect();
-                caught(|| instance.run(&Inputs::new(&in_ports, &values), &mut ctx))
+        let (watch, host) = (Stopwatch::start(), self.host(Some(node), Some(key)));
+        let outputs = match job {
+            Job::Run(instance, inputs) => run_aggregate(&*instance, planned, inputs.unwrap_or_default(), &host),
+            Job::Finish(instance, _) => {
+                let mut scratch = Scratch::default();
+                guarded(|| instance.finish(&mut Context::new(&host, &mut scratch)))
             }
-            Job::Finish(instance, _) => caught(|| instance.finish(&mut ctx)),
             Job::Known(Finished { values, .. }) => {
-                for (what, count) in self.common.tap.store().map(|store| store.warnings(&key)).unwrap_or_default() {
+                for (what, count) in self.context.tap.store().map(|store| store.warnings(&key)).unwrap_or_default() {
                     host.warn_n(count, &what);
                 }
-                return (Ok(values), None, host.into_warnings().collect());
+                return Done { outputs: Ok(values), spent: None, warnings: host.into_warnings().collect() };
             }
         };
-        self.common.checkpoints.release(&key);
-        let made = made.unwrap_or_else(|panic| Err(fault(panic))).and_then(|given| given.in_order_of(&ports));
+        self.context.checkpoints.release(&key);
+        let outputs = outputs.and_then(|outputs| outputs.in_order_of(&once_ports(planned)));
         let spent = watch.stop(host.helpers_cpu_ns.load(Ordering::Relaxed));
-        (made, Some(spent), host.into_warnings().collect())
+        Done { outputs, spent: Some(spent), warnings: host.into_warnings().collect() }
     }
+}
+
+fn run_aggregate(
+    instance: &dyn OnceNode,
+    planned: &PlannedNode,
+    inputs: Vec<Option<OnceValue>>,
+    host: &TaskHost<'_>,
+) -> Result<Outputs, Fault> {
+    let ports: Vec<Port> = planned.inputs.iter().map(|input| input.port.clone()).collect();
+    let values: Vec<_> = inputs.into_iter().map(|input| input.map(|once| once.value)).collect();
+    let mut scratch = Scratch::default();
+    guarded(|| instance.run(&Inputs::new(&ports, &values), &mut Context::new(host, &mut scratch)))
 }

@@ -1,4 +1,4 @@
-//! Once-values: where they are, and which inputs read them.
+//! Aggregate values (once-values), and the inputs that read them.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
@@ -7,29 +7,26 @@ use depthloom_graphs::contracts::Contract;
 use depthloom_graphs::plan::{NodeRef, Origin, PlannedNode, PortId};
 use depthloom_graphs::{Key, Port, Rate, Value, value_keys};
 
-/// A once-value and the key by which it enters the keys of what is made from it.
+/// An aggregate value and its key in the keys of values computed from it.
 #[derive(Clone, Debug)]
 pub(crate) struct OnceValue {
     pub(crate) value: Value,
     pub(crate) key: Key,
 }
 
-/// What is known of a once-value.
 pub(crate) enum OnceState {
-    /// Its node has not fired yet.
+    /// Its node has not run yet.
     Pending,
-    /// Its node gave nothing there.
     Absent,
-    /// It is there.
     There(OnceValue),
 }
 
-/// The once-values there are so far.
+/// The aggregate values so far.
 pub(crate) struct OnceValues {
     files: BTreeMap<PathBuf, Value>,
-    /// By node and port; `None` where the node left an optional output out.
+    /// `None` where the node left out an optional output.
     pub(crate) made: HashMap<(NodeRef, PortId), Option<OnceValue>>,
-    /// What once-nodes gave, by their key: of two that are equal, in whichever stage runs, one fires.
+    /// The values of aggregate nodes by their key: equal nodes, also of several stages, run once.
     pub(crate) given: HashMap<Key, Vec<Option<Value>>>,
 }
 
@@ -38,7 +35,7 @@ impl OnceValues {
         Self { files, made: HashMap::new(), given: HashMap::new() }
     }
 
-    /// Puts down what a node gave, by once-output, under its key.
+    /// Stores the outputs of a node: by aggregate port, under the node's key.
     pub(crate) fn make(&mut self, node: NodeRef, planned: &PlannedNode, key: Option<Key>, outputs: Vec<Option<Value>>) {
         let mut outputs = outputs.into_iter();
         for (port, output) in PortId::enumerate(&planned.outputs).filter(|(_, o)| is_once(planned, &o.port)) {
@@ -52,40 +49,38 @@ impl OnceValues {
         }
     }
 
-    /// What is wired to a once-input.
     pub(crate) fn find(&self, from: &Origin) -> OnceState {
-        let there = |once: Option<OnceValue>| once.map_or(OnceState::Absent, OnceState::There);
         match from {
             Origin::Here(_) => OnceState::Pending,
-            Origin::Once { run, node, port } => self
-                .made
-                .get(&(NodeRef { run: *run, node: *node }, *port))
-                .map_or(OnceState::Pending, |made| there(made.clone())),
+            Origin::Once { run, node, port } => match self.made.get(&(NodeRef { run: *run, node: *node }, *port)) {
+                None => OnceState::Pending,
+                Some(None) => OnceState::Absent,
+                Some(Some(once)) => OnceState::There(once.clone()),
+            },
             Origin::File(path) => {
-                let value = self.files.get(path);
-                value
-                    .and_then(|value| Some((value, value.artifact()?.hash)))
-                    .map_or(OnceState::Pending, |(value, key)| {
-                        OnceState::There(OnceValue { value: value.clone(), key })
-                    })
+                let file = self.files.get(path).and_then(|value| Some((value.clone(), value.artifact()?.hash)));
+                file.map_or(OnceState::Pending, |(value, key)| OnceState::There(OnceValue { value, key }))
             }
         }
     }
 }
 
-/// Whether a node's output is a once-value.
 pub(crate) fn is_once(node: &PlannedNode, port: &Port) -> bool {
     node.contract == Contract::Once || port.rate == Rate::Once
 }
 
-/// What is at a once-node's inputs; `None` while one of them is not there yet.
+/// The output ports with aggregate values.
+pub(crate) fn once_ports(node: &PlannedNode) -> Vec<Port> {
+    node.outputs.iter().map(|output| &output.port).filter(|port| is_once(node, port)).cloned().collect()
+}
+
+/// The inputs of an aggregate node; `None` while one of them is pending.
 pub(crate) fn inputs_of(node: &PlannedNode, values: &OnceValues) -> Option<Vec<Option<OnceValue>>> {
-    let found = node.inputs.iter().map(|input| input.from.as_ref().map_or(OnceState::Absent, |from| values.find(from)));
-    found
-        .map(|state| match state {
-            OnceState::Pending => None,
-            OnceState::Absent => Some(None),
-            OnceState::There(value) => Some(Some(value)),
-        })
-        .collect()
+    let state = |from: &Option<Origin>| from.as_ref().map_or(OnceState::Absent, |from| values.find(from));
+    let value = |state| match state {
+        OnceState::Pending => None,
+        OnceState::Absent => Some(None),
+        OnceState::There(value) => Some(Some(value)),
+    };
+    node.inputs.iter().map(|input| value(state(&input.from))).collect()
 }

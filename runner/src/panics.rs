@@ -1,9 +1,17 @@
-//! Panics in nodes, sources and taps, turned into faults.
+//! Panics in nodes, sources and taps, turned into errors.
 
-use depthloom_graphs::Fault;
-use depthloom_threads::Caught;
+use depthloom_graphs::{ErrorMessage, Fault};
+use depthloom_threads::caught;
 
-/// A panic as the fault of whoever panicked.
-pub(crate) fn fault(Caught(message): Caught) -> Fault {
-    Fault::new(format!("panicked {message}")).remedy("this is an error in the engine or in a node: please report it")
+/// Runs code of a node or a source.
+pub(crate) fn guarded<T>(run: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
+    caught(run).unwrap_or_else(|panic| {
+        let fault = Fault::new(format!("panicked {}", panic.0));
+        Err(fault.remedy("this is an error in the engine or in a node: please report it"))
+    })
+}
+
+/// Runs code of a tap.
+pub(crate) fn guarded_tap<T>(run: impl FnOnce() -> Result<T, ErrorMessage>) -> Result<T, ErrorMessage> {
+    caught(run).unwrap_or_else(|panic| Err(ErrorMessage::new(format!("panicked {}", panic.0))))
 }

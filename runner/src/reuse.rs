@@ -1,42 +1,36 @@
-//! What need not be made again: found by the keys of values before any of them is computed.
+//! Which steps run, and which values are reused: decided by cache keys before anything is computed.
 //!
-//! A frame's keys follow from the key of its source, which is known before the frame is read, and from what each node is known to have
-//! given on it. So before a stage's frames run its keys are walked once, without a value: an ordered node whose every frame and whose
-//! once-values are in the store does not fire at all. When a frame is let in, its own keys are walked again; what then is neither in
-//! the store nor needed by what is not does not fire.
+//! Before the frames of a stage run, their keys are derived once from the keys of the source. An ordered node with all its values in the store
+//! does not run at all. When a frame is admitted, its keys are derived again: a step runs if its values are neither stored nor derivable.
 
 pub(crate) mod foresee;
 pub(crate) mod kept;
 
 use std::sync::OnceLock;
 
-use depthloom_graphs::contracts::{Contract, Held, Holding, Slot, Store, Tap};
+use depthloom_graphs::contracts::{Contract, Holding, Slot, Store, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
-use depthloom_graphs::{Fault, Frame, Host, Key, Port, Rate, Source, Value};
+use depthloom_graphs::{Frame, Host, Key, Port, Rate, Source, Value};
 
 use crate::once_values::is_once;
+use crate::panics::guarded;
 use crate::stage::frame_graph::{Feed, FrameGraph, OutputId, StepId, StepOutput};
-use depthloom_threads::caught;
 
-/// What a step does on a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum StepAction {
-    /// It runs, as it would without a store.
     Run,
-    /// It does not run: a required input is absent.
+    /// A required input is absent.
     Skip,
-    /// It need not run: this is its key, and these of its per-frame outputs are read from the store for nodes that run.
+    /// It does not run. With its key, and the outputs that are read from the store for nodes that run.
     Reuse(Key, Vec<OutputId>),
 }
 
-/// What is done on a frame.
 pub(crate) struct FramePlan {
-    /// By step: the source, then the nodes.
     pub(crate) steps: Vec<StepAction>,
-    /// By step, the key under which the store has its values; and by per-frame output, whether it has that one.
+    /// By step, the key of its values in the store; and by output, whether the store has it.
     stored: Vec<Option<(Key, Vec<bool>)>>,
-    /// The outputs that are known to have no value.
+    /// The outputs without a value.
     pub(crate) absent: Vec<StepOutput>,
 }
 
@@ -48,12 +42,12 @@ impl FramePlan {
             || matches!(self.steps[step], StepAction::Reuse(..)) && self.absent.iter().any(|absent| absent.step == step)
     }
 
-    /// Whether the store knows what a step gave on the frame.
+    /// Whether the store knows the step on this frame.
     pub(crate) fn is_known(&self, step: StepId) -> bool {
         self.stored[step].is_some()
     }
 
-    /// The key under which the store has a value, if it has.
+    /// The key of a value that the store has.
     pub(crate) fn stored(&self, output: StepOutput) -> Option<Key> {
         let (key, is_there) = self.stored[output.step].as_ref()?;
         is_there[output.output].then_some(*key)
@@ -63,61 +57,64 @@ impl FramePlan {
 /// What is known of a step on a frame before it runs.
 #[derive(Clone, Debug)]
 enum Known {
-    /// Nothing: it fires.
-    Fresh,
+    /// Nothing.
+    Unknown,
     /// A required input is absent.
     Absent,
-    /// It gave these values before, by per-frame output.
-    There(Key, Vec<Output>),
+    /// It ran before, with this key; by output.
+    Stored(Key, Vec<OutputState>),
 }
 
-/// What is known of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Output {
-    /// The store has its value.
-    Held,
-    /// It gave none.
-    None,
-    /// It gave a value, which the store does not have.
-    NotHeld,
-    /// The store does not say.
+enum OutputState {
+    Stored,
+    /// It had no value.
+    Absent,
+    /// It had a value, which the store does not have.
+    NotStored,
     Unknown,
 }
 
-/// An ordered node over a stage's frames.
-#[derive(Default)]
-struct Chain {
-    /// By frame, the node's key before it; up to the first frame where it is not known.
-    before: Vec<Option<Key>>,
-    /// Its key after the last frame; `None` if not known.
-    last: Option<Option<Key>>,
-    /// Whether it fires.
-    fires: bool,
+impl OutputState {
+    /// Whether the value must be computed if it is needed.
+    const fn must_be_computed(self) -> bool {
+        matches!(self, Self::NotStored | Self::Unknown)
+    }
 }
 
-/// The once-values of an ordered node that does not fire.
+/// The keys of an ordered node over a stage's frames.
+#[derive(Default)]
+struct Chain {
+    /// By frame, the node's key before it; up to the first frame where it is unknown.
+    before: Vec<Option<Key>>,
+    /// Its key after the last frame; `None` if unknown.
+    last: Option<Option<Key>>,
+    runs: bool,
+}
+
+/// The aggregate values of an ordered node that does not run.
 pub(crate) struct Finished {
     pub(crate) key: Key,
-    /// By once-output.
+    /// By aggregate port.
     pub(crate) values: Vec<Option<Value>>,
 }
 
-/// What a stage run need not make again.
+/// What a stage run reuses.
 pub(crate) struct Reuse<'a> {
-    store: &'a dyn Store,
+    pub(crate) store: &'a dyn Store,
     plan: &'a StageRun,
     frames: &'a [Frame],
     run: RunId,
-    /// By node; of ordered nodes alone.
+    /// By node; of ordered nodes only.
     chains: Vec<Option<Chain>>,
-    /// By node, the once-values of ordered nodes that do not fire.
+    /// By node; of ordered nodes that do not run.
     pub(crate) finished: Vec<Option<Finished>>,
-    /// How many frames are written already.
+    /// How many frames an earlier process has written.
     pub(crate) written: usize,
 }
 
 impl<'a> Reuse<'a> {
-    /// Walks the keys of a stage's frames. `None` if there is no store.
+    /// Derives the keys of a stage's frames. `None` if there is no store.
     pub(crate) fn new<T: Tap>(
         run: RunId,
         plan: &'a StageRun,
@@ -136,12 +133,12 @@ impl<'a> Reuse<'a> {
                 reuse.follow(graph, tap, position, *key);
             }
             reuse.finish();
-            while reuse.fires_on_some_frame(graph, tap, &keys) {}
+            while reuse.runs_on_some_frame(graph, tap, &keys) {}
         }
         Some(reuse)
     }
 
-    /// Takes a frame into the chains of keys.
+    /// Adds a frame to the chains of keys.
     fn follow<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, position: FrameIndex, source: Option<Key>) {
         for chain in self.chains.iter_mut().flatten() {
             if let (Some(last), true) = (chain.last, chain.before.len() == position.0) {
@@ -155,63 +152,57 @@ impl<'a> Reuse<'a> {
             let Some(chain) = chain else { continue };
             let step = StepId::of_node(node);
             match &known[step] {
-                Known::Fresh => (chain.last, chain.fires) = (None, true),
+                Known::Unknown => (chain.last, chain.runs) = (None, true),
                 Known::Absent => chain.last = chain.before.get(position.0).copied(),
-                Known::There(key, outputs) => {
+                Known::Stored(key, outputs) => {
                     chain.last = Some(Some(*key));
-                    chain.fires |= OutputId::enumerate(outputs).any(|(output, known)| {
-                        *known == Output::NotHeld
-                            && slot_of(self.plan, StepOutput { step, output }).is_some_and(|slot| {
-                                tap.part(self.run, slot).is_some() && tap.keeps(self.run, slot, position)
-                            })
+                    chain.runs |= OutputId::enumerate(outputs).any(|(output, state)| {
+                        let id = StepOutput { step, output };
+                        *state == OutputState::NotStored && is_recorded(tap, self.run, self.plan, id, position)
                     });
                 }
             }
         }
     }
 
-    /// Finds the once-values of the ordered nodes whose every frame is known; the others fire.
+    /// Finds the aggregate values of the ordered nodes with all their frames in the store; the others run.
     fn finish(&mut self) {
         for (node, chain) in NodeId::enumerate(&mut self.chains) {
-            let Some(chain) = chain.as_mut().filter(|chain| !chain.fires) else { continue };
+            let Some(chain) = chain.as_mut().filter(|chain| !chain.runs) else { continue };
             let last = chain.last.unwrap_or_default();
             let key = value_keys::finished(&self.plan.nodes[node].recipe, last.as_ref());
             self.finished[node] = once_values(self.store, self.plan, node, &key).map(|values| Finished { key, values });
-            chain.fires = self.finished[node].is_none();
+            chain.runs = self.finished[node].is_none();
         }
     }
 
-    /// Whether an ordered node that was not to fire has to on some frame, for a value that was not kept: then it fires on all, for
-    /// what it remembers comes of those before.
-    fn fires_on_some_frame<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, keys: &[Option<Key>]) -> bool {
-        let idle =
-            NodeId::enumerate(&self.chains).filter(|(_, chain)| chain.as_ref().is_some_and(|chain| !chain.fires));
-        let idle: Vec<NodeId> = idle
-            .map(|(node, _)| node)
-            .filter(|node| !graph.producers[StepId::of_node(*node)].outputs.is_empty())
-            .collect();
+    /// Whether another ordered node has to run on some frame, for a value that was not kept: then it runs on all, since its state depends
+    /// on the frames before.
+    fn runs_on_some_frame<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, keys: &[Option<Key>]) -> bool {
+        let has_outputs = |node: &NodeId| !graph.producers[StepId::of_node(*node)].outputs.is_empty();
+        let idle: Vec<NodeId> =
+            NodeId::all(self.chains.len()).filter(|node| self.reuses_all_frames(*node) && has_outputs(node)).collect();
         for (position, key) in FrameIndex::enumerate(keys).filter(|_| !idle.is_empty()) {
             let Some(key) = *key else { continue };
             let steps = self.plan(graph, tap, position, key).steps;
             if let Some(&node) = idle.iter().find(|node| steps[StepId::of_node(**node)] == StepAction::Run) {
                 self.finished[node] = None;
-                self.chains[node].iter_mut().for_each(|chain| chain.fires = true);
+                self.chains[node].iter_mut().for_each(|chain| chain.runs = true);
                 return true;
             }
         }
         false
     }
 
-    /// The first frame that has to be let in.
+    /// The first frame to be admitted.
     pub(crate) fn first(&self) -> usize {
-        let replays = self.chains.iter().flatten().any(|chain| chain.fires);
+        let replays = self.chains.iter().flatten().any(|chain| chain.runs);
         if replays { 0 } else { self.written }
     }
 
-    /// What is known of every step on a frame.
     fn known(&self, graph: &FrameGraph, position: FrameIndex, source: Option<Key>) -> Vec<Known> {
         let mut known = Vec::with_capacity(graph.producers.len());
-        known.push(source.map_or(Known::Fresh, |key| self.find(graph, StepId::SOURCE, key)));
+        known.push(source.map_or(Known::Unknown, |key| self.find(graph, StepId::SOURCE, key)));
         for (node, planned) in NodeId::enumerate(&self.plan.nodes) {
             let step = StepId::of_node(node);
             known.push(if planned.contract == Contract::Once {
@@ -220,14 +211,14 @@ impl<'a> Reuse<'a> {
                 match self.key(graph, position, node, &known) {
                     Ok(Some(key)) => self.find(graph, step, key),
                     Ok(None) => Known::Absent,
-                    Err(Unknown) => Known::Fresh,
+                    Err(Unknown) => Known::Unknown,
                 }
             });
         }
         known
     }
 
-    /// The key of a node's values on a frame; `None` if it does not fire.
+    /// The key of a node's values on a frame; `None` if a required input is absent.
     fn key(
         &self,
         graph: &FrameGraph,
@@ -236,9 +227,10 @@ impl<'a> Reuse<'a> {
         known: &[Known],
     ) -> Result<Option<Key>, Unknown> {
         let producer = &graph.producers[StepId::of_node(node)];
-        // What may fail is waited for, whether or not another input is absent: a failure is told of behind it.
-        let is_fresh = |feed: &Feed| matches!(feed, Feed::Place { step, .. } if matches!(known[*step], Known::Fresh));
-        if producer.feeds.iter().any(is_fresh) {
+        // A step that may fail counts, whether or not another input is absent: nodes after a failure report it.
+        let is_unknown =
+            |feed: &Feed| matches!(feed, Feed::Place { step, .. } if matches!(known[*step], Known::Unknown));
+        if producer.feeds.iter().any(is_unknown) {
             return Err(Unknown);
         }
         let mut keys = Vec::with_capacity(producer.inputs.len());
@@ -247,14 +239,14 @@ impl<'a> Reuse<'a> {
                 Feed::Unwired | Feed::Once(None) => None,
                 Feed::Once(Some(once)) => Some(once.key),
                 Feed::Place { place, step } => match &known[*step] {
-                    Known::Fresh => return Err(Unknown),
+                    Known::Unknown => return Err(Unknown),
                     Known::Absent => None,
-                    Known::There(key, outputs) => {
+                    Known::Stored(key, outputs) => {
                         let output = graph.producers[*step].output_at(*place);
                         match outputs[output] {
-                            Output::Unknown => return Err(Unknown),
-                            Output::None => None,
-                            Output::Held | Output::NotHeld => {
+                            OutputState::Unknown => return Err(Unknown),
+                            OutputState::Absent => None,
+                            OutputState::Stored | OutputState::NotStored => {
                                 Some(value_keys::port(key, graph.producers[*step].outputs[output].name))
                             }
                         }
@@ -268,7 +260,7 @@ impl<'a> Reuse<'a> {
         }
         let planned = &self.plan.nodes[node];
         let frame = &self.frames[position];
-        // What cannot be read is reported when the node runs.
+        // An unreadable file is reported when the node runs.
         let files = planned.files_content(frame).map_err(|_| Unknown)?;
         let observed = Observed { frame, files };
         match &self.chains[node] {
@@ -280,119 +272,97 @@ impl<'a> Reuse<'a> {
         }
     }
 
-    /// What the store has under a key.
     fn find(&self, graph: &FrameGraph, step: StepId, key: Key) -> Known {
-        let Some(held) = self.store.find(&key) else { return Known::Fresh };
-        let output = |port: &Port| match held.iter().find(|held| held.port == port.name) {
-            Some(Held { is: Holding::There, .. }) => Output::Held,
-            Some(Held { is: Holding::Nothing, .. }) if port.optional => Output::None,
-            Some(Held { is: Holding::NotKept, .. }) => Output::NotHeld,
-            // It fired, so it gave what it must.
-            _ if !port.optional => Output::NotHeld,
-            _ => Output::Unknown,
+        let Some(held) = self.store.find(&key) else { return Known::Unknown };
+        let state = |port: &Port| match held.iter().find(|held| held.port == port.name).map(|held| held.is) {
+            Some(Holding::There) => OutputState::Stored,
+            Some(Holding::Nothing) if port.optional => OutputState::Absent,
+            Some(Holding::NotKept) => OutputState::NotStored,
+            // It ran, so it had its required values.
+            _ if !port.optional => OutputState::NotStored,
+            _ => OutputState::Unknown,
         };
-        Known::There(key, graph.producers[step].outputs.iter().map(output).collect())
+        Known::Stored(key, graph.producers[step].outputs.iter().map(state).collect())
     }
 
-    /// What is done on a frame, by its source's key.
+    /// What to do on a frame, by its source's key.
     pub(crate) fn plan<T: Tap>(&self, graph: &FrameGraph, tap: &T, position: FrameIndex, source: Key) -> FramePlan {
         let known = self.known(graph, position, Some(source));
         let is_written = position.0 < self.written;
         let steps = graph.producers.len();
-        let mut fires = vec![false; steps];
+        let mut runs = vec![false; steps];
         let mut load: Vec<Vec<OutputId>> = vec![Vec::new(); steps];
         for step in StepId::all(steps).rev() {
             let chain = step.node().and_then(|node| self.chains[node].as_ref());
-            fires[step] |= match &known[step] {
+            let lacks = |(output, state): (OutputId, &OutputState)| {
+                state.must_be_computed() && is_recorded(tap, self.run, self.plan, StepOutput { step, output }, position)
+            };
+            runs[step] |= match &known[step] {
                 Known::Absent => false,
-                Known::Fresh => !is_written || chain.is_some(),
-                Known::There(_, outputs) => {
-                    let lacks = || {
-                        OutputId::enumerate(outputs).any(|(output, known)| {
-                            matches!(known, Output::NotHeld | Output::Unknown)
-                                && slot_of(self.plan, StepOutput { step, output }).is_some_and(|slot| {
-                                    tap.part(self.run, slot).is_some() && tap.keeps(self.run, slot, position)
-                                })
-                        })
-                    };
-                    chain.is_some_and(|chain| chain.fires) || !is_written && lacks()
+                Known::Unknown => !is_written || chain.is_some(),
+                Known::Stored(_, outputs) => {
+                    chain.is_some_and(|chain| chain.runs) || !is_written && OutputId::enumerate(outputs).any(lacks)
                 }
             };
-            if !fires[step] {
+            if !runs[step] {
                 continue;
             }
             for feed in &graph.producers[step].feeds {
                 let Feed::Place { place, step: from } = feed else { continue };
                 let output = graph.producers[*from].output_at(*place);
                 match &known[*from] {
-                    Known::Fresh => fires[*from] = true,
-                    Known::There(_, outputs) if matches!(outputs[output], Output::NotHeld | Output::Unknown) => {
-                        fires[*from] = true;
-                    }
-                    Known::There(_, outputs) if outputs[output] == Output::Held => load[*from].push(output),
-                    Known::There(..) | Known::Absent => {}
+                    Known::Unknown => runs[*from] = true,
+                    Known::Stored(_, outputs) if outputs[output].must_be_computed() => runs[*from] = true,
+                    Known::Stored(_, outputs) if outputs[output] == OutputState::Stored => load[*from].push(output),
+                    Known::Stored(..) | Known::Absent => {}
                 }
             }
         }
-        let stored = known.iter().map(|known| match known {
-            Known::There(key, outputs) => Some((*key, outputs.iter().map(|output| *output == Output::Held).collect())),
-            Known::Fresh | Known::Absent => None,
-        });
-        let stored = stored.collect();
-        let mut absent = Vec::new();
-        for (step, known) in StepId::enumerate(&known) {
-            if let (Known::There(_, outputs), false) = (known, fires[step]) {
-                let none = OutputId::enumerate(outputs).filter(|(_, known)| **known == Output::None);
-                absent.extend(none.map(|(output, _)| StepOutput { step, output }));
+        let (mut actions, mut stored, mut absent) = (Vec::with_capacity(steps), Vec::with_capacity(steps), Vec::new());
+        for (step, known) in StepId::enumerate(known) {
+            let mut action = if runs[step] { StepAction::Run } else { StepAction::Skip };
+            let mut own = None;
+            if let Known::Stored(key, outputs) = known {
+                if !runs[step] {
+                    let mut load = std::mem::take(&mut load[step]);
+                    load.sort_unstable();
+                    load.dedup();
+                    action = StepAction::Reuse(key, load);
+                    let without = OutputId::enumerate(&outputs).filter(|(_, state)| **state == OutputState::Absent);
+                    absent.extend(without.map(|(output, _)| StepOutput { step, output }));
+                }
+                own = Some((key, outputs.iter().map(|state| *state == OutputState::Stored).collect()));
             }
+            actions.push(action);
+            stored.push(own);
         }
-        let action = |(step, known): (StepId, Known)| match known {
-            _ if fires[step] => StepAction::Run,
-            Known::There(key, _) => {
-                let mut load = std::mem::take(&mut load[step]);
-                load.sort_unstable();
-                load.dedup();
-                StepAction::Reuse(key, load)
-            }
-            Known::Absent | Known::Fresh => StepAction::Skip,
-        };
-        FramePlan { steps: StepId::enumerate(known).map(action).collect(), stored, absent }
+        FramePlan { steps: actions, stored, absent }
     }
 
-    /// The key of every step's values on a frame, where the store has them; by step, the source first.
+    /// By step, the key of its values on a frame, if the store has them.
     pub(crate) fn keys(&self, graph: &FrameGraph, position: FrameIndex, source: Key) -> Vec<Option<Key>> {
         let key = |known: Known| match known {
-            Known::There(key, _) => Some(key),
-            Known::Fresh | Known::Absent => None,
+            Known::Stored(key, _) => Some(key),
+            Known::Unknown | Known::Absent => None,
         };
         self.known(graph, position, Some(source)).into_iter().map(key).collect()
     }
 
-    /// Whether an ordered node's values are all reused, so that it does not run.
+    /// Whether an ordered node does not run, since all its values are reused.
     pub(crate) fn reuses_all_frames(&self, node: NodeId) -> bool {
-        self.chains[node].as_ref().is_some_and(|chain| !chain.fires)
-    }
-
-    /// The recording that holds a value, for messages.
-    pub(crate) fn origin(&self, key: &Key, port: &str) -> Option<String> {
-        self.store.origin(key, port)
-    }
-
-    /// The warnings of the computation that made the values of a key.
-    pub(crate) fn warnings(&self, key: &Key) -> Vec<(String, u64)> {
-        self.store.warnings(key)
-    }
-
-    /// Values from the store; what lies together is read once.
-    pub(crate) fn values(&self, wanted: &[(Key, &str)]) -> Result<Vec<Option<Value>>, Fault> {
-        self.store.values(wanted)
+        self.chains[node].as_ref().is_some_and(|chain| !chain.runs)
     }
 }
 
-/// What cannot be known before a node has fired.
+/// The key is unknown before a node has run.
 struct Unknown;
 
-/// The once-values of a node, in the order of its once-outputs, if the store has all that are recorded or read.
+/// Whether the tap takes a value.
+fn is_recorded<T: Tap>(tap: &T, run: RunId, plan: &StageRun, output: StepOutput, position: FrameIndex) -> bool {
+    slot_of(plan, output).is_some_and(|slot| tap.part(run, slot).is_some() && tap.keeps(run, slot, position))
+}
+
+/// The aggregate values of a node, by aggregate port, if the store has all that are recorded or read.
 pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key: &Key) -> Option<Vec<Option<Value>>> {
     let planned = &plan.nodes[node];
     let mut outputs = planned.outputs.iter().filter(|output| is_once(planned, &output.port)).peekable();
@@ -403,7 +373,7 @@ pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key:
     let held = store.find(key)?;
     let value = |port: &str| {
         let held = held.iter().find(|held| held.port == port)?;
-        // What turns out to be damaged is made afresh.
+        // A damaged value is recomputed.
         match held.is {
             Holding::There => store.value(key, port).ok(),
             Holding::Nothing => Some(None),
@@ -413,16 +383,15 @@ pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key:
     outputs.map(|output| value(output.port.name)).collect()
 }
 
-/// The keys of all frames of a source, as many at once as there are workers; what the store has of them is checked on the way.
-///
-/// A frame whose key cannot be found out is not known; why is told when it is read.
+/// The keys of all frames of a source, on all workers, which also looks them up in the store. `None` for a frame that cannot be read,
+/// which is reported when it is read.
 fn source_keys(source: &dyn Source, store: &dyn Store, host: &dyn Host) -> Vec<Option<Key>> {
     let keys: Vec<OnceLock<Key>> = source.frames().iter().map(|_| OnceLock::new()).collect();
     host.tiles(keys.len(), &|frame| {
         if host.cancelled() {
             return;
         }
-        if let Ok(Ok(key)) = caught(|| source.key(FrameIndex(frame))) {
+        if let Ok(key) = guarded(|| source.key(FrameIndex(frame))) {
             let _ = store.find(&key);
             let _ = keys[frame].set(key);
         }
@@ -430,7 +399,6 @@ fn source_keys(source: &dyn Source, store: &dyn Store, host: &dyn Host) -> Vec<O
     keys.into_iter().map(OnceLock::into_inner).collect()
 }
 
-/// The slot of a step's per-frame output.
 pub(crate) fn slot_of(plan: &StageRun, StepOutput { step, output }: StepOutput) -> Option<Slot> {
     let outputs = match step.node() {
         None => &plan.source.outputs,

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::thread::{Builder, scope};
 
 use crossbeam::channel::bounded;
-use depthloom_graphs::contracts::Tap;
+use depthloom_graphs::contracts::{Contract, Tap};
 use depthloom_graphs::plan::{NodeId, NodeRef, Plan, RunId};
 use depthloom_graphs::ready::{NodeBuilder, Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
@@ -18,19 +18,20 @@ use crate::once::{Job, OnceWork};
 use crate::once_values::OnceValues;
 use crate::options::Options;
 use crate::report::Report;
-use crate::stage::frame_graph::{FrameGraph, contract_of};
+use crate::run_context::RunContext;
+use crate::stage::frame_graph::FrameGraph;
 use crate::stage::ordered::Ordered;
 use crate::stage::retire::{Completion, Ledger, retire_all};
-use crate::stage::{Common, EndAll, FrameNode, Stage};
+use crate::stage::{EndAll, FrameNode, Stage};
 use crate::warnings::Warnings;
 use depthloom_threads::{Budget, look_for_room};
 
-/// Runs a plan: every frame of every stage run, and its once-values, into the tap.
+/// Runs a plan: every frame of every stage run, and its aggregate values, into the tap.
 ///
-/// The calling thread admits frames and writes them; it returns when the last thread it started has ended.
+/// The calling thread admits frames and writes them. It returns when all threads that it started have ended.
 ///
 /// # Errors
-/// Why the run ended before its end. An interrupted run is no error: the report says so.
+/// Why the run ended early. An interrupted run is not an error: the report says so.
 pub fn run<T: Tap>(
     ready: Ready,
     tap: &T,
@@ -41,16 +42,15 @@ pub fn run<T: Tap>(
     let Ready { plan, runs, files, builders, .. } = ready;
     let budget = Budget::new(options.workers());
     let checkpoints = Checkpoints::new(options.checkpoints.clone());
-    let (window, keep_going) = (options.window(), options.keep_going);
     let warnings = Warnings::default();
-    let common = Common {
+    let context = RunContext {
         tap,
         budget: &budget,
         observer,
         interrupt,
         warnings: &warnings,
-        window,
-        keep_going,
+        window: options.window(),
+        keep_going: options.keep_going,
         checkpoints: &checkpoints,
         audit: options.audit,
     };
@@ -62,7 +62,7 @@ pub fn run<T: Tap>(
             break;
         }
         observer.stage_started(run, ready.source.frames().len() as u64);
-        let completion = run_stage((run, &plan), (ready, &builders), &common, &mut values, &mut report);
+        let completion = run_stage((run, &plan), (ready, &builders), &context, &mut values, &mut report);
         observer.stage_finished(run);
         if completion? == Completion::Interrupted {
             report.interrupted = true;
@@ -77,7 +77,7 @@ pub fn run<T: Tap>(
 fn run_stage<T: Tap>(
     (run, plan): (RunId, &Plan),
     (ready, builders): (ReadyRun, &NodeBuilders),
-    common: &Common<'_, T>,
+    context: &RunContext<'_, T>,
     values: &mut OnceValues,
     report: &mut Report,
 ) -> Result<Completion, RunError> {
@@ -90,13 +90,18 @@ fn run_stage<T: Tap>(
     let mut waiting = BTreeMap::new();
     let mut frame_nodes = Vec::with_capacity(nodes.len());
     for (id, (instance, planned)) in NodeId::enumerate(nodes.into_iter().zip(&stage.nodes)) {
-        if contract_of(&instance) != planned.contract {
-            let (planned, built) = (planned.contract.name(), contract_of(&instance).name());
-            return Err(unrunnable(format!("node `{}` is planned {planned} and built {built}", stage.nodes[id].name)));
+        let built = match &instance {
+            Instance::Pure(_) => Contract::Pure,
+            Instance::Ordered(_) => Contract::Ordered,
+            Instance::Once(_) => Contract::Once,
+        };
+        if built != planned.contract {
+            let (contract, built) = (planned.contract.name(), built.name());
+            return Err(unrunnable(format!("node `{}` is planned {contract} and built {built}", planned.name)));
         }
         frame_nodes.push(match instance {
             Instance::Pure(node) => FrameNode::Pure(node),
-            Instance::Ordered(node) => FrameNode::Ordered(Ordered::new(node, common.window)),
+            Instance::Ordered(node) => FrameNode::Ordered(Ordered::new(node, context.window)),
             Instance::Once(node) => {
                 waiting.insert(id, node);
                 FrameNode::Once
@@ -107,17 +112,17 @@ fn run_stage<T: Tap>(
     let mut once = OnceWork {
         run,
         plan,
-        common,
+        context,
         waiting,
         keys: BTreeMap::new(),
-        fired: BTreeSet::new(),
+        ran: BTreeSet::new(),
         reused: BTreeSet::new(),
         reported: BTreeMap::new(),
         timings: Vec::new(),
     };
-    let mut ledger = Ledger::new(plan, run, source.frames().len(), common.tap.parts(run));
+    let mut ledger = Ledger::new(plan, run, source.frames().len(), context.tap.parts(run));
     let completion = pass(&mut once, source.as_ref(), (frame_nodes, builders), &mut ledger, values);
-    for &node in &once.fired {
+    for &node in &once.ran {
         ledger.stage.firings[node] = 1;
     }
     for &node in &once.reused {
@@ -128,10 +133,9 @@ fn run_stage<T: Tap>(
     completion
 }
 
-/// How nodes are built again.
 type NodeBuilders = BTreeMap<NodeRef, NodeBuilder>;
 
-/// A stage run from its first frame to its last once-value.
+/// A stage run from its first frame to its last aggregate value.
 fn pass<T: Tap>(
     once: &mut OnceWork<'_, T>,
     source: &dyn Source,
@@ -141,15 +145,16 @@ fn pass<T: Tap>(
 ) -> Result<Completion, RunError> {
     let (run, plan) = (once.run, &once.plan.runs[once.run]);
     let unrunnable = |what| RunError::Unrunnable { stage: plan.stage.clone(), what };
-    // Once-nodes that need nothing of this stage's frames come first: its own nodes may need what they give.
-    if once.fire_all(values)? == Completion::Interrupted {
+    // Aggregate nodes that do not depend on this stage's frames come first: nodes of the stage may need their values.
+    if once.run_all(values)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
     }
-    let graph = FrameGraph::new(run, plan, once.common.tap, |from| values.find(from)).map_err(unrunnable)?;
+    let graph = FrameGraph::new(run, plan, once.context.tap, |from| values.find(from))
+        .map_err(|error| unrunnable(error.what))?;
     let reuse = once.reuse(&graph, source);
-    let mut stage = Stage::new(run, plan, graph, source, nodes, reuse, once.common);
+    let mut stage = Stage::new(once.context, run, plan, graph, source, nodes, reuse);
     if let Some(auditor) = Auditor::of(&stage) {
-        let permit = stage.budget.permit();
+        let permit = stage.context.budget.permit();
         ledger.stage.audited += auditor.before_frames(builders)?;
         drop(permit);
     }
@@ -157,7 +162,7 @@ fn pass<T: Tap>(
         return Ok(Completion::Interrupted);
     }
     if let Some(auditor) = Auditor::of(&stage) {
-        let permit = stage.budget.permit();
+        let permit = stage.context.budget.permit();
         ledger.stage.audited += auditor.after_frames()?;
         drop(permit);
     }
@@ -171,28 +176,26 @@ fn pass<T: Tap>(
             jobs.push((id, Job::Finish(node, last_key)));
         }
     }
-    if once.do_all(jobs, values)? == Completion::Interrupted || once.fire_all(values)? == Completion::Interrupted {
+    if once.do_all(jobs, values)? == Completion::Interrupted || once.run_all(values)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
     }
     if let Some(node) = once.waiting.keys().next() {
-        return Err(unrunnable(format!(
-            "a once-value that node `{}` reads is made by no node before it",
-            plan.nodes[*node].name
-        )));
+        let name = &plan.nodes[*node].name;
+        return Err(unrunnable(format!("no node before `{name}` computes an aggregate value that it reads")));
     }
-    once.hand_over(values)?;
+    once.write(values)?;
     ledger.stage.audited += once.audit(builders, values)?;
-    Ok(Completion::Whole)
+    Ok(Completion::Complete)
 }
 
 /// Runs the frames on workers; this thread admits and writes.
 fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Completion, RunError> {
-    // Never full: no more frames are in flight than this.
-    let (send, done) = bounded(stage.window);
+    // Never full: so many frames are in flight at most.
+    let (send, done) = bounded(stage.context.window);
     scope(|scope| {
-        // However this thread leaves, the workers go home: else it would wait for them for ever.
+        // Stops the workers on every exit path; otherwise the scope would wait for them.
         let _end_all = EndAll(stage);
-        for worker in 0..stage.budget.width() {
+        for worker in 0..stage.context.budget.width() {
             let send = send.clone();
             let builder = Builder::new().name(format!("depthloom-{worker}"));
             let started = look_for_room().and_then(|()| builder.spawn_scoped(scope, move || stage.work(&send)));

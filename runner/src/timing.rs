@@ -1,11 +1,11 @@
-//! Where the time goes: processor and wall time by class of task.
+//! CPU and wall time by class of task.
 
 use std::time::Instant;
 
 use depthloom_graphs::plan::{NodeId, PartId, RunId};
 use rustix::time::{ClockId, clock_gettime};
 
-/// What kind of work a time was spent on.
+/// A class of tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Phase {
     /// Reading a frame.
@@ -16,29 +16,29 @@ pub enum Phase {
     Encode(PartId),
     /// Writing a frame.
     Write,
-    /// An ordered node's end, or an aggregate node.
+    /// An ordered node after its last frame, or an aggregate node.
     Once(NodeId),
 }
 
-/// The time one task took.
+/// The time of one task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sample {
-    /// The frame's index in its source; 0 for once-values.
+    /// The frame's index in its source; 0 outside frames.
     pub frame_index: u64,
-    /// Processor time, of the threads that helped with tiles too, nanoseconds.
+    /// CPU time, with that of threads that helped with tiles, nanoseconds.
     pub cpu_ns: u64,
-    /// Time from start to end, nanoseconds.
+    /// Wall time, nanoseconds.
     pub wall_ns: u64,
 }
 
-/// Sum and extremes of a time.
+/// Sum and extremes of a time, nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Spread {
-    /// All together, nanoseconds.
+    /// The sum.
     pub sum_ns: u64,
-    /// The least, nanoseconds.
+    /// The minimum.
     pub min_ns: u64,
-    /// The most, nanoseconds.
+    /// The maximum.
     pub max_ns: u64,
 }
 
@@ -52,30 +52,29 @@ impl Spread {
     }
 }
 
-/// The times of one class of tasks in a stage run.
+/// The times of a class of tasks in a stage run.
 #[derive(Clone, Debug)]
 pub struct Timing {
     /// The stage run.
     pub run: RunId,
     /// The node's name, or `source`, `encode`, `write`.
     pub label: String,
-    /// What was done.
+    /// The class.
     pub phase: Phase,
-    /// How many tasks there were.
+    /// The number of tasks.
     pub count: u64,
-    /// Processor time.
+    /// CPU time.
     pub cpu: Spread,
-    /// Time from start to end.
+    /// Wall time.
     pub wall: Spread,
-    /// The single times, in the order of the frames: all of them up to [`Timing::KEPT`], of longer runs every
-    /// [`Timing::stride`]th, so that memory stays bounded and medians stay good.
+    /// Times of single tasks in the order of the frames: every [`Timing::stride`]th, at most [`Timing::KEPT`].
     pub samples: Vec<Sample>,
-    /// Every how many tasks a sample was kept.
+    /// One sample was kept per so many tasks.
     pub stride: u64,
 }
 
 impl Timing {
-    /// The most samples kept of a class.
+    /// The most samples per class.
     pub const KEPT: usize = 256;
 
     pub(crate) const fn new(run: RunId, label: String, phase: Phase) -> Self {
@@ -92,7 +91,7 @@ impl Timing {
                 });
                 self.stride *= 2;
             }
-            // The one at hand may be among those that the new stride leaves out.
+            // The new stride may leave out this one.
             if self.count.is_multiple_of(self.stride) {
                 self.samples.push(Sample { frame_index, cpu_ns: spent.cpu_ns, wall_ns: spent.wall_ns });
             }
@@ -102,32 +101,22 @@ impl Timing {
         self.wall.add(spent.wall_ns);
     }
 
-    /// The median processor time of the samples, nanoseconds; the lower one of two middles. `None` without samples.
+    /// The median CPU time of the samples, nanoseconds; the lower one of two. `None` without samples.
     #[must_use]
     pub fn median_cpu_ns(&self) -> Option<u64> {
-        median(self.samples.iter().map(|s| s.cpu_ns).collect())
-    }
-
-    /// The median of the samples' times from start to end, nanoseconds; see [`Timing::median_cpu_ns`].
-    #[must_use]
-    pub fn median_wall_ns(&self) -> Option<u64> {
-        median(self.samples.iter().map(|s| s.wall_ns).collect())
+        let mut times: Vec<u64> = self.samples.iter().map(|sample| sample.cpu_ns).collect();
+        times.sort_unstable();
+        times.get(times.len().checked_sub(1)? / 2).copied()
     }
 }
 
-fn median(mut times: Vec<u64>) -> Option<u64> {
-    times.sort_unstable();
-    times.get(times.len().checked_sub(1)? / 2).copied()
-}
-
-/// What a task took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Spent {
     pub(crate) cpu_ns: u64,
     pub(crate) wall_ns: u64,
 }
 
-/// Measures a task on the thread it runs on: both clocks at its start.
+/// Both clocks at the start of a task, on the thread that runs it.
 #[derive(Clone, Copy)]
 pub(crate) struct Stopwatch {
     cpu_ns: u64,
@@ -139,17 +128,17 @@ impl Stopwatch {
         Self { wall: Instant::now(), cpu_ns: thread_cpu_ns() }
     }
 
-    /// This thread's processor time since the start.
+    /// This thread's CPU time since the start.
     pub(crate) fn cpu_ns(&self) -> u64 {
         thread_cpu_ns().saturating_sub(self.cpu_ns)
     }
 
-    /// The time since the start; `helpers_cpu_ns` is what other threads did for the task.
+    /// The time since the start; `helpers_cpu_ns` is the CPU time of other threads for the task.
     pub(crate) fn stop(&self, helpers_cpu_ns: u64) -> Spent {
         self.lap(helpers_cpu_ns).0
     }
 
-    /// The time since the start, and a start for what follows.
+    /// The time since the start, and the start of the next task.
     pub(crate) fn lap(&self, helpers_cpu_ns: u64) -> (Spent, Self) {
         let now = Self::start();
         let wall_ns = now.wall.saturating_duration_since(self.wall).as_nanos();
@@ -158,7 +147,7 @@ impl Stopwatch {
     }
 }
 
-#[expect(clippy::cast_sign_loss, reason = "a thread's processor time is not negative")]
+#[expect(clippy::cast_sign_loss, reason = "a thread's CPU time is not negative")]
 fn thread_cpu_ns() -> u64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
@@ -184,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn processor_time_is_counted_while_working() {
+    fn cpu_time_is_counted_while_working() {
         let watch = Stopwatch::start();
         let mut x = 1_u64;
         while watch.cpu_ns() < 1_000_000 {

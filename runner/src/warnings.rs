@@ -1,4 +1,4 @@
-//! Warnings of nodes: equal ones are counted, and reported once.
+//! Warnings of nodes: duplicates are counted, and reported once.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -7,23 +7,23 @@ use depthloom_graphs::Rate;
 use depthloom_graphs::plan::{NodeId, Plan, RunId};
 use depthloom_threads::{into_unlocked, locked};
 
-/// Something that a node warned of.
+/// A warning of a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
     /// The stage run.
     pub run: RunId,
     /// The node; `None` for the source.
     pub node: Option<NodeId>,
-    /// The message, a lower-case fragment; of a counted thing its name in the plural.
+    /// A lower-case fragment; for counted things their name in the plural.
     pub what: String,
-    /// How many of the thing there were in all; 0 if it is none to be counted.
+    /// How many things there were; 0 if they are not counted.
     pub count: u64,
-    /// How often it was reported: on how many frames, if the node sees frames.
+    /// How often it was reported: on how many frames, for a node that sees frames.
     pub times: u64,
 }
 
 impl Warning {
-    /// The warning in words: stage run, node, what, and how often.
+    /// Stage run, node, message, and how often.
     #[must_use]
     pub fn text(&self, plan: &Plan) -> String {
         let run = &plan.runs[self.run];
@@ -47,12 +47,12 @@ impl Warning {
 /// Stage run, node and message.
 type WarningKey = (RunId, Option<NodeId>, String);
 
-/// The warnings of a run so far.
+/// The warnings of a run so far: count and times.
 #[derive(Default)]
 pub(crate) struct Warnings(Mutex<BTreeMap<WarningKey, (u64, u64)>>);
 
 impl Warnings {
-    /// Adds a warning, of a new frame or of one that had it before. Returns whether it is the first of its kind.
+    /// Adds a warning; `is_new` if its frame did not have it yet. Returns whether it is the first of its kind.
     pub(crate) fn add(&self, run: RunId, node: Option<NodeId>, what: &str, count: u64, is_new: bool) -> bool {
         let mut warnings = locked(&self.0);
         let (counted, times) = warnings.entry((run, node, what.to_owned())).or_default();
@@ -61,7 +61,7 @@ impl Warnings {
         *times == 1 && is_new
     }
 
-    /// All of them, in plan order.
+    /// In plan order.
     pub(crate) fn into_list(self) -> Vec<Warning> {
         let warnings = into_unlocked(self.0);
         let warning = |((run, node, what), (count, times))| Warning { run, node, what, count, times };

@@ -362,7 +362,7 @@ fn a_failing_once_node_is_named() {
     bench.toy("teacher", Contract::Once, [once(0, 0, 2), None, None], teacher);
     let error = run(bench.ready(), &Notebook::default(), &options(2), &Unwatched, &Interrupt::default()).unwrap_err();
     assert_eq!(error.to_string(), "node `learn.teacher` failed");
-    assert!(matches!(&error, RunError::OnceFailed { fault, .. } if fault.to_string() == "told to fail"));
+    assert!(matches!(&error, RunError::NodeFailed { frame: None, fault, .. } if fault.to_string() == "told to fail"));
 }
 
 #[test]
@@ -372,7 +372,7 @@ fn a_once_value_that_comes_too_late_for_the_frames_is_refused() {
     bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
     bench.toy("a", Contract::Pure, [source(0), None, once(0, 0, 2)], Toy::salted(1));
     let error = run(bench.ready(), &Notebook::default(), &options(2), &Unwatched, &Interrupt::default()).unwrap_err();
-    assert!(error.to_string().contains("input `c` of node `a` is not there before the stage's frames"), "{error}");
+    assert!(error.to_string().contains("input `c` of node `a` is not known before the stage's frames"), "{error}");
 }
 
 #[test]
@@ -485,7 +485,7 @@ fn fault_27_a_once_node_put_down_at_the_first_interrupt_interrupts_its_run_and_f
     let quitter = Instance::Once(Box::new(Quitter));
     bench.node(planned("quitter", Contract::Once, [once(0, 0, 2), None, None]), quitter);
     let ended = run(bench.ready(), &Notebook::default(), &options(2), &Unwatched, &Interrupt::default());
-    assert!(matches!(ended, Err(RunError::OnceFailed { .. })), "{ended:?}");
+    assert!(matches!(ended, Err(RunError::NodeFailed { frame: None, .. })), "{ended:?}");
 }
 
 /// Gives up unasked.

@@ -75,10 +75,10 @@ impl<'a> Outgoing<'a> {
                 report(None, &Report { absent, warnings, ..Report::default() })
             }
             Err(RunError::Aborted) => Ok(()),
+            Err(RunError::NodeFailed { frame: None, fault, .. }) => report(None, &Report::failed(fault)),
             Err(RunError::NodeFailed { fault, .. } | RunError::SourceFailed { fault, .. }) => {
                 report(Some(self.written.load(Ordering::SeqCst)), &Report::failed(fault))
             }
-            Err(RunError::OnceFailed { fault, .. }) => report(None, &Report::failed(fault)),
             Err(error) => {
                 let fault = Fault::new(chain(error));
                 report(Some(self.written.load(Ordering::SeqCst)), &Report::failed(&fault))?;

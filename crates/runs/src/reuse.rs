@@ -73,9 +73,7 @@ pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> 
         return Ok(Some("an engine or a program that it used changed".to_owned()));
     }
     let outdated = depthloom_runner::outdated(ready, earlier, &Kept(recording), &InlineHost);
-    let outdated =
-        outdated.map_err(|what| CliError::new(ExitCode::Engine, format!("failed to compare cache keys: {what}")))?;
-    Ok(outdated.map(|outdated| outdated.to_string()))
+    outdated.map_err(|error| CliError::new(ExitCode::Engine, format!("failed to compare cache keys: {error}")))
 }
 
 /// The recordings of the runs in a folder, if one is given, and of those that `depthloom runs` lists.

@@ -10,16 +10,13 @@ use crate::key::Key;
 use crate::language::glob;
 use crate::regular_file;
 
-/// A file, a folder (all files in it and in its folders) or a pattern (`lib/*.py`, `lib/**/*.py`) in a parameter, whose content enters
-/// cache keys. Folders `__pycache__` and names that begin with a dot are left out. The language resolves it against the folder of the YAML
-/// file.
+/// A file, a folder (all files below it) or a pattern (`lib/*.py`, `lib/**/*.py`) whose content enters cache keys.
+/// Folders `__pycache__` and hidden names are left out. Relative to the folder of the YAML file.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct CodePath(pub PathBuf);
 
-/// The most files that one entry may stand for: more is a folder of data.
 const MOST_FILES: usize = 10_000;
-/// The deepest folder that is looked into.
 const MOST_DEPTH: usize = 64;
 
 impl CodePath {
@@ -56,7 +53,7 @@ impl CodePath {
         }
     }
 
-    /// A hash of the content: of a file that of its bytes; otherwise of the names and bytes of all files.
+    /// A hash of the content: of a file its bytes; otherwise names and bytes of all files.
     ///
     /// # Errors
     /// As [`CodePath::files`], or the file that cannot be read.
@@ -106,12 +103,10 @@ fn is_pattern(path: &Path) -> bool {
     path.to_string_lossy().contains('*')
 }
 
-/// The part of a path before its first component with a `*`.
 fn literal_folder(path: &Path) -> PathBuf {
     path.components().take_while(|part| !part.as_os_str().to_string_lossy().contains('*')).collect()
 }
 
-/// The visible entries of a folder by name.
 fn entries(folder: &Path) -> Result<Vec<(String, PathBuf)>, String> {
     let unread = |error: std::io::Error| format!("failed to read the folder {}: {error}", folder.display());
     let folder_or_here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
@@ -126,7 +121,6 @@ fn entries(folder: &Path) -> Result<Vec<(String, PathBuf)>, String> {
     Ok(entries)
 }
 
-/// Adds all files in a folder and its folders.
 fn walk(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), String> {
     if depth > MOST_DEPTH {
         return Err(format!("{} is nested more than {MOST_DEPTH} folders deep", folder.display()));
@@ -144,7 +138,6 @@ fn walk(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Str
     Ok(())
 }
 
-/// The files that match a pattern: `*` within a name, `**` for any folders.
 fn expand(pattern: &Path) -> Result<Vec<PathBuf>, String> {
     let mut folders = vec![PathBuf::new()];
     let parts: Vec<Component<'_>> = pattern.components().collect();
@@ -181,7 +174,6 @@ fn expand(pattern: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(files)
 }
 
-/// Adds a folder and all folders in it.
 fn below(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), String> {
     found.push(folder.to_owned());
     if depth > MOST_DEPTH || found.len() > MOST_FILES {

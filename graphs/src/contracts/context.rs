@@ -9,26 +9,27 @@ use crate::ids::FrameIndex;
 
 /// What the runner offers a node while it works.
 pub trait Host: Sync {
-    /// Whether the run is being abandoned; long work checks this now and then and returns [`Fault::Cancelled`](crate::Fault).
+    /// Whether the run is being abandoned. Long work polls this and returns [`Fault::Cancelled`](crate::Fault).
     fn cancelled(&self) -> bool;
 
-    /// Whether the run is asked to end soon: long work that can be taken up again puts down where it is and returns
-    /// [`Fault::Cancelled`](crate::Fault). Work that cannot goes on.
+    /// Whether the run is about to stop. Work that can be resumed stores a checkpoint and returns
+    /// [`Fault::Cancelled`](crate::Fault).
     fn stopping(&self) -> bool {
         self.cancelled()
     }
 
-    /// Warns of something in this call that is not a failure but may spoil what is computed from its values, as a lower-case fragment
-    /// without the frame's name (`3 pixels are not numbers`). Equal warnings of a node are counted, not repeated. A warning is recorded with
-    /// the values and reported again where they are reused: it must be equal on every machine. See [`Host::notice`].
+    /// Warns of something that is not a failure but may spoil the values of this call, as a lower-case fragment
+    /// without the frame's name (`3 pixels are not numbers`). Duplicate warnings of a node are counted. A warning is
+    /// recorded with the values and repeated where they are reused, so it must be equal on every machine.
     fn warn(&self, what: &str) {
         self.warn_n(0, what);
     }
 
-    /// As [`Host::warn`], of `count` things named in the plural (`pixels that are not numbers`): the counts are added up.
+    /// As [`Host::warn`], for `count` things named in the plural (`pixels that are not numbers`). Counts are added
+    /// up.
     fn warn_n(&self, _count: u64, _what: &str) {}
 
-    /// As [`Host::warn`], of this run alone, and not of the values that it gives (`no checkpoint can be kept`).
+    /// As [`Host::warn`], for this run only: not recorded with the values (`no checkpoint can be kept`).
     fn notice(&self, what: &str) {
         self.warn(what);
     }
@@ -39,32 +40,32 @@ pub trait Host: Sync {
     /// Reports the progress of a long computation.
     fn progress(&self, done: u64, total: u64, message: &str);
 
-    /// Runs `f(0) .. f(n - 1)`, each once: the caller works, idle workers help. Returns when all are done. They are begun in
-    /// ascending order, so that one may wait for those before it.
+    /// Runs `f(0) .. f(n - 1)`, each once, on the caller's thread and on idle workers. Returns when all are done.
+    /// They start in ascending order, so that one may wait for those before it.
     ///
-    /// How the work is cut into tiles must depend on its size only, never on [`Host::width`].
+    /// How work is cut into tiles must depend on its size only, never on [`Host::width`].
     fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync));
 
-    /// How many tiles could run at once at best.
+    /// The most tiles that can run at once.
     fn width(&self) -> usize;
 
     /// Adds CPU time of the node's own threads, nanoseconds, to the node's timings.
     fn add_cpu_time(&self, _cpu_ns: u64) {}
 
-    /// Names what this call gives: the key of a once-node's values. `None` where no key is known, as outside of a run.
+    /// The cache key of the aggregate values that this call computes; `None` if it is not known.
     fn key(&self) -> Option<Key> {
         None
     }
 
-    /// The position of the frame that this call is about among those of its stage run, from 0; `None` where it is about none. For whoever passes
-    /// calls on to somewhere else. No result may depend on it: those of pure nodes are taken again wherever their inputs are equal.
+    /// The position of this call's frame among those of its stage run, from 0. For nodes that forward calls: no
+    /// result may depend on it.
     fn position(&self) -> Option<FrameIndex> {
         None
     }
 
-    /// A file where long work puts down where it is, now and then and at its end, so that a run begun again after a kill takes it
-    /// up there. Its name is [`Host::key`]; nobody else has it until the call returns. The host removes it when what the call
-    /// gave is safe. `None`: nothing is kept, for nobody asked for it or another process is at the same work.
+    /// A file for checkpoints of long work, with which an interrupted run resumes. Its name is [`Host::key`]; no
+    /// other process uses it until the call returns. The host removes it once the values are stored. `None`: keep no
+    /// checkpoint.
     fn checkpoint(&self) -> Option<PathBuf> {
         None
     }
@@ -90,7 +91,7 @@ impl Host for InlineHost {
     }
 }
 
-/// Buffers that a worker keeps between calls, one a type.
+/// Buffers that a worker keeps between calls, one per type.
 #[derive(Default)]
 pub struct Scratch(HashMap<TypeId, Box<dyn Any + Send>>);
 

@@ -31,13 +31,13 @@ pub struct DeclaredPort {
     pub optional: bool,
 }
 
-/// How many ports a node may declare on either side: names of ports are kept as long as the program runs.
+/// The most ports per side: their names are never freed.
 const MOST: usize = 64;
 /// The longest name of a port, bytes.
 const LONGEST: usize = 64;
 
 impl DeclaredPorts {
-    /// Whether they are ports that a node of this contract can have.
+    /// Checks that a node of this contract can have these ports.
     ///
     /// # Errors
     /// A lower-case fragment that names the port.
@@ -77,7 +77,7 @@ fn ports(declared: &BTreeMap<String, DeclaredPort>) -> Vec<Port> {
     declared.iter().map(port).collect()
 }
 
-/// Whether a text can be a port's name in references (`node/port`), topics and columns.
+/// Checks that a text can be a port's name in references (`node/port`), topics and columns.
 ///
 /// # Errors
 /// A lower-case fragment: how names are written.
@@ -101,7 +101,6 @@ impl DeclaredPort {
     }
 }
 
-/// What is neither a type's name alone.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Whole {

@@ -29,13 +29,13 @@ impl Fault {
         }
     }
 
-    /// Changes what is said to be wrong, for example to add the file.
+    /// Changes the message, for example to add the file.
     #[must_use]
     pub fn map_what(self, change: impl FnOnce(String) -> String) -> Self {
         self.map(|message| ErrorMessage { what: change(message.what), ..message })
     }
 
-    /// Adds what the person can do about it.
+    /// Adds the remedy.
     #[must_use]
     pub fn remedy(self, text: impl Into<String>) -> Self {
         self.map(|message| message.remedy(text))
@@ -56,7 +56,7 @@ impl Fault {
         }
     }
 
-    /// The failure and everything beneath it, joined by colons.
+    /// The failure and its causes, joined by colons.
     #[must_use]
     pub fn chain(&self) -> String {
         chain(self)

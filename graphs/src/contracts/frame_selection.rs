@@ -10,35 +10,35 @@ use serde::{Deserialize, Serialize};
 use super::Fault;
 use crate::regular_file;
 
-/// Which frames of a source are taken, and in which order: `1..=40`, `0..48`, a list of indices, or the path of a file of frame
+/// Which frames of a source are used, and in which order: `1..=40`, `0..48`, a list of indices, or a file of frame
 /// ids.
 ///
-/// What is asked for must be there: a range or a list with a frame that the source lacks is an error. `available` takes all
-/// there are, `1..=40 available` those of a range that there are. A list and a file keep their order; neither may name a frame
-/// twice, for it would count twice in every mean.
+/// A range or list with a frame that the source lacks is an error. `available` takes all frames, `1..=40 available`
+/// those of a range that exist. Lists and files keep their order and may not name a frame twice, which would count it
+/// twice in every mean.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum FrameSelection {
-    /// Every frame there is: `available`, or nothing.
+    /// All frames: `available`, or nothing.
     #[default]
     All,
-    /// Indices from the first to the last, the last excluded; all of them.
+    /// Indices from the first to the last (excluded), all of which must exist.
     Range(Range<u64>),
-    /// Those of these indices that there are.
+    /// Those of these indices that exist.
     Available(Range<u64>),
     /// These indices, in this order, each once.
     List(Vec<u64>),
-    /// The ids in this text file, one a line, in this order, each once.
+    /// The ids in this text file, one per line, in this order, each once.
     File(PathBuf),
 }
 
-/// The largest file of frame ids, bytes.
 const MOST_BYTES: u64 = 16 << 20;
 
 impl FrameSelection {
-    /// What it may be, for a message.
+    /// Its forms, for messages.
     pub const FORMS: &str = "`1..=40`, `0..48`, `[3, 7]`, `available`, or a text file with one frame id a line";
 
-    /// Reads `1..=40`, `0..48`, `7`, `available`, `1..=40 available` or the path of a file. A path holds a `/` or has an ending.
+    /// Reads `1..=40`, `0..48`, `7`, `available`, `1..=40 available` or the path of a file, which has a `/` or an
+    /// extension.
     ///
     /// # Errors
     /// A lower-case fragment saying what is wrong.
@@ -64,7 +64,7 @@ impl FrameSelection {
         }
     }
 
-    /// What `1..=40 available` asks for and there is not, in words; `ids` as for [`FrameSelection::select`].
+    /// The frames of `1..=40 available` that do not exist, in words; `ids` as for [`FrameSelection::select`].
     #[must_use]
     pub fn left_out(&self, ids: &[(u64, &str)]) -> Option<String> {
         let Self::Available(range) = self else { return None };
@@ -81,12 +81,10 @@ impl FrameSelection {
         })
     }
 
-    /// The indices selected among `ids.len()` frames numbered by `index`, as positions into `ids`.
-    ///
-    /// `ids` are (index, id) of all frames there are, ascending by index.
+    /// Positions of the selected frames in `ids`: index and id of all frames, ascending by index.
     ///
     /// # Errors
-    /// If a file of ids cannot be read, a frame that is asked for does not exist or is asked for twice, or nothing is selected.
+    /// If a file of ids cannot be read, a frame does not exist or is named twice, or nothing is selected.
     pub fn select(&self, ids: &[(u64, &str)]) -> Result<Vec<usize>, Fault> {
         let span = || match (ids.first(), ids.last()) {
             (Some(only), Some(_)) if ids.len() == 1 => format!("there is 1 frame, {}", only.0),
@@ -131,7 +129,7 @@ impl FrameSelection {
     }
 }
 
-/// `1..=40`, `0..48` and `7`; `None` if the text is of another form.
+/// `1..=40`, `0..48` or `7`; `None` if the text has another form.
 fn range(text: &str) -> Result<Option<Range<u64>>, String> {
     let text = text.trim();
     let only_digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
@@ -150,7 +148,6 @@ fn range(text: &str) -> Result<Option<Range<u64>>, String> {
     if range.is_empty() { Err(format!("the range `{text}` holds no frame")) } else { Ok(Some(range)) }
 }
 
-/// What was probably meant by a text that is neither range nor path.
 fn misread(text: &str) -> String {
     let parts = |separator: char| -> Option<Vec<u64>> {
         text.split(separator).map(|part| part.trim().parse().ok()).collect::<Option<Vec<u64>>>()

@@ -28,7 +28,7 @@ impl<'a> Inputs<'a> {
         Self { ports, values }
     }
 
-    /// The value at a port, of whatever type; `None` if there is none, or no such port.
+    /// The value at a port; `None` if there is no value or no such port.
     #[must_use]
     pub fn value(&self, port: &str) -> Option<&'a Value> {
         self.values[self.ports.iter().position(|p| p.name == port)?].as_ref()
@@ -37,7 +37,7 @@ impl<'a> Inputs<'a> {
     /// The value at a required port.
     ///
     /// # Errors
-    /// If there is none of that name and type: an error of the node's own declaration, since the plan was checked.
+    /// If it has no value of that type: an error in the node's declaration, since the plan was checked.
     pub fn get<T: ValueKind>(&self, port: &str) -> Result<&'a Arc<T>, Fault> {
         self.optional(port)?.ok_or_else(|| Fault::new(format!("no value at input `{port}`")))
     }
@@ -55,7 +55,7 @@ impl<'a> Inputs<'a> {
     }
 }
 
-/// The values a node gives, by output port; a port left out is absent on this frame.
+/// The values of a node by output port; a missing port is absent on this frame.
 #[derive(Clone, Debug, Default)]
 pub struct Outputs(Vec<(&'static str, Value)>);
 
@@ -84,10 +84,10 @@ impl Outputs {
         self.0.iter().map(|(port, value)| (*port, value))
     }
 
-    /// The values in the order of the declared ports, each of its declared type.
+    /// The values in the order of the declared ports.
     ///
     /// # Errors
-    /// If a value is at no declared port, is of another type, or a required one is missing.
+    /// If a value has an undeclared port or another type, or a required one is missing.
     pub fn in_order_of(self, ports: &[Port]) -> Result<Vec<Option<Value>>, Fault> {
         let mut ordered = vec![None; ports.len()];
         for (name, value) in self.0 {
@@ -123,8 +123,7 @@ pub trait PureNode: Send + Sync {
         self.process(inputs, ctx)
     }
 
-    /// Looks at the once-values that come from files (all other inputs are absent) when the plan is made ready, so that what
-    /// would fail on every frame is found before any.
+    /// Checks the once-values that come from files (all other inputs are absent) before the first frame.
     ///
     /// # Errors
     /// What is wrong with them.
@@ -148,7 +147,7 @@ pub trait OrderedNode: Send {
     fn finish(self: Box<Self>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
 }
 
-/// A node that fires once, when its once-inputs are there.
+/// An aggregate node: it runs once, when its once-inputs are there.
 pub trait OnceNode: Send + Sync {
     /// The once-outputs.
     ///
@@ -168,7 +167,6 @@ pub enum Instance {
 }
 
 impl Instance {
-    /// See [`PureNode::prepare`].
     pub(crate) fn prepare(&self, files: &Inputs<'_>) -> Result<(), Fault> {
         match self {
             Self::Pure(node) => node.prepare(files),
@@ -177,12 +175,12 @@ impl Instance {
     }
 }
 
-/// What a node kind says of itself.
+/// The declaration of a node kind.
 #[derive(Clone, Debug)]
 pub struct NodeDeclaration {
     /// The kind's name in YAML, `family/name`.
     pub kind: &'static str,
-    /// Raised whenever the same inputs give other outputs than before.
+    /// Raised whenever equal inputs give different outputs.
     pub version: u32,
     /// How it is called.
     pub contract: Contract,
@@ -205,40 +203,41 @@ impl From<&NodeDeclaration> for Signature {
 
 /// A node kind: everything about it declared in one place.
 pub trait Node: 'static {
-    /// Its parameters; their docs, defaults and ranges give the schema, the reference page and the checks.
-    /// Range attributes of schemars (`#[schemars(range(min = 1))]`, `extend("multipleOf" = 16)`,
-    /// `extend("not" = { "multipleOf": 2 })` for odd numbers) are checked by the language.
+    /// Its parameters. Their docs, defaults and ranges make the schema, the reference page and the checks. The
+    /// language checks range attributes of schemars: `#[schemars(range(min = 1))]`, `extend("multipleOf" = 16)`, and
+    /// `extend("not" = { "multipleOf": 2 })` for odd numbers.
     ///
-    /// A parameter that decides no output, only how it is come by (memory, threads, how often a checkpoint is written), is declared
-    /// so: `#[schemars(extend("operational" = true))]`. It enters no key and no recording, and nodes that differ in such parameters
-    /// alone are one node, with the parameters of the first.
+    /// A parameter that affects how, not what, is computed (memory, threads, checkpoint interval) is declared
+    /// `#[schemars(extend("operational" = true))]`. It is in no key and no recording. Nodes that differ only in such
+    /// parameters are one node, with the parameters of the first.
     type Params: Serialize + DeserializeOwned + JsonSchema;
 
     /// Its name, version and ports.
     fn declaration() -> NodeDeclaration;
 
-    /// What parameters that follow others become: [`Auto::Auto`](super::Auto) its value. Done once, before all else: equal values are equal
-    /// nodes, however they were come by. Of what is resolved it changes nothing.
+    /// Replaces [`Auto::Auto`](super::Auto) in parameters that follow others. Called first; it must not change
+    /// parameters that are already resolved.
     fn resolve(_params: &mut Self::Params) {}
 
-    /// Whether contract and ports follow from the parameters, [`Node::signature`]. Those of the declaration are then what is usual, for the reference.
+    /// Whether contract and ports follow from the parameters, see [`Node::signature`]. The declaration then lists the
+    /// usual ports, for the reference.
     const OWN_PORTS: bool = false;
 
-    /// How a node with these parameters is called, and its ports, where [`Node::OWN_PORTS`] says that they follow from the parameters. Asked for of
-    /// parameters that passed [`Node::check`]. By default those of the declaration.
+    /// Contract and ports for parameters that passed [`Node::check`], if [`Node::OWN_PORTS`].
+    /// `None`: those of the declaration.
     fn signature(_params: &Self::Params) -> Option<Signature> {
         None
     }
 
-    /// What no schema can say, e.g. `p2` must exceed `p1`: the parameter's name and a lower-case fragment.
+    /// Checks what no schema can express, e.g. that `p2` exceeds `p1`.
     ///
     /// # Errors
-    /// The parameter at fault, and why.
+    /// The parameter's name and a lower-case fragment.
     fn check(_params: &Self::Params) -> Result<(), (&'static str, String)> {
         Ok(())
     }
 
-    /// What only the wiring shows, as far as it is known before any frame: whether what is given to the inputs can be of use.
+    /// Checks the wiring as far as it is known before any frame.
     ///
     /// # Errors
     /// What does not fit, and the remedy.
@@ -246,8 +245,8 @@ pub trait Node: 'static {
         Ok(())
     }
 
-    /// What besides parameters and inputs decides the outputs (an engine's version, say). Asked for when a plan is made ready, never while
-    /// one is only looked at; enters the recipe then.
+    /// What decides the outputs besides parameters and inputs, e.g. the version of an engine. It enters the recipe
+    /// when the plan is made ready.
     ///
     /// # Errors
     /// What is missing on this machine, with its remedy.

@@ -9,8 +9,8 @@ use super::{Fault, Frame};
 use crate::key::Key;
 use crate::regular_file;
 
-/// What a node observes of a frame besides the values at its inputs: the frame's id, index and time, and the content of files that the node
-/// opens itself. All of it enters the cache keys of the node's values on that frame.
+/// What a node observes of a frame besides its inputs: id, index and time, and the content of files that it opens
+/// itself. It is part of the cache keys of the node's values on that frame.
 ///
 /// An ordered node always observes id, index and time; a pure node only if its signature has an observation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -19,16 +19,14 @@ pub struct Observation {
     pub files: Vec<PathBuf>,
 }
 
-/// The placeholder of the frame's id.
 const FRAME: &str = "{frame}";
-/// The placeholder of the frame's index.
 const INDEX: &str = "{index}";
 
 impl Observation {
     /// Whether a path differs from frame to frame.
     ///
     /// # Errors
-    /// The placeholder that is not known, as a lower-case fragment.
+    /// The unknown placeholder, as a lower-case fragment.
     pub fn is_per_frame(path: &Path) -> Result<bool, String> {
         let text = path.to_string_lossy();
         let plain = text.replace(FRAME, "").replace(INDEX, "");
@@ -49,7 +47,7 @@ impl Observation {
         self.files.iter().map(fill)
     }
 
-    /// A hash of the content of the frame's files; `None` if there are no files to read. That a file is missing is part of the hash.
+    /// A hash of the frame's files, missing ones included; `None` if there are no files to read.
     ///
     /// # Errors
     /// The file that cannot be read.
@@ -73,8 +71,7 @@ impl Observation {
     }
 }
 
-/// A path or a list of paths in a parameter, with the placeholders of an [`Observation`]. The language resolves them against the folder of
-/// the YAML file.
+/// One or several paths with the placeholders of an [`Observation`], relative to the folder of the YAML file.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
 pub struct FramePaths(pub Vec<PathBuf>);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
-/// A path in a parameter. The language resolves it against the folder of the YAML file it stands in.
+/// A path in a parameter, relative to the folder of the YAML file.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct DataPath(pub PathBuf);
@@ -32,10 +32,10 @@ impl JsonSchema for DataPath {
     }
 }
 
-/// A word of a command: the program, or one of its arguments. What begins with `./` or `../`, and what has an ending or a `/` and names a file
-/// from the folder of the YAML file that it stands in, the language resolves against that folder; all else stays as it is.
+/// A word of a command: the program or an argument. A word that begins with `./` or `../`, or has an extension or a
+/// `/` and names a file next to the YAML file, is resolved against that folder.
 ///
-/// In a recipe a file counts by its name alone: what is in it is for other parameters to say.
+/// Only the file's name is part of a recipe: other parameters declare its content.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Argument(pub String);
@@ -54,22 +54,22 @@ impl JsonSchema for Argument {
     }
 }
 
-/// A parameter that follows others unless it is given a value of its own: `auto`, or the value.
+/// A parameter that follows others unless it has its own value: `auto`, or the value.
 ///
-/// [`Node::resolve`](super::Node::resolve) puts the value in the place of `auto`, so that keys, recordings and the node itself know
-/// numbers alone. The parameter names those it follows: `#[schemars(extend("follows" = ["block"]))]`; of a range it is told
-/// likewise: `extend("minimum" = 0)`.
+/// [`Node::resolve`](super::Node::resolve) replaces `auto`, so keys, recordings and nodes see numbers only. The
+/// parameter names those it follows, `#[schemars(extend("follows" = ["block"]))]`, and its range, `extend("minimum" =
+/// 0)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Auto<T> {
-    /// As the others have it.
+    /// Follows the others.
     #[default]
     Auto,
-    /// A value of its own.
+    /// Its own value.
     Value(T),
 }
 
 impl<T: Copy> Auto<T> {
-    /// Its own value, or what the others make it.
+    /// Its own value, or the one that follows from the others.
     pub fn or_else(self, follow: impl FnOnce() -> T) -> T {
         match self {
             Self::Auto => follow(),
@@ -78,7 +78,6 @@ impl<T: Copy> Auto<T> {
     }
 }
 
-/// How it is written that a parameter follows others.
 const AUTO: &str = "auto";
 
 impl<T: Serialize> Serialize for Auto<T> {

@@ -61,7 +61,7 @@ pub struct Port {
     pub rate: Rate,
     /// An input that may stay unwired, or an output that may be absent on a frame.
     ///
-    /// A node whose required input is absent on a frame does not fire on it: absence propagates, it is no failure.
+    /// A node whose required input is absent on a frame does not run on it; that is not a failure.
     pub optional: bool,
     /// One sentence: shape, unit, meaning.
     pub doc: &'static str,
@@ -80,7 +80,7 @@ impl Port {
         Self { name, value_type, rate: Rate::Once, optional: false, doc }
     }
 
-    /// The text with the lifetime of the program, as names and docs of ports have: for ports that a file declares. Equal texts are stored once.
+    /// The text with the lifetime of the program, for ports that a file declares. Equal texts are stored once.
     #[must_use]
     pub fn intern(text: &str) -> &'static str {
         static INTERNED: Mutex<BTreeSet<&str>> = Mutex::new(BTreeSet::new());

@@ -2,8 +2,8 @@
 
 use super::{Contract, Observation, Port};
 
-/// How a node is called, and its ports: of all nodes of a kind those of its declaration, or of each node its own, where they follow from its
-/// parameters ([`Node::signature`](super::Node::signature)).
+/// Contract and ports of a node: those of its kind's declaration, or its own
+/// ([`Node::signature`](super::Node::signature)).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Signature {
     /// How it is called.
@@ -12,7 +12,7 @@ pub struct Signature {
     pub inputs: Vec<Port>,
     /// Output ports. Of an ordered node, those with [`Rate::Once`](super::Rate) come from `finish`.
     pub outputs: Vec<Port>,
-    /// What it observes of a frame besides its inputs. A pure node that has one is told which frame it is
-    /// ([`PureNode::process_frame`](super::PureNode::process_frame)).
+    /// What it observes of a frame besides its inputs; see
+    /// [`PureNode::process_frame`](super::PureNode::process_frame).
     pub observes: Option<Observation>,
 }

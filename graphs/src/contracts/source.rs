@@ -11,13 +11,13 @@ use super::{Context, Fault, Frame, Outputs, Port};
 use crate::Key;
 use crate::ids::FrameIndex;
 
-/// A frame's values, and the key of what they were made from.
+/// A frame's values and their key.
 #[derive(Clone, Debug)]
 pub struct SourceOutputs {
     /// The values by output port; optional ones may be absent.
     pub outputs: Outputs,
-    /// The content hash of the files read for this frame (calibration included), or of the recipe and index of a made one:
-    /// never of the root folder, the range or the window. Of what was read: if [`Source::key`] named another, the files changed meanwhile.
+    /// The hash of the files read for this frame (calibration included), or of recipe and index of a synthetic one;
+    /// never of the root folder, the range or the window. If it differs from [`Source::key`], the files have changed.
     pub key: Key,
 }
 
@@ -26,17 +26,15 @@ pub trait Source: Send + Sync {
     /// The frames selected, in the order they are to be read.
     fn frames(&self) -> &[Frame];
 
-    /// What there is to say of the data as they were found at opening that is no failure, as lower-case fragments: files that belong to
-    /// no frame, say.
+    /// Warnings about the data, found when it was opened, as lower-case fragments; e.g. files that match no frame.
     fn warnings(&self) -> &[String] {
         &[]
     }
 
-    /// The key of `frames()[position]`: what [`Source::read`] gives with the values, come by without decoding anything, so that
-    /// what was made from a frame can be looked up before the frame is read.
+    /// The key of `frames()[position]`, equal to that of [`Source::read`], without decoding anything.
     ///
     /// # Errors
-    /// The file at fault, the place and the remedy. What is no image may still have a key.
+    /// The file at fault, the place and the remedy.
     fn key(&self, position: FrameIndex) -> Result<Key, Fault>;
 
     /// Reads `frames()[position]`.
@@ -45,12 +43,12 @@ pub trait Source: Send + Sync {
     /// The file at fault, the place and the remedy.
     fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault>;
 
-    /// The files that `frames()[position]` is made of, each with the part it plays (`left`, `truth`); none where it is made of no file of its own.
+    /// The files of `frames()[position]`, each with its role (`left`, `truth`).
     fn files(&self, _position: FrameIndex) -> Vec<(&'static str, PathBuf)> {
         Vec::new()
     }
 
-    /// As [`Source::read`], for whoever wants to know all that is wrong with the frame's files, and not the first of it.
+    /// As [`Source::read`], but reports everything that is wrong with the frame's files.
     ///
     /// # Errors
     /// At least one fault.
@@ -61,26 +59,26 @@ pub trait Source: Send + Sync {
 
 /// What was found of a source's data, whether or not it can be opened.
 pub struct Survey {
-    /// The source over the frames that have all their files; `None` if not even that can be listed.
+    /// The source with the frames that have all their files; `None` if they cannot be listed.
     pub source: Option<Box<dyn Source>>,
     /// Everything that is wrong.
     pub faults: Vec<Fault>,
-    /// What there is to show of the data beside their frames, a line each.
+    /// Facts to show, one per line.
     pub facts: Vec<Fact>,
 }
 
 impl Survey {
-    /// That the data cannot be opened.
+    /// Data that cannot be opened.
     #[must_use]
     pub fn failed(fault: Fault) -> Self {
         Self { source: None, faults: vec![fault], facts: Vec::new() }
     }
 }
 
-/// Something to show of data that is neither right nor wrong: a topic of a bag, with its rate.
+/// A neutral fact about data: a topic of a bag, with its rate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fact {
-    /// What it is about, a word: `topic`.
+    /// Its topic, one word: `topic`.
     pub label: &'static str,
     /// A lower-case fragment.
     pub text: String,
@@ -93,7 +91,7 @@ pub struct Recognised {
     pub what: String,
     /// The parameters that make it a source.
     pub params: Json,
-    /// Lines of YAML that a person may want among the parameters, each with what it is for behind a `#`: they are shown as comments.
+    /// Optional lines of YAML among the parameters, each with its purpose after a `#`; shown as comments.
     pub alternatives: Vec<String>,
 }
 
@@ -105,18 +103,18 @@ impl Recognised {
     }
 }
 
-/// What a source kind says of itself.
+/// The declaration of a source kind.
 #[derive(Clone, Debug)]
 pub struct SourceDeclaration {
     /// The kind's name in YAML, `family/name`.
     pub kind: &'static str,
-    /// Raised whenever the same files or parameters give other values than before.
+    /// Raised whenever equal files or parameters give different values.
     pub version: u32,
     /// One sentence.
     pub summary: &'static str,
     /// Markdown: layout, shapes, units, source.
     pub doc: &'static str,
-    /// Output ports, all per frame; none if they follow from the parameters alone ([`SourceKind::outputs`]).
+    /// Output ports, all per frame; empty if they follow from the parameters ([`SourceKind::outputs`]).
     pub outputs: Vec<Port>,
 }
 
@@ -128,16 +126,16 @@ pub trait SourceKind: 'static {
     /// Its name, version and ports.
     fn declaration() -> SourceDeclaration;
 
-    /// What no schema can say; see [`Node::check`](super::Node::check).
+    /// Checks what no schema can express; see [`Node::check`](super::Node::check).
     ///
     /// # Errors
-    /// The parameter at fault, and why.
+    /// The parameter's name, and why.
     fn check(_params: &Self::Params) -> Result<(), (&'static str, String)> {
         Ok(())
     }
 
-    /// The output ports that a source with these parameters has, where a file declares them; asked for when an experiment is checked, so that
-    /// no frame is read for it. By default those of the declaration.
+    /// The output ports of a source with these parameters, known without reading a frame. By default those of the
+    /// declaration.
     ///
     /// # Errors
     /// What is missing, with its remedy.
@@ -151,7 +149,7 @@ pub trait SourceKind: 'static {
     /// What is missing, with its remedy; found before any frame is admitted.
     fn open(params: Self::Params) -> Result<Box<dyn Source>, Fault>;
 
-    /// As [`SourceKind::open`], for whoever wants to know everything that is wrong with the data in one pass; nothing is decoded.
+    /// As [`SourceKind::open`], but reports everything that is wrong with the data. Nothing is decoded.
     fn survey(params: Self::Params) -> Survey {
         match Self::open(params) {
             Ok(source) => Survey { source: Some(source), faults: Vec::new(), facts: Vec::new() },
@@ -159,8 +157,8 @@ pub trait SourceKind: 'static {
         }
     }
 
-    /// What of this kind a folder (or a file) holds, by its layout: nothing is decoded. Several where there are halves or sequences. A damaged file of
-    /// this kind is recognised too: [`SourceKind::survey`] reports the damage.
+    /// The data of this kind, damaged or not, that a folder or file holds, by its layout. Several entries for halves
+    /// or sequences.
     fn recognise(_root: &Path) -> Vec<Recognised> {
         Vec::new()
     }

@@ -21,36 +21,36 @@ pub enum Slot {
     },
 }
 
-/// The key of one value of a frame.
+/// The key that all output values of a node share on a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlotKey {
-    /// Which node of the stage run; all its output ports share the key.
+    /// The node.
     pub node: NodeId,
     /// The key.
     pub key: Key,
 }
 
-/// A node that failed on a frame, kept when the run goes on: the tombstone of its values.
+/// The failure record of a node on a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
     /// Which node of the stage run; `None` for its source.
     pub node: Option<NodeId>,
-    /// What failed, with everything beneath.
+    /// What failed, with its causes.
     pub what: String,
 }
 
-/// What a node told of without failing; see [`Host::warn_n`](super::Host::warn_n).
+/// A warning of a node; see [`Host::warn_n`](super::Host::warn_n).
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Warned {
     /// Which node of the stage run; `None` for its source.
     pub node: Option<NodeId>,
-    /// What it told.
+    /// The message.
     pub what: String,
-    /// How many of the thing there were; 0 if it is none to be counted.
+    /// How many things it concerns; 0 if they are not counted.
     pub count: u64,
 }
 
-/// All there is to say of a finished frame besides its values.
+/// Everything about a finished frame except its values.
 #[derive(Clone, Debug)]
 pub struct Commit<'a> {
     /// The stage run.
@@ -59,30 +59,30 @@ pub struct Commit<'a> {
     pub frame: &'a Frame,
     /// The key of the source's values; `None` if the source failed.
     pub source_key: Option<Key>,
-    /// The keys of the nodes' values, by node index; nodes that did not fire are left out.
+    /// The keys of the nodes' values, by node index; nodes that did not run are left out.
     pub keys: &'a [SlotKey],
     /// The failures on this frame, by node index.
     pub failures: &'a [Failure],
-    /// The outputs that gave nothing although their source or node fired, in plan order.
+    /// The outputs without a value although their source or node ran, in plan order.
     pub absent: &'a [Slot],
-    /// What was told of without failing, by node index: whoever takes the values is to be told, too.
+    /// The warnings, by node index. They are repeated where the values are reused.
     pub warnings: &'a [Warned],
 }
 
-/// A value of a part that lies in the tap's store.
+/// A value that is in the tap's store.
 #[derive(Clone, Debug)]
 pub struct StoredValue<'a> {
-    /// Whose it is.
+    /// Its slot.
     pub slot: Slot,
     /// The key of what made it.
     pub key: Key,
     /// Its output port.
     pub port: &'a str,
-    /// The value, where a node needed it.
+    /// The value, if a node needed it.
     pub value: Option<Value>,
 }
 
-/// The values of a store; what lies together is read once.
+/// The values of a store; neighbours are read once.
 ///
 /// # Errors
 /// If the store cannot be read.
@@ -100,8 +100,8 @@ pub fn stored_values<'a>(
 
 /// Takes the values of a run, in the order (stage run, frame, plan position, port).
 ///
-/// The values of one frame are handed over in *parts*: the tap says which part a slot belongs to, workers encode the parts of
-/// a frame as soon as their values are there, and one thread writes the frames in order.
+/// A frame is written in *parts*: the tap assigns each slot to a part, workers encode a part as soon as its values
+/// are there, and one thread writes the frames in order.
 pub trait Tap: Send + Sync {
     /// An encoded part, ready to be written.
     type Part: Send;
@@ -112,9 +112,8 @@ pub trait Tap: Send + Sync {
     /// The part a slot's values belong to; `None` if they are not taken at all.
     fn part(&self, run: RunId, slot: Slot) -> Option<PartId>;
 
-    /// Encodes (and compresses) one part of a frame; called on workers, several at once. With the frame comes its
-    /// position among those of the stage run, from 0, whatever the source numbers them; `values` are in plan order and hold
-    /// those of the part's slots that are there.
+    /// Encodes (and compresses) one part of a frame; called on workers, several at once. The frame comes with its
+    /// position in the stage run. `values` are the values of the part, in plan order.
     ///
     /// # Errors
     /// If a value cannot be encoded.
@@ -126,30 +125,29 @@ pub trait Tap: Send + Sync {
         values: &[(Slot, Value)],
     ) -> Result<Self::Part, ErrorMessage>;
 
-    /// Writes a frame: its parts in order, then its commit record. Called by one thread, in order of frames.
+    /// Writes a frame: its parts in order, then its commit record. Called on one thread, in the order of the frames.
     ///
     /// # Errors
     /// If the disk refuses.
     fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), ErrorMessage>;
 
-    /// Takes a once-value, after the frames of its stage run, with what its node told of.
+    /// Takes an aggregate value with the warnings of its node, after the frames of the stage run.
     ///
     /// # Errors
     /// If the disk refuses.
     fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage>;
 
-    /// Whether a slot's values are kept of the frame at a position: else it makes no difference whether they are handed over.
+    /// Whether a slot's value is kept on this frame.
     fn keeps(&self, _run: RunId, _slot: Slot, _position: FrameIndex) -> bool {
         true
     }
 
-    /// Values that were made before, and need not be made again.
+    /// Stored values, which need not be recomputed.
     fn store(&self) -> Option<&dyn Store> {
         None
     }
 
-    /// As [`Tap::encode`], of a part of which some values lie in the store: these may be taken over as they lie there, if that gives
-    /// the same bytes.
+    /// As [`Tap::encode`], for a part with stored values, whose bytes may be copied if that gives the same result.
     ///
     /// # Errors
     /// If a value cannot be encoded, or the store cannot be read.
@@ -170,18 +168,17 @@ pub trait Tap: Send + Sync {
         self.encode(run, frame, part, &all)
     }
 
-    /// How many frames of a stage run are written already, from the first on, by an earlier process whose work goes on. Their values
-    /// are in the store.
+    /// How many frames of a stage run an earlier process has written. Their values are in the store.
     fn written(&self, _run: RunId) -> usize {
         0
     }
 
-    /// What was told of on the frames that are written already, one list a frame.
+    /// The warnings of the frames that an earlier process has written, one list per frame.
     fn told(&self, _run: RunId) -> Vec<Vec<Warned>> {
         Vec::new()
     }
 
-    /// The key of an aggregate value that is written already, as [`Tap::written`] frames are.
+    /// The key of an aggregate value that an earlier process has written.
     fn written_aggregate(&self, _run: RunId, _slot: Slot) -> Option<Key> {
         None
     }

@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 
 use super::Port;
 
-/// What stands at the input ports of a planned node.
+/// What is wired to the input ports of a planned node.
 pub struct Upstream<'a> {
     inputs: Vec<(&'static str, InputOrigin<'a>)>,
 }

@@ -10,11 +10,10 @@ use super::change::overrides::{Argument, is_argument};
 use super::text::diagnostics::{Diagnostic, Diagnostics, Identity, Severity};
 use super::text::source_file::Place;
 
-/// More arguments than this are not left out one by one.
 const MOST: usize = 32;
 
-/// The diagnostics, with errors that go when one argument goes pointing at that argument; `without` gives what is wrong without the
-/// argument of that position.
+/// An error that disappears without an argument is moved to that argument. `without` reports what is wrong without
+/// the argument at an index.
 pub(crate) fn pointed(
     mut found: Diagnostics,
     arguments: &[Argument],

@@ -12,7 +12,6 @@ index_type! {
     pub(crate) struct StageNodeId;
 }
 
-/// A node as written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct StageNode {
     pub(crate) stage: StageId,

@@ -31,18 +31,18 @@ use super::unused::{Declared, MOST_VALUES};
 use crate::plan::{Factor, Plan, VariantId};
 use crate::registry::Registry;
 
-/// How many variants are looked at once there are errors.
+/// After errors in so many variants, the others are not checked.
 const ENOUGH_VARIANTS: usize = 200;
 
-/// What besides the file decides an experiment.
+/// What decides an experiment besides the file.
 pub struct Options<'a> {
     /// `--set path=value`, in order: path and value.
     pub set: Vec<(String, String)>,
-    /// `--matrix path=[values]`, in order, after `--set`: an axis by its name or path, and its values.
+    /// `--matrix path=[values]`, in order, after `--set`: an axis (name or path) and its values.
     pub matrix: Vec<(String, String)>,
-    /// `--variant`: of the variants those whose names are of one of these forms, with `*` for any run of characters; all, if empty.
+    /// `--variant`: patterns of variants' names (`*` for any characters); all variants if empty.
     pub only: Vec<String>,
-    /// The text of the experiment, where it is not in a file: relative paths in it start at the working directory.
+    /// The text of an experiment without a file; relative paths start at the working directory.
     pub text: Option<String>,
     /// Looks up an environment variable.
     pub env: Environment<'a>,
@@ -52,7 +52,6 @@ pub struct Options<'a> {
 pub type Environment<'a> = Box<dyn Fn(&str) -> Option<String> + 'a>;
 
 impl Default for Options<'_> {
-    /// Nothing set, and the environment of the process.
     fn default() -> Self {
         // What is no UTF-8 keeps a sign of it, and is refused where it is used.
         let env = |name: &str| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned());
@@ -65,22 +64,22 @@ impl Default for Options<'_> {
 pub struct Loaded {
     /// What is to be run.
     pub plan: Plan,
-    /// What probably does not say what was meant.
+    /// What probably is not meant.
     pub warnings: Diagnostics,
-    /// The files a run keeps, by name (`experiment.yaml`, `experiment/base.yaml`, `experiment.resolved.yaml`) and text: whatever
-    /// folder they are put in, they can be checked and run from there.
+    /// The files a run keeps, by name (`experiment.yaml`, `experiment/base.yaml`, `experiment.resolved.yaml`) and
+    /// text. They can be checked and run from any folder.
     pub kept: Vec<(String, String)>,
-    /// The files it was read from, and the files and folders that it names, as paths from the working directory.
+    /// The files it was read from, and the files and folders that it names, from the working directory.
     pub read: Vec<PathBuf>,
 }
 
-/// Reads an experiment, checks all of it against the kinds of a registry, and plans it.
+/// Reads an experiment, checks it against the kinds of a registry, and plans it.
 ///
-/// `--set` changes the experiment before its variants do: what a variant sets itself stays, and is told of. Where all of them set it
-/// themselves, `--set` is wrong.
+/// `--set` changes the experiment before its variants do. A variant that sets the same path keeps its value, with a
+/// warning; if all of them do, `--set` is an error.
 ///
 /// # Errors
-/// Everything that is wrong with it, in one pass; what is no YAML at all, or names a file that cannot be read, stops there.
+/// Everything that is wrong with it. Invalid YAML and unreadable files end the check early.
 pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<Loaded, Diagnostics> {
     let arguments = Argument::all(&options.set, &options.matrix);
     let looked_at = |arguments: &[Argument]| {
@@ -94,16 +93,12 @@ pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<L
     })
 }
 
-/// What the command line says of an experiment.
 struct Arguments<'a> {
-    /// `--set` and `--matrix`, as typed and as read.
     typed: &'a [Argument],
     changes: &'a [Change],
-    /// The names given to `--variant`.
     only: Option<Node>,
 }
 
-/// As [`load`], with these arguments of `--set` and `--matrix`; what is wrong points at where it shows.
 fn look_at(
     (path, text): (&Path, Option<&str>),
     registry: &Registry,
@@ -209,7 +204,6 @@ fn planned(
     Some(Loaded { plan, warnings: Diagnostics::default(), kept, read })
 }
 
-/// By variant; none where no variant has any.
 fn factors(variants: &[Variant]) -> Vec<Vec<Factor>> {
     if variants.iter().all(|variant| variant.factors.is_empty()) {
         return Vec::new();
@@ -233,7 +227,6 @@ fn equal_variants(variants: &[Variant], shared: &Shared<'_>, report: &mut Report
     }
 }
 
-/// Operational parameters decide nothing: two values of one are no reason to compute twice, and one of them is not used.
 fn overruled(names: &[String], shared: &Shared<'_>, report: &mut Report) {
     for overruled in &shared.overruled {
         let Overruled { node, place, variant, first } = overruled;
@@ -246,7 +239,7 @@ fn overruled(names: &[String], shared: &Shared<'_>, report: &mut Report) {
 }
 
 impl Report {
-    /// Says in which variant the diagnostics from `first` on came up, unless that is plain from where they are.
+    /// Names the variant of each diagnostic from `first` on, unless its place does.
     fn in_variant(&mut self, first: usize, variant: &Variant) {
         let own = |diagnostic: &Diagnostic| {
             variant.changes.iter().any(|change| {

@@ -17,10 +17,10 @@ use super::text::tree::Node;
 use crate::language::ids::StageNode;
 use crate::registry::Registry;
 
-/// The most values all variants of an experiment may hold together.
+/// The most values that all variants of an experiment may hold together.
 pub(super) const MOST_VALUES: usize = 20_000_000;
 
-/// An experiment, with the variants that are not taken.
+/// An experiment, with the variants that `only` leaves out.
 pub(crate) struct Declared<'a> {
     pub(crate) root: &'a Arc<Node>,
     pub(crate) left_out: &'a [Variant],
@@ -29,8 +29,7 @@ pub(crate) struct Declared<'a> {
 }
 
 impl<'r> Declared<'r> {
-    /// Reports patterns of `record` that match nothing, and nodes, sources and stages that are of no use; gives the useful nodes of
-    /// each variant that is taken.
+    /// Reports unused patterns, nodes, sources and stages; returns the useful nodes of each selected variant.
     pub(crate) fn report(&self, taken: &mut Vec<Linked<'r>>, report: &mut Report) -> Vec<HashSet<StageNode>> {
         let count = taken.len();
         let useful = |linked: &[Linked<'r>]| -> Vec<_> {
@@ -66,8 +65,8 @@ impl<'r> Declared<'r> {
         report.since(0).map(|diagnostic| diagnostic.to_owned()).collect()
     }
 
-    /// The variants that are not taken; none where one of them is wrong, which may have meant to use anything, or where they are too
-    /// many to look at.
+    /// The variants that are left out; `None` if one of them is invalid, since it may use anything, or if there are
+    /// too many.
     fn others(&self) -> Option<Vec<Linked<'r>>> {
         if self.root.size().saturating_mul(self.left_out.len()) > MOST_VALUES {
             return None;

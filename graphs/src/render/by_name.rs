@@ -22,7 +22,7 @@ impl<T: Serialize> Serialize for ByName<T> {
     }
 }
 
-/// The schema of a map: JSON Schema knows no order of keys.
+/// JSON Schema knows no order of keys.
 impl<T: JsonSchema> JsonSchema for ByName<T> {
     fn inline_schema() -> bool {
         <BTreeMap<String, T>>::inline_schema()

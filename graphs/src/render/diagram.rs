@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use crate::contracts::{Contract, Slot};
 use crate::plan::{NodeId, Origin, Plan, RunId, StageRun, VariantId};
 
-/// What a box stands for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shape {
     Source,
@@ -13,42 +12,35 @@ pub(super) enum Shape {
     Node(Contract),
 }
 
-/// A box: an identifier and lines of text.
 pub(super) struct Box {
     pub(super) id: String,
     pub(super) shape: Shape,
     pub(super) lines: Vec<String>,
 }
 
-/// The boxes of one stage run.
 pub(super) struct Group {
     pub(super) id: String,
     pub(super) title: String,
     pub(super) boxes: Vec<Box>,
 }
 
-/// A value on its way, from port to port.
 pub(super) struct Edge {
     pub(super) from: String,
-    /// The output port; a file has none.
+    /// `None` for a file.
     pub(super) output: Option<&'static str>,
     pub(super) to: String,
-    /// The input port.
     pub(super) input: &'static str,
-    /// Whether it is a once-value.
     pub(super) once: bool,
 }
 
-/// An arrow with the ports it carries: all edges between two boxes.
+/// All edges between two boxes.
 pub(super) struct Arrow {
     pub(super) from: String,
     pub(super) to: String,
     pub(super) ports: Vec<String>,
-    /// Whether it carries once-values.
     pub(super) once: bool,
 }
 
-/// A plan as boxes and arrows, in plan order.
 pub(super) struct Diagram {
     pub(super) groups: Vec<Group>,
     pub(super) files: Vec<Box>,
@@ -56,7 +48,6 @@ pub(super) struct Diagram {
 }
 
 impl Diagram {
-    /// The edges as drawn: one arrow for all between two boxes, with the ports they come from.
     pub(super) fn arrows(&self) -> Vec<Arrow> {
         let mut arrows: Vec<Arrow> = Vec::new();
         for edge in &self.edges {
@@ -77,7 +68,7 @@ impl Diagram {
     }
 }
 
-/// The variants something serves, in words; nothing if it serves all.
+/// `None` if it serves all.
 pub(super) fn variants(plan: &Plan, served: &[VariantId]) -> Option<String> {
     (served.len() < plan.variants.len())
         .then(|| served.iter().map(|&v| plan.variants[v].as_str()).collect::<Vec<_>>().join(", "))

@@ -7,7 +7,7 @@ use crate::contracts::Contract;
 use crate::plan::Plan;
 
 impl Plan {
-    /// The plan as a Graphviz digraph: a box a node, dashed arrows for once-values.
+    /// The plan as a Graphviz digraph, with dashed arrows for once-values.
     #[must_use]
     pub fn dot(&self) -> String {
         let diagram = diagram::of(self);

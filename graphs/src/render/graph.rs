@@ -53,12 +53,7 @@ pub(super) struct EdgeEnd {
 }
 
 impl Plan {
-    /// `{ experiment, nodes, edges }`, under the identifiers of the drawings.
-    ///
-    /// A node is `{ id, type, name, kind, contract, stage, variants }` of the type `source` (with `kinds`, joined one after
-    /// the other), `node` or `file`, of which a file has its
-    /// path for a name and nothing else; an edge is `{ from: { id, port }, to: { id, port }, rate }`, without a port where it comes
-    /// from a file.
+    /// The plan as `{ experiment, nodes, edges }`, with the identifiers of the diagrams.
     #[must_use]
     pub fn graph_json(&self) -> Graph {
         let diagram = diagram::of(self);

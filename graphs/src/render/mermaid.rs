@@ -7,7 +7,7 @@ use crate::contracts::Contract;
 use crate::plan::Plan;
 
 impl Plan {
-    /// The plan as a Mermaid flowchart: a box a node, dotted arrows for once-values.
+    /// The plan as a Mermaid flowchart, with dotted arrows for once-values.
     #[must_use]
     pub fn mermaid(&self) -> String {
         let diagram = diagram::of(self);

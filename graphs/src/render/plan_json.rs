@@ -106,7 +106,7 @@ pub(super) struct Estimate {
 }
 
 impl plan::Plan {
-    /// The plan as JSON: what [`plan::Plan::summary_text`] shows and everything it leaves out, for other programs.
+    /// The plan as JSON.
     #[must_use]
     pub fn summary_json(&self) -> Plan {
         let factors = |factors: &Vec<plan::Factor>| {

@@ -72,7 +72,6 @@ fn ports(text: &mut String, title: &str, ports: &[Port]) {
     }
 }
 
-/// How inputs are written that a file can be the value of.
 fn files(text: &mut String, inputs: &[Port]) {
     for port in inputs.iter().filter(|port| port.takes_file()) {
         let name = port.name;
@@ -105,7 +104,7 @@ struct Row {
     meaning: String,
 }
 
-/// A row a parameter; those of a map within are named `outer.inner`.
+/// Parameters of an inner map are named `outer.inner`.
 fn collect(schema: &Json, prefix: &str, rows: &mut Vec<Row>) {
     let Some(properties) = schema.get("properties").and_then(Json::as_object) else { return };
     let required: Vec<&str> =
@@ -142,7 +141,6 @@ fn range_of(schema: &Json) -> Option<String> {
     })
 }
 
-/// Whether a parameter is a [`FrameSelection`](crate::contracts::FrameSelection).
 fn is_frames(schema: &Json) -> bool {
     schema.get("format").and_then(Json::as_str) == Some("frames") || alternatives(schema).any(is_frames)
 }
@@ -155,7 +153,6 @@ fn plain(value: &Json) -> String {
     value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned)
 }
 
-/// The type of a parameter in words; the values of an enumeration.
 fn type_text(schema: &Json) -> String {
     let values = enumeration(schema);
     let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");

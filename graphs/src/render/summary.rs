@@ -105,7 +105,7 @@ impl Plan {
     }
 }
 
-/// Parameters that follow others, with the numbers they became: `auto: p1 = 72, p2 = 288 of stereo`.
+/// `auto: p1 = 72, p2 = 288 of stereo`.
 fn followed(run: &StageRun) -> String {
     let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
     for node in run.nodes.iter().filter(|node| !node.auto.is_empty()) {

@@ -11,7 +11,7 @@ pub struct Artifact {
     pub media_type: String,
     /// The bytes themselves.
     pub bytes: Arc<[u8]>,
-    /// The content hash by which the artifact enters keys and file names.
+    /// The content hash, used in keys and file names.
     pub hash: Key,
 }
 

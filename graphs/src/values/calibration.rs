@@ -17,8 +17,8 @@ pub struct Calibration {
     pub cy_px: f64,
     /// Distance between the two cameras' centres, metres.
     pub baseline_m: f64,
-    /// How much farther right the right camera's principal point lies in its image, pixels: what is infinitely far has a disparity of minus this.
-    /// 0 of most pairs; Middlebury's `doffs`.
+    /// How much farther right the right camera's principal point is, pixels: the negative disparity of infinity.
+    /// Usually 0; `doffs` of Middlebury.
     pub doffs_px: f64,
 }
 
@@ -50,7 +50,8 @@ impl Calibration {
         self.focal_px * self.baseline_m
     }
 
-    /// The depth of a disparity, metres: `f * B / (d + doffs)`. Infinite or negative where that is no place in front of the cameras.
+    /// The depth of a disparity, metres: `f * B / (d + doffs)`. Infinite or negative for points that are not in front
+    /// of the cameras.
     #[must_use]
     pub const fn depth_m(&self, disparity_px: f64) -> f64 {
         self.focal_baseline_px_m() / (disparity_px + self.doffs_px)

@@ -4,55 +4,55 @@ use std::fmt;
 
 use super::{Calibration, Curve, Image, Pixels, Raster, Value, ValueType};
 
-/// In how many numbers two values differ, and in which.
+/// How two values differ.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ValueDifference {
     /// How many numbers were compared.
     pub numbers: u64,
     /// How many of them differ by more than the tolerance; 1 where the values differ as a whole.
     pub different: u64,
-    /// The first of these.
+    /// The first difference.
     pub first: Option<Differs>,
-    /// The one that differs most: above all one that is an answer in one value and none in the other.
+    /// The largest difference; above all a number that is invalid in only one value.
     pub worst: Option<Differs>,
 }
 
-/// One thing in which two values differ.
+/// One difference.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Differs {
-    /// As a whole: of another size, or not there.
+    /// They have different sizes, or only one exists.
     Whole {
-        /// What was recorded.
+        /// The recorded value.
         recorded: String,
-        /// What is made now.
+        /// The recomputed value.
         now: String,
     },
     /// In a number.
     Number {
-        /// Where it stands.
+        /// Its place.
         place: Place,
-        /// As recorded; `None`: no answer.
+        /// As recorded; `None`: invalid.
         recorded: Option<f64>,
-        /// As made now.
+        /// As recomputed.
         now: Option<f64>,
     },
 }
 
-/// Where a number stands in a value.
+/// The place of a number in a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// In a pixel, by column and row.
+    /// Column and row.
     Pixel(u32, u32),
-    /// In a channel of a pixel: column, row, channel.
+    /// Column, row, channel.
     Channel(u32, u32, u8),
-    /// In a file, by its bytes from 0.
+    /// Offset in a file.
     Byte(u64),
-    /// By name: a score, a coefficient of a calibration, a point of a curve.
+    /// A metric, a coefficient of a calibration, a point of a curve.
     Named(String),
 }
 
 impl ValueDifference {
-    /// Between values of one port.
+    /// Compares values of one port.
     pub fn between(recorded: &Value, now: &Value, tolerance: f64) -> Self {
         match (recorded, now) {
             (Value::Image(a), Value::Image(b)) => images(a, b, tolerance),
@@ -82,7 +82,7 @@ impl ValueDifference {
         }
     }
 
-    /// As a whole.
+    /// A difference of the whole value.
     pub fn whole(recorded: impl Into<String>, now: impl Into<String>) -> Self {
         let differs = Differs::Whole { recorded: recorded.into(), now: now.into() };
         Self { numbers: 1, different: 1, first: Some(differs.clone()), worst: Some(differs) }
@@ -114,7 +114,7 @@ impl ValueDifference {
 }
 
 impl Differs {
-    /// By how much, in the value's own unit; infinite where it is not a matter of more or less.
+    /// The size of the difference, in the value's unit; infinite if only one is a number.
     pub fn by(&self) -> f64 {
         match self {
             Self::Whole { .. } => f64::INFINITY,
@@ -122,7 +122,7 @@ impl Differs {
         }
     }
 
-    /// What it is, in words; the numbers with their unit.
+    /// The difference in words, with units.
     pub fn text(&self, value_type: ValueType) -> String {
         match self {
             Self::Whole { recorded, now } => format!("recorded {recorded}, now {now}"),
@@ -148,7 +148,7 @@ impl fmt::Display for Place {
     }
 }
 
-/// A number in the fewest digits that tell it from its neighbours, of singles as such.
+/// A number with the fewest digits that identify it, as a single or a double.
 pub fn number(value: f64) -> String {
     let single = value as f32;
     if f64::from(single).to_bits() == value.to_bits() { single.to_string() } else { value.to_string() }
@@ -176,7 +176,7 @@ fn by(recorded: Option<f64>, now: Option<f64>) -> f64 {
     }
 }
 
-/// A raster's samples, and its columns and rows.
+/// Samples, and columns and rows.
 type Sized<'a, T> = (&'a [T], (u32, u32));
 
 fn sized<T>(raster: &Raster<T>) -> Sized<'_, T>
@@ -186,7 +186,7 @@ where
     (raster.as_raw(), raster.dimensions())
 }
 
-/// NaN is no answer.
+/// `None` for NaN.
 fn float(value: &f32) -> Option<f64> {
     (!value.is_nan()).then(|| f64::from(*value))
 }
@@ -222,7 +222,7 @@ fn samples<T>(
     difference
 }
 
-/// The pixels alone: the file that an image came in is not made again.
+/// Compares the pixels only: the file of an image is not recomputed.
 fn images(recorded: &Image, now: &Image, tolerance: f64) -> ValueDifference {
     let (was, is) = (recorded.dimensions(), now.dimensions());
     let of = |value: &u8| Some(f64::from(*value));
@@ -237,7 +237,6 @@ fn images(recorded: &Image, now: &Image, tolerance: f64) -> ValueDifference {
     }
 }
 
-/// Numbers by name, in order.
 type Named = Vec<(String, Option<f64>)>;
 
 fn named(recorded: Named, now: Named, tolerance: f64) -> ValueDifference {
@@ -273,7 +272,6 @@ fn coefficients(of: &Calibration) -> Named {
     numbers.map(|(name, number)| (name.to_owned(), Some(number))).into()
 }
 
-/// The numbers of rows of scores; none of another value.
 fn scores(of: &Value) -> Named {
     let Value::Scores(rows) = of else { return Named::new() };
     let numbers = rows.iter().flat_map(|row| {
@@ -300,7 +298,7 @@ fn points(of: &Curve) -> Named {
     numbers.collect()
 }
 
-/// Metres first; where these are alike, the inverse depth that they do not hold.
+/// Compares metres, then inverse depth that metres cannot represent.
 fn depths(recorded: &Value, now: &Value, tolerance: f64) -> ValueDifference {
     let difference = match (recorded.metres(), now.metres()) {
         (Some(a), Some(b)) => pixels(sized(a), sized(b), tolerance, float),

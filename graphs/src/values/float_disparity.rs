@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use super::{Disparity, Raster};
 
-/// A disparity map of the left image in floating point, with the fixed point nearest to it.
+/// A disparity map of the left image in floating point, with the nearest fixed point.
 ///
-/// A map of whole sixteenths is a [`Disparity`]; [`Value::disparity_from_px`](super::Value::disparity_from_px) chooses.
+/// [`Value::disparity_from_px`](super::Value::disparity_from_px) uses it unless a [`Disparity`] is exact.
 #[derive(Clone, Debug)]
 pub struct FloatDisparity {
     pub(super) px: Raster<f32>,
@@ -14,13 +14,13 @@ pub struct FloatDisparity {
 }
 
 impl FloatDisparity {
-    /// Pixels, row-major; NaN = nothing found.
+    /// Pixels, row-major; NaN = invalid.
     #[must_use]
     pub const fn px(&self) -> &Raster<f32> {
         &self.px
     }
 
-    /// The map rounded to sixteenths of a pixel, for nodes that compute in fixed point; what 16 bits do not hold is invalid there.
+    /// The map rounded to sixteenths of a pixel; what 16 bits cannot hold is invalid.
     #[must_use]
     pub const fn fixed(&self) -> &Arc<Disparity> {
         &self.fixed

@@ -57,7 +57,7 @@ impl Image {
         Self { pixels, encoded: None, grey: OnceLock::new() }
     }
 
-    /// An image read from a file whose bytes are kept, so that a recording holds them unchanged.
+    /// An image with the bytes of its file, which a recording keeps unchanged.
     #[must_use]
     pub const fn with_encoded(pixels: Pixels, encoded: Encoded) -> Self {
         Self { pixels, encoded: Some(encoded), grey: OnceLock::new() }
@@ -84,9 +84,8 @@ impl Image {
         }
     }
 
-    /// The grey image: the pixels themselves, or `convert` of them, computed once and shared by all who ask.
-    ///
-    /// The conversion is the caller's because this crate holds no pixel arithmetic; every node passes the same one.
+    /// The grey image: the pixels, or `convert` of them, computed once. All nodes pass the same conversion; this
+    /// crate has no pixel arithmetic.
     pub fn grey_with(&self, convert: impl FnOnce(&RgbImage) -> GrayImage) -> &GrayImage {
         match &self.pixels {
             Pixels::Grey(grey) => grey,

@@ -7,14 +7,13 @@ use image::ImageBuffer;
 
 use super::{Depth, Disparity, FloatDisparity, Raster, RelativeDepth, Value};
 
-/// Steps of the fixed point in a pixel.
 const STEPS: f32 = 16.0;
-/// The smallest `min_disparity_px` whose "nothing found" fits 16 bits.
+/// The smallest `min_disparity_px` whose invalid value fits 16 bits.
 const LEAST_PX: f32 = -2047.0;
 
 impl Value {
-    /// The value of disparities in floating point: fixed point where that holds each of them exactly. The smallest disparity searched is the smallest
-    /// whole number of pixels, from 0 down, below which there is none.
+    /// Disparities as a value: in fixed point where that is exact. The smallest disparity searched is the smallest
+    /// whole number of pixels, at most 0, that covers all.
     ///
     /// # Panics
     /// Never: there are as many samples as before.
@@ -39,7 +38,7 @@ impl Value {
         if is_exact { Self::Disparity(fixed) } else { Self::FloatDisparity(Arc::new(FloatDisparity { px, fixed })) }
     }
 
-    /// The pixels of a disparity map, NaN = nothing found; `None` if it is no estimated disparity.
+    /// The pixels of an estimated disparity, NaN = invalid; `None` for other values.
     ///
     /// # Panics
     /// Never: there are as many samples as before.
@@ -57,10 +56,10 @@ impl Value {
         }
     }
 
-    /// The value of a depth map with the inverse depth that it was made of, 1/m: a plain depth where the metres hold all of it.
+    /// Depth with the inverse depth it was computed from, 1/m: a plain depth if metres represent all of it.
     ///
     /// # Panics
-    /// If the two are of different sizes.
+    /// If the two have different sizes.
     #[must_use]
     pub fn depth_from_inverse(depth: Depth, inverse: &[f32]) -> Self {
         let (width, height) = depth.metres.dimensions();
@@ -72,7 +71,7 @@ impl Value {
         Self::depth_with_hidden_inverse(depth, hidden)
     }
 
-    /// The value of a depth map and its inverse depth where the metres do not hold it.
+    /// Depth with the inverse depth that metres cannot represent.
     #[must_use]
     pub fn depth_with_hidden_inverse(depth: Depth, inverse: Raster<f32>) -> Self {
         if inverse.iter().all(|value| value.is_nan()) {
@@ -81,7 +80,7 @@ impl Value {
         Self::RelativeDepth(Arc::new(RelativeDepth { depth: Arc::new(depth), inverse }))
     }
 
-    /// A depth map as it is scored; `None` if it is no depth.
+    /// A depth map as it is scored; `None` for other values.
     #[must_use]
     pub fn depth_estimate(&self) -> Option<DepthEstimate<'_>> {
         match self {
@@ -93,7 +92,7 @@ impl Value {
         }
     }
 
-    /// The metres of a depth map; `None` if it is no depth.
+    /// The metres of a depth map; `None` for other values.
     #[must_use]
     pub fn metres(&self) -> Option<&Raster<f32>> {
         match self {

@@ -4,9 +4,11 @@ use std::sync::Arc;
 
 use super::{Depth, Raster};
 
-/// A depth map made of inverse depth, some of which it does not hold: zero and below is nowhere in metres, and a cap hides what is beyond it.
+/// Depth in metres with the inverse depth that metres cannot represent: zero, negative values, and values beyond a
+/// cap.
 ///
-/// An alignment with scale and shift takes inverse depth as it was; whatever else reads the map takes metres. [`Value::depth_from_inverse`](super::Value::depth_from_inverse) makes it.
+/// An alignment with scale and shift uses the inverse depth, everything else the metres. Made by
+/// [`Value::depth_from_inverse`](super::Value::depth_from_inverse).
 #[derive(Clone, Debug)]
 pub struct RelativeDepth {
     pub(super) depth: Arc<Depth>,

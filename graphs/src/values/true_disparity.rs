@@ -4,7 +4,7 @@ use image::ImageBuffer;
 
 use super::Raster;
 
-/// True disparities of the left image: f32 pixels, NaN where the truth is unknown.
+/// Measured disparities of the left image: f32 pixels, NaN where unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrueDisparity {
     /// Pixels, row-major; NaN = unknown.
@@ -24,7 +24,7 @@ impl TrueDisparity {
         Self { px: px.expect("as many samples as before") }
     }
 
-    /// Whether the fixed point of KITTI's files holds each of them exactly: whole 256ths of a pixel, above 0, in 16 bits.
+    /// Whether KITTI's fixed point (whole 256ths of a pixel, above 0, in 16 bits) represents all of them exactly.
     #[must_use]
     pub fn is_px_256(&self) -> bool {
         // Block by block, so that what does not fit is seen early; without a branch inside, so that a block takes wide instructions.
@@ -40,13 +40,13 @@ impl TrueDisparity {
         })
     }
 
-    /// A disparity in that fixed point, which holds it: 1/256 px, 0 = unknown.
+    /// A disparity in KITTI's fixed point, 1/256 px, 0 = unknown.
     #[must_use]
     pub const fn to_px_256(px: f32) -> u16 {
         if px.is_nan() { 0 } else { shifted(px) as u16 }
     }
 
-    /// All of them in that fixed point; `None` if it does not hold each exactly.
+    /// All of them in KITTI's fixed point; `None` if that is not exact.
     ///
     /// # Panics
     /// Never: there are as many samples as before.
@@ -60,10 +60,10 @@ impl TrueDisparity {
 }
 
 const BLOCK: usize = 4096;
-/// From here to its double a float's neighbours are 1 apart: what is added to it stands in the low bits, as a whole number.
+/// From here to twice this, neighbouring floats are 1 apart: a number added to it is in the low bits.
 const WHOLE: f32 = (1 << 23) as f32;
 
-/// The bits of that plus a disparity in 256ths of a pixel.
+/// The bits of `WHOLE` plus a disparity in 256ths of a pixel.
 const fn shifted(px: f32) -> u32 {
     (px * 256.0 + WHOLE).to_bits()
 }

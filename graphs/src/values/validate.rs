@@ -3,10 +3,10 @@
 use super::{Calibration, Curve, Depth, Disparity, Raster, TrueDisparity, Value, Weight};
 
 impl Value {
-    /// Checks that the value is what its type documents. Values of programs pass here before anything is computed from them.
+    /// Checks that the value is as its type documents. Called for all values that come from outside.
     ///
     /// # Errors
-    /// What is wrong, as a lower-case fragment: of a map the first pixel (row, column), its value, and what is allowed.
+    /// A lower-case fragment; for a map, the first invalid pixel (row, column), its value, and what is allowed.
     pub fn validate(&self) -> Result<(), String> {
         match self {
             Self::Depth(depth) => depth.validate(),
@@ -117,7 +117,7 @@ impl Curve {
     }
 }
 
-/// Counts the invalid samples in one pass without branches, so that it takes wide instructions; the pixel is looked for only where there is one.
+/// Counts invalid samples in one pass without branches (SIMD), and locates the first only if there is one.
 fn check_samples<T: image::Primitive + std::fmt::Debug>(
     raster: &Raster<T>,
     unit: &str,
@@ -139,7 +139,7 @@ fn check_samples<T: image::Primitive + std::fmt::Debug>(
     Err(format!("{value:?}{unit} at row {row}, column {column}{others}: {allowed}"))
 }
 
-/// So many samples that a block's count fits into 32 bits, and that a block stays in the first cache.
+/// A block's count fits into 32 bits, and a block into the first-level cache.
 const BLOCK: usize = 4096;
 
 #[cfg(test)]

@@ -9,16 +9,16 @@ use super::{
     Artifact, Calibration, Curve, Depth, Disparity, FloatDisparity, Image, Mask, RelativeDepth, TrueDisparity, Weight,
 };
 
-/// The type of a value, and so of a port.
+/// The type of a value and of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ValueType {
     /// 8-bit grey or RGB image.
     Image,
     /// Estimated disparity: 1/16 px fixed point, or floating point where that is finer.
     Disparity,
-    /// Measured disparity, 1/256 px, 0 = unknown.
+    /// Measured disparity, pixels, NaN = unknown.
     TrueDisparity,
-    /// Depth, f32 metres, NaN = no answer.
+    /// Depth, f32 metres, NaN = invalid.
     Depth,
     /// Weight, f32 in [0, 1].
     Weight,
@@ -52,7 +52,7 @@ impl ValueType {
         Self::Curve,
     ];
 
-    /// Whether its values are [`Artifact`]s: bytes that can be read from a file, kept as one, and are known by their content.
+    /// Whether its values are [`Artifact`]s, which are identified by their content and can be read from a file.
     #[must_use]
     pub const fn is_artifact(self) -> bool {
         matches!(self, Self::Samples | Self::Model)
@@ -96,13 +96,13 @@ pub enum Value {
     Image(Arc<Image>),
     /// Fixed-point disparity.
     Disparity(Arc<Disparity>),
-    /// Disparity that is no whole number of sixteenths of a pixel.
+    /// Disparity that is not a multiple of 1/16 px.
     FloatDisparity(Arc<FloatDisparity>),
     /// Measured disparity.
     TrueDisparity(Arc<TrueDisparity>),
     /// Depth in metres.
     Depth(Arc<Depth>),
-    /// Depth in metres that does not hold all of the inverse depth that it was made of.
+    /// Depth in metres with inverse depth that metres cannot represent.
     RelativeDepth(Arc<RelativeDepth>),
     /// Weight in [0, 1].
     Weight(Arc<Weight>),
@@ -110,7 +110,7 @@ pub enum Value {
     Mask(Arc<Mask>),
     /// Calibration of a rectified pair.
     Calibration(Arc<Calibration>),
-    /// Rows of scores, one a zone and pixel set.
+    /// Rows of scores, one per zone and pixel set.
     Scores(Arc<Vec<ScoreRow>>),
     /// Collected training samples.
     Samples(Arc<Artifact>),
@@ -140,7 +140,7 @@ impl Value {
         }
     }
 
-    /// Columns and rows of an image or a map; `None` of a value that has no pixels.
+    /// Columns and rows of an image or a map; `None` for other values.
     #[must_use]
     pub fn dimensions(&self) -> Option<(u32, u32)> {
         Some(match self {
@@ -175,12 +175,12 @@ impl Value {
     }
 }
 
-/// A Rust type that a [`Value`] can hold: lets nodes ask their inputs for what they declared.
+/// A Rust type that a [`Value`] can hold; nodes use it to read their inputs.
 pub trait ValueKind: Sized + Send + Sync + 'static {
-    /// The type's names among ports (two port types may share a Rust type).
+    /// The port types that use it.
     const TYPES: &'static [ValueType];
 
-    /// The value inside, if it is one of this type.
+    /// The value inside, if it has this type.
     fn from_value(value: &Value) -> Option<&Arc<Self>>;
 }
 
@@ -211,7 +211,7 @@ value_kind!(Curve, Curve);
 impl ValueKind for Disparity {
     const TYPES: &'static [ValueType] = &[ValueType::Disparity];
 
-    /// Of floating point, the nearest fixed point.
+    /// For floating point, the nearest fixed point.
     fn from_value(value: &Value) -> Option<&Arc<Self>> {
         match value {
             Value::Disparity(inner) => Some(inner),

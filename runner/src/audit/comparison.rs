@@ -1,4 +1,4 @@
-//! Compares recomputed values with those that are stored.
+//! Compares recomputed values with stored ones.
 
 use depthloom_graphs::plan::{FrameIndex, NodeId, StageRun};
 use depthloom_graphs::values::ValueDifference;
@@ -6,14 +6,11 @@ use depthloom_graphs::{Fault, Frame, Key, Outputs, Port, Value};
 
 use super::failure::{AuditFailure, Cause};
 use crate::error::RunError;
-use crate::once_values::is_once;
+use crate::once_values::once_ports;
 use crate::reuse::{FramePlan, Reuse};
 use crate::stage::frame_graph::{FrameGraph, OutputId, StepId, StepOutput};
 
-/// How the kinds begin that run a program.
-const PROGRAM: &str = "process";
-
-/// The stored values of a stage run, to compare recomputed ones with.
+/// The stored values of a stage run.
 pub(crate) struct Comparison<'s> {
     pub(crate) run: &'s StageRun,
     pub(crate) graph: &'s FrameGraph,
@@ -22,10 +19,10 @@ pub(crate) struct Comparison<'s> {
 }
 
 impl Comparison<'_> {
-    /// Compares the outputs of a step with those that are stored: how many values were compared.
+    /// Compares the outputs of a step with the stored ones. Returns how many values were compared.
     ///
     /// # Errors
-    /// The first difference; `cause` is asked for what caused it.
+    /// The first difference, with its `cause` if that is known.
     pub(crate) fn differences(
         &self,
         position: FrameIndex,
@@ -37,44 +34,29 @@ impl Comparison<'_> {
         let ports = &self.graph.producers[step].outputs;
         let mut compared = 0;
         for (output, now) in OutputId::enumerate(outputs) {
-            let of_step = StepOutput { step, output };
-            let what = if let Some(key) = plan.stored(of_step) {
+            let id = StepOutput { step, output };
+            let what = if let Some(key) = plan.stored(id) {
                 compared += 1;
-                self.difference(&key, &ports[output], now.as_ref())
-            } else if plan.absent.contains(&of_step) {
+                self.stored_difference(&key, &ports[output], now.as_ref())
+            } else if plan.absent.contains(&id) {
                 now.as_ref().map(|_| "stored that there is no value, recomputed one".to_owned())
             } else {
                 None
             };
             if let Some(what) = what {
-                return Err(Box::new(self.failure((position, plan), of_step, what, cause())));
+                return Err(Box::new(self.failure((position, plan), id, what, cause())));
             }
         }
         Ok(compared)
     }
 
-    /// In what a value differs from the stored one.
-    fn difference(&self, key: &Key, port: &Port, now: Option<&Value>) -> Option<String> {
-        let stored = match self.reuse.values(&[(*key, port.name)]) {
-            Ok(stored) => stored.into_iter().next().flatten(),
-            Err(fault) => return Some(format!("the stored value cannot be read: {}", fault.chain())),
-        };
-        match (stored, now) {
-            (Some(stored), Some(now)) => {
-                let difference = ValueDifference::between(&stored, now, 0.0);
-                let first = difference.first?.text(port.value_type);
-                Some(format!(
-                    "`{}`, {first}; {} of {} numbers differ",
-                    port.name, difference.different, difference.numbers
-                ))
-            }
-            (None, None) => None,
-            (Some(_), None) => Some(format!("stored a value of `{}`, recomputed none", port.name)),
-            (None, Some(_)) => Some(format!("stored no value of `{}`, recomputed one", port.name)),
+    fn stored_difference(&self, key: &Key, port: &Port, now: Option<&Value>) -> Option<String> {
+        match self.reuse.store.values(&[(*key, port.name)]) {
+            Ok(stored) => difference(port, stored.into_iter().next().flatten().as_ref(), now),
+            Err(fault) => Some(format!("the stored value cannot be read: {}", fault.chain())),
         }
     }
 
-    /// A failure of the audit.
     pub(crate) fn failure(
         &self,
         (position, plan): (FrameIndex, &FramePlan),
@@ -83,66 +65,73 @@ impl Comparison<'_> {
         cause: Option<Cause>,
     ) -> AuditFailure {
         let run = self.run;
-        let ports = &self.graph.producers[step].outputs;
-        let port = ports.get(output.0).map_or("", |port| port.name);
-        let is_program = match step.node() {
-            None => run.source.parts.iter().any(|part| part.kind.starts_with(PROGRAM)),
-            Some(node) => run.nodes[node].kind.starts_with(PROGRAM),
-        };
-        let kind_cause = match step {
-            _ if is_program => Cause::Program,
-            StepId::SOURCE => Cause::Data,
-            _ => Cause::Implementation,
+        let port = self.graph.producers[step].outputs.get(output.0).map_or("", |port| port.name);
+        let (producer, kind_cause) = match step.node() {
+            Some(node) => node_and_cause(run, node),
+            None => {
+                let is_program = run.source.parts.iter().any(|part| part.kind.starts_with(PROGRAM));
+                let producer = format!("source `{}` of stage `{}`", run.source.name, run.stage);
+                (producer, if is_program { Cause::Program } else { Cause::Data })
+            }
         };
         AuditFailure {
-            producer: match step.node() {
-                None => format!("source `{}` of stage `{}`", run.source.name, run.stage),
-                Some(node) => format!("node `{}.{}`", run.stage, run.nodes[node].name),
-            },
+            producer,
             port: port.to_owned(),
             frame: Some(self.frames[position].id.to_string()),
             what,
             cause: cause.unwrap_or(kind_cause),
-            stored_in: plan.stored(StepOutput { step, output }).and_then(|key| self.reuse.origin(&key, port)),
+            stored_in: plan.stored(StepOutput { step, output }).and_then(|key| self.reuse.store.origin(&key, port)),
         }
     }
 }
 
-/// Compares the aggregate values of a reused node with recomputed ones; gives how many were compared.
+/// The beginning of the kinds that run a program.
+const PROGRAM: &str = "process";
+
+fn node_and_cause(run: &StageRun, node: NodeId) -> (String, Cause) {
+    let node = &run.nodes[node];
+    let cause = if node.kind.starts_with(PROGRAM) { Cause::Program } else { Cause::Implementation };
+    (format!("node `{}.{}`", run.stage, node.name), cause)
+}
+
+/// The first difference between a stored value and the recomputed one.
+fn difference(port: &Port, stored: Option<&Value>, now: Option<&Value>) -> Option<String> {
+    let name = port.name;
+    match (stored, now) {
+        (Some(stored), Some(now)) => {
+            let ValueDifference { numbers, different, first, .. } = ValueDifference::between(stored, now, 0.0);
+            let first = first?.text(port.value_type);
+            Some(format!("`{name}`, {first}; {different} of {numbers} numbers differ"))
+        }
+        (None, None) => None,
+        (Some(_), None) => Some(format!("stored a value of `{name}`, recomputed none")),
+        (None, Some(_)) => Some(format!("stored no value of `{name}`, recomputed one")),
+    }
+}
+
+/// Compares the aggregate values of a reused node with recomputed ones. Returns how many were compared.
 pub(crate) fn compare_aggregates(
     run: &StageRun,
     node: NodeId,
     stored: &[Option<Value>],
-    made: Result<Outputs, Fault>,
+    recomputed: Result<Outputs, Fault>,
 ) -> Result<u64, RunError> {
-    let planned = &run.nodes[node];
-    let ports: Vec<Port> =
-        planned.outputs.iter().map(|output| &output.port).filter(|port| is_once(planned, port)).cloned().collect();
+    let ports = once_ports(&run.nodes[node]);
     let failure = |port: &str, what: String| {
-        RunError::Audit(Box::new(AuditFailure {
-            producer: format!("node `{}.{}`", run.stage, planned.name),
-            port: port.to_owned(),
-            frame: None,
-            what,
-            cause: if planned.kind.starts_with(PROGRAM) { Cause::Program } else { Cause::Implementation },
-            stored_in: None,
-        }))
+        let (producer, cause) = node_and_cause(run, node);
+        let port = port.to_owned();
+        RunError::Audit(Box::new(AuditFailure { producer, port, frame: None, what, cause, stored_in: None }))
     };
-    let made = made.and_then(|made| made.in_order_of(&ports));
-    let made = made.map_err(|fault| failure("", format!("stored a value, and now fails: {}", fault.chain())))?;
-    for ((port, stored), now) in ports.iter().zip(stored).zip(&made) {
-        let what = match (stored, now) {
-            (Some(stored), Some(now)) => {
-                let first = ValueDifference::between(stored, now, 0.0).first;
-                first.map(|first| format!("`{}`, {}", port.name, first.text(port.value_type)))
-            }
-            (None, None) => None,
-            (Some(_), None) => Some(format!("stored a value of `{}`, recomputed none", port.name)),
-            (None, Some(_)) => Some(format!("stored no value of `{}`, recomputed one", port.name)),
-        };
-        if let Some(what) = what {
+    let recomputed = recomputed.and_then(|outputs| outputs.in_order_of(&ports));
+    let recomputed = recomputed.map_err(|fault| failure("", now_fails(&fault)))?;
+    for ((port, stored), now) in ports.iter().zip(stored).zip(&recomputed) {
+        if let Some(what) = difference(port, stored.as_ref(), now.as_ref()) {
             return Err(failure(port.name, what));
         }
     }
     Ok(stored.iter().flatten().count() as u64)
+}
+
+pub(crate) fn now_fails(fault: &Fault) -> String {
+    format!("stored a value, and now fails: {}", fault.chain())
 }

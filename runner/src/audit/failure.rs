@@ -1,31 +1,31 @@
-//! What an audit found: a reused value that differs, what may have caused it, and how to proceed.
+//! A failed audit: the value that differs, the likely cause, and how to proceed.
 
 /// A reused value that differs from the recomputed one.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("a reused value is not what {producer} computes now{}: {what}{}", at_frame(.frame), in_recording(.stored_in))]
+#[error("a reused value is not what {producer} computes now{}: {what}{}", on_frame(.frame), in_recording(.stored_in))]
 pub struct AuditFailure {
-    /// The node, or the source, as it is named in the experiment.
+    /// The node or source, as named in the experiment.
     pub producer: String,
     /// The output port.
     pub port: String,
-    /// The frame's id; `None` of an aggregate value.
+    /// The frame's id; `None` for an aggregate value.
     pub frame: Option<String>,
     /// The first difference.
     pub what: String,
     /// What may have changed although the cache key has not.
     pub cause: Cause,
-    /// The recording that holds the value.
+    /// The recording with the value.
     pub stored_in: Option<String>,
 }
 
 /// What a cache key did not include.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// The node gives other values each time.
+    /// The node is not deterministic.
     NotDeterministic,
     /// The node is a program, which may read what it does not declare.
     Program,
-    /// The implementation of a kind, or a machine.
+    /// The implementation of a kind, or the machine.
     Implementation,
     /// The data of a source.
     Data,
@@ -58,7 +58,8 @@ impl AuditFailure {
     }
 }
 
-fn at_frame(frame: &Option<String>) -> String {
+/// ` on frame 000150_10`, or nothing.
+pub(crate) fn on_frame(frame: &Option<String>) -> String {
     frame.as_ref().map_or_else(String::new, |frame| format!(" on frame {frame}"))
 }
 

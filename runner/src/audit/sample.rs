@@ -12,10 +12,9 @@ use crate::options::Audit;
 use crate::reuse::FramePlan;
 use crate::stage::frame_graph::StepId;
 
-/// The number of frames from which one is chosen to be recomputed.
+/// One frame of so many is recomputed.
 const FRAMES_PER_SAMPLE: usize = 50;
 
-/// What of a stage run is audited, while its frames run.
 pub(crate) struct Sampler {
     mode: Audit,
     state: Mutex<SamplerState>,
@@ -25,7 +24,7 @@ struct SamplerState {
     random: SplitMix64,
     /// By step, whether a reused value was compared.
     covered: Vec<bool>,
-    /// By step that is not covered, on how many frames values were reused, and a random one of these.
+    /// By uncovered step, on how many frames values were reused, and a random one of these.
     pending: BTreeMap<StepId, (usize, FrameIndex)>,
 }
 
@@ -37,12 +36,11 @@ impl Sampler {
         Self { mode, state: Mutex::new(state) }
     }
 
-    /// Whether anything is audited.
     pub(crate) fn is_on(&self) -> bool {
         self.mode != Audit::None
     }
 
-    /// Notes on which frame which steps' values are reused.
+    /// Notes the steps whose values are reused on a frame.
     pub(crate) fn note(&self, position: FrameIndex, plan: &FramePlan) {
         if self.mode != Audit::Sample {
             return;
@@ -60,7 +58,7 @@ impl Sampler {
         }
     }
 
-    /// The frames that are recomputed before the first one runs: `written` of them are kept from an interrupted run.
+    /// The frames to recompute before the first one runs; `written` of them are kept from an interrupted run.
     pub(crate) fn early(&self, frames: usize, written: usize) -> Vec<FrameIndex> {
         match self.mode {
             Audit::None => Vec::new(),
@@ -80,7 +78,7 @@ impl Sampler {
         }
     }
 
-    /// From how many first frames on an ordered node is recomputed.
+    /// On how many first frames an ordered node is recomputed.
     pub(crate) fn prefix(&self, frames: usize) -> usize {
         match self.mode {
             Audit::None => 0,
@@ -95,7 +93,7 @@ impl Sampler {
         state.pending.remove(&step);
     }
 
-    /// The frames on which the steps that are not covered were reused, each with its steps.
+    /// Frames on which uncovered steps were reused, with these steps.
     pub(crate) fn late(&self) -> BTreeMap<FrameIndex, Vec<StepId>> {
         let mut frames: BTreeMap<FrameIndex, Vec<StepId>> = BTreeMap::new();
         for (step, (_, position)) in &locked(&self.state).pending {

@@ -1,4 +1,4 @@
-//! What a run would take from its tap's store, and what it would make, found by keys alone.
+//! What a run would reuse and compute, found by cache keys alone.
 
 use std::collections::{BTreeMap, HashMap};
 use std::ops::ControlFlow;
@@ -12,19 +12,18 @@ use crate::once_values::{OnceState, OnceValue, OnceValues, inputs_of};
 use crate::reuse::{Reuse, StepAction, once_values};
 use crate::stage::frame_graph::{FrameGraph, StepId};
 
-/// What would be done of a node.
+/// What a run would do with a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Foreseen {
-    /// Frames on which it would fire; of a once-node, whether it would.
+    /// Frames on which it would run; for an aggregate node, whether it would.
     pub fires: u64,
-    /// Frames on which its values are in the store, and it need not.
+    /// Frames on which its values would be reused.
     pub taken: u64,
-    /// Of the frames on which it would fire, those that it is known to have seen before: it fires for another frame's sake, or for a value that was
-    /// not recorded.
+    /// Frames on which it would run although the store knows them: for another frame, or for a value that was not recorded.
     pub known: u64,
 }
 
-/// A tap that takes what a plan records, and keeps nothing.
+/// A tap that takes what a plan records, and stores nothing.
 pub(crate) struct Preview<'a> {
     pub(crate) plan: &'a Plan,
     pub(crate) store: &'a dyn Store,
@@ -70,11 +69,11 @@ impl Tap for Preview<'_> {
     }
 }
 
-/// What a run would do of every node, by stage run and node; the files of frames are read for their keys, and nothing is decoded.
+/// What a run would do with every node, by stage run and node. Reads the files of frames for their keys, and decodes nothing.
 ///
 /// # Errors
-/// Where the plan contradicts itself or the nodes built, in words.
-pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<Vec<Foreseen>>, String> {
+/// If the plan contradicts itself.
+pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<Vec<Foreseen>>, ErrorMessage> {
     let tap = Preview { plan: &ready.plan, store };
     let mut foreseen = Vec::with_capacity(ready.runs.len());
     walk(ready, &tap, host, |stage| {
@@ -96,28 +95,25 @@ pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<
     Ok(foreseen)
 }
 
-/// A stage run whose cache keys are known as far as the store has their values.
+/// A stage run whose cache keys are known as far as the store has values.
 pub(crate) struct KnownStage<'w> {
     pub(crate) run: RunId,
     pub(crate) source: &'w dyn Source,
     pub(crate) graph: &'w FrameGraph,
     pub(crate) reuse: &'w Reuse<'w>,
-    /// By node; only aggregate nodes are foreseen yet.
+    /// By node; of aggregate nodes only.
     nodes: Vec<Foreseen>,
-    /// The keys of the aggregate values that the store has, by node.
+    /// The keys of stored aggregate values.
     pub(crate) aggregates: BTreeMap<NodeId, Key>,
 }
 
-/// Walks the cache keys of a plan's stage runs in order, without running a node.
-///
-/// # Errors
-/// Where the plan contradicts itself or the nodes built, in words.
+/// Derives the cache keys of a plan's stage runs in order, without running a node.
 pub(crate) fn walk(
     ready: &Ready,
     tap: &Preview<'_>,
     host: &dyn Host,
     mut visit: impl FnMut(&KnownStage<'_>) -> ControlFlow<()>,
-) -> Result<(), String> {
+) -> Result<(), ErrorMessage> {
     let Ready { plan, runs, files, .. } = ready;
     let mut values = OnceValues::new(files.clone());
     for (run, ReadyRun { source, .. }) in RunId::enumerate(runs) {
@@ -125,7 +121,7 @@ pub(crate) fn walk(
         let (mut nodes, mut aggregates) = (vec![Foreseen::default(); planned.nodes.len()], BTreeMap::new());
         once(plan, run, tap.store, &mut values, (&mut nodes, &mut aggregates), &HashMap::new());
         let graph = FrameGraph::new(run, planned, tap, |from| match values.find(from) {
-            OnceState::Pending => OnceState::There(unmade(from)),
+            OnceState::Pending => OnceState::There(pending(from)),
             known => known,
         })?;
         let Some(reuse) = Reuse::new(run, planned, &graph, source.as_ref(), tap, host) else { continue };
@@ -140,10 +136,10 @@ pub(crate) fn walk(
     Ok(())
 }
 
-/// Known once-values of ordered nodes: by node, key and values.
+/// The stored aggregate values of ordered nodes: key and values.
 type FinishedValues = HashMap<NodeId, (Key, Vec<Option<Value>>)>;
 
-/// Finds the once-values of a stage run that the store has; the nodes that would have to make theirs would fire.
+/// Finds the stored aggregate values of a stage run; nodes without them would run.
 fn once(
     plan: &Plan,
     run: RunId,
@@ -175,8 +171,8 @@ fn once(
     }
 }
 
-/// A once-value that is not made yet, and so is in no key that a store knows.
-fn unmade(from: &Origin) -> OnceValue {
+/// A placeholder for an aggregate value, with a key that no store knows.
+fn pending(from: &Origin) -> OnceValue {
     let value = Value::from(depthloom_graphs::values::Curve::default());
     OnceValue { value, key: Key::build("not made yet").text(&format!("{from:?}")).finish() }
 }

@@ -1,12 +1,11 @@
-//! What an interrupted run left, compared with what the same run would write today: frame by frame, by cache keys, before any of it is kept.
+//! Compares an interrupted run with what the same run would record today: frame by frame, by cache keys, before anything is kept.
 
-use std::fmt;
 use std::ops::ControlFlow;
 
 use depthloom_graphs::contracts::{SlotKey, Store};
 use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use depthloom_graphs::ready::Ready;
-use depthloom_graphs::{Frame, Host, Key};
+use depthloom_graphs::{ErrorMessage, Frame, Host, Key};
 
 use crate::reuse::foresee::{KnownStage, Preview, walk};
 use crate::stage::frame_graph::StepId;
@@ -32,99 +31,16 @@ pub trait KeptValues {
     fn aggregates(&self, run: RunId) -> Vec<(NodeId, Key)>;
 }
 
-/// Why what an interrupted run recorded is not what the same run would record today.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Outdated {
-    /// The source has another frame at a position, or none.
-    Frame {
-        /// The stage.
-        stage: String,
-        /// From 0.
-        position: FrameIndex,
-        /// The frame's id today; `None` if the source has fewer frames.
-        today: Option<String>,
-    },
-    /// The source has more frames than those after which the stage ended.
-    MoreFrames {
-        /// The stage.
-        stage: String,
-        /// How many frames the stage had.
-        recorded: usize,
-        /// How many it has today.
-        today: usize,
-    },
-    /// The source or a node failed on a frame. A failure is not a result: today it may succeed.
-    Failed {
-        /// The stage.
-        stage: String,
-        /// The frame's id.
-        frame: String,
-    },
-    /// The source's data of a frame changed.
-    Data {
-        /// The stage.
-        stage: String,
-        /// The frame's id.
-        frame: String,
-    },
-    /// A node's cache key on a frame is another one.
-    Node {
-        /// The stage.
-        stage: String,
-        /// The node.
-        node: String,
-        /// The frame's id.
-        frame: String,
-    },
-    /// The cache key of a node's aggregate values is another one.
-    Aggregate {
-        /// The stage.
-        stage: String,
-        /// The node.
-        node: String,
-    },
-}
-
-impl fmt::Display for Outdated {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Frame { stage, position, today: Some(frame) } => {
-                write!(f, "frame {} of stage `{stage}` is `{frame}` today, and was another frame", position.0 + 1)
-            }
-            Self::Frame { stage, position, today: None } => {
-                write!(f, "stage `{stage}` has {position} frames today, and had more")
-            }
-            Self::MoreFrames { stage, recorded, today } => {
-                write!(f, "stage `{stage}` has {today} frames today, and ended after {recorded}")
-            }
-            Self::Failed { stage, frame } => write!(f, "frame `{frame}` of stage `{stage}` failed then"),
-            Self::Data { stage, frame } => write!(f, "the data of frame `{frame}` of stage `{stage}` changed"),
-            Self::Node { stage, node, frame } => {
-                write!(
-                    f,
-                    "what node `{stage}.{node}` computes frame `{frame}` from changed, or its recorded values are damaged"
-                )
-            }
-            Self::Aggregate { stage, node } => {
-                write!(
-                    f,
-                    "what node `{stage}.{node}` computes its aggregate values from changed, or they are incomplete"
-                )
-            }
-        }
-    }
-}
-
-/// Compares what an interrupted run recorded, and `store` has, with what a run would record today.
+/// Why the frames and values that an interrupted run recorded, which `store` has, are not what a run would record today. `None` if they are.
 ///
 /// # Errors
-/// Where the plan contradicts itself or the nodes built, in words.
+/// If the plan contradicts itself.
 pub fn outdated(
     ready: &Ready,
     store: &dyn Store,
     kept: &dyn KeptValues,
     host: &dyn Host,
-) -> Result<Option<Outdated>, String> {
+) -> Result<Option<String>, ErrorMessage> {
     let tap = Preview { plan: &ready.plan, store };
     let mut found = None;
     walk(ready, &tap, host, |stage| {
@@ -134,39 +50,43 @@ pub fn outdated(
     Ok(found)
 }
 
-fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> Option<Outdated> {
+fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> Option<String> {
     let (run, planned) = (known.run, &ready.plan.runs[known.run]);
-    let stage = || planned.stage.clone();
+    let stage = &planned.stage;
     for position in FrameIndex::all(kept.frames(run)) {
         let Some(frame) = known.source.frames().get(position.0) else {
-            return Some(Outdated::Frame { stage: stage(), position, today: None });
+            return Some(format!("stage `{stage}` has {position} frames today, and had more"));
         };
-        let id = || frame.id.to_string();
+        let id = &frame.id;
         if !kept.is_frame(run, position, frame) {
-            return Some(Outdated::Frame { stage: stage(), position, today: Some(id()) });
+            let number = position.0 + 1;
+            return Some(format!("frame {number} of stage `{stage}` is `{id}` today, and was another frame"));
         }
+        // A failure is not a result: today it may succeed.
         let Some(key) = kept.source_key(run, position).filter(|_| !kept.has_failed(run, position)) else {
-            return Some(Outdated::Failed { stage: stage(), frame: id() });
+            return Some(format!("frame `{id}` of stage `{stage}` failed then"));
         };
         if known.source.key(position).ok() != Some(key) {
-            return Some(Outdated::Data { stage: stage(), frame: id() });
+            return Some(format!("the data of frame `{id}` of stage `{stage}` changed"));
         }
         let keys = known.reuse.keys(known.graph, position, key);
-        let changed =
-            kept.node_keys(run, position).iter().find(|kept| keys[StepId::of_node(kept.node)] != Some(kept.key));
-        if let Some(changed) = changed {
-            let node = planned.nodes[changed.node].name.clone();
-            return Some(Outdated::Node { stage: stage(), node, frame: id() });
+        let mut node_keys = kept.node_keys(run, position).iter();
+        if let Some(changed) = node_keys.find(|kept| keys[StepId::of_node(kept.node)] != Some(kept.key)) {
+            let node = &planned.nodes[changed.node].name;
+            return Some(format!(
+                "what node `{stage}.{node}` computes frame `{id}` from changed, or its recorded values are damaged"
+            ));
         }
     }
-    // Aggregate values and later stages are written behind the last frame of a stage.
+    // Aggregate values and later stages are written after the last frame of a stage.
     let (recorded, today) = (kept.frames(run), known.source.frames().len());
     let is_written = |later: RunId| later > run && kept.frames(later) > 0 || !kept.aggregates(later).is_empty();
     if recorded < today && RunId::all(ready.plan.runs.len()).skip(run.0).any(is_written) {
-        return Some(Outdated::MoreFrames { stage: stage(), recorded, today });
+        return Some(format!("stage `{stage}` has {today} frames today, and ended after {recorded}"));
     }
     // One whose key is not known before the run is compared when it is written.
     let mut aggregates = kept.aggregates(run).into_iter();
-    let changed = aggregates.find(|(node, key)| known.aggregates.get(node).is_some_and(|today| today != key));
-    changed.map(|(node, _)| Outdated::Aggregate { stage: stage(), node: planned.nodes[node].name.clone() })
+    let (node, _) = aggregates.find(|(node, key)| known.aggregates.get(node).is_some_and(|today| today != key))?;
+    let node = &planned.nodes[node].name;
+    Some(format!("what node `{stage}.{node}` computes its aggregate values from changed, or they are incomplete"))
 }

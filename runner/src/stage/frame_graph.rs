@@ -1,8 +1,8 @@
-//! A stage run's frame graph, laid out by index: which step waits for which, and where values lie.
+//! A stage run's frame graph by index: which step waits for which, and the places of values.
 
 use depthloom_graphs::contracts::{Contract, Slot, Tap};
 use depthloom_graphs::plan::{NodeId, Origin, PartId, PlannedOutput, RunId, StageRun};
-use depthloom_graphs::{Instance, Port, Rate, index_type};
+use depthloom_graphs::{ErrorMessage, Port, Rate, index_type};
 
 use crate::once_values::{OnceState, OnceValue};
 
@@ -31,12 +31,10 @@ pub(crate) struct StepOutput {
 impl StepId {
     pub(crate) const SOURCE: Self = Self(0);
 
-    /// The step of a node.
     pub(crate) const fn of_node(node: NodeId) -> Self {
         Self(1 + node.0)
     }
 
-    /// The step that computes the values of a slot.
     pub(crate) const fn of_slot(slot: Slot) -> Self {
         match slot {
             Slot::Source { .. } => Self::SOURCE,
@@ -44,66 +42,60 @@ impl StepId {
         }
     }
 
-    /// The node of a step that is not a part; `None` for the source.
+    /// `None` for the source; meaningless for a part.
     pub(crate) fn node(self) -> Option<NodeId> {
         self.0.checked_sub(1).map(NodeId)
     }
 }
 
-/// A step of a frame: the source, a node or a part to encode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
-    /// Reading the frame.
     Source,
-    /// A node.
     Node(NodeId),
-    /// A part of the tap's.
     Encode(PartId),
 }
 
 /// What feeds an input port.
 pub(crate) enum Feed {
-    /// Nothing.
     Unwired,
-    /// A per-frame value: the place it lies in, and the step that puts it there.
-    Place { place: PlaceId, step: StepId },
-    /// A once-value, which is there before the frames; `None` if its node did not give it.
+    /// A per-frame value, and the step that computes it.
+    Place {
+        place: PlaceId,
+        step: StepId,
+    },
+    /// An aggregate value, known before the frames; `None` if its node left it out.
     Once(Option<OnceValue>),
 }
 
-/// A per-frame output.
+/// The place of a per-frame output.
 pub(crate) struct Place {
-    /// How many inputs and parts take the value; it is dropped with the last.
+    /// How many inputs and parts take the value; the last one drops it.
     pub(crate) uses: u32,
-    /// Whether a node takes it, so that it needs a key of its own.
+    /// Whether a node takes it, so that it needs a key.
     pub(crate) keyed: bool,
 }
 
-/// What gives values: the source, or a node.
+/// The source, or a node.
 pub(crate) struct Producer {
-    /// The input ports.
     pub(crate) inputs: Vec<Port>,
-    /// What feeds them.
+    /// By input.
     pub(crate) feeds: Vec<Feed>,
     /// The per-frame output ports.
     pub(crate) outputs: Vec<Port>,
-    /// Where the first of their values lies; the others follow.
+    /// The place of the first output; the others follow.
     pub(crate) first_place: PlaceId,
 }
 
 impl Producer {
-    /// Where the value of an output lies.
     pub(crate) const fn place(&self, output: OutputId) -> PlaceId {
         PlaceId(self.first_place.0 + output.0)
     }
 
-    /// The output whose value lies in a place.
     pub(crate) const fn output_at(&self, place: PlaceId) -> OutputId {
         OutputId(place.0 - self.first_place.0)
     }
 }
 
-/// When a step runs.
 #[derive(Default)]
 pub(crate) struct Order {
     /// How many other steps it waits for.
@@ -112,33 +104,30 @@ pub(crate) struct Order {
     pub(crate) then: Vec<StepId>,
 }
 
-/// A stage run's frame graph.
-///
-/// Steps are numbered: the source, then the nodes, then the parts. A once-node has its number, but nothing leads to it.
+/// The steps of a frame: the source, the nodes, the parts. An aggregate node has its number, but nothing leads to it.
 pub(crate) struct FrameGraph {
     /// The source and the nodes, by step.
     pub(crate) producers: Vec<Producer>,
-    /// Per-frame outputs: the source's ports, then the nodes' in plan order.
+    /// Per-frame outputs: the source's, then the nodes' in plan order.
     pub(crate) places: Vec<Place>,
-    /// What the tap takes, by part: in plan order.
+    /// What the tap takes: by part, in plan order.
     pub(crate) parts: Vec<Vec<(Slot, PlaceId)>>,
     /// By step.
     pub(crate) order: Vec<Order>,
-    /// How many steps a frame has.
     pub(crate) steps_per_frame: u32,
 }
 
 impl FrameGraph {
-    /// Lays out a stage run. `once` finds the once-values that are there before the frames.
+    /// `once` finds the aggregate values that are known before the frames.
     ///
     /// # Errors
-    /// Where the plan contradicts itself, the nodes built or the tap.
+    /// If the plan contradicts itself or the tap.
     pub(crate) fn new<T: Tap>(
         run: RunId,
         plan: &StageRun,
         tap: &T,
         once: impl Fn(&Origin) -> OnceState,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, ErrorMessage> {
         let source = Producer {
             inputs: Vec::new(),
             feeds: Vec::new(),
@@ -168,22 +157,25 @@ impl FrameGraph {
                 let feed = match &input.from {
                     None => Feed::Unwired,
                     Some(Origin::Here(slot)) => graph.place_of(plan, *slot).ok_or_else(|| {
-                        format!("input `{}` of node `{}` is wired to no per-frame output", input.port.name, node.name)
+                        let (input, node) = (input.port.name, &node.name);
+                        ErrorMessage::new(format!(
+                            "input `{input}` of node `{node}` is not wired to a per-frame output"
+                        ))
                     })?,
                     Some(elsewhere) => match once(elsewhere) {
                         OnceState::There(value) => Feed::Once(Some(value)),
                         OnceState::Absent => Feed::Once(None),
                         OnceState::Pending => {
-                            return Err(format!(
-                                "the once-value at input `{}` of node `{}` is not there before the stage's frames",
+                            return Err(ErrorMessage::new(format!(
+                                "the aggregate value at input `{}` of node `{}` is not known before the stage's frames",
                                 input.port.name, node.name
-                            ));
+                            )));
                         }
                     },
                 };
                 if let Feed::Place { place, step } = feed {
                     if step >= own_step {
-                        return Err(format!("node `{}` reads a node after it", node.name));
+                        return Err(ErrorMessage::new(format!("node `{}` reads a node after it", node.name)));
                     }
                     graph.places[place].uses += 1;
                     graph.places[place].keyed = true;
@@ -194,11 +186,10 @@ impl FrameGraph {
             graph.wait(steps.collect(), own_step);
             graph.producers[own_step].feeds = feeds;
         }
-        graph.hand_over(run, plan, tap)?;
+        graph.add_parts(run, plan, tap)?;
         Ok(graph)
     }
 
-    /// What a step does.
     pub(crate) fn step(&self, step: StepId) -> Step {
         match step.node() {
             None => Step::Source,
@@ -220,16 +211,17 @@ impl FrameGraph {
         Some(Feed::Place { place: self.producers[step].place(OutputId(before)), step })
     }
 
-    /// Asks the tap which values it takes, and in which part.
-    fn hand_over<T: Tap>(&mut self, run: RunId, plan: &StageRun, tap: &T) -> Result<(), String> {
+    /// Adds the values that the tap takes.
+    fn add_parts<T: Tap>(&mut self, run: RunId, plan: &StageRun, tap: &T) -> Result<(), ErrorMessage> {
         let mut steps = vec![Vec::new(); self.parts.len()];
         for slot in plan.slots() {
             let Some(Feed::Place { place, step }) = self.place_of(plan, slot) else { continue };
             let Some(part) = tap.part(run, slot) else { continue };
             let count = self.parts.len();
-            let taken =
-                self.parts.get_mut(part.0).ok_or_else(|| format!("the tap has {count} parts, none is {part}"))?;
-            taken.push((slot, place));
+            let values = self.parts.get_mut(part.0);
+            values
+                .ok_or_else(|| ErrorMessage::new(format!("the tap has {count} parts, and none is {part}")))?
+                .push((slot, place));
             self.places[place].uses += 1;
             steps[part].push(step);
         }
@@ -239,7 +231,7 @@ impl FrameGraph {
         Ok(())
     }
 
-    /// Makes a step wait for others; for the source, if there are none.
+    /// Makes a step wait for others, or for the source if there are none.
     fn wait(&mut self, mut others: Vec<StepId>, step: StepId) {
         others.sort_unstable();
         others.dedup();
@@ -254,13 +246,4 @@ impl FrameGraph {
 
 fn frame_ports(outputs: &[PlannedOutput]) -> Vec<Port> {
     outputs.iter().map(|o| &o.port).filter(|p| p.rate == Rate::Frame).cloned().collect()
-}
-
-/// The contract of a node that was built.
-pub(crate) const fn contract_of(instance: &Instance) -> Contract {
-    match instance {
-        Instance::Pure(_) => Contract::Pure,
-        Instance::Ordered(_) => Contract::Ordered,
-        Instance::Once(_) => Contract::Once,
-    }
 }

@@ -1,11 +1,11 @@
-//! One frame on its way through a stage: what has settled, the values still needed, the parts encoded.
+//! One frame in flight: its finished steps, the values still needed, its encoded parts.
 
-use depthloom_graphs::plan::{FrameIndex, PartId};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock};
 
 use depthloom_graphs::contracts::{ErrorMessage, Warned};
+use depthloom_graphs::plan::{FrameIndex, PartId};
 use depthloom_graphs::{Fault, Key, Value};
 use depthloom_threads::locked;
 
@@ -17,22 +17,27 @@ use crate::timing::Spent;
 /// How a step ended on a frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Outcome {
-    /// It fired; of the source and of nodes, the key of its values.
-    Fired(Option<Key>),
-    /// It need not fire: its values, of this key, are in the store.
-    Taken(Key),
-    /// A required input was absent: so are its outputs. That is no failure.
+    /// With the key of its values, unless it encoded a part.
+    Ran(Option<Key>),
+    /// Its values, of this key, are in the store.
+    Reused(Key),
+    /// A required input was absent, and so are its outputs. That is not a failure.
     Absent,
-    /// It failed.
     Failed,
-    /// It did not run because that other step failed.
+    /// It did not run because this other step failed.
     Skipped(StepId),
 }
 
-/// A step that is over.
+/// A step that has ended.
 pub(crate) struct Settled {
     pub(crate) outcome: Outcome,
     pub(crate) spent: Spent,
+}
+
+impl Settled {
+    pub(crate) fn at_once(outcome: Outcome) -> Self {
+        Self { outcome, spent: Spent::default() }
+    }
 }
 
 struct Progress {
@@ -40,7 +45,7 @@ struct Progress {
     settled: OnceLock<Settled>,
 }
 
-/// A value, its key and how many still take it.
+/// A value, its key and how many steps still need it.
 struct Cell {
     value: Option<Value>,
     key: Option<Key>,
@@ -50,21 +55,19 @@ struct Cell {
 /// A frame in flight; `P` is an encoded part.
 pub(crate) struct InFlight<P> {
     pub(crate) position: FrameIndex,
-    /// What need not be made again; set by the source's step, if there is a store.
+    /// Set by the source's step if there is a store.
     pub(crate) plan: OnceLock<FramePlan>,
-    /// The values from the store that nodes need, by place, until their steps lay them there.
+    /// Stored values that nodes need, until their steps put them into their places.
     pub(crate) loaded: Mutex<BTreeMap<PlaceId, Value>>,
-    /// The outputs without a value although their step ran, in no order.
+    /// The outputs without a value although their step ran, unordered.
     absent: Mutex<Vec<StepOutput>>,
     steps: Box<[Progress]>,
     cells: Box<[Mutex<Cell>]>,
     parts: Box<[Mutex<Option<P>>]>,
     remaining: AtomicU32,
-    /// What failed, by step, in no order.
     faults: Mutex<Vec<(StepId, Fault)>>,
     tap_errors: Mutex<Vec<(PartId, ErrorMessage)>>,
     audit_failure: Mutex<Option<Box<AuditFailure>>>,
-    /// The warnings, in no order.
     warnings: Mutex<Vec<Warned>>,
 }
 
@@ -88,7 +91,7 @@ impl<P> InFlight<P> {
         }
     }
 
-    /// Puts a value where its takers look for it; drops it if there are none.
+    /// Stores a value for the steps that need it, if there are any.
     pub(crate) fn put(&self, place: PlaceId, value: Value, key: Option<Key>) {
         let mut cell = locked(&self.cells[place]);
         if cell.uses > 0 {
@@ -96,7 +99,7 @@ impl<P> InFlight<P> {
         }
     }
 
-    /// Takes a value, if it is there, and its key. The last to take it takes it out.
+    /// Takes a value with its key. The last of its uses removes it.
     pub(crate) fn take(&self, place: PlaceId) -> Option<(Value, Option<Key>)> {
         let mut cell = locked(&self.cells[place]);
         cell.uses -= 1;
@@ -104,22 +107,20 @@ impl<P> InFlight<P> {
         value.map(|value| (value, cell.key))
     }
 
-    /// What a step does on this frame.
     pub(crate) fn action(&self, step: StepId) -> &StepAction {
         self.plan.get().map_or(&StepAction::Run, |plan| &plan.steps[step])
     }
 
-    /// How a step ended; `None` while it has not.
     pub(crate) fn settled(&self, step: StepId) -> Option<&Settled> {
         self.steps[step].settled.get()
     }
 
-    /// Whether a step has ended without values because something failed.
+    /// Whether a step ended without values because of a failure.
     pub(crate) fn is_without_values(&self, step: StepId) -> bool {
         self.settled(step).is_some_and(|s| matches!(s.outcome, Outcome::Failed | Outcome::Skipped(_)))
     }
 
-    /// Ends a step; tells whether it was the frame's last. `ready` is called with the steps that waited for nothing else.
+    /// Ends a step; returns whether it was the frame's last. Calls `ready` with the steps that waited for nothing else.
     pub(crate) fn settle(
         &self,
         step: StepId,
@@ -127,8 +128,8 @@ impl<P> InFlight<P> {
         graph: &FrameGraph,
         mut ready: impl FnMut(StepId),
     ) -> bool {
-        let fresh = self.steps[step].settled.set(settled).is_ok();
-        debug_assert!(fresh, "a step ends once");
+        let is_first = self.steps[step].settled.set(settled).is_ok();
+        debug_assert!(is_first, "a step ends once");
         for &then in &graph.order[step].then {
             if self.steps[then].pending.fetch_sub(1, Ordering::AcqRel) == 1 {
                 ready(then);
@@ -141,7 +142,6 @@ impl<P> InFlight<P> {
         *locked(&self.parts[part]) = Some(encoded);
     }
 
-    /// The encoded parts in order.
     pub(crate) fn take_parts(&self) -> Vec<P> {
         self.parts.iter().filter_map(|part| locked(part).take()).collect()
     }
@@ -150,12 +150,10 @@ impl<P> InFlight<P> {
         locked(&self.faults).push((step, fault));
     }
 
-    /// Notes that an output has no value although its step ran.
     pub(crate) fn add_absent(&self, output: StepOutput) {
         locked(&self.absent).push(output);
     }
 
-    /// The outputs without a value although their step ran, in order.
     pub(crate) fn take_absent(&self) -> Vec<StepOutput> {
         let mut absent = std::mem::take(&mut *locked(&self.absent));
         absent.sort_unstable();
@@ -166,7 +164,7 @@ impl<P> InFlight<P> {
         locked(&self.warnings).extend(warnings);
     }
 
-    /// The warnings, in the order of the nodes.
+    /// In the order of the nodes.
     pub(crate) fn take_warnings(&self) -> Vec<Warned> {
         let mut warnings = std::mem::take(&mut *locked(&self.warnings));
         warnings.sort();
@@ -181,24 +179,22 @@ impl<P> InFlight<P> {
         locked(&self.audit_failure).get_or_insert(failure);
     }
 
-    /// A stored value that differs from the one that was computed again, if there is one.
     pub(crate) fn take_audit_failure(&self) -> Option<Box<AuditFailure>> {
         locked(&self.audit_failure).take()
     }
 
-    /// Whether something has failed so far.
     pub(crate) fn has_failed(&self) -> bool {
         !locked(&self.faults).is_empty()
     }
 
-    /// What failed, in the order of the steps.
+    /// In the order of the steps.
     pub(crate) fn take_faults(&self) -> Vec<(StepId, Fault)> {
         let mut faults = std::mem::take(&mut *locked(&self.faults));
         faults.sort_by_key(|(step, _)| *step);
         faults
     }
 
-    /// Why the tap refused the frame, if it did: the error of its first part.
+    /// The error of the first part that the tap refused.
     pub(crate) fn take_tap_error(&self) -> Option<ErrorMessage> {
         let errors = std::mem::take(&mut *locked(&self.tap_errors));
         errors.into_iter().min_by_key(|(part, _)| *part).map(|(_, error)| error)

@@ -1,4 +1,4 @@
-//! Ordered nodes: one frame after the other, whatever order their inputs come in.
+//! Ordered nodes: frames run in order, whatever order their inputs become ready in.
 
 use std::sync::{Arc, Mutex};
 
@@ -8,25 +8,23 @@ use depthloom_threads::{into_unlocked, locked};
 
 use crate::stage::in_flight::InFlight;
 
-/// An ordered node and the line of frames that wait for it.
+/// An ordered node and the frames that wait for it.
 pub(crate) struct Ordered<P> {
     line: Mutex<Line<P>>,
-    /// Locked by the one task of the node that may run.
+    /// Locked by the one task of the node that runs.
     pub(crate) state: Mutex<State>,
 }
 
-/// The node with what it remembers.
 pub(crate) struct State {
-    /// The node; gone once it has failed.
+    /// `None` once it has failed.
     pub(crate) node: Option<Box<dyn OrderedNode>>,
-    /// Its key on the last frame it fired on.
+    /// Its key on the last frame it ran on.
     pub(crate) last_key: Option<Key>,
 }
 
 struct Line<P> {
-    /// The frame whose turn it is.
     next: FrameIndex,
-    /// Frames whose inputs are there, by position modulo the window.
+    /// Frames whose inputs are ready, by position modulo the window.
     arrived: Vec<Option<Arc<InFlight<P>>>>,
 }
 
@@ -36,12 +34,11 @@ impl<P> Ordered<P> {
         Self { line: Mutex::new(line), state: Mutex::new(State { node: Some(node), last_key: None }) }
     }
 
-    /// Says which frame is the first.
     pub(crate) fn start_at(&self, position: FrameIndex) {
         locked(&self.line).next = position;
     }
 
-    /// A frame's inputs are there: gives it back if it is its turn.
+    /// A frame's inputs are ready: returns whether it is its turn.
     pub(crate) fn arrive(&self, frame: &Arc<InFlight<P>>) -> bool {
         let mut line = locked(&self.line);
         if frame.position == line.next {
@@ -52,7 +49,7 @@ impl<P> Ordered<P> {
         false
     }
 
-    /// The node is done with a frame: the next one, if its inputs are there.
+    /// The node has finished a frame: returns the next one, if its inputs are ready.
     pub(crate) fn advance(&self) -> Option<Arc<InFlight<P>>> {
         let mut line = locked(&self.line);
         line.next.0 += 1;
@@ -60,7 +57,6 @@ impl<P> Ordered<P> {
         line.arrived[place].take()
     }
 
-    /// What is left after the last frame: the node, unless it failed, and its last key.
     pub(crate) fn into_state(self) -> (Option<Box<dyn OrderedNode>>, Option<Key>) {
         let State { node, last_key } = into_unlocked(self.state);
         (node, last_key)

@@ -6,7 +6,7 @@ use crossbeam::deque::{Injector, Steal};
 use crossbeam::utils::CachePadded;
 use depthloom_graphs::plan::FrameIndex;
 
-/// A queue for every frame that may be in flight: frame `k` has queue `k % window`, which no other frame in flight shares.
+/// A queue per frame in flight: frame `k` has queue `k % window`, which no other frame in flight shares.
 pub(crate) struct Queues<T> {
     ring: Box<[Injector<T>]>,
     oldest: CachePadded<AtomicUsize>,
@@ -17,7 +17,7 @@ impl<T> Queues<T> {
         Self { ring: (0..window).map(|_| Injector::new()).collect(), oldest: CachePadded::new(AtomicUsize::new(0)) }
     }
 
-    /// Says which frame is the oldest in flight. Only the order of tasks hangs on it, so that a late reader does no harm.
+    /// Only the order of tasks depends on it, so a late reader does no harm.
     pub(crate) fn set_oldest(&self, position: FrameIndex) {
         self.oldest.store(position.0, Ordering::Relaxed);
     }
@@ -26,7 +26,6 @@ impl<T> Queues<T> {
         self.ring[position.0 % self.ring.len()].push(task);
     }
 
-    /// The task of the oldest frame that has one.
     pub(crate) fn pop(&self) -> Option<T> {
         self.pop_older_than(FrameIndex(usize::MAX))
     }

@@ -1,15 +1,15 @@
-//! Admission and retirement: the one thread that lets frames in, writes them in order and lets them go.
+//! Admission and retirement: the one thread that admits frames, and writes them in order.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
-use depthloom_graphs::Frame;
-use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, Slot, SlotKey, Tap};
+use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, Plan, RunId};
-use depthloom_threads::caught;
+use depthloom_graphs::{Fault, Frame, Key};
 
 use crate::error::RunError;
+use crate::panics::guarded_tap;
 use crate::report::{FrameFailure, Report, StageReport};
 use crate::reuse::{Reuse, slot_of};
 use crate::stage::Stage;
@@ -17,13 +17,13 @@ use crate::stage::frame_graph::{Step, StepId};
 use crate::stage::in_flight::{InFlight, Outcome};
 use crate::timing::{Phase, Stopwatch, Timing};
 
-/// What is told of a stage run's frames as they retire.
+/// The report of a stage run, while its frames retire.
 pub(crate) struct Ledger<'a> {
     plan: &'a Plan,
     run: RunId,
     pub(crate) stage: StageReport,
     failures: Vec<FrameFailure>,
-    /// By step; the writer's comes last.
+    /// By step, then the writer's.
     timings: Vec<Timing>,
 }
 
@@ -43,7 +43,6 @@ impl<'a> Ledger<'a> {
         Self { plan, run, stage, failures: Vec::new(), timings }
     }
 
-    /// Adds what there is to tell to the report.
     pub(crate) fn close(self, report: &mut Report) {
         report.stages.push(self.stage);
         let room = Report::FAILURES - report.failures.len().min(Report::FAILURES);
@@ -52,14 +51,13 @@ impl<'a> Ledger<'a> {
     }
 }
 
-/// Whether all of a stage run's frames came through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Completion {
-    Whole,
+    Complete,
     Interrupted,
 }
 
-/// Lets a stage's frames in and writes them, in order, until none is left or one ends the stage.
+/// Admits the frames of a stage and writes them in order, until none is left or one ends the stage.
 pub(crate) fn retire_all<T: Tap>(
     stage: &Stage<'_, T>,
     done: &Receiver<Arc<InFlight<T::Part>>>,
@@ -68,7 +66,7 @@ pub(crate) fn retire_all<T: Tap>(
     let frames = stage.source.frames();
     let first = stage.reuse.as_ref().map_or(0, Reuse::first).min(frames.len());
     for frame in &frames[..first] {
-        stage.observer.frame_retired(stage.run, frame, &[]);
+        stage.context.observer.frame_retired(stage.run, frame, &[]);
     }
     stage.start_at(FrameIndex(first));
     stage.repeat_warnings();
@@ -78,8 +76,8 @@ pub(crate) fn retire_all<T: Tap>(
     let mut complete = BTreeMap::new();
     loop {
         while admitted < frames.len()
-            && admitted < retired + stage.window
-            && !stage.interrupt.stops_admission()
+            && admitted < retired + stage.context.window
+            && !stage.context.interrupt.stops_admission()
             && !stage.is_past_the_last(FrameIndex(admitted))
         {
             stage.admit(FrameIndex(admitted));
@@ -91,19 +89,19 @@ pub(crate) fn retire_all<T: Tap>(
             break;
         }
         let Some(frame) = complete.remove(&FrameIndex(retired)) else {
-            // The workers leave before their work is done only when the run is abandoned.
+            // Workers end early only when the run is abandoned.
             let Ok(frame) = done.recv() else { return Err(RunError::Aborted) };
             complete.insert(frame.position, frame);
             continue;
         };
-        if stage.interrupt.aborts() {
+        if stage.context.interrupt.aborts() {
             return Err(RunError::Aborted);
         }
         write(stage, &frame, &frames[retired], ledger)?;
         retired += 1;
         stage.set_oldest(FrameIndex(retired));
     }
-    Ok(if retired == frames.len() { Completion::Whole } else { Completion::Interrupted })
+    Ok(if retired == frames.len() { Completion::Complete } else { Completion::Interrupted })
 }
 
 fn write<T: Tap>(
@@ -117,20 +115,7 @@ fn write<T: Tap>(
     let mut faults = in_flight.take_faults();
     if let Some(fatal) = faults.iter().position(|(step, _)| stage.is_fatal(*step)) {
         let (step, fault) = faults.swap_remove(fatal);
-        let fault = Box::new(fault);
-        let (plan, frame, run) = (ledger.plan, frame.id.to_string(), stage.plan);
-        return Err(match stage.graph.step(step) {
-            Step::Node(node) => RunError::NodeFailed {
-                stage: run.stage.clone(),
-                node: run.nodes[node].name.clone(),
-                variants: run.nodes[node].variant_names(plan).into_iter().map(str::to_owned).collect(),
-                frame,
-                fault,
-            },
-            Step::Source | Step::Encode(_) => {
-                RunError::SourceFailed { stage: run.stage.clone(), source_name: run.source.name.clone(), frame, fault }
-            }
-        });
+        return Err(frame_failed(stage, step, frame, fault, ledger.plan));
     }
     if let Some(failure) = in_flight.take_audit_failure() {
         return Err(RunError::Audit(failure));
@@ -138,61 +123,15 @@ fn write<T: Tap>(
     if let Some(error) = in_flight.take_tap_error() {
         return Err(tap_failed(error));
     }
-
-    let (mut source_key, mut keys, mut failures) = (None, Vec::new(), Vec::new());
-    for (step, timing) in StepId::enumerate(&mut ledger.timings) {
-        let Some(settled) = (timing.phase != Phase::Write).then(|| in_flight.settled(step)).flatten() else { continue };
-        let node = step.node();
-        match settled.outcome {
-            Outcome::Absent => continue,
-            Outcome::Fired(key) => match (stage.graph.step(step), key) {
-                (Step::Source, _) => source_key = key,
-                (Step::Node(node), Some(key)) => {
-                    keys.push(SlotKey { node, key });
-                    ledger.stage.firings[node] += 1;
-                }
-                (Step::Node(_) | Step::Encode(_), _) => {}
-            },
-            Outcome::Taken(key) => {
-                match stage.graph.step(step) {
-                    Step::Source => source_key = Some(key),
-                    Step::Node(node) => {
-                        keys.push(SlotKey { node, key });
-                        ledger.stage.reused[node] += 1;
-                    }
-                    Step::Encode(_) => {}
-                }
-                continue;
-            }
-            Outcome::Failed => {
-                let fault = faults.iter().find(|(failed, _)| *failed == step).map(|(_, fault)| fault);
-                failures.push(Failure { node, what: fault.map(depthloom_graphs::Fault::chain).unwrap_or_default() });
-            }
-            Outcome::Skipped(before) => {
-                failures.push(Failure { node, what: format!("not run: {} failed", origin(stage, in_flight, before)) });
-                continue;
-            }
-        }
-        timing.add(frame.index, settled.spent);
-    }
-
+    let Outcomes { source_key, keys, failures } = outcomes(stage, in_flight, frame, &faults, ledger);
     if in_flight.position.0 >= stage.written() {
         let watch = Stopwatch::start();
         let warnings = in_flight.take_warnings();
         let absent = in_flight.take_absent().into_iter();
         let absent: Vec<Slot> = absent.filter_map(|absent| slot_of(stage.plan, absent)).collect();
-        let commit = Commit {
-            run: stage.run,
-            frame,
-            source_key,
-            keys: &keys,
-            failures: &failures,
-            absent: &absent,
-            warnings: &warnings,
-        };
-        caught(|| stage.tap.write(&commit, in_flight.take_parts()))
-            .unwrap_or_else(|panic| Err(ErrorMessage::new(format!("panicked {}", panic.0))))
-            .map_err(tap_failed)?;
+        let (keys, failures, absent, warnings) = (&keys, &failures, &absent, &warnings);
+        let commit = Commit { run: stage.run, frame, source_key, keys, failures, absent, warnings };
+        guarded_tap(|| stage.context.tap.write(&commit, in_flight.take_parts())).map_err(tap_failed)?;
         if let Some(timing) = ledger.timings.last_mut() {
             timing.add(frame.index, watch.stop(0));
         }
@@ -203,15 +142,83 @@ fn write<T: Tap>(
     for (step, fault) in faults {
         if ledger.failures.len() < Report::FAILURES {
             let (node, what) = (step.node(), fault.chain());
-            let remedy = fault.remedy_text().map(str::to_owned);
-            ledger.failures.push(FrameFailure { run: ledger.run, frame: frame.clone(), node, what, remedy });
+            ledger.failures.push(FrameFailure {
+                run: ledger.run,
+                frame: frame.clone(),
+                node,
+                what,
+                remedy: fault.remedy_text().map(str::to_owned),
+            });
         }
     }
-    stage.observer.frame_retired(stage.run, frame, &failures);
+    stage.context.observer.frame_retired(stage.run, frame, &failures);
     Ok(())
 }
 
-/// What failed first of the steps that one after the other did not run.
+/// The error of a run that ends because a step failed on a frame.
+fn frame_failed<T: Tap>(stage: &Stage<'_, T>, step: StepId, frame: &Frame, fault: Fault, plan: &Plan) -> RunError {
+    let (run, frame) = (stage.plan, frame.id.to_string());
+    match stage.graph.step(step) {
+        Step::Node(node) => RunError::of_node(plan, stage.run, &run.nodes[node], Some(frame), fault),
+        Step::Source | Step::Encode(_) => {
+            let (stage, source_name) = (run.stage.clone(), run.source.name.clone());
+            RunError::SourceFailed { stage, source_name, frame, fault: Box::new(fault) }
+        }
+    }
+}
+
+struct Outcomes {
+    source_key: Option<Key>,
+    keys: Vec<SlotKey>,
+    failures: Vec<Failure>,
+}
+
+/// How the steps of a frame ended. Counts them, and adds their times.
+fn outcomes<T: Tap>(
+    stage: &Stage<'_, T>,
+    in_flight: &InFlight<T::Part>,
+    frame: &Frame,
+    faults: &[(StepId, Fault)],
+    ledger: &mut Ledger<'_>,
+) -> Outcomes {
+    let (mut source_key, mut keys, mut failures) = (None, Vec::new(), Vec::new());
+    for (step, timing) in StepId::enumerate(&mut ledger.timings) {
+        let Some(settled) = (timing.phase != Phase::Write).then(|| in_flight.settled(step)).flatten() else { continue };
+        let node = step.node();
+        match settled.outcome {
+            Outcome::Absent => continue,
+            Outcome::Ran(key) => {
+                timing.add(frame.index, settled.spent);
+                match (stage.graph.step(step), key) {
+                    (Step::Source, key) => source_key = key,
+                    (Step::Node(node), Some(key)) => {
+                        keys.push(SlotKey { node, key });
+                        ledger.stage.firings[node] += 1;
+                    }
+                    (Step::Node(_) | Step::Encode(_), _) => {}
+                }
+            }
+            Outcome::Reused(key) => match node {
+                None => source_key = Some(key),
+                Some(node) => {
+                    keys.push(SlotKey { node, key });
+                    ledger.stage.reused[node] += 1;
+                }
+            },
+            Outcome::Failed => {
+                timing.add(frame.index, settled.spent);
+                let fault = faults.iter().find(|(failed, _)| *failed == step).map(|(_, fault)| fault);
+                failures.push(Failure { node, what: fault.map(Fault::chain).unwrap_or_default() });
+            }
+            Outcome::Skipped(before) => {
+                failures.push(Failure { node, what: format!("not run: {} failed", origin(stage, in_flight, before)) });
+            }
+        }
+    }
+    Outcomes { source_key, keys, failures }
+}
+
+/// The failed step because of which others did not run.
 fn origin<T: Tap>(stage: &Stage<'_, T>, frame: &InFlight<T::Part>, mut step: StepId) -> String {
     while let Some(Outcome::Skipped(before)) = frame.settled(step).map(|s| s.outcome) {
         step = before;

@@ -15,7 +15,6 @@ use crate::language::text::merge::{Level, merged};
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree, entry_mut};
 
-/// A path and the value it is to have.
 #[derive(Clone, Debug)]
 pub(crate) struct Change {
     pub(crate) path: String,
@@ -23,7 +22,6 @@ pub(crate) struct Change {
     pub(crate) value: Arc<Node>,
 }
 
-/// The experiment with the changes made; those whose path names nothing are reported and left out.
 pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: &mut Report) -> Arc<Node> {
     let mut new = Arc::clone(root);
     let mut located = Vec::with_capacity(changes.len());
@@ -64,13 +62,11 @@ pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: 
     new
 }
 
-/// Whether `null` takes away what the keys lead to.
 fn can_be_taken_away(keys: &[String]) -> bool {
     let Some((_, above)) = keys.split_last() else { return false };
     level_of(above).can_lose_entries() || matches!(above, [matrix, _] if matrix == "matrix")
 }
 
-/// As `null` in a file that extends another does.
 fn take_away(root: &mut Arc<Node>, keys: &[String]) {
     let Some((last, above)) = keys.split_last() else { return };
     let mut node = root;
@@ -92,7 +88,7 @@ fn take_away(root: &mut Arc<Node>, keys: &[String]) {
     }
 }
 
-/// Of an axis written as a map, new values go where its values are: it keeps what it sets, and when it is there.
+/// New values of an axis that is written as a map replace its `values`.
 fn values_of_axis(root: &Node, mut keys: Vec<String>, value: &Node) -> Vec<String> {
     let is_axis = keys.first().is_some_and(|section| section == "matrix");
     let axis = if is_axis { at(root, &keys) } else { None };
@@ -119,18 +115,15 @@ fn drop_parameters_of_another_kind(root: &mut Arc<Node>, instance: &[String], ki
     }
 }
 
-/// What the keys from the document's root lead to.
 fn level_of(keys: &[String]) -> Level {
     keys.iter().fold(Level::Experiment, |level, key| level.below(key))
 }
 
-/// The node or source whose kind a path is.
 fn instance_of_kind(keys: &[String]) -> Option<&[String]> {
     let (last, instance) = keys.split_last()?;
     (last == "kind" && level_of(instance) == Level::Instance).then_some(instance)
 }
 
-/// Makes a change below a value at `level`; `keys` lead on from there.
 fn set(node: &mut Arc<Node>, keys: &[String], level: Level, change: &Change) -> Result<(), String> {
     let Some((key, rest)) = keys.split_first() else {
         *node = merged(node, &change.value, level);

@@ -24,35 +24,29 @@ use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
 
-/// The most axes of a matrix, and the most entries of `exclude`.
 const MOST_AXES: usize = 64;
 const MOST_EXCLUDED: usize = 1000;
 
-/// Combinations of values, as written.
 pub(crate) struct Matrix {
     axes: Vec<Axis>,
     sample: Option<Sample>,
     excluded: Vec<Listed>,
     included: Vec<Listed>,
     place: Place,
-    /// Whether nothing is wrong with its axes and its sample.
     is_whole: bool,
 }
 
-/// An entry of `include` or `exclude`.
 struct Listed {
     parts: Combination,
     place: Place,
 }
 
-/// What a matrix makes of a variant.
 pub(crate) struct Made {
     pub(crate) name: String,
     pub(crate) factors: Vec<Factor>,
     pub(crate) changes: Vec<Change>,
 }
 
-/// The matrices of an experiment; none, if it has no `matrix`.
 pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Matrix> {
     let Some(entry) = parameters.root.entry("matrix") else { return Vec::new() };
     let wrong = |node: &Node, report: &mut Report| {
@@ -77,7 +71,6 @@ pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Matr
     matrices
 }
 
-/// For each of the variants declared, by its changes, what the matrices make of it. No axis is called by a `reserved` word.
 pub(crate) fn made_of(
     declared: &[&[Change]],
     reserved: &[&str],
@@ -129,7 +122,7 @@ pub(crate) fn made_of(
     combinations.iter().map(made).collect()
 }
 
-/// Refuses axes that set the same: the later one would take away what the earlier one's value, and the variant's name, say.
+/// Refuses axes that set the same path: the later would override the earlier, and the variant's name would be wrong.
 fn overridden<'c>(combinations: impl Iterator<Item = &'c Combination>, report: &mut Report) {
     let overlap = |a: &str, b: &str| {
         let within = |inner: &str, outer: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.starts_with('.'));
@@ -158,7 +151,7 @@ fn overridden<'c>(combinations: impl Iterator<Item = &'c Combination>, report: &
     }
 }
 
-/// The key of the axis that sets what a path names, if one does; of a path's own axis the path.
+/// The key of the axis that sets a path.
 pub(crate) fn axis_of<'n>(root: &'n Node, path: &str) -> Option<&'n str> {
     let matrix = root.get("matrix")?;
     let matrices: Vec<&Node> = match &matrix.value {
@@ -208,7 +201,6 @@ fn matrix(entries: &[Entry], place: &Place, parameters: &Parameters<'_>, report:
 }
 
 impl Matrix {
-    /// `include` and `exclude`: maps from paths and axes to values.
     fn listed(&self, entry: &Entry, report: &mut Report) -> Vec<Listed> {
         let key = &entry.key;
         let Tree::List(items) = &entry.value.value else {
@@ -225,7 +217,6 @@ impl Matrix {
         listed
     }
 
-    /// What `include` and `exclude` say of an axis or a path.
     fn part(&self, asked: &Change, report: &mut Report) -> Option<Part> {
         let (key, text) = (&asked.path, value_text(&asked.value));
         if key.contains('.') {
@@ -246,7 +237,7 @@ impl Matrix {
         Some(Arc::new(axis.level(text, &asked.value)))
     }
 
-    /// The combinations of a variant; `found` says which entries of `exclude` left one out.
+    /// `found` marks the entries of `exclude` that matched.
     fn combinations(
         &self,
         of_variant: &[Change],
@@ -280,7 +271,6 @@ impl Matrix {
         combinations
     }
 
-    /// All combinations of axes, which are the matrix's own or what they stand for.
     fn product(
         &self,
         axes: &[Axis],
@@ -309,14 +299,13 @@ impl Matrix {
         combinations
     }
 
-    /// How many combinations there are to draw from, where they can be counted.
+    /// How many combinations there are; `None` if there are too many to count.
     fn different(&self, of_variant: &[Change], parameters: &Parameters<'_>, report: &mut Report) -> Option<usize> {
         let listed: Vec<Axis> = self.axes.iter().map(Axis::listed).collect::<Option<_>>()?;
         let count = listed.iter().fold(1_usize, |count, axis| count.saturating_mul(axis.len()));
         (count <= MOST).then(|| self.product(&listed, of_variant, parameters, report).len())
     }
 
-    /// Some combinations, each once.
     fn drawn(
         &self,
         sample: &Sample,
@@ -391,7 +380,6 @@ impl Matrix {
     }
 }
 
-/// Whether a combination has what an entry of `exclude` names.
 fn holds(combination: &Combination, part: &Part) -> bool {
     if !part.axis.contains('.') {
         return combination.iter().any(|level| level.axis == part.axis && level.text == part.text);

@@ -12,19 +12,17 @@ use crate::language::text::names;
 use crate::language::text::tree::{Node, Tree};
 use crate::plan::VariantId;
 
-/// What was set on the command line, and in which variants it is not what they have.
 pub(crate) struct Outlasted<'a>(Vec<Set<'a>>);
 
 struct Set<'a> {
     change: &'a Change,
-    /// Where it stands in the experiment.
     keys: Vec<String>,
     /// The variants with a value of their own.
     variants: Vec<VariantId>,
 }
 
 impl<'a> Outlasted<'a> {
-    /// Of changes that have been made to `root`; those of variants and matrices themselves are no base.
+    /// Changes of `variants` and `matrix` themselves are left out.
     pub(crate) fn new(root: &Node, changes: &'a [Change]) -> Self {
         let of_base = |change: &'a Change| {
             let keys = path::keys(root, &change.path)?;
@@ -34,7 +32,6 @@ impl<'a> Outlasted<'a> {
         Self(changes.iter().filter_map(of_base).collect())
     }
 
-    /// Looks at what a variant made of the experiment.
     pub(crate) fn look(&mut self, variant: VariantId, root: &Node, of_variant: &Node) {
         for set in &mut self.0 {
             if !stays(&set.change.value, at(root, &set.keys), at(of_variant, &set.keys)) {
@@ -43,7 +40,6 @@ impl<'a> Outlasted<'a> {
         }
     }
 
-    /// Says of what was set where it has no effect; where it has none at all, that is an error.
     pub(crate) fn report(self, root: &Node, variants: &[Variant], report: &mut Report) {
         for Set { change, variants: own, .. } in self.0.into_iter().filter(|set| !set.variants.is_empty()) {
             let path = &change.path;
@@ -77,7 +73,6 @@ impl<'a> Outlasted<'a> {
     }
 }
 
-/// Whether all that was set is in `now` what it was in `before`.
 fn stays(set: &Node, before: Option<&Arc<Node>>, now: Option<&Arc<Node>>) -> bool {
     match (&set.value, before, now) {
         (Tree::Map(entries), Some(before), Some(now)) if now.is_map() => {
@@ -88,7 +83,7 @@ fn stays(set: &Node, before: Option<&Arc<Node>>, now: Option<&Arc<Node>>) -> boo
     }
 }
 
-/// The change of a variant that speaks of the same path, of all that holds it or of a part of it.
+/// The variant's change of the same path, or of one above or below it.
 fn cause<'v>(root: &Node, variant: &'v Variant, path: &str) -> Option<&'v Change> {
     let keys = path::keys(root, path)?;
     variant.changes.iter().find(|change| {
@@ -99,7 +94,6 @@ fn cause<'v>(root: &Node, variant: &'v Variant, path: &str) -> Option<&'v Change
     })
 }
 
-/// The name under `variants:` of a variant that a matrix may have multiplied.
 fn declared<'n>(root: &Node, name: &'n str) -> &'n str {
     let has = |name: &str| root.get("variants").is_some_and(|variants| variants.get(name).is_some());
     if has(name) { name } else { name.split_once('+').map_or(name, |(declared, _)| declared) }

@@ -10,14 +10,10 @@ use crate::language::text::parse;
 use crate::language::text::source_file::{Place, SourceFile};
 use crate::language::text::tree::{Entry, Node, Tree};
 
-/// The name that arguments of `--set` have among files.
 pub(crate) const SET: &str = "--set";
-/// The name that those of `--matrix` have there.
 const MATRIX: &str = "--matrix";
-/// The name that the names of variants have there.
 pub(crate) const ONLY: &str = "--variant";
 
-/// An argument that changes the experiment, as typed.
 #[derive(Clone, Debug)]
 pub(crate) struct Argument {
     option: &'static str,
@@ -26,32 +22,25 @@ pub(crate) struct Argument {
 }
 
 impl Argument {
-    /// Those of `--set`, then those of `--matrix`.
     pub(crate) fn all(set: &[(String, String)], matrix: &[(String, String)]) -> Vec<Self> {
         let options =
             set.iter().map(|argument| (SET, argument)).chain(matrix.iter().map(|argument| (MATRIX, argument)));
         options.map(|(option, (path, value))| Self { option, path: path.clone(), value: value.clone() }).collect()
     }
 
-    /// As a file that holds all of it.
     pub(crate) fn file(&self) -> SourceFile {
         SourceFile::new(self.option, format!("{}={}", self.path, self.value), Path::new(""))
     }
 
-    /// What it changes, from the document's root.
     fn changed(&self) -> String {
         if self.option == MATRIX { format!("matrix.{}", self.path) } else { self.path.clone() }
     }
 }
 
-/// Whether a file is an argument that changes the experiment.
 pub(crate) fn is_argument(file: &SourceFile) -> bool {
     [SET, MATRIX].contains(&file.name.as_str())
 }
 
-/// The changes asked for; values are YAML, so that `frames=[3, 7]` is a list and `view=true` a truth value.
-///
-/// Relative paths in them start at the working directory: that is where they were typed.
 pub(crate) fn changes(arguments: &[Argument], report: &mut Report) -> (Vec<Change>, Vec<Arc<SourceFile>>) {
     let (mut changes, mut files) = (Vec::new(), Vec::new());
     let mut axes: HashMap<String, (&str, Place)> = HashMap::new();
@@ -126,7 +115,6 @@ fn moved(node: Node, file: &Arc<SourceFile>) -> Node {
     Node { value, place, written: node.written }
 }
 
-/// What `only` is to be, of the names given to `--variant`; nothing where there are none.
 pub(crate) fn only(names: &[String]) -> (Option<Node>, Vec<Arc<SourceFile>>) {
     let file = |name: &String| Arc::new(SourceFile::new(ONLY, name.clone(), Path::new("")));
     let files: Vec<Arc<SourceFile>> = names.iter().map(file).collect();
@@ -135,7 +123,6 @@ pub(crate) fn only(names: &[String]) -> (Option<Node>, Vec<Arc<SourceFile>>) {
     (only, files)
 }
 
-/// Puts `only` into an experiment, in the place of its own.
 pub(crate) fn choose(root: &mut Arc<Node>, only: &Node) {
     let value = Arc::new(only.clone());
     let Tree::Map(entries) = &mut Arc::make_mut(root).value else { return };
@@ -143,7 +130,6 @@ pub(crate) fn choose(root: &mut Arc<Node>, only: &Node) {
     entries.push(Entry { key: "only".to_owned(), key_place: only.place.clone(), value });
 }
 
-/// The arguments as they were typed, with their options.
 pub(crate) fn typed(arguments: &[Argument], only: Option<&Node>) -> Vec<(&'static str, String)> {
     let set = arguments.iter().map(|argument| (argument.option, argument.file().text));
     let only = match only.map(|only| &only.value) {

@@ -10,14 +10,12 @@ use crate::language::check::with_schema;
 use crate::language::text::tree::{Node, Tree};
 use crate::registry::Registry;
 
-/// An experiment, asked for parameters by the paths that changes have.
 pub(crate) struct Parameters<'a> {
     pub(crate) root: &'a Arc<Node>,
     pub(crate) registry: &'a Registry,
 }
 
 impl<'a> Parameters<'a> {
-    /// The schema of what a path names, if it is a parameter.
     pub(crate) fn schema(&self, path: &str) -> Option<&'a Json> {
         let keys = path::keys(self.root, path)?;
         let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
@@ -46,7 +44,6 @@ impl<'a> Parameters<'a> {
         parameter.iter().try_fold(kind, |schema, key| with_schema::property(schema, key))
     }
 
-    /// What a path has in a document made of the experiment: what is written there, or the parameter's default.
     pub(crate) fn value(&self, path: &str, document: &Node) -> Option<Json> {
         let keys = path::keys(self.root, path)?;
         match at(document, &keys) {
@@ -56,7 +53,6 @@ impl<'a> Parameters<'a> {
     }
 }
 
-/// What stands at the end of keys and indices.
 pub(crate) fn at<'n>(root: &'n Node, keys: &[String]) -> Option<&'n Arc<Node>> {
     let (first, rest) = keys.split_first()?;
     rest.iter().try_fold(root.get(first)?, |node, key| match &node.value {

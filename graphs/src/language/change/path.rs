@@ -6,22 +6,15 @@ use std::sync::Arc;
 use crate::language::text::names;
 use crate::language::text::tree::{Entry, Node, Tree};
 
-/// The keys of a matrix that are not axes.
 pub(super) const MATRIX_KEYS: &[&str] = &["include", "exclude", "sample"];
-/// The keys of an axis that is written as a map.
 pub(super) const AXIS_KEYS: &[&str] = &["set", "values", "when", "from", "to", "steps", "log"];
-/// The keys of `sample`.
 pub(super) const SAMPLE_KEYS: &[&str] = &["method", "count", "seed"];
 
-/// How many keys a path may have: parameters are nested no deeper.
 const DEEPEST: usize = 32;
 
-/// Who asks for a change.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Scope {
-    /// A variant or a matrix: the science.
     Variant,
-    /// `--set`: also what is recorded.
     CommandLine,
 }
 
@@ -34,14 +27,12 @@ impl Scope {
     }
 }
 
-/// A path that names nothing: which part of it, and what to do.
 pub(super) struct Unknown {
     pub(super) range: Range<usize>,
     pub(super) what: String,
     pub(super) help: Option<String>,
 }
 
-/// A path, cut at its dots.
 struct Path<'p> {
     text: &'p str,
     keys: Vec<(&'p str, Range<usize>)>,
@@ -62,34 +53,28 @@ impl<'p> Path<'p> {
         self.keys.len()
     }
 
-    /// The key at a place among the path's.
     fn key(&self, at: usize) -> Option<&'p str> {
         self.keys.get(at).map(|(key, _)| *key)
     }
 
-    /// The keys from a place on.
     fn from(&self, at: usize) -> impl Iterator<Item = String> {
         self.keys.iter().skip(at).map(|(key, _)| (*key).to_owned())
     }
 
-    /// The text from a key on.
     fn text_from(&self, at: usize) -> Option<&'p str> {
         self.keys.get(at).map(|(_, range)| &self.text[range.start..])
     }
 
-    /// Says that the key at a place names nothing; the whole path, if there is no such key.
     fn unknown(&self, at: usize, what: impl Into<String>, help: Option<String>) -> Unknown {
         let range = self.keys.get(at).map_or(0..self.text.len(), |(_, range)| range.clone());
         Unknown { range, what: what.into(), help }
     }
 }
 
-/// The keys from the document's root that a path stands for, if it names something.
 pub(crate) fn keys(root: &Node, path: &str) -> Option<Vec<String>> {
     located(root, path, Scope::CommandLine).ok()
 }
 
-/// The keys from the document's root that a path stands for.
 pub(super) fn located(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown> {
     let path = Path::cut(path);
     if path.len() > DEEPEST {
@@ -113,7 +98,7 @@ pub(super) fn located(root: &Node, path: &str, scope: Scope) -> Result<Vec<Strin
     }
 }
 
-/// `variants.NAME`, `variants.NAME.PATH`: what is changed is itself a path, one key with its dots.
+/// The path that a variant changes is one key, with its dots.
 fn in_variants(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
     let known = keys_of(root.get("variants"));
     let Some(one) = known.first() else {
@@ -132,8 +117,7 @@ fn in_variants(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
     Ok(["variants", name].into_iter().chain(path.text_from(2)).map(ToOwned::to_owned).collect())
 }
 
-/// `matrix.PATH`, `matrix.AXIS`, `matrix.AXIS.values`, `matrix.sample.count`; of several matrices the one that has it, or
-/// `matrix.0.PATH`. A path that is no axis becomes one.
+/// In a list of matrices, the one that has the axis, or `matrix.0.PATH`. An unknown path becomes a new axis.
 fn in_matrix(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
     let matrix = root.get("matrix");
     let Some(name) = path.text_from(1) else {
@@ -192,7 +176,7 @@ fn in_matrix(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
     Ok(below(&["matrix"], matrix, name))
 }
 
-/// The keys of a matrix that a name stands for: an axis, or what an axis or `sample` says; none where the matrix has no such thing.
+/// The keys of a matrix that a name stands for: an axis, or a key of an axis or of `sample`.
 fn within_matrix<'p>(matrix: Option<&Arc<Node>>, name: &'p str) -> Option<Vec<&'p str>> {
     let axis_of = |key: &str| matrix?.get(key);
     if axis_of(name).is_some() {
@@ -216,7 +200,6 @@ fn within_matrix<'p>(matrix: Option<&Arc<Node>>, name: &'p str) -> Option<Vec<&'
     }
 }
 
-/// `sources.NAME...`
 fn in_sources(root: &Node, path: &Path<'_>, scope: Scope) -> Result<Vec<String>, Unknown> {
     let known = keys_of(root.get("sources"));
     let Some(name) = path.key(1) else {
@@ -237,7 +220,6 @@ fn in_sources(root: &Node, path: &Path<'_>, scope: Scope) -> Result<Vec<String>,
     }
 }
 
-/// `STAGE.NODE...`, `STAGE.source`, `STAGE.score...`
 fn in_stage(stage: &Node, path: &Path<'_>, stage_name: &str) -> Result<Vec<String>, Unknown> {
     let nodes = keys_of(stage.get("nodes"));
     let Some(name) = path.key(1) else {
@@ -258,7 +240,6 @@ fn in_stage(stage: &Node, path: &Path<'_>, stage_name: &str) -> Result<Vec<Strin
     }
 }
 
-/// What of a node a path may go on to.
 fn check_node(path: &Path<'_>, stage: &str, node: &str) -> Result<(), Unknown> {
     match path.key(2) {
         None | Some("with") => Ok(()),
@@ -275,7 +256,6 @@ fn check_node(path: &Path<'_>, stage: &str, node: &str) -> Result<(), Unknown> {
     }
 }
 
-/// That an estimate which a path goes on to is there.
 fn check_score(score: &Node, path: &Path<'_>, stage: &str) -> Result<(), Unknown> {
     let known = keys_of(score.get("estimates"));
     match (path.key(2), path.key(3)) {
@@ -325,7 +305,7 @@ fn no_stage(root: &Node, path: &Path<'_>, first: &str, scope: Scope) -> Unknown 
     path.unknown(0, format!("there is no stage `{first}`"), help)
 }
 
-/// Of a path that begins with `stages.`: what it has to be, or what would be wrong with that.
+/// Suggests the path without `stages.`, or explains what would be wrong with it.
 fn begins_with_stages(root: &Node, path: &Path<'_>, rest: &str, scope: Scope) -> Unknown {
     let meant = match rest.split_once(".nodes.") {
         Some((stage, below)) if !stage.contains('.') => format!("{stage}.{below}"),
@@ -340,7 +320,6 @@ fn begins_with_stages(root: &Node, path: &Path<'_>, rest: &str, scope: Scope) ->
     }
 }
 
-/// A path that would name something in this experiment.
 fn example(root: &Node) -> String {
     let stage = root.get("stages").and_then(|stages| stages.entries().first());
     let node = stage.and_then(|stage| stage.value.get("nodes")?.entries().first());

@@ -8,30 +8,24 @@ use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Node, Tree};
 use crate::plan::Factor;
 
-/// The most variants an experiment may have.
 pub(crate) const MOST: usize = 10_000;
 
-/// The most changes of one variant.
 const MOST_CHANGES: usize = 1000;
 
-/// One variant: a name and what it changes.
 #[derive(Clone, Debug)]
 pub(crate) struct Variant {
     pub(crate) name: String,
     pub(crate) place: Place,
     pub(crate) changes: Vec<Change>,
-    /// What tells it from others of its matrix.
     pub(crate) factors: Vec<Factor>,
 }
 
-/// What is to be said of more variants than [`MOST`].
 pub(crate) fn too_many(place: &Place, count: usize) -> Diagnostic {
     Diagnostic::error(place, format!("{count} variants: more than {MOST}")).help(
         "`sample: { count: 1000 }` in `matrix` draws some of them; or split the experiment, or `exclude` combinations",
     )
 }
 
-/// A map from paths to values.
 pub(crate) fn changes(node: &Arc<Node>, what: &str, report: &mut Report) -> Option<Vec<Change>> {
     match &node.value {
         Tree::Null => Some(Vec::new()),

@@ -12,7 +12,7 @@ use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
 
-/// The variants in the order of the file, those that `only` names, one without a name if none is declared; and those that it leaves out.
+/// The variants that `only` selects (one without a name if none is declared), and the others.
 pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> (Vec<Variant>, Vec<Variant>) {
     let before = report.len();
     let all = all(parameters, report);
@@ -23,7 +23,6 @@ pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> (Vec<Var
     }
 }
 
-/// Those whose names are of the form of a pattern, and the others.
 fn chosen(all: Vec<Variant>, only: &Entry, report: &mut Report) -> (Vec<Variant>, Vec<Variant>) {
     let before = report.len();
     let items = match &only.value.value {
@@ -68,7 +67,7 @@ fn chosen(all: Vec<Variant>, only: &Entry, report: &mut Report) -> (Vec<Variant>
     all.into_iter().partition(|_| kept.next() == Some(true))
 }
 
-/// A pattern for the combinations of what a name means alone: a variant that a matrix multiplies, or a value of an axis.
+/// A pattern for the combinations that contain a name.
 fn of_combinations(written: &str, names: &[&str], place: &Place) -> Option<String> {
     let forms = [format!("{written}+*"), format!("*+{written}"), format!("*+{written}+*")];
     let count = |form: &String| names.iter().filter(|name| glob(form, name)).count();

@@ -4,23 +4,18 @@ use serde_json::Value as Json;
 
 use crate::registry::ParamError;
 
-/// A parameter that can follow others; see [`Auto`](crate::contracts::Auto).
 #[derive(Debug, PartialEq)]
 pub(crate) struct Following {
     pub(crate) name: String,
-    /// Whether it does.
     pub(crate) is_auto: bool,
-    /// The parameters that it follows, with the values they have.
     pub(super) follows: Vec<(String, Json)>,
-    /// What it would be if it followed them.
+    /// Its value if it followed them.
     pub(super) auto: Json,
 }
 
-/// The attribute of a parameter's schema that names those it follows.
 const FOLLOWS: &str = "follows";
 const AUTO: &str = "auto";
 
-/// Of parameters as given and as resolved, those that can follow others.
 pub(super) fn of(
     schema: &Json,
     given: &Json,
@@ -49,7 +44,7 @@ pub(super) fn of(
     all.into_iter().map(following).collect()
 }
 
-/// What is to be said of a parameter that is wrong and was not given: whence its value comes.
+/// Explains an invalid value that follows other parameters.
 pub(super) fn cause(schema: &Json, given: &Json, path: &[String]) -> Option<String> {
     let [name] = path else { return None };
     let follows = schema.get("properties")?.get(name)?.get(FOLLOWS)?.as_array()?;
@@ -63,7 +58,7 @@ pub(super) fn cause(schema: &Json, given: &Json, path: &[String]) -> Option<Stri
     })
 }
 
-/// What is to be said where a parameter that was given does not go with others which are `auto`: what those are without it.
+/// Explains a parameter that does not fit others which are `auto`.
 pub(super) fn others(
     schema: &Json,
     given: &Json,

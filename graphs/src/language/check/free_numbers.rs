@@ -7,7 +7,7 @@ use super::with_schema::property;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::tree::{Node, Tree};
 
-/// Reports the numbers below a parameter of any content (`additionalProperties: true`) that cannot be passed as they are written.
+/// Reports numbers in free-form parameters (`additionalProperties: true`) that a program would read as another value.
 pub(crate) fn check(node: &Node, schema: &Json, report: &mut Report) {
     match &node.value {
         Tree::Map(entries) => {
@@ -31,7 +31,6 @@ fn is_free(schema: &Json) -> bool {
     *schema == Json::Bool(true)
 }
 
-/// What is wrong with a scalar as it is written without quotes, and what helps.
 fn problem(written: &str, value: &Tree) -> Option<(&'static str, &'static str)> {
     const QUOTES: &str = "put it in quotes to pass it as text";
     let digits = written.strip_prefix(['+', '-']).unwrap_or(written);
@@ -57,7 +56,7 @@ fn problem(written: &str, value: &Tree) -> Option<(&'static str, &'static str)> 
     }
 }
 
-/// The digits before the exponent; of a hexadecimal number none, for its `e` is a digit.
+/// The digits before the exponent; empty for hexadecimal numbers.
 fn mantissa(digits: &str) -> &str {
     let is_decimal = digits.bytes().all(|byte| byte.is_ascii_digit() || b".eE+-".contains(&byte));
     if is_decimal { digits.split(['e', 'E']).next().unwrap_or_default() } else { "" }

@@ -21,26 +21,23 @@ use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Node, Tree};
 use crate::registry::{NodeKind, ParamError, SourceEntry};
 
-/// Parameters that fit their kind.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Parameters {
-    /// Every default filled in.
+    /// With every default.
     pub(crate) resolved: Json,
-    /// The same without values of environment variables: what may be shown.
+    /// `resolved` with `${NAME}` for values of environment variables: may be shown.
     pub(crate) shown: Json,
-    /// The same without those that are operational, and with nothing in it that depends on where files lie: what a recipe is made of.
+    /// `resolved` without operational parameters and locations of files: part of the recipe.
     pub(crate) portable: Json,
-    /// The same without values of environment variables: what may be recorded.
+    /// `portable` with `${NAME}` for values of environment variables: may be recorded.
     pub(crate) recorded: Json,
-    /// What tells two nodes of a plan apart: as [`Parameters::portable`], but what is no file is named by its whole path.
+    /// As `portable`, but with the path of what has no content: distinguishes the nodes of a plan.
     pub(crate) identity: String,
-    /// Those that are operational: they decide no output.
     pub(crate) operational: Json,
-    /// Those that follow others.
     pub(crate) following: Vec<Following>,
 }
 
-/// The contents of files named by parameters and inputs, hashed once.
+/// The contents of files, hashed once.
 #[derive(Default)]
 pub(crate) struct Contents {
     files: HashMap<PathBuf, Option<Key>>,
@@ -48,12 +45,11 @@ pub(crate) struct Contents {
 }
 
 impl Contents {
-    /// The hash of a file's content; `None` if there is no such file (or it is a folder).
+    /// `None` if it is not a file.
     pub(crate) fn of(&mut self, path: &Path) -> Option<Key> {
         *self.files.entry(path.to_owned()).or_insert_with(|| hash(path))
     }
 
-    /// The hash of what a path names; `None` if it has no content that can enter keys.
     fn of_path(&mut self, path: &Path, of: PathOf) -> Option<Key> {
         match of {
             PathOf::Data => self.of(path),
@@ -64,7 +60,7 @@ impl Contents {
         }
     }
 
-    /// A path as it tells nodes of one plan apart: its content, or where what has none is stored.
+    /// A path that distinguishes nodes of a plan.
     fn identity_of(&mut self, path: &Path, of: PathOf) -> Json {
         match self.of_path(path, of) {
             Some(key) => serde_json::json!({ "content": key.to_string() }),
@@ -72,7 +68,7 @@ impl Contents {
         }
     }
 
-    /// A path in a recipe: its content, or the bare name of what has none. Never where it is stored.
+    /// A path in a recipe, without its location.
     fn portable_path(&mut self, path: &Path, of: PathOf) -> Json {
         match self.of_path(path, of) {
             Some(key) => serde_json::json!({ "content": key.to_string() }),
@@ -83,13 +79,12 @@ impl Contents {
         }
     }
 
-    /// The files that were asked for, and what was taken for one: folders too.
     pub(crate) fn named(&self) -> impl Iterator<Item = &Path> {
         self.files.keys().chain(self.code.keys()).map(PathBuf::as_path)
     }
 }
 
-/// The parameter whose file has another content now than when the parameters were resolved, if there is one.
+/// The parameter whose file changed since the parameters were resolved.
 pub(crate) fn changed_since(portable: &Json, resolved: &Json, schema: &Json) -> Option<String> {
     let mut contents = Contents::default();
     let now = with_schema::with_paths(resolved, schema, &mut |path, of| contents.portable_path(path, of));
@@ -98,7 +93,6 @@ pub(crate) fn changed_since(portable: &Json, resolved: &Json, schema: &Json) -> 
     changed.next().map(|(name, _)| name.clone())
 }
 
-/// Whether a content in one of two values of one parameter differs from that in the other.
 fn differs(then: &Json, now: &Json) -> bool {
     match (then, now) {
         _ if is_content(then) && is_content(now) => then != now,
@@ -108,7 +102,7 @@ fn differs(then: &Json, now: &Json) -> bool {
     }
 }
 
-/// Whether a value is what a path with a content becomes.
+/// Whether a value replaces a path with content.
 fn is_content(value: &Json) -> bool {
     let content = value.get("content").and_then(Json::as_str);
     content.and_then(Key::parse).is_some() && value.as_object().is_some_and(|map| map.len() == 1)
@@ -121,25 +115,20 @@ fn hash(path: &Path) -> Option<Key> {
     Key::of_reader(std::fs::File::open(path).ok()?).ok()
 }
 
-/// What a source gives, or why that is not known.
 type Outputs = Result<Vec<Port>, Fault>;
 
-/// Resolves parameters, each distinct set once.
 #[derive(Default)]
 pub(crate) struct Resolver {
     known: HashMap<(bool, String, String), Arc<Parameters>>,
-    /// The outputs of sources, by kind and parameters.
     outputs: HashMap<(&'static str, String), Outputs>,
-    /// The signatures of nodes, by kind; and by parameters where they follow from these.
+    /// By kind; and by parameters where it follows from them.
     signatures: HashMap<(&'static str, Option<String>), Arc<Signature>>,
     pub(crate) contents: Contents,
-    /// The paths in parameters and inputs.
     pub(crate) anywhere: Anywhere,
-    /// Where the variant that is looked at writes its changes.
+    /// Where the current variant writes its changes.
     pub(crate) changed: Vec<Place>,
 }
 
-/// What the resolver needs of a kind.
 struct Kind<'a> {
     name: &'a str,
     inputs: &'a [Port],
@@ -148,7 +137,6 @@ struct Kind<'a> {
 }
 
 impl Resolver {
-    /// A node's parameters.
     pub(crate) fn node(
         &mut self,
         kind: &NodeKind,
@@ -164,7 +152,7 @@ impl Resolver {
         self.resolve(&kind, false, instance, report)
     }
 
-    /// How a node is called, and its ports. `None` where they follow from its parameters and something is wrong with these.
+    /// `None` if it follows from invalid parameters.
     pub(crate) fn signature(&mut self, kind: &NodeKind, parameters: Option<&Parameters>) -> Option<Arc<Signature>> {
         let name = kind.declaration.kind;
         if let Some(known) = self.signatures.get(&(name, None)) {
@@ -183,7 +171,6 @@ impl Resolver {
         Some(signature)
     }
 
-    /// A source's parameters.
     pub(crate) fn source(
         &mut self,
         kind: &SourceEntry,
@@ -199,7 +186,6 @@ impl Resolver {
         self.resolve(&kind, true, instance, report)
     }
 
-    /// The output ports of a source with these parameters.
     pub(crate) fn outputs(
         &mut self,
         kind: &SourceEntry,
@@ -262,7 +248,7 @@ impl Resolver {
     }
 }
 
-/// Reports everything wrong with parameters; what is wrong is taken out, so that the rest is judged as well.
+/// Reports everything wrong with parameters. Invalid ones are removed, so that the rest is checked too.
 fn checked(
     kind: &Kind<'_>,
     mut json: Json,
@@ -319,7 +305,7 @@ fn checked(
     }
 }
 
-/// A list where one value is wanted: how all of them are run.
+/// Suggests an axis for a list where one value is expected.
 fn as_axis(violation: &Violation, json: &Json, place: &Place) -> Option<String> {
     let pointer: String = violation.path.iter().map(|key| format!("/{key}")).collect();
     let is_list = json.pointer(&pointer)?.as_array().is_some_and(|items| !items.is_empty());
@@ -334,7 +320,7 @@ fn as_axis(violation: &Violation, json: &Json, place: &Place) -> Option<String> 
     })
 }
 
-/// What is no parameter but an input of that name: how it is written.
+/// Suggests an input for a parameter with the name of one.
 fn as_input(kind: &Kind<'_>, violation: &Violation, json: &Json) -> Option<String> {
     let [name] = violation.path.as_slice() else { return None };
     if !violation.at_key {
@@ -349,7 +335,7 @@ fn as_input(kind: &Kind<'_>, violation: &Violation, json: &Json) -> Option<Strin
     Some(format!("`{name}` is an input: write `inputs: {{ {name}: {value} }}`"))
 }
 
-/// Of the parameters that a message names, the one that the variant changed: the others were right without it.
+/// Of the parameters named in a message, the one that the variant changed.
 fn culprit(with: Option<&Node>, message: &str, changed: &[Place]) -> Option<Place> {
     let of_the_variant = |place: &Place| {
         changed.iter().any(|change| {
@@ -362,12 +348,10 @@ fn culprit(with: Option<&Node>, message: &str, changed: &[Place]) -> Option<Plac
     places.next()
 }
 
-/// The first of the parameters that a message names.
 fn first_named(with: Option<&Node>, message: &str) -> Option<Place> {
     named(with, message).next()
 }
 
-/// Where the written parameters stand that a message names.
 fn named(with: Option<&Node>, message: &str) -> impl Iterator<Item = Place> {
     let words = |text: &str, word: &str| {
         text.split(|c: char| !c.is_alphanumeric() && !matches!(c, '_' | '-')).any(|found| found == word)
@@ -379,7 +363,7 @@ fn named(with: Option<&Node>, message: &str) -> impl Iterator<Item = Place> {
         .map(|entry| if entry.value.is_null() { entry.key_place.clone() } else { entry.value.place.clone() })
 }
 
-/// Where a parameter is written: as much of the path as is there.
+/// The place of the longest part of a path that is written.
 fn place_of(with: Option<&Node>, path: &[String], at_key: bool) -> Option<Place> {
     let mut node = with?;
     let mut place = None;
@@ -404,7 +388,7 @@ fn place_of(with: Option<&Node>, path: &[String], at_key: bool) -> Option<Place>
     place
 }
 
-/// Takes a parameter out; an item of a list with the whole list, since the others would move away from their places.
+/// Removes a parameter; for an item of a list the whole list, so that other items keep their places.
 fn remove(json: &mut Json, path: &[String]) -> bool {
     let Some((first, rest)) = path.split_first() else { return false };
     match json {
@@ -425,7 +409,7 @@ fn remove(json: &mut Json, path: &[String]) -> bool {
     }
 }
 
-/// JSON with its keys in order: equal values give equal text.
+/// JSON with sorted keys: equal values give equal text.
 pub(crate) fn canonical(value: &Json) -> String {
     fn sorted(value: &Json) -> Json {
         match value {

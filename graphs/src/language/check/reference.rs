@@ -3,19 +3,14 @@
 use crate::language::text::source_file::Place;
 use crate::language::text::word::Word;
 
-/// A reference as written.
 #[derive(Clone, Debug)]
 pub(crate) struct Reference {
-    /// The stage, if one is named.
     pub(crate) stage: Option<Word>,
-    /// The node, or `source`.
     pub(crate) node: Word,
-    /// The output port.
     pub(crate) output: Word,
 }
 
 impl Reference {
-    /// Splits a reference into its words.
     pub(crate) fn parse(text: &str, place: &Place) -> Result<Self, String> {
         let word =
             |start: usize, end: usize| Word { text: text[start..end].to_owned(), place: place.part(text, start..end) };

@@ -114,7 +114,6 @@ pub fn schema(registry: &Registry) -> Json {
     })
 }
 
-/// `from`, `to`, `steps`, `log`.
 fn range() -> Json {
     json!({
         "from": { "type": "number", "description": "The least." },
@@ -181,8 +180,7 @@ struct Kind<'r> {
     name: &'static str,
     summary: &'static str,
     parameters: &'r Json,
-    /// `None` for sources.
-    /// `None` of sources, and where they follow from the parameters.
+    /// `None` for sources, and where they follow from the parameters.
     inputs: Option<&'r [Port]>,
 }
 
@@ -200,7 +198,6 @@ fn source(kinds: Vec<Kind<'_>>) -> Json {
     source
 }
 
-/// A source or node: its kind decides what else it has.
 fn instance(kinds: Vec<Kind<'_>>, what: &str) -> Json {
     let names: Vec<&str> = kinds.iter().map(|kind| kind.name).collect();
     let summaries: Vec<&str> = kinds.iter().map(|kind| kind.summary).collect();
@@ -260,7 +257,7 @@ fn inputs_of(ports: &[Port]) -> Json {
     json!({ "type": "object", "additionalProperties": false, "properties": entries.collect::<Map<_, _>>() })
 }
 
-/// A parameter type's schema as part of this one: nothing required (a merged file may hold it), variables allowed.
+/// A parameter type's schema within this one: nothing required (a merged file may have it), variables allowed.
 fn parameters(schema: &Json) -> Json {
     let mut new = schema.as_object().cloned().unwrap_or_default();
     for key in ["$schema", "title", "required"] {
@@ -293,15 +290,13 @@ fn or_variable(schema: Json) -> Json {
     Json::Object(outer)
 }
 
-/// What `truth` of a score is.
 const TRUTH: &str = "The true depth, or of disparities the true disparity.";
 
-/// The kinds that `score:` stands for, as far as they are registered.
 fn score_kinds(registry: &Registry) -> impl Iterator<Item = &NodeKind> {
     [score::DEPTH, score::DISPARITY].into_iter().filter_map(|kind| registry.node_kind(kind))
 }
 
-/// The parameters of all scores; one that two kinds have in two forms may have either.
+/// A parameter that differs between the kinds may have either form.
 fn score_parameters(registry: &Registry) -> Map<String, Json> {
     let mut all: Map<String, Json> = Map::new();
     for kind in score_kinds(registry) {
@@ -319,7 +314,6 @@ fn score_parameters(registry: &Registry) -> Map<String, Json> {
     all
 }
 
-/// The optional inputs of scores, each once.
 fn score_inputs(registry: &Registry) -> Vec<&Port> {
     let mut inputs: Vec<&Port> = Vec::new();
     for input in score_kinds(registry).flat_map(|kind| &kind.declaration.inputs).filter(|input| input.optional) {

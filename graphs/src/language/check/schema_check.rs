@@ -6,22 +6,17 @@ use crate::contracts::FrameSelection;
 use crate::language::text::names;
 use crate::language::text::tree::has_leading_zero;
 
-/// Something in a value that its schema does not allow.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Violation {
-    /// Keys and indices that lead to it.
     pub(crate) path: Vec<String>,
-    /// Whether it is the key at the end of the path that is wrong, not its value.
+    /// Whether the key at the end of the path is wrong, not its value.
     pub(crate) at_key: bool,
-    /// A lower-case fragment.
     pub(crate) what: String,
-    /// A word or two for the place itself.
     pub(crate) label: String,
-    /// The remedy, if one is known.
     pub(crate) help: Option<String>,
 }
 
-/// All violations. `$ref` and keywords without meaning for parameters are taken as satisfied: the type itself has the last word.
+/// Ignores `$ref` and keywords that parameters do not use: the type itself decides.
 pub(crate) fn violations(value: &Json, schema: &Json) -> Vec<Violation> {
     let mut found = Vec::new();
     check(value, schema, &mut Vec::new(), &mut found);
@@ -78,7 +73,6 @@ fn violation(path: &[String], what: String, label: &str, help: Option<String>) -
     Violation { path: path.to_vec(), at_key: false, what, label: label.to_owned(), help }
 }
 
-/// The parameter a message speaks of.
 fn subject(path: &[String]) -> String {
     let named = path.iter().rposition(|part| part.parse::<usize>().is_err());
     match named {
@@ -127,7 +121,6 @@ fn describe(value: &Json) -> String {
     }
 }
 
-/// How YAML writes what no parameter can be.
 pub(crate) fn is_infinite(text: &str) -> bool {
     matches!(text.trim_start_matches(['+', '-']).to_ascii_lowercase().as_str(), ".inf" | ".nan")
 }
@@ -292,7 +285,7 @@ fn number(value: &Json, schema: &Map<String, Json>, path: &[String], found: &mut
     }
 }
 
-/// What a number of single precision must be, if this one would become infinite, or zero without being zero.
+/// What a single-precision number must be, if this one would become infinite or zero.
 fn outside_single_precision(number: f64, schema: &Map<String, Json>) -> Option<String> {
     if schema.get("format").and_then(Json::as_str) != Some("float") {
         return None;
@@ -304,7 +297,6 @@ fn outside_single_precision(number: f64, schema: &Map<String, Json>) -> Option<S
     (single == 0.0 && number != 0.0).then(|| format!("0 or at least {:e} in magnitude", f32::MIN_POSITIVE))
 }
 
-/// Whether a schema takes odd numbers alone, `"not": { "multipleOf": 2 }`.
 pub(crate) fn is_odd(schema: &Json) -> bool {
     schema.get("not").is_some_and(is_even)
 }
@@ -313,7 +305,6 @@ fn is_even(schema: &Json) -> bool {
     schema.get("multipleOf").and_then(Json::as_u64) == Some(2)
 }
 
-/// A schema's range in words: `1 to 80`, `above 0`.
 pub(crate) fn range_text(schema: &Map<String, Json>) -> Option<String> {
     let text = |key: &str| schema.get(key).filter(|bound| bound.is_number()).map(ToString::to_string);
     let below = text("maximum").map(|m| (m, true)).or_else(|| text("exclusiveMaximum").map(|m| (m, false)));

@@ -10,26 +10,23 @@ use crate::language::text::word::Word;
 use crate::registry::{NodeKind, Registry};
 use crate::values::ValueType;
 
-/// The kind that scores of depths are computed by.
 pub(crate) const DEPTH: &str = "score/depth";
-/// The kind that scores of disparities are computed by.
 pub(crate) const DISPARITY: &str = "score/disparity";
 
-/// The name of an estimate's node; no node of a file can have it.
+/// No node of a file can have this name.
 pub(crate) fn node_name(estimate: &str) -> String {
     format!("score.{estimate}")
 }
 
-/// Whether nodes of this kind are what `score:` stands for.
 pub(crate) fn is_kind(kind: &str) -> bool {
     [DEPTH, DISPARITY].contains(&kind)
 }
 
-/// The nodes that compute a stage's scores, one an estimate; `type_of` is the type of what a reference names, if it names something.
+/// The nodes of a stage's `score:`, one per estimate.
 ///
-/// Keys of `score:` other than `truth`, `estimates` and the [clues](super::spec::CLUES) are parameters of every one of them; keys of an estimate other than
-/// `from`, `truth` and the clues are its own, which come before. Where both depths and disparities are scored, each kind takes of the keys
-/// of `score:` those it knows. Without `sets`, all true pixels are scored.
+/// Keys of `score:` other than `truth`, `estimates` and the [clues](super::spec::CLUES) are parameters of all of
+/// them, unless the estimate overrides them. Where depths and disparities are scored, each kind takes the keys it
+/// knows. By default all pixels with ground truth are scored.
 pub(crate) fn expanded(
     score: &ScoreSpec,
     registry: &Registry,
@@ -81,7 +78,6 @@ pub(crate) fn expanded(
     scored.map(node).collect()
 }
 
-/// Whether a kind has a parameter of that name.
 fn knows(kind: &NodeKind, parameter: &str) -> bool {
     kind.schema.get("properties").is_some_and(|properties| properties.get(parameter).is_some())
 }

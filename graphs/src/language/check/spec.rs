@@ -10,29 +10,26 @@ use crate::language::text::tree::{Entry, Node, Tree};
 use crate::language::text::word::Word;
 
 const STAGE_KEYS: &[&str] = &["source", "nodes", "score"];
-/// Keys of `score:` and of an estimate that are optional inputs of the kinds, not parameters: they say which zone a pixel is in.
+/// Keys of `score:` and of estimates that are optional inputs, not parameters: the zone of a pixel.
 pub(crate) const CLUES: [&str; 4] = ["image", "occluded", "obj_map", "calibration"];
 const NODE_KEYS: &[&str] = &["kind", "inputs", "with"];
 const SOURCE_KEYS: &[&str] = &["kind", "with", "join"];
-/// Names that would be mistaken for words of the language.
+/// Words of the language.
 const RESERVED_NODES: &[&str] = &["source", "score", "graph"];
 const RESERVED_STAGES: &[&str] = &["sources", "stages", "record"];
 
-/// One variant of an experiment, as written.
 #[derive(Debug)]
 pub(crate) struct Spec {
     pub(crate) sources: Vec<SourceSpec>,
     pub(crate) stages: Vec<StageSpec>,
 }
 
-/// An entry of `sources:`.
 #[derive(Debug)]
 pub(crate) struct SourceSpec {
     pub(crate) name: Word,
     pub(crate) parts: Vec<Instance>,
 }
 
-/// An entry of `stages:`.
 #[derive(Debug)]
 pub(crate) struct StageSpec {
     pub(crate) name: Word,
@@ -41,66 +38,55 @@ pub(crate) struct StageSpec {
     pub(crate) score: Option<ScoreSpec>,
 }
 
-/// A kind with parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct Instance {
     pub(crate) kind: Word,
     pub(crate) with: Option<Arc<Node>>,
 }
 
-/// An entry of `nodes:`.
 #[derive(Debug)]
 pub(crate) struct NodeSpec {
     pub(crate) name: Word,
-    /// `None` if it has no kind that could be read.
+    /// `None` if its kind could not be read.
     pub(crate) instance: Option<Instance>,
     pub(crate) inputs: Vec<InputSpec>,
 }
 
-/// An entry of `inputs:`.
 #[derive(Clone, Debug)]
 pub(crate) struct InputSpec {
     pub(crate) port: Word,
     pub(crate) place: Place,
-    /// `None` if it could not be read (which has been reported).
+    /// `None` if it could not be read (reported).
     pub(crate) from: Option<Wired>,
 }
 
-/// What an input is wired to, as written.
 #[derive(Clone, Debug)]
 pub(crate) enum Wired {
-    /// `node/output` and its longer forms.
     Reference(Reference),
-    /// `{ file: net.onnx }`.
     File(Arc<Node>),
-    /// `null`: an optional input that is not wired, though what is extended or changed may wire it.
+    /// `null`: explicitly unwired.
     Nothing,
 }
 
-/// `score:` of a stage.
 #[derive(Debug)]
 pub(crate) struct ScoreSpec {
     pub(crate) place: Place,
-    /// What estimates are held against that name no truth of their own.
+    /// The ground truth of estimates without their own.
     pub(crate) truth: Option<InputSpec>,
-    /// Optional inputs of the scores.
     pub(crate) clues: Vec<InputSpec>,
     pub(crate) parameters: Vec<Entry>,
     pub(crate) estimates: Vec<EstimateSpec>,
 }
 
-/// An entry of `estimates:`.
 #[derive(Debug)]
 pub(crate) struct EstimateSpec {
     pub(crate) name: Word,
     pub(crate) from: Option<InputSpec>,
-    /// Its own truth; `None`: that of all.
     pub(crate) truth: Option<InputSpec>,
     pub(crate) clues: Vec<InputSpec>,
     pub(crate) parameters: Vec<Entry>,
 }
 
-/// Reads sources and stages of a document.
 pub(crate) fn read(root: &Node, report: &mut Report) -> Spec {
     let mut spec = Spec { sources: Vec::new(), stages: Vec::new() };
     known_keys(root, "an experiment", EXPERIMENT_KEYS, report);
@@ -115,7 +101,6 @@ pub(crate) fn read(root: &Node, report: &mut Report) -> Spec {
     spec
 }
 
-/// The experiment's name and description.
 pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
     let mut text = |key: &str| {
         let entry = root.entry(key)?;
@@ -165,7 +150,6 @@ fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
     entry.value.entries()
 }
 
-/// Reports keys that mean nothing there.
 pub(crate) fn known_keys(node: &Node, what: &str, known: &[&str], report: &mut Report) {
     for entry in node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {
         let help = names::suggestion(&entry.key, "keys known here", known);
@@ -174,13 +158,12 @@ pub(crate) fn known_keys(node: &Node, what: &str, known: &[&str], report: &mut R
     }
 }
 
-/// Whether a key is there under a name so near that it has been reported as unknown with this one in mind.
+/// Whether a key is misspelt, and was reported with this one as the suggestion.
 fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
     let unknown = node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str()));
     unknown.into_iter().any(|entry| names::nearest(&entry.key, known.iter().copied()) == Some(key))
 }
 
-/// Reports what is no map.
 fn is_map(node: &Node, what: &str, example: &str, report: &mut Report) -> bool {
     if !node.is_map() {
         let error = Diagnostic::error(&node.place, format!("{what} wants a map, not {}", node.describe()));
@@ -223,7 +206,7 @@ fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
     SourceSpec { name, parts }
 }
 
-/// As [`is_map`], for an entry: an empty value has no words of its own to underline.
+/// As [`is_map`]; an empty value has no text of its own to underline.
 fn map_of(entry: &Entry, what: &str, example: &str, report: &mut Report) -> bool {
     if entry.value.is_null() {
         let error = Diagnostic::error(&entry.key_place, format!("`{}` is empty: {what} wants a map", entry.key));
@@ -327,12 +310,10 @@ fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
     spec
 }
 
-/// Whether an entry of `inputs` is meant for the node: parameters, or its kind.
 fn is_of_node(entry: &Entry) -> bool {
     NODE_KEYS.contains(&entry.key.as_str()) && (entry.key == "with" || entry.value.is_map())
 }
 
-/// An entry of `inputs:`, or another that is wired like one.
 fn input(entry: &Entry, report: &mut Report) -> InputSpec {
     let port = Word { text: entry.key.clone(), place: entry.key_place.clone() };
     let node = &entry.value;
@@ -359,7 +340,7 @@ fn input(entry: &Entry, report: &mut Report) -> InputSpec {
     InputSpec { port, place, from }
 }
 
-/// Takes out of a score's parameters what is meant as one of the language's own keys that is missing, and says so.
+/// Reports and removes a misspelt `key` among a score's parameters.
 fn misspelt_own_key(parameters: &mut Vec<Entry>, key: &str, what: &str, report: &mut Report) -> bool {
     let Some(at) = parameters.iter().position(|entry| names::nearest(&entry.key, [key]).is_some()) else {
         return false;
@@ -429,7 +410,6 @@ fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
     EstimateSpec { name, from, truth, clues: clues(&entry.value, report), parameters }
 }
 
-/// The optional inputs of scores that are written here.
 fn clues(node: &Node, report: &mut Report) -> Vec<InputSpec> {
     CLUES.iter().filter_map(|key| Some(input(node.entry(key)?, report))).collect()
 }

@@ -13,28 +13,23 @@ use crate::language::ids::{StageId, StageNode, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::source_file::Place;
 
-/// A parameter of a node with a value of its own, in all variants.
+/// A parameter that could follow others but has its own value.
 struct Held {
     node: String,
     place: Place,
-    /// Its values, each once.
     own: Vec<Json>,
-    /// What it would be, each once.
+    /// Its values if it followed the others, each once.
     auto: Vec<Json>,
-    /// The values of those it could follow, each once.
     follows: Vec<(String, Vec<Json>)>,
 }
 
-/// What is held while what it could follow is swept, by node and name.
 #[derive(Default)]
 pub(crate) struct Sweeps {
     held: BTreeMap<(StageNode, String), Held>,
-    /// What follows in one variant or another.
     followed: HashSet<(StageNode, String)>,
 }
 
 impl Sweeps {
-    /// Looks at a variant; `parameters` finds those of a node.
     pub(crate) fn look<'p>(&mut self, spec: &Spec, parameters: impl Fn(StageNode) -> Option<&'p Parameters>) {
         for (stage_id, stage) in StageId::enumerate(&spec.stages) {
             for (id, node) in StageNodeId::enumerate(&stage.nodes) {
@@ -65,7 +60,7 @@ impl Sweeps {
         }
     }
 
-    /// Says what is held. What takes several values of its own is swept too, and meant so.
+    /// A parameter with several values of its own is swept deliberately.
     pub(crate) fn report(self, report: &mut Report) {
         let Self { held, followed } = self;
         for (key, held) in held.into_iter().filter(|(_, held)| held.own.len() == 1 && held.auto.len() > 1) {
@@ -90,7 +85,6 @@ fn once(values: &mut Vec<Json>, value: &Json) {
     }
 }
 
-/// Values in a sentence; long lists are cut.
 fn listed(values: &[Json]) -> String {
     const MOST: usize = 8;
     let shown: Vec<String> = values.iter().take(MOST).map(ToString::to_string).collect();

@@ -10,16 +10,12 @@ use super::with_schema::{has_format, part, property};
 use crate::contracts::FrameSelection;
 use crate::language::text::tree::{Node, Tree};
 
-/// A parameter whose text comes from the environment.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Hidden {
-    /// The keys and indices that lead to it.
     path: Vec<String>,
-    /// As it stands in the file.
     written: String,
 }
 
-/// The parameters that are not to be shown.
 pub(crate) fn hidden(with: &Node, schema: &Json) -> Vec<Hidden> {
     let mut found = Vec::new();
     look(with, schema, &mut Vec::new(), &mut found);
@@ -48,7 +44,7 @@ fn look(node: &Node, schema: &Json, path: &mut Vec<String>, found: &mut Vec<Hidd
     }
 }
 
-/// Whether what a parameter takes is a setting, and no text of a person's own.
+/// Whether it is a setting (a number, a word of a list), not free text.
 fn is_setting(node: &Node, schema: &Json) -> bool {
     if has_format(schema, "frames") {
         return node
@@ -74,7 +70,7 @@ fn takes_settings(schema: &Json) -> bool {
     }
 }
 
-/// Parameters with the text of the file in place of what is hidden. The hash of a file's content stays: it says nothing of where it lies.
+/// Replaces hidden values by the text of the file. Hashes of contents stay: they reveal no location.
 pub(crate) fn without(parameters: &Json, hidden: &[Hidden]) -> Json {
     let mut shown = parameters.clone();
     for Hidden { path, written } in hidden {

@@ -8,7 +8,7 @@ use crate::contracts::FrameSelection;
 use crate::language::text::paths::{Anywhere, located};
 use crate::language::text::tree::{Node, Tree};
 
-/// A tree as JSON for parameters of a schema: paths located, numbers out of the environment as text where text is wanted.
+/// JSON for parameters of a schema: paths located, numbers from the environment as text where text is expected.
 pub(crate) fn parameters(node: &Node, schema: &Json, anywhere: &mut Anywhere) -> Json {
     match &node.value {
         Tree::Text(text) if has_format(schema, "path") || has_format(schema, "code") => {
@@ -45,15 +45,14 @@ pub(crate) fn parameters(node: &Node, schema: &Json, anywhere: &mut Anywhere) ->
     }
 }
 
-/// Whether a word of a command names a file: by its form, or because there is such a file beside the one it is written in. A bare word, without an
-/// ending, is never one: it is a program of the PATH, or means something to the program.
+/// By its form (`./x`), or because there is such a file. A bare word is a program of the PATH.
 fn is_file_argument(node: &Node, text: &str) -> bool {
     let by_form = text.starts_with("./") || text.starts_with("../");
     let could_be = text.contains(['/', '.']) && !text.starts_with('-');
     by_form || could_be && located(node, text).is_file()
 }
 
-/// The file of frame ids that a text names: by its form, or because there is such a file. A range is never one.
+/// By its form, or because there is such a file. A range is never one.
 fn frames_file(node: &Node, text: &str) -> Option<String> {
     let path = || located(node, text).to_string_lossy().into_owned();
     match FrameSelection::parse(text) {
@@ -67,16 +66,13 @@ fn frames_file(node: &Node, text: &str) -> Option<String> {
     }
 }
 
-/// What a path in a parameter names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PathOf {
-    /// Data: a file or a folder.
     Data,
-    /// Code: a file, a folder or a pattern; see [`CodePath`](crate::contracts::CodePath).
     Code,
 }
 
-/// Resolved parameters with every path replaced by what `name` makes of it; a word of a command that is a path, by the last part of it.
+/// Replaces every path by `name` of it, and a path in a command by its last part.
 pub(crate) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path, PathOf) -> Json) -> Json {
     match value {
         Json::String(text) if has_format(schema, "argument") => {
@@ -107,32 +103,28 @@ pub(crate) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path
     }
 }
 
-/// Resolved parameters, those that are operational left out.
 pub(crate) fn decisive(value: &Json, schema: &Json) -> Json {
     chosen(value, schema, false)
 }
 
-/// Resolved parameters, those alone that are operational.
 pub(crate) fn operational(value: &Json, schema: &Json) -> Json {
     chosen(value, schema, true)
 }
 
-/// The parameters of a map that are operational, or are not; a list is taken as a whole.
 fn chosen(value: &Json, schema: &Json, operational: bool) -> Json {
     let Json::Object(map) = value else { return value.clone() };
     let chosen = map.iter().filter(|(key, _)| property(schema, key).is_some_and(is_operational) == operational);
     Json::Object(chosen.map(|(key, value)| (key.clone(), value.clone())).collect())
 }
 
-/// Whether a parameter is declared to decide no output; see [`Node::Params`](crate::contracts::Node::Params).
+/// See [`Node::Params`](crate::contracts::Node::Params).
 pub(crate) fn is_operational(schema: &Json) -> bool {
     part(schema, &|s| s.get(OPERATIONAL).filter(|is| is.as_bool() == Some(true))).is_some()
 }
 
-/// The attribute of a parameter's schema by which it is operational.
 const OPERATIONAL: &str = "operational";
 
-/// A part of a schema, or of the first of its alternatives that has it.
+/// A part of a schema, or of the first alternative that has it.
 pub(super) fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s Json>) -> Option<&'s Json> {
     find(schema).or_else(|| {
         ["anyOf", "oneOf", "allOf"]
@@ -143,7 +135,6 @@ pub(super) fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s J
     })
 }
 
-/// The schema of a key of a map.
 pub(crate) fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
     part(schema, &|s| s.get("properties")?.get(key)).or_else(|| part(schema, &|s| s.get("additionalProperties")))
 }

@@ -9,7 +9,6 @@ use crate::plan::{
     Estimate, NodeId, NodeRef, Origin, PlannedInput, PlannedNode, PlannedSource, RunId, StageRun, VariantId,
 };
 
-/// The stage runs of all variants, named.
 pub(crate) fn stage_runs(
     shared: &Shared<'_>,
     names: &[String],
@@ -60,7 +59,6 @@ fn stage_run(shared: &Shared<'_>, run_id: RunId, topics: &Topics<'_>) -> StageRu
     }
 }
 
-/// The path of a file as it may be shown, where a variable is part of it.
 fn shown(wire: Option<&Wire>) -> Option<String> {
     match wire {
         Some(Wire::File { shown, .. }) => shown.clone(),
@@ -68,7 +66,7 @@ fn shown(wire: Option<&Wire>) -> Option<String> {
     }
 }
 
-/// Labels what is scored: an estimate that is the same in all variants once, any other once a variant.
+/// An estimate that is the same in all variants has one label, any other one per variant.
 fn label(runs: &mut [StageRun], placed: &[Vec<PlacedStage>], names: &[String], variants: &[Linked<'_>]) {
     let Some(first) = variants.first() else { return };
     for (stage_id, stage) in StageId::enumerate(&first.stages) {

@@ -19,7 +19,6 @@ use crate::plan::SourcePart;
 use crate::registry::{NodeKind, Registry};
 use crate::values::ValueType;
 
-/// Links a variant. What is wrong is reported and left out of the result.
 pub(crate) fn link<'r>(
     spec: &Spec,
     registry: &'r Registry,
@@ -73,7 +72,6 @@ pub(crate) fn link<'r>(
     Linked { stages: linked }
 }
 
-/// The nodes that a stage's `score:` stands for.
 fn scores_of(
     stage: &StageSpec,
     known: &[KnownNode<'_, '_>],
@@ -84,7 +82,6 @@ fn scores_of(
     stage.score.iter().flat_map(|score| score::expanded(score, registry, &type_of)).collect()
 }
 
-/// The type of what a reference names in its own stage, if it names something.
 fn type_of(
     reference: &Reference,
     stage: &StageSpec,
@@ -122,7 +119,6 @@ fn stage_source(
     None
 }
 
-/// What is known of a node before any wire is looked at; what is wrong with it is reported.
 fn known<'r, 's>(
     node: &'s NodeSpec,
     registry: &'r Registry,
@@ -201,7 +197,7 @@ fn source(
     Some(LinkedSource { name: spec.name.text.clone(), parts: if sound { parts } else { Vec::new() }, outputs })
 }
 
-/// Joined sources have equal outputs; one that only some frames have is optional.
+/// Joined sources must have equal outputs. An output that only some have on a frame is optional.
 fn joins(
     outputs: &mut [Port],
     others: &[Port],

@@ -8,7 +8,6 @@ use crate::contracts::Rate;
 use crate::language::ids::{StageId, StageNode, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 
-/// The useful nodes of one variant.
 pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<StageNode> {
     let mut live = HashSet::new();
     let mut open = Vec::new();
@@ -32,7 +31,6 @@ pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<StageN
     live
 }
 
-/// Reports nodes that are of no use in any variant.
 pub(crate) fn check(variants: &[Linked<'_>], live: &[HashSet<StageNode>], report: &mut Report) {
     let Some(first) = variants.first() else { return };
     for (stage_id, stage) in StageId::enumerate(&first.stages) {
@@ -48,8 +46,8 @@ pub(crate) fn check(variants: &[Linked<'_>], live: &[HashSet<StageNode>], report
     }
 }
 
-/// Warns of stages that learn what nobody uses: in no variant a later stage reads any of it, nothing of theirs is scored, and `record`
-/// does not ask for it. Where no later stage scores anything, what is learned is what the experiment is for.
+/// Warns of stages whose aggregate values nothing uses: no other stage reads them, and they are neither scored nor
+/// named in `record`. If no later stage is scored, training is the purpose of the experiment.
 pub(crate) fn check_stages(variants: &[Linked<'_>], recording: &Recorded, report: &mut Report) {
     let Some(first) = variants.first() else { return };
     let scores = |stage: StageId| variants.iter().any(|linked| !linked.stages[stage].estimates.is_empty());

@@ -7,8 +7,7 @@ use super::linked::LinkedNode;
 use crate::language::ids::{StageId, StageNode, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 
-/// Indices of a stage's nodes, each after all those it reads, otherwise in the order of the file. Nodes in or after a
-/// circle are left out.
+/// Otherwise in the order of the file. Nodes in or after a circle are left out.
 pub(crate) fn of(stage: StageId, nodes: &[LinkedNode<'_>], report: &mut Report) -> Vec<StageNodeId> {
     let mut waiting_for: Vec<usize> = vec![0; nodes.len()];
     let mut readers: Vec<Vec<StageNodeId>> = vec![Vec::new(); nodes.len()];
@@ -36,10 +35,9 @@ pub(crate) fn of(stage: StageId, nodes: &[LinkedNode<'_>], report: &mut Report) 
     order
 }
 
-/// How many nodes of a circle are named.
 const LONGEST: usize = 12;
 
-/// Reports each circle once, at the wire that closes it.
+/// Each circle once, at the wire that closes it.
 fn circles(stage: StageId, nodes: &[LinkedNode<'_>], waiting_for: &[usize], report: &mut Report) {
     let mut visited = vec![false; nodes.len()];
     for start in StageNodeId::all(nodes.len()).filter(|&node| waiting_for[node] > 0) {

@@ -8,17 +8,12 @@
 
 use crate::key::Key;
 
-/// What an input contributes.
 pub(crate) enum InputRecipe<'a> {
-    /// An output of the stage's source.
     Source(&'static str),
-    /// An output of a node.
     Node(&'a Key, &'static str),
-    /// The content of a file.
     File(&'a Key),
 }
 
-/// A node's recipe; inputs are (port, contribution).
 pub(crate) fn of(kind: &str, version: u32, portable: &str, inputs: &[(&'static str, InputRecipe<'_>)]) -> Key {
     // The zero says that no engine has part in it.
     let mut builder = Key::build("recipe").text(kind).number(u64::from(version)).text(portable).number(0);

@@ -17,12 +17,10 @@ use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::{OutputPattern, Record};
 use crate::{Port, ValueType};
 
-/// What is recorded.
 pub(crate) struct Recorded {
     pub(crate) record: Record,
     /// `None`: everything.
     patterns: Option<Vec<Pattern>>,
-    /// Of which depths points are kept.
     points: Vec<Pattern>,
 }
 
@@ -37,7 +35,7 @@ struct Pattern {
 }
 
 impl Recorded {
-    /// Whether an output is recorded; the source of a stage is its node `source`.
+    /// The source of a stage is its node `source`.
     pub(crate) fn keeps(&self, stage: &str, node: &str, port: &str) -> bool {
         let Some(patterns) = &self.patterns else { return true };
         let mut kept = false;
@@ -50,13 +48,12 @@ impl Recorded {
         kept
     }
 
-    /// Whether a pattern names a stage, or a node in it: not only everything there is.
+    /// Whether a pattern names the stage or a node of it.
     pub(crate) fn asks_for(&self, stage: &str) -> bool {
         let names = |pattern: &Pattern| (pattern.stage != "*" || pattern.node != "*") && !pattern.leaves_out;
         self.patterns.iter().flatten().any(|pattern| names(pattern) && glob(&pattern.stage, stage))
     }
 
-    /// Reports patterns that match no output of any variant.
     pub(crate) fn check(&self, variants: &[Linked<'_>], report: &mut Report) {
         self.check_points(variants, report);
         let Some(patterns) = &self.patterns else { return };
@@ -110,7 +107,7 @@ impl Recorded {
 }
 
 impl Recorded {
-    /// Reports patterns of `points` that match no depth that is recorded, with the calibration that its points need.
+    /// Points need a recorded depth, and the recorded calibration of its source.
     fn check_points(&self, variants: &[Linked<'_>], report: &mut Report) {
         for stage in variants.iter().flat_map(|linked| &linked.stages) {
             let name = stage.name.text.as_str();
@@ -145,7 +142,6 @@ impl Recorded {
     }
 }
 
-/// Reads `record:`.
 pub(crate) fn read(root: &Node, report: &mut Report) -> Recorded {
     let mut recording =
         Recorded { record: Record { every: 1, view: true, points: Vec::new() }, patterns: None, points: Vec::new() };

@@ -15,28 +15,22 @@ use crate::language::text::source_file::Place;
 use crate::plan::{NodeId, Origin, PortId, RunId, VariantId};
 use crate::registry::NodeKind;
 
-/// All variants, with what is equal in them once.
 pub(crate) struct Shared<'l> {
-    /// The stage runs, in the order of the stages.
     pub(crate) runs: Vec<SharedRun<'l>>,
-    /// Where each variant went, by stage.
+    /// By variant and stage.
     pub(crate) placed: Vec<Vec<PlacedStage>>,
-    /// Nodes that share one with other operational parameters.
     pub(crate) overruled: Vec<Overruled>,
 }
 
-/// A stage on one source.
 pub(crate) struct SharedRun<'l> {
     pub(crate) stage: &'l str,
     pub(crate) source: &'l LinkedSource,
     pub(crate) nodes: Vec<SharedNode<'l>>,
-    /// The variants it serves.
     pub(crate) variants: Vec<VariantId>,
 }
 
-/// A node, and all that it stands for.
 pub(crate) struct SharedNode<'l> {
-    /// The first of the nodes that it stands for.
+    /// The first of the nodes that it replaces.
     pub(crate) first: &'l LinkedNode<'l>,
     pub(crate) kind: &'l NodeKind,
     pub(crate) parameters: &'l Parameters,
@@ -44,11 +38,9 @@ pub(crate) struct SharedNode<'l> {
     /// By input port.
     pub(crate) inputs: Vec<Option<Origin>>,
     pub(crate) recipe: Key,
-    /// The variants it serves.
     pub(crate) variants: Vec<VariantId>,
 }
 
-/// A node whose operational parameters do not count, since it is one with a node written before it.
 pub(crate) struct Overruled {
     pub(crate) node: String,
     pub(crate) place: Place,
@@ -57,15 +49,13 @@ pub(crate) struct Overruled {
     pub(crate) first: String,
 }
 
-/// A stage of a variant, in the plan.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct PlacedStage {
     pub(crate) run: RunId,
-    /// By the linked stage's nodes, the node of the stage run; `None` for those of no use to this variant.
+    /// By node of the linked stage; `None` for unused nodes.
     pub(crate) nodes: Vec<Option<NodeId>>,
 }
 
-/// What makes two nodes of a stage run the same.
 #[derive(PartialEq, Eq, Hash)]
 struct Identity {
     run: RunId,
@@ -74,17 +64,15 @@ struct Identity {
     inputs: Vec<Option<InputIdentity>>,
 }
 
-/// What makes two inputs the same.
 #[derive(PartialEq, Eq, Hash)]
 enum InputIdentity {
     Value(Origin),
     Content(Key),
 }
 
-/// The nodes there are: by identity, the node of its stage run, and the variant it is from.
+/// The node of the stage run, and its first variant.
 type Known = HashMap<Identity, (NodeId, VariantId)>;
 
-/// Puts linked variants without errors together.
 pub(crate) fn share<'l>(variants: &'l [Linked<'l>], live: &[HashSet<StageNode>]) -> Shared<'l> {
     let mut shared = Shared { runs: Vec::new(), placed: vec![Vec::new(); variants.len()], overruled: Vec::new() };
     let mut known = Known::new();
@@ -119,7 +107,6 @@ pub(crate) fn share<'l>(variants: &'l [Linked<'l>], live: &[HashSet<StageNode>])
 }
 
 impl<'l> Shared<'l> {
-    /// The node of the stage run that a variant's node is: one that is there already, or a new one.
     fn place(
         &mut self,
         known: &mut Known,
@@ -214,7 +201,7 @@ impl<'l> Shared<'l> {
     }
 }
 
-/// A file counts by its content, wherever it lies.
+/// A file is identified by its content.
 fn input_identity(from: &Origin, wire: &Wire) -> Option<InputIdentity> {
     Some(match wire {
         Wire::File { content, .. } => InputIdentity::Content(*content),

@@ -9,7 +9,6 @@ use crate::language::check::params::Parameters;
 use crate::language::ids::StageNodeId;
 use crate::registry::NodeKind;
 
-/// The names and nodes of a stage, known before any wire is looked at.
 pub(crate) struct StageNames<'r, 's> {
     pub(crate) name: &'s str,
     pub(crate) source: Option<Arc<LinkedSource>>,
@@ -17,19 +16,17 @@ pub(crate) struct StageNames<'r, 's> {
     pub(crate) index: HashMap<&'s str, StageNodeId>,
 }
 
-/// What is known of a node by itself.
 pub(crate) struct KnownNode<'r, 's> {
     pub(crate) name: &'s str,
-    /// `None` if its kind is unknown.
+    /// The names and nodes of a stage, known before any wire is looked at.
     pub(crate) kind: Option<&'r NodeKind>,
-    /// `None` if something is wrong with them.
+    /// `None` if they are invalid.
     pub(crate) parameters: Option<Arc<Parameters>>,
-    /// `None` if its kind is unknown, or the signature follows from parameters that are wrong.
+    /// `None` if the kind is unknown, or if it follows from invalid parameters.
     pub(crate) signature: Option<Arc<Signature>>,
 }
 
 impl KnownNode<'_, '_> {
-    /// Its output ports, as far as they are known.
     pub(crate) fn outputs(&self) -> &[Port] {
         self.signature.as_ref().map_or(&[], |signature| &signature.outputs)
     }

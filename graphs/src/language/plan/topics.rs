@@ -8,20 +8,15 @@ use super::share::{Shared, SharedRun};
 use crate::contracts::Port;
 use crate::plan::{NodeRef, PlannedOutput, VariantId};
 
-/// The names under which a shared node goes, with the variants that call it so.
 #[derive(Default)]
 struct Uses<'a> {
     names: Vec<(&'a str, Vec<VariantId>)>,
-    /// Whether one of the nodes it stands for is of `score:`.
     is_score: bool,
 }
 
-/// What gives every output of a plan its topics, and says whether it is recorded.
 pub(crate) struct Topics<'a> {
-    /// The variants' names.
     variants: &'a [String],
     recorded: &'a Recorded,
-    /// By node.
     uses: HashMap<NodeRef, Uses<'a>>,
 }
 
@@ -49,7 +44,6 @@ impl<'a> Topics<'a> {
         Self { variants, recorded, uses }
     }
 
-    /// The prefix of a stage run's topics.
     pub(crate) fn prefix(&self, run: &SharedRun<'_>) -> String {
         match run.variants.first() {
             Some(&first) if run.variants.len() < self.variants.len() => {
@@ -59,13 +53,11 @@ impl<'a> Topics<'a> {
         }
     }
 
-    /// The outputs of a stage run's source.
     pub(crate) fn of_source(&self, run: &SharedRun<'_>) -> Vec<PlannedOutput> {
         let uses = [("source", run.variants.clone())];
         run.source.outputs.iter().map(|port| self.output(run, &uses, port, false)).collect()
     }
 
-    /// The outputs of a node.
     pub(crate) fn of_node(&self, shared: &Shared<'_>, node: NodeRef) -> Vec<PlannedOutput> {
         let stage_run = &shared.runs[node.run];
         let (names, is_score) = self.uses.get(&node).map_or((&[][..], false), |u| (&u.names, u.is_score));

@@ -6,7 +6,6 @@ use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::plan::{Origin, PlannedNode, StageRun};
 use crate::registry::Registry;
 
-/// Reports what does not fit, node by node of a plan.
 pub(crate) fn check(
     runs: &[StageRun],
     shared: &[SharedRun<'_>],

@@ -14,14 +14,11 @@ use crate::language::text::tree::Node;
 use crate::plan::PortId;
 use crate::values::ValueType;
 
-/// What a stage's inputs can be wired to.
 pub(crate) struct Reachable<'r, 's, 'n> {
     pub(crate) stages: &'n [StageNames<'r, 's>],
-    /// The stage whose inputs are wired.
     pub(crate) stage: StageId,
 }
 
-/// An output found.
 struct Output<'n> {
     wire: Wire,
     port: &'n Port,
@@ -29,7 +26,6 @@ struct Output<'n> {
 }
 
 impl<'r> Reachable<'r, '_, '_> {
-    /// The node a reference reads, if there is one of that name.
     pub(crate) fn read(&self, reference: &Reference) -> Option<StageNode> {
         let stage = self.stage_of(reference)?;
         Some(StageNode { stage, node: self.stages[stage].node(&reference.node.text)? })
@@ -42,12 +38,10 @@ impl<'r> Reachable<'r, '_, '_> {
         }
     }
 
-    /// Reports a reference that names nothing.
     pub(crate) fn output(&self, reference: &Reference, report: &mut Report) {
         self.find(reference, report);
     }
 
-    /// The wire to an input port of a node, if it fits.
     pub(crate) fn wire(
         &self,
         node: &KnownNode<'_, '_>,
@@ -73,7 +67,6 @@ impl<'r> Reachable<'r, '_, '_> {
         }
     }
 
-    /// Why an output does not fit an input; `None` if it does.
     fn misfit(
         &self,
         node: &KnownNode<'_, '_>,
@@ -135,7 +128,7 @@ impl<'r> Reachable<'r, '_, '_> {
         }
     }
 
-    /// The output a reference names. `None` without a report if its node is broken, which is said elsewhere.
+    /// `None` without a report if its node is broken.
     fn find(&self, reference: &Reference, report: &mut Report) -> Option<Output<'_>> {
         let Some(stage) = self.stage_of(reference) else {
             let word = reference.stage.as_ref()?;
@@ -202,7 +195,7 @@ impl<'r> Reachable<'r, '_, '_> {
         report.push(Diagnostic::error(&reference.node.place, what).label("names nothing").maybe_help(help));
     }
 
-    /// Outputs that could be wired to a port, nearest first: the source's, then those of other nodes.
+    /// Outputs that could be wired to a port, best first: the source's, then those of other nodes.
     pub(crate) fn outputs_fitting(&self, port: &Port, node: &str) -> Vec<String> {
         const MOST: usize = 100;
         let mut fitting = Vec::new();

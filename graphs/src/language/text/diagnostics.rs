@@ -16,7 +16,7 @@ pub enum Severity {
     Warning,
 }
 
-/// What tells a diagnostic from others: equal ones are said once.
+/// Equal diagnostics are reported once.
 pub(crate) type Identity = (Severity, String, Range<usize>, String);
 
 /// Another place that belongs to a diagnostic.
@@ -39,7 +39,7 @@ pub struct Diagnostic {
     pub file: Arc<SourceFile>,
     /// The words at fault, as byte offsets into the file's text.
     pub span: Range<usize>,
-    /// What is to be said at those words.
+    /// What to show at those words.
     pub label: String,
     /// What is wrong: a lower-case fragment.
     pub message: String,
@@ -76,19 +76,19 @@ impl Diagnostic {
         Self { severity: Severity::Warning, ..Self::error(place, message) }
     }
 
-    /// Says something at the words at fault.
+    /// Sets the text at the words at fault.
     #[must_use]
     pub fn label(self, label: impl Into<String>) -> Self {
         Self { label: label.into(), ..self }
     }
 
-    /// Says what to do about it.
+    /// Adds the remedy.
     #[must_use]
     pub fn help(self, help: impl Into<String>) -> Self {
         Self { help: Some(help.into()), ..self }
     }
 
-    /// Says what to do about it, if that is known.
+    /// Adds the remedy, if one is known.
     #[must_use]
     pub fn maybe_help(self, help: Option<String>) -> Self {
         Self { help, ..self }
@@ -118,7 +118,7 @@ impl Diagnostic {
     }
 }
 
-/// The diagnostic as plain text: place and message, the line with the words underlined, the help.
+/// Place and message, the line with its words underlined, and the help.
 impl fmt::Display for Diagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let severity = match self.severity {
@@ -142,10 +142,9 @@ impl fmt::Display for Diagnostic {
     }
 }
 
-/// The widest piece of a line that is shown.
 const WIDEST: usize = 200;
 
-/// The line a span starts in, with as much of the span underlined as stands in that line; of a very long line, the piece around it.
+/// The line in which a span starts, underlined; only a part of a very long line.
 fn excerpt(file: &SourceFile, span: &Range<usize>, label: &str) -> String {
     let (number, column) = file.line_column(span.start);
     let start = file.boundary(span.start);
@@ -217,20 +216,19 @@ impl fmt::Display for Diagnostics {
 
 impl std::error::Error for Diagnostics {}
 
-/// Collects diagnostics; the same words with the same message are said once, however many variants they spoil.
+/// Collects diagnostics; equal ones once, however many variants they concern.
 #[derive(Debug, Default)]
 pub(crate) struct Report {
     list: Vec<Diagnostic>,
     seen: HashSet<Identity>,
-    /// Words whose value is not known, which has been said.
+    /// Places with unknown values, which have been reported.
     unknown: Vec<Place>,
 }
 
-/// More than this is not read by anyone.
 const MOST: usize = 100;
 
 impl Report {
-    /// Adds a diagnostic, unless it has been said already, or is about a value that is not known.
+    /// Ignores duplicates and diagnostics about unknown values.
     pub(crate) fn push(&mut self, diagnostic: Diagnostic) {
         let is_of = |words: &Place| words.span == diagnostic.span && Arc::ptr_eq(&words.file, &diagnostic.file);
         if self.unknown.iter().any(is_of) {
@@ -241,33 +239,29 @@ impl Report {
         }
     }
 
-    /// Adds why the value of some words is not known: nothing else is said of it then.
+    /// Reports an unknown value: nothing else is reported about it.
     pub(crate) fn push_unknown(&mut self, diagnostic: Diagnostic, words: &Place) {
         self.push(diagnostic);
         self.unknown.push(words.clone());
     }
 
-    /// Whether there are so many that no more are taken.
     pub(crate) const fn is_full(&self) -> bool {
         self.list.len() >= MOST
     }
 
-    /// How many there are so far.
     pub(crate) const fn len(&self) -> usize {
         self.list.len()
     }
 
-    /// Whether there are errors so far.
     pub(crate) fn has_errors(&self) -> bool {
         self.list.iter().any(|d| d.severity == Severity::Error)
     }
 
-    /// The diagnostics from `first` on.
     pub(crate) fn since(&mut self, first: usize) -> std::slice::IterMut<'_, Diagnostic> {
         self.list[first..].iter_mut()
     }
 
-    /// All of it, in the order of lines; files in the order in which `files` lists them.
+    /// Sorted by file (in the order of `files`) and line.
     pub(crate) fn finish(mut self, files: &[Arc<SourceFile>]) -> Diagnostics {
         let rank = |d: &Diagnostic| files.iter().position(|f| Arc::ptr_eq(f, &d.file)).unwrap_or(files.len());
         self.list.sort_by_key(|d| (rank(d), d.span.start, d.span.end));

@@ -9,10 +9,9 @@ use std::sync::Arc;
 use super::diagnostics::{Diagnostic, Report};
 use super::tree::{Entry, Node, Tree, Written, typed};
 
-/// Looks up an environment variable.
 pub(crate) type Lookup<'a> = dyn Fn(&str) -> Option<String> + 'a;
 
-/// The document with every variable replaced; what was written is kept beside it.
+/// Replaces every variable; the original text is kept in `written`.
 pub(crate) fn substitute(node: &Arc<Node>, env: &Lookup<'_>, report: &mut Report) -> Arc<Node> {
     match &node.value {
         Tree::Text(text) => match scalar(text, node, env, report) {

@@ -12,40 +12,34 @@ use super::source_file::{Place, SourceFile};
 use super::tree::{Node, Tree, entry_mut};
 use crate::regular_file;
 
-/// The name of the main file among those that a run keeps.
+/// The main file's name in a run folder.
 pub(super) const MAIN: &str = "experiment.yaml";
-/// How many files may extend or include each other.
 const DEEPEST: usize = 16;
-/// How many files an experiment may name.
 const MOST_FILES: usize = 64;
 
-/// The most values that graph files may put in, wherever they are used: each use is a copy.
+/// The most values that graph files may add; each use is a copy.
 const MOST_PUT_IN: usize = 1_000_000;
 
-/// All files read so far.
 pub(crate) struct Files<'a> {
     env: &'a Lookup<'a>,
     read: Vec<ReadFile>,
-    /// Files whose text is given.
     texts: Vec<(PathBuf, String)>,
-    /// Where a file names another, and which of those read it is.
+    /// Where a file names another, and the index of that file.
     named: Vec<(Place, usize)>,
-    /// How many values graph files have put in.
     put_in: usize,
-    /// Whether a file could not be read: the experiment is not whole, and most of what could be said of it untrue.
+    /// A file could not be read: the experiment is incomplete, and other errors would mislead.
     broken: bool,
 }
 
 struct ReadFile {
-    /// The path from the working directory.
     path: PathBuf,
     file: Arc<SourceFile>,
-    /// The path from the main file's folder: what a recording calls it.
+    /// Path from the main file's folder, for recordings.
     portable: String,
     document: Option<Arc<Node>>,
 }
 
-/// A file being read, and why: to name the whole circle if there is one.
+/// A file being read and those that lead to it, to detect circles.
 struct Open<'a> {
     identity: PathBuf,
     outer: Option<&'a Self>,
@@ -57,44 +51,37 @@ impl<'a> Files<'a> {
         Self { env, read: Vec::new(), texts: Vec::new(), named: Vec::new(), put_in: 0, broken: false }
     }
 
-    /// Adds the text of a file, which then is not read.
+    /// Uses this text instead of the file's content.
     pub(crate) fn add_text(&mut self, path: &Path, text: &str) {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         self.texts.push((path.to_owned(), text.to_owned()));
     }
 
-    /// Whether a file of the experiment could not be had.
     pub(crate) const fn is_broken(&self) -> bool {
         self.broken
     }
 
-    /// The files in the order in which they were read.
     pub(crate) fn sources(&self) -> Vec<Arc<SourceFile>> {
         self.read.iter().map(|read| Arc::clone(&read.file)).collect()
     }
 
-    /// The files' paths from the working directory.
     pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
         self.read.iter().map(|read| read.path.as_path())
     }
 
-    /// Where a file names another, and its position among the [sources](Self::sources).
     pub(crate) fn named(&self) -> impl Iterator<Item = (&Place, usize)> {
         self.named.iter().map(|(place, target)| (place, *target))
     }
 
-    /// Name (from the main file's folder) and text of each file.
     pub(crate) fn written(&self) -> Vec<(String, String)> {
         self.read.iter().map(|read| (read.portable.clone(), read.file.text.clone())).collect()
     }
 
-    /// The keys that lead to a place.
     pub(crate) fn key_path(&self, place: &Place) -> Option<String> {
         let read = self.read.iter().find(|read| Arc::ptr_eq(&read.file, &place.file))?;
         read.document.as_ref()?.key_path(place)
     }
 
-    /// The experiment at `path`, merged onto what it extends, graph files put in.
     pub(crate) fn experiment(&mut self, path: &Path, report: &mut Report) -> Option<Arc<Node>> {
         let portable = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let main = self.open(path, portable, None, report)?;
@@ -112,7 +99,6 @@ impl<'a> Files<'a> {
         base.map_or_else(|| Arc::clone(&own), |base| merged(&base, &own, Level::Experiment))
     }
 
-    /// The document with `nodes: { graph: file }` of every stage replaced by the nodes of that file.
     fn with_graphs(&mut self, document: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
         let mut new = Arc::clone(document);
         let Some(stages) = document.get("stages") else { return new };
@@ -130,7 +116,6 @@ impl<'a> Files<'a> {
         new
     }
 
-    /// A map of nodes with those of its `graph` file beneath them.
     fn graph(&mut self, nodes: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
         let Some(entry) = nodes.entry("graph") else { return Arc::clone(nodes) };
         let own = without(nodes, "graph");
@@ -163,7 +148,6 @@ impl<'a> Files<'a> {
         merged(&base, &own, Level::Nodes)
     }
 
-    /// Reads the file that a scalar names and hands it to `then`.
     fn following<T>(
         &mut self,
         name: &Arc<Node>,
@@ -294,7 +278,6 @@ fn read_text(path: &Path) -> Result<String, String> {
     Ok(text.strip_prefix('\u{feff}').map_or_else(|| text.clone(), ToOwned::to_owned))
 }
 
-/// What tells two paths to one file.
 fn identity(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }

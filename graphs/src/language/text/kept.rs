@@ -17,7 +17,6 @@ use super::tree::Node;
 const RESOLVED: &str = "experiment.resolved.yaml";
 const FOLDER: &str = "experiment";
 
-/// The files by name, `/` between folder and file.
 pub(crate) fn files(
     files: &Files<'_>,
     root: &Node,
@@ -55,10 +54,10 @@ pub(crate) fn files(
     kept
 }
 
-/// The longest stem of a kept file's name, bytes: with number, ending and `.partial` behind it every file system takes it.
+/// Bytes; leaves room for a number, an ending and `.partial`.
 const LONGEST_STEM: usize = 180;
 
-/// A comment that says what the file as it was written does not have: options of the command line and what was typed after them.
+/// A comment with the command line options that the file does not contain.
 fn without(typed: &[(&str, String)]) -> String {
     let one_line = |text: &str| text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>();
     let typed: Vec<String> = typed.iter().map(|(option, text)| format!("{option} '{}'", one_line(text))).collect();
@@ -68,7 +67,7 @@ fn without(typed: &[(&str, String)]) -> String {
     )
 }
 
-/// The files' own names, each once, with an ending by which they are known as an experiment's.
+/// File names, each once, with the ending of an experiment.
 fn names<'f>(paths: impl Iterator<Item = &'f str>) -> Vec<String> {
     let mut taken = HashSet::new();
     let unique_name = |path: &str| {
@@ -86,7 +85,7 @@ fn names<'f>(paths: impl Iterator<Item = &'f str>) -> Vec<String> {
     paths.map(unique_name).collect()
 }
 
-/// A scalar that stands in one line, replaced by another text. (A block of text stays: nobody writes a path as one.)
+/// Replaces a scalar within one line. (Blocks of text stay: paths are never written so.)
 fn replaced(place: &Place, with: &str) -> Option<(Range<usize>, String)> {
     let text = place.text();
     let whole = !text.is_empty() && !text.contains(['\n', '\r']) && !text.starts_with(['|', '>', '&', '*', '!']);

@@ -5,37 +5,25 @@ use std::sync::Arc;
 
 use super::tree::{Entry, Node, Tree};
 
-/// Where in an experiment a map stands: decides what a changed `kind` does.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Level {
-    /// The experiment.
     Experiment,
-    /// `sources:`.
     Sources,
-    /// `stages:`.
     Stages,
-    /// A stage.
     Stage,
-    /// `nodes:` of a stage or a graph file.
     Nodes,
-    /// A source or node: starts afresh if its kind changes.
+    /// A source or node: replaced entirely if its kind changes.
     Instance,
-    /// `matrix:`: its values are settings that replace each other whole.
+    /// `matrix:`: its values replace each other entirely.
     Settings,
-    /// `variants:`.
     Variants,
-    /// `score:` of a stage.
     Score,
-    /// `estimates:` of a score.
     Estimates,
-    /// An estimate.
     Estimate,
-    /// Anything else.
     Plain,
 }
 
 impl Level {
-    /// What a key leads to from here.
     pub(crate) fn below(self, key: &str) -> Self {
         match (self, key) {
             (Self::Experiment, "sources") => Self::Sources,
@@ -52,13 +40,12 @@ impl Level {
         }
     }
 
-    /// Whether `null` takes away an entry: what is so named can be there or not, and is never nothing.
+    /// Whether `null` removes an entry.
     pub(crate) const fn can_lose_entries(self) -> bool {
         matches!(self, Self::Sources | Self::Stages | Self::Nodes | Self::Settings | Self::Variants)
     }
 }
 
-/// `over` on top of `base`.
 pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<Node> {
     let (Tree::Map(old), Tree::Map(new)) = (&base.value, &over.value) else { return Arc::clone(over) };
     if level == Level::Instance && starts_afresh(base, over) {
@@ -86,7 +73,7 @@ pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<No
     Arc::new(Node::new(Tree::Map(entries), over.place.clone()))
 }
 
-/// Another kind has other parameters and ports: what was set for the old one means nothing to it.
+/// Parameters and ports of another kind do not apply.
 fn starts_afresh(base: &Node, over: &Node) -> bool {
     let identity = |node: &Node| (node.get("kind").and_then(|kind| kind.scalar_text()), node.get("join").is_some());
     let (old, new) = (identity(base), identity(over));

@@ -3,20 +3,18 @@
 use super::diagnostics::{Diagnostic, Report};
 use super::source_file::Place;
 
-/// The keys of an experiment.
 pub(crate) const EXPERIMENT_KEYS: &[&str] =
     &["experiment", "about", "extends", "sources", "stages", "variants", "matrix", "only", "record"];
 
-/// The longest name, characters: names become topics, labels and parts of paths.
+/// Characters; names become topics, labels and parts of paths.
 const LONGEST: usize = 100;
 
-/// Reports a name that cannot be one: it would make references, topics, labels and paths ambiguous.
-/// `what` says of what, with its article: `a node`.
+/// `what` is the named thing with its article: `a node`.
 pub(crate) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, report: &mut Report) -> bool {
     allowed(name, what, "letters, digits, `_` and `-`", &['_', '-'], reserved, place, report)
 }
 
-/// Reports an experiment's name that cannot be that of a folder: a run without `--out` writes to `runs/<name>`.
+/// A run without `--out` writes to `runs/<name>`.
 pub(crate) fn check_experiment(name: &str, place: &Place, report: &mut Report) -> bool {
     let what = "an experiment";
     let bad = name.starts_with(['.', ' ']).then_some("begin").or_else(|| name.ends_with([' ', '.']).then_some("end"));
@@ -98,7 +96,6 @@ pub fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>)
     best.map(|(_, candidate)| candidate)
 }
 
-/// `did you mean ...`, or else what there is to choose from.
 pub(crate) fn suggestion(written: &str, what: &str, candidates: &[&str]) -> Option<String> {
     if candidates.is_empty() {
         return Some(format!("there are no {what}"));
@@ -109,7 +106,6 @@ pub(crate) fn suggestion(written: &str, what: &str, candidates: &[&str]) -> Opti
     })
 }
 
-/// Names in a sentence; long lists are cut.
 pub(crate) fn listed(names: &[&str]) -> String {
     const MOST: usize = 16;
     let quoted: Vec<String> = names.iter().take(MOST).map(|name| format!("`{name}`")).collect();

@@ -13,19 +13,16 @@ use super::diagnostics::{Diagnostic, Report};
 use super::source_file::{Place, SourceFile};
 use super::tree::{Entry, Node, Tree, has_leading_zero};
 
-/// The largest file read.
 pub(crate) const MOST_BYTES: u64 = 4 * 1024 * 1024;
-/// The most values a document may hold, aliases expanded.
+/// With aliases expanded.
 const MOST_VALUES: usize = 100_000;
-/// The most events of the parser that aliases may stand for.
+/// The most events of the parser that aliases may expand to.
 const MOST_REPLAYED: usize = 50_000;
-/// How deep maps and lists may be nested.
 const DEEPEST: usize = 48;
 
-/// How many duplicate keys are reported.
 const MOST_DUPLICATES: usize = 50;
 
-/// The document of a file; `None` if it is not YAML at all. Duplicate keys are reported, and the first of each is kept.
+/// `None` if it is not YAML at all. Duplicate keys are reported, and the first of each is kept.
 pub(crate) fn document(file: &Arc<SourceFile>, report: &mut Report) -> Option<Node> {
     let read = |text: &str, policy| serde_saphyr::from_str_with_options::<Spanned<Raw>>(text, options(policy));
     let mut text = file.text.clone();
@@ -65,7 +62,7 @@ pub(crate) fn document(file: &Arc<SourceFile>, report: &mut Report) -> Option<No
     document
 }
 
-/// The entry that a duplicate repeats: of the innermost map around it that has such a key.
+/// The entry that a duplicate repeats: in the innermost map around it with such a key.
 fn first_of(node: &Node, key: &str, again: &Place) -> Option<Place> {
     if again.span.start < node.place.span.start {
         return None;
@@ -97,7 +94,7 @@ fn first_of(node: &Node, key: &str, again: &Place) -> Option<Place> {
     })
 }
 
-/// What an error is about, without what the library wraps around it.
+/// Without the errors that the library wraps around it.
 fn cause(error: &Error) -> &Error {
     match error.without_snippet() {
         Error::AliasError { error, .. } => cause(error),
@@ -208,7 +205,7 @@ fn place_of(location: Location, file: &Arc<SourceFile>) -> Place {
     }
 }
 
-/// The document as the parser hands it over, before its places know their file.
+/// The document before its places know their file.
 enum Raw {
     Null,
     Bool(bool),
@@ -319,7 +316,7 @@ fn placed(raw: Spanned<Raw>, file: &Arc<SourceFile>) -> Node {
     Node::new(value, place)
 }
 
-/// Maps and lists reach as far as what they hold. (Merged-in entries stand elsewhere and do not count.)
+/// Maps and lists reach as far as their contents. (Merged-in entries are elsewhere and do not count.)
 fn cover(place: &mut Place, inner: &Place) {
     if inner.span.start >= place.span.start {
         place.span.end = place.span.end.max(inner.span.end);

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use super::source_file::Place;
 use super::tree::Node;
 
-/// The path a scalar names, from the working directory.
+/// The path that a scalar names, from the working directory.
 pub(crate) fn located(node: &Node, text: &str) -> PathBuf {
     match &node.written {
         _ if text.is_empty() => PathBuf::new(),
@@ -19,12 +19,12 @@ pub(crate) fn located(node: &Node, text: &str) -> PathBuf {
     }
 }
 
-/// Where in its files an experiment names paths, each with the text that leads there from any folder of this machine.
+/// The paths in an experiment, each with the text that leads there from any folder of this machine.
 #[derive(Default)]
 pub(crate) struct Anywhere(HashMap<(usize, usize), (Place, String)>);
 
 impl Anywhere {
-    /// Remembers a path, unless its text leads there from anywhere already: it is absolute, or begins with a variable.
+    /// Ignores a path that is absolute or begins with a variable.
     pub(crate) fn add(&mut self, node: &Node, text: &str) {
         let written = match &node.written {
             Some(written) if written.leads => return,
@@ -42,29 +42,24 @@ impl Anywhere {
         }
     }
 
-    /// The text for what stands at a place.
     pub(crate) fn of(&self, place: &Place) -> Option<&str> {
         self.0.get(&Self::key(place)).map(|(_, text)| text.as_str())
     }
 
-    /// The file, which the place keeps where it is, and the offset in it.
     fn key(place: &Place) -> (usize, usize) {
         (Arc::as_ptr(&place.file).addr(), place.span.start)
     }
 
-    /// All places with their texts.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (&Place, &str)> {
         self.0.values().map(|(place, text)| (place, text.as_str()))
     }
 }
 
-/// The path without `.` and without `folder/..`, except where `folder` is a symbolic link, behind which `..` is another folder's. What is left of the
-/// folder itself is `.`.
+/// Removes `.` and `folder/..`, except where `folder` is a symbolic link. An empty result is `.`.
 pub(crate) fn normal(path: &Path) -> PathBuf {
     normalized(path, |folder| !folder.is_symlink())
 }
 
-/// The path without `.` and without `folder/..` where that `is_plain`.
 pub(super) fn normalized(path: &Path, is_plain: impl Fn(&Path) -> bool) -> PathBuf {
     let mut new = PathBuf::new();
     for part in path.components() {

@@ -8,13 +8,13 @@ use serde_json::Value as Json;
 use super::paths::Anywhere;
 use super::tree::{Node, Tree};
 
-/// A document as YAML, with its paths as they were written or as they lead from `anywhere`.
+/// Paths are as written, or as they lead from `anywhere`.
 pub(crate) fn yaml(root: &Node, anywhere: Option<&Anywhere>) -> String {
     // Maps with text as keys, lists and scalars: all of it can be written.
     serde_saphyr::to_string(&as_written(root, anywhere)).unwrap_or_default()
 }
 
-/// A value with its `${...}` as they stand in the file.
+/// A value with its `${...}` as written.
 pub(crate) fn as_written(node: &Node, anywhere: Option<&Anywhere>) -> Json {
     if let Some(path) = anywhere.and_then(|anywhere| anywhere.of(&node.place)).filter(|_| is_scalar(node)) {
         return Json::String(path.to_owned());
@@ -31,7 +31,7 @@ pub(crate) fn as_written(node: &Node, anywhere: Option<&Anywhere>) -> Json {
     }
 }
 
-/// A map may begin where its first path stands.
+/// A map may begin where its first path begins.
 const fn is_scalar(node: &Node) -> bool {
     !matches!(node.value, Tree::List(_) | Tree::Map(_))
 }

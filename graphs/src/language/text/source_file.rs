@@ -4,10 +4,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A file as read, or a piece of the command line that is treated like one.
+/// A file as read, or an argument of the command line treated like one.
 #[derive(Debug, PartialEq, Eq)]
 pub struct SourceFile {
-    /// The name shown to people: the path as it was given.
+    /// The path as it was given.
     pub name: String,
     /// The whole text.
     pub text: String,
@@ -80,8 +80,8 @@ impl Place {
         self.file.text.get(self.span.clone()).unwrap_or_default()
     }
 
-    /// A part of the words meant, if they are `whole` or its end (what `--matrix` sets begins with `matrix.`); else all of them (a quoted
-    /// or aliased scalar, say).
+    /// A part of the words, if they are `whole` or its end (`--matrix` adds `matrix.` in front); otherwise all of
+    /// them, e.g. of an aliased scalar.
     #[must_use]
     pub fn part(&self, whole: &str, part: Range<usize>) -> Self {
         let inner = match self.text() {

@@ -6,28 +6,25 @@ use serde_json::{Number, Value as Json};
 
 use super::source_file::Place;
 
-/// A value of the document.
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
     pub(crate) value: Tree,
     pub(crate) place: Place,
-    /// What stood there before the environment was read.
+    /// The text before the environment was substituted.
     pub(crate) written: Option<Written>,
 }
 
-/// A scalar with `${...}` in it, as written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Written {
     pub(crate) text: String,
-    /// The text with the environment in it, before it was typed.
+    /// The text with the environment, before it was typed.
     pub(crate) value: String,
-    /// Whether the text now begins with something out of the environment: such a path does not stand in the file.
+    /// Whether the text begins with a value of the environment: a path then does not start at the file's folder.
     pub(crate) leads: bool,
-    /// Whether a variable is part of it; otherwise only `$${` was replaced.
+    /// Whether it has a variable; otherwise only `$${` was replaced.
     pub(crate) has_variable: bool,
 }
 
-/// What a value is.
 #[derive(Clone, Debug)]
 pub(crate) enum Tree {
     Null,
@@ -38,7 +35,7 @@ pub(crate) enum Tree {
     Map(Vec<Entry>),
 }
 
-/// A key and its value. Values are shared, so that changing a copy of a document copies the path to the change only.
+/// Values are shared: changing a copy of a document copies only the path to the change.
 #[derive(Clone, Debug)]
 pub(crate) struct Entry {
     pub(crate) key: String,
@@ -51,7 +48,6 @@ impl Node {
         Self { value, place, written: None }
     }
 
-    /// The entries of a map; none if it is something else.
     pub(crate) fn entries(&self) -> &[Entry] {
         match &self.value {
             Tree::Map(entries) => entries,
@@ -59,22 +55,19 @@ impl Node {
         }
     }
 
-    /// The entry of that key.
     pub(crate) fn entry(&self, key: &str) -> Option<&Entry> {
         self.entries().iter().find(|entry| entry.key == key)
     }
 
-    /// The value under that key.
     pub(crate) fn get(&self, key: &str) -> Option<&Arc<Self>> {
         self.entry(key).map(|entry| &entry.value)
     }
 
-    /// The text with its `${...}` as they stand in the file, if the environment is part of it.
+    /// The text with `${...}` as written, if it has a variable.
     pub(crate) fn text_with_variables(&self) -> Option<&str> {
         self.written.as_ref().filter(|written| written.has_variable).map(|written| written.text.as_str())
     }
 
-    /// The text, if it is one.
     pub(crate) fn text(&self) -> Option<&str> {
         match &self.value {
             Tree::Text(text) => Some(text),
@@ -82,7 +75,6 @@ impl Node {
         }
     }
 
-    /// A scalar as text: numbers and truth values as they are usually written.
     pub(crate) fn scalar_text(&self) -> Option<String> {
         match &self.value {
             Tree::Text(text) => Some(text.clone()),
@@ -100,7 +92,7 @@ impl Node {
         matches!(self.value, Tree::Map(_))
     }
 
-    /// The value as JSON, as it stands after the environment was read.
+    /// With the environment substituted.
     pub(crate) fn to_json(&self) -> Json {
         match &self.value {
             Tree::Null => Json::Null,
@@ -114,7 +106,6 @@ impl Node {
         }
     }
 
-    /// What it is, for a message.
     pub(crate) const fn describe(&self) -> &'static str {
         match self.value {
             Tree::Null => "nothing",
@@ -135,7 +126,6 @@ impl Node {
         }
     }
 
-    /// The keys that lead to the value or key at `place`, joined by dots.
     pub(crate) fn key_path(&self, place: &Place) -> Option<String> {
         fn walk(node: &Node, place: &Place, keys: &mut Vec<String>) -> bool {
             let inside = |outer: &Place| outer.span.start <= place.span.start && place.span.end <= outer.span.end;

@@ -2,7 +2,6 @@
 
 use super::source_file::Place;
 
-/// A word and where it stands.
 #[derive(Clone, Debug)]
 pub(crate) struct Word {
     pub(crate) text: String,

@@ -16,49 +16,41 @@ use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::Factor;
 
-/// A value of an axis in a combination.
 pub(super) type Part = Arc<Level>;
 
-/// A value for each axis that is there.
 pub(super) type Combination = Vec<Part>;
 
 const FORM: &str =
     "an axis is a list of values, a range `{ from: 2, to: 64, steps: 6 }`, or a map of `set`, `values` and `when`";
 
-/// An axis.
 #[derive(Clone)]
 pub(super) struct Axis {
     /// Its name, or the path it sets.
     pub(super) key: String,
-    /// Where that stands.
     pub(super) place: Place,
-    /// What a plain value is set at; none where every value is a map of changes.
+    /// Where a plain value is set; empty where every value is a map of changes.
     pub(super) paths: Vec<(String, Place)>,
     pub(super) values: Values,
-    /// Where it is there; everywhere, if this is empty.
+    /// When the axis is present; always, if empty.
     pub(super) when: Vec<Condition>,
 }
 
-/// The values of an axis.
 #[derive(Clone)]
 pub(super) enum Values {
     Listed(Vec<Arc<Level>>),
-    /// All numbers between two ends: a sample draws some.
+    /// All numbers between two ends, of which a sample draws some.
     Between(Range),
 }
 
-/// A value of an axis.
 #[derive(Clone)]
 pub(super) struct Level {
-    /// The axis it is of: its name, or a path.
+    /// Name or path of its axis.
     pub(super) axis: String,
     /// As written, or its name.
     pub(super) text: String,
-    /// What it changes.
     pub(super) changes: Vec<Change>,
 }
 
-/// That an axis or a path has one of some values.
 #[derive(Clone)]
 pub(super) struct Condition {
     pub(super) of: String,
@@ -67,7 +59,6 @@ pub(super) struct Condition {
 }
 
 impl Axis {
-    /// The axis of an entry of `matrix`; `is_sampled`: some of its combinations are drawn.
     pub(super) fn read(
         entry: &Entry,
         parameters: &Parameters<'_>,
@@ -192,7 +183,6 @@ impl Axis {
         }
     }
 
-    /// The same axis with a list of all its values, if it has not too many.
     pub(super) fn listed(&self) -> Option<Self> {
         let values = match &self.values {
             Values::Listed(levels) => Values::Listed(levels.clone()),
@@ -205,7 +195,6 @@ impl Axis {
         Values::Listed(values.iter().map(|value| Arc::new(self.level(value_text(value), value))).collect())
     }
 
-    /// A value, set wherever the axis sets one.
     pub(super) fn level(&self, text: String, value: &Arc<Node>) -> Level {
         let change = |(path, place): &(String, Place)| Change {
             path: path.clone(),
@@ -215,7 +204,6 @@ impl Axis {
         Level { axis: self.key.clone(), text, changes: self.paths.iter().map(change).collect() }
     }
 
-    /// The number of its values, for counting combinations.
     pub(super) fn len(&self) -> usize {
         match &self.values {
             Values::Listed(levels) => levels.len(),
@@ -223,12 +211,10 @@ impl Axis {
         }
     }
 
-    /// The value of that name.
     pub(super) fn named(&self, text: &str) -> Option<&Arc<Level>> {
         self.levels().iter().find(|level| level.text == text)
     }
 
-    /// That none of its values is called so.
     pub(super) fn no_value(&self, text: &str, place: &Place) -> Diagnostic {
         let known: Vec<&str> = self.levels().iter().map(|level| level.text.as_str()).collect();
         let error = Diagnostic::error(place, format!("the axis `{}` has no value `{text}`", self.key));
@@ -239,8 +225,7 @@ impl Axis {
         error.label("no such value").maybe_help(help)
     }
 
-    /// What is wrong with a value that the axis is to have, if none of its values is that one. Values given on the command line may leave
-    /// some out that the file speaks of.
+    /// `--matrix` may leave out values that the file mentions.
     pub(super) fn never_has(&self, wanted: &Node) -> Option<Diagnostic> {
         let text = value_text(wanted);
         let mut changes = self.levels().iter().flat_map(|level| &level.changes);
@@ -255,14 +240,12 @@ impl Axis {
         }
     }
 
-    /// Whether one of its values changes what a path names.
     pub(super) fn sets(&self, path: &str) -> bool {
         let among = |changes: &[Change]| changes.iter().any(|change| change.path == path);
         self.paths.iter().any(|(own, _)| own == path) || self.levels().iter().any(|level| among(&level.changes))
     }
 }
 
-/// `set: PATH` or `set: [PATH, PATH]`.
 fn paths(entry: &Entry, report: &mut Report) -> Option<Vec<(String, Place)>> {
     let node = &entry.value;
     let items: Vec<&Arc<Node>> = match &node.value {
@@ -283,7 +266,6 @@ fn paths(entry: &Entry, report: &mut Report) -> Option<Vec<(String, Place)>> {
     paths
 }
 
-/// `when: { PATH: VALUE, AXIS: [VALUE, VALUE] }`.
 fn conditions(entry: &Entry, report: &mut Report) -> Vec<Condition> {
     if !entry.value.is_map() || entry.value.entries().is_empty() {
         let place = if entry.value.is_null() { &entry.key_place } else { &entry.value.place };
@@ -308,7 +290,7 @@ fn conditions(entry: &Entry, report: &mut Report) -> Vec<Condition> {
     entry.value.entries().iter().map(condition).collect()
 }
 
-/// A value as it is written. Of a variable its name, not what this machine has for it.
+/// The value as written: with the name of a variable, not its value on this machine.
 pub(super) fn value_text(value: &Node) -> String {
     match &value.written {
         Some(written) => written.text.replace("${", "").replace(":-", "-").replace('}', ""),

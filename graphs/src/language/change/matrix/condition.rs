@@ -15,7 +15,6 @@ use crate::language::text::names;
 use crate::language::text::tree::Node;
 
 impl Matrix {
-    /// Whether an axis is there, in a combination of those above it.
     pub(super) fn is_there(
         &self,
         axis: &Axis,
@@ -70,7 +69,7 @@ impl Matrix {
         is_among(&value)
     }
 
-    /// Reports conditions that cannot hold; they are left out, so that nothing more is said of them.
+    /// Reports and removes conditions that can never hold.
     pub(super) fn check_conditions(&mut self, parameters: &Parameters<'_>, report: &mut Report) {
         for index in 0..self.axes.len() {
             let mut conditions = std::mem::take(&mut self.axes[index].when);
@@ -84,7 +83,6 @@ impl Matrix {
         }
     }
 
-    /// What is wrong with a condition of the axis at `index`.
     fn wrong_with(&self, condition: &Condition, index: usize, parameters: &Parameters<'_>) -> Option<Diagnostic> {
         let axis_name = &condition.of;
         let (above, below) = self.axes.split_at(index);
@@ -117,7 +115,6 @@ impl Matrix {
         })
     }
 
-    /// What is wrong with a value that what a path names is to have, if it can have no such value.
     fn never_has(&self, path: &str, wanted: &Node, parameters: &Parameters<'_>) -> Option<Diagnostic> {
         let (instance, name) = path.rsplit_once('.')?;
         let (instance, _) = instance.split_once(".with").unwrap_or((instance, ""));

@@ -5,13 +5,10 @@ use std::collections::{HashMap, HashSet};
 use super::axis::{Combination, Part};
 use crate::plan::Factor;
 
-/// The longest part of a name that a value gives, characters.
 const LONGEST_VALUE: usize = 60;
 
-/// What a combination is called that changes nothing, among others that do.
 const UNCHANGED: &str = "base";
 
-/// The name and factors of each combination; `all` are the axes of all of them, and other words that would be mistaken for one.
 pub(super) fn named(combinations: &[Combination], all: &[String]) -> Vec<(String, Vec<Factor>)> {
     let shorts: HashMap<&str, String> = all.iter().map(|axis| (axis.as_str(), short(axis, all))).collect();
     let mut taken = HashSet::new();
@@ -31,8 +28,7 @@ pub(super) fn named(combinations: &[Combination], all: &[String]) -> Vec<(String
     combinations.iter().map(name).collect()
 }
 
-/// The shortest end of a path that no other path has. `with` and `inputs` tell nothing: `blur.with.size` is `blur.size`. The name of an
-/// axis is short already.
+/// The shortest suffix that no other path has, without `with` and `inputs`: `blur.size` for `blur.with.size`.
 fn short(axis: &str, all: &[String]) -> String {
     let telling = |path: &str| {
         let parts: Vec<&str> = path.split('.').filter(|part| !matches!(*part, "with" | "inputs")).collect();
@@ -45,7 +41,7 @@ fn short(axis: &str, all: &[String]) -> String {
     starts.map(|start| &own[start..]).find(unique).unwrap_or(axis).to_owned()
 }
 
-/// An axis with its value as part of a name: no `/`, which separates variant and estimate, and no space. Of a list or map its words.
+/// `axis=value` without spaces and `/`, which separates variant and estimate.
 fn part_of_name(factor: &Factor) -> String {
     let can_stand = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '=');
     let value: String = if factor.value.starts_with(['[', '{']) {

@@ -12,22 +12,19 @@ use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::tree::{Node, Tree};
 
-/// The keys of a range.
 pub(super) const KEYS: &[&str] = &["from", "to", "steps", "log"];
 
-/// Numbers between two ends.
 #[derive(Clone)]
 pub(super) struct Range {
     from: f64,
     to: f64,
     log: bool,
-    /// Of a parameter that takes whole numbers, which.
+    /// The whole numbers that the parameter accepts, if it accepts no others.
     whole: Option<Whole>,
-    /// The range as written.
     node: Arc<Node>,
 }
 
-/// Whole numbers: `of` times one, and `more`.
+/// The numbers `of * n + more`.
 #[derive(Clone, Copy)]
 struct Whole {
     of: f64,
@@ -35,7 +32,6 @@ struct Whole {
 }
 
 impl Whole {
-    /// Those that a parameter takes, if it takes no others.
     fn of_parameter(schema: &Json) -> Option<Self> {
         if !takes_whole_numbers(schema) {
             return None;
@@ -47,7 +43,7 @@ impl Whole {
         Some(Self { of: of.filter(|of| *of >= 1.0).unwrap_or(1.0), more: 0.0 })
     }
 
-    /// How many times `of` the least and the greatest of them between two ends are.
+    /// The least and the greatest `n` between two ends.
     fn between(self, from: f64, to: f64) -> (f64, f64) {
         (((from - self.more) / self.of).ceil(), ((to - self.more) / self.of).floor())
     }
@@ -65,13 +61,11 @@ impl Whole {
     }
 }
 
-/// A range as written: with `steps` the values it stands for, without them all between its ends.
 pub(super) enum Numbers {
     Steps(Vec<Arc<Node>>),
     Between(Range),
 }
 
-/// Reads a range; `schema` is that of the parameter which takes its numbers, if it is known.
 pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: &mut Report) -> Option<Numbers> {
     known_keys(node, &format!("the range of {what}"), KEYS, report);
     let mut wrong = |at: &Node, what: String, help: &str| {
@@ -150,7 +144,7 @@ const FORM: &str = "a range is `{ from: 2, to: 64, steps: 6 }`, with `log: true`
 const MOST_STEPS: u64 = 10_000;
 
 impl Range {
-    /// The number at a share of the way, 0 to 1, when `parts` of the way are told apart.
+    /// The number at a share of the way, 0 to 1, when `parts` of the way are distinguished.
     pub(super) fn at(&self, share: f64, parts: f64) -> Arc<Node> {
         let (from, to) = (self.from, self.to);
         // `libm`, since the system's functions differ in last bits between machines.
@@ -193,7 +187,6 @@ impl Range {
 }
 
 impl Range {
-    /// All that can be drawn, if it is whole numbers and at most so many.
     pub(super) fn whole_numbers(&self, most: usize) -> Option<Vec<Arc<Node>>> {
         let whole = self.whole?;
         let (first, last) = whole.between(self.from, self.to);
@@ -202,7 +195,7 @@ impl Range {
         (count <= most as f64).then(|| (0..count as usize).map(number).collect())
     }
 
-    /// The number drawn with a share of [0, 1); of whole numbers each equally likely, unless their ratios are to be.
+    /// The number drawn with a share in [0, 1); whole numbers are equally likely unless `log`.
     pub(super) fn draw(&self, share: f64, count: usize) -> Arc<Node> {
         let parts = (count as f64 / 10.0).max(10.0);
         let Some(whole) = self.whole.filter(|_| !self.log) else { return self.at(share, parts) };
@@ -211,7 +204,7 @@ impl Range {
     }
 }
 
-/// A number with so many decimals that two which are `apart` differ by about a hundred units of the last.
+/// Rounds to so many decimals that two numbers `apart` differ by about 100 units of the last.
 fn short(value: f64, apart: f64) -> f64 {
     let mut decimals = 0;
     let mut unit = 1.0;
@@ -227,7 +220,6 @@ fn short(value: f64, apart: f64) -> f64 {
     format!("{value:.decimals$}").parse().unwrap_or(value)
 }
 
-/// Whether a parameter takes whole numbers alone.
 fn takes_whole_numbers(schema: &Json) -> bool {
     fn types<'s>(schema: &'s Json, found: &mut Vec<&'s str>) {
         match schema.get("type") {

@@ -11,16 +11,13 @@ use crate::language::text::names;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Tree};
 
-/// How combinations are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Method {
-    /// Each by itself.
     Random,
-    /// Of each axis every one of `count` equal parts once (McKay, Beckman, Conover 1979).
+    /// Draws each of `count` equal parts of every axis once (McKay, Beckman, Conover 1979).
     LatinHypercube,
 }
 
-/// What of a matrix is run.
 #[derive(Clone, Debug)]
 pub(super) struct Sample {
     pub(super) method: Method,
@@ -32,7 +29,6 @@ pub(super) struct Sample {
 const METHODS: [(&str, Method); 2] = [("latin-hypercube", Method::LatinHypercube), ("random", Method::Random)];
 const FORM: &str = "e.g. `sample: { method: latin-hypercube, count: 40, seed: 7 }`";
 
-/// Reads `sample:`; at most `most` combinations.
 pub(super) fn read(entry: &Entry, most: usize, report: &mut Report) -> Option<Sample> {
     let node = &entry.value;
     if !node.is_map() {
@@ -74,7 +70,7 @@ pub(super) fn read(entry: &Entry, most: usize, report: &mut Report) -> Option<Sa
 }
 
 impl Sample {
-    /// What is drawn of an axis: shares in [0, 1), without end.
+    /// An endless series of shares in [0, 1) for an axis.
     pub(super) fn shares(&self, axis: usize) -> Shares {
         let mut random = SplitMix64::part(self.seed, axis as u64);
         let parts = match self.method {
@@ -91,10 +87,8 @@ impl Sample {
     }
 }
 
-/// See [`Sample::shares`].
 pub(super) struct Shares {
     random: SplitMix64,
-    /// The parts of a Latin hypercube that are still to be drawn from.
     parts: std::vec::IntoIter<usize>,
     count: f64,
 }
