@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use depthloom_analysis::{SAMPLES, SamplesWritten, samples_are_of, write_samples};
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
-use depthloom_runs::{failed, open, recording_of, run_folder};
+use depthloom_runs::{failed, open_frames, recording_of, run_folder};
 use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::progress::bar;
@@ -47,7 +47,7 @@ pub(crate) fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> 
     }
     let path = recording_of(run, "analyse")?;
     let file = path.with_file_name(SAMPLES);
-    let recording = open(&path)?;
+    let recording = open_frames(&path)?;
     if file.is_file() && samples_are_of(&file, &recording).map_err(failed)? {
         return Ok(file);
     }

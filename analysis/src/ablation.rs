@@ -111,6 +111,7 @@ pub(crate) struct Ablation<'a> {
     /// The zones, in the order of the recording, the whole image first.
     zones: Vec<&'a str>,
     core_ms: Vec<Option<f64>>,
+    has_timings: bool,
     /// By estimator: the topic of the disparity that it is, or that it was computed from.
     disparities: Vec<Option<&'a str>>,
     source: &'a dyn Fn(RunId, FrameIndex) -> Option<Key>,
@@ -199,6 +200,7 @@ impl<'a> Ablation<'a> {
             scores: by_row,
             zones,
             core_ms: costs.map_or_else(|| vec![None; estimators.len()], |costs| costs.core_ms(plan, estimators)),
+            has_timings: costs.is_some(),
             disparities: joined::disparities(plan, estimators),
             source,
         }

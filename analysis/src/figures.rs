@@ -22,7 +22,7 @@ use depthloom_scores::PixelSet;
 use self::asked::Watch;
 use self::scores::with_scores;
 use crate::analyse::{Bins, Gross, Inquiry, SampleSet, Unit, is_any};
-use crate::curves::{learning_curves, table_of_points};
+use crate::curves::{LearningCurve, learning_curves, table_of_points};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::Estimator;
 use crate::input::frame_choice::FrameChoice;
@@ -219,5 +219,11 @@ fn learning(run: &FigureRun<'_>, request: &FigureRequest) -> Result<Figure, Anal
     }
     let sheet = drawn_curves(curves.iter().map(|curve| (curve.label.as_str(), &curve.curve)));
     let about = "Learning curves: mean loss since the last point, and validation on samples held out".to_owned();
-    request.figure(sheet, about, table_of_points(&curves).csv())
+    let mut figure = request.figure(sheet, about, table_of_points(&curves).csv())?;
+    let single = curves.iter().filter(|curve| curve.curve.points.len() == 1);
+    let note = |curve: &LearningCurve| {
+        format!("{} has one point only, so no line is drawn; `--data` writes the point", curve.label)
+    };
+    figure.notes.extend(single.map(note));
+    Ok(figure)
 }

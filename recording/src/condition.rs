@@ -13,6 +13,8 @@ pub enum Condition {
         /// How many bytes stand behind the last of them, and belong to no frame.
         rest_bytes: u64,
     },
+    /// `recover` made it of one that was unfinished or damaged: frames may be missing at its end.
+    Recovered,
     /// Bytes are not what was written.
     Damaged {
         /// Where.
@@ -26,12 +28,13 @@ pub enum Condition {
 }
 
 impl Condition {
-    /// Its name, for programs: `whole`, `unfinished` or `damaged`.
+    /// Its name, for programs: `whole`, `unfinished`, `recovered` or `damaged`.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Whole => "whole",
             Self::Unfinished { .. } => "unfinished",
+            Self::Recovered => "recovered",
             Self::Damaged { .. } => "damaged",
         }
     }
@@ -46,6 +49,7 @@ impl fmt::Display for Condition {
             Self::Unfinished { rest_bytes } => {
                 write!(f, "unfinished, and its last {rest_bytes} bytes belong to no whole frame")
             }
+            Self::Recovered => f.write_str("recovered from an unfinished or damaged one"),
             Self::Damaged { offset, what, cut: true } => {
                 write!(f, "damaged at byte {offset}: {what}; what comes behind was left out")
             }

@@ -125,7 +125,7 @@ pub use write::attachments::Attachment;
 pub use write::disk::{Disk, Through};
 pub use write::part::Part;
 pub use write::recorder::{Compression, Recorder, Written};
-pub use write::resume::recover;
+pub use write::resume::{Recovered, recover};
 
 /// The version of what a recording holds, and how it is stored.
 pub(crate) const FORMAT: &str = "5";
@@ -143,5 +143,7 @@ pub(crate) const PLAN_METADATA: &str = "depthloom";
 pub(crate) const ONCE_METADATA: &str = "depthloom.once";
 /// The metadata record of a run that ended before its end.
 pub(crate) const ENDED_METADATA: &str = "depthloom.ended";
+/// The entry of that record in a file that `recover` wrote.
+pub(crate) const RECOVERED: &str = "recovered";
 /// What a channel calls the topic of the plan, where its own is another.
 pub(crate) const TOPIC_IN_PLAN: &str = "topic_in_plan";

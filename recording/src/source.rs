@@ -189,7 +189,7 @@ fn is_of_ours(path: &Path) -> bool {
 fn lost(recording: &Recording) -> Option<Fault> {
     let is_lost = match recording.condition() {
         Condition::Whole => false,
-        Condition::Unfinished { .. } => true,
+        Condition::Unfinished { .. } | Condition::Recovered => true,
         Condition::Damaged { cut, .. } => *cut,
     };
     is_lost.then(|| {

@@ -42,7 +42,7 @@ pub(crate) struct AnalyseArgs {
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
-    /// What pixels are put into bins by: `distance` (the truth), `estimate` (the answer), `error` (its absolute error), `weight` (the one recorded for a variant), `row`,
+    /// What pixels are put into bins by: `distance` (the truth), `estimate` (the answer), `error` (its absolute error, with --relative its relative error), `weight` (the one recorded for a variant), `row`,
     /// `column`, `frame` (a bin a frame), or a column of the samples by its name, e.g. `full/weight.weight`.
     #[arg(long, value_name = "WHAT", default_value = "distance")]
     pub by: String,

@@ -6,7 +6,7 @@ use depthloom_analysis::{CompareOptions, ComparedRun, ComparisonOutput, Resampli
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
-use depthloom_runs::{end, failed, open, recording_of};
+use depthloom_runs::{end, failed, open_frames, recording_of};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -153,7 +153,7 @@ impl Opened {
         if let Some(run) = known {
             return Ok(run);
         }
-        self.runs.push((called.display().to_string(), open(path)?));
+        self.runs.push((called.display().to_string(), open_frames(path)?));
         Ok(self.runs.len() - 1)
     }
 

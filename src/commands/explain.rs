@@ -1,6 +1,6 @@
 //! `depthloom explain`: where a number comes from.
 
-use depthloom_runs::{end, failed, open, recording_of};
+use depthloom_runs::{end, failed, open_frames, recording_of};
 use depthloom_terminal::{CliError, ExitCode, print};
 
 use crate::args::{ExplainArgs, SetOption};
@@ -17,7 +17,7 @@ pub(crate) fn explain(args: &ExplainArgs) -> Result<ExitCode, CliError> {
     }
     let path = recording_of(&args.run, "explain")?;
     let interrupt = signals::listen("stopping")?;
-    let recording = open(&path)?;
+    let recording = open_frames(&path)?;
     let selection = args.scores.selection();
     let stop = || interrupt.stops_admission();
     let explanation = depthloom_analysis::explain(&recording, &args.score, &args.estimator, &selection, &stop);

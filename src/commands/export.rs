@@ -23,7 +23,7 @@ use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Export {
     folder: String,
-    /// `whole`, `unfinished` or `damaged`.
+    /// `whole`, `unfinished`, `recovered` or `damaged`.
     condition: &'static str,
     topics: Vec<Exported>,
     #[serde(skip_serializing_if = "Option::is_none")]

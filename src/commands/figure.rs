@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_analysis::{FigureKind, FigureRequest, FigureRun, Resampling, SampleSet, Size, Unit};
 use depthloom_recording::Recording;
-use depthloom_runs::{end, failed, open, recording_of};
+use depthloom_runs::{end, failed, open, open_frames, recording_of};
 use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -51,6 +51,8 @@ pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode, CliError> {
             true => Some(samples_of(run, args.output.json, &interrupt)?),
             false => None,
         };
+        // A learning curve is no value of a frame.
+        let open = if request.kind == FigureKind::Learning { open } else { open_frames };
         opened.push((run.to_string_lossy().into_owned(), open(&path)?, samples));
     }
     let runs: Vec<FigureRun<'_>> = opened

@@ -25,7 +25,7 @@ const KEY_DIGITS: usize = 12;
 pub(crate) struct Info {
     file: String,
     bytes: u64,
-    /// `whole`, `unfinished` or `damaged`.
+    /// `whole`, `unfinished`, `recovered` or `damaged`.
     condition: &'static str,
     /// What is wrong, in words.
     what: Option<String>,

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_recording::RecordingError;
+use depthloom_recording::{RecordingError, Recovered};
 use depthloom_runs::{RECORDING, open, recording_of};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::args::RecoverArgs;
 use crate::output;
-use depthloom_graphs::counted;
+use depthloom_graphs::{chain, counted};
 use depthloom_terminal::{CliError, ExitCode, print_path, say};
 
 /// Of `recover`: the recording that was made.
@@ -19,7 +19,7 @@ pub(crate) struct Recover {
     frames: u64,
 }
 
-/// Copies what was committed, and closes it with a summary.
+/// Copies the complete frames, and closes the copy with a summary.
 pub(crate) fn recover(args: &RecoverArgs) -> Result<ExitCode, CliError> {
     let path = recording_of(&args.run, "recover")?;
     let out = args.out.clone().unwrap_or_else(|| named_after(&path));
@@ -29,24 +29,34 @@ pub(crate) fn recover(args: &RecoverArgs) -> Result<ExitCode, CliError> {
     let recording = open(&path)?;
     let partial = depthloom_durable::partial_name(&out);
     if partial.symlink_metadata().is_ok() {
-        let what = format!("{} exists already: what an earlier attempt left, or one that goes on", partial.display());
+        let what =
+            format!("{} exists already: left by an earlier `recover`, or one still writes it", partial.display());
         return Err(CliError::usage(what, "remove it, or choose another --out"));
     }
-    let frames = depthloom_recording::recover(&recording, &partial).map_err(|error| {
-        let exit = if matches!(error, RecordingError::Missing { .. }) { ExitCode::Usage } else { ExitCode::Engine };
+    let recovered = depthloom_recording::recover(&recording, &partial).map_err(|error| {
         let _ = std::fs::remove_file(&partial);
+        let exit = match error {
+            RecordingError::Missing { .. } => ExitCode::Usage,
+            ref error if error.is_damage() => ExitCode::FrameFailures,
+            _ => ExitCode::Engine,
+        };
         CliError::remedied(exit, "failed to recover the recording", &error)
     })?;
     depthloom_durable::rename(&partial, &out).map_err(|error| {
         CliError::of_writing(ExitCode::Engine, format_args!("failed to write {}", out.display()), &error)
     })?;
+    let Recovered { frames, lost, damage } = recovered;
+    if let Some(damage) = &damage {
+        let lost = if lost > 0 { format!("; {} left out", counted(lost, "frame")) } else { String::new() };
+        say(format_args!("warning: {}{lost}", chain(damage)));
+    }
     if args.output.json {
         output::print(&Recover { recording: out.to_string_lossy().into_owned(), frames })?;
     } else {
         say(format_args!("recovered {} of {}", counted(frames, "frame"), path.display()));
         print_path("", &out)?;
     }
-    Ok(ExitCode::Success)
+    Ok(if damage.is_some() { ExitCode::FrameFailures } else { ExitCode::Success })
 }
 
 /// `<run>.recovered.mcap`, or `<file>.recovered.mcap`, in the current folder.

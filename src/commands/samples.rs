@@ -2,7 +2,7 @@
 
 use depthloom_analysis::SAMPLES;
 use depthloom_graphs::counted;
-use depthloom_runs::{end, open, recording_of, run_folder};
+use depthloom_runs::{end, open_frames, recording_of, run_folder};
 use depthloom_terminal::{CliError, ExitCode, print, say};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -41,7 +41,7 @@ pub(crate) fn samples(args: &SamplesArgs) -> Result<ExitCode, CliError> {
     };
     let interrupt = signals::listen("stopping: no file is written")?;
     let _lock = run_folder::lock_if_run(folder_of(&out))?;
-    let recording = open(&path)?;
+    let recording = open_frames(&path)?;
     let written = write(&recording, &out, args.quiet || args.output.json, &interrupt)?;
     if args.output.json {
         output::print(&Samples {

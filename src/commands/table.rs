@@ -4,7 +4,7 @@ use std::path::Path;
 
 use depthloom_analysis::{BoardRun, Costs, Question, Ranking, Resampling, Selection, TableOutput, plan_key};
 use depthloom_graphs::chain;
-use depthloom_runs::{TIMINGS, end, failed, open, recording_of};
+use depthloom_runs::{TIMINGS, end, failed, open_frames, recording_of};
 use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::args::{RowsOption, TableArgs};
@@ -17,11 +17,23 @@ pub(crate) fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
     let [run] = &args.runs[..] else { return leaderboard(args, &delivery) };
     let path = recording_of(run, "table")?;
     let interrupt = signals::listen("stopping")?;
-    let recording = open(&path)?;
+    let recording = open_frames(&path)?;
     let costs = costs(&path)?;
     let selection = Selection { estimators: args.estimators.clone(), ..args.scores.selection() };
     let (resamples, seed) = (args.resamples, args.seed);
     let intervals = args.ci.map(|confidence| Resampling { confidence, resamples, seed, ..Resampling::default() });
+    if args.rows == RowsOption::Score {
+        let options = [
+            ("--sort", args.sort.is_some()),
+            ("--top", args.top.is_some()),
+            ("--columns", !args.columns.is_empty()),
+            ("--pareto", !args.pareto.is_empty()),
+        ];
+        if let Some((option, _)) = options.iter().find(|(_, is_given)| *is_given) {
+            let what = format!("{option} needs variants in rows, and `--rows score` has scores in rows");
+            return Err(CliError::usage(what, format!("leave out {option} or `--rows score`")));
+        }
+    }
     let question = match (&args.effects, &args.best_per_zone, args.rows) {
         (Some(score), ..) => Question::Effects(score.clone()),
         (None, Some(score), _) => Question::BestPerZone(score.clone()),
@@ -54,7 +66,7 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, Cl
     }
     let paths = args.runs.iter().map(|run| recording_of(run, "table")).collect::<Result<Vec<_>, _>>()?;
     let interrupt = signals::listen("stopping")?;
-    let recordings = paths.iter().map(|path| open(path)).collect::<Result<Vec<_>, _>>()?;
+    let recordings = paths.iter().map(|path| open_frames(path)).collect::<Result<Vec<_>, _>>()?;
     let costs = paths.iter().map(|path| costs(path)).collect::<Result<Vec<_>, _>>()?;
     let called: Vec<String> = args.runs.iter().map(|run| run.display().to_string()).collect();
     let runs: Vec<BoardRun<'_>> = (called.iter().zip(&recordings).zip(&costs))

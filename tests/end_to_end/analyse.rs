@@ -161,6 +161,8 @@ fn questions_that_have_no_answer_say_what_there_is() {
         assert_eq!(ended.status.code(), Some(2), "{arguments:?}");
         String::from_utf8(ended.stderr).expect("text")
     };
+    let relative = succeed(depthloom().arg("analyse").arg(&run).args(["--by", "error", "--relative"]));
+    assert!(String::from_utf8_lossy(&relative.stdout).contains("by relative error"));
     for (arguments, words) in [
         (&["--by", "colour"][..], "no column `colour`"),
         (&["--by", "weight"], "no weight was recorded"),

@@ -203,6 +203,12 @@ fn what_is_the_same_on_both_sides_is_not_tested() {
     assert_eq!(p(&two, "smooth"), p(&one, "smooth"), "what cannot differ weakens no other test");
     assert_eq!((p(&two, "raw"), two["method"]["tests"].clone()), (vec![Json::Null; 3], 3.into()));
     assert!(two["notes"].to_string().contains("plain/raw is the same on both sides: it is not tested"), "{two}");
+    // Equal estimates under other names.
+    run(folder, "same", &[]);
+    let equal = compare(folder, &["run", "same", "--scores", "abs_rel"]).stdout;
+    let equal = String::from_utf8_lossy(&equal).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(equal.contains("nothing was tested, because no value differs"), "{equal}");
+    assert!(!equal.contains("0 tests"), "{equal}");
 }
 
 #[test]

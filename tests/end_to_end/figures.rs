@@ -216,6 +216,34 @@ fn what_cannot_be_drawn_is_refused_in_words() {
     assert!(!folder.join("a.svg").exists(), "nothing was written");
 }
 
+#[test]
+fn a_learning_curve_of_one_point_is_drawn_with_a_note() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    std::fs::write(folder.join("drawn.yaml"), EXPERIMENT.replace("LEARN", &learn(1, 1000))).expect("written");
+    succeed(depthloom().current_dir(folder).args(["run", "--no-page", "drawn.yaml", "--quiet", "--out", "run"]));
+    let output = figure(folder, &["run", "learning", "--out", "a.svg"]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains("note: learn/teacher has one point only"), "{text}");
+}
+
+#[test]
+fn panels_of_a_run_that_scores_only_disparities_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let estimates =
+        "estimates: { stereo: { from: depth/depth, sets: [answered, all] }, mono: mono/depth, fused: fused/depth }";
+    let disparities = EXPERIMENT
+        .replace("LEARN", "")
+        .replace("seed: 3", "seed: 3, disparities: true")
+        .replace("source/depth", "source/disp_occ");
+    let disparities = disparities.replace(estimates, "estimates: { stereo: stereo/disparity }");
+    std::fs::write(folder.join("drawn.yaml"), disparities).expect("written");
+    succeed(depthloom().current_dir(folder).args(["run", "--no-page", "drawn.yaml", "--quiet", "--out", "run"]));
+    let said = refused(folder, &["run", "panels", "--out", "a.svg"]);
+    assert!(said.contains("panels show depths, and this run scores only disparities"), "{said}");
+}
+
 /// A depth that is scored after its alignment is shown aligned; a variant without a parameter is one level line.
 #[test]
 fn faults_26_and_46_maps_are_shown_as_they_are_scored_and_what_lacks_a_parameter_is_one_line() {

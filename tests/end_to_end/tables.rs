@@ -365,6 +365,16 @@ fn the_model_ablation_is_answered_by_three_commands() {
 }
 
 #[test]
+fn options_of_rows_of_variants_are_refused_with_rows_of_scores() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), SWEEP);
+    for (option, value) in [("--columns", "rmse"), ("--sort", "rmse"), ("--top", "2"), ("--pareto", "rmse,ms")] {
+        let said = refused(&run, &["--rows", "score", option, value]);
+        assert!(said.contains(&format!("{option} needs variants in rows")), "{said}");
+    }
+}
+
+#[test]
 fn answers_of_a_damaged_recording_end_with_3_and_damaged_timings_cost_their_column() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);

@@ -160,6 +160,11 @@ impl Ablation<'_> {
         }
         let name = self.measure_name(column);
         let (what, help) = match column {
+            Measure::Ms if self.has_timings => (
+                "no row has a value of `ms`: nodes of these estimates did not run, because their values were reused"
+                    .to_owned(),
+                "`depthloom run --fresh` recomputes and times them",
+            ),
             Measure::Ms => (
                 "core-milliseconds of these estimates are not known".to_owned(),
                 "they come from `timings.parquet`, which a run leaves beside its recording: name the run's folder, or run again",

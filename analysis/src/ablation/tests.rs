@@ -417,6 +417,8 @@ fn what_is_not_there_is_told_with_what_is() {
     let (plan, scores) = (plan(), scores());
     let without = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
     assert!(refused(of.table(&without, &Selection::default(), &|| false)).contains("timings.parquet"));
+    let reused = Ablation::new(&plan, &estimators, &scores, &|_, _| None, Some(&Costs::new(&[])));
+    assert!(refused(of.table(&reused, &Selection::default(), &|| false)).contains("run --fresh"));
 }
 
 #[test]

@@ -106,17 +106,18 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         _ => "",
     };
     Table {
-        about: format!("{error}, by {}{pixels}; gross: {}", by(&inquiry.by), inquiry.gross.told()),
+        about: format!("{error}, by {}{pixels}; gross: {}", by(inquiry), inquiry.gross.told()),
         label: "errors".to_owned(),
         gaps,
         ..Table::new(columns)
     }
 }
 
-fn by(by: &By) -> String {
-    match by {
+fn by(inquiry: &Inquiry) -> String {
+    match &inquiry.by {
         By::Distance => "true distance".to_owned(),
         By::Estimate => "estimated distance".to_owned(),
+        By::Error if inquiry.unit == Unit::OfTruth => "relative error".to_owned(),
         By::Error => "absolute error".to_owned(),
         By::Weight => "weight".to_owned(),
         By::Row => "image row".to_owned(),

@@ -190,16 +190,21 @@ impl<'a> Compared<'a> {
         let frames = || self.contrasts.iter().map(|contrast| contrast.frames as u64);
         let frames = frames().min().unwrap_or(0)..=frames().max().unwrap_or(0);
         let is_all = |mean| self.contrasts.iter().all(|contrast| self.pair(contrast).mean(self.options) == mean);
+        let test = match method.tests {
+            0 => "nothing was tested, because no value differs".to_owned(),
+            tests => format!(
+                "p: Wilcoxon signed rank over frames, two-sided; p_holm: corrected for the {} here; verdict: p_holm below {} and an interval without 0",
+                counted(tests, "test"),
+                significance(&self.options.resampling),
+            ),
+        };
         format!(
-            "{titles} against {}: {}, {}, {}; interval of the difference: {}; p: Wilcoxon signed rank over frames, two-sided; \
-             p_holm: corrected for the {} here; verdict: p_holm below {} and an interval without 0",
+            "{titles} against {}: {}, {}, {}; interval of the difference: {}; {test}",
             self.parties[self.baseline].title,
             distinct(pixels).join(" and "),
             distinct(presets).join(" and "),
             averaged(frames, is_all),
             self.options.resampling.about(),
-            counted(method.tests, "test"),
-            significance(&self.options.resampling),
         )
     }
 

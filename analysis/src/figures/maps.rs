@@ -74,6 +74,11 @@ impl Shown {
         let wanted: Vec<&Estimator> = all.iter().filter(|of| has_maps(of) && request.wants(of)).collect();
         // Of several variants the first: maps of all of them are a figure each.
         let Some(first) = wanted.iter().find(|of| of.lead.variant.is_some()).or(wanted.first()) else {
+            if all.iter().any(|of| of.score_topic.is_some()) && all.iter().all(|of| of.settings.is_none()) {
+                let what = "panels show depths, and this run scores only disparities";
+                let help = "add a node `depth/from-disparity` and score its depth";
+                return Err(AnalysisError::asked(what.to_owned(), help.to_owned()));
+            }
             let labels = listed(all.iter().map(|of| of.label.as_str()));
             let what = "no estimate that is asked for has its depths and its truth recorded".to_owned();
             return Err(AnalysisError::asked(what, format!("there are {labels}; `record:` says what is kept")));

@@ -5,7 +5,7 @@ use depthloom_figures::{Bin, Scale, Spread, SpreadFigure};
 use super::asked::{ErrorBin, Errors, Watch, ask};
 use super::errors::{about, label, what};
 use super::{Figure, FigureKind, FigureRequest, FigureRun};
-use crate::analyse::{Bins, By, Inquiry, SampleSet};
+use crate::analyse::{Bins, By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
 
 pub(super) fn spreads(
@@ -24,6 +24,7 @@ pub(super) fn spreads(
         By::Weight => ("weight", "weight"),
         By::Row => ("image row", "image row, px"),
         By::Column => ("image column", "image column, px"),
+        By::Error if request.unit == Unit::OfTruth => ("relative error", "relative error"),
         By::Error => ("absolute error", "absolute error, m"),
         By::Named(name) => (name.as_str(), name.as_str()),
         By::Frame => {

@@ -15,7 +15,7 @@ const SHOWN: usize = 5;
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 #[schemars(rename = "Condition")]
 pub struct RecordingCondition {
-    /// `whole`, `unfinished` or `damaged`.
+    /// `whole`, `unfinished`, `recovered` or `damaged`.
     condition: &'static str,
     frames: u64,
     stages: Vec<StageFrames>,
@@ -105,7 +105,7 @@ pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bo
             "the recording is damaged at {more} more places, which `--json` names; no number here comes from there"
         ));
     }
-    let ends_early = matches!(condition, Condition::Unfinished { .. } | Condition::Damaged { cut: true, .. });
+    let ends_early = !matches!(condition, Condition::Whole | Condition::Damaged { cut: false, .. });
     notes.extend(without_frames(plan, &frames, ends_early));
     let stages = StageFrames::of(recording);
     let recording = RecordingCondition {

@@ -116,7 +116,9 @@ impl Glance {
         let (state, trouble) = match recording.condition() {
             Condition::Whole if is_over => (State::Whole, None),
             Condition::Whole => (State::Unfinished, None),
-            condition @ Condition::Unfinished { .. } => (State::Unfinished, is_over.then(|| condition.to_string())),
+            condition @ (Condition::Unfinished { .. } | Condition::Recovered) => {
+                (State::Unfinished, is_over.then(|| condition.to_string()))
+            }
             condition @ Condition::Damaged { .. } => (State::Damaged, Some(condition.to_string())),
         };
         let frames = || RunId::all(plan.runs.len()).flat_map(|run| recording.frames(run));

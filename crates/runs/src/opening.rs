@@ -4,6 +4,7 @@ use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 
 use depthloom_analysis::AnalysisError;
+use depthloom_graphs::plan::RunId;
 use depthloom_graphs::regular_file;
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::RunError;
@@ -116,7 +117,7 @@ pub fn end<'a>(recordings: impl IntoIterator<Item = &'a Recording>) -> ExitCode 
     for recording in recordings {
         if let damaged @ Condition::Damaged { .. } = recording.condition() {
             say(format_args!(
-                "warning: {} is {damaged}; the answer is of its whole frames",
+                "warning: {} is {damaged}; the result covers its complete frames only",
                 recording.path().display()
             ));
             exit = ExitCode::FrameFailures;
@@ -125,12 +126,34 @@ pub fn end<'a>(recordings: impl IntoIterator<Item = &'a Recording>) -> ExitCode 
     exit
 }
 
-/// Opens a recording to ask it something.
+/// Opens a recording.
 ///
 /// # Errors
 /// If it cannot be read.
 pub fn open(path: &Path) -> Result<Recording, CliError> {
-    Recording::open(path).map_err(|error| CliError::remedied(ExitCode::Usage, "failed to read the recording", &error))
+    Recording::open(path).map_err(|error| {
+        let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Usage };
+        CliError::remedied(exit, "failed to read the recording", &error)
+    })
+}
+
+/// Opens a recording whose frames are needed.
+///
+/// # Errors
+/// As [`open`], and if the recording is damaged before its first complete frame.
+pub fn open_frames(path: &Path) -> Result<Recording, CliError> {
+    let recording = open(path)?;
+    let has_frames = RunId::all(recording.plan().runs.len()).any(|run| !recording.frames(run).is_empty());
+    match recording.condition() {
+        Condition::Damaged { offset, what, .. } if !has_frames => {
+            let path = path.display();
+            let what = format!(
+                "failed to read the recording: {path} is damaged at byte {offset}: {what}; no complete frame comes before it"
+            );
+            Err(CliError::new(ExitCode::FrameFailures, what).remedy("copy the file again, or run the experiment again"))
+        }
+        _ => Ok(recording),
+    }
 }
 
 /// Why a request to an analysis failed: it was wrong, or the recording is, or the analysis.

@@ -19,7 +19,7 @@ use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, Index, MetadataEntry};
 use crate::read::recovery_scan::{Scanned, scan};
-use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA};
+use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA, RECOVERED};
 use depthloom_mcap::{FileError, PositionedFile, begins_as_mcap};
 
 /// A frame of a stage run, committed.
@@ -121,22 +121,32 @@ impl Recording {
     /// # Errors
     /// If the file cannot be read, is no recording, or its plan is damaged or one that no engine makes.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
-        let file = PositionedFile::open(path.as_ref())?;
-        if !begins_as_mcap(&file)? {
-            return Err(RecordingError::NotMcap { path: file.path });
-        }
+        let file = mcap_file(path.as_ref())?;
         let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Found::of(&file, index)).transpose());
         let (found, condition) = match whole {
-            Ok(Some(found)) if found.ended_early() => (found, Condition::Unfinished { rest_bytes: 0 }),
-            Ok(Some(found)) => (found, Condition::Whole),
+            Ok(Some(found)) => {
+                let condition = found.condition_by_metadata();
+                (found, condition)
+            }
             Ok(None) => Found::without_summary(&file, None)?,
             Err(RecordingError::File(FileError::Damaged { offset, what, .. })) => {
                 Found::without_summary(&file, Some((offset, what)))?
             }
             Err(error) => return Err(error),
         };
+        Ok(Self::of(file, found, condition))
+    }
+
+    /// Opens a recording without its summary: checks every byte, and keeps what is before the first that is damaged.
+    pub(crate) fn open_by_scan(path: &Path) -> Result<Self, RecordingError> {
+        let file = mcap_file(path)?;
+        let (found, condition) = Found::without_summary(&file, None)?;
+        Ok(Self::of(file, found, condition))
+    }
+
+    fn of(file: PositionedFile, found: Found, condition: Condition) -> Self {
         let Found { index, plan, frames, once, committed, sealed } = found;
-        Ok(Self { file, index, condition, plan, frames, once, committed, sealed, by_key: OnceLock::new() })
+        Self { file, index, condition, plan, frames, once, committed, sealed, by_key: OnceLock::new() }
     }
 
     /// The file.
@@ -204,6 +214,11 @@ impl Recording {
     }
 }
 
+fn mcap_file(path: &Path) -> Result<PositionedFile, RecordingError> {
+    let file = PositionedFile::open(path)?;
+    if begins_as_mcap(&file)? { Ok(file) } else { Err(RecordingError::NotMcap { path: file.path }) }
+}
+
 /// What an index leads to.
 struct Found {
     index: Index,
@@ -244,9 +259,13 @@ impl Found {
         }
     }
 
-    /// Whether its writer says that the run ended before its end.
-    fn ended_early(&self) -> bool {
-        self.index.metadata.iter().any(|metadata| metadata.name == ENDED_METADATA)
+    /// The condition that the writer stated, which is right where the summary is.
+    fn condition_by_metadata(&self) -> Condition {
+        match self.index.metadata.iter().find(|metadata| metadata.name == ENDED_METADATA) {
+            None => Condition::Whole,
+            Some(ended) if ended.values.contains_key(RECOVERED) => Condition::Recovered,
+            Some(_) => Condition::Unfinished { rest_bytes: 0 },
+        }
     }
 
     /// Finds the frames: each is what stands between two commit records.

@@ -17,6 +17,8 @@ use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::plan::{RecordedPlan, json};
 use crate::read::attachment::AttachmentEntry;
+use crate::read::chunk_messages::ChunkBuffers;
+use crate::read::damage::Damage;
 use crate::read::index::ChunkEntry;
 use crate::read::recording::{RecordedContent, Recording};
 use crate::write::attachments::experiment_files;
@@ -25,7 +27,7 @@ use crate::write::file_writer::Writer;
 use crate::write::layout::ChannelLayout;
 use crate::write::part::placed;
 use crate::write::viewer::at_the_time_shown;
-use crate::{ENDED_METADATA, PLAN_METADATA};
+use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED};
 
 impl Recording {
     /// Whether this recording has the plan of a run, in the format that is written now.
@@ -66,11 +68,22 @@ impl Recording {
         self.end().is_none()
     }
 
-    /// Where the last of what was committed ends; `None` if nothing was.
+    /// Where the last complete frame or aggregate value ends; `None` if there is none.
     fn end(&self) -> Option<u64> {
-        let once = self.index.metadata.iter().rfind(|metadata| metadata.is_of_once());
-        let once = once.map(|once| once.end);
-        once.into_iter().chain((self.committed_bytes() > 0).then(|| self.committed_bytes())).max()
+        self.end_before(u64::MAX)
+    }
+
+    /// The same of those that end before a place.
+    fn end_before(&self, limit: u64) -> Option<u64> {
+        let values = self.index.metadata.iter().filter(|metadata| metadata.is_of_once()).map(|metadata| metadata.end);
+        let is_commit =
+            |chunk: &&ChunkEntry| self.sealed.binary_search_by_key(&chunk.start, |(start, _)| *start).is_ok();
+        let commits = self.index.chunks.iter().filter(is_commit).map(|chunk| chunk.end);
+        values.chain(commits).filter(|end| *end <= limit).max()
+    }
+
+    fn frame_count(&self) -> u64 {
+        RunId::all(self.plan().runs.len()).map(|run| self.frames(run).len() as u64).sum()
     }
 
     /// The message index of the last commit, if the file was cut before it.
@@ -89,32 +102,72 @@ impl Recording {
     }
 }
 
-/// Makes a finished file of what was committed in one that was not finished: `to` holds its frames and once-values, byte for byte, and a
-/// summary by which any reader finds its way. Who reads it is told that the run ended before its end. Gives how many frames it has.
+/// What [`recover`] kept.
+pub struct Recovered {
+    /// The frames in the new file.
+    pub frames: u64,
+    /// The frames that the summary of the damaged file lists and the new file does not have.
+    pub lost: u64,
+    /// The first damage of the old file.
+    pub damage: Option<RecordingError>,
+}
+
+/// Copies the complete frames and aggregate values of a recording that is unfinished or damaged, and adds a summary. Of a damaged file, copies what
+/// is before the first damage.
 ///
 /// # Errors
-/// If nothing was committed, `from` cannot be read or `to` cannot be written; then `to` is not whole, and the caller's to remove.
-pub fn recover(from: &Recording, to: &Path) -> Result<u64, RecordingError> {
-    let what = || "whole frame, and nothing learnt, that could be recovered".to_owned();
-    let end = from.end().ok_or_else(|| RecordingError::Missing { path: from.path().to_owned(), what: what() })?;
+/// If there is no complete frame, `from` cannot be read or `to` cannot be written. Then the caller must remove `to`.
+pub fn recover(from: &Recording, to: &Path) -> Result<Recovered, RecordingError> {
+    // A summary can be intact although values are damaged.
+    let scanned = Recording::open_by_scan(from.path())?;
+    let damage = first_damage(from, &scanned);
+    let mut buffers = ChunkBuffers::default();
+    let mut chunks = scanned.index.chunks.iter();
+    let damaged_chunk = chunks.find(|chunk| buffers.each_message(&scanned.file, chunk, |_| Ok(())).is_err());
+    let Some(end) = scanned.end_before(damaged_chunk.map_or(u64::MAX, |chunk| chunk.start)) else {
+        return Err(match damage {
+            Some((offset, what)) => {
+                scanned.file.damaged(offset, format!("{what}; no complete frame comes before it")).into()
+            }
+            None => {
+                RecordingError::Missing { path: from.path().to_owned(), what: "complete frame to recover".to_owned() }
+            }
+        });
+    };
     let failed = |source| RecordingError::Create { path: to.to_owned(), source };
     let mut copy = depthloom_durable::create_new(to).map_err(failed)?;
     let (mut block, mut at) = (Vec::new(), 0);
     while at < end {
         let length = (1 << 20).min(end - at);
-        from.file.read_range(&mut block, at, length)?;
+        scanned.file.read_range(&mut block, at, length)?;
         copy.write_all(&block).map_err(failed)?;
         at += length;
     }
     drop(copy);
     let copy = Recording::open(to)?;
     let mut writer = Writer::resume(&copy, Vec::new(), end, &itself)?;
-    let frames: usize = RunId::all(copy.plan().runs.len()).map(|run| copy.frames(run).len()).sum();
-    if !matches!(from.condition(), Condition::Whole) {
-        writer.metadata(ENDED_METADATA, BTreeMap::from([("frames".to_owned(), frames.to_string())]))?;
+    let frames = copy.frame_count();
+    if damage.is_some() || *from.condition() != Condition::Whole {
+        let entries = [("frames", frames.to_string()), (RECOVERED, true.to_string())];
+        writer.metadata(ENDED_METADATA, entries.map(|(name, value)| (name.to_owned(), value)).into())?;
     }
     writer.finish()?;
-    Ok(frames as u64)
+    let lost = from.frame_count() - frames;
+    let damage = damage.map(|(offset, what)| from.file.damaged(offset, what).into());
+    Ok(Recovered { frames, lost, damage })
+}
+
+/// Where a recording is first damaged, and what is wrong there: by its summary if it has one, because that can name the values.
+fn first_damage(indexed: &Recording, scanned: &Recording) -> Option<(u64, String)> {
+    if let Some(Damage { offset, bytes, content }) = indexed.damage(&|| false).first() {
+        return Some((*offset, format!("{bytes} bytes from there on are not what was written; they held {content}")));
+    }
+    match (indexed.condition(), scanned.condition()) {
+        (Condition::Damaged { offset, what, .. }, _) | (_, Condition::Damaged { offset, what, .. }) => {
+            Some((*offset, what.clone()))
+        }
+        _ => None,
+    }
 }
 
 /// A file that is taken up, and what stays of it.

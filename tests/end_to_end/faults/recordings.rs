@@ -1,11 +1,11 @@
 //! Faults of recordings: checksums, cuts, damage.
 
-use depthloom_graphs::plan::FrameIndex;
+use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use depthloom_recording::{Damage, DamagedContent, Recording};
+use depthloom_recording::{Condition, Damage, DamagedContent, Recording};
 
 use crate::support::{depthloom, full, succeed};
 
@@ -87,6 +87,91 @@ fn fault_49_report_says_that_a_recording_is_unfinished_or_cut() {
     let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
     let stages = [serde_json::json!({ "stage": "look", "variant": null, "frames": 4 })];
     assert_eq!(json["recording"], serde_json::json!({ "condition": "whole", "frames": 4, "stages": stages }));
+}
+
+/// Recovers a recording of these bytes: the exit code, what was printed on stderr, and the new file.
+fn recover(folder: &Path, bytes: &[u8]) -> (Option<i32>, String, Option<PathBuf>) {
+    let (given, out) = (folder.join("given.mcap"), folder.join("recovered.mcap"));
+    std::fs::write(&given, bytes).expect("written");
+    let _ = std::fs::remove_file(&out);
+    let output = depthloom().arg("recover").arg(&given).arg("--out").arg(&out).output().expect("the binary starts");
+    assert!(!folder.join("recovered.mcap.partial").exists());
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned(), out.exists().then_some(out))
+}
+
+#[test]
+fn recover_keeps_the_frames_before_the_damage_and_names_its_place() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let bytes = std::fs::read(recorded(folder, "0..4")).expect("a recording");
+    let (mut kept, mut refused) = (0, 0);
+    for share in 1..24 {
+        let mut flipped = bytes.clone();
+        flipped[bytes.len() * share / 24] ^= 4;
+        std::fs::write(folder.join("flipped.mcap"), &flipped).expect("written");
+        let damage = Recording::open(folder.join("flipped.mcap")).expect("its summary is intact").damage(&|| false);
+        let [Damage { offset, content: DamagedContent::Frame { position, .. }, .. }] = &damage[..] else { continue };
+        let (code, said, out) = recover(folder, &flipped);
+        assert_eq!(code, Some(3), "{said}");
+        assert!(
+            said.contains(&format!("given.mcap is damaged at byte {offset}")) && !said.contains("partial"),
+            "{said}"
+        );
+        let Some(out) = out else {
+            assert_eq!(*position, FrameIndex(0), "{said}");
+            assert!(said.contains("no complete frame comes before it"), "{said}");
+            refused += 1;
+            continue;
+        };
+        let (frames, lost) = (position.0, 4 - position.0);
+        let lost = if lost == 1 { "1 frame left out".to_owned() } else { format!("{lost} frames left out") };
+        assert!(said.contains(&format!("recovered {frames} frame")) && said.contains(&lost), "{said}");
+        let recovered = Recording::open(&out).expect("a recording");
+        assert_eq!(recovered.frames(RunId(0)).len(), frames);
+        assert!(recovered.damage(&|| false).is_empty());
+        assert_eq!(*recovered.condition(), Condition::Recovered);
+        let info = succeed(depthloom().arg("info").arg(&out));
+        assert!(String::from_utf8_lossy(&info.stdout).contains(": recovered from an unfinished or damaged one"));
+        kept += 1;
+    }
+    assert!(kept > 4 && refused > 1, "{kept} {refused}");
+    // What is not damaged stays what it is.
+    let (code, _, out) = recover(folder, &bytes);
+    assert_eq!((code, out.map(|out| std::fs::read(out).expect("read") == bytes)), (Some(0), Some(true)));
+}
+
+#[test]
+fn every_analysis_of_a_recording_damaged_before_its_first_frame_ends_with_3() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recording = recorded(folder.path(), "0..2");
+    let bytes = std::fs::read(&recording).expect("a recording");
+    // Without a summary, so that nothing behind the damage can be found.
+    let mut damaged = without_the_end(&bytes).to_vec();
+    let first = Recording::open(&recording).expect("a recording").committed_bytes() as usize / 6;
+    damaged[first..first + 64].fill(0);
+    let path = folder.path().join("given.mcap");
+    std::fs::write(&path, &damaged).expect("written");
+    for arguments in [
+        &["table"][..],
+        &["explain", "RUN", "abs_rel", "stereo"],
+        &["samples"],
+        &["analyse"],
+        &["figure", "RUN", "cdf", "--out", "cdf.svg"],
+        &["compare", "RUN", "RUN"],
+        &["recover", "RUN", "--out", "out.mcap"],
+    ] {
+        let mut command = depthloom();
+        command.current_dir(folder.path()).arg(arguments[0]);
+        if arguments.len() == 1 {
+            command.arg(&path);
+        }
+        command.args(arguments[1..].iter().map(|argument| if *argument == "RUN" { "given.mcap" } else { argument }));
+        let output = command.output().expect("the binary starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{arguments:?}: {said}");
+        assert!(said.contains("given.mcap is damaged at byte"), "{arguments:?}: {said}");
+        assert!(said.contains("no complete frame comes before it"), "{arguments:?}: {said}");
+    }
 }
 
 /// Flips a bit of the third frame's values of a topic.

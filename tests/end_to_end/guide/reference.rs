@@ -95,14 +95,21 @@ fn commands() -> String {
 fn exit_codes() -> String {
     let about = "What a command's exit code means. A script that asks for no more than `0` or not is right with all of them; `3` is an answer (frames failed, \
                  values differ, a limit of `compare --fail-if` was passed) and not a fault of the command.";
-    let mut text = head("Exit codes", about);
-    text.push_str("\n| code | meaning |\n|---|---|\n");
     let help = said(&["--help"]);
-    let codes = help.lines().skip_while(|line| *line != "Exit codes:").skip(1);
-    for (code, meaning) in codes.map_while(|line| line.trim().split_once(' ')) {
-        let _ = writeln!(text, "| {code} | {} |", meaning.trim());
+    let lines = help.lines().skip_while(|line| *line != "Exit codes:").skip(1).map(str::trim);
+    let mut rows: Vec<String> = Vec::new();
+    for line in lines.take_while(|line| !line.is_empty()) {
+        match (line.split_once(' '), rows.last_mut()) {
+            (Some((code, meaning)), _) if code.parse::<u8>().is_ok() => {
+                rows.push(format!("| {code} | {}", meaning.trim()));
+            }
+            // A long meaning goes on in the next line.
+            (_, Some(row)) => row.push_str(&format!(" {line}")),
+            (_, None) => {}
+        }
     }
-    text
+    let head = head("Exit codes", about);
+    format!("{head}\n| code | meaning |\n|---|---|\n{} |\n", rows.join(" |\n"))
 }
 
 /// What a schema allows, in a few words.
