@@ -230,8 +230,8 @@ fn outputs() -> String {
 }
 
 fn checked() -> String {
-    let about = "The commands of this guide are run by its tests, each page in a folder of its own, and what a page shows of their output is compared. These are not run, \
-                 for the reason that stands with them; those that need data or a Python are run where these are.";
+    let about = "The tests run the commands of this guide, each page in a folder of its own, and compare what a page shows of their output. \
+                 Some commands are not run, for the reason given below. Those that need data or Python run where these are available.";
     let mut text = head("What of this guide is checked", about);
     let (mut rows, mut left_out) = (String::new(), String::new());
     let (mut all, mut none) = (0, 0);
