@@ -13,17 +13,13 @@ pub(crate) use left_right::LeftRight;
 pub(crate) use speckle::Speckle;
 pub(crate) use weighted_least_squares::WeightedLeastSquares;
 
-/// What the map's unanswered pixels hold.
-///
-/// # Errors
-/// If that does not fit the map's 16 bits.
 fn invalid(map: &Disparity) -> Result<i16, Fault> {
     let smallest = map.min_disparity_px;
     i16::try_from(map.invalid())
         .map_err(|_| Fault::new(format!("a smallest disparity of {smallest} px does not fit 16 bits of 1/16 px")))
 }
 
-/// The map with pixels made invalid; in floating point, if it is.
+/// Keeps the floating-point form if the input has it.
 fn pruned(value: Option<&Value>, map: &Disparity, prune: impl FnOnce(&mut [i16])) -> Value {
     let kept = changed(map, prune);
     let Some(Value::FloatDisparity(floats)) = value else { return kept.into() };
@@ -34,7 +30,6 @@ fn pruned(value: Option<&Value>, map: &Disparity, prune: impl FnOnce(&mut [i16])
     Value::disparity_from_px(px)
 }
 
-/// The map with its pixels changed.
 fn changed(map: &Disparity, change: impl FnOnce(&mut [i16])) -> Disparity {
     let mut sixteenths_px: Raster<i16> = map.sixteenths_px.clone();
     change(&mut sixteenths_px);

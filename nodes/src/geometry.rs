@@ -3,7 +3,6 @@
 use depthloom_graphs::values::Calibration;
 use depthloom_kernels::depth::Geometry;
 
-/// What makes depth of a pair's disparity.
 pub(crate) const fn geometry(of: &Calibration) -> Geometry {
     Geometry { focal_px: of.focal_px, baseline_metres: of.baseline_m, doffs_px: of.doffs_px }
 }

@@ -16,13 +16,11 @@ use loaded::Loaded;
 pub(crate) use params::NetworkParams;
 use params::{InputType, NetworkInput};
 
-/// The kind `onnx`.
 pub(crate) struct OnnxNetwork {
     params: NetworkParams,
     network: onnx::Loaded<Loaded>,
 }
 
-/// The input port that the network itself comes in by.
 const MODEL: &str = "model";
 
 impl Node for OnnxNetwork {
@@ -102,7 +100,6 @@ fn signature(params: &NetworkParams) -> Signature {
 }
 
 impl OnnxNetwork {
-    /// The network of a model, looked at when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<Loaded>, Fault> {
         self.network.get(model, || Loaded::new(model, &self.params))
     }

@@ -4,17 +4,12 @@ use depthloom_graphs::Fault;
 use depthloom_graphs::values::Raster;
 use image::Primitive;
 
-/// A raster of zeros filled by a kernel.
 pub(crate) fn filled<T: Primitive>((width, height): (u32, u32), fill: impl FnOnce(&mut [T])) -> Raster<T> {
     let mut raster = Raster::new(width, height);
     fill(&mut raster);
     raster
 }
 
-/// That a second input has the size of the first.
-///
-/// # Errors
-/// Naming both, if they differ.
 pub(crate) fn same_size(first: (&str, (u32, u32)), second: (&str, (u32, u32))) -> Result<(), Fault> {
     if first.1 == second.1 {
         return Ok(());

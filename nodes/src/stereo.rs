@@ -21,20 +21,18 @@ use crate::grey::grey;
 use crate::shape::{filled, same_size};
 use crate::tiles::HostTiles;
 
-/// A parameter that a kernel refuses, as a kind's check tells it: kinds call their parameters as the kernels do.
+/// Kinds and kernels use the same parameter names.
 #[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
 fn refused(error: ParamError) -> (&'static str, String) {
     (error.name, error.to_string())
 }
 
-/// A kernel's refusal of a pair whose costs take more memory than there is.
 fn too_large(error: TooMuch, (width, height): (usize, usize)) -> Fault {
     Fault::new(format!("the images are {width}x{height}"))
         .because(error)
         .remedy("search fewer disparities, or take smaller images")
 }
 
-/// The input ports of a matcher.
 fn pair() -> Vec<Port> {
     vec![
         Port::frame("left", ValueType::Image, "The left image of a rectified pair, grey or RGB."),
@@ -42,12 +40,10 @@ fn pair() -> Vec<Port> {
     ]
 }
 
-/// The output port of a matcher.
 fn disparity() -> Vec<Port> {
     vec![Port::frame("disparity", ValueType::Disparity, "Disparity of the left image's pixels, 1/16 px fixed point.")]
 }
 
-/// The disparity that a kernel computes for the pair at a node's inputs: of both grey images and their size, with scratch memory and tiles.
 fn matched<S: Default + Send + 'static>(
     inputs: &Inputs<'_>,
     ctx: &mut Context<'_>,

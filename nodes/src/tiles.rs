@@ -3,7 +3,6 @@
 use depthloom_graphs::Host;
 use depthloom_kernels::tiles::{Tiles, rounds_in_one_run};
 
-/// Lets a kernel spread a frame over whoever runs the node.
 pub(crate) struct HostTiles<'a>(pub &'a dyn Host);
 
 impl Tiles for HostTiles<'_> {

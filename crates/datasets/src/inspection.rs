@@ -89,5 +89,4 @@ fn calibration_and_image(calibration: &Calibration, (width, height): (u32, u32))
     found
 }
 
-/// Places or pixels of a frame below which nothing is said of them.
 const FEWEST: usize = 20;

@@ -44,10 +44,9 @@ pub fn write(out: &Path, params: &SyntheticRoadParams, host: &dyn Host) -> Resul
     Ok(total)
 }
 
-/// What a data set has under `training`.
 const FOLDERS: [&str; 6] = ["image_2", "image_3", "disp_occ_0", "disp_noc_0", "obj_map", "calib_cam_to_cam"];
 
-/// Whether a folder holds what an earlier try leaves, and nothing of anybody else.
+/// Whether a folder holds only what an interrupted run of this command leaves.
 fn is_unfinished(partial: &Path) -> bool {
     let has_only = |folder: &Path, names: &[&str]| {
         fs::symlink_metadata(folder).is_ok_and(|metadata| metadata.is_dir())
@@ -58,7 +57,6 @@ fn is_unfinished(partial: &Path) -> bool {
     has_only(partial, &["training"]) && has_only(&partial.join("training"), &FOLDERS)
 }
 
-/// A data set being written.
 struct KittiFolders {
     partial: PathBuf,
     out: PathBuf,
@@ -126,12 +124,11 @@ impl KittiFolders {
         write_new(&path, &bytes.into_inner()).map_err(|error| unwritable(&path, error))
     }
 
-    /// KITTI's object map: 8 bit, 0 = background. Objects have numbers there; here all have one, 255.
+    /// KITTI numbers the objects; here all have the number 255.
     fn objects(&mut self, folder: &str, frame: &Frame, objects: &Mask) -> Result<(), Fault> {
         self.image(folder, frame, &Image::new(Pixels::Grey(objects.set.clone())))
     }
 
-    /// Both rectified cameras; numbers with all their digits, so that they read back equal.
     fn calibration(&mut self, frame: &Frame, calibration: &Calibration) -> Result<(), Fault> {
         let path = self.path("calib_cam_to_cam", format!("{:06}.txt", frame.index));
         let mut text = String::from("calib_time: synthetic\n");
@@ -154,7 +151,6 @@ impl KittiFolders {
     }
 }
 
-/// Writes a file into a folder that was made for it.
 fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
     depthloom_durable::create_new(path)?.write_all(bytes)
 }

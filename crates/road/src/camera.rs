@@ -41,7 +41,6 @@ impl Ray {
     }
 }
 
-/// One camera: position, axes, intrinsics.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Camera {
     pub position: Vec3,

@@ -42,7 +42,6 @@ pub(crate) fn tree(objects: &mut Vec<Object>, draws: &mut Draws, x: f32, z: f32)
     }
 }
 
-/// A tall post, its arm over the carriageway.
 pub(crate) fn lamp(objects: &mut Vec<Object>, x: f32, z: f32) {
     objects.push(upright(x, z, 0.075, 0.0, 7.5, metal(0.22)));
     objects.push(around(Shape::Block, vec3(x - 0.9 * x.signum(), 7.4, z), vec3(0.95, 0.05, 0.06), metal(0.25)));
@@ -60,7 +59,6 @@ pub(crate) fn sign(objects: &mut Vec<Object>, draws: &mut Draws, x: f32, z: f32)
     objects.push(around(Shape::Block, vec3(x, draws.between(2.3, 2.7), z - 0.045), vec3(0.32, 0.32, 0.012), plate));
 }
 
-/// A knee-high post.
 pub(crate) fn bollard(objects: &mut Vec<Object>, x: f32, z: f32) {
     objects.push(upright(x, z, 0.055, KERB, KERB + 0.9, metal(0.10)));
 }
@@ -83,7 +81,6 @@ pub(crate) fn person(objects: &mut Vec<Object>, draws: &mut Draws, x: f32, z: f3
     objects.push(around(Shape::Ellipsoid, vec3(x, KERB + 0.93 * height, z), vec3(0.09, 0.13, 0.10), skin));
 }
 
-/// A clipped hedge along the pavement.
 pub(crate) fn hedge(objects: &mut Vec<Object>, draws: &mut Draws, x: f32, z: (f32, f32)) {
     let leaves = Material::Leaves { colour: vec3(0.07, 0.12, 0.03), holes: 0.0, seed: draws.bits() };
     let top = KERB + draws.between(0.9, 1.6);

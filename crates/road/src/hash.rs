@@ -44,7 +44,6 @@ impl Draws {
         unit(self.bits()) < share
     }
 
-    /// One of a list.
     pub(crate) fn pick<T: Copy>(&mut self, among: &[T]) -> T {
         among[self.bits() as usize % among.len()]
     }

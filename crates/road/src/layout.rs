@@ -57,7 +57,6 @@ impl Stretch {
         ((self.camera_m - BEHIND) / length).floor() as i64..=((self.camera_m + AHEAD) / length).floor() as i64
     }
 
-    /// Everything that stands or drives here, but for the ground.
     pub(crate) fn objects(&self) -> Vec<Object> {
         let mut objects = Vec::with_capacity(1024);
         for side in [-1.0, 1.0] {

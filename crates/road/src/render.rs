@@ -23,7 +23,6 @@ const WHITE: f32 = 1.3;
 /// Relative difference of depth above which a surface hides another from the right camera, and not itself.
 const NEARER: f32 = 1e-3;
 
-/// A band's rows of all outputs.
 struct Band<'a> {
     first_row: usize,
     left: &'a mut [u8],
@@ -44,7 +43,6 @@ struct Look {
     leafy: bool,
 }
 
-/// Renders both images and the truth.
 pub(crate) fn render(
     scene: &Scene,
     seed: u64,
@@ -100,7 +98,6 @@ impl Band<'_> {
     }
 }
 
-/// Looks at the centres of a band's pixels, and of one row more above and below.
 fn look(scene: &Scene, eye: &Eye, first_row: usize, rows: usize, size: Size) -> Vec<Look> {
     let mut looks = Vec::with_capacity((rows + 2) * size.width);
     for row in 0..rows + 2 {

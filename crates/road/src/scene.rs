@@ -9,7 +9,6 @@ use crate::surfaces::ground::{Ground, HALF_WIDTH, KERB};
 use crate::surfaces::spot::Spot;
 use crate::vector::{Vec3, vec3};
 
-/// What a surface belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
     Carriageway,
@@ -17,7 +16,6 @@ pub(crate) enum Part {
     Object(u32),
 }
 
-/// The first surface on a ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hit {
     pub depth: f32,
@@ -93,12 +91,10 @@ impl Scene {
         })
     }
 
-    /// Whether one sees through parts of this: foliage, a railing.
     pub(crate) fn has_holes(&self, part: Part) -> bool {
         matches!(part, Part::Object(index) if self.objects[index as usize].material.has_holes())
     }
 
-    /// Whether this is a part of a car.
     pub(crate) fn is_car(&self, part: Part) -> bool {
         matches!(part, Part::Object(index) if self.objects[index as usize].material.is_of_a_car())
     }
@@ -111,7 +107,6 @@ impl Scene {
         }
     }
 
-    /// Light that arrives along a ray.
     pub(crate) fn radiance(&self, ray: &Ray, hit: Option<&Hit>, lit: bool, focal_px: f32) -> Vec3 {
         let Some(hit) = hit else { return self.light.sky(ray.direction) };
         let spot =

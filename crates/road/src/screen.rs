@@ -72,7 +72,6 @@ pub(crate) struct ScreenTiles {
     columns: usize,
     rows: usize,
     cells: Cells,
-    /// What the cells' entries number.
     seen: Vec<Seen>,
 }
 
@@ -155,7 +154,6 @@ pub(crate) struct SunCells {
     /// Metres of shift along x and z per metre of height.
     slope: (f32, f32),
     cells: Cells,
-    /// What the cells' entries number.
     shadows: Vec<Shadow>,
 }
 

@@ -4,7 +4,6 @@ use crate::hash::Draws;
 use crate::vector::Vec3;
 use depthloom_random::mix;
 
-/// One camera in one frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sensor {
     gain: f32,
@@ -29,7 +28,6 @@ impl Sensor {
         }
     }
 
-    /// The bytes of pixel number `pixel`.
     pub(crate) fn expose(&self, radiance: Vec3, pixel: usize) -> [u8; 3] {
         let noise = mix(self.key ^ (pixel as u64).wrapping_mul(0xd6e8_feb8_6659_fd93));
         // Three bytes of the hash make one nearly Gaussian number of unit variance.

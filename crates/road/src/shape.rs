@@ -13,7 +13,6 @@ pub(crate) struct Plane {
 /// A solid. Cameras are never inside one.
 #[derive(Clone, Debug)]
 pub(crate) enum Shape {
-    /// A box along the axes.
     Block,
     /// The part of its bounds inside all these half spaces: car bodies, roofs.
     Convex(Vec<Plane>),

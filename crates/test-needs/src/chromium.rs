@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-/// Where it may be called, in this order; `CHROMIUM` names another.
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
 /// A browser of Chromium's family. `None`, and the test is skipped, where there is none.

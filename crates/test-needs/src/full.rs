@@ -5,10 +5,9 @@ use std::io::Write as _;
 
 use crate::{is_required, skips};
 
-/// The environment variable that requests the full suite.
 const VARIABLE: &str = "DEPTHLOOM_FULL_TESTS";
 
-/// The environment variable that names a file: tests that would do more in the full suite are listed there, so that CI runs only these again.
+/// Environment variable with the path of a file that lists tests with a longer version, so that CI repeats only these.
 const LIST: &str = "DEPTHLOOM_LIST_FULL_TESTS";
 
 /// Whether the full suite was requested. Without it tests use no network, no Python and no browser.
@@ -27,8 +26,7 @@ pub fn is_full() -> bool {
     is_full
 }
 
-/// The program and the test that ask: the harness runs each test in a thread of its name. A program without a harness, or a thread of a
-/// test's own, stands for the whole program: no test after the tabulator.
+/// Program and test name. The harness names each thread after its test; other threads stand for the whole program.
 fn line() -> String {
     let program = std::env::current_exe().expect("a running program has a path");
     let stem = program.file_stem().unwrap_or_default().to_string_lossy();

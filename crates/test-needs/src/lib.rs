@@ -49,15 +49,10 @@ pub fn target() -> PathBuf {
     program.ancestors().nth(3).expect("cargo puts test programs into <target>/<profile>/deps").to_owned()
 }
 
-/// Whether the environment says that a need must be met.
 fn is_required(variable: &str) -> bool {
     std::env::var_os(variable).is_some_and(|value| !value.is_empty() && value != "0")
 }
 
-/// Skips a test for want of something, or fails it where the environment says that this must be there.
-///
-/// # Panics
-/// If `variable` is set.
 fn miss(variable: &str, test: &str, why: &str) {
     assert!(!is_required(variable), "{test} cannot run, and {variable} is set: {why}");
     skipped(test, why);

@@ -30,7 +30,6 @@ pub fn lichtblick(test: &str) -> Option<Command> {
     }
 }
 
-/// Where Lichtblick lies, and the script beside what it imports.
 fn installed() -> Result<(PathBuf, PathBuf), String> {
     let checkout = std::env::var_os("DEPTHLOOM_LICHTBLICK").map(PathBuf::from);
     let checkout = checkout

@@ -86,7 +86,6 @@ pub fn dora(test: &str) -> Option<PathBuf> {
     }
 }
 
-/// Installs the package into an environment that has all that it needs: no index is asked, so that what it needs must be there.
 fn install_package(python: &Path) -> Result<(), String> {
     let failed = |error: std::io::Error| format!("{}: {error}", python.display());
     let lock = File::create(target().join("package-tests.lock")).map_err(failed)?;
@@ -118,7 +117,6 @@ pub fn onnx_runtime(test: &str) -> Option<PathBuf> {
     Some(PathBuf::from(String::from_utf8(output.stdout).expect("a path of UTF-8").trim()))
 }
 
-/// The Python of an environment under `target` with the packages that a file of `tests/python` names.
 pub(crate) fn environment(name: &str, requirements: &str) -> Result<PathBuf, String> {
     let venv = &target().join(name);
     let requirements = workspace().join("tests/python").join(requirements);
@@ -137,7 +135,6 @@ pub(crate) fn environment(name: &str, requirements: &str) -> Result<PathBuf, Str
     Ok(python)
 }
 
-/// Runs a command; what it said last, where it fails.
 pub(crate) fn told(command: &mut Command) -> Result<Output, String> {
     let program = command.get_program().to_string_lossy().into_owned();
     let output = command.output().map_err(|error| format!("{program} cannot be run: {error}"))?;

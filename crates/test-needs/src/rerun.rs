@@ -8,7 +8,6 @@ use std::sync::OnceLock;
 use crate::python::{environment, told};
 use crate::{miss, target};
 
-/// The folders where the system's Vulkan drivers say that they are there.
 const SYSTEM_DRIVERS: [&str; 2] = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
 
 /// Rerun's program.
@@ -72,7 +71,6 @@ impl Rerun {
     }
 }
 
-/// Where Mesa's driver lies that was fetched; `None`: the system has one.
 fn vulkan() -> Result<Option<PathBuf>, String> {
     let has_driver = |folder: &&str| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
     if SYSTEM_DRIVERS.iter().any(has_driver) {

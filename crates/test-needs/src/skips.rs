@@ -87,7 +87,7 @@ fn parent() -> u32 {
     0
 }
 
-/// A process by its number and the moment it started; `None` where it is over, or where the system does not tell.
+/// A process as number and start time; `None` if it has ended or the system does not report it.
 fn run_of(process: u32) -> Option<String> {
     let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     // The second field, the program's name in brackets, may hold anything; the moment is the 22nd.

@@ -25,7 +25,6 @@ impl Default for EdgesParams {
     }
 }
 
-/// The kind `confidence/edges`.
 pub(crate) struct Edges {
     threshold: f32,
 }

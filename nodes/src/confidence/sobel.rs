@@ -29,7 +29,6 @@ impl Default for SobelParams {
     }
 }
 
-/// The kind `confidence/sobel`.
 pub(crate) struct Sobel {
     threshold: f32,
     sigma_px: f64,

@@ -25,7 +25,6 @@ impl Default for FromDisparityParams {
     }
 }
 
-/// The kind `depth/from-disparity`.
 pub(crate) struct FromDisparity {
     cap_m: f32,
 }

@@ -17,7 +17,6 @@ pub(crate) struct FillParams {
     pub longest: Option<u32>,
 }
 
-/// The kind `disparity/fill`.
 pub(crate) struct Fill {
     longest: usize,
 }

@@ -25,7 +25,6 @@ impl Default for LeftRightParams {
     }
 }
 
-/// The kind `disparity/left-right`.
 pub(crate) struct LeftRight {
     max_difference_sixteenths: i32,
 }

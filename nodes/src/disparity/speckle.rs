@@ -26,7 +26,6 @@ impl Default for SpeckleParams {
     }
 }
 
-/// The kind `disparity/speckle`.
 pub(crate) struct Speckle {
     window: usize,
     range_sixteenths: i32,

@@ -52,7 +52,6 @@ impl Default for WeightedLeastSquaresParams {
     }
 }
 
-/// The kind `disparity/weighted-least-squares`.
 pub(crate) struct WeightedLeastSquares {
     smoother: Smoother,
     fill: bool,

@@ -24,7 +24,6 @@ impl Default for MedianParams {
     }
 }
 
-/// The kind `filter/median`.
 pub(crate) struct Median {
     kernel: fn(&[f32], usize, usize, &mut [f32]),
 }

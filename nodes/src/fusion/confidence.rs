@@ -32,7 +32,6 @@ pub(crate) struct ConfidenceParams {
     pub weighting: Weighting,
 }
 
-/// The kind `fusion/confidence`.
 pub(crate) struct Confidence {
     weighting: fuse::Weighting,
 }

@@ -30,7 +30,6 @@ pub(crate) struct ScaleParams {
     pub method: ScaleMethod,
 }
 
-/// The kind `fusion/scale`.
 pub(crate) struct Scale {
     method: ScaleMethod,
 }

@@ -33,7 +33,6 @@ impl Default for GroundPlaneParams {
     }
 }
 
-/// The kind `mono/ground-plane`.
 pub(crate) struct GroundPlane {
     params: GroundPlaneParams,
 }

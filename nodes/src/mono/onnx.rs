@@ -12,12 +12,11 @@ use crate::geometry::geometry;
 use crate::onnx::{self, Fitted, Flip, Look, Maps, Network, OnnxParams, Output, PadWith, numberless};
 use crate::shape::filled;
 
-/// Smallest depth an answer of [`Output::Depth`] is raised to, metres: what scores clamp to.
+/// Metres; the value that metrics clamp to.
 const NEAREST_M: f32 = 1e-3;
-/// Smallest inverse depth taken, 1/m.
+/// 1/m.
 const SMALLEST_INVERSE: f32 = 1e-6;
 
-/// The kind `mono/onnx`.
 pub(crate) struct Onnx {
     params: OnnxParams,
     network: onnx::Loaded<Network>,
@@ -85,7 +84,6 @@ is missing is an error.",
 }
 
 impl Onnx {
-    /// The network of a model, loaded when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<Network>, Fault> {
         self.network.get(model, || Network::load(model, &self.params))
     }
@@ -95,7 +93,7 @@ impl Onnx {
         Look { channels, mean, std, white, resize, round, pad_with: PadWith::Edge }
     }
 
-    /// What the output is multiplied by; disparities become shares of the image's width.
+    /// Factor on the output; disparities become shares of the image's width.
     fn scale(&self, meaning: Output, fitted: &Fitted) -> f32 {
         let (own, seen) = (fitted.from.0 as f64, fitted.to.0 as f64);
         let of_lengths = match (meaning, fitted.pads()) {
@@ -107,7 +105,6 @@ impl Onnx {
         (self.params.output_scale * of_lengths) as f32
     }
 
-    /// Metres from the network's output, resized to the image's size in place.
     fn metres(&self, meaning: Output, map: &[f32], calibration: &Calibration, width: usize, out: &mut [f32]) {
         let cap = self.params.cap.map_or(f32::INFINITY, |cap| cap as f32);
         match meaning {

@@ -8,9 +8,8 @@ use depthloom_graphs::values::Artifact;
 use super::params::{InputType, NetworkParams};
 use crate::onnx::{self, Axes, Fitted, Pool, Pools, Sizes};
 
-/// A network and its tensors, in the order of the ports.
 pub(super) struct Loaded {
-    /// By input port: the tensor's name, its axes, and how many planes it takes.
+    /// By input port: the tensor's name, its axes, and the number of planes.
     pub inputs: Vec<(String, Axes, usize)>,
     /// By output port: the tensor's name.
     pub outputs: Vec<String>,
@@ -19,10 +18,7 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    /// Looks at a model; loads it where its inputs fix the size.
-    ///
-    /// # Errors
-    /// If it is no model, or its inputs and outputs are not those of the ports.
+    /// Loads the model at once if its inputs fix the size.
     pub(super) fn new(model: &Artifact, params: &NetworkParams) -> Result<Self, Fault> {
         let declared = onnx::declared(model, params.provider)?;
         let given: Vec<&str> = declared.inputs.iter().map(|input| input.name.as_str()).collect();
@@ -81,18 +77,10 @@ impl Loaded {
         Ok(loaded)
     }
 
-    /// The way of a frame of a size to the network's and back.
-    ///
-    /// # Errors
-    /// If the network takes no images of it.
     pub(super) fn fitted(&self, from: (usize, usize), params: &NetworkParams) -> Result<Fitted, Fault> {
         Fitted::new(from, self.sizes, params.fit, params.pad_at)
     }
 
-    /// The model, bound to tensors of a size.
-    ///
-    /// # Errors
-    /// If the engine cannot load it.
     pub(super) fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
         let inputs = self.inputs.iter().map(|(name, axes, planes)| (name.as_str(), axes, 1, *planes));
         self.pools.get(size, inputs, &self.outputs)

@@ -8,10 +8,6 @@ use super::params::{Form, InputType, NetworkInput, NetworkOutput, NetworkPorts, 
 use crate::onnx::{Fitted, PadWith};
 use crate::shape::{filled, same_size};
 
-/// The size that all inputs have.
-///
-/// # Errors
-/// If they differ.
 pub(super) fn common_size(inputs: &Inputs<'_>, ports: &NetworkPorts) -> Result<(u32, u32), Fault> {
     let mut first: Option<(&str, (u32, u32))> = None;
     for (name, input) in &ports.inputs {
@@ -30,10 +26,7 @@ pub(super) fn common_size(inputs: &Inputs<'_>, ports: &NetworkPorts) -> Result<(
     first.map(|(_, size)| size).ok_or_else(|| Fault::new("the network has no input port"))
 }
 
-/// The plane of a map, as the network sees it.
-///
-/// # Errors
-/// If there is no such value. Within: if there is not the memory.
+/// The inner error means that there is not enough memory.
 pub(super) fn plane(
     inputs: &Inputs<'_>,
     name: &str,
@@ -62,7 +55,6 @@ pub(super) fn plane(
     Ok(fitted.map_there(&plane, with))
 }
 
-/// The value of an output port, of a map of the image's size.
 pub(super) fn value(
     mut map: Vec<f32>,
     output: &NetworkOutput,

@@ -2,7 +2,7 @@
 
 use ort::value::TensorElementType;
 
-/// An input that is fed: its numbers come in f32, and are made what the network takes.
+/// An input; its f32 values are converted to `element`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Feed {
     pub name: String,
@@ -10,7 +10,6 @@ pub(crate) struct Feed {
     pub shape: Vec<usize>,
 }
 
-/// The element types of inputs that can be fed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
     F32,
@@ -19,7 +18,6 @@ pub(crate) enum Element {
 }
 
 impl Element {
-    /// The element type of a tensor, if it can be fed.
     pub(crate) const fn of(element: TensorElementType) -> Option<Self> {
         match element {
             TensorElementType::Float32 => Some(Self::F32),
@@ -30,7 +28,6 @@ impl Element {
     }
 }
 
-/// The inputs that are fed and the outputs that are read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Binding {
     pub inputs: Vec<Feed>,
@@ -43,7 +40,7 @@ pub(crate) struct Given {
     pub values: Vec<f32>,
 }
 
-/// Numbers as bytes: to the nearest, half to even, what lies outside as the nearest end.
+/// Rounds half to even and saturates.
 pub(crate) fn bytes(tensor: &[f32]) -> Vec<u8> {
     tensor.iter().map(|value| value.round_ties_even() as u8).collect()
 }

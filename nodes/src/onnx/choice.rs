@@ -16,7 +16,6 @@ pub const VARIABLE: &str = "DEPTHLOOM_ONNX_ENGINE";
 
 static FOUND: OnceLock<Result<Engine, NoEngine>> = OnceLock::new();
 
-/// Why there is no engine.
 struct NoEngine {
     what: String,
     remedy: &'static str,

@@ -31,7 +31,7 @@ pub struct Engine {
     pub instead_of: Option<String>,
     /// Libraries that bear ONNX Runtime's name where it was looked for, and why each cannot be used.
     pub refused: Vec<String>,
-    /// ONNX Runtime's; tract has none.
+    /// `None` for tract.
     environment: Option<Environment>,
     used: Mutex<BTreeSet<Provider>>,
 }
@@ -132,7 +132,6 @@ impl Engine {
         self.environment.as_ref().map_or(Ok(()), |environment| self.builder(environment, provider, 1).map(|_| ()))
     }
 
-    /// A session of a model, on a provider and so many threads; tract always has one.
     pub(crate) fn session(&self, model: &[u8], provider: Provider, threads: usize) -> Result<EngineSession, Fault> {
         let session = match &self.environment {
             Some(environment) => {

@@ -43,18 +43,17 @@ pub(crate) enum PadWith {
     Zero,
 }
 
-/// The sizes a network takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Sizes {
-    /// Columns, if they are fixed, px.
+    /// px, if the network fixes it.
     pub width: Option<usize>,
-    /// Rows, if they are fixed, px.
+    /// px, if the network fixes it.
     pub height: Option<usize>,
-    /// What those that are not must be a multiple of, px.
+    /// Open sides are rounded up to a multiple of this, px.
     pub multiple: usize,
 }
 
-/// The way of a frame of one size to the network's and back.
+/// Maps a frame's size to the network's and back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fitted {
     /// Columns and rows of the frame's images.
@@ -62,13 +61,11 @@ pub(crate) struct Fitted {
     /// Columns and rows of what the network sees.
     pub to: (usize, usize),
     fit: Fit,
-    /// Where the image's first pixel lies.
+    /// Column and row of the image's first pixel in the padded image.
     at: (usize, usize),
 }
 
 impl Fitted {
-    /// # Errors
-    /// If the images are larger than what the network takes, and shall not be resized.
     pub(crate) fn new(from: (usize, usize), sizes: Sizes, fit: Fit, pad_at: PadAt) -> Result<Self, Fault> {
         let up = |side: usize, fixed: Option<usize>| fixed.unwrap_or_else(|| side.next_multiple_of(sizes.multiple));
         let to = (up(from.0, sizes.width), up(from.1, sizes.height));
@@ -93,35 +90,28 @@ impl Fitted {
         Ok(Self { from, to, fit, at })
     }
 
-    /// Pixels of what the network sees.
     pub(crate) const fn pixels(&self) -> usize {
         self.to.0 * self.to.1
     }
 
-    /// Whether nothing is done to a plane.
     fn is_same(&self) -> bool {
         self.from == self.to
     }
 
-    /// Whether planes are resized.
     pub(crate) fn resizes(&self) -> bool {
         self.fit == Fit::Resize && !self.is_same()
     }
 
-    /// Whether rows or columns are added.
     pub(crate) fn pads(&self) -> bool {
         self.fit == Fit::Pad && !self.is_same()
     }
 
-    /// A length along rows, px of what the network sees, in px of the image.
+    /// Converts a horizontal length from the network's pixels to the image's.
     pub(crate) fn columns_back(&self, length: f64) -> f64 {
         if self.resizes() { length * self.from.0 as f64 / self.to.0 as f64 } else { length }
     }
 
-    /// A plane of the image's size with rows and columns added. Only where planes are not resized.
-    ///
-    /// # Errors
-    /// If there is not the memory for it.
+    /// Adds rows and columns to a plane of the image's size. Not for planes that are resized.
     pub(crate) fn padded(&self, plane: &[f32], with: PadWith) -> Result<Vec<f32>, TooMuch> {
         let ((width, height), (columns, rows), (left, top)) = (self.from, self.to, self.at);
         let mut out = zeros::<f32>(columns * rows)?;
@@ -142,10 +132,6 @@ impl Fitted {
         Ok(out)
     }
 
-    /// A plane of the image's size at the network's, as maps come there: resized bilinearly, or with the nearest value added.
-    ///
-    /// # Errors
-    /// If there is not the memory for it.
     pub(crate) fn map_there(&self, plane: &[f32], with: PadWith) -> Result<Vec<f32>, TooMuch> {
         if self.is_same() {
             return Ok(plane.to_vec());
@@ -160,11 +146,8 @@ impl Fitted {
         }
     }
 
-    /// A map of the network, of any size, as one of the image's: brought to the network's image first (bilinear, half-pixel centres), then
-    /// what was added is taken away, or the whole is resized. A pixel with part in one that is no number is none.
-    ///
-    /// # Errors
-    /// If there is not the memory for it.
+    /// Resizes a network's map (bilinear, half-pixel centres) to its input's size, then crops or resizes it to the
+    /// image's. A result pixel that depends on a non-finite value is not finite.
     pub(crate) fn map_back(&self, mut map: Vec<f32>, size: (usize, usize)) -> Result<Vec<f32>, TooMuch> {
         if self.resizes() {
             // From a map's own size in one step.
@@ -180,7 +163,7 @@ impl Fitted {
     }
 }
 
-/// A map resized bilinearly, of which some pixels may be no numbers: what has part in one of these is none.
+/// A result pixel that depends on a non-finite value is NaN.
 fn resized(map: &mut [f32], from: (usize, usize), to: (usize, usize)) -> Result<Vec<f32>, TooMuch> {
     let mut out = zeros::<f32>(to.0 * to.1)?;
     if from == to {
@@ -195,7 +178,6 @@ fn resized(map: &mut [f32], from: (usize, usize), to: (usize, usize)) -> Result<
     Ok(out)
 }
 
-/// Resizes a map of which some pixels are no numbers: what has part in none of them is as if there were none, the rest is NaN.
 fn resize_answers(
     map: &mut [f32],
     (from_width, from_height): (usize, usize),

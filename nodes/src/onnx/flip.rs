@@ -19,7 +19,6 @@ pub(crate) enum Flip {
 }
 
 impl Flip {
-    /// How many images the network sees of one frame.
     pub(crate) const fn images(self) -> usize {
         match self {
             Self::None => 1,
@@ -27,7 +26,7 @@ impl Flip {
         }
     }
 
-    /// Joins to a map of so many columns the answer to the mirrored image, as the network gave it.
+    /// `of_mirrored` is the network's map of the mirrored image, not mirrored back.
     pub(crate) fn join(self, map: &mut [f32], of_mirrored: &[f32], width: usize) {
         let shares: Vec<f32> = (0..width).map(|column| self.share_of_plain(column, width)).collect();
         for (row, mirrored) in map.chunks_exact_mut(width).zip(of_mirrored.chunks_exact(width)) {
@@ -43,7 +42,7 @@ impl Flip {
         }
     }
 
-    /// The weight of the plain answer in a column; the mirrored one's is the rest.
+    /// Weight of the plain image's map in a column; the mirrored one has the rest.
     fn share_of_plain(self, column: usize, width: usize) -> f32 {
         match self {
             Self::None => 1.0,

@@ -6,14 +6,11 @@ use depthloom_kernels::resize::{area_rgb8, bilinear_f32};
 
 use super::params::Resize;
 
-/// The size of a network's input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct InputSize {
     /// 1 (grey) or 3.
     pub channels: usize,
-    /// Columns, px.
     pub width: usize,
-    /// Rows, px.
     pub height: usize,
 }
 
@@ -23,7 +20,7 @@ impl InputSize {
     }
 }
 
-/// The image, grey or in colour, interleaved, 0 to 255.
+/// Interleaved samples, 0 to 255.
 pub(super) fn as_it_is(image: &Image, channels: usize) -> Vec<f32> {
     match channels {
         1 => crate::grey::grey(image).iter().map(|&value| f32::from(value)).collect(),
@@ -31,7 +28,7 @@ pub(super) fn as_it_is(image: &Image, channels: usize) -> Vec<f32> {
     }
 }
 
-/// The image at the network's size, interleaved, 0 to 255.
+/// Interleaved samples at the network's size, 0 to 255.
 pub(super) fn resized(image: &Image, size: InputSize, resize: Resize, round: bool) -> Result<Vec<f32>, TooMuch> {
     let (columns, rows) = image.dimensions();
     let (width, height) = (columns as usize, rows as usize);

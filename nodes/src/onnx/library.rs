@@ -16,13 +16,10 @@ use libloading::Library;
 use ort::MINOR_VERSION;
 use ort::sys::OrtApiBase;
 
-/// The entry of every ONNX Runtime.
 type GetApiBase = unsafe extern "C" fn() -> *const OrtApiBase;
 
-/// Loads a library and asks it for its version and the interface we need.
-///
-/// # Errors
-/// Why it cannot be used, as a fragment that begins with the file.
+/// Loads a library and checks that its version has the interface that this program needs. The error starts with the
+/// path.
 pub(crate) fn look_at(path: &Path) -> Result<(), String> {
     let refused = |why: String| format!("{} {why}", path.display());
     // SAFETY: loading runs a library's own start-up code. Only files named as ONNX Runtime's are opened, from where the person

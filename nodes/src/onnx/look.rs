@@ -7,30 +7,21 @@ use super::fit::{Fitted, PadWith};
 use super::input::{self, InputSize};
 use super::params::{Channels, Resize};
 
-/// How images become planes of a tensor.
 #[derive(Clone, Debug)]
 pub(crate) struct Look {
-    /// The order of three channels.
     pub channels: Channels,
-    /// Subtracted from each channel, in the network's order of channels.
+    /// Subtracted from each channel, in the network's channel order.
     pub mean: [f64; 3],
-    /// Each channel is then divided by this.
     pub std: [f64; 3],
-    /// What white is before that: 1 or 255.
+    /// Value of white before `mean` and `std`: 1 or 255.
     pub white: f64,
-    /// How images are resized, where they are.
     pub resize: Resize,
-    /// Whether the resized image is rounded to 8 bits.
     pub round: bool,
-    /// What is added around images, where something is.
     pub pad_with: PadWith,
 }
 
 impl Look {
-    /// The planes of an image, one or three, in the network's order of channels, each of the network's size; of the mirror image, if asked.
-    ///
-    /// # Errors
-    /// If there is not the memory for it.
+    /// Returns one or three planes in the network's channel order and size.
     pub(crate) fn planes(
         &self,
         image: &Image,

@@ -14,32 +14,25 @@ use prost::Message;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// An input or output, as the model declares it.
 #[derive(Clone)]
 pub(crate) struct Outlet {
     pub name: String,
-    /// Element type and shape, open sides -1; `None`: no tensor.
+    /// Element type and shape, open sides -1; `None` if it is not a tensor.
     pub tensor: Option<(TensorElementType, Vec<i64>)>,
 }
 
-/// A model, as far as it declares itself.
 pub(crate) struct Declared {
-    /// What must be fed: the graph's inputs that are no weights.
+    /// The graph's inputs without its weights.
     pub inputs: Vec<Outlet>,
-    /// What it gives.
     pub outputs: Vec<Outlet>,
-    /// The first file of weights that is not in the model's own.
+    /// First file of weights outside the model file.
     pub external: Option<String>,
-    /// The largest tensor that it states whole: its name and sides.
+    /// Name and shape of the largest tensor with a declared shape.
     pub largest: Option<(String, Vec<i64>)>,
     metadata: Vec<StringStringEntryProto>,
 }
 
 impl Declared {
-    /// Reads a model.
-    ///
-    /// # Errors
-    /// Why it is no ONNX file.
     pub(crate) fn read(model: &[u8]) -> Result<Self, String> {
         let ModelProto { graph, metadata_props: metadata, .. } = decode(model)?;
         let graph = graph.ok_or(NO_GRAPH)?;
@@ -63,7 +56,6 @@ impl Declared {
         Ok(Self { inputs, outputs, external, largest, metadata })
     }
 
-    /// What the model says of itself under a name.
     pub(crate) fn metadata(&self, name: &str) -> Option<&str> {
         self.metadata.iter().find(|said| said.key == name).map(|said| said.value.as_str())
     }
@@ -148,14 +140,13 @@ impl From<Outlet> for Tensor {
     }
 }
 
-/// How many numbers a tensor has as far as its sides are fixed.
+/// Product of the fixed sides.
 pub(crate) fn elements(sides: &[i64]) -> u64 {
     sides.iter().fold(1, |product: u64, &side| product.saturating_mul(u64::try_from(side).unwrap_or(1)))
 }
 
 const NO_GRAPH: &str = "it is no ONNX file: it holds no graph";
 
-/// The messages of a model, without the elements of its weights.
 fn decode(model: &[u8]) -> Result<ModelProto<TensorHead>, String> {
     if regular_file::is_lfs_pointer(model) {
         return Err(format!("it is a pointer of Git LFS, not the file itself: {}", regular_file::LFS_REMEDY));
@@ -163,12 +154,10 @@ fn decode(model: &[u8]) -> Result<ModelProto<TensorHead>, String> {
     ModelProto::decode(model).map_err(|error| format!("it is no ONNX file: {error}"))
 }
 
-/// The graphs within an attribute.
 fn graphs(attribute: &AttributeProto<TensorHead>) -> impl Iterator<Item = &GraphProto<TensorHead>> {
     attribute.g.as_deref().into_iter().chain(&attribute.graphs)
 }
 
-/// Counts the operators, those of graphs within nodes too.
 fn count_operators(graph: &GraphProto<TensorHead>, found: &mut BTreeMap<String, u64>) {
     for node in &graph.node {
         let domain = if node.domain.is_empty() { String::new() } else { format!("{}.", node.domain) };
@@ -177,7 +166,6 @@ fn count_operators(graph: &GraphProto<TensorHead>, found: &mut BTreeMap<String, 
     }
 }
 
-/// All weights: those of the graph, those that nodes hold as attributes, and those of graphs within nodes.
 fn add_weights<'a>(graph: &'a GraphProto<TensorHead>, found: &mut Vec<&'a TensorHead>) {
     found.extend(&graph.initializer);
     for attribute in graph.node.iter().flat_map(|node| &node.attribute) {
@@ -198,7 +186,6 @@ fn outlet(value: &ValueInfoProto) -> Outlet {
     Outlet { name: value.name.clone(), tensor }
 }
 
-/// The element type by its number in the schema.
 const fn element(number: i32) -> TensorElementType {
     match number {
         1 => TensorElementType::Float32,

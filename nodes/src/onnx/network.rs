@@ -16,27 +16,22 @@ use super::params::{OnnxParams, Output, TensorLayout};
 use super::pool::{self, Pool, Pools};
 use super::shapes::{Axes, Maps, batch, check_map, map_of, map_output, outlet, planes, shown, sizes};
 
-/// A network of one image, ready to run.
 pub(crate) struct Network {
     params: OnnxParams,
     /// The input's name and axes.
     input: (String, Axes),
-    /// Planes of an image: three or one.
+    /// 3 or 1.
     channels: usize,
     output: String,
     sizes: Sizes,
-    /// How many images one run takes.
+    /// Images per run.
     batch: usize,
-    /// What its map means.
     pub meaning: Output,
     pools: Pools,
 }
 
 impl Network {
-    /// Looks at a model and checks that it maps an image to a map; loads it where the size of its image is known.
-    ///
-    /// # Errors
-    /// If it is no model, or of other inputs, rank or type than a network of depth has.
+    /// Loads the model at once if the size of its image is known.
     pub(crate) fn load(model: &Artifact, params: &OnnxParams) -> Result<Self, Fault> {
         let declared = pool::declared(model, params.provider)?;
         let Declared { inputs, outputs, .. } = &declared;
@@ -90,18 +85,11 @@ impl Network {
         Ok(network)
     }
 
-    /// The way of images of a size to the network's and back.
-    ///
-    /// # Errors
-    /// If the network takes no images of it.
     pub(crate) fn fitted(&self, from: (usize, usize)) -> Result<Fitted, Fault> {
         Fitted::new(from, self.sizes, self.params.fit, PadAt::BottomRight)
     }
 
-    /// The network's map of an image and, with `flip`, that of its mirror image behind it.
-    ///
-    /// # Errors
-    /// If there is not the memory, the engine fails, or the output is no single map for each image.
+    /// With `flip`, the map of the mirrored image follows that of the image.
     pub(crate) fn run(&self, image: &Image, fitted: &Fitted, look: &Look) -> Result<Maps, Fault> {
         self.check_memory(fitted.to)?;
         let pool = self.pool(fitted.to)?;
@@ -131,7 +119,6 @@ impl Network {
         self.pools.get(size, input.into_iter(), std::slice::from_ref(&self.output))
     }
 
-    /// That what an image becomes takes no more memory than there is for one call.
     fn check_memory(&self, (width, height): (usize, usize)) -> Result<(), Fault> {
         // The image at the network's size, in bytes and in f32; its tensors, ours and the engine's; a map each.
         let (image, tensors) = (3 + 12, self.params.flip.images() * 4 * (2 * self.channels + 1));
@@ -143,10 +130,10 @@ impl Network {
     }
 }
 
-/// Under which name a model says what its output means, as the parameter `output` names it: `learn/ssl` writes it.
+/// Metadata key by which a model names the meaning of its output; written by `learn/ssl`.
 const MEANING: &str = "depthloom.output";
 
-/// What the experiment says the output means, else what the model says, else the usual. The two must not contradict each other.
+/// The parameter wins over the model's metadata, unless they contradict each other.
 fn meaning(declared: &Declared, params: &OnnxParams) -> Result<Output, Fault> {
     let Some(said) = declared.metadata(MEANING) else { return Ok(params.output.unwrap_or_default()) };
     let of_model = serde_json::from_value(said.into()).map_err(|_| {
@@ -162,7 +149,6 @@ fn meaning(declared: &Declared, params: &OnnxParams) -> Result<Output, Fault> {
     }
 }
 
-/// The axes of an input that takes an image: batch, rows, columns and 1 or 3 channels.
 fn image_axes(input: &Outlet, params: &OnnxParams) -> Result<Axes, Fault> {
     let shape = input.tensor.as_ref().map_or(&[][..], |(_, shape)| shape.as_slice());
     let axes = planes(input, params.layout);
@@ -186,7 +172,6 @@ fn image_axes(input: &Outlet, params: &OnnxParams) -> Result<Axes, Fault> {
     }
 }
 
-/// That the largest tensor that the model states takes no more memory than there is for one call.
 fn check_largest(declared: &Declared) -> Result<(), Fault> {
     let Some((name, sides)) = &declared.largest else { return Ok(()) };
     let bytes = elements(sides).saturating_mul(size_of::<f32>() as u64);

@@ -40,7 +40,6 @@ pub(crate) enum Resize {
     Bilinear,
 }
 
-/// That images can be resized and normalised so.
 pub(crate) fn check_look(std: [f64; 3], resize: Resize, round: bool) -> Result<(), (&'static str, String)> {
     if std.contains(&0.0) {
         return Err(("std", "std must not be 0: every channel is divided by it".to_owned()));
@@ -48,7 +47,6 @@ pub(crate) fn check_look(std: [f64; 3], resize: Resize, round: bool) -> Result<(
     check_resize(resize, round)
 }
 
-/// That images can be resized so.
 pub(crate) fn check_resize(resize: Resize, round: bool) -> Result<(), (&'static str, String)> {
     match (resize, round) {
         (Resize::Area, false) => {

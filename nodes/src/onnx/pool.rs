@@ -15,10 +15,7 @@ use super::provider::Provider;
 use super::session::EngineSession;
 use super::shapes::Axes;
 
-/// What a model declares, once it is known that this machine can run it with this provider.
-///
-/// # Errors
-/// If it is no model, keeps its weights elsewhere, or the engine has no such provider.
+/// Reads a model's declaration and checks that the engine offers the provider.
 pub(crate) fn declared(model: &Artifact, provider: Provider) -> Result<Declared, Fault> {
     let engine = choice::find()?;
     engine.offers(provider)?;
@@ -32,7 +29,7 @@ pub(crate) fn declared(model: &Artifact, provider: Provider) -> Result<Declared,
     Ok(declared)
 }
 
-/// The network of a node: loaded when the first frame brings its model, and again when a frame brings another.
+/// A node's network, loaded with the first frame and again when a frame brings another model.
 pub(crate) struct Loaded<N>(Mutex<Option<(Key, Arc<N>)>>);
 
 impl<N> Default for Loaded<N> {
@@ -55,7 +52,6 @@ impl<N> Loaded<N> {
     }
 }
 
-/// A model, bound to tensors of each size that the network sees.
 pub(crate) struct Pools {
     model: Artifact,
     provider: Provider,
@@ -68,10 +64,7 @@ impl Pools {
         Self { model: model.clone(), provider, threads, by_size: Mutex::default() }
     }
 
-    /// The model, bound to tensors of a size: these inputs, each a tensor's name, axes, images and planes, and these outputs.
-    ///
-    /// # Errors
-    /// If the engine cannot load it.
+    /// Each input is a tensor's name, its axes, images and planes.
     pub(crate) fn get<'a>(
         &self,
         size: (usize, usize),
@@ -93,7 +86,6 @@ impl Pools {
     }
 }
 
-/// A model, bound to tensors of fixed shapes.
 pub(crate) struct Pool {
     engine: &'static Engine,
     model: Arc<[u8]>,
@@ -105,10 +97,6 @@ pub(crate) struct Pool {
 }
 
 impl Pool {
-    /// Loads a model for tensors of the binding's shapes.
-    ///
-    /// # Errors
-    /// If the engine cannot load it, or not for these shapes.
     fn load(model: &Artifact, provider: Provider, threads: u32, binding: Binding) -> Result<Self, Fault> {
         let (model, threads) = (Arc::clone(&model.bytes), threads as usize);
         let pool = Self { engine: choice::find()?, model, provider, threads, binding, sessions: Mutex::default() };
@@ -117,10 +105,7 @@ impl Pool {
         Ok(pool)
     }
 
-    /// Runs the model on a tensor an input of the binding; what it gives, by output of the binding.
-    ///
-    /// # Errors
-    /// If the engine fails.
+    /// Takes one tensor per input of the binding and returns one per output.
     pub(crate) fn run(&self, tensors: &[&[f32]]) -> Result<Vec<Given>, Fault> {
         let idle = locked(&self.sessions).pop();
         let mut session = idle.map_or_else(|| self.session(), Ok)?;

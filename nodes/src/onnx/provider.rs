@@ -86,7 +86,7 @@ impl Provider {
         }
     }
 
-    /// Whether the loaded ONNX Runtime was built with it. What it needs of the machine shows when a session asks for it.
+    /// Whether the loaded ONNX Runtime was built with it.
     pub(crate) fn is_in_library(self) -> ort::Result<bool> {
         match self {
             Self::Cpu => Ok(true),
@@ -102,7 +102,7 @@ impl Provider {
         }
     }
 
-    /// Has the sessions of ONNX Runtime run on it, or fail: never silently on the processor instead.
+    /// Fails if the provider cannot be used; never falls back to the CPU.
     pub(crate) fn register(
         self,
         builder: SessionBuilder,
@@ -120,7 +120,7 @@ impl Provider {
         Ok(builder.with_execution_providers(strict)?)
     }
 
-    /// What is registered, the preferred first.
+    /// In order of preference.
     fn dispatches(self, threads: usize) -> Vec<ExecutionProviderDispatch> {
         // A search by stopwatch may choose another algorithm, with other bits, in every run.
         let cuda = || {

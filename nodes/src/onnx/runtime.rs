@@ -14,22 +14,19 @@ use super::library;
 
 pub(crate) const REMEDY: &str = "activate a Python environment that has it (`pip install onnxruntime`), or set ORT_DYLIB_PATH to libonnxruntime.so of version 1.24 or newer";
 
-/// Where `ORT_DYLIB_PATH` names what cannot be used.
 #[cfg(feature = "tract")]
 pub(crate) const REMEDY_OF_NAMED: &str = "unset ORT_DYLIB_PATH for what this machine has, let it name libonnxruntime.so of version 1.24 or newer, or set DEPTHLOOM_ONNX_ENGINE=tract for the engine inside this program";
 #[cfg(not(feature = "tract"))]
 pub(crate) const REMEDY_OF_NAMED: &str =
     "unset ORT_DYLIB_PATH for what this machine has, or let it name libonnxruntime.so of version 1.24 or newer";
 
-/// Why there is no ONNX Runtime.
 pub(crate) enum Missing {
-    /// `ORT_DYLIB_PATH` names one that cannot be used.
+    /// `ORT_DYLIB_PATH` names a library that cannot be used.
     Named(String),
-    /// None was found that can be used; the libraries that were there, and why not.
+    /// The message, and why each library that was found cannot be used.
     NoneFound(String, Vec<String>),
 }
 
-/// The ONNX Runtime of this machine.
 pub(crate) fn load() -> Result<Engine, Missing> {
     if let Some(path) = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()) {
         // Asked for by name: another one in its place would surprise.
@@ -73,7 +70,7 @@ fn none_found(refused: Vec<String>) -> Missing {
     Missing::NoneFound(text, refused)
 }
 
-/// Where libraries are looked for when none is named, in order: what led to each folder, and the folder.
+/// Folders searched when no library is named, each with what led to it.
 pub(crate) fn places() -> Vec<(&'static str, PathBuf)> {
     let variable = |name: &'static str| std::env::var_os(name).unwrap_or_default();
     // What is no absolute path would be another folder for every working directory.
@@ -101,7 +98,7 @@ pub(crate) fn places() -> Vec<(&'static str, PathBuf)> {
     places
 }
 
-/// The virtual environments of Python whose programs are on a PATH.
+/// Python environments (`pyvenv.cfg`) whose programs are on `path`.
 fn environments_of(path: &OsStr) -> Vec<PathBuf> {
     let folders = std::env::split_paths(path).filter(|folder| folder.is_absolute());
     let roots = folders.filter_map(|folder| folder.parent().map(Path::to_owned));
@@ -117,7 +114,7 @@ fn open(path: PathBuf, found_by: &'static str, refused: Vec<String>) -> Result<E
     Ok(Engine::of_library(path, found_by, version, environment, refused))
 }
 
-/// From the file's name (`libonnxruntime.so.1.31.1`), links followed, or the branch it was built from (`rel-1.31.1`).
+/// From the file's name (`libonnxruntime.so.1.31.1`, links followed) or the branch of the build (`rel-1.31.1`).
 fn version(path: &Path, build: &str) -> String {
     let file = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let file = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -126,7 +123,6 @@ fn version(path: &Path, build: &str) -> String {
     named.or_else(branch).unwrap_or_else(|| "unknown".to_owned())
 }
 
-/// Where the wheel keeps its library inside a Python environment.
 fn in_python(root: &Path) -> Vec<PathBuf> {
     let package = "site-packages/onnxruntime/capi";
     let is_python = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("python"));
@@ -134,7 +130,7 @@ fn in_python(root: &Path) -> Vec<PathBuf> {
     std::iter::once(root.join("Lib").join(package)).chain(versions).filter(|folder| folder.is_dir()).collect()
 }
 
-/// ONNX Runtime's libraries in a folder, by name; the provider plug-ins beside it are none.
+/// Without the provider plug-ins beside it.
 fn libraries(folder: &Path) -> Vec<PathBuf> {
     let is_library = |path: &PathBuf| {
         let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();

@@ -9,7 +9,6 @@ use ort::value::{DynValue, Tensor, TensorRef};
 
 use super::binding::{Binding, Element, Feed, Given, bytes};
 
-/// A model, loaded: one run at a time.
 pub(crate) enum EngineSession {
     OnnxRuntime(Box<Session>),
     #[cfg(feature = "tract")]
@@ -19,7 +18,6 @@ pub(crate) enum EngineSession {
 type Failed = Box<dyn Error + Send + Sync>;
 
 impl EngineSession {
-    /// Makes ready for runs of this binding.
     #[cfg_attr(not(feature = "tract"), expect(unused_variables, reason = "only tract plans for a binding"))]
     pub(crate) fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
         match self {
@@ -29,7 +27,6 @@ impl EngineSession {
         }
     }
 
-    /// What tensors of the binding's shapes become, by output of the binding.
     pub(crate) fn run(&mut self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, Failed> {
         match self {
             Self::OnnxRuntime(session) => {

@@ -7,27 +7,22 @@ use super::fit::Sizes;
 use super::model::Outlet;
 use super::params::TensorLayout;
 
-/// The axes of an input of planes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Axes {
-    /// Its numbers.
     pub element: Element,
-    /// How many images or maps at once; `None` where the network leaves it open.
+    /// `None` if the network leaves it open.
     pub batch: Option<usize>,
-    /// Planes of one; 1 where there is no such axis, `None` where the network leaves it open.
+    /// 1 without such an axis; `None` if the network leaves it open.
     pub channels: Option<usize>,
-    /// Rows, px; `None` where the network leaves them open.
+    /// px; `None` if the network leaves it open.
     pub height: Option<usize>,
-    /// Columns, px; `None` where the network leaves them open.
+    /// px; `None` if the network leaves it open.
     pub width: Option<usize>,
     rank: usize,
     layout: TensorLayout,
 }
 
-/// The axes of an input of 2 to 4 axes: rows and columns, batch before them, channels where the layout says.
-///
-/// # Errors
-/// If it is no such tensor, or of numbers that cannot be fed.
+/// Accepts 2 to 4 axes: rows and columns, batch before them, channels according to the layout.
 pub(crate) fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault> {
     let name = &input.name;
     let Some((element, shape)) = &input.tensor else {
@@ -65,7 +60,6 @@ pub(crate) fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault
 }
 
 impl Axes {
-    /// The shape of a tensor of so many images of so many planes of a size.
     pub(crate) fn shape(&self, batch: usize, channels: usize, (width, height): (usize, usize)) -> Vec<usize> {
         match (self.rank, self.layout) {
             (2, _) => vec![height, width],
@@ -75,7 +69,6 @@ impl Axes {
         }
     }
 
-    /// Planes in the order of the tensor.
     pub(crate) fn laid_out(&self, planes: &[Vec<f32>], tensor: &mut Vec<f32>) {
         match (self.rank, self.layout) {
             (4, TensorLayout::Nhwc) if planes.len() > 1 => {
@@ -89,10 +82,7 @@ impl Axes {
     }
 }
 
-/// The size of what a network sees: what its inputs fix, else what the experiment asks for, else a multiple.
-///
-/// # Errors
-/// If inputs are fixed at different sizes, or the experiment asks for another.
+/// The inputs decide, then the experiment, then the multiple.
 pub(crate) fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: u32) -> Result<Sizes, Fault> {
     let side = |what: &str, of: fn(&Axes) -> Option<usize>, asked: Option<u32>| {
         let asked = asked.map(|asked| asked as usize);
@@ -118,10 +108,8 @@ pub(crate) fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: 
     })
 }
 
-/// How many of `images` images one run takes: all of them if every input and the output leave the batch open or fix it at that, one if they fix it at one.
-///
-/// # Errors
-/// If the network wants another number at once.
+/// Number of `images` in one run: all, if every input and the output leave the batch open or fix it at that number;
+/// otherwise one.
 pub(crate) fn batch(inputs: &[(&str, Axes)], output: &Outlet, images: usize) -> Result<usize, Fault> {
     let of_output = output.tensor.as_ref().filter(|(_, shape)| shape.len() > 2).map(|(_, shape)| shape[0]);
     let mut batch = if of_output.is_some_and(|first| first == -1 || first == images as i64) { images } else { 1 };
@@ -139,22 +127,21 @@ pub(crate) fn batch(inputs: &[(&str, Axes)], output: &Outlet, images: usize) -> 
     Ok(batch)
 }
 
-/// How many pixels of an image, along each axis, one of a network's map stands for at most: the largest stride of networks.
+/// Largest stride of known networks: pixels of the image per pixel of a map, along an axis.
 const LARGEST_STRIDE: usize = 32;
 
-/// Whether an axis of a network's output can be the rows or columns of a map of an image with so many.
 const fn is_side(side: usize, of_image: usize) -> bool {
     // Strides may round down. A file declares any side up to 2^63 - 1.
     (side >= 2 || of_image == side) && side.saturating_add(1).saturating_mul(LARGEST_STRIDE) > of_image
 }
 
-/// Whether (columns, rows) can be those of a map of an image of (columns, rows): a vector, such as a pose, is not a map.
+/// Both are (columns, rows). A vector, such as a pose, is not a map.
 pub(super) const fn is_map_size(size: (usize, usize), of_image: (usize, usize)) -> bool {
     is_side(size.0, of_image.0) && is_side(size.1, of_image.1)
 }
 
-/// Whether an output of such a shape can be maps, as far as its sides are fixed (-1: open); `of_image`: columns and rows of what the network sees,
-/// where they are known.
+/// Whether an output may hold maps; -1 is an open side. `of_image`: columns and rows of the network's image, where
+/// known.
 pub(super) fn may_be_map(shape: &[i64], of_image: (Option<usize>, Option<usize>)) -> bool {
     // Where no shape is declared everything is open.
     if shape.is_empty() {
@@ -174,10 +161,7 @@ pub(super) fn may_be_map(shape: &[i64], of_image: (Option<usize>, Option<usize>)
     }
 }
 
-/// The output that a network's maps are taken from: the one of that name, else the first whose shape can be that of a map.
-///
-/// # Errors
-/// If there is no such output.
+/// The output of that name, or the first whose shape may be a map's.
 pub(crate) fn map_output<'a>(
     outputs: &'a [Outlet],
     name: Option<&str>,
@@ -205,7 +189,7 @@ pub(crate) fn map_output<'a>(
     }
 }
 
-/// The maps of an output: one for each image of a batch, one after the other.
+/// One map per image of a batch.
 pub(crate) struct Maps {
     /// Row-major, one map after the other.
     pub values: Vec<f32>,
@@ -213,22 +197,18 @@ pub(crate) struct Maps {
     pub size: (usize, usize),
 }
 
-/// Where the map of each image is in an output.
 pub(super) struct Place {
     /// Columns and rows of a map.
     size: (usize, usize),
-    /// How many maps there are for one image, and which is taken.
+    /// Maps per image, and the one that is taken.
     heads: usize,
     chosen: usize,
-    /// How many maps lie together, pixel by pixel: channels that come last.
+    /// Maps that are interleaved pixel by pixel (channels last).
     trail: usize,
 }
 
-/// Where in an output of such a shape the map of each of `batch` images is. Where it holds several for one image (heads, channels, steps of refinement),
-/// `head` says which: counted from 0, or from the last with -1.
-///
-/// # Errors
-/// If it holds no maps of an image of (columns, rows) `of_image`, others than so many, or no such head.
+/// Finds the map of each of `batch` images. `head` selects one of several maps per image, from 0, or from the last with
+/// -1.
 pub(super) fn check_map(
     shape: &[i64],
     name: &str,
@@ -276,10 +256,6 @@ pub(super) fn check_map(
     Ok(Place { size: (width, height), heads, chosen, trail })
 }
 
-/// The map of each of `batch` images in an output; see [`check_map`].
-///
-/// # Errors
-/// As there.
 pub(crate) fn map_of(
     given: Given,
     name: &str,
@@ -300,12 +276,10 @@ pub(crate) fn map_of(
     Ok(Maps { values, size })
 }
 
-/// How many values are NaN or infinite.
 pub(crate) fn numberless(values: &[f32]) -> usize {
     values.iter().filter(|value| !value.is_finite()).count()
 }
 
-/// The input or output of this name, or the first.
 pub(crate) fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) -> Result<&'a Outlet, Fault> {
     let named = |wanted: &str| outlets.iter().find(|outlet| outlet.name == wanted);
     let found = name.map_or(outlets.first(), named);
@@ -317,7 +291,7 @@ pub(crate) fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) 
     })
 }
 
-/// A shape as text; open sides as `?`.
+/// Open sides are `?`.
 pub(super) fn shown(shape: &[i64]) -> String {
     let side = |&side: &i64| if side < 0 { "?".to_owned() } else { side.to_string() };
     shape.iter().map(side).collect::<Vec<_>>().join("x")

@@ -14,7 +14,7 @@ pub fn shape_text(shape: &[i64]) -> String {
     shape.iter().map(side).collect::<Vec<_>>().join("x")
 }
 
-/// How many channels an input of images has, and whether they come last; `None` if it is none.
+/// Channels of an input of images, and whether they come last.
 fn channels(input: &Tensor) -> Option<(i64, bool)> {
     let is = |side: i64| matches!(side, 1 | 2 | 3 | 6);
     match input.shape[..] {
@@ -45,7 +45,7 @@ pub fn closed_shape(input: &Tensor, (width, height): (usize, usize)) -> Vec<usiz
         .collect()
 }
 
-/// The first output that can be a map of the image that the first input takes, which the kinds take by themselves.
+/// The first output that may be a map of the first input's image.
 fn map_output(model: &Description) -> Option<&Tensor> {
     let first = model.inputs.first();
     let is_last = first.and_then(channels).is_some_and(|(_, last)| last);
@@ -58,12 +58,10 @@ fn map_output(model: &Description) -> Option<&Tensor> {
     numbers().find(|output| may_be_map(&output.shape, of_image)).or_else(|| numbers().find(|one| is_open(one)))
 }
 
-/// Whether all sides of a tensor are open.
 fn is_open(tensor: &Tensor) -> bool {
     tensor.shape.iter().all(|side| *side == -1)
 }
 
-/// Why no kind runs a model; `None` if one does.
 fn refusal(model: &Description) -> Option<String> {
     if let Some(other) = &model.external {
         return Some(format!("its weights are in another file, `{other}`: save it as one file first"));
@@ -145,7 +143,6 @@ pub fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String)
     }
 }
 
-/// What the map of a monocular network most likely is, by its name.
 fn mono_output(name: &str) -> &'static str {
     let name = name.to_lowercase();
     match (name.contains("depth"), name.contains("inv")) {
@@ -155,10 +152,6 @@ fn mono_output(name: &str) -> &'static str {
     }
 }
 
-/// A node of the kind `onnx`, all of whose ports are declared.
-///
-/// # Errors
-/// If an input takes neither an image nor a map.
 fn network(model: &Description, seen: &[Option<(i64, bool)>], path: &str, fit: &str) -> Result<String, String> {
     let mut lines = format!("network:\n  kind: onnx\n  with:\n    {fit}\n    ports:\n      inputs:\n");
     let mut wired = Vec::new();
@@ -203,7 +196,7 @@ fn stereo(with: &str, path: &str) -> String {
     )
 }
 
-/// A text as YAML writes it within braces.
+/// Quoted for a YAML flow mapping where necessary.
 fn text(text: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '/' | '.' | '-');
     let begins = text.starts_with(|c: char| c.is_ascii_alphabetic() || matches!(c, '/' | '.' | '_'));
@@ -213,7 +206,6 @@ fn text(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }
 
-/// A port's name for a tensor's.
 fn port(name: &str, side: &str, index: usize) -> String {
     let port: String = name.to_lowercase().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     match check_name(&port) {

@@ -18,17 +18,15 @@ use tract_onnx::tract_core::ops::Cost;
 
 use super::binding::{self, Binding, Element, Given};
 
-/// The version that is compiled in; `Cargo.toml` pins it.
+/// Pinned in `Cargo.toml`.
 pub(super) const VERSION: &str = "0.23.9";
 
-/// A model in tract.
 pub(crate) struct TractSession {
     model: Box<ModelProto>,
     plan: Option<Arc<TypedRunnableModel>>,
 }
 
 impl TractSession {
-    /// Reads a model; what it computes is looked at by [`TractSession::prepare`].
     pub(crate) fn read(mut model: &[u8]) -> Result<Self, String> {
         caught(|| {
             let mut model = Box::new(tract_onnx::onnx().proto_model_for_read(&mut model)?);
@@ -38,7 +36,6 @@ impl TractSession {
         })
     }
 
-    /// Plans the way from inputs of fixed shapes to outputs.
     pub(crate) fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
         let plan = caught(|| {
             // Sizes that the model leaves open are known here; what it says of them within is left to follow from the inputs'.
@@ -70,7 +67,6 @@ impl TractSession {
         Ok(())
     }
 
-    /// What tensors of the shapes that were prepared become.
     pub(crate) fn run(&self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, String> {
         let plan = self.plan.as_ref().ok_or("the network was not prepared")?;
         caught(|| {
@@ -98,7 +94,7 @@ impl TractSession {
     }
 }
 
-/// Names the nodes that have no name, which ONNX allows: tract takes nodes of equal names, of none too, for one.
+/// Names unnamed nodes, which ONNX allows: tract takes nodes with equal names for one.
 fn name_nodes(model: &mut ModelProto) {
     for (index, node) in model.graph.iter_mut().flat_map(|graph| &mut graph.node).enumerate() {
         if node.name.is_empty() {
@@ -107,7 +103,7 @@ fn name_nodes(model: &mut ModelProto) {
     }
 }
 
-/// Refuses operators of domains that tract does not implement: it would take `Conv` of any domain for ONNX's.
+/// Rejects operators of domains that tract does not implement: it would take `Conv` of any domain for ONNX's.
 fn check_domains(model: &ModelProto) -> TractResult<()> {
     const KNOWN: [&str; 4] = ["", "ai.onnx", "ai.onnx.ml", "com.microsoft"];
     let nodes = model.graph.iter().flat_map(|graph| &graph.node);
@@ -119,7 +115,6 @@ fn check_domains(model: &ModelProto) -> TractResult<()> {
     }
 }
 
-/// Multiplications with an addition in one run, its inputs in the model's order and of these shapes.
 pub(super) fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String> {
     let mut bytes = model;
     caught(|| {
@@ -152,7 +147,6 @@ fn datum_type(element: Element) -> DatumType {
     }
 }
 
-/// What tract said, its panics included.
 fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, String> {
     // What a panic may leave half-done is a plan or a run of its own, and dropped.
     match depthloom_threads::caught(work) {

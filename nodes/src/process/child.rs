@@ -26,55 +26,45 @@ use super::memory::Shared;
 use super::permission;
 use super::protocol::{self, Elsewhere, Reply, Request};
 
-/// What the guard does: passes on the signals that it is told, and kills the group, itself too, when there is nobody left to tell it any.
+/// The guard forwards signals to its group, and kills the group when its standard input ends.
 const GUARD: &str = "trap '' HUP INT TERM; while read -r signal; do kill -s \"$signal\" 0; done; kill -s KILL 0";
-/// The most bytes of its standard error that are kept.
+/// Bytes of standard error that are kept.
 const KEPT: usize = 16 << 10;
-/// How long a process may take to end when it is told, before it is killed.
+/// Time to end after SIGTERM, before SIGKILL.
 const GRACE: Duration = Duration::from_secs(2);
-/// How long it may take by itself after its input has ended.
+/// Time to end after standard input has ended, before SIGTERM.
 const LAST_GRACE: Duration = Duration::from_secs(10);
-/// How often waiting looks up.
+/// Polling interval of waits.
 pub(super) const LOOK: Duration = Duration::from_millis(50);
 
-/// The end of what a process said on its standard error.
 #[derive(Default)]
 struct Said {
     bytes: VecDeque<u8>,
     left_out: bool,
 }
 
-/// What the thread that reads found: a reply, or what is wrong and what helps.
 type Heard = Result<Reply, (String, &'static str)>;
 
-/// What helps where a program prints to the stream of its answers.
 const PRINTS: &str =
     "print to standard error (`print(..., file=sys.stderr)` in Python): standard output belongs to the protocol";
 
-/// A process and all that belongs to it.
 pub(super) struct Running {
     child: Child,
     guard: Guard,
-    /// Where calls go; gone when it is told to end.
     calls: Option<SyncSender<Request>>,
     replies: Receiver<Heard>,
     said: Arc<Mutex<Said>>,
     listener: Option<JoinHandle<()>>,
     /// The number of the last call.
     pub(super) number: i64,
-    /// Whether its last answer was a failure, which is reported already.
+    /// Whether its last reply was a failure, which is reported already.
     pub(super) has_failed: bool,
-    /// Whether it was asked to end before its input did.
     is_terminated: bool,
-    /// When its input ended.
     hung_up: Option<Instant>,
-    /// The program, for messages.
     command: String,
-    /// Whether what it printed, and how it ended, is kept for whoever runs the experiment.
     pub(super) is_reported: bool,
 }
 
-/// The first process of a group.
 struct Guard {
     shell: Child,
     orders: Option<ChildStdin>,
@@ -89,7 +79,6 @@ impl Guard {
         Ok(Self { shell, orders })
     }
 
-    /// Asks all of the group to end.
     fn terminate(&mut self) {
         if let Some(orders) = &mut self.orders {
             // A guard that is gone is one that killed the group.
@@ -97,12 +86,11 @@ impl Guard {
         }
     }
 
-    /// Kills all of the group.
     fn kill(&mut self) {
         self.orders = None;
     }
 
-    /// Waits until the group was killed. A guard that the group itself has stopped is no help: then another shell does its work.
+    /// If the group has stopped its guard, another shell kills the group.
     fn wait(&mut self) {
         if ends_within(&mut self.shell, GRACE).is_some() {
             return;
@@ -115,16 +103,14 @@ impl Guard {
     }
 }
 
-/// Why there was no reply.
 pub(super) enum Silence {
-    /// The time is over.
     Late,
-    /// The process is of no more use; what is wrong, as a lower-case fragment, and what helps, which may be empty.
+    /// What is wrong, as a lower-case fragment, and a remedy, which may be empty.
     Broken(String, &'static str),
 }
 
 impl Running {
-    /// Starts a process and its threads, and sends the schema; it is not waited for.
+    /// Starts a process and its threads and sends the schema, without waiting for a reply.
     pub(super) fn start(launch: &Launch, schema: &Arc<Schema>, outputs: &Arc<[Port]>) -> Result<Self, Fault> {
         permission::ask(&launch.command_line())?;
         let name = launch.program();
@@ -187,7 +173,6 @@ impl Running {
         Ok(running)
     }
 
-    /// Hands a call over; what became of it, a reply tells.
     pub(super) fn send(&mut self, request: Request) {
         if let Some(calls) = &self.calls {
             // Never full: one call at a time. If the thread is gone, so is the process, and the thread that reads says so.
@@ -195,13 +180,11 @@ impl Running {
         }
     }
 
-    /// Tells it that nobody calls any more: its standard input ends.
     pub(super) fn hang_up(&mut self) {
         self.calls = None;
         self.hung_up.get_or_insert_with(Instant::now);
     }
 
-    /// What it says next.
     pub(super) fn hear(&mut self, patience: Duration) -> Result<Reply, Silence> {
         match self.replies.recv_timeout(patience) {
             Ok(Ok(reply)) => Ok(reply),
@@ -211,13 +194,12 @@ impl Running {
         }
     }
 
-    /// Asks it to end, all of its group.
     pub(super) fn terminate(&mut self) {
         self.is_terminated = true;
         self.guard.terminate();
     }
 
-    /// Ends it and all that it started, and waits for it. `patience` is how long it may take by itself; how it ended, if it did so within that time.
+    /// Ends the whole group. Returns the status if the process ended by itself within `patience`.
     fn end(&mut self, patience: Duration) -> Option<ExitStatus> {
         self.hang_up();
         let by_itself = ends_within(&mut self.child, patience);
@@ -236,7 +218,7 @@ impl Running {
         by_itself
     }
 
-    /// Ends it after something went wrong; how it ended by itself, if it did, and the end of what it said on its standard error, as lines for a message.
+    /// Ends a process after a failure. Returns its status and the end of its standard error, for a message.
     pub(super) fn last_words(mut self, is_silent: bool) -> String {
         // What has closed its streams is about to end; what is silent, or says what it should not, is not.
         let by_itself = ends_within(&mut self.child, if is_silent { Duration::ZERO } else { GRACE });
@@ -248,7 +230,7 @@ impl Running {
         words
     }
 
-    /// What it wrote to standard error, as lines without control characters, and whether it wrote more before that.
+    /// Without control characters; `true` if the beginning was dropped.
     fn standard_error(&mut self) -> (String, bool) {
         if let Some(listener) = self.listener.take() {
             // Somebody who left the group may hold the stream for ever.
@@ -263,7 +245,6 @@ impl Running {
         (String::from_utf8_lossy(&bytes).chars().map(plain).collect(), said.left_out)
     }
 
-    /// Keeps what there is to report of a process that was told that nobody calls it any more: how it ended by itself, if it did.
     fn report(&mut self, by_itself: Option<ExitStatus>) {
         if !self.is_reported {
             return;
@@ -282,7 +263,6 @@ impl Running {
     }
 }
 
-/// The last lines of a standard error, for a message.
 fn last_lines(printed: &str, is_cut: bool) -> String {
     const LINES: usize = 20;
     let lines: Vec<&str> = printed.lines().map(str::trim_end).filter(|line| !line.is_empty()).collect();
@@ -299,7 +279,6 @@ fn last_lines(printed: &str, is_cut: bool) -> String {
     words
 }
 
-/// How a process ended, if it did within a time.
 fn ends_within(child: &mut Child, patience: Duration) -> Option<ExitStatus> {
     let until = Instant::now() + patience;
     let mut pause = Duration::from_millis(1);
@@ -313,7 +292,6 @@ fn ends_within(child: &mut Child, patience: Duration) -> Option<ExitStatus> {
     }
 }
 
-/// How a process ended.
 fn how(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("ended with exit code {code}"),
@@ -338,7 +316,6 @@ fn thread(name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<J
     thread::Builder::new().name(format!("depthloom-process-{name}")).spawn(work)
 }
 
-/// Writes the schema, then every call. The stream ends when nobody calls any more.
 fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>, shared: &Mutex<Shared>) {
     let mut write = || -> std::io::Result<()> {
         write_schema(schema, &mut input)?;
@@ -357,7 +334,6 @@ fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>, shar
     let _ = write();
 }
 
-/// Reads replies until there are none, or one that is none.
 fn read(output: impl Read, outputs: &[Port], heard: &SyncSender<Heard>, shared: &Mutex<Shared>) {
     let shared = || locked(shared);
     let mut stream = StreamReader::new(output);
@@ -395,7 +371,6 @@ fn not_of_the_protocol(error: &StreamError) -> (String, &'static str) {
     (format!("what it says is not of the protocol: {error}"), remedy)
 }
 
-/// Keeps the end of what comes.
 fn listen(mut errors: impl Read, said: &Mutex<Said>) {
     let mut chunk = [0; 4096];
     while let Ok(read) = errors.read(&mut chunk) {

@@ -20,7 +20,6 @@ pub struct EndedProgram {
 }
 
 static ENDED: Mutex<Vec<EndedProgram>> = Mutex::new(Vec::new());
-/// So much text is kept of all programs together, bytes.
 const MOST: usize = 1 << 20;
 
 /// Takes all programs that have ended since the last call.
@@ -29,7 +28,6 @@ pub fn take_ended() -> Vec<EndedProgram> {
     std::mem::take(&mut *locked(&ENDED))
 }
 
-/// Keeps a program that has ended, if there is something to report.
 #[cfg_attr(not(unix), expect(dead_code, reason = "programs are started on Unix alone"))]
 pub(super) fn put(program: EndedProgram) {
     if program.printed.is_empty() && program.failure.is_none() {

@@ -12,10 +12,7 @@ use depthloom_threads::locked;
 use super::launch::Launch;
 use super::modules::{Module, ModuleReport, Modules};
 
-/// Compares what a process reports with what the keys contain.
-///
-/// # Errors
-/// If a module has another content, or was imported too late to be in the keys and is not in `code`.
+/// Fails if a module changed, or was imported too late to be in the keys and is not in `code`.
 pub(super) fn check(report: ModuleReport, launch: &Launch) -> Result<(), Fault> {
     let Modules::Known(known) = &launch.modules else { return Ok(()) };
     let report = Arc::new(report);
@@ -89,10 +86,10 @@ pub(super) fn check(report: ModuleReport, launch: &Launch) -> Result<(), Fault> 
     Ok(())
 }
 
-/// Warnings of this process: a recording does not contain them, for it is equal with any number of workers.
+/// Kept out of recordings, which are equal with any number of workers.
 static WARNINGS: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
 
-/// Files that programs read after they began to serve and that nothing names, by program.
+/// By program: files read after it began to serve that neither `reads` nor `code` names.
 static LATE: Mutex<BTreeMap<String, BTreeSet<PathBuf>>> = Mutex::new(BTreeMap::new());
 
 fn note_late<'a>(program: String, file: &Path, others: impl Iterator<Item = &'a PathBuf>) {
@@ -120,7 +117,6 @@ pub fn take_import_warnings() -> Vec<String> {
     std::mem::take(&mut *locked(&WARNINGS)).into_iter().chain(late).collect()
 }
 
-/// Whether `reads` names a file, on any frame, or `code` does.
 fn is_declared(file: &Path, reads: &[PathBuf], launch: &Launch) -> bool {
     let file = canonical(file);
     let is_of = |pattern: &PathBuf| {
@@ -148,7 +144,6 @@ fn files_of(code: &[(CodePath, Key)]) -> Vec<PathBuf> {
     files.map(|file| canonical(&file)).collect()
 }
 
-/// Whether a command starts Python, as far as its words show.
 pub(super) fn is_python(launch: &Launch) -> bool {
     launch.command.iter().any(|word| {
         let path = Path::new(&word.0);

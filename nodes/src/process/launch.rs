@@ -11,36 +11,31 @@ use depthloom_graphs::{Fault, Key};
 
 use super::modules::Modules;
 
-/// The longest time anybody may declare, seconds.
 const LONGEST_S: f64 = 31_536_000.0;
 
-/// Where programs are looked for.
 pub(super) const PROGRAM: &str =
     "`command` names a program of your PATH, or a file: relative ones stand beside the YAML file";
 
-/// What is started, and how long it may take.
 #[derive(Clone, Debug)]
 pub(super) struct Launch {
     pub command: Vec<Argument>,
     pub env: BTreeMap<String, String>,
-    /// The files that decide what it gives, and a hash of their content.
+    /// Files that decide the results, with a hash of their content.
     pub code: Vec<(CodePath, Key)>,
-    /// What it imports.
     pub modules: Modules,
-    /// The files of a frame that it declares to read; `None` if a `version` stands for all it reads.
+    /// Declared files of a frame; `None` if `version` covers all reads.
     pub reads: Option<Vec<PathBuf>>,
-    /// How many processes there are at most.
+    /// Largest number of processes.
     pub instances: usize,
-    /// How long a process may take until it is ready.
+    /// Time limit until it is ready.
     pub start: Duration,
-    /// How long it may say nothing while it is called for a frame.
+    /// Time limit without a reply for a frame.
     pub frame: Duration,
-    /// The same of a call that is of no frame.
+    /// Time limit without a reply for a call that concerns no frame.
     pub once: Duration,
 }
 
-/// What is in the files that decide results, as the keys of this run have them: those that `code` names, and with it those that are words of the
-/// command (the program itself, weights). Where there is a `version`, that stands for them.
+/// Files that `code` names, and those among the words of the command. Empty if a `version` stands for them.
 pub(super) fn content(
     command: &[Argument],
     version: Option<u32>,
@@ -55,7 +50,7 @@ pub(super) fn content(
 }
 
 impl Launch {
-    /// Whether the files that decide results are as they were: a program that was started after one changed would give its results under the keys of the one before.
+    /// Fails if a file changed: results of a later start would be stored under the wrong keys.
     pub(super) fn check_code(&self) -> Result<(), Fault> {
         for (code, before) in &self.code {
             if code.content()? != *before {
@@ -67,10 +62,7 @@ impl Launch {
         Ok(())
     }
 
-    /// That the program exists, so that a missing one is reported before any frame.
-    ///
-    /// # Errors
-    /// If it is neither a file nor found on the PATH that it is started with.
+    /// Reports a missing program before the first frame.
     pub(super) fn check_program(&self) -> Result<(), Fault> {
         let Some(program) = self.command.first() else { return Ok(()) };
         let program = Path::new(&program.0);
@@ -91,13 +83,12 @@ impl Launch {
         .remedy(PROGRAM))
     }
 
-    /// The command, for whoever is to allow it.
     pub(super) fn command_line(&self) -> String {
         command_line(&self.command)
     }
 
-    /// The program, for messages, which recordings keep: of the words behind it the first alone, if it is a file. Others may be secret, and
-    /// where files lie concerns nobody.
+    /// For messages, which recordings store: only the program and, if it is a file, the first argument, without
+    /// folders. Other arguments may be secret.
     pub(super) fn program(&self) -> String {
         let name = |word: &Argument| Path::new(&word.0).file_name().map(|name| name.to_string_lossy().into_owned());
         let script = self.command.get(1).filter(|word| Path::new(&word.0).is_file());
@@ -106,7 +97,6 @@ impl Launch {
     }
 }
 
-/// A command as a person would type it; nothing in it that a terminal would not show.
 pub(crate) fn command_line(command: &[Argument]) -> String {
     let quoted = |argument: &Argument| {
         let text = &argument.0;
@@ -116,7 +106,6 @@ pub(crate) fn command_line(command: &[Argument]) -> String {
     command.iter().map(quoted).collect::<Vec<_>>().join(" ")
 }
 
-/// What any kind that starts a program must be told, checked.
 pub(crate) fn check<const N: usize>(
     command: &[Argument],
     [env, secrets]: [&BTreeMap<String, String>; 2],
@@ -156,8 +145,7 @@ pub(crate) fn check<const N: usize>(
     Ok(())
 }
 
-/// What of a program decides results besides its parameters: nothing where a version is declared; otherwise the content of its files; and where
-/// none are named, it is another program in every run.
+/// `None` with a `version`; otherwise a hash of the files' content, or without any a key that differs in every run.
 pub(crate) fn fingerprint(command: &[Argument], version: Option<u32>, code: &[CodePath]) -> Result<Option<Key>, Fault> {
     static THIS_TIME: OnceLock<Key> = OnceLock::new();
     if version.is_some() {
@@ -173,14 +161,12 @@ pub(crate) fn fingerprint(command: &[Argument], version: Option<u32>, code: &[Co
     Ok(Some(files.iter().fold(key, |key, (_, content)| key.key(content)).finish()))
 }
 
-/// Whether a file may be started.
 #[cfg(unix)]
 fn is_program(path: &Path) -> bool {
     use std::os::unix::fs::PermissionsExt as _;
     path.metadata().is_ok_and(|there| there.is_file() && there.permissions().mode() & 0o111 != 0)
 }
 
-/// Whether a file may be started.
 #[cfg(not(unix))]
 fn is_program(path: &Path) -> bool {
     path.is_file()

@@ -18,16 +18,14 @@ use depthloom_codecs::arrow::{Batch, Encoded, Schema, StreamReader};
 
 use super::protocol::Place;
 
-/// From this size on a row lies in memory, bytes: what a pipe holds.
+/// Rows from this size on are stored in shared memory, bytes: the capacity of a pipe.
 const LARGE: u64 = 64 << 10;
-/// The largest row that does.
 const MOST: u64 = 1 << 30;
-/// Files are so large, or a multiple of it.
+/// File sizes are multiples of this.
 const STEP: u64 = 1 << 20;
-/// How many files for calls there are at most: a process may hold all but one.
+/// Largest number of files for calls; a process may hold all but one.
 const FILES: usize = 4;
 
-/// A file in memory.
 struct Memory {
     file: File,
     number: i64,
@@ -59,25 +57,21 @@ impl Memory {
     }
 }
 
-/// What is shared with a process.
 pub(super) struct Shared {
-    /// Holds the word by which a process shows that it has opened this very file; gone when the process has spoken.
+    /// A word by which a process proves that it opened this very file; removed after its first reply.
     probe: Option<(Memory, String)>,
-    /// Whether the process takes part.
     is_agreed: bool,
-    /// Where calls lie, and whether the process still holds what lies there.
+    /// Whether the process still holds the call in the file.
     calls: Vec<(Memory, bool)>,
-    /// Where an answer may lie.
     answers: Option<Memory>,
-    /// The size of the largest answer that did not lie there, bytes.
+    /// Bytes of the largest reply that did not fit.
     wanted: u64,
     last: i64,
-    /// The largest file that this process may have.
+    /// Largest file size that the system allows.
     most: u64,
 }
 
 impl Shared {
-    /// With a file to try it on, where there are such files.
     pub(super) fn new() -> Self {
         let most = limit().min(MOST);
         let word = format!(
@@ -90,19 +84,18 @@ impl Shared {
         Self { probe, is_agreed: false, calls: Vec::new(), answers: None, wanted: 0, last: 0, most }
     }
 
-    /// What the process is told of it first: where the file lies. `None`: there is none.
     pub(super) fn offer(&self) -> Option<String> {
         self.probe.as_ref().map(|(file, _)| file.path())
     }
 
-    /// Takes what the process found in the file, or nothing. Any other word comes from a process that opened another file under the same path, as in a
-    /// container with process numbers of its own: then all rows go through the pipes.
+    /// Another word means that the process opened another file under this path, as in a container with its own process
+    /// numbers: then all rows cross the pipe.
     pub(super) fn agree(&mut self, found: Option<&str>) {
         let probe = self.probe.take();
         self.is_agreed = probe.zip(found).is_some_and(|((_, word), found)| word == found);
     }
 
-    /// Lays a call into memory. `None`: it crosses the pipe.
+    /// `None`: the call crosses the pipe.
     pub(super) fn lay(&mut self, call: &Encoded<'_>) -> Option<Place> {
         let bytes = call.bytes() as u64;
         if !self.is_agreed || !(LARGE..=self.most).contains(&bytes) {
@@ -128,7 +121,6 @@ impl Shared {
         Some(memory.place(bytes))
     }
 
-    /// Where the answer to the next call may lie.
     pub(super) fn room(&mut self) -> Option<Place> {
         if self.is_agreed && self.wanted > self.answers.as_ref().map_or(0, |memory| memory.size) {
             self.answers = None;
@@ -146,7 +138,7 @@ impl Shared {
         Memory::new(self.last, size).ok()
     }
 
-    /// The row that the process means by one that came through the pipe: this one, or the one that lies in memory.
+    /// The row that came through the pipe, or the one in shared memory that it refers to.
     pub(super) fn meant(&mut self, schema: &Schema, batch: Batch) -> Result<Batch, String> {
         let held = batch.column(schema, "held").map_or(Ok(Vec::new()), |held| held.i64s())?;
         self.holds(&held)?;
@@ -167,7 +159,6 @@ impl Shared {
         Ok(row)
     }
 
-    /// Takes which files the process still holds.
     fn holds(&mut self, held: &[i64]) -> Result<(), String> {
         let strange = held.iter().find(|number| self.calls.iter().all(|(memory, _)| memory.number != **number));
         if let Some(strange) = strange {
@@ -177,7 +168,6 @@ impl Shared {
         Ok(())
     }
 
-    /// The row of so many bytes that lies where answers may.
     fn answer(&self, schema: &Schema, bytes: i64) -> Result<Batch, String> {
         let Some(memory) = &self.answers else {
             return Err("it says that its row lies in shared memory, and it was given none".to_owned());
@@ -196,7 +186,7 @@ impl Shared {
     }
 }
 
-/// The largest file that may be written, bytes: beyond it the system would end this process.
+/// Bytes. A larger write would end this process with a signal.
 fn limit() -> u64 {
     let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
     let line = limits.lines().find_map(|line| line.strip_prefix("Max file size"));

@@ -10,38 +10,32 @@ use std::sync::{Arc, OnceLock};
 use depthloom_graphs::Key;
 use serde::Deserialize;
 
-/// What a program says it has imported.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ModuleReport {
-    /// The file of the program itself.
     main: PathBuf,
     /// Modules that belong neither to Python nor to an installed package.
     pub modules: Vec<Module>,
     /// Versions by name, of Python too.
     pub packages: BTreeMap<String, String>,
-    /// Other files that it had opened for reading when it began to serve: settings, weights, archives of modules.
+    /// Files opened for reading before it began to serve: settings, weights, archives of modules.
     pub files: Vec<Module>,
-    /// Files that it opened for reading after it began to serve.
+    /// Files opened for reading after it began to serve.
     pub late: Vec<PathBuf>,
 }
 
-/// A file that was imported or opened.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Module {
     /// Its path, relative to the program.
     pub name: String,
     pub file: PathBuf,
-    /// A hash of its content.
     pub hash: String,
 }
 
-/// The largest report that is read, bytes.
 const MOST_BYTES: usize = 16 << 20;
 
 impl ModuleReport {
-    /// Reads what a program says.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         if text.len() > MOST_BYTES {
             return Err(format!("its report of modules has {} bytes", text.len()));
@@ -49,7 +43,7 @@ impl ModuleReport {
         serde_json::from_str(text).map_err(|error| format!("its report of modules cannot be read: {error}"))
     }
 
-    /// What of it enters keys. The content of the program itself does not where a `version` stands for it.
+    /// Without the program itself if a `version` stands for it.
     pub(super) fn key(&self, has_version: bool) -> Key {
         let mut modules: Vec<&Module> = self.modules.iter().collect();
         modules.retain(|module| !has_version || module.file != self.main);
@@ -65,28 +59,24 @@ impl ModuleReport {
     }
 }
 
-/// What is known of the modules of a program before it is called.
 #[derive(Clone, Debug, Default)]
 pub(super) enum Modules {
-    /// They are not asked for.
     #[default]
     Ignored,
-    /// Those that the keys contain; unset until a source's first process has reported. `None`: it reports nothing.
+    /// The report that the keys contain; unset until a source's first process has reported, `None` if it reports
+    /// nothing.
     Known(OnceLock<Option<Arc<ModuleReport>>>),
 }
 
 impl Modules {
-    /// What is known already: by `pool::report_of`.
     pub(super) fn known(report: Option<Arc<ModuleReport>>) -> Self {
         Self::Known(OnceLock::from(report))
     }
 
-    /// Whether a process is asked for them.
     pub(super) const fn are_asked_for(&self) -> bool {
         matches!(self, Self::Known(_))
     }
 
-    /// The report that the keys contain, from now on.
     pub(super) fn settled(&self) -> Option<Arc<ModuleReport>> {
         match self {
             Self::Ignored => None,

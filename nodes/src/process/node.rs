@@ -100,7 +100,7 @@ impl Default for ProcessParams {
 }
 
 impl ProcessParams {
-    /// How the program is started. If its modules enter keys, it is started for their report.
+    /// Starts the program once for its report if its modules enter keys.
     fn launch(&self) -> Result<Launch, Fault> {
         let instances = match self.contract {
             ProcessContract::Pure => self.instances.map_or(usize::MAX, usize::from),
@@ -128,13 +128,12 @@ impl ProcessParams {
     }
 }
 
-/// Whether the placeholders of `reads` are known.
 pub(super) fn check_reads(reads: &FramePaths) -> Result<(), (&'static str, String)> {
     let placeholders = reads.0.iter().try_for_each(|path| Observation::is_per_frame(path).map(|_| ()));
     placeholders.map_err(|what| ("reads", format!("reads: {what}")))
 }
 
-/// How long a call may take by default, seconds: for a frame, and for what is of no frame.
+/// Seconds.
 pub(super) const FRAME_S: f64 = 60.0;
 const ONCE_S: f64 = 3600.0;
 
@@ -231,7 +230,7 @@ It runs in a process group of its own, and everything in that group ends with it
     }
 }
 
-/// The order of parameters, if any of them are not in the order of their names.
+/// `None` if the parameters are sorted by name.
 fn order_of(params: &Map<String, Json>) -> Option<Key> {
     let written = Json::Object(params.clone());
     let mut sorted = written.clone();
@@ -240,7 +239,6 @@ fn order_of(params: &Map<String, Json>) -> Option<Key> {
     (text != in_order).then(|| Key::build("order of parameters").text(&text).finish())
 }
 
-/// A node whose work a process does.
 struct Called {
     pool: Pool,
     inputs: Vec<Port>,

@@ -11,7 +11,7 @@ pub fn give() {
     GIVEN.store(true, Ordering::Relaxed);
 }
 
-/// Refuses to start a program unless permission was given. Whoever starts one asks here, and so does whoever knows that one will be started.
+/// Called before every start, and where it is known that one will follow.
 pub(crate) fn ask(command: &str) -> Result<(), Fault> {
     if GIVEN.load(Ordering::Relaxed) {
         return Ok(());

@@ -14,7 +14,6 @@ use super::launch::Launch;
 use super::modules::ModuleReport;
 use super::protocol::{self, Call, Request, Says};
 
-/// The processes of a node.
 pub(super) struct Pool {
     launch: Launch,
     schema: Arc<Schema>,
@@ -26,15 +25,12 @@ pub(super) struct Pool {
 #[derive(Default)]
 struct State {
     idle: Vec<Running>,
-    /// How many there are, those in use included.
+    /// Including those in use.
     there: usize,
 }
 
-/// What a call came to.
 pub(super) enum Answer {
-    /// Values by output port.
     Values(Vec<Option<Value>>),
-    /// The frames of a source.
     Frames(Vec<String>, Option<Vec<u64>>),
 }
 
@@ -48,12 +44,10 @@ impl Pool {
         Self { launch, schema, outputs, state: Mutex::default(), given_back: Condvar::new() }
     }
 
-    /// The program and how it is started.
     pub(super) const fn launch(&self) -> &Launch {
         &self.launch
     }
 
-    /// The values of a call, as a node gives them.
     pub(super) fn outputs(&self, call: Call, inputs: Vec<Option<Value>>, host: &dyn Host) -> Result<Outputs, Fault> {
         let Answer::Values(values) = self.call(call, inputs, host)? else {
             return Err(Fault::new(format!("`{}` gave frames where values are wanted", self.launch.program())));
@@ -70,7 +64,6 @@ impl Pool {
         Ok(outputs)
     }
 
-    /// Calls a process that is free; one that breaks is not called again.
     pub(super) fn call(&self, call: Call, inputs: Vec<Option<Value>>, host: &dyn Host) -> Result<Answer, Fault> {
         let taken = self.take(host)?;
         let mut slot = Slot { pool: self, running: None };
@@ -120,7 +113,6 @@ impl Pool {
         answer
     }
 
-    /// A process that is free, or leave to start one.
     fn take(&self, host: &dyn Host) -> Result<Option<Running>, Fault> {
         let mut state = locked(&self.state);
         loop {
@@ -138,7 +130,7 @@ impl Pool {
         }
     }
 
-    /// Waits for the answer to a call, and passes on what is said before it. Without one the process is ended.
+    /// Forwards warnings and progress. Ends the process if there is no valid reply.
     fn hear(
         &self,
         mut running: Running,
@@ -188,7 +180,6 @@ impl Pool {
         }
     }
 
-    /// The failure that a process tells of itself.
     fn failure(&self, when: &str, message: &str, trace: &str) -> Fault {
         let when = if when.is_empty() { String::new() } else { format!(" {when}") };
         let mut what = format!("`{}` failed{when}: {}", self.launch.program(), message.trim_end());
@@ -199,15 +190,14 @@ impl Pool {
         Fault::new(what)
     }
 
-    /// The end of a process that is of no more use.
     fn broken(&self, running: Running, what: &str, remedy: &str, is_silent: bool) -> Fault {
         let fault = Fault::new(format!("`{}` {what}{}", self.launch.program(), running.last_words(is_silent)));
         if remedy.is_empty() { fault } else { fault.remedy(remedy) }
     }
 }
 
-/// What a program imports before it makes its node: it is started for this, once for equal commands. `None` if it does not report; what is wrong
-/// with it is reported where it is called.
+/// Starts a Python program, once per command, to report what it imports. `None` without a report: errors appear when it
+/// is called.
 pub(super) fn report_of(launch: &Launch) -> Option<Arc<ModuleReport>> {
     type Reports = Mutex<HashMap<Key, Option<Arc<ModuleReport>>>>;
     static REPORTS: OnceLock<Reports> = OnceLock::new();
@@ -221,7 +211,6 @@ pub(super) fn report_of(launch: &Launch) -> Option<Arc<ModuleReport>> {
     reports.entry(key).or_insert_with(|| modules(launch).map(Arc::new)).clone()
 }
 
-/// What a program imports, which it is started to report; `None` if it replies anything else, or nothing.
 fn modules(launch: &Launch) -> Option<ModuleReport> {
     let schema = protocol::request_schema("pure", &[], &[], &serde_json::Map::new());
     let schema = Arc::new(protocol::asking_for_modules(schema, true));
@@ -237,7 +226,7 @@ fn modules(launch: &Launch) -> Option<ModuleReport> {
     }
 }
 
-/// The most CPU time that a call of this duration can take on this machine. A program reports its own, which may be any number.
+/// A program reports its own CPU time, which may be any number.
 fn most_cpu_ns(duration: Duration) -> u64 {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     // Clocks have different resolutions.
@@ -245,7 +234,6 @@ fn most_cpu_ns(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX).saturating_mul(cores as u64)
 }
 
-/// The place of a process that is in use: given back with the process, or empty where it broke.
 struct Slot<'a> {
     pool: &'a Pool,
     running: Option<Running>,

@@ -6,28 +6,24 @@ use serde_json::{Map, Value as Json, json};
 
 use super::modules::ModuleReport;
 
-/// The version of the protocol; raised when an older process would not understand.
+/// Raised when an older process would not understand.
 const VERSION: &str = "1";
 const PROTOCOL: &str = "depthloom.protocol";
 const NODE: &str = "depthloom.node";
-/// Of the engine: where the file lies that a process opens to take part in shared memory. Of the process: what it holds.
+/// From the engine: path of the shared file. From the process: the word that it found there.
 const SHARED: &str = "depthloom.shared";
-/// Of the engine: that a process in Python is to report what it imports; `first`: and to end then.
+/// Asks a Python process to report its imports; with `first` it ends afterwards.
 const MODULES: &str = "depthloom.modules";
 
 const TEXT: DataType = DataType::Utf8(Offsets::Narrow);
 const I64: DataType = DataType::Int(64, true);
 
-/// What a process is called for.
 #[derive(Clone, Debug)]
 pub(super) enum Call {
-    /// A frame; which one, where the node may know it.
+    /// The frame, if the node may know it.
     Process(Option<Frame>),
-    /// The once-values of an ordered node, after its last frame.
     Finish,
-    /// The once-values of a once-node.
     Run,
-    /// The frames of a source.
     Frames,
 }
 
@@ -42,38 +38,31 @@ impl Call {
     }
 }
 
-/// A call with its values.
 #[derive(Clone, Debug)]
 pub(super) struct Request {
     pub number: i64,
     pub call: Call,
-    /// By input port.
     pub inputs: Vec<Option<Value>>,
 }
 
-/// Where in shared memory a row lies, or may lie.
 #[derive(Clone, Debug)]
 pub(super) struct Place {
-    /// The number of the file: no two of a process have the same.
+    /// Unique within a process.
     pub file: i64,
-    /// Where it is opened.
     pub path: String,
-    /// Its size, bytes.
+    /// Bytes.
     pub size: i64,
     /// How many bytes of it the row takes.
     pub bytes: i64,
 }
 
-/// What of a call does not cross the pipe.
+/// The parts of a call that are in shared memory.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Elsewhere {
-    /// Where the row lies.
     pub call: Option<Place>,
-    /// Where the answer may.
     pub answer: Option<Place>,
 }
 
-/// What a process says to a call.
 #[derive(Debug)]
 pub(super) struct Reply {
     pub number: i64,
@@ -82,23 +71,33 @@ pub(super) struct Reply {
 
 #[derive(Debug)]
 pub(super) enum Says {
-    /// It can be called.
     Ready,
-    /// How far it is.
-    Progress { done: u64, total: u64, message: String },
-    /// Something that is no failure, so many times.
-    Warning { count: u64, message: String },
-    /// What it has imported, when it is ready and whenever that is more.
+    Progress {
+        done: u64,
+        total: u64,
+        message: String,
+    },
+    Warning {
+        count: u64,
+        message: String,
+    },
     Modules(ModuleReport),
-    /// The values, by output port, and the processor time they took.
-    Values { values: Vec<Option<Value>>, cpu_ns: u64 },
-    /// The frames of a source: ids, and times in nanoseconds where they have their own.
-    Frames { ids: Vec<String>, times_ns: Option<Vec<u64>> },
-    /// It failed, and can be called again: what, and where in its code.
-    Failure { message: String, trace: String },
+    Values {
+        values: Vec<Option<Value>>,
+        cpu_ns: u64,
+    },
+    /// Ids, and times in nanoseconds if the source has its own.
+    Frames {
+        ids: Vec<String>,
+        times_ns: Option<Vec<u64>>,
+    },
+    /// The message and the traceback. The process can be called again.
+    Failure {
+        message: String,
+        trace: String,
+    },
 }
 
-/// Whether a value of this port can cross.
 pub(super) fn crosses(port: &Port) -> Result<(), String> {
     let crosses = arrow::field(port.name, port.value_type).is_some();
     if crosses {
@@ -108,7 +107,6 @@ pub(super) fn crosses(port: &Port) -> Result<(), String> {
     }
 }
 
-/// The schema of the stream to a process.
 pub(super) fn request_schema(contract: &str, inputs: &[Port], outputs: &[Port], params: &Map<String, Json>) -> Schema {
     let columns = inputs.iter().filter_map(|port| arrow::field(port.name, port.value_type));
     let frame = vec![Field::new("id", TEXT), Field::new("index", I64), Field::new("time_ns", I64)];
@@ -136,7 +134,7 @@ pub(super) fn request_schema(contract: &str, inputs: &[Port], outputs: &[Port], 
 }
 
 impl Request {
-    /// The row of a call; one that lies elsewhere says where, and nothing of what is told there.
+    /// A row in shared memory carries neither frame nor inputs in the pipe.
     pub(super) fn row<'a>(&'a self, elsewhere: &'a Elsewhere) -> Vec<Data<'a>> {
         let is_here = elsewhere.call.is_none();
         let frame = match &self.call {
@@ -158,26 +156,22 @@ impl Request {
     }
 }
 
-/// The schema for a process that is offered shared memory, which it tries on the file there.
 pub(super) fn offering(schema: &Schema, path: Option<String>) -> Schema {
     let mut schema = schema.clone();
     schema.metadata.extend(path.map(|path| (SHARED.to_owned(), path)));
     schema
 }
 
-/// The schema for a process that is to report what it imports: and then to end, if that is all it is started for.
 pub(super) fn asking_for_modules(mut schema: Schema, and_nothing_else: bool) -> Schema {
     let asked = if and_nothing_else { "first" } else { "report" };
     schema.metadata.push((MODULES.to_owned(), asked.to_owned()));
     schema
 }
 
-/// What a process found in the file that it was offered.
 pub(super) fn agrees(schema: &Schema) -> Option<&str> {
     schema.said(SHARED)
 }
 
-/// Whether the stream of a process is of this protocol.
 pub(super) fn check_schema(schema: &Schema) -> Result<(), String> {
     match schema.said(PROTOCOL) {
         Some(VERSION) => {}
@@ -190,7 +184,6 @@ pub(super) fn check_schema(schema: &Schema) -> Result<(), String> {
     }
 }
 
-/// Reads a reply; `outputs` are the ports whose values it may have.
 pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<Reply, String> {
     let column = |name: &str| batch.column(schema, name);
     let number = |name: &str| column(name).map_or(Ok(0), |column| column.int());
@@ -248,7 +241,6 @@ mod tests {
 
     use super::{Call, DataType, Elsewhere, Field, I64, Request, Schema, TEXT, reply, request_schema};
 
-    /// What is read of a reply that says so, with a number in a column.
     fn replied(says: &str, column: &str, number: i64) -> Result<super::Reply, String> {
         use depthloom_codecs::arrow::Data;
         let outputs = Field::new("outputs", DataType::Struct(Vec::new())).nullable();

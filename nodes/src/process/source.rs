@@ -104,7 +104,7 @@ impl ProcessSourceParams {
         })
     }
 
-    /// What decides the frames, beside which of them it is.
+    /// What decides the frames, except the frame itself.
     fn recipe(&self, launch: &Launch) -> Result<Key, Fault> {
         let ports = serde_json::to_string(&self.outputs).map_err(|error| Fault::new(error.to_string()))?;
         let key = Key::build(KIND).text(&Json::Object(self.params.clone()).to_string()).text(&ports);
@@ -135,11 +135,10 @@ pub struct ProcessSource {
     recipe: Key,
     observes: Observation,
     frames: Vec<Frame>,
-    /// What the program warned of while it listed its frames.
     warnings: Vec<String>,
 }
 
-/// The host of the call that lists the frames, when no run has begun yet.
+/// Host of the call that lists the frames, before a run exists.
 #[derive(Default)]
 struct WarningCollector(Mutex<BTreeMap<String, u64>>);
 
@@ -232,7 +231,6 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
     }
 }
 
-/// All frames, from what the program says of them.
 fn frames(ids: &[String], times: Option<&[u64]>) -> Result<Vec<Frame>, String> {
     if times.is_some_and(|times| times.len() != ids.len()) {
         return Err("there are not as many times as ids".to_owned());
@@ -281,7 +279,7 @@ impl Source for ProcessSource {
     }
 }
 
-/// That a calibration is for the size of a map of its frame: depth made with one for another size would be wrong.
+/// Depth computed with a calibration for another size would be wrong.
 fn check_sizes(outputs: &Outputs) -> Result<(), Fault> {
     for (name, value) in outputs.entries() {
         let Value::Calibration(calibration) = value else { continue };

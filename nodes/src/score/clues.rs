@@ -7,7 +7,6 @@ use depthloom_scores::Clues;
 use crate::grey::grey;
 use crate::shape::same_size;
 
-/// The ports. Each wired one adds its zones.
 pub(super) fn ports() -> Vec<Port> {
     let image = "The truth's image: scores of the zones `edges` and `textureless` besides.";
     let occluded =
@@ -20,7 +19,6 @@ pub(super) fn ports() -> Vec<Port> {
     ]
 }
 
-/// What is wired of them, of the truth's size.
 pub(super) fn of<'a>(inputs: &Inputs<'a>, truth: (u32, u32)) -> Result<Clues<'a>, Fault> {
     let mask = |port: &'static str| -> Result<Option<&'a [u8]>, Fault> {
         let Some(mask) = inputs.optional::<Mask>(port)? else { return Ok(None) };

@@ -25,7 +25,6 @@ al. 2017); `scale-and-shift` makes `s/y + b` of `1/y`, with the `s` and `b` of l
 static DOC: LazyLock<String> =
     LazyLock::new(|| doc::with_formulas(BEFORE, Family::Depth, &format!("{}{BEHIND}", doc::ZONES)));
 
-/// The kind `score/depth`.
 pub(crate) struct ScoreDepth {
     scores: DepthScores,
 }

@@ -27,7 +27,6 @@ KITTI stereo 2015 publishes `d1` on `filled`, `mean: pixels`, against `disp_noc`
 static DOC: LazyLock<String> =
     LazyLock::new(|| doc::with_formulas(BEFORE, Family::Disparity, &format!("{}{BEHIND}", doc::ZONES)));
 
-/// The kind `score/disparity`.
 pub(crate) struct ScoreDisparity {
     scores: DisparityScores,
     bands: bool,

@@ -2,7 +2,6 @@
 
 use depthloom_scores::Family;
 
-/// What is said before, a table of the family's scores, and what is said behind.
 pub(super) fn with_formulas(before: &str, family: Family, behind: &str) -> String {
     let mut text = format!("{before}\n\n| score | unit | what it is | source |\n|---|---|---|---|\n");
     for metric in family.metrics() {
@@ -17,7 +16,6 @@ pub(super) fn with_formulas(before: &str, family: Family, behind: &str) -> Strin
     text
 }
 
-/// What both kinds say of zones.
 pub(super) const ZONES: &str = "\
 Every row says its zone, how many pixels counted, how many true pixels the zone has and how many of these were answered (`density`). The whole image \
 always comes first, as the zone without a name. `zones:` adds bands of true distance, of rows and of columns; each optional input that is wired adds two more: `image` \

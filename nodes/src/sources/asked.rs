@@ -5,11 +5,10 @@ use depthloom_threads::locked;
 use std::collections::VecDeque;
 use std::sync::Mutex;
 
-/// The most frames that are kept: some more than there are workers that have asked for a key and not yet read, and at worst some
-/// 50 MB of KITTI's files where only keys are asked for.
+/// More than there are workers between key and read; at most 50 MB of KITTI's files if only keys are requested.
 const MOST: usize = 24;
 
-/// What was read for frames' keys, by position; the latest, and each until it is taken.
+/// Input read for a frame's key, kept until the frame is read.
 pub(super) struct Asked<T>(Mutex<VecDeque<(FrameIndex, T)>>);
 
 impl<T> Default for Asked<T> {
@@ -19,7 +18,6 @@ impl<T> Default for Asked<T> {
 }
 
 impl<T> Asked<T> {
-    /// Keeps what was read for a frame's key, in place of what was kept of the frame before.
     pub(super) fn keep(&self, position: FrameIndex, read: T) {
         let mut kept = locked(&self.0);
         kept.retain(|(other, _)| *other != position);
@@ -29,7 +27,6 @@ impl<T> Asked<T> {
         kept.push_back((position, read));
     }
 
-    /// What was read for a frame's key, if it is still kept.
     pub(super) fn take(&self, position: FrameIndex) -> Option<T> {
         let mut kept = locked(&self.0);
         let at = kept.iter().position(|(other, _)| *other == position)?;

@@ -15,48 +15,35 @@ use serde_json::Value as Json;
 use crate::sources::asked::Asked;
 use crate::sources::files::{float_file, image_file};
 
-/// The part a file plays in a frame: `left`, `calibration`. It enters the frame's key.
+/// The role of a file in a frame: `left`, `calibration`. It enters the frame's key.
 pub(super) type Part = &'static str;
 
-/// The left image, which gives the frame its size.
 pub(super) const LEFT: Part = "left";
-/// The right image.
 pub(super) const RIGHT: Part = "right";
-/// What tells focal length and baseline.
 pub(super) const CALIBRATION: Part = "calibration";
-/// The truth.
 pub(super) const TRUTH: Part = "truth";
 
-/// What the files of a data set mean.
 pub(super) trait Layout: Send + Sync + 'static {
-    /// The kind's name and version.
     const KIND: (&'static str, u32);
 
-    /// What else decides the values, the files being the same: parameters, as text.
+    /// Parameters that decide values besides the files.
     fn meaning(&self) -> String {
         String::new()
     }
 
-    /// What a frame's values are made of: the files' bytes and what they mean.
     fn key(&self, files: &Files) -> Key {
         files.key(Self::KIND, &self.meaning())
     }
 
-    /// The values of a frame.
-    ///
-    /// # Errors
-    /// The file at fault, the place in it and the remedy.
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
 }
 
-/// A frame with its files.
 #[derive(Clone, Debug)]
 pub(super) struct Entry {
     pub frame: Frame,
     pub files: Vec<(Part, PathBuf)>,
 }
 
-/// A frame's files as they are looked for: those that are there, and what is missing.
 #[derive(Debug, Default)]
 pub(super) struct Gathered {
     files: Vec<(Part, PathBuf)>,
@@ -64,7 +51,6 @@ pub(super) struct Gathered {
 }
 
 impl Gathered {
-    /// Takes the file of a part, or why there is none.
     pub(super) fn take(&mut self, part: Part, file: Result<PathBuf, Fault>) {
         match file {
             Ok(path) => self.files.push((part, path)),
@@ -73,25 +59,20 @@ impl Gathered {
     }
 }
 
-/// What was found of a data set.
 #[derive(Debug, Default)]
 pub(super) struct Listing {
     /// The frames that were asked for and have all their files.
     pub entries: Vec<Entry>,
-    /// What is wrong with the others.
     pub faults: Vec<Fault>,
-    /// What is to be said, and is no failure.
     pub warnings: Vec<String>,
-    /// Files without the partner that makes a frame of them: a run leaves them out and warns, a check finds them wrong.
+    /// Files without a partner: `run` leaves them out and warns, `data check` reports them.
     pub alone: Vec<String>,
-    /// The files there are of frames that lack others.
     pub(crate) incomplete: Vec<Vec<(Part, PathBuf)>>,
-    /// How many of the faults are of a frame of which another is told already.
+    /// Faults beyond the first of their frame.
     pub(crate) also: usize,
 }
 
 impl Listing {
-    /// Takes a frame with all its files, or all that is wrong with them.
     pub(super) fn gather(&mut self, frame: Frame, of: Gathered) {
         if of.faults.is_empty() {
             self.entries.push(Entry { frame, files: of.files });
@@ -102,7 +83,6 @@ impl Listing {
         self.incomplete.push(of.files);
     }
 
-    /// Takes a frame, or what it lacks.
     pub(super) fn push(&mut self, entry: Result<Entry, Fault>) {
         match entry {
             Ok(entry) => self.entries.push(entry),
@@ -110,10 +90,6 @@ impl Listing {
         }
     }
 
-    /// The source, if nothing is wrong with any frame.
-    ///
-    /// # Errors
-    /// The first fault, with the number of the others.
     pub(super) fn open<L: Layout>(mut self, layout: L) -> Result<Box<dyn Source>, Fault> {
         if self.faults.is_empty() {
             self.warnings.append(&mut self.alone);
@@ -130,7 +106,6 @@ impl Listing {
     }
 }
 
-/// What there is of a data set, from its listing or what stands in the way of one.
 pub(super) fn survey<L: Layout>(listed: Result<(Listing, L), Fault>) -> Survey {
     match listed {
         Ok((mut listing, layout)) => {
@@ -145,27 +120,23 @@ pub(super) fn survey<L: Layout>(listed: Result<(Listing, L), Fault>) -> Survey {
     }
 }
 
-/// What is wrong with each image of a frame by itself.
 fn unreadable(files: &[(Part, PathBuf)]) -> Vec<Fault> {
     let images = files.iter().filter(|(part, _)| matches!(*part, LEFT | RIGHT));
     let decoded = images.map(|(_, path)| image_file::read(path).and_then(|bytes| image_file::image(path, bytes)));
     decoded.filter_map(Result::err).collect()
 }
 
-/// What a folder is recognised as by what its listing gives: frames, or what is wrong with them.
 pub(super) fn recognised(listed: Result<Listing, Fault>, what: &str, params: Json) -> Vec<Recognised> {
     let is_one = listed.is_ok_and(|listing| !listing.entries.is_empty() || !listing.faults.is_empty());
     is_one.then(|| Recognised::new(what, params)).into_iter().collect()
 }
 
-/// A data set on disk.
 struct Dataset<L> {
     layout: L,
     frames: Vec<Frame>,
-    /// By frame.
     files: Vec<Vec<(Part, PathBuf)>>,
     warnings: Vec<String>,
-    /// A run asks for a frame's key and reads it at once: its files are read and hashed once.
+    /// A run requests a frame's key and then reads it: its files are read and hashed once.
     asked: Asked<(Files, Key)>,
 }
 
@@ -175,7 +146,7 @@ impl<L: Layout> Dataset<L> {
         Self { layout, frames, files, warnings: listing.warnings, asked: Asked::default() }
     }
 
-    /// That the first frame's calibration can be read where all frames share it: what would fail on every frame is reported before any is read.
+    /// A broken calibration that all frames share is reported before the first frame.
     fn check_calibration(&self) -> Result<(), Fault> {
         let calibrations = |files: &[(Part, PathBuf)]| -> Vec<PathBuf> {
             let of_cameras = files.iter().filter(|(part, _)| part.starts_with(CALIBRATION));
@@ -198,7 +169,6 @@ impl<L: Layout> Dataset<L> {
         }
     }
 
-    /// The files of a frame, whole and not decoded, and their key.
     fn files(&self, position: FrameIndex) -> Result<(Files, Key), Fault> {
         let read =
             |(part, path): &(Part, PathBuf)| Ok(File { part, path: path.clone(), bytes: image_file::read(path)? });
@@ -256,8 +226,7 @@ impl<L: Layout> Source for Dataset<L> {
 }
 
 impl<L: Layout> Dataset<L> {
-    /// What is wrong with each file of a frame by itself: images that cannot be read or differ in size stand in the way of what else there is, so the
-    /// good one stands for both, beside one other file at a time.
+    /// Checks each file with valid images, because broken images or images of different sizes would hide its faults.
     fn faults_by_part(&self, files: &[File], ctx: &mut Context<'_>) -> Vec<Fault> {
         let mut faults = Vec::new();
         let mut good = None;
@@ -287,10 +256,8 @@ impl<L: Layout> Dataset<L> {
     }
 }
 
-/// What is said of a part that a frame does not have.
 const LACKS: &str = "the frame has no file of its part";
 
-/// A file of a frame, whole and not decoded.
 #[derive(Debug)]
 pub(super) struct File {
     part: Part,
@@ -299,53 +266,37 @@ pub(super) struct File {
 }
 
 impl File {
-    /// The file as text; what is no UTF-8 is shown as such.
     pub(super) fn text(&self) -> String {
         String::from_utf8_lossy(&self.bytes).into_owned()
     }
 
-    /// A failure in this file.
     pub(super) fn fault(&self, what: impl std::fmt::Display) -> Fault {
         Fault::new(format!("{}: {what}", self.path.display()))
     }
 }
 
-/// The files of a frame.
 #[derive(Debug)]
 pub(super) struct Files(Vec<File>);
 
 impl Files {
-    /// The key of a kind's frame of these files.
     pub(super) fn key(&self, (kind, version): (&str, u32), meaning: &str) -> Key {
         let key = Key::build(kind).number(version.into()).text(meaning);
         self.0.iter().fold(key, |key, file| key.text(file.part).bytes(&file.bytes)).finish()
     }
 
-    /// The file of a part, if the frame has it.
     pub(super) fn get(&self, part: Part) -> Option<&File> {
         self.0.iter().find(|file| file.part == part)
     }
 
-    /// The file of a part that every frame of the data set has.
-    ///
-    /// # Errors
-    /// If it is not there, which is the layout's mistake.
     pub(super) fn the(&self, part: Part) -> Result<&File, Fault> {
         self.get(part).ok_or_else(|| Fault::new(format!("{LACKS} `{part}`")))
     }
 
-    /// Left and right image, of one size.
-    ///
-    /// # Errors
-    /// If one is no image, or they differ in size.
     pub(super) fn pair(&self, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
         self.pair_of_bits(None, ctx)
     }
 
-    /// As [`Files::pair`], with samples of 16 bits of which the lowest `bits` are used.
-    ///
-    /// # Errors
-    /// As [`Files::pair`].
+    /// 16-bit samples use the lowest `bits`.
     pub(super) fn pair_of_bits(&self, bits: Option<u32>, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
         let image = |file: &File| {
             let (image, brightest) = image_file::image_of_bits(&file.path, Arc::clone(&file.bytes), bits)?;
@@ -361,10 +312,7 @@ impl Files {
         Ok((left, other))
     }
 
-    /// A 16-bit map of the left image's size, 256ths of a `disparity` (px) or of `metres`, if the frame has the part.
-    ///
-    /// # Errors
-    /// If it is no such map.
+    /// `unit` is `disparity` (px) or `metres`, times 256. `None` if the frame has no such file.
     pub(super) fn map_u16(&self, part: Part, unit: &str, left: (u32, u32)) -> Result<Option<Raster<u16>>, Fault> {
         let Some(file) = self.get(part) else { return Ok(None) };
         let map = image_file::map_u16(&file.path, &file.bytes, unit)?;
@@ -372,10 +320,6 @@ impl Files {
         Ok(Some(map))
     }
 
-    /// A map of floats of the left image's size, PFM or NPY, if the frame has the part.
-    ///
-    /// # Errors
-    /// If it is no such map.
     pub(super) fn map_f32(&self, part: Part, left: (u32, u32)) -> Result<Option<Raster<f32>>, Fault> {
         let Some(file) = self.get(part) else { return Ok(None) };
         let map = float_file::map_f32(&file.path, &file.bytes)?;
@@ -383,10 +327,7 @@ impl Files {
         Ok(Some(map))
     }
 
-    /// An 8-bit map of the left image's size, if the frame has the part; `what` says to whoever has another what it is to be.
-    ///
-    /// # Errors
-    /// If it is no such map.
+    /// `what` describes the expected map in messages.
     pub(super) fn map_u8(&self, part: Part, what: &str, left: (u32, u32)) -> Result<Option<Raster<u8>>, Fault> {
         let Some(file) = self.get(part) else { return Ok(None) };
         let map = image_file::map_u8(&file.path, &file.bytes, what)?;
@@ -394,10 +335,6 @@ impl Files {
         Ok(Some(map))
     }
 
-    /// That a file's raster has the left image's size.
-    ///
-    /// # Errors
-    /// Naming both files and sizes.
     pub(super) fn same_size_as_left(&self, left: (u32, u32), file: &File, (w, h): (u32, u32)) -> Result<(), Fault> {
         if left == (w, h) {
             return Ok(());
@@ -413,10 +350,7 @@ impl Files {
     }
 }
 
-/// The files of a folder whose names have one of these endings, by their stem, in order; where two have one stem, the first ending's.
-///
-/// # Errors
-/// If the folder cannot be listed; where it is not there, `layout` is the remedy.
+/// By stem, sorted. Of two files with one stem the earlier ending wins. `layout` is the remedy for a missing folder.
 pub(super) fn stems(folder: &Path, endings: &[&str], layout: &str) -> Result<BTreeMap<String, PathBuf>, Fault> {
     let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
     let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
@@ -439,17 +373,12 @@ pub(super) fn stems(folder: &Path, endings: &[&str], layout: &str) -> Result<BTr
     Ok(found.into_iter().map(|(stem, (_, path))| (stem, path)).collect())
 }
 
-/// The indices of frames by the numbers that their files are named by: `None` if a name is not a number of at most 32 bits (a time stamp has more),
-/// or if the numbers do not rise.
+/// `None` unless all names are rising numbers of at most 32 bits; time stamps have more.
 pub(super) fn numbered<'a>(stems: impl Iterator<Item = &'a str>) -> Option<Vec<u64>> {
     let numbers: Vec<u64> = stems.map(|stem| stem.parse::<u32>().ok().map(u64::from)).collect::<Option<_>>()?;
     numbers.is_sorted_by(|a, b| a < b).then_some(numbers)
 }
 
-/// The folders in a folder, by name, in order.
-///
-/// # Errors
-/// As [`stems`].
 pub(super) fn folders(folder: &Path, layout: &str) -> Result<Vec<String>, Fault> {
     let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
     let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
@@ -467,17 +396,14 @@ pub(super) fn folders(folder: &Path, layout: &str) -> Result<Vec<String>, Fault>
     Ok(names)
 }
 
-/// That a folder is not there.
 pub(super) fn no_folder(folder: &Path, remedy: &str) -> Fault {
     Fault::new(format!("there is no folder {}", folder.display())).remedy(remedy)
 }
 
-/// That a file is not there.
 pub(super) fn no_file(path: &Path, remedy: &str) -> Fault {
     Fault::new(format!("there is no file {}", path.display())).remedy(remedy)
 }
 
-/// A fault with the file or folder that it is in.
 pub(super) fn at_file(path: &Path, fault: Fault) -> Fault {
     fault.map_what(|what| format!("{}: {what}", path.display()))
 }

@@ -28,7 +28,6 @@ train-left-image, train-right-image, ..., or test-left-image, ...; images lie in
 const WANTED: &str = "a calibration has the lines `P_rect_101:` (left) and `P_rect_103:` (right), 12 numbers each, px, and `T_103:`, 3 numbers, metres: take it from \
 half-image-calib or full-image-calib, as the images' size is";
 
-/// True depth, beside true disparities.
 const DEPTH: Part = "depth";
 
 /// Which size of the images.
@@ -71,7 +70,6 @@ pub(crate) struct DrivingStereoParams {
     pub frames: FrameSelection,
 }
 
-/// The kind `drivingstereo`.
 pub(crate) struct DrivingStereo {
     size: DrivingStereoSize,
 }
@@ -84,7 +82,7 @@ impl DrivingStereoSize {
         }
     }
 
-    /// What a true disparity of 1 px is in a map: maps of the full size have the range of the half's.
+    /// Maps of the full size have the range of those of half the size.
     const fn disparity_factor(self) -> f32 {
         match self {
             Self::Half => 256.0,
@@ -142,7 +140,6 @@ A frame's id is its file's stem (`2018-10-19-09-30-39_2018-10-19-09-31-36-438`: 
     }
 }
 
-/// The folders of images and truth.
 struct Parts {
     left: PathBuf,
     right: PathBuf,
@@ -179,13 +176,12 @@ impl Parts {
     }
 }
 
-/// A folder, or the one of its name in it, as an archive leaves it that was unpacked into a folder of its name.
+/// The folder, or the folder of the same name in it, where an archive was unpacked.
 fn unpacked(folder: PathBuf) -> PathBuf {
     let inner = folder.file_name().map(|name| folder.join(name));
     inner.filter(|inner| inner.is_dir()).unwrap_or(folder)
 }
 
-/// The folder of calibrations, if there is one.
 fn calibrations(params: &DrivingStereoParams) -> Result<Option<PathBuf>, Fault> {
     if let Some(folder) = &params.calibrations {
         let folder = folder.path();
@@ -200,7 +196,6 @@ fn calibrations(params: &DrivingStereoParams) -> Result<Option<PathBuf>, Fault> 
     Ok(places.into_iter().map(|place| unpacked(place.join(&name))).find(|folder| folder.is_dir()))
 }
 
-/// Images in a folder and in those in it, by the folder's name and the stem.
 fn images(folder: &Path, endings: &[&str]) -> Result<Vec<(String, String, PathBuf)>, Fault> {
     let mut found = Vec::new();
     for inner in std::iter::once(String::new()).chain(folders(folder, LAYOUT)?) {
@@ -210,7 +205,6 @@ fn images(folder: &Path, endings: &[&str]) -> Result<Vec<(String, String, PathBu
     Ok(found)
 }
 
-/// The sequence of a frame: what stands before its time.
 fn sequence(stem: &str) -> &str {
     stem.split_once('_').map_or(stem, |(sequence, _)| sequence)
 }
@@ -309,7 +303,6 @@ impl DrivingStereo {
     }
 }
 
-/// The calibration of a sequence, whose images must have the size that it is made for.
 fn calibration(file: &File, (width, height): (u32, u32)) -> Result<Calibration, Fault> {
     let text = file.text();
     let lines = Lines::of(&file.path, &text, WANTED)?;

@@ -32,7 +32,6 @@ pub(crate) struct Eth3dTwoViewParams {
     pub frames: FrameSelection,
 }
 
-/// The kind `eth3d/two-view`.
 pub(crate) struct Eth3dTwoView {
     truth: TruePixels,
 }

@@ -3,19 +3,14 @@
 use depthloom_graphs::values::{Mask, Raster, TrueDisparity};
 use depthloom_graphs::{Outputs, Port, ValueType};
 
-/// The maps of a frame, as far as they are there; all of one size.
 #[derive(Debug, Default)]
 pub(super) struct Evaluation {
-    /// The true disparities of what both cameras see.
     pub noc: Option<TrueDisparity>,
-    /// All true disparities.
     pub occ: Option<TrueDisparity>,
-    /// Set on objects.
     pub objects: Option<Mask>,
 }
 
 impl Evaluation {
-    /// The ports of the disparities and of what lies between them, where `disparities: true` asks for them.
     pub(super) fn asked() -> [Port; 3] {
         ports([
             "True disparity where both cameras see it, px, NaN = unknown; with `disparities: true`.",
@@ -24,7 +19,6 @@ impl Evaluation {
         ])
     }
 
-    /// The same of a source that gives them as far as they are there.
     pub(super) fn always() -> [Port; 3] {
         ports([
             "True disparity where both cameras see it, px, NaN = unknown; absent where no file tells it.",
@@ -33,7 +27,6 @@ impl Evaluation {
         ])
     }
 
-    /// Adds what is there.
     pub(super) fn outputs(self, mut outputs: Outputs) -> Outputs {
         if let (Some(noc), Some(occ)) = (&self.noc, &self.occ) {
             let hidden = |(noc, occ): (&f32, &f32)| if noc.is_nan() && !occ.is_nan() { 255 } else { 0 };

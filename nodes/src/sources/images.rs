@@ -29,7 +29,6 @@ const KIND: &str = "images";
 const VERSION: u32 = 2;
 const LAYOUT: &str = "root is the folder that `left`, `right`, `list`, truth and calibration files are relative to";
 
-/// The files of a calibration, in the order they are named in.
 const CALIBRATIONS: [Part; 4] = ["calibration", "calibration_2", "calibration_3", "calibration_4"];
 
 /// What is known of the cameras: numbers of a rectified pair, or files.
@@ -66,7 +65,6 @@ pub(crate) struct ImagesCalibration {
 }
 
 impl ImagesCalibration {
-    /// Whether anything of it is given.
     fn is_given(&self) -> bool {
         self.focal_px.is_some() || self.baseline_m.is_some() || !self.files.is_empty()
     }
@@ -96,18 +94,15 @@ pub(crate) struct ImagesParams {
     pub frames: FrameSelection,
 }
 
-/// The kind `images`.
 pub(crate) struct Images {
     calibration: Cameras,
     asked: Asked,
     bits: Option<u32>,
     truth: ImagesTruth,
-    /// Parameters that decide values.
     meaning: String,
     rectifier: Latest,
 }
 
-/// Where the calibration comes from.
 enum Cameras {
     Unknown,
     Numbers { focal_px: f64, baseline_m: f64, centre_px: [Option<f64>; 2], doffs_px: f64 },
@@ -215,12 +210,10 @@ Truth is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, of the left im
     }
 }
 
-/// What is told where one fault is.
 fn first(mut faults: Vec<Fault>) -> Fault {
     faults.swap_remove(0)
 }
 
-/// The ports of a source with a calibration or none, and with truths (of disparity?) or none.
 fn outputs(calibration: bool, truth: Option<bool>) -> Vec<Port> {
     let port = Port::frame;
     let mut ports = vec![
@@ -334,7 +327,7 @@ impl Images {
         Ok(listing)
     }
 
-    /// The calibration of a pair, and the pair rectified.
+    /// The flag says whether pixels were moved by a rectification.
     fn calibrated(&self, files: &Files, pair: Pair) -> Result<(Option<Calibration>, bool, Pair), Fault> {
         let size = pair.0.dimensions();
         match &self.calibration {
@@ -372,7 +365,6 @@ impl Images {
     }
 }
 
-/// Left and right image.
 type Pair = (Image, Image);
 
 impl Layout for Images {

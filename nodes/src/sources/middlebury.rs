@@ -24,16 +24,15 @@ const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds a folder a scene, or is one: im0.png, im1.png, calib.txt and disp0.pfm (2014 and later), view1.png, view5.png and disp1.png \
 (2005, 2006), or im2.png, im6.png and disp2.png (2001, 2003)";
 
-/// The images of 2001 to 2006 and their truth may be of any of these.
+/// Of images and ground truth of 2001 to 2006.
 const ENDINGS: [&str; 3] = ["png", "ppm", "pgm"];
 
-/// Truth of 2001 and 2003, and of 2005 and 2006: 8 bits.
 const OF_2001: Part = "disp2";
 const OF_2005: Part = "disp1";
-/// How far all disparities of a scene of 2005 or 2006 were made smaller by cropping, px of the full size.
+/// Disparity removed by cropping a scene of 2005 or 2006, px of the full size.
 const DMIN: Part = "dmin";
 
-/// The cameras of 2005 and 2006, at full size.
+/// Of 2005 and 2006, at full size.
 const FOCAL_PX: f64 = 3740.0;
 const BASELINE_M: f64 = 0.160;
 
@@ -63,7 +62,6 @@ pub(crate) struct MiddleburyParams {
     pub frames: FrameSelection,
 }
 
-/// The kind `middlebury`.
 pub(crate) struct Middlebury {
     truth: TruePixels,
     factor: Option<u32>,
@@ -159,7 +157,6 @@ impl Middlebury {
     }
 }
 
-/// What a scene's folder holds, by the year it is of.
 #[derive(Clone, Copy)]
 enum Year {
     From2014,
@@ -168,7 +165,7 @@ enum Year {
 }
 
 impl Year {
-    /// Of a folder that has any file of a scene.
+    /// `None` if the folder has no file of a scene.
     fn of(folder: &Path) -> Option<Self> {
         let has =
             |stems: &[&str], endings: &[&str]| stems.iter().any(|stem| with_ending(folder, stem, endings).is_some());
@@ -219,7 +216,6 @@ impl Middlebury {
         Ok(listing)
     }
 
-    /// The files of a scene.
     fn files(&self, folder: &Path) -> Result<Vec<(Part, PathBuf)>, Fault> {
         let (stem, [left, right], truth, span) = match Year::of(folder) {
             Some(Year::Of2005) => ("view", [1, 5], OF_2005, "view1.png, view5.png and disp1.png"),
@@ -253,7 +249,7 @@ impl Middlebury {
         Ok(files)
     }
 
-    /// What a true disparity of 1 px is in a map of 8 bits.
+    /// Map value per pixel of disparity, in 8-bit maps.
     fn factor(&self, files: &Files, size: (u32, u32), ctx: &mut Context<'_>) -> Result<u32, Fault> {
         let unknown = |of: &str| {
             let what = format!("{} is {}x{}: {of}", files.the(LEFT)?.path.display(), size.0, size.1);
@@ -284,17 +280,12 @@ impl Middlebury {
     }
 }
 
-/// Whether a scene's images are of 2005 or 2006 and what cropping took is not told.
 fn is_uncalibrated_2005(files: &[(Part, PathBuf)]) -> bool {
     let is_view =
         |(part, path): &(Part, PathBuf)| *part == LEFT && path.file_stem().is_some_and(|stem| stem == "view1");
     files.iter().any(is_view) && !files.iter().any(|(part, _)| *part == DMIN)
 }
 
-/// The scenes in a folder, by name, or those asked for; or the folder itself, if it is one.
-///
-/// # Errors
-/// If one that is asked for is not there, or the folder cannot be listed.
 pub(super) fn scenes(
     root: &Path,
     asked: &[String],
@@ -358,7 +349,6 @@ impl Layout for Middlebury {
 }
 
 impl Middlebury {
-    /// The calibration of 2005 and 2006, scaled to the images.
     fn calibration_2005(&self, files: &Files, size: (u32, u32), ctx: &mut Context<'_>) -> Result<Calibration, Fault> {
         let dmin = files.the(DMIN)?;
         let text = dmin.text();
@@ -373,7 +363,6 @@ impl Middlebury {
     }
 }
 
-/// A calibration of which the principal point is not told.
 fn given(focal_px: f64, baseline_m: f64, (width, height): (u32, u32)) -> Calibration {
     let (cx_px, cy_px) = possible::middle((width, height));
     Calibration { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px: 0.0 }

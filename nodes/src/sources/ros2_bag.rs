@@ -23,21 +23,17 @@ use crate::sources::asked::Asked;
 use crate::sources::dataset::at_file;
 use crate::sources::ros2_bag::frame::{Messages, Part, Reading};
 
-/// Where static transforms are.
 const TF_STATIC: &str = "/tf_static";
 
-/// The most messages of static transforms that are read.
 const MOST_TRANSFORMS: usize = 100_000;
 
-/// The kind `ros2/bag`.
 pub(crate) struct Ros2Bag {
     bag: Bag,
     reading: Reading,
     frames: Vec<Frame>,
-    /// By frame, the message of each part.
     messages: Vec<Vec<(Part, Message)>>,
     warnings: Vec<String>,
-    /// A run asks for a frame's key and reads it at once: its messages are read and hashed once.
+    /// A run requests a frame's key and then reads it: its messages are read and hashed once.
     asked: Asked<(Messages, Key)>,
 }
 
@@ -142,7 +138,6 @@ Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
 }
 
 impl Ros2Bag {
-    /// The source, and what there is to show of its times.
     fn opened(bag: Bag, params: &Ros2BagParams) -> Result<(Self, Vec<Fact>), Fault> {
         if recognise::is_of_ours(&bag) {
             let what = format!("{} is a recording of depthloom", bag.path().display());
@@ -177,7 +172,6 @@ impl Ros2Bag {
         Ok((source, found.facts))
     }
 
-    /// The messages of a frame, not decoded, and their key.
     fn messages_of(&self, position: FrameIndex) -> Result<(Messages, Key), Fault> {
         let stamp = &self.frames[position].id;
         let read = |(part, message): &(Part, Message)| Ok((*part, self.bag.read(message)?));
@@ -208,7 +202,6 @@ impl Source for Ros2Bag {
     }
 }
 
-/// The static transforms of a bag.
 fn transforms(bag: &Bag) -> Result<Transforms, Fault> {
     let mut transforms = Transforms::default();
     let Ok(topic) = bag.topic(TF_STATIC) else { return Ok(transforms) };

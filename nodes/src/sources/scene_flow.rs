@@ -21,15 +21,14 @@ const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds frames_finalpass or frames_cleanpass (or with _webp behind) and disparity, as the archives of FlyingThings3D, Monkaa or Driving unpack, \
 with the same folders in both, at last left and right";
 
-/// Below frames_finalpass: TRAIN/A/0000/left, 15mm_focallength/scene_forwards/fast/left, or a scene/left.
+/// Below frames_finalpass: TRAIN/A/0000/left, 15mm_focallength/scene_forwards/fast/left, or SCENE/left.
 const DEEPEST: usize = 5;
-/// The virtual camera: 35 mm, or 15 mm in half of Driving, at 960 columns.
+/// 35 mm, or 15 mm in half of Driving, at 960 columns.
 const FOCAL_PX: f64 = 1050.0;
 const WIDE_FOCAL_PX: f64 = 450.0;
 const WIDTH: u32 = 960;
-/// The folder of the second.
 const WIDE: &str = "15mm_focallength";
-/// The unit of Blender's scenes, which counts as a metre.
+/// Blender's unit, taken as a metre.
 const BASELINE_M: f64 = 1.0;
 
 const ENDINGS: [&str; 2] = ["png", "webp"];
@@ -72,7 +71,6 @@ pub(crate) struct SceneFlowParams {
     pub frames: FrameSelection,
 }
 
-/// The kind `scene-flow`.
 pub(crate) struct SceneFlow;
 
 impl SourceKind for SceneFlow {
@@ -128,7 +126,6 @@ Pixel centres have whole coordinates.",
     }
 }
 
-/// The folders below that hold `left`, by their way from `from`, in order.
 fn sequences(from: &Path, way: &str, depth: usize, found: &mut Vec<String>) -> Result<(), Fault> {
     let names = folders(from, LAYOUT)?;
     if names.iter().any(|name| name == "left") {
@@ -207,7 +204,7 @@ fn list(params: &SceneFlowParams) -> Result<Listing, Fault> {
 impl Layout for SceneFlow {
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
-    /// The lens is told by a folder's name, not by a file.
+    /// The lens follows from a folder's name, not from a file.
     fn key(&self, files: &Files) -> Key {
         files.key(Self::KIND, &format!("{} px", focal_px(files)))
     }
@@ -226,7 +223,7 @@ impl Layout for SceneFlow {
     }
 }
 
-/// The focal length of a frame's lens, px of 960 columns.
+/// px at 960 columns.
 fn focal_px(files: &Files) -> f64 {
     let is_wide = files.get(LEFT).is_some_and(|left| left.path.components().any(|part| part.as_os_str() == WIDE));
     if is_wide { WIDE_FOCAL_PX } else { FOCAL_PX }

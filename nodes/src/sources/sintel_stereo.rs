@@ -27,9 +27,8 @@ sequence of frame_0001.png ... (MPI-Sintel-stereo-training)";
 const OCCLUDED: Part = "occlusions";
 const OUT_OF_FRAME: Part = "outofframe";
 
-/// The cameras stand 10 cm apart.
 const BASELINE_M: f64 = 0.1;
-/// What a camera file of Sintel begins with, and its length: this, 3x3 and 3x4 doubles.
+/// First number and length of Sintel's camera files: the tag, 3x3 and 3x4 doubles.
 const CAMERA_TAG: f32 = 202_021.25;
 const CAMERA_BYTES: usize = 4 + 8 * (9 + 12);
 
@@ -63,7 +62,6 @@ pub(crate) struct SintelStereoParams {
     pub frames: FrameSelection,
 }
 
-/// The kind `sintel-stereo`.
 pub(crate) struct SintelStereo {
     truth: TruePixels,
     focal_px: Option<f64>,
@@ -254,7 +252,6 @@ fn disparities(files: &Files, file: &File, size: (u32, u32)) -> Result<Raster<f3
     Ok(Raster::from_raw(size.0, size.1, px.collect()).expect("a number a pixel"))
 }
 
-/// Focal length and principal point of a camera file.
 fn camera(file: &File) -> Result<[f64; 3], Fault> {
     let bytes = &file.bytes;
     let fault = |what: String| {

@@ -173,7 +173,6 @@ impl Road {
     }
 }
 
-/// The kind `synthetic/road`.
 pub(crate) struct SyntheticRoad {
     road: Road,
     truth: SyntheticTruth,

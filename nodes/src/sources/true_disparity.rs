@@ -7,13 +7,13 @@ use image::Luma;
 use crate::geometry::geometry;
 use crate::shape::filled;
 
-/// `f * B / (d + doffs)`, NaN where the disparity is unknown or that sum not above 0.
+/// `f * B / (d + doffs)`; NaN if the disparity is unknown or the sum is not positive.
 pub(crate) fn depth(truth: &TrueDisparity, of: &Calibration) -> Depth {
     let px = &truth.px;
     Depth { metres: filled(px.dimensions(), |out| truth_from_disparity(px, geometry(of), out)) }
 }
 
-/// The disparities of a depth map, rounded to 1/256 px; unknown is also what 16 bits do not hold.
+/// Rounded to 1/256 px; values that 16 bits cannot hold become unknown.
 pub(crate) fn from_depth(depth: &Depth, of: &Calibration) -> TrueDisparity {
     let (width, height) = depth.metres.dimensions();
     let px_256 = Raster::from_fn(width, height, |x, y| {
@@ -23,7 +23,7 @@ pub(crate) fn from_depth(depth: &Depth, of: &Calibration) -> TrueDisparity {
     TrueDisparity::from_px_256(&px_256)
 }
 
-/// A disparity in 1/256 px: 0 where unknown (NaN, no disparity) or beyond 16 bits.
+/// 0 is unknown.
 fn fixed_point(disparity_px: f64) -> u16 {
     let fixed = (disparity_px * 256.0).round();
     if fixed >= 1.0 && fixed <= f64::from(u16::MAX) { fixed as u16 } else { 0 }

@@ -6,7 +6,6 @@ use depthloom_kernels::bm::{self, BmScratch, Params};
 
 use super::{disparity, matched, pair, refused};
 
-/// The kind `stereo/bm`.
 pub(crate) struct Bm {
     params: Params,
 }

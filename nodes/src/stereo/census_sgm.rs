@@ -6,7 +6,6 @@ use depthloom_kernels::census::{self, CensusScratch, Pair, Params};
 
 use super::{disparity, matched, pair, refused, too_large};
 
-/// The kind `stereo/census-sgm`.
 pub(crate) struct CensusSgm {
     params: Params,
 }

@@ -12,7 +12,6 @@ use super::onnx_params::{StereoOnnxParams, StereoOutput};
 use crate::onnx::{self, Fitted, Look, numberless};
 use crate::shape::{filled, same_size};
 
-/// The kind `stereo/onnx`.
 pub(crate) struct StereoOnnx {
     params: StereoOnnxParams,
     network: onnx::Loaded<PairNetwork>,
@@ -95,7 +94,6 @@ fn signature(params: &StereoOnnxParams) -> Signature {
 }
 
 impl StereoOnnx {
-    /// The network of a model, looked at when the first frame brings it.
     fn network(&self, model: &Artifact) -> Result<Arc<PairNetwork>, Fault> {
         self.network.get(model, || PairNetwork::load(model, &self.params))
     }
@@ -105,7 +103,7 @@ impl StereoOnnx {
         Look { channels, mean, std, white, resize, round, pad_with }
     }
 
-    /// The network's answer as disparities of the image, px, in place; NaN where there is none.
+    /// px of the image, in place; NaN where invalid.
     fn pixels(&self, map: &mut [f32], fitted: &Fitted, calibration: Option<&Calibration>) {
         let scale = self.params.output_scale;
         let of_lengths = match self.params.output {
@@ -142,7 +140,7 @@ impl StereoOnnx {
     }
 }
 
-/// Whether less than a tenth of the numbers, scaled, is not below zero.
+/// More than nine tenths.
 fn nearly_all_negative(map: &[f32], scale: f64) -> bool {
     let (mut all, mut negative) = (0_u64, 0_u64);
     for value in map.iter().filter(|value| !value.is_nan()) {
@@ -151,7 +149,7 @@ fn nearly_all_negative(map: &[f32], scale: f64) -> bool {
     negative * 10 > all * 9
 }
 
-/// Disparities as a value; `sign` is -1 of the right image's.
+/// `sign` is -1 for the right image.
 fn disparity(px: &[f32], sign: f32, size: (u32, u32)) -> Value {
     Value::disparity_from_px(filled(size, |out: &mut [f32]| {
         out.iter_mut().zip(px).for_each(|(out, px)| *out = px * sign);

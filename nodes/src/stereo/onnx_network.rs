@@ -8,20 +8,15 @@ use depthloom_graphs::values::{Artifact, Image};
 use super::onnx_params::{PairOrder, StereoOnnxParams};
 use crate::onnx::{self, Axes, Fitted, Look, Maps, Pool, Pools, Sizes};
 
-/// A pair of images as the network sees it.
 pub(super) struct View<'a> {
-    /// What it takes for the left image.
     pub first: &'a Image,
-    /// What it takes for the right image.
     pub second: &'a Image,
-    /// Whether both are mirrored.
     pub mirrored: bool,
 }
 
-/// A network of two images.
 pub(super) struct PairNetwork {
     params: StereoOnnxParams,
-    /// One, or one an image.
+    /// One for both images, or one per image.
     inputs: Vec<(String, Axes)>,
     /// Planes of one image.
     planes: usize,
@@ -32,10 +27,7 @@ pub(super) struct PairNetwork {
 }
 
 impl PairNetwork {
-    /// Looks at a model; loads it where its inputs fix the size.
-    ///
-    /// # Errors
-    /// If it is no model, or of other inputs than a stereo network has.
+    /// Loads the model at once if its inputs fix the size.
     pub(super) fn load(model: &Artifact, params: &StereoOnnxParams) -> Result<Self, Fault> {
         let declared = onnx::declared(model, params.provider)?;
         let names: Vec<&str> = declared.inputs.iter().map(|input| input.name.as_str()).collect();
@@ -73,18 +65,10 @@ impl PairNetwork {
         Ok(network)
     }
 
-    /// The way of images of a size to the network's and back.
-    ///
-    /// # Errors
-    /// If the network takes no images of it.
     pub(super) fn fitted(&self, from: (usize, usize)) -> Result<Fitted, Fault> {
         Fitted::new(from, self.sizes, self.params.fit, self.params.pad_at)
     }
 
-    /// The network's map of each view.
-    ///
-    /// # Errors
-    /// If there is not the memory, the engine fails, or the output is no map.
     pub(super) fn run(&self, views: &[View<'_>], fitted: &Fitted, look: &Look) -> Result<Vec<Maps>, Fault> {
         let pool = self.pool(fitted.to)?;
         let mut maps = Vec::with_capacity(views.len());
@@ -125,7 +109,7 @@ impl PairNetwork {
     }
 }
 
-/// Planes of one image: three or one. An open number is taken to be that of colour images.
+/// 3 or 1. An open number is taken as 3.
 fn planes_of(names: &[&str], axes: &[Axes]) -> Result<usize, Fault> {
     let wrong = |name: &str, channels: usize, wanted: &str| {
         Err(Fault::new(format!("input `{name}` of the network takes {channels} channels, where {wanted} are wanted"))

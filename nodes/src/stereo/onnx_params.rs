@@ -126,7 +126,6 @@ impl Default for StereoOnnxParams {
 }
 
 impl StereoOnnxParams {
-    /// Whether the calibration is wanted.
     pub(super) const fn wants_calibration(&self) -> bool {
         self.depth || matches!(self.output, StereoOutput::InverseDepth | StereoOutput::Depth)
     }

@@ -66,12 +66,11 @@ impl Default for SgbmParams {
     }
 }
 
-/// The largest penalties that follow the block: a quarter apart, as the advice has them, and such as costs of 16 bits take.
+/// A quarter apart, as OpenCV advises, and within 16-bit costs.
 const P1_MOST: i32 = P2_MOST / 4;
 const P2_MOST: i32 = i16::MAX as i32;
 
 impl SgbmParams {
-    /// A penalty for each pixel of the block.
     fn penalty(&self, each: i32, most: i32) -> i32 {
         each.saturating_mul(self.block.saturating_mul(self.block)).min(most)
     }
@@ -93,7 +92,6 @@ impl SgbmParams {
     }
 }
 
-/// The kind `stereo/sgbm`.
 pub(crate) struct Sgbm {
     params: Params,
 }

@@ -7,10 +7,10 @@ use super::votes::{ACROSS, LARGEST, STEP, Votes, has_texture};
 use super::{Contradiction, FEWEST};
 use depthloom_nodes::grey::grey;
 
-/// Grey levels by which an image of nothing may differ.
+/// Grey levels: an image with a smaller range shows nothing.
 const FLAT: u8 = 2;
 
-/// What is wrong with a pair; where nothing is, the places that both show.
+/// Returns the contradictions of a pair; without any, the places that both images show.
 pub(super) fn faults(left: &Image, right: &Image) -> (Vec<Contradiction>, Option<Votes>) {
     let of_one = [("left", left), ("right", right)].into_iter().filter_map(|(port, image)| flat(port, image));
     let found: Vec<Contradiction> = of_one.collect();
@@ -55,14 +55,12 @@ fn exchanged(votes: &Votes) -> Option<Contradiction> {
     })
 }
 
-/// Rows above and below in which a place is looked for, pixels of the reduced image.
 const ROWS: isize = 3;
-/// Places below which nothing is said of where they are found.
 const PLACES: usize = 2 * FEWEST;
-/// What is left of a block's contrast where it is found, at most.
+/// Largest share of a block's contrast that may remain where the block counts as found.
 const FOUND: f64 = 0.5;
 
-/// How well places with texture are found: what is left of their contrast, in their row and at best in the rows around, and which row that is.
+/// Places with texture: column, row, remaining contrast in the same row, in the best other row, and that row's offset.
 struct Rows(Vec<(usize, usize, f64, f64, isize)>);
 
 impl Rows {

@@ -8,10 +8,8 @@ use depthloom_nodes::grey::grey;
 pub(super) const HALF: usize = 4;
 const SIDE: usize = 2 * HALF + 1;
 
-/// A block's grey levels, row by row.
 pub(super) type Block = [u8; SIDE * SIDE];
 
-/// The sum of differences between neighbours in a row.
 pub(super) fn texture(block: &Block) -> u32 {
     let rows = block.chunks_exact(SIDE);
     rows.flat_map(|row| row.windows(2)).map(|of| u32::from(of[0].abs_diff(of[1]))).sum()
@@ -28,7 +26,6 @@ fn mean(block: &Block) -> i32 {
     sum / block.len() as i32
 }
 
-/// A grey image of means.
 pub(super) struct Reduced {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -60,7 +57,6 @@ impl Reduced {
         block
     }
 
-    /// The sum of differences of a block from the one at a place.
     pub(super) fn apart(&self, block: &Block, column: usize, row: usize) -> u32 {
         let lines = block.chunks_exact(SIDE).enumerate();
         lines
@@ -71,7 +67,7 @@ impl Reduced {
             .sum()
     }
 
-    /// The same of what is left of both without their means: cameras differ in exposure.
+    /// As `apart`, without each block's mean, because cameras differ in exposure.
     pub(super) fn apart_but_for_means(&self, block: &Block, column: usize, row: usize) -> u32 {
         let other = self.block(column, row);
         let between = mean(block) - mean(&other);

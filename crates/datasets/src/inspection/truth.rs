@@ -6,7 +6,6 @@ use depthloom_graphs::values::{Calibration, Raster};
 use super::votes::{Pixels, Votes};
 use super::{Contradiction, FEWEST};
 
-/// A map of what is true.
 pub(super) enum Truth<'a> {
     /// Metres.
     Depth(&'static str, &'a Raster<f32>),
@@ -16,9 +15,9 @@ pub(super) enum Truth<'a> {
 
 const UNIT: &str = "is it the unit, or what its numbers are multiplied by: metres for millimetres, disparity * 256 for disparity, 8 bits for 16?";
 
-/// Depths are the farther the nearer the images say they are, from here on.
+/// Correlation of true and seen distances below which the ground truth contradicts the images.
 const AGAINST: f64 = -0.4;
-/// How much logarithms of distances differ, at the least, for that to be said: by their standard deviation.
+/// Smallest standard deviation of log distances for a verdict.
 const SPREAD: f64 = 0.1;
 
 impl<'a> Truth<'a> {
@@ -34,7 +33,7 @@ impl<'a> Truth<'a> {
         matches!(self, Self::Depth(..))
     }
 
-    /// What is wrong with it, if anything; `is_disparity`: it is said to be made of disparities.
+    /// `is_disparity`: the depth was computed from a disparity of the same frame.
     pub(super) fn fault(
         &self,
         calibration: Option<&Calibration>,
@@ -96,7 +95,6 @@ impl<'a> Truth<'a> {
         Some(Contradiction { port, what, remedy: UNIT })
     }
 
-    /// That distances are other than the places found say, if that is hardly chance; `ln` of what a distance of 1 / px is, and how a value is told.
     fn of_other_scale(
         &self,
         seen: &[(f64, f64)],
@@ -122,7 +120,7 @@ impl<'a> Truth<'a> {
         })
     }
 
-    /// Logarithms of true distances and of those that the images show, 1 / px, where both are known.
+    /// Logarithms of true distances and of the distances that the images show (1 / px), where both are known.
     fn beside(&self, votes: &Votes, doffs_px: f64) -> Vec<(f64, f64)> {
         let (Self::Depth(_, map) | Self::Disparity(_, map)) = self;
         let distance = |value: f32| match self {
@@ -139,7 +137,7 @@ impl<'a> Truth<'a> {
     }
 }
 
-/// The correlation of true and seen distances; `None` where there are too few, or all are about as far.
+/// Correlation of true and seen distances; `None` with too few places or without spread.
 fn against(seen: &[(f64, f64)]) -> Option<f64> {
     let count = seen.len();
     if count < FEWEST {

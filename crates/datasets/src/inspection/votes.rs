@@ -3,30 +3,25 @@
 use super::FEWEST;
 use super::reduced::{Block, HALF, Reduced, texture};
 
-/// Pixels to which images are reduced before they are looked at, across.
+/// Columns of the reduced images.
 pub(super) const ACROSS: usize = 400;
-/// The distance of blocks, in pixels of the reduced image.
+/// Distance of blocks, pixels of the reduced image.
 pub(super) const STEP: usize = 5;
-/// The largest disparity looked for, of the reduced width.
+/// The largest disparity searched is the reduced width divided by this.
 pub(super) const LARGEST: usize = 5;
 
-/// Without texture a block is found anywhere.
 pub(super) fn has_texture(block: &Block) -> bool {
     texture(block) >= 6 * block.len() as u32
 }
 
-/// Places of a left image that are found in the right one, and where.
 pub(super) struct Votes {
-    /// Pixels of an image a pixel of the reduced one.
     factor: usize,
-    /// Column and row of those found to the left of where they were, with the disparity, pixels of the reduced image.
+    /// Column, row and disparity of places found to the left, pixels of the reduced image.
     pub(super) right: Vec<(usize, usize, usize)>,
-    /// How many are found to the right.
     pub(super) wrong: usize,
 }
 
 impl Votes {
-    /// Of images reduced by a factor, of one size.
     pub(super) fn of(left: &Reduced, right: &Reduced, factor: usize) -> Self {
         let mut votes = Self { factor, right: Vec::new(), wrong: 0 };
         let most = left.width / LARGEST;
@@ -56,12 +51,11 @@ impl Votes {
         votes
     }
 
-    /// Whether nearly all places are found on the wrong side.
     pub(super) fn are_for_exchange(&self) -> bool {
         self.wrong >= FEWEST && self.wrong > 4 * self.right.len()
     }
 
-    /// Pixels of an image of this size, a block of them for each place found, and the disparity there, pixels.
+    /// For each place: the pixels of its block in the full image, and its disparity, px.
     pub(super) fn places(&self, (width, height): (u32, u32)) -> impl Iterator<Item = (Pixels, f64)> {
         let factor = self.factor;
         self.right.iter().map(move |&(column, row, disparity)| {
@@ -74,7 +68,6 @@ impl Votes {
     }
 }
 
-/// The pixels of a block: column and row.
 pub(super) struct Pixels {
     columns: std::ops::Range<u32>,
     rows: std::ops::Range<u32>,

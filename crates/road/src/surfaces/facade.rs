@@ -11,7 +11,6 @@ use crate::vector::{Vec3, vec3};
 pub(crate) enum Masonry {
     Plaster,
     Brick,
-    /// Courses of dressed stone.
     Stone,
 }
 

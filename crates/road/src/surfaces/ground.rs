@@ -14,7 +14,6 @@ pub(crate) const KERB: f32 = 0.13;
 /// Zebra crossings lie this far apart; the scene's wrap is a multiple.
 const CROSSING_PERIOD: f32 = 128.0;
 
-/// Looks of the ground, fixed for a street.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ground {
     asphalt: Vec3,
@@ -36,7 +35,6 @@ impl Ground {
         }
     }
 
-    /// Colour of the carriageway.
     pub(crate) fn carriageway(&self, spot: &Spot) -> Vec3 {
         let (x, z) = (spot.point.x, spot.point.z);
         let across = spot.footprint;

@@ -50,7 +50,6 @@ pub(crate) enum Material {
 }
 
 impl Material {
-    /// Whether only cars are made of it.
     pub(crate) const fn is_of_a_car(&self) -> bool {
         matches!(self, Self::CarBody(_) | Self::CarCabin(_) | Self::Wheel(_))
     }
@@ -92,7 +91,6 @@ impl Material {
         }
     }
 
-    /// Light towards the camera.
     pub(crate) fn shade(&self, spot: &Spot, light: &Light, lit: bool) -> Vec3 {
         let colour = match self {
             Self::Facade(facade) => return facade.shade(spot, light, lit),

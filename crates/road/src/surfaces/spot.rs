@@ -49,7 +49,6 @@ impl Spot {
     }
 }
 
-/// [`Spot::on_wall`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wall {
     pub along: f32,

@@ -12,35 +12,27 @@ use depthloom_kernels::rectify::{Camera, Lens, Matrix, View};
 
 use document::Document;
 
-/// What a calibration file can be.
 pub(crate) const FORMS: &str = "a calibration is OpenCV's FileStorage (YAML, XML or JSON, in one file or two: M1, D1, M2, D2 and R, T, or R1, R2, P1, P2), two \
     camera_info YAML files of ROS (left, then right), or Kalibr's camchain YAML (cam0 left, cam1 right)";
 
-/// A camera as its calibration tells of it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CalibratedCamera {
-    /// Columns and rows of its images, if they are told.
     pub size: Option<(u32, u32)>,
     pub camera: Camera,
-    /// What it is rectified to, if that is told, and the fourth number of the projection's first row: `-f * x` of its place.
+    /// The rectified view, and element [0, 3] of its projection: `-f * x` of the camera's position.
     pub rectified: Option<(View, f64)>,
 }
 
-/// Two cameras, left and right.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CameraPair {
     pub cameras: [CalibratedCamera; 2],
     /// Rotation and translation from the left camera's frame to the right one's.
     pub pose: Option<(Matrix, [f64; 3])>,
-    /// Whether lengths are metres by the format's definition.
+    /// By the format's definition.
     pub in_metres: bool,
 }
 
-/// Reads the files of a calibration, in the order in which they are named; `fisheye` says that the coefficients of an OpenCV file, which does not
-/// tell, are those of its `fisheye` module.
-///
-/// # Errors
-/// The file at fault, the place and the remedy.
+/// `fisheye`: OpenCV's coefficients are those of its `fisheye` module, which the file does not say.
 pub(crate) fn read(files: &[(&Path, &[u8])], fisheye: bool) -> Result<CameraPair, Fault> {
     let documents = files.iter().map(|(path, bytes)| Document::parse(path, bytes)).collect::<Result<Vec<_>, _>>()?;
     let pair = match documents.as_slice() {
@@ -85,12 +77,11 @@ pub(crate) fn read(files: &[(&Path, &[u8])], fisheye: bool) -> Result<CameraPair
     Ok(pair)
 }
 
-/// The file that tells of a side.
 fn side_file(side: &str, documents: &[Document<'_>]) -> usize {
     if side == "right" && documents.len() == 2 && ros::is(&documents[1]) { 1 } else { 0 }
 }
 
-/// A lens of a name that ROS, Kalibr and Foxglove use.
+/// `model` as ROS, Kalibr and Foxglove name it.
 fn lens(model: &str, coefficients: &[f64]) -> Result<Lens, String> {
     let shown = |what: &str| format!("{what}, and `{model}` has {} coefficients here", coefficients.len());
     let first = |count: usize| -> Result<(), String> {
@@ -124,12 +115,12 @@ fn lens(model: &str, coefficients: &[f64]) -> Result<Lens, String> {
     }
 }
 
-/// A camera of its matrix K, row-major.
+/// K is row-major.
 fn camera(k: &[f64; 9], lens: Lens) -> Camera {
     Camera { focal_px: [k[0], k[4]], centre_px: [k[2], k[5]], lens }
 }
 
-/// What a rotation R and a projection P, both row-major, rectify to.
+/// R and P are row-major.
 fn view(r: &[f64; 9], p: &[f64; 12]) -> (View, f64) {
     (View { rotation: matrix(r), focal_px: [p[0], p[5]], centre_px: [p[2], p[6]] }, p[3])
 }

@@ -4,10 +4,6 @@ use depthloom_graphs::values::Calibration;
 
 use crate::sources::calibration::rectified_pair::{BASELINE_M, CENTRE_PX, FOCAL_PX, short};
 
-/// That a calibration is of cameras that there can be.
-///
-/// # Errors
-/// What is not possible, as a lower-case fragment.
 pub(crate) fn check(of: &Calibration) -> Result<(), String> {
     let numbers = [
         ("the focal length", of.focal_px, FOCAL_PX, "px"),
@@ -25,7 +21,7 @@ pub(crate) fn check(of: &Calibration) -> Result<(), String> {
     }
 }
 
-/// The principal point where nobody tells it: the image's middle, pixel centres having whole coordinates.
+/// The image's middle; pixel centres have whole coordinates.
 pub(crate) fn middle((width, height): (u32, u32)) -> (f64, f64) {
     ((f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0)
 }

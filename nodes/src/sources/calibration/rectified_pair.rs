@@ -4,32 +4,24 @@ use std::ops::RangeInclusive;
 
 use depthloom_graphs::values::Calibration;
 
-/// What a camera can have: from a fisheye to a telescope, from an endoscope to two aeroplanes. Beyond, disparities and depths leave
-/// the numbers that hold them.
+/// From a fisheye to a telescope, from an endoscope to two aeroplanes.
 pub(crate) const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
 pub(crate) const CENTRE_PX: RangeInclusive<f64> = -1e6..=1e6;
 pub(crate) const BASELINE_M: RangeInclusive<f64> = 1e-4..=1e4;
 
-/// How far the two cameras of a rectified pair may differ: by one in the last of the seven digits that KITTI writes.
+/// One unit in the last of KITTI's seven digits.
 const FOCAL_TOLERANCE: f64 = 1.5e-6;
 const CENTRE_TOLERANCE_PX: f64 = 1e-3;
 
-/// Why two cameras are no rectified pair.
 #[derive(Debug)]
 pub(crate) struct NoPair {
-    /// Whose projection is at fault: 0 left, 1 right.
+    /// 0 left, 1 right.
     pub camera: usize,
-    /// What is wrong, as a lower-case fragment.
     pub what: String,
 }
 
-/// The calibration of a rectified pair from the projections (3x4, row-major) of its left and right camera: focal length `P[0,0]`,
-/// principal point `P[0,2]` and `P[1,2]`, baseline `Pr[0,3] / -Pr[0,0] - Pl[0,3] / -Pl[0,0]`, `doffs` the right camera's `P[0,2]` less the left one's.
-///
-/// The two cameras must have one focal length and one row of the principal point: what is matched along rows is a rectified pair.
-///
-/// # Errors
-/// Which of the two is at fault, called by its name.
+/// Projections are 3x4, row-major. The baseline is `Pr[0,3] / -Pr[0,0] - Pl[0,3] / -Pl[0,0]`, `doffs` is `Pr[0,2] -
+/// Pl[0,2]`. Both cameras must have one focal length and one row of the principal point.
 pub(crate) fn calibration(
     [left_name, right_name]: [&str; 2],
     [left, right]: [&[f64; 12]; 2],
@@ -79,7 +71,7 @@ pub(crate) fn calibration(
     Ok(Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m, doffs_px })
 }
 
-/// A number as a person would write it: of 1e300 not all its zeros.
+/// `1e300` without its zeros.
 pub(crate) fn short(number: f64) -> String {
     if number == 0.0 || (1e-3..1e7).contains(&number.abs()) { number.to_string() } else { format!("{number:e}") }
 }

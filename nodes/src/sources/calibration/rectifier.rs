@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 use crate::sources::calibration::camera_files::{CalibratedCamera, CameraPair};
 use crate::sources::calibration::rectified_pair::{BASELINE_M, CENTRE_PX, FOCAL_PX};
 
-/// The longest baseline that is taken for metres where nobody says so: OpenCV's translations are in the unit of the board's squares.
+/// Longer baselines need `metres_per_unit`: OpenCV's translations are in the unit of the board's squares.
 const LONGEST_UNSAID_M: f64 = 2.0;
 
-/// How far the rectified views of two cameras may differ: files hold few digits.
+/// Files hold few digits.
 const FOCAL_TOLERANCE: f64 = 1e-5;
 const CENTRE_TOLERANCE_PX: f64 = 1e-2;
 
@@ -30,31 +30,26 @@ pub(crate) enum Sampling {
     Fixed,
 }
 
-/// What is asked of the rectification.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Asked {
-    /// The images are rectified already: of the calibration the projections alone are taken.
+    /// Use only the projections of the calibration.
     pub rectified: bool,
-    /// The file's rectification is left out, and one is computed, as by [`stereo_rectify`]; below 0 the focal length stays.
+    /// Computes the rectification with [`stereo_rectify`]; a negative value keeps the focal length.
     pub alpha: Option<f64>,
     pub sampling: Sampling,
     /// How long a unit of the file's translations is, metres.
     pub metres_per_unit: Option<f64>,
 }
 
-/// What makes pairs of one size rectified ones.
 #[derive(Debug)]
 pub(crate) struct Rectifier {
     pub calibration: Calibration,
-    /// None if they are so already.
+    /// `None` if the images are rectified already.
     maps: Option<[Map; 2]>,
 }
 
 impl Rectifier {
-    /// For images of a size; a lower-case fragment and its remedy if that cannot be.
-    ///
-    /// # Errors
-    /// What of the calibration is missing or contradicts itself or the size, with the remedy.
+    /// Errors are a lower-case fragment and its remedy.
     pub(crate) fn new(pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Self, (String, String)> {
         for (side, camera) in ["left", "right"].into_iter().zip(&pair.cameras) {
             if let Some((width, height)) = camera.size.filter(|of| *of != size) {
@@ -122,12 +117,10 @@ impl Rectifier {
         })
     }
 
-    /// Whether pixels are taken from elsewhere.
     pub(crate) const fn moves_pixels(&self) -> bool {
         self.maps.is_some()
     }
 
-    /// A pair, rectified.
     pub(crate) fn pair(&self, left: Image, right: Image) -> (Image, Image) {
         match &self.maps {
             None => (left, right),
@@ -136,7 +129,6 @@ impl Rectifier {
     }
 }
 
-/// An image seen through a map.
 pub(crate) fn rectified(image: &Image, map: &Map) -> Image {
     let (width, height) = image.dimensions();
     let size = (width as usize, height as usize);
@@ -154,7 +146,6 @@ pub(crate) fn rectified(image: &Image, map: &Map) -> Image {
     })
 }
 
-/// The calibration of a rectified pair, if it is one.
 fn calibration(
     found: &Rectified,
     pair: &CameraPair,
@@ -218,18 +209,14 @@ fn calibration(
     Ok(Calibration { width, height, focal_px: f[0], cx_px: c[0], cy_px: c[1], baseline_m, doffs_px })
 }
 
-/// The rectifier of images of the size asked for last: maps are computed once for a source, whose images have one size.
+/// The rectifier of the latest size, because a source's images have one size.
 #[derive(Debug, Default)]
 pub(crate) struct Latest(Mutex<Option<Known>>);
 
-/// A size, and its rectifier.
 type Known = ((u32, u32), Arc<Rectifier>);
 
 impl Latest {
-    /// The rectifier for a size; who asks while it is computed waits.
-    ///
-    /// # Errors
-    /// As [`Rectifier::new`].
+    /// Blocks callers while it is computed.
     pub(crate) fn of(
         &self,
         pair: &CameraPair,

@@ -9,16 +9,12 @@ use std::path::Path;
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Raster;
 
-/// The longest header read, bytes.
+/// Bytes.
 const LONGEST_HEADER: usize = 4096;
 
-/// A map of numbers of a PFM or NPY file, in whatever unit it has; what is infinite or NaN there is NaN. Row 0 is the highest.
-///
-/// Of PFM one channel, little- or big-endian (the sign of its scale; its size is not looked at, as with Middlebury's tools), rows from the lowest up.
-/// Of NPY two dimensions, rows first, of floats or whole numbers of either byte order.
-///
-/// # Errors
-/// If the bytes are none of the two, hold more or fewer numbers than they say, or others than a map's.
+/// Row 0 is the top row. Infinite and NaN become NaN. PFM: one channel, either byte order (sign of the scale; its size
+/// is ignored, as by Middlebury's tools), rows from bottom to top. NPY: two dimensions, row-major, floats or integers
+/// of either byte order.
 pub(crate) fn map_f32(path: &Path, bytes: &[u8]) -> Result<Raster<f32>, Fault> {
     let read = match bytes {
         [b'P', b'f', ..] => pfm(bytes),
@@ -35,11 +31,8 @@ pub(crate) fn map_f32(path: &Path, bytes: &[u8]) -> Result<Raster<f32>, Fault> {
     })
 }
 
-/// What is wrong with a file.
 enum Wrong {
-    /// It holds something else.
     Kind(String),
-    /// It is not whole.
     Bytes(String),
 }
 
@@ -126,7 +119,6 @@ fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
     Ok(Raster::from_raw(width, height, samples).expect("a number a pixel"))
 }
 
-/// The numbers of an array.
 #[derive(Clone, Copy)]
 struct Sample {
     is_big_endian: bool,
@@ -151,7 +143,6 @@ impl Sample {
         self.bytes
     }
 
-    /// The number of its bytes.
     fn number(self, bytes: &[u8]) -> f32 {
         let mut wide = [0; 8];
         wide[..self.bytes].copy_from_slice(bytes);

@@ -12,32 +12,21 @@ use depthloom_graphs::{Fault, regular_file};
 use image::metadata::Orientation;
 use image::{DynamicImage, GrayImage, ImageDecoder, ImageError, ImageReader, RgbImage};
 
-/// The most bytes of a file, and of the pixels that come of it: 8192 x 8192 of 16-bit RGB are 384 MiB.
+/// Bytes of a file, and of its pixels: 8192 x 8192 of 16-bit RGB are 384 MiB.
 const MOST_BYTES: u64 = 512 << 20;
 
-/// A file's bytes.
-///
-/// # Errors
-/// Naming the file, if it cannot be read or is larger than 512 MiB.
 pub(crate) fn read(path: &Path) -> Result<Arc<[u8]>, Fault> {
     let bytes = regular_file::read(path, MOST_BYTES);
     bytes.map(Into::into).map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))
 }
 
-/// An 8-bit grey or RGB image of a PNG, JPEG, WebP, TIFF or PNM file. Of PNG and JPEG files that hold just this the bytes are kept.
-///
-/// Pixels are those of OpenCV's `imread`: of 16 bits the upper 8 are taken, transparency is dropped, and an orientation (EXIF) is applied.
-///
-/// # Errors
-/// If the bytes are no whole image, or hold other pixels.
+/// Reads PNG, JPEG, WebP, TIFF and PNM as OpenCV's `imread`: the upper 8 of 16 bits, no transparency, EXIF orientation
+/// applied. Unchanged 8-bit PNG and JPEG files keep their bytes.
 pub(crate) fn image(path: &Path, bytes: Arc<[u8]>) -> Result<Image, Fault> {
     image_of_bits(path, bytes, None).map(|(image, _)| image)
 }
 
-/// As [`image`], with samples of 16 bits of which the lowest `bits` are used; and how bright a 16-bit image is.
-///
-/// # Errors
-/// As [`image`].
+/// 16-bit samples use the lowest `bits`. Also returns how bright a 16-bit image is.
 pub(crate) fn image_of_bits(
     path: &Path,
     bytes: Arc<[u8]>,
@@ -86,10 +75,7 @@ pub(crate) fn image_of_bits(
     Ok((image, brightest))
 }
 
-/// A 16-bit map, one channel, PNG or TIFF: files of disparity or depth, of `disparity` (px) or `metres`.
-///
-/// # Errors
-/// If the bytes are no whole image, or hold other pixels.
+/// PNG or TIFF with one 16-bit channel of `unit` times 256: `disparity` (px) or `metres`.
 pub(crate) fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u16>, Fault> {
     match decode(path, format_of(path, bytes)?, bytes)? {
         DynamicImage::ImageLuma16(map) => Ok(map),
@@ -103,10 +89,7 @@ pub(crate) fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u1
     }
 }
 
-/// An 8-bit map, one channel or three equal ones: disparities and masks of older data sets; `what` says it to whoever has another.
-///
-/// # Errors
-/// If the bytes are no whole image, or hold other pixels.
+/// One 8-bit channel, or three equal ones. `what` describes the expected map in messages.
 pub(crate) fn map_u8(path: &Path, bytes: &[u8], what: &str) -> Result<GrayImage, Fault> {
     let remedy = "of a downloaded data set, take the file from its archive again: an image tool may have changed it";
     match decode(path, format_of(path, bytes)?, bytes)? {
@@ -123,14 +106,9 @@ pub(crate) fn map_u8(path: &Path, bytes: &[u8], what: &str) -> Result<GrayImage,
     }
 }
 
-/// What a map of numbers is.
 const ONE_CHANNEL: &str = "a map has one channel, of 8 or 16 bits, or of 32-bit floats (TIFF)";
 
-/// A map of numbers as they stand in the file, one channel, and how many bits a number has there: 8 or 16 bits in a PNG, TIFF or PNM file, 32-bit
-/// floats in a TIFF file.
-///
-/// # Errors
-/// If the bytes are no whole image, or hold other pixels.
+/// Returns the map and the bits per number: 8 or 16 (PNG, TIFF, PNM), or 32-bit floats (TIFF).
 pub(crate) fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), Fault> {
     let format = format_of(path, bytes)?;
     if format == image::ImageFormat::Tiff
@@ -149,7 +127,7 @@ pub(crate) fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), F
     Ok((Raster::from_raw(size.0, size.1, numbers).expect("a number a pixel"), bits))
 }
 
-/// A TIFF file of one channel of 32-bit floats, which `image` does not read; `None` if it is of another kind.
+/// `image` does not read these. `None` for other TIFF files.
 fn float_tiff(path: &Path, bytes: &[u8]) -> Result<Option<Raster<f32>>, Fault> {
     let failed = |error: tiff::TiffError| {
         Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
@@ -180,7 +158,7 @@ fn float_tiff(path: &Path, bytes: &[u8]) -> Result<Option<Raster<f32>>, Fault> {
     }
 }
 
-/// The formats that are read, with how their files begin.
+/// With the first bytes of their files.
 const FORMATS: [(&[u8], image::ImageFormat); 10] = [
     (b"\x89PNG\r\n\x1a\n", image::ImageFormat::Png),
     (b"\xff\xd8\xff", image::ImageFormat::Jpeg),
@@ -209,19 +187,16 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<image::ImageFormat, Fault> {
     })
 }
 
-/// The pixels of a file as they are stored; maps have no orientation.
 fn decode(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<DynamicImage, Fault> {
     decoded(path, format, bytes).map(|(image, _)| image)
 }
 
-/// The image of a file with its orientation applied, and whether it has one.
 fn decode_upright(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(DynamicImage, bool), Fault> {
     let (mut image, orientation) = decoded(path, format, bytes)?;
     image.apply_orientation(orientation);
     Ok((image, orientation != Orientation::NoTransforms))
 }
 
-/// The pixels of a file as they are stored, and its orientation.
 fn decoded(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(DynamicImage, Orientation), Fault> {
     let failed = |error: ImageError| {
         // What the header asks for may be more than the decoder counts up to: a byte a pixel is the least.
@@ -262,7 +237,6 @@ fn decoded(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(Dyn
     DynamicImage::from_decoder(decoder).map_err(failed).map(|image| (image, orientation))
 }
 
-/// That a file is not a complete image of its format.
 fn undecodable(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Fault {
     Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
         .remedy(format!("the file is no whole {}: copy or download it again", name_of(format)))
@@ -278,7 +252,7 @@ const fn name_of(format: image::ImageFormat) -> &'static str {
     }
 }
 
-/// Columns and rows as a PNG's first chunk states them: behind the signature, its length and its name.
+/// Columns and rows from a PNG's first chunk.
 fn stated_size(bytes: &[u8]) -> Option<(u32, u32)> {
     let word = |at: usize| Some(u32::from_be_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
     if bytes.get(12..16)? == b"IHDR" { Some((word(16)?, word(20)?)) } else { None }
@@ -305,7 +279,7 @@ mod tests {
     use depthloom_test_needs::workspace;
     use image::DynamicImage;
 
-    /// A PNG that says it is of that size, 8-bit grey, with the data of a few rows.
+    /// A PNG header of that size, 8-bit grey, with few rows of data.
     fn claims(width: u32, height: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
         let pixel = image::GrayImage::new(1, 1);

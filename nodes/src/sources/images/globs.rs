@@ -6,16 +6,15 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Fault;
 
-/// A file, and what of its path the pattern leaves open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Match {
-    /// What stood for each `*`, and each `?`.
+    /// What each `*` and `?` matched.
     pub open: Vec<String>,
     pub path: PathBuf,
 }
 
 impl Match {
-    /// The numbers in what the pattern leaves open, without zeros in front.
+    /// Without leading zeros.
     pub(super) fn numbers(&self) -> Vec<String> {
         let runs = self.open.iter().flat_map(|text| text.split(|c: char| !c.is_ascii_digit()));
         let significant = |digits: &str| match digits.trim_start_matches('0') {
@@ -25,7 +24,6 @@ impl Match {
         runs.filter(|run| !run.is_empty()).map(significant).collect()
     }
 
-    /// A name for what the file belongs to: what the pattern leaves open, else the file's stem.
     pub(super) fn name(&self) -> String {
         let open: Vec<&str> = self.open.iter().map(String::as_str).filter(|text| !text.is_empty()).collect();
         match open.is_empty() {
@@ -35,10 +33,7 @@ impl Match {
     }
 }
 
-/// The files that a pattern below a folder names, in order: numbers in names count as numbers, `9` comes before `10`.
-///
-/// # Errors
-/// If a folder cannot be listed.
+/// In natural order: `9` before `10`.
 pub(super) fn files(root: &Path, pattern: &str) -> Result<Vec<Match>, Fault> {
     let parts: Vec<&str> = pattern.split('/').filter(|part| !part.is_empty() && *part != ".").collect();
     let start = if pattern.starts_with('/') { PathBuf::from("/") } else { root.to_owned() };
@@ -68,7 +63,6 @@ fn is_open(part: &str) -> bool {
     part.contains(['*', '?'])
 }
 
-/// The names of files, or of folders, in a folder.
 fn names(folder: &Path, files: bool) -> Result<Vec<String>, Fault> {
     let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
     let listing = match std::fs::read_dir(folder) {
@@ -90,8 +84,7 @@ fn names(folder: &Path, files: bool) -> Result<Vec<String>, Fault> {
     Ok(names)
 }
 
-/// What stands for the open places of a pattern, if the name is of its form; each `*` as short as it can be. A hidden file only where the
-/// pattern begins with its point.
+/// Each `*` matches as little as possible. Hidden files match only a pattern with a leading dot.
 fn matched(pattern: &str, name: &str) -> Option<Vec<String>> {
     if name.starts_with('.') && !pattern.starts_with('.') {
         return None;
@@ -131,13 +124,11 @@ fn matched(pattern: &str, name: &str) -> Option<Vec<String>> {
     Some(open.into_iter().map(|(from, to)| name[from..to].iter().collect()).collect())
 }
 
-/// The order of names in which numbers count as numbers.
 fn natural(a: &[String], b: &[String]) -> Ordering {
     let by_part = a.iter().zip(b).map(|(a, b)| natural_text(a, b)).find(|order| order.is_ne());
     by_part.unwrap_or_else(|| a.len().cmp(&b.len()))
 }
 
-/// As [`natural`], of one part: `9` comes before `10`.
 pub(crate) fn natural_text(a: &str, b: &str) -> Ordering {
     let (mut a, mut b) = (a, b);
     loop {

@@ -8,11 +8,9 @@ use depthloom_graphs::{Fault, regular_file};
 use crate::sources::dataset::no_file;
 use crate::sources::images::globs::{Match, files};
 
-/// What helps where it is not known which files belong together.
 const SAY: &str = "write what differs between the two as text and what is common to them as `*`, as in `*_left.png` and `*_right.png`, or give a \
     `list:`, a CSV file with the columns left,right[,truth][,frame]";
 
-/// A frame's files, as far as they were found.
 #[derive(Debug)]
 pub(super) struct Row {
     pub id: String,
@@ -21,21 +19,16 @@ pub(super) struct Row {
     pub truth: Result<Option<PathBuf>, Fault>,
 }
 
-/// What was found, and what is to be said of it.
 #[derive(Debug, Default)]
 pub(super) struct Pairs {
     pub rows: Vec<Row>,
-    /// What belongs to no frame that could be asked for.
+    /// Faults that belong to no selected frame.
     pub faults: Vec<Fault>,
     pub warnings: Vec<String>,
-    /// Files of frames that have no left image: a run leaves them out.
+    /// Files of frames without a left image: a run leaves them out.
     pub alone: Vec<String>,
 }
 
-/// The pairs of two patterns, and of a third where there is truth.
-///
-/// # Errors
-/// If nothing is there, or it cannot be told what belongs together.
 pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>) -> Result<Pairs, Vec<Fault>> {
     let named = |pattern: &str| {
         let found = files(root, pattern)?;
@@ -84,7 +77,7 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
     Ok(pairs)
 }
 
-/// Where what a pattern leaves open names two frames alike, their whole paths do not.
+/// Uses whole paths as ids where the open parts of the pattern are not unique.
 fn told_apart(pairs: &mut Pairs, root: &Path) {
     let distinct: BTreeSet<&str> = pairs.rows.iter().map(|row| row.id.as_str()).collect();
     if distinct.len() == pairs.rows.len() {
@@ -96,7 +89,6 @@ fn told_apart(pairs: &mut Pairs, root: &Path) {
     }
 }
 
-/// That files have nobody they belong to.
 fn left_over(alone: &[&Match], what: &str, whom: &str) -> Option<String> {
     let first = alone.first()?.path.display();
     Some(match alone.len() {
@@ -105,7 +97,6 @@ fn left_over(alone: &[&Match], what: &str, whom: &str) -> Option<String> {
     })
 }
 
-/// The partner of each file, if it has one.
 #[derive(Debug)]
 struct Partners {
     of: Vec<Option<usize>>,
@@ -113,15 +104,14 @@ struct Partners {
 }
 
 impl Partners {
-    /// Those of the others that are nobody's partner.
     fn without<'m>(&self, others: &'m [Match]) -> Vec<&'m Match> {
         let taken: BTreeSet<usize> = self.of.iter().flatten().copied().collect();
         others.iter().enumerate().filter(|(at, _)| !taken.contains(at)).map(|(_, of)| of).collect()
     }
 }
 
-/// The partners of files among others. Files are partners whose patterns leave the same open; where no two do, those with the same numbers in it;
-/// where no two have these, as many files as there are others are partners in their order, which is told, unless their numbers contradict.
+/// Files are partners if their open parts are equal; if none are, if the numbers in them are equal; otherwise by order,
+/// with a warning, if both sides have the same count and no number contradicts it.
 fn partners(files: &[Match], others: &[Match], (what, other): (&str, &str)) -> Result<Partners, Fault> {
     if let Some(of) = by_key(files, others, |of| of.open.concat()) {
         return Ok(Partners { of, warning: None });
@@ -162,7 +152,7 @@ fn partners(files: &[Match], others: &[Match], (what, other): (&str, &str)) -> R
     Ok(Partners { of: (0..count).map(Some).collect(), warning })
 }
 
-/// Partners by a key that tells all files of a side apart and that at least two share; `None` if there is no such.
+/// The key must be unique on each side, and shared by at least one pair.
 fn by_key(files: &[Match], others: &[Match], key: impl Fn(&Match) -> String) -> Option<Vec<Option<usize>>> {
     let keys: BTreeMap<String, usize> = others.iter().enumerate().map(|(at, of)| (key(of), at)).collect();
     let own: Vec<String> = files.iter().map(&key).collect();
@@ -171,7 +161,7 @@ fn by_key(files: &[Match], others: &[Match], key: impl Fn(&Match) -> String) -> 
     (distinct && of.iter().any(Option::is_some)).then_some(of)
 }
 
-/// Where the order of names that are numbers (times, say) does not pair each with the nearest.
+/// The first file whose number is nearer to another file than to its partner by order.
 fn contradiction(files: &[Match], others: &[Match]) -> Option<usize> {
     let number = |of: &Match| match of.numbers().as_slice() {
         [one] => one.parse::<u128>().ok(),
@@ -187,19 +177,13 @@ fn contradiction(files: &[Match], others: &[Match]) -> Option<usize> {
     (0..own.len()).find(|&at| !is_nearest(at, &own, &theirs) || !is_nearest(at, &theirs, &own))
 }
 
-/// The largest list, bytes.
+/// Bytes.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// What a list must be.
 const LIST: &str = "a list is a CSV file: a header with the columns left,right[,truth][,frame], then a line a pair; paths are relative to `root`";
 
-/// The columns of a list.
 const COLUMNS: [&str; 4] = ["left", "right", "truth", "frame"];
 
-/// The pairs of a list, in its order.
-///
-/// # Errors
-/// If it cannot be read or its header is wrong; what is wrong with a line is told with its number, and is a fault of its frame.
 pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
     let at = |line: usize, what: String| Fault::new(format!("{}:{line}: {what}", list.display()));
     let bytes = regular_file::read(list, MOST_BYTES)
@@ -267,7 +251,7 @@ fn row(root: &Path, places: &BTreeMap<&str, usize>, columns: usize, text: &str) 
     Ok(Row { id, left, right, truth })
 }
 
-/// The fields of a line; in quotes a comma is a letter, and two quotes are one. `None` if a quote is not closed.
+/// CSV with quotes; `None` if a quote is not closed.
 fn fields(line: &str) -> Option<Vec<String>> {
     let mut fields = vec![String::new()];
     let (mut quoted, mut letters) = (false, line.chars().peekable());

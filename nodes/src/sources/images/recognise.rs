@@ -9,11 +9,9 @@ use serde_json::{Value, json};
 use crate::sources::calibration::camera_files;
 use crate::sources::images::sides;
 
-/// Endings of images.
 const IMAGES: [&str; 9] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "pgm", "ppm", "pnm"];
-/// Endings of calibrations.
 const CALIBRATIONS: [&str; 4] = ["yml", "yaml", "xml", "json"];
-/// Names of truth, and the unit that they suggest.
+/// Words in folder names, and the unit that they suggest.
 const TRUTHS: [(&str, Option<&str>); 8] = [
     ("disp", Some("pixels")),
     ("depth", Some("millimetres")),
@@ -24,15 +22,11 @@ const TRUTHS: [(&str, Option<&str>); 8] = [
     ("range", Some("millimetres")),
     ("label", None),
 ];
-/// Endings of truth.
 const OF_TRUTH: [&str; 5] = ["png", "tif", "tiff", "pfm", "npy"];
-/// How deep folders are looked into, and how many files are looked at in all.
 const DEEPEST: usize = 4;
 const MOST_FILES: usize = 200_000;
-/// The most CSV files that may be lists.
 const MOST_LISTS: usize = 20;
 
-/// Pairs below a folder.
 pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
     let mut folders = BTreeMap::new();
     let mut left = MOST_FILES;
@@ -84,7 +78,6 @@ pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
     found
 }
 
-/// The patterns of left and right images, pair by pair.
 fn pairs(of_images: &BTreeMap<&str, Vec<&str>>) -> Vec<(String, String)> {
     let mut found = Vec::new();
     for (folder, files) in of_images {
@@ -103,7 +96,6 @@ fn pairs(of_images: &BTreeMap<&str, Vec<&str>>) -> Vec<(String, String)> {
     found
 }
 
-/// The pattern of a folder's images.
 fn all_of(files: &[&str]) -> String {
     match ending(files) {
         Some(ending) => format!("*.{ending}"),
@@ -111,7 +103,6 @@ fn all_of(files: &[&str]) -> String {
     }
 }
 
-/// The patterns of two sorts of names in one folder: left, right.
 fn in_one(files: &[&str]) -> Option<(String, String)> {
     let names: BTreeSet<&str> = files.iter().copied().collect();
     let is_there = |name: &str| names.contains(name);
@@ -152,7 +143,6 @@ fn in_one(files: &[&str]) -> Option<(String, String)> {
     Some((pattern(&a)?, pattern(&b)?))
 }
 
-/// Lines that take a folder as truth, where its name and its files say that it may be one.
 fn truths(
     folders: &BTreeMap<String, Vec<String>>,
     of_images: &BTreeMap<&str, Vec<&str>>,
@@ -187,7 +177,6 @@ fn truths(
     lines
 }
 
-/// Files that are lists of pairs, by their header.
 fn lists(root: &Path, folders: &BTreeMap<String, Vec<String>>) -> Vec<String> {
     let of_root = folders.get("").into_iter().flatten().filter(|file| has_ending(file, &["csv"]));
     let is_list = |file: &&String| {
@@ -206,7 +195,6 @@ fn lists(root: &Path, folders: &BTreeMap<String, Vec<String>>) -> Vec<String> {
     of_root.take(MOST_LISTS).filter(is_list).cloned().collect()
 }
 
-/// The ending that all of a folder's images have.
 fn ending(files: &[&str]) -> Option<String> {
     let of = |file: &&str| file.rsplit_once('.').map(|(_, ending)| ending.to_owned());
     let first = files.first().and_then(of)?;
@@ -217,7 +205,6 @@ fn has_ending(file: &str, endings: &[&str]) -> bool {
     file.rsplit_once('.').is_some_and(|(_, ending)| endings.iter().any(|known| ending.eq_ignore_ascii_case(known)))
 }
 
-/// The names of files by folder, relative to the root.
 fn list(folder: &Path, name: String, deep: usize, left: &mut usize, into: &mut BTreeMap<String, Vec<String>>) {
     let Ok(listing) = std::fs::read_dir(folder) else { return };
     let mut files = Vec::new();
@@ -239,7 +226,6 @@ fn list(folder: &Path, name: String, deep: usize, left: &mut usize, into: &mut B
     into.insert(name, files);
 }
 
-/// The calibration of a root: one file, or two that belong together, that can be read as one.
 fn calibration(root: &Path, folders: &BTreeMap<String, Vec<String>>) -> Option<Vec<String>> {
     let of = |(folder, files): (&String, &Vec<String>)| -> Vec<String> {
         let texts = files.iter().filter(|file| has_ending(file, &CALIBRATIONS));

@@ -1,39 +1,35 @@
 //! How people call left and right cameras in the names of folders and files.
 
-/// Words that are sides wherever they stand: `leftImg8bit`, `cam_left`.
+/// Anywhere in a name: `leftImg8bit`, `cam_left`.
 const ANYWHERE: [[&str; 2]; 4] = [["left", "right"], ["Left", "Right"], ["LEFT", "RIGHT"], ["infra1", "infra2"]];
 
-/// Letters that are sides where they stand alone: `L1`, `000_l`.
+/// As words of their own: `L1`, `000_l`.
 const ALONE: [[&str; 2]; 2] = [["l", "r"], ["L", "R"]];
 
-/// What numbers a camera's name: `camA`, `cam0`, `image_02`. Of numbers that could be either side, those before are tried first.
+/// Behind a camera's word: `camA`, `cam0`, `image_02`. Earlier pairs win.
 const NUMBERED: [[&str; 2]; 8] =
     [["0", "1"], ["00", "01"], ["2", "3"], ["02", "03"], ["a", "b"], ["A", "B"], ["1", "2"], ["01", "02"]];
 
-/// Words that cameras, and their images, are numbered behind. A drive or a run is no camera.
+/// Words that number cameras and their images. A drive or a run is not a camera.
 const CAMERAS: [&str; 10] = ["cam", "camera", "image", "im", "img", "view", "sensor", "eye", "video", "i"];
 
-/// The name that the other side has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Other {
-    /// Where the side's word stands in the left name.
+    /// Byte offset in the left name.
     pub at: usize,
     pub left_word: String,
     pub right_word: String,
-    /// The right name.
     pub right: String,
-    /// A name that makes the left one another's right one (`cam0` of `cam1`), or shows that there are more than two.
+    /// Names that would make this a longer series (`cam0` before `cam1`), in which the two are not a pair.
     unless: Vec<String>,
 }
 
 impl Other {
-    /// Whether the names are numbers of a longer row, in which these two are no pair.
     pub(super) fn follows(&self, is_there: &impl Fn(&str) -> bool) -> bool {
         self.unless.iter().any(|name| is_there(name))
     }
 }
 
-/// The names that the right side of a left one could have.
 pub(super) fn others(name: &str) -> Vec<Other> {
     let mut found = Vec::new();
     let mut add = |at: usize, left: &str, right: &str, unless: &[&str]| {
@@ -75,7 +71,7 @@ pub(super) fn others(name: &str) -> Vec<Other> {
     found
 }
 
-/// The words of a name, and where each stands: runs of small letters with the capital before them, of capitals, of digits.
+/// Runs of small letters with a leading capital, of capitals, or of digits, with their offsets.
 fn words(name: &str) -> Vec<(usize, &str)> {
     #[derive(PartialEq, Clone, Copy)]
     enum Class {

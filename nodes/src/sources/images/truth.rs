@@ -18,7 +18,6 @@ pub(crate) enum TruthUnit {
 }
 
 impl TruthUnit {
-    /// Its name in a message.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Metres => "m",
@@ -61,12 +60,11 @@ impl Default for ImagesTruth {
 }
 
 impl ImagesTruth {
-    /// Whether its numbers need more than 8 bits to mean anything.
     pub(crate) fn is_of_more_bits(&self) -> bool {
         self.divide_by >= 256.0 || self.unit == TruthUnit::Millimetres
     }
 
-    /// Metres, or pixels, of the numbers of a file: NaN where they are 0, negative or none.
+    /// Metres or pixels; NaN for values that are not positive and finite.
     pub(crate) fn numbers(&self, numbers: &Raster<f32>) -> Raster<f32> {
         let divisor = match self.unit {
             TruthUnit::Millimetres => 1000.0 * self.divide_by,

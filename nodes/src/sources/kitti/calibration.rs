@@ -7,14 +7,14 @@ use depthloom_graphs::values::Calibration;
 
 use crate::sources::calibration::rectified_pair::{self, NoPair, short};
 
-/// Baseline of the colour pair where no calibration file tells it, metres.
+/// Metres, of the colour pair.
 const BASELINE_M: f64 = 0.532_725;
 
-/// What a file needs, for those who write their own.
 const WANTED: &str = "a calibration file has two lines, `P_rect_02:` (left) and `P_rect_03:` (right), each with the 12 numbers of \
 `f 0 cx -f*x 0 f cy 0 0 0 1 0`: px, and x, the camera's place to the right, in metres";
 
-/// Width of the rectified image, focal length and principal point (column, row) of the left colour camera, px: one line a recording day.
+/// Width of the rectified image, focal length and principal point (column, row) of the left colour camera, px. Each
+/// recording day has its own width.
 const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
     (1242, 721.5377, 609.5593, 172.854),
     (1241, 718.856, 607.1928, 185.2157),
@@ -23,8 +23,7 @@ const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
     (1224, 707.0493, 604.0814, 180.5066),
 ];
 
-/// A warning about calibrations that no file gives, the same for every frame, so that it is printed once; of the folder the last name, since it is
-/// recorded.
+/// The same text for every frame, so that it is printed once. Only the folder's name, because recordings store it.
 pub(crate) fn assumption(folder: &Path) -> String {
     format!(
         "no calibration files in {}: KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of {BASELINE_M:.4} m are assumed",
@@ -32,10 +31,6 @@ pub(crate) fn assumption(folder: &Path) -> String {
     )
 }
 
-/// The calibration that KITTI's images of this size were rectified to; each recording day has a width of its own.
-///
-/// # Errors
-/// If no recording day has this width.
 pub(crate) fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault> {
     let day = BY_WIDTH.iter().find(|day| day.0 == width).ok_or_else(|| {
         let known: Vec<String> = BY_WIDTH.iter().map(|day| day.0.to_string()).collect();
@@ -49,34 +44,23 @@ pub(crate) fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault
     Ok(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M, doffs_px: 0.0 })
 }
 
-/// What a file of the older benchmarks needs.
 pub(crate) const PROJECTIONS: &str = "a calibration file has the lines `P0:` to `P3:` (grey left, grey right, colour left, colour right), each with the 12 numbers of \
 `f 0 cx -f*x 0 f cy 0 0 0 1 0`: px, and x, the camera's place to the right, in metres";
 
-/// The two colour cameras of `calib_cam_to_cam`.
 pub(crate) const COLOUR: [&str; 2] = ["P_rect_02", "P_rect_03"];
 
-/// Reads a `calib_cam_to_cam` text for an image of `size`: its colour cameras.
-///
-/// # Errors
-/// As [`pair`].
 pub(crate) fn from_text(path: &Path, text: &str, size: (u32, u32)) -> Result<Calibration, Fault> {
     pair(&Lines::of(path, text, WANTED)?, COLOUR, size)
 }
 
-/// The lines of a calibration text: a name, a `:`, and values.
 pub(crate) struct Lines<'a> {
     path: &'a Path,
-    /// What the file needs, as the remedy.
     wanted: &'static str,
     lines: Vec<(usize, &'a str, &'a str)>,
 }
 
 impl<'a> Lines<'a> {
-    /// Splits every line at its first `:`; `wanted` is the remedy of what is missing or wrong in it.
-    ///
-    /// # Errors
-    /// A line without one.
+    /// `wanted` is the remedy of all faults.
     pub(crate) fn of(path: &'a Path, text: &'a str, wanted: &'static str) -> Result<Self, Fault> {
         let mut lines = Vec::new();
         for (index, content) in text.lines().enumerate() {
@@ -93,17 +77,13 @@ impl<'a> Lines<'a> {
         Ok(Self { path, wanted, lines })
     }
 
-    /// A failure in the file, or in one of its lines.
     pub(crate) fn fault(&self, line: Option<usize>, what: impl std::fmt::Display) -> Fault {
         let path = self.path.display();
         let place = line.map_or_else(|| path.to_string(), |line| format!("{path}:{line}"));
         Fault::new(format!("{place}: {what}")).remedy(self.wanted)
     }
 
-    /// The numbers of the last line of that name, with the line's number.
-    ///
-    /// # Errors
-    /// If there is none, or it does not hold as many numbers.
+    /// The last line of that name, with its number.
     pub(crate) fn numbers<const N: usize>(&self, name: &str) -> Result<(usize, [f64; N]), Fault> {
         let found = self.lines.iter().rev().find(|(_, other, _)| *other == name);
         let (line, _, values) = found.ok_or_else(|| self.fault(None, format!("there is no line `{name}`")))?;
@@ -124,10 +104,6 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// The calibration of a rectified pair from the projections of its left and right camera, see [`rectified_pair::calibration`].
-///
-/// # Errors
-/// The line at fault, or the line that is missing.
 pub(crate) fn pair(
     lines: &Lines<'_>,
     [left_name, right_name]: [&str; 2],

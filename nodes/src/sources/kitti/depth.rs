@@ -62,7 +62,6 @@ pub(crate) struct KittiDepthParams {
     pub frames: FrameSelection,
 }
 
-/// The kind `kitti/depth`.
 pub(crate) struct KittiDepth;
 
 impl SourceKind for KittiDepth {
@@ -127,7 +126,6 @@ of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
     }
 }
 
-/// The drives with truth, by name: the folder of their maps.
 fn drives(root: &Path, truth: KittiDepthTruth) -> Result<BTreeMap<String, PathBuf>, Fault> {
     let mut found = BTreeMap::new();
     let halves = [root.to_owned(), root.join("train"), root.join("val")];

@@ -20,7 +20,6 @@ const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds `sequences` with a folder a sequence (00), with calib.txt, times.txt, image_0 and image_1 (grey) or image_2 and image_3 (colour) \
     (KITTI odometry, data_odometry_color.zip or data_odometry_gray.zip, and data_odometry_calib.zip)";
 
-/// The largest file of times, bytes.
 const MOST_BYTES: u64 = 16 << 20;
 
 /// Parameters of `kitti/odometry`.
@@ -44,7 +43,6 @@ const fn image_folders(cameras: KittiCameras) -> [&'static str; 2] {
     }
 }
 
-/// The kind `kitti/odometry`.
 pub(crate) struct KittiOdometry {
     cameras: KittiCameras,
 }
@@ -105,7 +103,6 @@ A frame's id is sequence and number (`00_000042`), its time that of `times.txt`,
     }
 }
 
-/// The pair of cameras that the folder of a sequence has.
 fn cameras(folder: &Path) -> Option<&'static str> {
     let pairs = [(["image_2", "image_3"], "color"), (["image_0", "image_1"], "grey")];
     let has_pair = |sides: [&str; 2]| sides.into_iter().all(|side| folder.join(side).is_dir());
@@ -113,7 +110,6 @@ fn cameras(folder: &Path) -> Option<&'static str> {
     pairs.into_iter().find(|(sides, _)| has_calibration && has_pair(*sides)).map(|(_, cameras)| cameras)
 }
 
-/// The folder of a sequence, and its name.
 fn sequence(params: &KittiOdometryParams) -> Result<(PathBuf, String), Fault> {
     let root = params.root.path();
     if !root.is_dir() {
@@ -174,7 +170,6 @@ fn list(params: &KittiOdometryParams) -> Result<Listing, Fault> {
     Ok(listing)
 }
 
-/// The seconds of `times.txt`, as nanoseconds, by frame number; none without the file.
 fn times(path: &Path) -> Result<Vec<u64>, Fault> {
     if !path.is_file() {
         return Ok(Vec::new());

@@ -25,7 +25,6 @@ const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds a folder a date (2011_09_26), with calib_cam_to_cam.txt, calib_velo_to_cam.txt and a folder a drive \
     (2011_09_26_drive_0002_sync) with image_02/data and image_03/data (KITTI raw, \"synced+rectified data\" and \"calibration\")";
 
-/// What the calibration files of a date need.
 pub(super) const CAMERAS: &str = "calib_cam_to_cam.txt has `S_rect_0x:` (width, height), `R_rect_00:` (9 numbers) and `P_rect_0x:` of both cameras (12 numbers, \
 `f 0 cx -f*x 0 f cy 0 0 0 1 0`: px and metres): take it from the date's calibration zip again";
 const SCANNERS: &str = "calib_velo_to_cam.txt has `R:` (9 numbers) and `T:` (3 numbers, metres): take it from the date's calibration zip again";
@@ -33,13 +32,11 @@ const SCANNERS: &str = "calib_velo_to_cam.txt has `R:` (9 numbers) and `T:` (3 n
 const SCAN: Part = "scan";
 const SCANNER: Part = "calibration_scanner";
 
-/// Images of a drive.
 pub(super) const IMAGES: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// What a file of frames holds.
 const SPLIT: &str = "a line is `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or `2011_09_26/2011_09_26_drive_0002_sync/image_02/data/0000000069.png`";
 
-/// The largest file of frames, bytes.
+/// Bytes.
 const MOST_BYTES: u64 = 16 << 20;
 
 /// Which pair of cameras.
@@ -54,7 +51,6 @@ pub(crate) enum KittiCameras {
 }
 
 impl KittiCameras {
-    /// The folders of left and right images.
     pub(crate) const fn folders(self) -> [&'static str; 2] {
         match self {
             Self::Color => ["image_02", "image_03"],
@@ -62,7 +58,6 @@ impl KittiCameras {
         }
     }
 
-    /// The names of their projections in `calib_cam_to_cam.txt`.
     pub(crate) const fn projections(self) -> [&'static str; 2] {
         match self {
             Self::Color => COLOUR,
@@ -70,7 +65,6 @@ impl KittiCameras {
         }
     }
 
-    /// The name of the left image's size there.
     const fn size(self) -> &'static str {
         match self {
             Self::Color => "S_rect_02",
@@ -142,7 +136,6 @@ pub(crate) struct KittiRawParams {
     pub frames: FrameSelection,
 }
 
-/// The kind `kitti/raw`.
 pub(crate) struct KittiRaw {
     cameras: KittiCameras,
     compat: Compat,
@@ -236,21 +229,17 @@ fn listed(params: &KittiRawParams) -> Result<(Listing, KittiRaw), Fault> {
     Ok((list(params)?, KittiRaw { cameras: params.cameras, compat: params.compat }))
 }
 
-/// A drive that was found.
 #[derive(Clone)]
 struct Drive {
     name: String,
-    /// The folder of its date, which holds the calibration.
     date: PathBuf,
     folder: PathBuf,
 }
 
-/// Whether a folder is called as a drive is.
 fn is_drive(name: &str) -> bool {
     name.contains("_drive_") && name.ends_with("_sync")
 }
 
-/// All drives under a root, by name.
 fn drives(root: &Path) -> Result<BTreeMap<String, Drive>, Fault> {
     if !root.is_dir() {
         return Err(no_folder(root, LAYOUT));
@@ -273,10 +262,7 @@ fn drives(root: &Path) -> Result<BTreeMap<String, Drive>, Fault> {
     }
 }
 
-/// The drive of a name, with or without `_sync`, or of a path that ends in it.
-///
-/// # Errors
-/// If there is none.
+/// With or without `_sync`, or a path that ends in it.
 pub(super) fn drive_named<'a, T>(drives: &'a BTreeMap<String, T>, name: &str) -> Result<(&'a String, &'a T), Fault> {
     let name = name.trim_end_matches('/').rsplit('/').next().unwrap_or_default();
     let full = if name.ends_with("_sync") { name.to_owned() } else { format!("{name}_sync") };
@@ -288,13 +274,12 @@ pub(super) fn drive_named<'a, T>(drives: &'a BTreeMap<String, T>, name: &str) ->
     })
 }
 
-/// What a drive holds, listed once however many frames are taken.
+/// Listed once per drive.
 struct Held {
     lefts: BTreeMap<String, PathBuf>,
     rights: BTreeMap<String, PathBuf>,
     scans: BTreeMap<String, PathBuf>,
     times: Vec<u64>,
-    /// The file of the times.
     clock: PathBuf,
 }
 
@@ -314,7 +299,6 @@ impl Held {
     }
 }
 
-/// Lists the frames that are asked for.
 fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
     let all = drives(params.root.path())?;
     let mut held: HashMap<String, Held> = HashMap::new();
@@ -411,10 +395,9 @@ fn gathered(params: &KittiRawParams, drive: &Drive, holds: &Held, stem: &str) ->
     files
 }
 
-/// A frame: its drive and its file's stem.
 type Named<'a> = (&'a Drive, String);
 
-/// The frames that a split file names, each pair once, in its order; and how many lines named one again.
+/// Each pair once, in the file's order, and the number of lines that repeat one.
 fn frames_of_split<'a>(path: &Path, drives: &'a BTreeMap<String, Drive>) -> Result<(Vec<Named<'a>>, usize), Fault> {
     let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
     let bytes = regular_file::read(path, MOST_BYTES).map_err(failed)?;
@@ -471,10 +454,6 @@ impl Layout for KittiRaw {
     }
 }
 
-/// A pair's calibration, whose images must have the size it is made for.
-///
-/// # Errors
-/// The line at fault.
 pub(super) fn calibration(lines: &Lines<'_>, cameras: KittiCameras, size: (u32, u32)) -> Result<Calibration, Fault> {
     let (line, [width, height]) = lines.numbers::<2>(cameras.size())?;
     if (width, height) != (f64::from(size.0), f64::from(size.1)) {
@@ -505,7 +484,7 @@ fn projection(lines: &Lines<'_>, scanner: &File, cameras: KittiCameras) -> Resul
     Ok(projection)
 }
 
-/// A scan as depth: little-endian f32, four a point.
+/// Little-endian f32, four per point.
 fn depth(scan: &File, projection: &[f64; 12], size: (u32, u32), rule: Rule) -> Result<Depth, Fault> {
     let (points, rest) = scan.bytes.as_chunks::<16>();
     if !rest.is_empty() {

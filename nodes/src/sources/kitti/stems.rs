@@ -8,15 +8,13 @@ use depthloom_graphs::Fault;
 
 use crate::sources::dataset::no_folder;
 
-/// How many files that belong to no frame are named.
 const NAMED: usize = 3;
 
-/// What a folder of images holds.
 pub(crate) struct Stems {
     pub(crate) folder: &'static str,
-    /// The stems of the first time step's images, in order.
+    /// Of the first time step (`_10`), sorted.
     pub(crate) stems: BTreeSet<String>,
-    /// Files that are no image of any time step, by folder and name, in order.
+    /// Files of no time step, as folder/name, sorted.
     pub(crate) others: Vec<String>,
 }
 
@@ -46,7 +44,6 @@ impl Stems {
         Ok(Self { folder, stems, others })
     }
 
-    /// The files here that belong to none of the left images.
     pub(crate) fn without(&self, lefts: &Self) -> Vec<String> {
         let alone = self.stems.difference(&lefts.stems).map(|stem| format!("{}/{stem}.png", self.folder));
         alone.chain(self.others.iter().cloned()).collect()
@@ -57,7 +54,6 @@ fn is_number(text: &str, digits: usize) -> bool {
     text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// What is to be said of files that belong to no frame.
 pub(crate) fn unread_files(files: &[String]) -> Option<String> {
     let named = files.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
     let more = match files.len().saturating_sub(NAMED) {
@@ -74,7 +70,6 @@ pub(crate) fn unread_files(files: &[String]) -> Option<String> {
     ))
 }
 
-/// The number in `000150_10`.
 pub(crate) fn number(stem: &str) -> u64 {
     stem[..6].parse().expect("stems() takes six digits only")
 }

@@ -23,7 +23,6 @@ const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with colored_0 (left) and colored_1 (right), or image_0 and image_1 of the grey \
     cameras, of 000000_10.png ..., and calib; in training also disp_noc or disp_occ, unless `truth: none` (KITTI stereo 2012, data_stereo_flow.zip)";
 
-/// True disparities that both cameras see, and all.
 const NOC: Part = "disp_noc";
 const OCC: Part = "disp_occ";
 
@@ -46,7 +45,6 @@ pub(crate) struct KittiStereo2012Params {
     pub frames: FrameSelection,
 }
 
-/// The kind `kitti/stereo2012`.
 pub(crate) struct KittiStereo2012 {
     cameras: KittiCameras,
     truth: Option<Part>,

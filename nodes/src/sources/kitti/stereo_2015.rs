@@ -24,15 +24,11 @@ const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
     in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
 
-/// True disparities that both cameras see, and all.
 const NOC: Part = "disp_noc_0";
 const OCC: Part = "disp_occ_0";
-/// The objects.
 const OBJECTS: Part = "obj_map";
-/// What `score/disparity` takes; parts, and their folders.
 const EVALUATION: [Part; 3] = [NOC, OCC, OBJECTS];
 
-/// The folder of calibration files.
 const CALIBRATIONS: &str = "calib_cam_to_cam";
 
 /// Which half of the benchmark.
@@ -47,7 +43,6 @@ pub(crate) enum Split {
 }
 
 impl Split {
-    /// Its folder.
     pub(crate) const fn folder(self) -> &'static str {
         match self {
             Self::Training => "training",
@@ -97,11 +92,9 @@ pub(crate) struct KittiStereo2015Params {
     pub frames: FrameSelection,
 }
 
-/// The kind `kitti/stereo2015`.
 pub(crate) struct KittiStereo2015 {
     folder: PathBuf,
     truth: Option<Part>,
-    /// The parts that `score/disparity` takes.
     evaluation: Vec<Part>,
 }
 
@@ -168,7 +161,7 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
     }
 }
 
-/// The halves of a benchmark that a folder holds; or of which it is one. `params` tells those of a half that is there, but for root, half and truth.
+/// `params` returns the parameters of an existing half, except root, split and truth. `root` may be a half.
 pub(crate) fn halves(
     root: &Path,
     name: &str,
@@ -229,7 +222,6 @@ impl KittiStereo2015 {
         Ok((listing, layout))
     }
 
-    /// Lists the chosen frames with their files; gives the files that belong to no frame.
     fn list(&self, frames: &[Frame], lefts: &Stems, listing: &mut Listing) -> Result<Vec<String>, Fault> {
         let mut unread = lefts.others.clone();
         let mut companions = vec![(
@@ -279,7 +271,7 @@ impl KittiStereo2015 {
 impl Layout for KittiStereo2015 {
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
-    /// As recordings of before have it.
+    /// Unlike other kinds, so that keys of older recordings stay valid.
     fn key(&self, files: &Files) -> Key {
         let bytes = |part: Part| files.get(part).map(|file| &*file.bytes);
         let mut key = Key::build(KIND).number(VERSION.into());
@@ -328,7 +320,6 @@ impl Layout for KittiStereo2015 {
     }
 }
 
-/// Set where the map has an object, of whatever number.
 fn objects(files: &Files, size: (u32, u32)) -> Result<Option<Mask>, Fault> {
     let Some(file) = files.get(OBJECTS) else { return Ok(None) };
     let image = image_file::image(&file.path, Arc::clone(&file.bytes))?;

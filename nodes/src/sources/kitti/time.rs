@@ -5,13 +5,10 @@ use std::path::Path;
 use depthloom_graphs::contracts::Frame;
 use depthloom_graphs::{Fault, regular_file};
 
-/// The largest file of timestamps, bytes: a day at 30 Hz.
+/// Bytes: a day at 30 Hz.
 const MOST_BYTES: u64 = 128 << 20;
 
-/// The times of a file, nanoseconds since 1970, by frame number. There may be more than there are frames.
-///
-/// # Errors
-/// The line that holds no time.
+/// Nanoseconds since 1970 by frame number; may be more than there are frames.
 pub(super) fn read(path: &Path) -> Result<Vec<u64>, Fault> {
     let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
     let bytes = regular_file::read(path, MOST_BYTES).map_err(failed)?;
@@ -26,10 +23,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u64>, Fault> {
     text.trim_end().lines().enumerate().map(time).collect()
 }
 
-/// A frame with the time of its line in `clock`; at 10 Hz where there are no times at all.
-///
-/// # Errors
-/// If there are times, and none for it: two clocks would mix.
+/// 10 Hz without any times. A missing time is an error, because two clocks would mix.
 pub(super) fn frame(id: &str, index: u64, line: Option<usize>, times: &[u64], clock: &Path) -> Result<Frame, Fault> {
     if times.is_empty() {
         return Ok(Frame::at_10_hz(id, index));
@@ -62,7 +56,7 @@ fn time_ns(line: &str) -> Option<u64> {
     Some(seconds * 1_000_000_000 + nanoseconds)
 }
 
-/// Days from 1970 to a date of the Gregorian calendar.
+/// Gregorian calendar.
 fn days(year: u64, month: u64, day: u64) -> u64 {
     // Years begin in March, so that the leap day is their last: months then have 30.6 days.
     let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };

@@ -13,12 +13,10 @@ use crate::sources::dataset::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH
 use crate::sources::evaluation::Evaluation;
 use crate::sources::true_disparity;
 
-/// What both cameras see.
 pub(crate) const MASK: Part = "mask0nocc";
-/// What the mask has there; 128: one camera alone, 0: no truth.
+/// 128: seen by one camera, 0: no ground truth.
 const SEEN_BY_BOTH: u8 = 255;
 
-/// What a calibration text needs.
 const WANTED: &str = "a calibration has the lines `cam0=[f 0 cx; 0 f cy; 0 0 1]` and `cam1` likewise (px), `doffs=` (px) and `baseline=` (mm), and may say \
 `width=` and `height=` (px): take it from the scene's archive again";
 
@@ -35,15 +33,10 @@ pub(crate) enum TruePixels {
     None,
 }
 
-/// The file of that stem in a folder, with the first of the endings that is there.
 pub(crate) fn with_ending(folder: &Path, stem: &str, endings: &[&str]) -> Option<PathBuf> {
     endings.iter().map(|ending| folder.join(format!("{stem}.{ending}"))).find(|path| path.is_file())
 }
 
-/// The files of a scene whose images and calibration lie in `images`, and whose truth lies in `truths`.
-///
-/// # Errors
-/// The first file that is missing.
 pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<Vec<(Part, PathBuf)>, Fault> {
     let there = |path: PathBuf, remedy: &str| if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) };
     let pair = "a scene has both images, im0.png (left) and im1.png (right): unpack its archive again";
@@ -71,10 +64,6 @@ pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<V
     Ok(files)
 }
 
-/// The values of a scene.
-///
-/// # Errors
-/// The file at fault, the place in it and the remedy.
 pub(crate) fn values(files: &Files, truth: TruePixels, ctx: &Context<'_>) -> Result<Outputs, Fault> {
     let (left, right) = files.pair(ctx)?;
     let size = left.dimensions();
@@ -96,7 +85,6 @@ pub(crate) fn values(files: &Files, truth: TruePixels, ctx: &Context<'_>) -> Res
     Ok(with_truth(outputs, truth, Evaluation { noc, occ: Some(occ), objects: None }, Some(calibration)))
 }
 
-/// Adds true disparities, and the depths of those asked for, if there is a calibration; and the calibration.
 pub(crate) fn with_truth(
     outputs: Outputs,
     truth: TruePixels,
@@ -119,13 +107,11 @@ pub(crate) fn with_truth(
     }
 }
 
-/// Only where a mask is not set, NaN elsewhere.
 pub(crate) fn without(px: &Raster<f32>, set: &Raster<u8>) -> Raster<f32> {
     let (width, height) = px.dimensions();
     Raster::from_fn(width, height, |x, y| Luma([if set[(x, y)].0[0] > 0 { f32::NAN } else { px[(x, y)].0[0] }]))
 }
 
-/// The calibration of a text `name=value` a line.
 fn calibration(file: &File, size: (u32, u32)) -> Result<Calibration, Fault> {
     let text = file.text();
     let of = Text { file, text: &text };
@@ -167,7 +153,6 @@ fn calibration(file: &File, size: (u32, u32)) -> Result<Calibration, Fault> {
     Ok(found)
 }
 
-/// A calibration text.
 struct Text<'a> {
     file: &'a File,
     text: &'a str,
@@ -180,7 +165,6 @@ impl Text<'_> {
         Fault::new(format!("{place}: {what}")).remedy(WANTED)
     }
 
-    /// The value of a name, with its line's number.
     fn line(&self, name: &str) -> Option<(usize, &str)> {
         let mut lines = (1..).zip(self.text.lines());
         lines.find_map(|(number, line)| {
@@ -206,7 +190,7 @@ impl Text<'_> {
         })
     }
 
-    /// Focal length and principal point of a matrix `[f 0 cx; 0 f cy; 0 0 1]`.
+    /// `[f 0 cx; 0 f cy; 0 0 1]`
     fn camera(&self, name: &str) -> Result<(usize, [f64; 3]), Fault> {
         let (line, value) = self.value(name)?;
         let matrix = value.strip_prefix('[').and_then(|value| value.strip_suffix(']'));

@@ -7,14 +7,9 @@ use crate::sources::dataset::at_file;
 use crate::sources::ros2_bag::frame::Part;
 use crate::sources::ros2_bag::params::Ros2BagParams;
 
-/// The topics that frames are made of.
 pub(super) struct Chosen<'a>(pub Vec<(Part, &'a Topic, Form)>);
 
 impl<'a> Chosen<'a> {
-    /// Those that parameters name, or their names suggest.
-    ///
-    /// # Errors
-    /// What is not there, or of another type, with what there is.
     pub(super) fn of(bag: &'a Bag, params: &Ros2BagParams) -> Result<Self, Fault> {
         let (left, right) = pair(bag, params)?;
         let camera = |named: &Option<String>, image: &Topic, parameter: &str| match named {
@@ -62,7 +57,6 @@ impl<'a> Chosen<'a> {
         chosen.into_iter().map(with_form).collect::<Result<_, _>>().map(Self)
     }
 
-    /// Which info topics lie beside the left and the right images, by their names.
     pub(super) fn beside(&self, bag: &Bag) -> [Option<String>; 2] {
         [Part::Left, Part::Right].map(|part| {
             let image = self.0[self.position(part)?].1;
@@ -70,13 +64,11 @@ impl<'a> Chosen<'a> {
         })
     }
 
-    /// Where a part stands, if it was chosen.
     pub(super) fn position(&self, part: Part) -> Option<usize> {
         self.0.iter().position(|(of, _, _)| *of == part)
     }
 }
 
-/// The topics of left and right images.
 fn pair<'a>(bag: &'a Bag, params: &Ros2BagParams) -> Result<(&'a Topic, &'a Topic), Fault> {
     let images = || bag.there_are(|topic| Form::sort_of(topic).is_some_and(Sort::is_image));
     let no_partner = |topic: &Topic, parameter: &str| {

@@ -4,10 +4,8 @@ use depthloom_bags::pace::Pace;
 use depthloom_bags::{Bag, Topic};
 use depthloom_graphs::contracts::Fact;
 
-/// The most topics that are shown.
 const MOST: usize = 60;
 
-/// A line a topic, by the times of recording.
 pub(super) fn topics(bag: &Bag) -> Vec<Fact> {
     let topics: Vec<&Topic> = bag.topics().iter().take(MOST).collect();
     // Where an index is damaged, opening says so.

@@ -12,24 +12,17 @@ use crate::sources::ros2_bag::chosen::Chosen;
 use crate::sources::ros2_bag::frame::Part;
 use crate::sources::ros2_bag::params::{BagClock, Ros2BagParams};
 
-/// How far beyond the range asked for partners are looked for, nanoseconds: of cameras that are recorded late.
+/// Partners may be recorded this much outside the requested range.
 const MARGIN_NS: u64 = 1_000_000_000;
 
-/// The frames that were found.
 pub(super) struct Found {
     pub frames: Vec<Frame>,
-    /// By frame, the message of each part.
     pub messages: Vec<Vec<(Part, Message)>>,
     pub warnings: Vec<String>,
-    /// What there is to show of times and partners.
     pub facts: Vec<Fact>,
 }
 
 impl Found {
-    /// Matches left and right images by their times, and what else a frame has to them.
-    ///
-    /// # Errors
-    /// If a topic has no messages, or none belong together, with how near they come.
     pub(super) fn of(bag: &Bag, chosen: &Chosen<'_>, params: &Ros2BagParams) -> Result<Self, Fault> {
         let names: Vec<&Topic> = chosen.0.iter().map(|(_, topic, _)| *topic).collect();
         let mut all = bag.messages(&names)?;
@@ -138,7 +131,6 @@ impl Found {
     }
 }
 
-/// How evenly both cameras tick, and how far apart partners are.
 fn facts(
     chosen: &Chosen<'_>,
     times: &[Vec<u64>],
@@ -170,7 +162,6 @@ fn topic_is_camera(chosen: &Chosen<'_>, topic: &Topic) -> bool {
     chosen.0.iter().any(|(part, of, _)| part.is_camera() && of.name == topic.name)
 }
 
-/// That no two images are near enough in time, with how near they come.
 fn nothing_near(bag: &Bag, [left, right]: [&Topic; 2], [lefts, rights]: [&[u64]; 2], params: &Ros2BagParams) -> Fault {
     let what = format!(
         "{}: no image of {} has one of {} within {} ms",
@@ -196,7 +187,6 @@ fn nothing_near(bag: &Bag, [left, right]: [&Topic; 2], [lefts, rights]: [&[u64];
     Fault::new(what).remedy(told)
 }
 
-/// The time asked for, by the time of recording.
 struct Range {
     origin_ns: u64,
     start_ns: u64,

@@ -21,7 +21,6 @@ use crate::sources::calibration::rectifier::rectified;
 use crate::sources::files::image_file;
 use crate::sources::ros2_bag::params::{KIND, PointRotation, Ros2BagParams, VERSION};
 
-/// The part a message plays in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Left,
@@ -37,7 +36,6 @@ impl Part {
         matches!(self, Self::LeftInfo | Self::RightInfo)
     }
 
-    /// The parameter that names its topic.
     pub(super) const fn parameter(self) -> &'static str {
         match self {
             Self::Left => "left",
@@ -57,7 +55,6 @@ impl Part {
         }
     }
 
-    /// What fits, in words.
     pub(super) const fn wanted(self) -> &'static str {
         match self {
             Self::Left | Self::Right | Self::Depth => "images",
@@ -67,14 +64,12 @@ impl Part {
     }
 }
 
-/// By how much R may turn before it is told that it turns nothing, degrees: at 1000 px a sixth of a pixel.
+/// R below this angle is not worth a warning, degrees: a sixth of a pixel at 1000 px.
 const TURN_TOLD_DEGREES: f64 = 0.01;
 
-/// The messages of a frame, not decoded.
 #[derive(Debug)]
 pub(super) struct Messages {
     parts: Vec<(Part, Arc<[u8]>)>,
-    /// The frame's id.
     stamp: Arc<str>,
 }
 
@@ -92,19 +87,16 @@ impl Messages {
     }
 }
 
-/// A part's topic.
 struct Read {
     part: Part,
     topic: String,
     form: Form,
 }
 
-/// The maps of both cameras to rectified images, and the numbers that they follow from.
+/// The maps, and the numbers that they were computed from.
 type Maps = (Vec<u64>, Arc<[Map; 2]>);
 
-/// How messages are read.
 pub(super) struct Reading {
-    /// The bag, for what is told.
     path: PathBuf,
     topics: Vec<Read>,
     rectified: Option<bool>,
@@ -113,9 +105,8 @@ pub(super) struct Reading {
     depth_unit_m: Option<f64>,
     points_rotation: PointRotation,
     transforms: Option<Transforms>,
-    /// The info topics that lie beside left and right images by their names.
     beside: [Option<String>; 2],
-    /// Of the calibration that was read last: most bags have one.
+    /// Of the latest calibration: most bags have one.
     maps: Mutex<Option<Maps>>,
 }
 
@@ -140,7 +131,6 @@ impl Reading {
         }
     }
 
-    /// The key of a frame: what its messages hold, how they are read, and the transforms that points go through.
     pub(super) fn key(&self, messages: &Messages) -> Key {
         let mut key = Key::build(KIND).number(VERSION.into());
         let float = |number: Option<f64>| number.map_or(u64::MAX, f64::to_bits);
@@ -163,7 +153,6 @@ impl Reading {
         key.finish()
     }
 
-    /// What is to be done where the left camera's info says that it is the right one.
     fn exchanged(&self, infos: [&String; 2]) -> &'static str {
         let [left, right] = [&self.beside[0], &self.beside[1]].map(Option::as_ref);
         if (left, right) == (Some(infos[0]), Some(infos[1])) {
@@ -180,13 +169,12 @@ impl Reading {
         found.ok_or_else(|| Fault::new(format!("the frame has no topic of its part `{}`", part.parameter())))
     }
 
-    /// The part that tells of the right camera: the left one's where the right one has no `camera_info`, and the baseline is given.
+    /// The left camera's info if the right camera has none and the baseline is given.
     fn right_info(&self) -> Part {
         let has_own = self.topics.iter().any(|of| of.part == Part::RightInfo);
         if has_own { Part::RightInfo } else { Part::LeftInfo }
     }
 
-    /// A message decoded; what is wrong with it is told with topic and time.
     fn decoded<'a, T>(
         &self,
         messages: &'a Messages,
@@ -198,7 +186,7 @@ impl Reading {
         decode(*form, messages.the(part)?).map_err(|error| message_fault(error, &self.path, topic, &what))
     }
 
-    /// What would be wrong with every frame, by one; and what is to be said of all.
+    /// Finds faults of every frame in the first one, and warnings for all.
     pub(super) fn look_at(&self, messages: &Messages) -> Result<Vec<String>, Fault> {
         let mut warnings = Vec::new();
         let cameras = self.cameras(messages)?;
@@ -224,7 +212,6 @@ impl Reading {
         Ok(warnings)
     }
 
-    /// The frame that an image is in; what it is must be an image.
     fn image_header(&self, messages: &Messages, part: Part) -> Result<String, Fault> {
         self.decoded(messages, part, |form, bytes| {
             let message = images::image(form, bytes)?;
@@ -236,7 +223,6 @@ impl Reading {
         })
     }
 
-    /// The values of a frame.
     pub(super) fn values(&self, messages: &Messages, ctx: &Context<'_>) -> Result<Outputs, Fault> {
         let cameras = self.cameras(messages)?;
         let (mut left, left_frame) = self.image(messages, Part::Left, ctx)?;
@@ -281,7 +267,6 @@ impl Reading {
         Ok(outputs.with("calibration", calibration))
     }
 
-    /// An image, and the frame that it is in.
     fn image(&self, messages: &Messages, part: Part, ctx: &Context<'_>) -> Result<(Image, String), Fault> {
         let ImageMessage { header, content } = self.decoded(messages, part, images::image)?;
         let topic = &self.topic(part)?.topic;
@@ -312,17 +297,14 @@ impl Reading {
         Ok((image, header.frame_id))
     }
 
-    /// A message as a file is called.
     fn label(&self, topic: &str, messages: &Messages) -> PathBuf {
         format!("{}: message {} of {topic}", self.path.display(), messages.stamp).into()
     }
 
-    /// That something is wrong with a frame.
     fn fault(&self, messages: &Messages, what: impl std::fmt::Display) -> Fault {
         Fault::new(format!("{}: frame {}: {what}", self.path.display(), messages.stamp))
     }
 
-    /// Depths of the left image's size.
     fn depth(&self, messages: &Messages, size: (u32, u32)) -> Result<Raster<f32>, Fault> {
         let message = self.decoded(messages, Part::Depth, images::image)?;
         let topic = &self.topic(Part::Depth)?.topic;
@@ -346,7 +328,6 @@ impl Reading {
         Ok(metres)
     }
 
-    /// From the points' frame to the left image.
     fn projection(&self, messages: &Messages, cameras: &Cameras, left_frame: &str) -> Result<Motion, Fault> {
         let cloud = self.decoded(messages, Part::Points, point_cloud)?.header.frame_id;
         let info = &cameras.infos[0];
@@ -367,7 +348,6 @@ impl Reading {
         Ok(compose(&info.projection(), &turned))
     }
 
-    /// Both cameras, and whether their images are still to be rectified.
     fn cameras(&self, messages: &Messages) -> Result<Cameras, Fault> {
         let left = self.decoded(messages, Part::LeftInfo, camera_info)?;
         let right = self.decoded(messages, self.right_info(), camera_info)?;
@@ -390,7 +370,6 @@ impl Reading {
         Ok(cameras)
     }
 
-    /// The maps of both cameras to rectified images.
     fn maps(&self, cameras: &Cameras, size: (u32, u32)) -> Result<Arc<[Map; 2]>, Fault> {
         let numbers: Vec<u64> =
             cameras.infos.iter().flat_map(numbers_of).chain([size.0.into(), size.1.into()]).collect();
@@ -440,7 +419,6 @@ impl Cameras {
     }
 }
 
-/// All numbers that a map follows from.
 fn numbers_of(info: &CameraInfo) -> impl Iterator<Item = u64> {
     let (k, p) = (info.intrinsics(), info.projection());
     let model = info.distortion_model.bytes().map(u64::from);
@@ -448,7 +426,6 @@ fn numbers_of(info: &CameraInfo) -> impl Iterator<Item = u64> {
     model.chain(numbers)
 }
 
-/// A camera as it sees, and what it is to be rectified to.
 fn lens_and_view(info: &CameraInfo) -> Result<(Camera, View), String> {
     let (k, p, r) = (info.intrinsics(), info.projection(), info.r);
     if !(k[0] > 0.0 && k[4] > 0.0) {

@@ -12,13 +12,11 @@ use serde_json::json;
 
 use crate::sources::ros2_bag::transforms;
 
-/// What our own recordings name as their writer.
 const OURS: &str = "depthloom";
 
-/// Topics beyond which none is looked at: each costs a message.
+/// Each topic costs a message.
 const MOST_LOOKED_AT: usize = 40;
 
-/// Whether a bag is a recording of ours, which another kind reads.
 pub(super) fn is_of_ours(bag: &Bag) -> bool {
     is_written_by_us(bag.path()) || bag.topics().iter().any(|topic| topic.message_type.starts_with("depthloom."))
 }
@@ -27,24 +25,20 @@ fn is_written_by_us(path: &Path) -> bool {
     path.is_file() && written_by(path).is_some_and(|library| library == OURS)
 }
 
-/// Whether a file is called as a bag's is.
 fn is_called_one(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "mcap" || ending == "db3") && path.is_file()
 }
 
-/// The files in a folder that are called as a bag's are.
 fn files(root: &Path) -> impl Iterator<Item = PathBuf> {
     let listing = std::fs::read_dir(root).into_iter().flatten().flatten();
     listing.map(|entry| entry.path()).filter(|path| is_called_one(path))
 }
 
-/// Whether a folder has a bag's metadata, whatever else it lacks.
 fn has_metadata(root: &Path) -> bool {
     let read = depthloom_graphs::regular_file::read(&root.join("metadata.yaml"), 16 << 20);
     read.is_ok_and(|bytes| String::from_utf8_lossy(&bytes).contains("rosbag2_bagfile_information"))
 }
 
-/// A bag, with the topics that make it a source, or a damaged one.
 pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
     let is_bag = is_called_one(root) || has_metadata(root);
     if !is_bag && files(root).next().is_none() {
@@ -61,14 +55,12 @@ pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
     }
 }
 
-/// Parameters by name, and lines that may stand in place of them.
 #[derive(Default)]
 struct Suggestion {
     parameters: Vec<(&'static str, String)>,
     alternatives: Vec<String>,
 }
 
-/// What the first image of the left camera says.
 struct Left {
     size: (u32, u32),
     frame: String,
@@ -122,7 +114,7 @@ impl Suggestion {
         self.alternatives.push(format!("{parameter}: {}   # {why}", json!(topic)));
     }
 
-    /// Topics of depths and of points: the first that belongs to the left image is taken, the others are told with what speaks against them.
+    /// Takes the first topic that fits the left image; the others become alternatives with what contradicts them.
     fn truths(&mut self, bag: &Bag, pair: [&Topic; 2], left: Option<&Left>) {
         let is_other = |topic: &&Topic| pair.iter().all(|of| of.name != topic.name);
         let mut fitting: Vec<(&'static str, &Topic)> = Vec::new();
@@ -158,13 +150,11 @@ impl Suggestion {
     }
 }
 
-/// The first message of a topic.
 fn first(bag: &Bag, topic: &Topic) -> Option<std::sync::Arc<[u8]>> {
     let messages = bag.messages(&[topic]).ok()?.remove(0);
     bag.read(messages.first()?).ok()
 }
 
-/// The coordinate frame that a topic's images or points are in.
 fn frame_of(bag: &Bag, topic: &Topic) -> Option<String> {
     let (form, bytes) = (Form::of(topic).ok()?, first(bag, topic)?);
     let header: Result<Header, ErrorMessage> = match form.sort {
@@ -174,7 +164,7 @@ fn frame_of(bag: &Bag, topic: &Topic) -> Option<String> {
     header.ok().map(|header| header.frame_id)
 }
 
-/// Which parameter a topic may be the truth of, and what speaks against it; `None` if it is none.
+/// The parameter, and what contradicts it.
 fn truth(bag: &Bag, topic: &Topic, left: Option<&Left>) -> Option<(&'static str, Option<String>)> {
     const UNKNOWN: &str = "does it belong to the left image?";
     let form = Form::of(topic).ok()?;

@@ -7,22 +7,16 @@ use serde_json::{Map, Value as Json};
 
 use crate::sources::calibration::camera_files::FORMS;
 
-/// The largest calibration file, bytes.
+/// Bytes.
 const MOST_BYTES: usize = 1 << 20;
-/// How deep maps may lie in maps.
 const DEEPEST: usize = 16;
 
-/// A file's values by name.
 pub(super) struct Document<'a> {
     path: &'a Path,
     root: Map<String, Json>,
 }
 
 impl<'a> Document<'a> {
-    /// Reads a file.
-    ///
-    /// # Errors
-    /// Where it goes wrong.
     pub(super) fn parse(path: &'a Path, bytes: &[u8]) -> Result<Self, Fault> {
         let fault = |what: String| Fault::new(format!("{}: {what}", path.display())).remedy(FORMS);
         if bytes.len() > MOST_BYTES {
@@ -47,12 +41,11 @@ impl<'a> Document<'a> {
         self.path
     }
 
-    /// A failure in the file.
     pub(super) fn fault(&self, what: impl std::fmt::Display) -> Fault {
         Fault::new(format!("{}: {what}", self.path.display()))
     }
 
-    /// The value of the first of these names that is there, with the name.
+    /// The first of these names that exists, with its value.
     pub(super) fn get<'n>(&self, names: &[&'n str]) -> Option<(&'n str, &Json)> {
         names.iter().find_map(|name| Some((*name, self.root.get(*name)?)))
     }
@@ -61,28 +54,17 @@ impl<'a> Document<'a> {
         self.get(names).is_some()
     }
 
-    /// The numbers of the first of these names that is there: a list, lists in a list, or a matrix with its `data`.
-    ///
-    /// # Errors
-    /// If it holds something else.
+    /// The first of these names that exists: a list, nested lists, or a matrix with `data`.
     pub(super) fn list(&self, names: &[&str]) -> Result<Option<Vec<f64>>, Fault> {
         let Some((name, value)) = self.get(names) else { return Ok(None) };
         self.numbers(name, value).map(Some)
     }
 
-    /// As [`Document::list`], of so many numbers.
-    ///
-    /// # Errors
-    /// If there are more or less.
     pub(super) fn matrix<const N: usize>(&self, names: &[&str]) -> Result<Option<[f64; N]>, Fault> {
         let Some((name, value)) = self.get(names) else { return Ok(None) };
         self.array(name, value).map(Some)
     }
 
-    /// The numbers of a value, so many.
-    ///
-    /// # Errors
-    /// If it holds something else, or more or less.
     pub(super) fn array<const N: usize>(&self, name: &str, value: &Json) -> Result<[f64; N], Fault> {
         let numbers = self.numbers(name, value)?;
         let count = numbers.len();
@@ -91,10 +73,6 @@ impl<'a> Document<'a> {
             .map_err(|_| self.fault(format!("`{name}` holds {count} numbers where {N} are wanted")).remedy(FORMS))
     }
 
-    /// The numbers of a value.
-    ///
-    /// # Errors
-    /// If it holds something else.
     pub(super) fn numbers(&self, name: &str, value: &Json) -> Result<Vec<f64>, Fault> {
         let wrong = |what: String| self.fault(format!("`{name}` {what}")).remedy(FORMS);
         let value = match value {
@@ -108,25 +86,16 @@ impl<'a> Document<'a> {
         Ok(numbers)
     }
 
-    /// A text.
     pub(super) fn text(&self, names: &[&str]) -> Option<&str> {
         self.get(names)?.1.as_str()
     }
 
-    /// Columns and rows, by two names.
-    ///
-    /// # Errors
-    /// If they are no size of an image.
     pub(super) fn size(&self, width: &[&str], height: &[&str]) -> Result<Option<(u32, u32)>, Fault> {
         let one = |names: &[&str]| Ok::<_, Fault>(self.matrix::<1>(names)?.map(|[of]| of));
         let (Some(width), Some(height)) = (one(width)?, one(height)?) else { return Ok(None) };
         self.size_of([width, height]).map(Some)
     }
 
-    /// Columns and rows of two numbers.
-    ///
-    /// # Errors
-    /// If they are no size of an image.
     pub(super) fn size_of(&self, [width, height]: [f64; 2]) -> Result<(u32, u32), Fault> {
         let is_one = |of: f64| of.fract() == 0.0 && (1.0..=1e6).contains(&of);
         match is_one(width) && is_one(height) {
@@ -135,7 +104,6 @@ impl<'a> Document<'a> {
         }
     }
 
-    /// The values of a name as a document of its own.
     pub(super) fn within(&self, name: &str) -> Option<Self> {
         let root = self.root.get(name)?.as_object()?.clone();
         Some(Self { path: self.path, root })
@@ -159,7 +127,7 @@ fn flatten(value: &Json, into: &mut Vec<f64>) -> Result<(), String> {
     }
 }
 
-/// YAML, and OpenCV's: `%YAML:1.0` for `%YAML 1.0`, and matrices with a tag of its own.
+/// OpenCV writes `%YAML:1.0` for `%YAML 1.0`, and tags its matrices.
 fn yaml(text: &str) -> Result<Json, String> {
     let text = match text.strip_prefix("%YAML") {
         Some(rest) => rest.split_once('\n').map_or("", |(_, rest)| rest),
@@ -188,7 +156,7 @@ fn yaml(text: &str) -> Result<Json, String> {
     serde_saphyr::from_str_with_options::<Json>(&text, options).map_err(|error| error.to_string())
 }
 
-/// What of XML OpenCV writes: elements with elements or text in them.
+/// The subset of XML that OpenCV writes: elements with elements or text.
 fn xml(text: &str) -> Result<Json, String> {
     let mut stack: Vec<(String, Map<String, Json>, String)> = vec![(String::new(), Map::new(), String::new())];
     let mut rest = text;

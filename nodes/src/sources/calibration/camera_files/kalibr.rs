@@ -6,12 +6,10 @@ use depthloom_kernels::rectify::Camera;
 use crate::sources::calibration::camera_files::document::Document;
 use crate::sources::calibration::camera_files::{CalibratedCamera, CameraPair, FORMS, lens};
 
-/// Whether a file is such a one.
 pub(super) fn is(file: &Document<'_>) -> bool {
     file.has(&["cam0"])
 }
 
-/// Reads the first two cameras of a chain.
 pub(super) fn read(file: &Document<'_>) -> Result<CameraPair, Fault> {
     let of = |name: &str| {
         let camera = file.within(name);

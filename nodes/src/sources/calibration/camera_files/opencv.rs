@@ -13,7 +13,7 @@ const COEFFICIENTS: [[&str; 4]; 2] = [
     ["D2", "distCoeffs2", "dist_coeffs_2", "distortion_coefficients_2"],
 ];
 
-/// Reads the cameras of one or several files together.
+/// The cameras may be spread over several files.
 pub(super) fn read(files: &[Document<'_>], fisheye: bool) -> Result<CameraPair, Fault> {
     // The file that has one of the names, else the first, which lacks it.
     let with = |names: &[&str]| files.iter().find(|file| file.has(names)).unwrap_or(&files[0]);

@@ -10,12 +10,10 @@ const COEFFICIENTS: [&str; 3] = ["distortion_coefficients", "d", "D"];
 const ROTATION: [&str; 3] = ["rectification_matrix", "r", "R"];
 const PROJECTION: [&str; 3] = ["projection_matrix", "p", "P"];
 
-/// Whether a file is such a one.
 pub(super) fn is(file: &Document<'_>) -> bool {
     file.has(&MATRIX) && file.has(&PROJECTION)
 }
 
-/// What a file lacks to be such a one.
 pub(super) fn missing(file: &Document<'_>) -> String {
     let names = [MATRIX, COEFFICIENTS, ROTATION, PROJECTION];
     let missing: Vec<String> =
@@ -23,7 +21,6 @@ pub(super) fn missing(file: &Document<'_>) -> String {
     format!("there is no {}", missing.join(" and no "))
 }
 
-/// Reads the left camera's file, and the right one's.
 pub(super) fn read(files: [&Document<'_>; 2]) -> Result<CameraPair, Fault> {
     let [left, right] = files.map(|file| -> Result<CalibratedCamera, Fault> {
         let missing = |name: &str| file.fault(format!("there is no `{name}`")).remedy(FORMS);
