@@ -14,7 +14,7 @@ use crate::process::{Process, ProcessSource};
 use crate::score::{ScoreDepth, ScoreDisparity};
 use crate::sources::{
     DrivingStereo, Eth3dTwoView, Images, KittiDepth, KittiOdometry, KittiRaw, KittiStereo2012, KittiStereo2015,
-    Middlebury, Ros2Bag, SceneFlow, SintelStereo, SyntheticRoad,
+    Middlebury, OnDisk, Ros2Bag, SceneFlow, SintelStereo, SyntheticRoad,
 };
 use crate::stereo::{Bm, CensusSgm, Sgbm, StereoOnnx};
 
@@ -22,18 +22,18 @@ use crate::stereo::{Bm, CensusSgm, Sgbm, StereoOnnx};
 #[must_use]
 pub fn registry() -> Registry {
     Registry::default()
-        .source::<KittiStereo2015>()
-        .source::<KittiStereo2012>()
-        .source::<KittiRaw>()
-        .source::<KittiDepth>()
-        .source::<KittiOdometry>()
-        .source::<Images>()
+        .source::<OnDisk<KittiStereo2015>>()
+        .source::<OnDisk<KittiStereo2012>>()
+        .source::<OnDisk<KittiRaw>>()
+        .source::<OnDisk<KittiDepth>>()
+        .source::<OnDisk<KittiOdometry>>()
+        .source::<OnDisk<Images>>()
         .source::<Ros2Bag>()
-        .source::<Middlebury>()
-        .source::<Eth3dTwoView>()
-        .source::<SintelStereo>()
-        .source::<SceneFlow>()
-        .source::<DrivingStereo>()
+        .source::<OnDisk<Middlebury>>()
+        .source::<OnDisk<Eth3dTwoView>>()
+        .source::<OnDisk<SintelStereo>>()
+        .source::<OnDisk<SceneFlow>>()
+        .source::<OnDisk<DrivingStereo>>()
         .source::<SyntheticRoad>()
         .source::<ProcessSource>()
         .node::<Sgbm>()

@@ -1,6 +1,5 @@
 //! Where frames come from: data sets and renderers.
 
-mod asked;
 mod calibration;
 mod dataset;
 mod driving_stereo;
@@ -10,6 +9,7 @@ mod files;
 mod images;
 mod kitti;
 mod middlebury;
+mod read_ahead;
 mod ros2_bag;
 mod scene_flow;
 mod sintel_stereo;
@@ -18,6 +18,7 @@ pub(crate) mod true_disparity;
 
 pub use synthetic_road::{Road, SyntheticRoadParams, SyntheticTruth};
 
+pub(crate) use dataset::OnDisk;
 pub(crate) use driving_stereo::DrivingStereo;
 pub(crate) use eth3d_two_view::Eth3dTwoView;
 pub(crate) use images::Images;

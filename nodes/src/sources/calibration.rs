@@ -1,6 +1,5 @@
 //! Calibrations of camera pairs: from files, checked, and applied to images.
 
 pub(crate) mod camera_files;
-pub(crate) mod possible;
 pub(crate) mod rectified_pair;
 pub(crate) mod rectifier;

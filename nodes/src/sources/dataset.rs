@@ -1,30 +1,50 @@
-//! A data set on disk as a source: frames, each made of files that play a part. What the files say is the data set's own affair.
+//! Data sets on disk as sources: each frame consists of files.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::io::ErrorKind;
+pub(super) mod folders;
+pub(super) mod frame_files;
+
+use std::collections::BTreeSet;
+use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Frame, InlineHost, Recognised, Survey};
+use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
 use depthloom_graphs::plan::FrameIndex;
-use depthloom_graphs::values::{Image, Raster};
-use depthloom_graphs::{Context, Fault, Key, Outputs, Scratch, Source, SourceOutputs};
+use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
+use depthloom_graphs::{Scratch, contracts::InlineHost};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::json;
 
-use serde_json::Value as Json;
+use crate::sources::files::image_file;
+use crate::sources::read_ahead::ReadAhead;
+use frame_files::{CALIBRATION, File, Files, LACKS, LEFT, Part, RIGHT};
 
-use crate::sources::asked::Asked;
-use crate::sources::files::{float_file, image_file};
+/// A kind of data set on disk; [`OnDisk`] makes it a source kind.
+pub(crate) trait DatasetKind: Sized + Send + Sync + 'static {
+    type Params: Serialize + DeserializeOwned + JsonSchema;
 
-/// The role of a file in a frame: `left`, `calibration`. It enters the frame's key.
-pub(super) type Part = &'static str;
-
-pub(super) const LEFT: Part = "left";
-pub(super) const RIGHT: Part = "right";
-pub(super) const CALIBRATION: Part = "calibration";
-pub(super) const TRUTH: Part = "truth";
-
-pub(super) trait Layout: Send + Sync + 'static {
     const KIND: (&'static str, u32);
+
+    fn declaration() -> SourceDeclaration;
+
+    fn check(params: &Self::Params) -> Result<(), (&'static str, String)>;
+
+    fn outputs(_params: &Self::Params) -> Result<Vec<Port>, Fault> {
+        Ok(Self::declaration().outputs)
+    }
+
+    fn list(params: &Self::Params) -> Result<(Listing, Self), Fault>;
+
+    fn survey(params: &Self::Params) -> Survey {
+        match Self::list(params) {
+            Ok((listing, kind)) => listing.survey(kind),
+            Err(fault) => Survey::failed(fault),
+        }
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised>;
 
     /// Parameters that decide values besides the files.
     fn meaning(&self) -> String {
@@ -38,20 +58,67 @@ pub(super) trait Layout: Send + Sync + 'static {
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
 }
 
-#[derive(Clone, Debug)]
-pub(super) struct Entry {
-    pub frame: Frame,
-    pub files: Vec<(Part, PathBuf)>,
+/// The source kind of a kind of data set.
+pub(crate) struct OnDisk<K>(PhantomData<fn() -> K>);
+
+impl<K: DatasetKind> SourceKind for OnDisk<K> {
+    type Params = K::Params;
+
+    fn declaration() -> SourceDeclaration {
+        K::declaration()
+    }
+
+    fn check(params: &K::Params) -> Result<(), (&'static str, String)> {
+        K::check(params)
+    }
+
+    fn outputs(params: &K::Params) -> Result<Vec<Port>, Fault> {
+        K::outputs(params)
+    }
+
+    fn open(params: K::Params) -> Result<Box<dyn Source>, Fault> {
+        let (listing, kind) = K::list(&params)?;
+        listing.open(kind)
+    }
+
+    fn survey(params: K::Params) -> Survey {
+        K::survey(&params)
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        K::recognise(root)
+    }
 }
 
+/// Checks that a path parameter is given.
+pub(super) fn required(name: &'static str, path: &DataPath, layout: &str) -> Result<(), (&'static str, String)> {
+    match path.path().as_os_str().is_empty() {
+        true => Err((name, format!("{name} is missing: {layout}"))),
+        false => Ok(()),
+    }
+}
+
+pub(super) const fn image_port(name: &'static str, doc: &'static str) -> Port {
+    Port::frame(name, ValueType::Image, doc)
+}
+
+pub(super) const fn calibration_port() -> Port {
+    Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline.")
+}
+
+pub(super) const fn depth_port(doc: &'static str) -> Port {
+    Port::frame("depth", ValueType::Depth, doc)
+}
+
+/// The files of a frame that exist, and the faults of those that do not.
 #[derive(Debug, Default)]
-pub(super) struct Gathered {
+pub(crate) struct FrameFiles {
     files: Vec<(Part, PathBuf)>,
     faults: Vec<Fault>,
 }
 
-impl Gathered {
-    pub(super) fn take(&mut self, part: Part, file: Result<PathBuf, Fault>) {
+impl FrameFiles {
+    pub(super) fn add(&mut self, part: Part, file: Result<PathBuf, Fault>) {
         match file {
             Ok(path) => self.files.push((part, path)),
             Err(fault) => self.faults.push(fault),
@@ -59,126 +126,177 @@ impl Gathered {
     }
 }
 
+impl From<Result<Vec<(Part, PathBuf)>, Fault>> for FrameFiles {
+    fn from(files: Result<Vec<(Part, PathBuf)>, Fault>) -> Self {
+        match files {
+            Ok(files) => Self { files, faults: Vec::new() },
+            Err(fault) => Self { files: Vec::new(), faults: vec![fault] },
+        }
+    }
+}
+
+/// The selected frames of a data set.
 #[derive(Debug, Default)]
-pub(super) struct Listing {
-    /// The frames that were asked for and have all their files.
-    pub entries: Vec<Entry>,
+pub(crate) struct Listing {
+    /// Frames that have all their files.
+    frames: Vec<(Frame, Vec<(Part, PathBuf)>)>,
     pub faults: Vec<Fault>,
     pub warnings: Vec<String>,
     /// Files without a partner: `run` leaves them out and warns, `data check` reports them.
-    pub alone: Vec<String>,
-    pub(crate) incomplete: Vec<Vec<(Part, PathBuf)>>,
+    pub unpaired: Vec<String>,
+    incomplete: Vec<Vec<(Part, PathBuf)>>,
     /// Faults beyond the first of their frame.
-    pub(crate) also: usize,
+    extra_faults: usize,
 }
 
 impl Listing {
-    pub(super) fn gather(&mut self, frame: Frame, of: Gathered) {
-        if of.faults.is_empty() {
-            self.entries.push(Entry { frame, files: of.files });
+    pub(super) fn add(&mut self, frame: Frame, files: impl Into<FrameFiles>) {
+        let FrameFiles { files, faults } = files.into();
+        if faults.is_empty() {
+            self.frames.push((frame, files));
             return;
         }
-        self.also += of.faults.len() - 1;
-        self.faults.extend(of.faults);
-        self.incomplete.push(of.files);
+        self.extra_faults += faults.len() - 1;
+        self.faults.extend(faults);
+        self.incomplete.push(files);
     }
 
-    pub(super) fn push(&mut self, entry: Result<Entry, Fault>) {
-        match entry {
-            Ok(entry) => self.entries.push(entry),
-            Err(fault) => self.faults.push(fault),
+    /// Adds the selected frames of `known`, at 10 Hz; `files` returns the files of the frame at a position.
+    pub(super) fn add_selected<F: Into<FrameFiles>>(
+        &mut self,
+        selection: &FrameSelection,
+        known: &[(u64, &str)],
+        mut files: impl FnMut(usize) -> F,
+    ) -> Result<(), Fault> {
+        for at in selection.select(known)? {
+            let (index, id) = known[at];
+            self.add(Frame::at_10_hz(id, index), files(at));
         }
+        self.warnings.extend(selection.left_out(known));
+        Ok(())
     }
 
-    pub(super) fn open<L: Layout>(mut self, layout: L) -> Result<Box<dyn Source>, Fault> {
+    /// Number of frames that have all their files.
+    pub(super) const fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Ids of the frames whose files match.
+    pub(super) fn ids_where(&self, matches: impl Fn(&[(Part, PathBuf)]) -> bool) -> Vec<&str> {
+        self.frames.iter().filter(|(_, files)| matches(files)).map(|(frame, _)| &*frame.id).collect()
+    }
+
+    fn open<K: DatasetKind>(mut self, kind: K) -> Result<Box<dyn Source>, Fault> {
         if self.faults.is_empty() {
-            self.warnings.append(&mut self.alone);
-            let source = Dataset::new(self, layout);
+            self.warnings.append(&mut self.unpaired);
+            let source = Dataset::new(self, kind);
             source.check_calibration()?;
             return Ok(Box::new(source));
         }
-        let more = self.faults.len() - 1 - self.also;
+        let more = self.faults.len() - 1 - self.extra_faults;
         Err(self.faults.swap_remove(0).map_what(|what| match more {
             0 => what,
             1 => format!("{what}; 1 more frame lacks files"),
             more => format!("{what}; {more} more frames lack files"),
         }))
     }
-}
 
-pub(super) fn survey<L: Layout>(listed: Result<(Listing, L), Fault>) -> Survey {
-    match listed {
-        Ok((mut listing, layout)) => {
-            let mut faults = std::mem::take(&mut listing.faults);
-            let alone = std::mem::take(&mut listing.alone).into_iter();
-            faults.extend(alone.map(|what| Fault::new(what).remedy("add the missing file, or remove the other")));
-            // What there is of a frame that lacks a file may be broken as well.
-            faults.extend(listing.incomplete.iter().flat_map(|files| unreadable(files)));
-            Survey { source: Some(Box::new(Dataset::new(listing, layout))), faults, facts: Vec::new() }
+    pub(crate) fn survey<K: DatasetKind>(mut self, kind: K) -> Survey {
+        let mut faults = std::mem::take(&mut self.faults);
+        let unpaired = std::mem::take(&mut self.unpaired).into_iter();
+        faults.extend(unpaired.map(|what| Fault::new(what).remedy("add the missing file, or remove the other")));
+        // The images of a frame that lacks a file may be broken as well.
+        for (part, path) in self.incomplete.iter().flatten() {
+            if is_image(part) {
+                faults.extend(image_file::read(path).and_then(|bytes| image_file::image(path, bytes)).err());
+            }
         }
-        Err(fault) => Survey::failed(fault),
+        Survey { source: Some(Box::new(Dataset::new(self, kind))), faults, facts: Vec::new() }
     }
 }
 
-fn unreadable(files: &[(Part, PathBuf)]) -> Vec<Fault> {
-    let images = files.iter().filter(|(part, _)| matches!(*part, LEFT | RIGHT));
-    let decoded = images.map(|(_, path)| image_file::read(path).and_then(|bytes| image_file::image(path, bytes)));
-    decoded.filter_map(Result::err).collect()
+/// Recognises a folder that has frames, or faults of frames.
+pub(super) fn recognised<K: DatasetKind>(params: &K::Params, what: &str, root: &Path) -> Vec<Recognised> {
+    let is_one = K::list(params).is_ok_and(|(listing, _)| listing.len() + listing.faults.len() > 0);
+    is_one.then(|| Recognised::new(what, json!({ "root": root }))).into_iter().collect()
 }
 
-pub(super) fn recognised(listed: Result<Listing, Fault>, what: &str, params: Json) -> Vec<Recognised> {
-    let is_one = listed.is_ok_and(|listing| !listing.entries.is_empty() || !listing.faults.is_empty());
-    is_one.then(|| Recognised::new(what, params)).into_iter().collect()
+fn is_image(part: Part) -> bool {
+    matches!(part, LEFT | RIGHT)
 }
 
-struct Dataset<L> {
-    layout: L,
+struct Dataset<K> {
+    kind: K,
     frames: Vec<Frame>,
     files: Vec<Vec<(Part, PathBuf)>>,
     warnings: Vec<String>,
     /// A run requests a frame's key and then reads it: its files are read and hashed once.
-    asked: Asked<(Files, Key)>,
+    read_ahead: ReadAhead<(Files, Key)>,
 }
 
-impl<L: Layout> Dataset<L> {
-    fn new(listing: Listing, layout: L) -> Self {
-        let (frames, files) = listing.entries.into_iter().map(|entry| (entry.frame, entry.files)).unzip();
-        Self { layout, frames, files, warnings: listing.warnings, asked: Asked::default() }
+impl<K: DatasetKind> Dataset<K> {
+    fn new(listing: Listing, kind: K) -> Self {
+        let (frames, files) = listing.frames.into_iter().unzip();
+        Self { kind, frames, files, warnings: listing.warnings, read_ahead: ReadAhead::default() }
     }
 
     /// A broken calibration that all frames share is reported before the first frame.
     fn check_calibration(&self) -> Result<(), Fault> {
         let calibrations = |files: &[(Part, PathBuf)]| -> Vec<PathBuf> {
-            let of_cameras = files.iter().filter(|(part, _)| part.starts_with(CALIBRATION));
-            of_cameras.map(|(_, path)| path.clone()).collect()
+            files.iter().filter(|(part, _)| part.starts_with(CALIBRATION)).map(|(_, path)| path.clone()).collect()
         };
         let Some(shared) = self.files.first().map(|files| calibrations(files)) else { return Ok(()) };
         let is_shared = self.files.iter().all(|files| calibrations(files) == shared);
         // A file that cannot be read fails with its frame.
-        let Some((files, _)) = self.files(FrameIndex(0)).ok().filter(|_| is_shared && !shared.is_empty()) else {
+        let Some((files, _)) = self.read_files(FrameIndex(0)).ok().filter(|_| is_shared && !shared.is_empty()) else {
             return Ok(());
         };
         let mut scratch = Scratch::default();
-        match self.layout.values(&files, &mut Context::new(&InlineHost, &mut scratch)) {
-            Err(fault) => {
-                let chain = fault.chain();
-                let is_of_calibration = shared.iter().any(|path| chain.contains(&path.display().to_string()));
-                if is_of_calibration { Err(fault) } else { Ok(()) }
-            }
-            Ok(_) => Ok(()),
+        let Err(fault) = self.kind.values(&files, &mut Context::new(&InlineHost, &mut scratch)) else { return Ok(()) };
+        let chain = fault.chain();
+        match shared.iter().any(|path| chain.contains(&path.display().to_string())) {
+            true => Err(fault),
+            false => Ok(()),
         }
     }
 
-    fn files(&self, position: FrameIndex) -> Result<(Files, Key), Fault> {
-        let read =
-            |(part, path): &(Part, PathBuf)| Ok(File { part, path: path.clone(), bytes: image_file::read(path)? });
-        let files = Files(self.files[position].iter().map(read).collect::<Result<_, Fault>>()?);
-        let key = self.layout.key(&files);
+    fn read_files(&self, position: FrameIndex) -> Result<(Files, Key), Fault> {
+        let files = Files(self.files[position].iter().map(File::read).collect::<Result<_, Fault>>()?);
+        let key = self.kind.key(&files);
         Ok((files, key))
+    }
+
+    /// Checks each file with valid images, because broken images or images of different sizes would hide its faults.
+    fn faults_by_part(&self, files: &[File], ctx: &mut Context<'_>) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut valid = None;
+        for file in files.iter().filter(|file| is_image(file.part)) {
+            match image_file::image(&file.path, Arc::clone(&file.bytes)) {
+                Ok(_) => valid = valid.or_else(|| Some(Arc::clone(&file.bytes))),
+                Err(fault) => faults.push(fault),
+            }
+        }
+        let Some(valid) = valid else { return faults };
+        let is_shared = |part: Part| is_image(part) || part.starts_with(CALIBRATION);
+        let others = files.iter().map(|file| file.part).filter(|part| !is_shared(part)).map(Some);
+        for other in std::iter::once(None).chain(others) {
+            let chosen = files.iter().filter(|file| is_shared(file.part) || Some(file.part) == other);
+            let chosen = Files(
+                chosen
+                    .map(|file| {
+                        let bytes = if is_image(file.part) { &valid } else { &file.bytes };
+                        File { part: file.part, path: file.path.clone(), bytes: Arc::clone(bytes) }
+                    })
+                    .collect(),
+            );
+            // Required parts are left out here on purpose.
+            faults.extend(self.kind.values(&chosen, ctx).err().filter(|fault| !fault.chain().contains(LACKS)));
+        }
+        faults
     }
 }
 
-impl<L: Layout> Source for Dataset<L> {
+impl<K: DatasetKind> Source for Dataset<K> {
     fn frames(&self) -> &[Frame] {
         &self.frames
     }
@@ -188,14 +306,14 @@ impl<L: Layout> Source for Dataset<L> {
     }
 
     fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
-        let (files, key) = self.files(position)?;
-        self.asked.keep(position, (files, key));
+        let (files, key) = self.read_files(position)?;
+        self.read_ahead.keep(position, (files, key));
         Ok(key)
     }
 
     fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-        let (files, key) = self.asked.take(position).map_or_else(|| self.files(position), Ok)?;
-        Ok(SourceOutputs { outputs: self.layout.values(&files, ctx)?, key })
+        let (files, key) = self.read_ahead.take(position).map_or_else(|| self.read_files(position), Ok)?;
+        Ok(SourceOutputs { outputs: self.kind.values(&files, ctx)?, key })
     }
 
     fn files(&self, position: FrameIndex) -> Vec<(&'static str, PathBuf)> {
@@ -207,11 +325,10 @@ impl<L: Layout> Source for Dataset<L> {
             Ok(read) => return Ok(read),
             Err(fault) => fault,
         };
-        let mut faults = Vec::new();
-        let mut files = Vec::new();
-        for (part, path) in &self.files[position] {
-            match image_file::read(path) {
-                Ok(bytes) => files.push(File { part, path: path.clone(), bytes }),
+        let (mut faults, mut files) = (Vec::new(), Vec::new());
+        for file in self.files[position].iter().map(File::read) {
+            match file {
+                Ok(file) => files.push(file),
                 Err(fault) => faults.push(fault),
             }
         }
@@ -219,191 +336,8 @@ impl<L: Layout> Source for Dataset<L> {
         if faults.iter().all(|fault| fault.chain() != first.chain()) {
             faults.push(first);
         }
-        let mut told = BTreeSet::new();
-        faults.retain(|fault| told.insert(fault.chain()));
+        let mut seen = BTreeSet::new();
+        faults.retain(|fault| seen.insert(fault.chain()));
         Err(faults)
     }
-}
-
-impl<L: Layout> Dataset<L> {
-    /// Checks each file with valid images, because broken images or images of different sizes would hide its faults.
-    fn faults_by_part(&self, files: &[File], ctx: &mut Context<'_>) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut good = None;
-        for file in files.iter().filter(|file| matches!(file.part, LEFT | RIGHT)) {
-            match image_file::image(&file.path, Arc::clone(&file.bytes)) {
-                Ok(_) => good = good.or_else(|| Some(Arc::clone(&file.bytes))),
-                Err(fault) => faults.push(fault),
-            }
-        }
-        let Some(good) = good else { return faults };
-        let is_shared = |part: Part| matches!(part, LEFT | RIGHT) || part.starts_with(CALIBRATION);
-        let mut others: Vec<Option<Part>> =
-            files.iter().map(|file| file.part).filter(|part| !is_shared(part)).map(Some).collect();
-        others.insert(0, None);
-        for other in others {
-            let beside =
-                files.iter().filter(|file| is_shared(file.part) || Some(file.part) == other).map(|file| File {
-                    part: file.part,
-                    path: file.path.clone(),
-                    bytes: if matches!(file.part, LEFT | RIGHT) { Arc::clone(&good) } else { Arc::clone(&file.bytes) },
-                });
-            let beside = Files(beside.collect());
-            // A part that a frame never lacks is left out here on purpose.
-            faults.extend(self.layout.values(&beside, ctx).err().filter(|fault| !fault.chain().contains(LACKS)));
-        }
-        faults
-    }
-}
-
-const LACKS: &str = "the frame has no file of its part";
-
-#[derive(Debug)]
-pub(super) struct File {
-    part: Part,
-    pub path: PathBuf,
-    pub bytes: Arc<[u8]>,
-}
-
-impl File {
-    pub(super) fn text(&self) -> String {
-        String::from_utf8_lossy(&self.bytes).into_owned()
-    }
-
-    pub(super) fn fault(&self, what: impl std::fmt::Display) -> Fault {
-        Fault::new(format!("{}: {what}", self.path.display()))
-    }
-}
-
-#[derive(Debug)]
-pub(super) struct Files(Vec<File>);
-
-impl Files {
-    pub(super) fn key(&self, (kind, version): (&str, u32), meaning: &str) -> Key {
-        let key = Key::build(kind).number(version.into()).text(meaning);
-        self.0.iter().fold(key, |key, file| key.text(file.part).bytes(&file.bytes)).finish()
-    }
-
-    pub(super) fn get(&self, part: Part) -> Option<&File> {
-        self.0.iter().find(|file| file.part == part)
-    }
-
-    pub(super) fn the(&self, part: Part) -> Result<&File, Fault> {
-        self.get(part).ok_or_else(|| Fault::new(format!("{LACKS} `{part}`")))
-    }
-
-    pub(super) fn pair(&self, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
-        self.pair_of_bits(None, ctx)
-    }
-
-    /// 16-bit samples use the lowest `bits`.
-    pub(super) fn pair_of_bits(&self, bits: Option<u32>, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
-        let image = |file: &File| {
-            let (image, brightest) = image_file::image_of_bits(&file.path, Arc::clone(&file.bytes), bits)?;
-            if let Some(warning) = brightest.and_then(|brightest| brightest.warning(bits)) {
-                ctx.host.warn(warning);
-            }
-            Ok::<_, Fault>(image)
-        };
-        let left = image(self.the(LEFT)?)?;
-        let right = self.the(RIGHT)?;
-        let other = image(right)?;
-        self.same_size_as_left(left.dimensions(), right, other.dimensions())?;
-        Ok((left, other))
-    }
-
-    /// `unit` is `disparity` (px) or `metres`, times 256. `None` if the frame has no such file.
-    pub(super) fn map_u16(&self, part: Part, unit: &str, left: (u32, u32)) -> Result<Option<Raster<u16>>, Fault> {
-        let Some(file) = self.get(part) else { return Ok(None) };
-        let map = image_file::map_u16(&file.path, &file.bytes, unit)?;
-        self.same_size_as_left(left, file, map.dimensions())?;
-        Ok(Some(map))
-    }
-
-    pub(super) fn map_f32(&self, part: Part, left: (u32, u32)) -> Result<Option<Raster<f32>>, Fault> {
-        let Some(file) = self.get(part) else { return Ok(None) };
-        let map = float_file::map_f32(&file.path, &file.bytes)?;
-        self.same_size_as_left(left, file, map.dimensions())?;
-        Ok(Some(map))
-    }
-
-    /// `what` describes the expected map in messages.
-    pub(super) fn map_u8(&self, part: Part, what: &str, left: (u32, u32)) -> Result<Option<Raster<u8>>, Fault> {
-        let Some(file) = self.get(part) else { return Ok(None) };
-        let map = image_file::map_u8(&file.path, &file.bytes, what)?;
-        self.same_size_as_left(left, file, map.dimensions())?;
-        Ok(Some(map))
-    }
-
-    pub(super) fn same_size_as_left(&self, left: (u32, u32), file: &File, (w, h): (u32, u32)) -> Result<(), Fault> {
-        if left == (w, h) {
-            return Ok(());
-        }
-        let of_left = self.the(LEFT)?.path.display();
-        let what = format!(
-            "{} is {w}x{h}, and {of_left} is {}x{}: they must be of one size",
-            file.path.display(),
-            left.0,
-            left.1
-        );
-        Err(Fault::new(what).remedy("the files of a frame belong together: make or unpack the frame's again"))
-    }
-}
-
-/// By stem, sorted. Of two files with one stem the earlier ending wins. `layout` is the remedy for a missing folder.
-pub(super) fn stems(folder: &Path, endings: &[&str], layout: &str) -> Result<BTreeMap<String, PathBuf>, Fault> {
-    let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
-    let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
-        ErrorKind::NotFound => no_folder(folder, layout),
-        _ => failed(error),
-    })?;
-    let mut found: BTreeMap<String, (usize, PathBuf)> = BTreeMap::new();
-    for entry in listing {
-        let path = entry.map_err(failed)?.path();
-        let Some(name) = path.file_name().and_then(|name| name.to_str()).filter(|name| !name.starts_with('.')) else {
-            continue;
-        };
-        let Some((stem, ending)) = name.rsplit_once('.') else { continue };
-        let Some(rank) = endings.iter().position(|known| ending.eq_ignore_ascii_case(known)) else { continue };
-        let is_better = found.get(stem).is_none_or(|(other, _)| rank < *other);
-        if is_better {
-            found.insert(stem.to_owned(), (rank, path.clone()));
-        }
-    }
-    Ok(found.into_iter().map(|(stem, (_, path))| (stem, path)).collect())
-}
-
-/// `None` unless all names are rising numbers of at most 32 bits; time stamps have more.
-pub(super) fn numbered<'a>(stems: impl Iterator<Item = &'a str>) -> Option<Vec<u64>> {
-    let numbers: Vec<u64> = stems.map(|stem| stem.parse::<u32>().ok().map(u64::from)).collect::<Option<_>>()?;
-    numbers.is_sorted_by(|a, b| a < b).then_some(numbers)
-}
-
-pub(super) fn folders(folder: &Path, layout: &str) -> Result<Vec<String>, Fault> {
-    let failed = |error| Fault::new(format!("failed to list {}", folder.display())).because(error);
-    let listing = std::fs::read_dir(folder).map_err(|error| match error.kind() {
-        ErrorKind::NotFound => no_folder(folder, layout),
-        _ => failed(error),
-    })?;
-    let mut names = Vec::new();
-    for entry in listing {
-        let path = entry.map_err(failed)?.path();
-        if let (true, Some(name)) = (path.is_dir(), path.file_name().and_then(|name| name.to_str())) {
-            names.push(name.to_owned());
-        }
-    }
-    names.sort_unstable();
-    Ok(names)
-}
-
-pub(super) fn no_folder(folder: &Path, remedy: &str) -> Fault {
-    Fault::new(format!("there is no folder {}", folder.display())).remedy(remedy)
-}
-
-pub(super) fn no_file(path: &Path, remedy: &str) -> Fault {
-    Fault::new(format!("there is no file {}", path.display())).remedy(remedy)
-}
-
-pub(super) fn at_file(path: &Path, fault: Fault) -> Fault {
-    fault.map_what(|what| format!("{}: {what}", path.display()))
 }

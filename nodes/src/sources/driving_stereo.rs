@@ -2,23 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
 use depthloom_graphs::values::{Calibration, Depth, Raster, TrueDisparity};
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use depthloom_kernels::depth::truth_from_depth_png;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
 use crate::shape::filled;
-use crate::sources::calibration::possible;
-use crate::sources::dataset::{
-    CALIBRATION, Entry, File, Files, LEFT, Layout, Listing, Part, RIGHT, TRUTH, folders, no_file, no_folder,
-    recognised, stems, survey,
+use crate::sources::calibration::rectified_pair::check_plausible;
+use crate::sources::dataset::folders::{
+    existing_file, existing_folder, existing_with_ending, folders, missing_folder, stems,
 };
-use crate::sources::evaluation::Evaluation;
-use crate::sources::kitti::calibration::Lines;
-use crate::sources::middlebury::scene::with_ending;
+use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH};
+use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required};
+use crate::sources::evaluation::{Evaluation, with_optional};
+use crate::sources::files::named_lines::NamedLines;
 use crate::sources::true_disparity;
 
 const KIND: &str = "drivingstereo";
@@ -91,8 +90,10 @@ impl DrivingStereoSize {
     }
 }
 
-impl SourceKind for DrivingStereo {
+impl DatasetKind for DrivingStereo {
     type Params = DrivingStereoParams;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         let [_, occ, _] = Evaluation::always();
@@ -110,165 +111,27 @@ Truth is 16-bit PNG, 0 = unknown: disparity * 256 px at half size, * 128 at full
 `full-image-calib`: `f = P_rect_101[0,0]`, `B` the length of `T_103` (of a half-size file the last column of `P_rect_103` is that of the full size, which makes twice the baseline).\n\n\
 A frame's id is its file's stem (`2018-10-19-09-30-39_2018-10-19-09-31-36-438`: sequence, then its time), its index the count over all sequences, its time 10 Hz.",
             outputs: vec![
-                Port::frame("left", ValueType::Image, "Left colour image, with its file's bytes."),
-                Port::frame("right", ValueType::Image, "Right colour image, likewise."),
+                image_port("left", "Left colour image, with its file's bytes."),
+                image_port("right", "Right colour image, likewise."),
                 Port::frame("calibration", ValueType::Calibration, calibration).optional(),
-                Port::frame("depth", ValueType::Depth, depth).optional(),
+                depth_port(depth).optional(),
                 occ,
             ],
         }
     }
 
     fn check(params: &DrivingStereoParams) -> Result<(), (&'static str, String)> {
-        match params.root.path().as_os_str().is_empty() {
-            true => Err(("root", format!("root is missing: {LAYOUT}"))),
-            false => Ok(()),
-        }
+        required("root", &params.root, LAYOUT)
     }
 
-    fn open(params: DrivingStereoParams) -> Result<Box<dyn Source>, Fault> {
-        list(&params)?.open(Self { size: params.size })
-    }
-
-    fn survey(params: DrivingStereoParams) -> Survey {
-        survey(list(&params).map(|listing| (listing, Self { size: params.size })))
+    fn list(params: &DrivingStereoParams) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, Self { size: params.size }))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
         let params = DrivingStereoParams { root: DataPath(root.to_owned()), ..DrivingStereoParams::default() };
-        recognised(list(&params), "DrivingStereo", json!({ "root": root }))
+        recognised::<Self>(&params, "DrivingStereo", root)
     }
-}
-
-struct Parts {
-    left: PathBuf,
-    right: PathBuf,
-    truth: Vec<(Part, PathBuf)>,
-}
-
-impl Parts {
-    fn of(root: &Path, params: &DrivingStereoParams) -> Result<Self, Fault> {
-        let size = params.size.name();
-        let sized = |of: &str| format!("{of}-{size}-size");
-        let flat = |of: &str| unpacked(root.join(sized(of)));
-        let test = |of: &str| unpacked(root.join(format!("test-{of}")).join(sized(of)));
-        let train = |of: &str| unpacked(root.join(format!("train-{of}")));
-        let ways: [&dyn Fn(&str) -> PathBuf; 3] = [&flat, &test, &train];
-        let mut there = ways.into_iter().filter(|way| way("left-image").is_dir());
-        let way = there.next().ok_or_else(|| no_folder(&flat("left-image"), LAYOUT))?;
-        if let Some(other) = there.next() {
-            let what = format!("{} and {} are both there", way("left-image").display(), other("left-image").display());
-            return Err(Fault::new(what).remedy("name as root a folder with one of them: frames are of one set"));
-        }
-        let maps = [(TRUTH, way("disparity-map")), (DEPTH, way("depth-map"))];
-        let truth: Vec<_> = maps.iter().filter(|(_, folder)| folder.is_dir()).cloned().collect();
-        if params.truth == DrivingStereoTruth::None {
-            return Ok(Self { left: way("left-image"), right: way("right-image"), truth: Vec::new() });
-        }
-        if truth.is_empty() {
-            let [(_, disparities), _] = &maps;
-            return Err(no_folder(
-                disparities,
-                "truth is a map of disparities or of depths a frame; without truth, say `truth: none`",
-            ));
-        }
-        Ok(Self { left: way("left-image"), right: way("right-image"), truth })
-    }
-}
-
-/// The folder, or the folder of the same name in it, where an archive was unpacked.
-fn unpacked(folder: PathBuf) -> PathBuf {
-    let inner = folder.file_name().map(|name| folder.join(name));
-    inner.filter(|inner| inner.is_dir()).unwrap_or(folder)
-}
-
-fn calibrations(params: &DrivingStereoParams) -> Result<Option<PathBuf>, Fault> {
-    if let Some(folder) = &params.calibrations {
-        let folder = folder.path();
-        return match folder.is_dir() {
-            true => Ok(Some(folder.to_owned())),
-            false => Err(no_folder(folder, "`calibrations` is half-image-calib or full-image-calib, unpacked")),
-        };
-    }
-    let name = format!("{}-image-calib", params.size.name());
-    let root = params.root.path();
-    let places = [root.to_owned(), root.join("calib"), root.join(".."), root.join("../calib")];
-    Ok(places.into_iter().map(|place| unpacked(place.join(&name))).find(|folder| folder.is_dir()))
-}
-
-fn images(folder: &Path, endings: &[&str]) -> Result<Vec<(String, String, PathBuf)>, Fault> {
-    let mut found = Vec::new();
-    for inner in std::iter::once(String::new()).chain(folders(folder, LAYOUT)?) {
-        let of = stems(&folder.join(&inner), endings, LAYOUT)?;
-        found.extend(of.into_iter().map(|(stem, path)| (inner.clone(), stem, path)));
-    }
-    Ok(found)
-}
-
-fn sequence(stem: &str) -> &str {
-    stem.split_once('_').map_or(stem, |(sequence, _)| sequence)
-}
-
-fn list(params: &DrivingStereoParams) -> Result<Listing, Fault> {
-    let root = params.root.path();
-    if !root.is_dir() {
-        return Err(no_folder(root, LAYOUT));
-    }
-    let parts = Parts::of(root, params)?;
-    let calibrations = calibrations(params)?;
-    let is_asked =
-        |stem: &str| params.sequences.is_empty() || params.sequences.iter().any(|name| name == sequence(stem));
-    let mut lefts = images(&parts.left, &["jpg", "png"])?;
-    lefts.retain(|(_, stem, _)| is_asked(stem));
-    lefts.sort_by(|(_, a, _), (_, b, _)| a.cmp(b));
-    if lefts.is_empty() {
-        return Err(
-            Fault::new(format!("{} holds no image of the sequences asked for", parts.left.display())).remedy(LAYOUT)
-        );
-    }
-    let known: Vec<(u64, &str)> = (0..).zip(&lefts).map(|(index, (_, stem, _))| (index, stem.as_str())).collect();
-    let mut listing = Listing::default();
-    for at in params.frames.select(&known)? {
-        let ((index, stem), (inner, _, left)) = (known[at], &lefts[at]);
-        let there = |folder: &Path, endings: &[&str], remedy: &str| {
-            let folder = folder.join(inner);
-            with_ending(&folder, stem, endings)
-                .ok_or_else(|| no_file(&folder.join(format!("{stem}.{}", endings[0])), remedy))
-        };
-        let files = || {
-            let right =
-                there(&parts.right, &["jpg", "png"], "each left image needs its right one: unpack the archive again")?;
-            let mut files = vec![(LEFT, left.clone()), (RIGHT, right)];
-            for (part, folder) in &parts.truth {
-                let remedy = "each frame needs its files, or the whole folder away; without truth, say `truth: none`";
-                files.push((part, there(folder, &["png"], remedy)?));
-            }
-            if let Some(folder) = &calibrations {
-                let path = folder.join(format!("{}.txt", sequence(stem)));
-                if !path.is_file() {
-                    return Err(no_file(
-                        &path,
-                        "each sequence needs its calibration, or the whole folder away: unpack calib again",
-                    ));
-                }
-                files.push((CALIBRATION, path));
-            }
-            Ok(files)
-        };
-        listing.push(files().map(|files| Entry { frame: Frame::at_10_hz(stem, index), files }));
-    }
-    if calibrations.is_none() {
-        let name = format!("{}-image-calib", params.size.name());
-        listing
-            .warnings
-            .push(format!("there is no folder {name} in root, its calib or beside root: frames have no calibration"));
-    }
-    listing.warnings.extend(params.frames.left_out(&known));
-    Ok(listing)
-}
-
-impl Layout for DrivingStereo {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn meaning(&self) -> String {
         format!("{:?}", self.size)
@@ -281,17 +144,122 @@ impl Layout for DrivingStereo {
         let disparities = files.map_u16(TRUTH, "disparity", size)?.map(|map| self.disparities(&map));
         let depth = match files.map_u16(DEPTH, "metres", size)? {
             Some(map) => Some(Depth { metres: filled(size, |out| truth_from_depth_png(&map, out)) }),
-            None => disparities.as_ref().zip(calibration.as_ref()).map(|(truth, of)| true_disparity::depth(truth, of)),
+            None => disparities
+                .as_ref()
+                .zip(calibration.as_ref())
+                .map(|(truth, calibration)| true_disparity::depth(truth, calibration)),
         };
-        let mut outputs = Outputs::one("left", left).with("right", right);
-        if let Some(calibration) = calibration {
-            outputs = outputs.with("calibration", calibration);
-        }
-        if let Some(depth) = depth {
-            outputs = outputs.with("depth", depth);
-        }
+        let outputs = Outputs::one("left", left).with("right", right);
+        let outputs = with_optional(outputs, "calibration", calibration);
+        let outputs = with_optional(outputs, "depth", depth);
         Ok(Evaluation { occ: disparities, ..Evaluation::default() }.outputs(outputs))
     }
+}
+
+struct Parts {
+    left: PathBuf,
+    right: PathBuf,
+    truth: Vec<(Part, PathBuf)>,
+}
+
+impl Parts {
+    fn find(root: &Path, params: &DrivingStereoParams) -> Result<Self, Fault> {
+        let size = params.size.name();
+        let sized = |name: &str| format!("{name}-{size}-size");
+        let flat = |name: &str| unpacked(root.join(sized(name)));
+        let test = |name: &str| unpacked(root.join(format!("test-{name}")).join(sized(name)));
+        let train = |name: &str| unpacked(root.join(format!("train-{name}")));
+        let layouts: [&dyn Fn(&str) -> PathBuf; 3] = [&flat, &test, &train];
+        let mut there = layouts.into_iter().filter(|folder| folder("left-image").is_dir());
+        let folder = there.next().ok_or_else(|| missing_folder(&flat("left-image"), LAYOUT))?;
+        let (left, right) = (folder("left-image"), folder("right-image"));
+        if let Some(other) = there.next() {
+            let what = format!("{} and {} are both there", left.display(), other("left-image").display());
+            return Err(Fault::new(what).remedy("name as root a folder with one of them: frames are of one set"));
+        }
+        if params.truth == DrivingStereoTruth::None {
+            return Ok(Self { left, right, truth: Vec::new() });
+        }
+        let maps = [(TRUTH, folder("disparity-map")), (DEPTH, folder("depth-map"))];
+        let truth: Vec<_> = maps.iter().filter(|(_, folder)| folder.is_dir()).cloned().collect();
+        if truth.is_empty() {
+            let remedy = "truth is a map of disparities or of depths a frame; without truth, say `truth: none`";
+            return Err(missing_folder(&maps[0].1, remedy));
+        }
+        Ok(Self { left, right, truth })
+    }
+}
+
+/// The folder, or the folder of the same name in it, where an archive was unpacked.
+fn unpacked(folder: PathBuf) -> PathBuf {
+    let inner = folder.file_name().map(|name| folder.join(name));
+    inner.filter(|inner| inner.is_dir()).unwrap_or(folder)
+}
+
+fn calibrations(params: &DrivingStereoParams) -> Result<Option<PathBuf>, Fault> {
+    if let Some(folder) = &params.calibrations {
+        let remedy = "`calibrations` is half-image-calib or full-image-calib, unpacked";
+        existing_folder(folder.path(), remedy)?;
+        return Ok(Some(folder.path().to_owned()));
+    }
+    let name = format!("{}-image-calib", params.size.name());
+    let root = params.root.path();
+    let places = [root.to_owned(), root.join("calib"), root.join(".."), root.join("../calib")];
+    Ok(places.into_iter().map(|place| unpacked(place.join(&name))).find(|folder| folder.is_dir()))
+}
+
+fn images(folder: &Path, endings: &[&str]) -> Result<Vec<(String, String, PathBuf)>, Fault> {
+    let mut found = Vec::new();
+    for inner in std::iter::once(String::new()).chain(folders(folder, LAYOUT)?) {
+        let stems = stems(&folder.join(&inner), endings, LAYOUT)?;
+        found.extend(stems.into_iter().map(|(stem, path)| (inner.clone(), stem, path)));
+    }
+    Ok(found)
+}
+
+fn sequence(stem: &str) -> &str {
+    stem.split_once('_').map_or(stem, |(sequence, _)| sequence)
+}
+
+fn list(params: &DrivingStereoParams) -> Result<Listing, Fault> {
+    let root = params.root.path();
+    existing_folder(root, LAYOUT)?;
+    let parts = Parts::find(root, params)?;
+    let calibrations = calibrations(params)?;
+    let is_selected =
+        |stem: &str| params.sequences.is_empty() || params.sequences.iter().any(|name| name == sequence(stem));
+    let mut lefts = images(&parts.left, &["jpg", "png"])?;
+    lefts.retain(|(_, stem, _)| is_selected(stem));
+    lefts.sort_by(|(_, a, _), (_, b, _)| a.cmp(b));
+    if lefts.is_empty() {
+        let what = format!("{} holds no image of the sequences asked for", parts.left.display());
+        return Err(Fault::new(what).remedy(LAYOUT));
+    }
+    let known: Vec<(u64, &str)> = (0..).zip(&lefts).map(|(index, (_, stem, _))| (index, stem.as_str())).collect();
+    let mut listing = Listing::default();
+    if calibrations.is_none() {
+        let name = format!("{}-image-calib", params.size.name());
+        let what = format!("there is no folder {name} in root, its calib or beside root: frames have no calibration");
+        listing.warnings.push(what);
+    }
+    listing.add_selected(&params.frames, &known, |at| {
+        let (inner, stem, left) = &lefts[at];
+        let file = |folder: &Path, endings: &[&str], remedy: &str| {
+            existing_with_ending(&folder.join(inner), stem, endings, remedy)
+        };
+        let remedy = "each left image needs its right one: unpack the archive again";
+        let mut files = vec![(LEFT, left.clone()), (RIGHT, file(&parts.right, &["jpg", "png"], remedy)?)];
+        for (part, folder) in &parts.truth {
+            let remedy = "each frame needs its files, or the whole folder away; without truth, say `truth: none`";
+            files.push((*part, file(folder, &["png"], remedy)?));
+        }
+        if let Some(folder) = &calibrations {
+            let remedy = "each sequence needs its calibration, or the whole folder away: unpack calib again";
+            files.push((CALIBRATION, existing_file(folder.join(format!("{}.txt", sequence(stem))), remedy)?));
+        }
+        Ok(files)
+    })?;
+    Ok(listing)
 }
 
 impl DrivingStereo {
@@ -304,16 +272,15 @@ impl DrivingStereo {
 }
 
 fn calibration(file: &File, (width, height): (u32, u32)) -> Result<Calibration, Fault> {
-    let text = file.text();
-    let lines = Lines::of(&file.path, &text, WANTED)?;
+    let lines = NamedLines::parse(&file.path, &file.text(), ':', WANTED)?;
     let (line, left) = lines.numbers::<12>("P_rect_101")?;
     let (_, right) = lines.numbers::<12>("P_rect_103")?;
-    let (of_baseline, place) = lines.numbers::<3>("T_103")?;
+    let (baseline_line, place) = lines.numbers::<3>("T_103")?;
     let baseline_m = place.iter().map(|metres| metres * metres).sum::<f64>().sqrt();
     let doffs_px = right[2] - left[2];
     let found = Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m, doffs_px };
-    possible::check(&found)
-        .map_err(|what| lines.fault(Some(if what.starts_with("the baseline") { of_baseline } else { line }), what))?;
+    check_plausible(&found)
+        .map_err(|wrong| lines.fault(Some(if wrong.is_baseline { baseline_line } else { line }), wrong.what))?;
     // A principal point is near the image's middle: that of the other size's file is at its edge, or halfway to it.
     let is_near = |at: f64, size: u32| (0.3..0.7).contains(&(at / f64::from(size)));
     if !is_near(found.cx_px, width) {

@@ -1,14 +1,15 @@
 //! `eth3d/two-view`: ETH3D's low-resolution pairs, as unpacked.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::{Context, Fault, Outputs};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
-use crate::sources::dataset::{Entry, Files, Layout, Listing, no_folder, recognised, survey};
+use crate::sources::dataset::folders::{existing_folder, missing_folder};
+use crate::sources::dataset::frame_files::Files;
+use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::middlebury::scene::{self, TruePixels};
 use crate::sources::middlebury::scenes;
@@ -36,16 +37,17 @@ pub(crate) struct Eth3dTwoView {
     truth: TruePixels,
 }
 
-impl SourceKind for Eth3dTwoView {
+impl DatasetKind for Eth3dTwoView {
     type Params = Eth3dTwoViewParams;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         let ports = [
-            Port::frame("left", ValueType::Image, "Left image, 8 bit, with its file's bytes."),
-            Port::frame("right", ValueType::Image, "Right image, likewise."),
-            Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
-            Port::frame("depth", ValueType::Depth, "True depth, metres, NaN = unknown; absent without truth.")
-                .optional(),
+            image_port("left", "Left image, 8 bit, with its file's bytes."),
+            image_port("right", "Right image, likewise."),
+            calibration_port(),
+            depth_port("True depth, metres, NaN = unknown; absent without truth.").optional(),
         ];
         SourceDeclaration {
             kind: KIND,
@@ -61,18 +63,11 @@ A frame's id is its scene's name (`delivery_area_1l`), its index the scene's cou
     }
 
     fn check(params: &Eth3dTwoViewParams) -> Result<(), (&'static str, String)> {
-        match params.root.path().as_os_str().is_empty() {
-            true => Err(("root", format!("root is missing: {LAYOUT}"))),
-            false => Ok(()),
-        }
+        required("root", &params.root, LAYOUT)
     }
 
-    fn open(params: Eth3dTwoViewParams) -> Result<Box<dyn Source>, Fault> {
-        list(&params)?.open(Self { truth: params.truth })
-    }
-
-    fn survey(params: Eth3dTwoViewParams) -> Survey {
-        survey(list(&params).map(|listing| (listing, Self { truth: params.truth })))
+    fn list(params: &Eth3dTwoViewParams) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, Self { truth: params.truth }))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
@@ -82,40 +77,8 @@ A frame's id is its scene's name (`delivery_area_1l`), its index the scene's cou
             return Vec::new();
         }
         let params = Eth3dTwoViewParams { root: DataPath(root.to_owned()), ..Eth3dTwoViewParams::default() };
-        recognised(list(&params), "ETH3D two-view", json!({ "root": root }))
+        recognised::<Self>(&params, "ETH3D two-view", root)
     }
-}
-
-fn list(params: &Eth3dTwoViewParams) -> Result<Listing, Fault> {
-    let root = params.root.path();
-    if !root.is_dir() {
-        return Err(no_folder(root, LAYOUT));
-    }
-    let apart = root.join("two_view_training");
-    let (images, truths) =
-        if apart.is_dir() { (apart, Some(root.join("two_view_training_gt"))) } else { (root.to_owned(), None) };
-    if let Some(truths) = truths.as_ref().filter(|truths| params.truth != TruePixels::None && !truths.is_dir()) {
-        return Err(no_folder(truths, "unpack two_view_training_gt.7z there; without truth, say `truth: none`"));
-    }
-    let is_scene = |folder: &Path| ["im0.png", "im1.png", "calib.txt"].iter().any(|file| folder.join(file).is_file());
-    let scenes: Vec<(String, PathBuf)> = scenes(&images, &params.scenes, is_scene)?;
-    if scenes.is_empty() {
-        return Err(Fault::new(format!("{} holds no scene", images.display())).remedy(LAYOUT));
-    }
-    let known: Vec<(u64, &str)> = (0..).zip(&scenes).map(|(index, (name, _))| (index, name.as_str())).collect();
-    let mut listing = Listing::default();
-    for at in params.frames.select(&known)? {
-        let ((index, name), folder) = (known[at], &scenes[at].1);
-        let truths = truths.as_ref().map_or_else(|| folder.clone(), |truths| truths.join(name));
-        let files = scene::files(folder, &truths, params.truth);
-        listing.push(files.map(|files| Entry { frame: Frame::at_10_hz(name, index), files }));
-    }
-    listing.warnings.extend(params.frames.left_out(&known));
-    Ok(listing)
-}
-
-impl Layout for Eth3dTwoView {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn meaning(&self) -> String {
         format!("{:?}", self.truth)
@@ -124,4 +87,28 @@ impl Layout for Eth3dTwoView {
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         scene::values(files, self.truth, ctx)
     }
+}
+
+fn list(params: &Eth3dTwoViewParams) -> Result<Listing, Fault> {
+    let root = params.root.path();
+    existing_folder(root, LAYOUT)?;
+    let separate = root.join("two_view_training");
+    let (images, truths) =
+        if separate.is_dir() { (separate, Some(root.join("two_view_training_gt"))) } else { (root.to_owned(), None) };
+    if let Some(truths) = truths.as_ref().filter(|truths| params.truth != TruePixels::None && !truths.is_dir()) {
+        return Err(missing_folder(truths, "unpack two_view_training_gt.7z there; without truth, say `truth: none`"));
+    }
+    let is_scene = |folder: &Path| ["im0.png", "im1.png", "calib.txt"].iter().any(|file| folder.join(file).is_file());
+    let scenes = scenes(&images, &params.scenes, is_scene)?;
+    if scenes.is_empty() {
+        return Err(Fault::new(format!("{} holds no scene", images.display())).remedy(LAYOUT));
+    }
+    let known: Vec<(u64, &str)> = (0..).zip(&scenes).map(|(index, (name, _))| (index, name.as_str())).collect();
+    let mut listing = Listing::default();
+    listing.add_selected(&params.frames, &known, |at| {
+        let (name, folder) = &scenes[at];
+        let truths = truths.as_ref().map_or_else(|| folder.clone(), |truths| truths.join(name));
+        scene::files(folder, &truths, params.truth)
+    })?;
+    Ok(listing)
 }

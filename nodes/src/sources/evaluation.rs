@@ -1,7 +1,7 @@
 //! What `score/disparity` takes of a data set's frame: two sets of true disparities, what lies between them, the objects.
 
 use depthloom_graphs::values::{Mask, Raster, TrueDisparity};
-use depthloom_graphs::{Outputs, Port, ValueType};
+use depthloom_graphs::{Outputs, Port, Value, ValueType};
 
 #[derive(Debug, Default)]
 pub(super) struct Evaluation {
@@ -11,7 +11,7 @@ pub(super) struct Evaluation {
 }
 
 impl Evaluation {
-    pub(super) fn asked() -> [Port; 3] {
+    pub(super) fn on_request() -> [Port; 3] {
         ports([
             "True disparity where both cameras see it, px, NaN = unknown; with `disparities: true`.",
             "True disparity of all true pixels, likewise; with `disparities: true`.",
@@ -34,15 +34,16 @@ impl Evaluation {
             let set = Raster::from_raw(occ.px.width(), occ.px.height(), hidden);
             outputs = outputs.with("occluded", Mask { set: set.expect("both maps are of the left image's size") });
         }
-        for (port, truth) in [("disp_noc", self.noc), ("disp_occ", self.occ)] {
-            if let Some(truth) = truth {
-                outputs = outputs.with(port, truth);
-            }
-        }
-        match self.objects {
-            Some(objects) => outputs.with("obj_map", objects),
-            None => outputs,
-        }
+        outputs = with_optional(outputs, "disp_noc", self.noc);
+        outputs = with_optional(outputs, "disp_occ", self.occ);
+        with_optional(outputs, "obj_map", self.objects)
+    }
+}
+
+pub(super) fn with_optional(outputs: Outputs, port: &'static str, value: Option<impl Into<Value>>) -> Outputs {
+    match value {
+        Some(value) => outputs.with(port, value),
+        None => outputs,
     }
 }
 

@@ -1,4 +1,4 @@
-//! `images`: pairs of one's own.
+//! `images`: your own pairs.
 
 mod globs;
 mod pairs;
@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
-use depthloom_graphs::values::{Calibration, Depth, Image, TrueDisparity};
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_graphs::values::{Calibration, Depth, Image, Raster, TrueDisparity};
+use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -19,9 +19,12 @@ pub(crate) use self::globs::natural_text;
 use self::pairs::{Pairs, by_list, by_names};
 use self::truth::{ImagesTruth, TruthOf, TruthUnit};
 use crate::sources::calibration::camera_files::{self, CameraPair, FORMS};
-use crate::sources::calibration::possible;
-use crate::sources::calibration::rectifier::{Asked, Latest, Sampling};
-use crate::sources::dataset::{Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, TRUTH, no_file, no_folder, survey};
+use crate::sources::calibration::rectified_pair::{check_plausible, middle};
+use crate::sources::calibration::rectifier::{LatestRectifier, RectifyOptions, Sampling};
+use crate::sources::dataset::folders::{existing_file, existing_folder};
+use crate::sources::dataset::frame_files::{File, Files, LEFT, Part, RIGHT, TRUTH};
+use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, depth_port, image_port, required};
+use crate::sources::evaluation::with_optional;
 use crate::sources::files::{float_file, image_file};
 use crate::sources::true_disparity;
 
@@ -96,11 +99,11 @@ pub(crate) struct ImagesParams {
 
 pub(crate) struct Images {
     calibration: Cameras,
-    asked: Asked,
+    options: RectifyOptions,
     bits: Option<u32>,
     truth: ImagesTruth,
     meaning: String,
-    rectifier: Latest,
+    rectifier: LatestRectifier,
 }
 
 enum Cameras {
@@ -109,8 +112,10 @@ enum Cameras {
     Files { pair: Box<CameraPair>, bytes: Vec<(PathBuf, Arc<[u8]>)> },
 }
 
-impl SourceKind for Images {
+impl DatasetKind for Images {
     type Params = ImagesParams;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         SourceDeclaration {
@@ -134,27 +139,20 @@ Truth is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, of the left im
 
     fn check(params: &ImagesParams) -> Result<(), (&'static str, String)> {
         let ImagesParams { root, left, right, list, calibration, truth, .. } = params;
-        if root.path().as_os_str().is_empty() {
-            return Err(("root", format!("root is missing: {LAYOUT}")));
-        }
+        required("root", root, LAYOUT)?;
         match (list, left, right) {
             (None, Some(_), Some(_)) => {}
             (Some(_), None, None) if truth.files.is_none() => {}
             (Some(_), None, None) => {
-                return Err((
-                    "truth",
-                    "the files of a list's truth stand in its column `truth`, not in `truth.files`".to_owned(),
-                ));
+                let what = "the files of a list's truth stand in its column `truth`, not in `truth.files`";
+                return Err(("truth", what.to_owned()));
             }
             (Some(_), ..) => {
                 return Err(("list", "pairs are given by `left` and `right`, or by a `list`, not by both".to_owned()));
             }
             (None, None, None) => {
-                return Err((
-                    "left",
-                    "which images are meant? `left: cam0/*.png` and `right: cam1/*.png`, or `list: pairs.csv`"
-                        .to_owned(),
-                ));
+                let what = "which images are meant? `left: cam0/*.png` and `right: cam1/*.png`, or `list: pairs.csv`";
+                return Err(("left", what.to_owned()));
             }
             (None, left, _) => {
                 let missing = if left.is_none() { "left" } else { "right" };
@@ -184,191 +182,31 @@ Truth is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, of the left im
         Ok(outputs(params.calibration.is_given(), truth))
     }
 
-    fn open(params: ImagesParams) -> Result<Box<dyn Source>, Fault> {
-        let layout = Images::new(&params).map_err(first)?;
-        layout.list(&params).map_err(first)?.open(layout)
+    fn list(params: &ImagesParams) -> Result<(Listing, Self), Fault> {
+        let first = |mut faults: Vec<Fault>| faults.swap_remove(0);
+        let images = Self::new(params).map_err(first)?;
+        Ok((images.list_frames(params).map_err(first)?, images))
     }
 
-    fn survey(params: ImagesParams) -> Survey {
-        let (layout, of_calibration) = match Images::new(&params) {
-            Ok(layout) => (Ok(layout), Vec::new()),
-            // What else is wrong is found without a calibration too.
+    fn survey(params: &ImagesParams) -> Survey {
+        let (images, calibration_faults) = match Self::new(params) {
+            Ok(images) => (Ok(images), Vec::new()),
+            // Other faults are found without a calibration.
             Err(faults) => {
                 let params = ImagesParams { calibration: ImagesCalibration::default(), ..params.clone() };
-                (Images::new(&params), faults)
+                (Self::new(&params), faults)
             }
         };
-        let found = match layout.and_then(|layout| Ok((layout.list(&params)?, layout))) {
-            Ok(found) => survey(Ok(found)),
+        let survey = match images.and_then(|images| Ok((images.list_frames(params)?, images))) {
+            Ok((listing, images)) => listing.survey(images),
             Err(faults) => Survey { source: None, faults, facts: Vec::new() },
         };
-        Survey { faults: of_calibration.into_iter().chain(found.faults).collect(), ..found }
+        Survey { faults: calibration_faults.into_iter().chain(survey.faults).collect(), ..survey }
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
         recognise::recognise(root)
     }
-}
-
-fn first(mut faults: Vec<Fault>) -> Fault {
-    faults.swap_remove(0)
-}
-
-fn outputs(calibration: bool, truth: Option<bool>) -> Vec<Port> {
-    let port = Port::frame;
-    let mut ports = vec![
-        port("left", ValueType::Image, "Left image, 8 bit; with its file's bytes where it is as it lies there."),
-        port("right", ValueType::Image, "Right image, likewise, of the same size."),
-    ];
-    if calibration {
-        let doc = "Focal length, principal point, baseline of the rectified pair; where `calibration` is given.";
-        ports.push(port("calibration", ValueType::Calibration, doc).optional());
-    }
-    if truth.is_some_and(|is_disparity| calibration || !is_disparity) {
-        let doc = "True depth, metres, NaN = unknown; absent where a frame has no truth.";
-        ports.push(port("depth", ValueType::Depth, doc).optional());
-    }
-    if truth == Some(true) {
-        let doc = "True disparity, px, NaN = unknown; where `truth.unit` is `pixels`.";
-        ports.push(port("disparity", ValueType::TrueDisparity, doc).optional());
-    }
-    ports
-}
-
-impl Images {
-    fn new(params: &ImagesParams) -> Result<Self, Vec<Fault>> {
-        let of = &params.calibration;
-        let root = params.root.path();
-        let calibration = match (of.focal_px.zip(of.baseline_m), of.files.is_empty()) {
-            (Some((focal_px, baseline_m)), _) => {
-                Cameras::Numbers { focal_px, baseline_m, centre_px: [of.cx_px, of.cy_px], doffs_px: of.doffs_px }
-            }
-            (None, true) => Cameras::Unknown,
-            (None, false) => {
-                let read = |name: &String| {
-                    let path = root.join(name);
-                    if !path.is_file() {
-                        return Err(no_file(&path, &format!("{LAYOUT}; {FORMS}")));
-                    }
-                    image_file::read(&path).map(|bytes| (path, bytes))
-                };
-                let (mut bytes, mut faults) = (Vec::new(), Vec::new());
-                for file in of.files.iter().map(read) {
-                    match file {
-                        Ok(file) => bytes.push(file),
-                        Err(fault) => faults.push(fault),
-                    }
-                }
-                if !faults.is_empty() {
-                    return Err(faults);
-                }
-                let texts: Vec<_> = bytes.iter().map(|(path, bytes)| (path.as_path(), &**bytes)).collect();
-                let pair = camera_files::read(&texts, of.fisheye).map_err(|fault| vec![fault])?;
-                Cameras::Files { pair: Box::new(pair), bytes }
-            }
-        };
-        let asked = Asked {
-            rectified: of.rectified,
-            alpha: of.alpha,
-            sampling: of.sampling,
-            metres_per_unit: of.metres_per_unit,
-        };
-        // What the files' paths are decides nothing: their content does.
-        let meaning = {
-            let calibration = ImagesCalibration { files: Vec::new(), ..of.clone() };
-            let truth = ImagesTruth { files: None, ..params.truth.clone() };
-            format!("{calibration:?} {truth:?} {:?}", params.bits)
-        };
-        Ok(Self {
-            calibration,
-            asked,
-            bits: params.bits,
-            truth: params.truth.clone(),
-            meaning,
-            rectifier: Latest::default(),
-        })
-    }
-
-    fn list(&self, params: &ImagesParams) -> Result<Listing, Vec<Fault>> {
-        let root = params.root.path();
-        if !root.is_dir() {
-            return Err(vec![no_folder(root, LAYOUT)]);
-        }
-        let Pairs { rows, faults, warnings, alone } = match (&params.list, &params.left, &params.right) {
-            (Some(list), ..) => by_list(root, &root.join(list)).map_err(|fault| vec![fault])?,
-            (None, left, right) => {
-                let of = |pattern: &Option<String>| pattern.clone().unwrap_or_default();
-                by_names(root, &of(left), &of(right), params.truth.files.as_deref())?
-            }
-        };
-        if rows.is_empty() {
-            return Ok(Listing { faults, warnings, alone, ..Listing::default() });
-        }
-        let known: Vec<(u64, &str)> = (0..).zip(rows.iter().map(|row| row.id.as_str())).collect();
-        let chosen = params.frames.select(&known).map_err(|fault| vec![fault])?;
-        let mut listing = Listing { faults, warnings, alone, ..Listing::default() };
-        listing.warnings.extend(params.frames.left_out(&known));
-        let mut rows: Vec<_> = rows.into_iter().map(Some).collect();
-        for at in chosen {
-            let Some(row) = rows[at].take() else { continue };
-            let mut files = Gathered::default();
-            files.take(LEFT, Ok(row.left));
-            files.take(RIGHT, row.right);
-            if let Cameras::Files { bytes, .. } = &self.calibration {
-                for (part, (path, _)) in CALIBRATIONS.into_iter().zip(bytes) {
-                    files.take(part, Ok(path.clone()));
-                }
-            }
-            if let Some(truth) = row.truth.transpose() {
-                files.take(TRUTH, truth);
-            }
-            listing.gather(Frame::at_10_hz(row.id.as_str(), at as u64), files);
-        }
-        Ok(listing)
-    }
-
-    /// The flag says whether pixels were moved by a rectification.
-    fn calibrated(&self, files: &Files, pair: Pair) -> Result<(Option<Calibration>, bool, Pair), Fault> {
-        let size = pair.0.dimensions();
-        match &self.calibration {
-            Cameras::Unknown => Ok((None, false, pair)),
-            Cameras::Numbers { focal_px, baseline_m, centre_px: [cx, cy], doffs_px } => {
-                let middle = possible::middle(size);
-                let calibration = Calibration {
-                    width: size.0,
-                    height: size.1,
-                    focal_px: *focal_px,
-                    cx_px: cx.unwrap_or(middle.0),
-                    cy_px: cy.unwrap_or(middle.1),
-                    baseline_m: *baseline_m,
-                    doffs_px: *doffs_px,
-                };
-                possible::check(&calibration)
-                    .map_err(|what| Fault::new(format!("the calibration cannot be: {what}")))?;
-                Ok((Some(calibration), false, pair))
-            }
-            Cameras::Files { pair: cameras, bytes } => {
-                for (part, (path, known)) in CALIBRATIONS.into_iter().zip(bytes) {
-                    if files.the(part)?.bytes != *known {
-                        let what = format!("{} changed while it was read from", path.display());
-                        return Err(Fault::new(what).remedy("run again"));
-                    }
-                }
-                let rectifier = self.rectifier.of(cameras, &self.asked, size).map_err(|(what, remedy)| {
-                    let named: Vec<String> = bytes.iter().map(|(path, _)| path.display().to_string()).collect();
-                    Fault::new(format!("{}: {what}", named.join(", "))).remedy(remedy)
-                })?;
-                let pair = rectifier.pair(pair.0, pair.1);
-                Ok((Some(rectifier.calibration.clone()), rectifier.moves_pixels(), pair))
-            }
-        }
-    }
-}
-
-type Pair = (Image, Image);
-
-impl Layout for Images {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn meaning(&self) -> String {
         self.meaning.clone()
@@ -386,35 +224,171 @@ impl Layout for Images {
                     "a truth of the rectified left image is wanted: say `truth: { of: rectified }` if it is that, else give no truth",
                 ));
             }
-            let is_of_floats = file.bytes.starts_with(b"Pf") || file.bytes.starts_with(b"\x93NUMPY");
-            let (numbers, bits) = match is_of_floats {
-                true => (float_file::map_f32(&file.path, &file.bytes)?, 32),
-                false => image_file::numbers(&file.path, &file.bytes)?,
-            };
-            if bits == 8 && self.truth.is_of_more_bits() {
-                let most = 255.0 / self.truth.divide_by;
-                let what =
-                    format!("the file has 8 bits, and no number in it is above {most} {}", self.truth.unit.name());
-                return Err(file.fault(what).remedy(
-                    "16 bits are expected: an image tool may have saved it with 8; take the file from where it came from, or say what its numbers are \
-                     with `truth.unit` and `truth.divide_by`",
-                ));
-            }
+            let numbers = self.truth_numbers(file)?;
             files.same_size_as_left(size, file, numbers.dimensions())?;
             let numbers = self.truth.numbers(&numbers);
             if self.truth.unit == TruthUnit::Pixels {
                 let truth = TrueDisparity { px: numbers };
-                if let Some(calibration) = &calibration {
-                    outputs = outputs.with("depth", true_disparity::depth(&truth, calibration));
-                }
-                outputs = outputs.with("disparity", truth);
+                let depth = calibration.as_ref().map(|calibration| true_disparity::depth(&truth, calibration));
+                outputs = with_optional(outputs, "depth", depth).with("disparity", truth);
             } else {
                 outputs = outputs.with("depth", Depth { metres: numbers });
             }
         }
-        Ok(match calibration {
-            Some(calibration) => outputs.with("calibration", calibration),
-            None => outputs,
-        })
+        Ok(with_optional(outputs, "calibration", calibration))
     }
 }
+
+fn outputs(calibration: bool, truth: Option<bool>) -> Vec<Port> {
+    let mut ports = vec![
+        image_port("left", "Left image, 8 bit; with its file's bytes where it is as it lies there."),
+        image_port("right", "Right image, likewise, of the same size."),
+    ];
+    if calibration {
+        let doc = "Focal length, principal point, baseline of the rectified pair; where `calibration` is given.";
+        ports.push(Port::frame("calibration", ValueType::Calibration, doc).optional());
+    }
+    if truth.is_some_and(|is_disparity| calibration || !is_disparity) {
+        ports.push(depth_port("True depth, metres, NaN = unknown; absent where a frame has no truth.").optional());
+    }
+    if truth == Some(true) {
+        let doc = "True disparity, px, NaN = unknown; where `truth.unit` is `pixels`.";
+        ports.push(Port::frame("disparity", ValueType::TrueDisparity, doc).optional());
+    }
+    ports
+}
+
+impl Images {
+    fn new(params: &ImagesParams) -> Result<Self, Vec<Fault>> {
+        let given = &params.calibration;
+        let calibration = match (given.focal_px.zip(given.baseline_m), given.files.is_empty()) {
+            (Some((focal_px, baseline_m)), _) => {
+                let centre_px = [given.cx_px, given.cy_px];
+                Cameras::Numbers { focal_px, baseline_m, centre_px, doffs_px: given.doffs_px }
+            }
+            (None, true) => Cameras::Unknown,
+            (None, false) => {
+                let (mut bytes, mut faults) = (Vec::new(), Vec::new());
+                for name in &given.files {
+                    let path = existing_file(params.root.path().join(name), &format!("{LAYOUT}; {FORMS}"));
+                    match path.and_then(|path| image_file::read(&path).map(|bytes| (path, bytes))) {
+                        Ok(file) => bytes.push(file),
+                        Err(fault) => faults.push(fault),
+                    }
+                }
+                if !faults.is_empty() {
+                    return Err(faults);
+                }
+                let texts: Vec<_> = bytes.iter().map(|(path, bytes)| (path.as_path(), &**bytes)).collect();
+                let pair = camera_files::read(&texts, given.fisheye).map_err(|fault| vec![fault])?;
+                Cameras::Files { pair: Box::new(pair), bytes }
+            }
+        };
+        let options = RectifyOptions {
+            rectified: given.rectified,
+            alpha: given.alpha,
+            sampling: given.sampling,
+            metres_per_unit: given.metres_per_unit,
+        };
+        // The content of files decides, not their paths.
+        let meaning = {
+            let calibration = ImagesCalibration { files: Vec::new(), ..given.clone() };
+            let truth = ImagesTruth { files: None, ..params.truth.clone() };
+            format!("{calibration:?} {truth:?} {:?}", params.bits)
+        };
+        let (bits, truth) = (params.bits, params.truth.clone());
+        Ok(Self { calibration, options, bits, truth, meaning, rectifier: LatestRectifier::default() })
+    }
+
+    fn list_frames(&self, params: &ImagesParams) -> Result<Listing, Vec<Fault>> {
+        let root = params.root.path();
+        existing_folder(root, LAYOUT).map_err(|fault| vec![fault])?;
+        let Pairs { rows, faults, warnings, unpaired } = match (&params.list, &params.left, &params.right) {
+            (Some(list), ..) => by_list(root, &root.join(list)).map_err(|fault| vec![fault])?,
+            (None, left, right) => {
+                let text = |pattern: &Option<String>| pattern.clone().unwrap_or_default();
+                by_names(root, &text(left), &text(right), params.truth.files.as_deref())?
+            }
+        };
+        let mut listing = Listing::default();
+        (listing.faults, listing.warnings, listing.unpaired) = (faults, warnings, unpaired);
+        if rows.is_empty() {
+            return Ok(listing);
+        }
+        let known: Vec<(u64, &str)> = (0..).zip(rows.iter().map(|row| row.id.as_str())).collect();
+        let chosen = params.frames.select(&known).map_err(|fault| vec![fault])?;
+        listing.warnings.extend(params.frames.left_out(&known));
+        let mut rows: Vec<_> = rows.into_iter().map(Some).collect();
+        for at in chosen {
+            let Some(row) = rows[at].take() else { continue };
+            let mut files = FrameFiles::default();
+            files.add(LEFT, Ok(row.left));
+            files.add(RIGHT, row.right);
+            if let Cameras::Files { bytes, .. } = &self.calibration {
+                for (part, (path, _)) in CALIBRATIONS.into_iter().zip(bytes) {
+                    files.add(part, Ok(path.clone()));
+                }
+            }
+            if let Some(truth) = row.truth.transpose() {
+                files.add(TRUTH, truth);
+            }
+            listing.add(Frame::at_10_hz(row.id.as_str(), at as u64), files);
+        }
+        Ok(listing)
+    }
+
+    /// The flag says whether pixels were moved by a rectification.
+    fn calibrated(&self, files: &Files, pair: Pair) -> Result<(Option<Calibration>, bool, Pair), Fault> {
+        let size = pair.0.dimensions();
+        match &self.calibration {
+            Cameras::Unknown => Ok((None, false, pair)),
+            Cameras::Numbers { focal_px, baseline_m, centre_px: [cx, cy], doffs_px } => {
+                let middle = middle(size);
+                let calibration = Calibration {
+                    width: size.0,
+                    height: size.1,
+                    focal_px: *focal_px,
+                    cx_px: cx.unwrap_or(middle.0),
+                    cy_px: cy.unwrap_or(middle.1),
+                    baseline_m: *baseline_m,
+                    doffs_px: *doffs_px,
+                };
+                check_plausible(&calibration)
+                    .map_err(|wrong| Fault::new(format!("the calibration cannot be: {}", wrong.what)))?;
+                Ok((Some(calibration), false, pair))
+            }
+            Cameras::Files { pair: cameras, bytes } => {
+                for (part, (path, known)) in CALIBRATIONS.into_iter().zip(bytes) {
+                    if files.required(part)?.bytes != *known {
+                        let what = format!("{} changed while it was read from", path.display());
+                        return Err(Fault::new(what).remedy("run again"));
+                    }
+                }
+                let rectifier = self.rectifier.get(cameras, &self.options, size).map_err(|(what, remedy)| {
+                    let named: Vec<String> = bytes.iter().map(|(path, _)| path.display().to_string()).collect();
+                    Fault::new(format!("{}: {what}", named.join(", "))).remedy(remedy)
+                })?;
+                let pair = rectifier.pair(pair.0, pair.1);
+                Ok((Some(rectifier.calibration.clone()), rectifier.moves_pixels(), pair))
+            }
+        }
+    }
+
+    fn truth_numbers(&self, file: &File) -> Result<Raster<f32>, Fault> {
+        if file.bytes.starts_with(b"Pf") || file.bytes.starts_with(b"\x93NUMPY") {
+            return float_file::map_f32(&file.path, &file.bytes);
+        }
+        let (numbers, bits) = image_file::numbers(&file.path, &file.bytes)?;
+        if bits == 8 && self.truth.is_of_more_bits() {
+            let most = 255.0 / self.truth.divide_by;
+            let what = format!("the file has 8 bits, and no number in it is above {most} {}", self.truth.unit.name());
+            return Err(file.fault(what).remedy(
+                "16 bits are expected: an image tool may have saved it with 8; take the file from where it came from, or say what its numbers are \
+                 with `truth.unit` and `truth.divide_by`",
+            ));
+        }
+        Ok(numbers)
+    }
+}
+
+type Pair = (Image, Image);

@@ -1,10 +1,13 @@
 //! The benchmarks of KITTI: `kitti/*`.
 
-pub(crate) mod calibration;
+mod calibration;
+mod cameras;
 mod depth;
+mod drives;
 mod odometry;
 mod raw;
 mod stems;
+mod stereo;
 mod stereo_2012;
 mod stereo_2015;
 mod time;

@@ -4,20 +4,21 @@ pub(crate) mod scene;
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
 use depthloom_graphs::values::{Calibration, Raster, TrueDisparity};
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
-use crate::sources::calibration::possible;
-use crate::sources::dataset::{
-    Entry, Files, LEFT, Layout, Listing, Part, RIGHT, folders, no_file, no_folder, recognised, survey,
+use crate::sources::calibration::rectified_pair::{check_plausible, middle};
+use crate::sources::dataset::folders::{
+    existing_folder, existing_with_ending, folders, missing_file, missing_folder, with_ending,
 };
+use crate::sources::dataset::frame_files::{CALIBRATION, Files, LEFT, Part, RIGHT};
+use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required};
 use crate::sources::evaluation::Evaluation;
-use crate::sources::files::image_file;
-use crate::sources::middlebury::scene::{TruePixels, with_ending, with_truth};
+use crate::sources::files::{image_file, shortened};
+use crate::sources::middlebury::scene::{TruePixels, above_zero, with_truth};
 
 const KIND: &str = "middlebury";
 const VERSION: u32 = 2;
@@ -69,17 +70,19 @@ pub(crate) struct Middlebury {
     camera: Option<(f64, f64)>,
 }
 
-impl SourceKind for Middlebury {
+impl DatasetKind for Middlebury {
     type Params = MiddleburyParams;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         let depth = "True depth, metres, NaN = unknown; absent without truth or calibration.";
         let calibration = "Focal length, principal points, baseline; absent of scenes without (2001, 2003).";
         let ports = [
-            Port::frame("left", ValueType::Image, "Left image, 8 bit, with its file's bytes."),
-            Port::frame("right", ValueType::Image, "Right image, likewise."),
+            image_port("left", "Left image, 8 bit, with its file's bytes."),
+            image_port("right", "Right image, likewise."),
             Port::frame("calibration", ValueType::Calibration, calibration).optional(),
-            Port::frame("depth", ValueType::Depth, depth).optional(),
+            depth_port(depth).optional(),
         ];
         SourceDeclaration {
             kind: KIND,
@@ -100,9 +103,7 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
     }
 
     fn check(params: &MiddleburyParams) -> Result<(), (&'static str, String)> {
-        if params.root.path().as_os_str().is_empty() {
-            return Err(("root", format!("root is missing: {LAYOUT}")));
-        }
+        required("root", &params.root, LAYOUT)?;
         if params.factor.is_some_and(|factor| !(1..=255).contains(&factor)) {
             return Err(("factor", "factor is what 1 px is in a map of 8 bits: 1 to 255".to_owned()));
         }
@@ -111,49 +112,84 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
         {
             return Err(("views", format!("views is [{left}, {right}]: the left and a view right of it, of 0 to 8")));
         }
+        above_zero("focal_px", params.focal_px, "px")?;
+        above_zero("baseline_m", params.baseline_m, "m")?;
         match (params.focal_px, params.baseline_m) {
-            (Some(focal_px), _) if focal_px.is_nan() || focal_px <= 0.0 => {
-                Err(("focal_px", format!("focal_px is {focal_px} px, which is not greater than 0")))
-            }
-            (_, Some(metres)) if metres.is_nan() || metres <= 0.0 => {
-                Err(("baseline_m", format!("baseline_m is {metres} m, which is not greater than 0")))
-            }
             (Some(_), None) => Err(("focal_px", "focal_px wants baseline_m: depth needs both".to_owned())),
             (None, Some(_)) => Err(("baseline_m", "baseline_m wants focal_px: depth needs both".to_owned())),
             _ => Ok(()),
         }
     }
 
-    fn open(params: MiddleburyParams) -> Result<Box<dyn Source>, Fault> {
-        let (listing, layout) = Self::listed(&params)?;
-        listing.open(layout)
-    }
-
-    fn survey(params: MiddleburyParams) -> Survey {
-        survey(Self::listed(&params))
-    }
-
-    fn recognise(root: &Path) -> Vec<Recognised> {
-        // ETH3D's scenes have nearly the same files.
-        let is_eth3d = |folder: &Path| folder.join("disp0GT.pfm").is_file();
-        if scenes(root, &[], is_eth3d).is_ok_and(|of| !of.is_empty()) {
-            return Vec::new();
-        }
-        let params = MiddleburyParams { root: DataPath(root.to_owned()), ..MiddleburyParams::default() };
-        let listed = Self::listed(&params).map(|(listing, _)| listing);
-        recognised(listed, "Middlebury", json!({ "root": root }))
-    }
-}
-
-impl Middlebury {
-    fn listed(params: &MiddleburyParams) -> Result<(Listing, Self), Fault> {
-        let layout = Self {
+    fn list(params: &MiddleburyParams) -> Result<(Listing, Self), Fault> {
+        let kind = Self {
             truth: params.truth,
             factor: params.factor,
             views: params.views.unwrap_or([2, 6]),
             camera: params.focal_px.zip(params.baseline_m),
         };
-        Ok((layout.list(params)?, layout))
+        let root = params.root.path();
+        existing_folder(root, LAYOUT)?;
+        let scenes = scenes(root, &params.scenes, |folder| Year::of(folder).is_some())?;
+        if scenes.is_empty() {
+            return Err(Fault::new(format!("{} holds no scene", root.display())).remedy(LAYOUT));
+        }
+        let known: Vec<(u64, &str)> = (0..).zip(&scenes).map(|(index, (name, _))| (index, name.as_str())).collect();
+        let mut listing = Listing::default();
+        listing.add_selected(&params.frames, &known, |at| kind.files(&scenes[at].1))?;
+        let without_dmin = listing.ids_where(is_uncalibrated_2005);
+        if let Some(first) = without_dmin.first() {
+            let (count, are) = (without_dmin.len(), if without_dmin.len() == 1 { "scene has" } else { "scenes have" });
+            let what = format!("{count} {are} no dmin.txt, and so neither calibration nor depth: {first}");
+            listing.warnings.insert(0, what);
+        }
+        Ok((listing, kind))
+    }
+
+    fn recognise(root: &Path) -> Vec<Recognised> {
+        // ETH3D's scenes have nearly the same files.
+        let is_eth3d = |folder: &Path| folder.join("disp0GT.pfm").is_file();
+        if scenes(root, &[], is_eth3d).is_ok_and(|scenes| !scenes.is_empty()) {
+            return Vec::new();
+        }
+        let params = MiddleburyParams { root: DataPath(root.to_owned()), ..MiddleburyParams::default() };
+        recognised::<Self>(&params, "Middlebury", root)
+    }
+
+    fn meaning(&self) -> String {
+        format!("{:?} {:?} {:?} {:?}", self.truth, self.factor, self.views, self.camera)
+    }
+
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        if files.get(CALIBRATION).is_some() {
+            return scene::values(files, self.truth, ctx);
+        }
+        let (left, right) = files.pair(ctx)?;
+        let size = left.dimensions();
+        let outputs = Outputs::one("left", left).with("right", right);
+        let is_2005 = files.get(DMIN).is_some() || files.get(OF_2005).is_some();
+        let part = if is_2005 { OF_2005 } else { OF_2001 };
+        let encoded = "disparities of before 2014 have 8 bits, one channel (px times a factor, 0 = unknown)";
+        let map = files.map_u8(part, encoded, size)?;
+        let calibration = match files.get(DMIN) {
+            Some(_) => Some(self.calibration_2005(files, size, ctx)?),
+            None if is_2005 => None,
+            None => self.camera.map(|(focal_px, baseline_m)| given(focal_px, baseline_m, size)),
+        };
+        let mut maps = Evaluation::default();
+        if let Some(map) = map {
+            // Between views 2 and 6, or 1 and 5, a disparity is four times that between neighbours.
+            let steps = if is_2005 { 4 } else { self.views[1] - self.views[0] };
+            let scale = (4 * self.factor(files, size, ctx)?) as f32;
+            let px = |&value: &u8| if value > 0 { (u32::from(value) * steps) as f32 / scale } else { f32::NAN };
+            let px = Raster::from_raw(size.0, size.1, map.iter().map(px).collect());
+            maps.occ = Some(TrueDisparity { px: px.expect("the map is of the left image's size") });
+        }
+        if let Some(Err(wrong)) = calibration.as_ref().map(check_plausible) {
+            let remedy = "`focal_px` is in pixels of the images as they are, `baseline_m` in metres";
+            return Err(Fault::new(wrong.what).remedy(remedy));
+        }
+        Ok(with_truth(outputs, self.truth, maps, calibration))
     }
 }
 
@@ -188,34 +224,6 @@ impl Year {
 }
 
 impl Middlebury {
-    fn list(&self, params: &MiddleburyParams) -> Result<Listing, Fault> {
-        let root = params.root.path();
-        if !root.is_dir() {
-            return Err(no_folder(root, LAYOUT));
-        }
-        let scenes = scenes(root, &params.scenes, |folder| Year::of(folder).is_some())?;
-        if scenes.is_empty() {
-            return Err(Fault::new(format!("{} holds no scene", root.display())).remedy(LAYOUT));
-        }
-        let known: Vec<(u64, &str)> = (0..).zip(&scenes).map(|(index, (name, _))| (index, name.as_str())).collect();
-        let mut listing = Listing::default();
-        let mut without_dmin = Vec::new();
-        for at in params.frames.select(&known)? {
-            let (index, name) = known[at];
-            let files = self.files(&scenes[at].1);
-            if files.as_ref().is_ok_and(|files| is_uncalibrated_2005(files)) {
-                without_dmin.push(name);
-            }
-            listing.push(files.map(|files| Entry { frame: Frame::at_10_hz(name, index), files }));
-        }
-        if let Some(first) = without_dmin.first() {
-            let (count, are) = (without_dmin.len(), if without_dmin.len() == 1 { "scene has" } else { "scenes have" });
-            listing.warnings.push(format!("{count} {are} no dmin.txt, and so neither calibration nor depth: {first}"));
-        }
-        listing.warnings.extend(params.frames.left_out(&known));
-        Ok(listing)
-    }
-
     fn files(&self, folder: &Path) -> Result<Vec<(Part, PathBuf)>, Fault> {
         let (stem, [left, right], truth, span) = match Year::of(folder) {
             Some(Year::Of2005) => ("view", [1, 5], OF_2005, "view1.png, view5.png and disp1.png"),
@@ -224,23 +232,19 @@ impl Middlebury {
             None => return Err(Fault::new(format!("{} holds no scene", folder.display())).remedy(LAYOUT)),
         };
         let remedy = format!("a scene of this year has {span}; without truth, say `truth: none`");
-        let there = |stem: String| {
-            with_ending(folder, &stem, &ENDINGS).ok_or_else(|| no_file(&folder.join(format!("{stem}.png")), &remedy))
-        };
-        let mut files = vec![(LEFT, there(format!("{stem}{left}"))?), (RIGHT, there(format!("{stem}{right}"))?)];
+        let there = |stem: &str| existing_with_ending(folder, stem, &ENDINGS, &remedy);
+        let mut files = vec![(LEFT, there(&format!("{stem}{left}"))?), (RIGHT, there(&format!("{stem}{right}"))?)];
         if self.truth == TruePixels::Noc {
             let mask = folder.join("mask0nocc.png");
-            return Err(no_file(
-                &mask,
-                "what both cameras see is told by a mask, which scenes of before 2014 lack: `truth: all`",
-            ));
+            let remedy = "what both cameras see is told by a mask, which scenes of before 2014 lack: `truth: all`";
+            return Err(missing_file(&mask, remedy));
         }
         if self.truth == TruePixels::All {
             if truth == OF_2001 && left != 2 {
                 let what = format!("{} has no truth of view {left}", folder.display());
                 return Err(Fault::new(what).remedy("truth is of view 2: `views: [2, 6]`, or `truth: none`"));
             }
-            files.push((truth, there(truth.to_owned())?));
+            files.push((truth, there(truth)?));
         }
         let dmin = folder.join("dmin.txt");
         if stem == "view" && dmin.is_file() {
@@ -252,7 +256,7 @@ impl Middlebury {
     /// Map value per pixel of disparity, in 8-bit maps.
     fn factor(&self, files: &Files, size: (u32, u32), ctx: &mut Context<'_>) -> Result<u32, Fault> {
         let unknown = |of: &str| {
-            let what = format!("{} is {}x{}: {of}", files.the(LEFT)?.path.display(), size.0, size.1);
+            let what = format!("{} is {}x{}: {of}", files.required(LEFT)?.path.display(), size.0, size.1);
             Err(Fault::new(what).remedy("say what 1 px is in the map of disparities, e.g. `factor: 4`"))
         };
         if let Some(factor) = self.factor {
@@ -295,7 +299,7 @@ pub(super) fn scenes(
     if !asked.is_empty() {
         let missing = asked.iter().find(|name| !root.join(name).is_dir());
         return match missing {
-            Some(name) => Err(no_folder(&root.join(name), "`scenes` names folders of root")),
+            Some(name) => Err(missing_folder(&root.join(name), "`scenes` names folders of root")),
             None => Ok(asked.iter().map(named).collect()),
         };
     }
@@ -307,56 +311,14 @@ pub(super) fn scenes(
     Ok(folders(root, LAYOUT)?.iter().map(named).filter(|(_, folder)| is_scene(folder)).collect())
 }
 
-impl Layout for Middlebury {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
-
-    fn meaning(&self) -> String {
-        format!("{:?} {:?} {:?} {:?}", self.truth, self.factor, self.views, self.camera)
-    }
-
-    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        if files.get(super::dataset::CALIBRATION).is_some() {
-            return scene::values(files, self.truth, ctx);
-        }
-        let (left, right) = files.pair(ctx)?;
-        let size = left.dimensions();
-        let outputs = Outputs::one("left", left).with("right", right);
-        let is_2005 = files.get(DMIN).is_some() || files.get(OF_2005).is_some();
-        let part = if is_2005 { OF_2005 } else { OF_2001 };
-        let encoded = "disparities of before 2014 have 8 bits, one channel (px times a factor, 0 = unknown)";
-        let map = files.map_u8(part, encoded, size)?;
-        let calibration = match files.get(DMIN) {
-            Some(_) => Some(self.calibration_2005(files, size, ctx)?),
-            None if is_2005 => None,
-            None => self.camera.map(|(focal_px, baseline_m)| given(focal_px, baseline_m, size)),
-        };
-        let mut maps = Evaluation::default();
-        if let Some(map) = map {
-            // Between views 2 and 6, or 1 and 5, a disparity is four times that between neighbours.
-            let steps = if is_2005 { 4 } else { self.views[1] - self.views[0] };
-            let scale = (4 * self.factor(files, size, ctx)?) as f32;
-            let px = |&value: &u8| if value > 0 { (u32::from(value) * steps) as f32 / scale } else { f32::NAN };
-            let px = Raster::from_raw(size.0, size.1, map.iter().map(px).collect());
-            maps.occ = Some(TrueDisparity { px: px.expect("the map is of the left image's size") });
-        }
-        if let Some(Err(what)) = calibration.as_ref().map(possible::check) {
-            return Err(
-                Fault::new(what).remedy("`focal_px` is in pixels of the images as they are, `baseline_m` in metres")
-            );
-        }
-        Ok(with_truth(outputs, self.truth, maps, calibration))
-    }
-}
-
 impl Middlebury {
     fn calibration_2005(&self, files: &Files, size: (u32, u32), ctx: &mut Context<'_>) -> Result<Calibration, Fault> {
-        let dmin = files.the(DMIN)?;
+        let dmin = files.required(DMIN)?;
         let text = dmin.text();
         let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
         let number = number.ok_or_else(|| {
-            let text: String = text.trim().chars().take(40).collect();
             let remedy = "dmin.txt holds one number, what cropping took of each disparity, px at full size: take it from the scene's archive";
-            dmin.fault(format!("`{text}` is no number")).remedy(remedy)
+            dmin.fault(format!("`{}` is not a number", shortened(text.trim()))).remedy(remedy)
         })?;
         let factor = f64::from(self.factor(files, size, ctx)?);
         Ok(Calibration { doffs_px: number / factor, ..given(FOCAL_PX / factor, BASELINE_M, size) })
@@ -364,6 +326,6 @@ impl Middlebury {
 }
 
 fn given(focal_px: f64, baseline_m: f64, (width, height): (u32, u32)) -> Calibration {
-    let (cx_px, cy_px) = possible::middle((width, height));
+    let (cx_px, cy_px) = middle((width, height));
     Calibration { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px: 0.0 }
 }

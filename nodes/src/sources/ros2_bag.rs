@@ -19,8 +19,9 @@ use depthloom_graphs::{Context, Fault, Key, Port, Source, SourceKind, SourceOutp
 use self::chosen::Chosen;
 use self::found::Found;
 use self::params::{KIND, Ros2BagParams, VERSION};
-use crate::sources::asked::Asked;
-use crate::sources::dataset::at_file;
+use crate::sources::dataset::folders::at_file;
+use crate::sources::dataset::{depth_port, image_port};
+use crate::sources::read_ahead::ReadAhead;
 use crate::sources::ros2_bag::frame::{Messages, Part, Reading};
 
 const TF_STATIC: &str = "/tf_static";
@@ -34,7 +35,7 @@ pub(crate) struct Ros2Bag {
     messages: Vec<Vec<(Part, Message)>>,
     warnings: Vec<String>,
     /// A run requests a frame's key and then reads it: its messages are read and hashed once.
-    asked: Asked<(Messages, Key)>,
+    read_ahead: ReadAhead<(Messages, Key)>,
 }
 
 impl SourceKind for Ros2Bag {
@@ -60,19 +61,11 @@ without R, since drivers call the rectified camera's frame the camera's; where t
 Opening reads the index, and of the messages their headers: in files without compressed chunks a few bytes each. `clock: log` takes the index alone. \
 Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
             outputs: vec![
-                Port::frame(
-                    "left",
-                    ValueType::Image,
-                    "Left image, 8 bit, rectified; with its file's bytes where the message has some.",
-                ),
-                Port::frame("right", ValueType::Image, "Right image, likewise."),
+                image_port("left", "Left image, 8 bit, rectified; with its file's bytes where the message has some."),
+                image_port("right", "Right image, likewise."),
                 Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline, doffs."),
-                Port::frame(
-                    "depth",
-                    ValueType::Depth,
-                    "True depth, metres, NaN = unknown; absent where no truth is near enough in time.",
-                )
-                .optional(),
+                depth_port("True depth, metres, NaN = unknown; absent where no truth is near enough in time.")
+                    .optional(),
             ],
         }
     }
@@ -87,15 +80,10 @@ Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
         if params.depth_unit_m.is_some() && params.depth.is_none() {
             return Err(("depth_unit_m", "it is the unit of `depth`, which is not given".to_owned()));
         }
-        if params.end_s.is_some_and(|end| end <= params.start_s) {
-            return Err((
-                "end_s",
-                format!(
-                    "no image lies between start_s and end_s: {} is not after {}",
-                    params.end_s.unwrap_or(0.0),
-                    params.start_s
-                ),
-            ));
+        if let Some(end_s) = params.end_s.filter(|end| *end <= params.start_s) {
+            let start_s = params.start_s;
+            let what = format!("no image lies between start_s and end_s: {end_s} is not after {start_s}");
+            return Err(("end_s", what));
         }
         Ok(())
     }
@@ -111,17 +99,17 @@ Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
             Err(fault) => return Survey::failed(fault),
         };
         let mut facts = facts::topics(&bag);
-        // A run takes what is there; who asks what is wrong is told what is not.
+        // A run reads what is there; a survey reports what is missing.
         let all = params.frames == FrameSelection::All && params.end_s.is_none();
         let losses: Vec<String> = if all { bag.losses().to_vec() } else { Vec::new() };
-        let lost = losses.iter().map(|what| {
+        let fault = |what: &String| {
             Fault::new(format!("{}: {what}", params.path.path().display()))
                 .remedy("record or copy it again; a run takes what is there without asking, `end_s` or `frames` chooses among it")
-        });
-        let mut faults: Vec<Fault> = lost.collect();
+        };
+        let mut faults: Vec<Fault> = losses.iter().map(fault).collect();
         match Self::opened(bag, &params) {
-            Ok((mut source, of_frames)) => {
-                facts.extend(of_frames);
+            Ok((mut source, frame_facts)) => {
+                facts.extend(frame_facts);
                 source.warnings.retain(|warning| !losses.contains(warning));
                 Survey { source: Some(Box::new(source)), faults, facts }
             }
@@ -147,10 +135,7 @@ impl Ros2Bag {
         }
         let chosen = Chosen::of(&bag, params)?;
         let found = Found::of(&bag, &chosen, params)?;
-        let transforms = match &params.points {
-            Some(_) => Some(transforms(&bag)?),
-            None => None,
-        };
+        let transforms = params.points.is_some().then(|| transforms(&bag)).transpose()?;
         let reading = Reading::new(
             params,
             chosen.0.iter().map(|(part, topic, form)| (*part, topic.name.clone(), *form)),
@@ -162,7 +147,7 @@ impl Ros2Bag {
             frames: found.frames,
             messages: found.messages,
             warnings: found.warnings,
-            asked: Asked::default(),
+            read_ahead: ReadAhead::default(),
             bag,
         };
         // What would fail on every frame is found on the first.
@@ -192,12 +177,12 @@ impl Source for Ros2Bag {
 
     fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         let (messages, key) = self.messages_of(position)?;
-        self.asked.keep(position, (messages, key));
+        self.read_ahead.keep(position, (messages, key));
         Ok(key)
     }
 
     fn read(&self, position: FrameIndex, ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
-        let (messages, key) = self.asked.take(position).map_or_else(|| self.messages_of(position), Ok)?;
+        let (messages, key) = self.read_ahead.take(position).map_or_else(|| self.messages_of(position), Ok)?;
         Ok(SourceOutputs { outputs: self.reading.values(&messages, ctx)?, key })
     }
 }
@@ -208,24 +193,15 @@ fn transforms(bag: &Bag) -> Result<Transforms, Fault> {
     let form = Form::of(topic).map_err(|fault| at_file(bag.path(), fault))?;
     let messages = bag.messages(&[topic])?.remove(0);
     if messages.len() > MOST_TRANSFORMS {
-        let what = format!(
-            "{} has {} messages of {TF_STATIC}, and static transforms are few",
-            bag.path().display(),
-            messages.len()
-        );
+        let (path, count) = (bag.path().display(), messages.len());
+        let what = format!("{path} has {count} messages of {TF_STATIC}, and static transforms are few");
         return Err(Fault::new(what)
             .remedy("what moves belongs on /tf, and is not read: record /tf_static latched, each transform once"));
     }
     for message in &messages {
         let added = transforms.add(form, &bag.read(message)?);
-        added.map_err(|error| {
-            depthloom_bags::message_fault(
-                error,
-                bag.path(),
-                TF_STATIC,
-                &format!("recorded at {}", seconds(message.log_ns)),
-            )
-        })?;
+        let place = format!("recorded at {}", seconds(message.log_ns));
+        added.map_err(|error| depthloom_bags::message_fault(error, bag.path(), TF_STATIC, &place))?;
     }
     Ok(transforms)
 }

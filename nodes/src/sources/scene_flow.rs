@@ -2,19 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
 use depthloom_graphs::values::{Calibration, TrueDisparity};
-use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_graphs::{Context, Fault, Key, Outputs};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
-use crate::sources::calibration::possible;
-use crate::sources::dataset::{
-    Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, recognised, stems, survey,
+use crate::sources::calibration::rectified_pair::middle;
+use crate::sources::dataset::folders::{
+    existing_file, existing_folder, existing_with_ending, folders, missing_folder, stems,
 };
+use crate::sources::dataset::frame_files::{Files, LEFT, RIGHT, TRUTH};
+use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required};
 use crate::sources::evaluation::Evaluation;
-use crate::sources::middlebury::scene::{TruePixels, with_ending, with_truth};
+use crate::sources::middlebury::scene::{TruePixels, with_truth};
 
 const KIND: &str = "scene-flow";
 const VERSION: u32 = 2;
@@ -73,8 +74,10 @@ pub(crate) struct SceneFlowParams {
 
 pub(crate) struct SceneFlow;
 
-impl SourceKind for SceneFlow {
+impl DatasetKind for SceneFlow {
     type Params = SceneFlowParams;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         let [_, occ, _] = Evaluation::always();
@@ -91,65 +94,69 @@ The camera is the data sets' own: 960x540, focal length 1050 px, 450 px below `1
 of Blender, which counts as 1 m. Depth is `f * B / d`. A frame's id is its folders and number (`TRAIN_A_0000_0006`), its index the count over all folders, its time 10 Hz. \
 Pixel centres have whole coordinates.",
             outputs: vec![
-                Port::frame("left", ValueType::Image, "Left image, RGB, a PNG with its file's bytes."),
-                Port::frame("right", ValueType::Image, "Right image, likewise."),
-                Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
-                Port::frame(
-                    "depth",
-                    ValueType::Depth,
-                    "True depth, units of Blender, NaN = unknown; absent without truth.",
-                )
-                .optional(),
+                image_port("left", "Left image, RGB, a PNG with its file's bytes."),
+                image_port("right", "Right image, likewise."),
+                calibration_port(),
+                depth_port("True depth, units of Blender, NaN = unknown; absent without truth.").optional(),
                 occ,
             ],
         }
     }
 
     fn check(params: &SceneFlowParams) -> Result<(), (&'static str, String)> {
-        match params.root.path().as_os_str().is_empty() {
-            true => Err(("root", format!("root is missing: {LAYOUT}"))),
-            false => Ok(()),
-        }
+        required("root", &params.root, LAYOUT)
     }
 
-    fn open(params: SceneFlowParams) -> Result<Box<dyn Source>, Fault> {
-        list(&params)?.open(Self)
-    }
-
-    fn survey(params: SceneFlowParams) -> Survey {
-        survey(list(&params).map(|listing| (listing, Self)))
+    fn list(params: &SceneFlowParams) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, Self))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
         let params = SceneFlowParams { root: DataPath(root.to_owned()), ..SceneFlowParams::default() };
-        recognised(list(&params), "Scene Flow", json!({ "root": root }))
+        recognised::<Self>(&params, "Scene Flow", root)
+    }
+
+    /// The lens follows from a folder's name, not from a file.
+    fn key(&self, files: &Files) -> Key {
+        files.key(Self::KIND, &format!("{} px", focal_px(files)))
+    }
+
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
+        let (width, height) = left.dimensions();
+        // The focal length scales with images that were resized.
+        let focal_px = focal_px(files) * f64::from(width) / f64::from(WIDTH);
+        let (cx_px, cy_px) = middle((width, height));
+        let calibration = Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M, doffs_px: 0.0 };
+        let occ = files.map_f32(TRUTH, (width, height))?.map(|px| TrueDisparity { px });
+        let outputs = Outputs::one("left", left).with("right", right);
+        Ok(with_truth(outputs, TruePixels::All, Evaluation { occ, ..Evaluation::default() }, Some(calibration)))
     }
 }
 
-fn sequences(from: &Path, way: &str, depth: usize, found: &mut Vec<String>) -> Result<(), Fault> {
+/// Paths of the folders that contain `left`, relative to the first `from`.
+fn sequences(from: &Path, path: &str, depth: usize, found: &mut Vec<String>) -> Result<(), Fault> {
     let names = folders(from, LAYOUT)?;
     if names.iter().any(|name| name == "left") {
-        found.push(way.to_owned());
+        found.push(path.to_owned());
         return Ok(());
     }
     for name in names.iter().filter(|_| depth < DEEPEST) {
-        let way = if way.is_empty() { name.clone() } else { format!("{way}/{name}") };
-        sequences(&from.join(name), &way, depth + 1, found)?;
+        let path = if path.is_empty() { name.clone() } else { format!("{path}/{name}") };
+        sequences(&from.join(name), &path, depth + 1, found)?;
     }
     Ok(())
 }
 
 fn list(params: &SceneFlowParams) -> Result<Listing, Fault> {
     let root = params.root.path();
-    if !root.is_dir() {
-        return Err(no_folder(root, LAYOUT));
-    }
+    existing_folder(root, LAYOUT)?;
     let pass = match params.pass {
         SceneFlowPass::Final => "frames_finalpass",
         SceneFlowPass::Clean => "frames_cleanpass",
     };
     let images = [root.join(pass), root.join(format!("{pass}_webp"))].into_iter().find(|folder| folder.is_dir());
-    let images = images.ok_or_else(|| no_folder(&root.join(pass), LAYOUT))?;
+    let images = images.ok_or_else(|| missing_folder(&root.join(pass), LAYOUT))?;
     let mut found = Vec::new();
     if params.folders.is_empty() {
         sequences(&images, "", 0, &mut found)?;
@@ -159,68 +166,30 @@ fn list(params: &SceneFlowParams) -> Result<Listing, Fault> {
         sequences(&images.join(folder), folder, 0, &mut found)?;
     }
     let mut frames: Vec<(&str, String, PathBuf)> = Vec::new();
-    for way in &found {
-        for (stem, path) in stems(&images.join(way).join("left"), &ENDINGS, LAYOUT)? {
-            frames.push((way, stem, path));
-        }
+    for path in &found {
+        let lefts = stems(&images.join(path).join("left"), &ENDINGS, LAYOUT)?;
+        frames.extend(lefts.into_iter().map(|(stem, left)| (path.as_str(), stem, left)));
     }
     if frames.is_empty() {
         return Err(Fault::new(format!("{} holds no frame", images.display())).remedy(LAYOUT));
     }
-    let id = |(way, stem, _): &(&str, String, PathBuf)| format!("{}_{stem}", way.replace('/', "_"));
-    let ids: Vec<String> = frames.iter().map(id).collect();
+    let ids: Vec<String> = frames.iter().map(|(path, stem, _)| format!("{}_{stem}", path.replace('/', "_"))).collect();
     let known: Vec<(u64, &str)> = (0..).zip(&ids).map(|(index, id)| (index, id.as_str())).collect();
     let mut listing = Listing::default();
-    for at in params.frames.select(&known)? {
-        let ((index, id), (way, stem, left)) = (known[at], &frames[at]);
-        let files = || {
-            let right = images.join(way).join("right");
-            let missing = || {
-                no_file(
-                    &right.join(format!("{stem}.png")),
-                    "each left image needs its right one: unpack the archive again",
-                )
-            };
-            let right = with_ending(&right, stem, &ENDINGS).ok_or_else(missing)?;
-            let mut files = vec![(LEFT, left.clone()), (RIGHT, right)];
-            if params.truth == SceneFlowTruth::All {
-                let truth = root.join("disparity").join(way).join("left").join(format!("{stem}.pfm"));
-                if !truth.is_file() {
-                    return Err(no_file(
-                        &truth,
-                        "each frame needs its disparities, of the archive `disparity`; without truth, say `truth: none`",
-                    ));
-                }
-                files.push((TRUTH, truth));
-            }
-            Ok(files)
-        };
-        listing.push(files().map(|files| Entry { frame: Frame::at_10_hz(id, index), files }));
-    }
-    listing.warnings.extend(params.frames.left_out(&known));
+    listing.add_selected(&params.frames, &known, |at| {
+        let (path, stem, left) = &frames[at];
+        let remedy = "each left image needs its right one: unpack the archive again";
+        let right = existing_with_ending(&images.join(path).join("right"), stem, &ENDINGS, remedy)?;
+        let mut files = vec![(LEFT, left.clone()), (RIGHT, right)];
+        if params.truth == SceneFlowTruth::All {
+            let truth = root.join("disparity").join(path).join("left").join(format!("{stem}.pfm"));
+            let remedy =
+                "each frame needs its disparities, of the archive `disparity`; without truth, say `truth: none`";
+            files.push((TRUTH, existing_file(truth, remedy)?));
+        }
+        Ok(files)
+    })?;
     Ok(listing)
-}
-
-impl Layout for SceneFlow {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
-
-    /// The lens follows from a folder's name, not from a file.
-    fn key(&self, files: &Files) -> Key {
-        files.key(Self::KIND, &format!("{} px", focal_px(files)))
-    }
-
-    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair(ctx)?;
-        let size = left.dimensions();
-        // Of images that somebody made smaller or larger, so is the focal length.
-        let focal_px = focal_px(files) * f64::from(size.0) / f64::from(WIDTH);
-        let (cx_px, cy_px) = possible::middle(size);
-        let (width, height) = size;
-        let calibration = Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M, doffs_px: 0.0 };
-        let occ = files.map_f32(TRUTH, size)?.map(|px| TrueDisparity { px });
-        let outputs = Outputs::one("left", left).with("right", right);
-        Ok(with_truth(outputs, TruePixels::All, Evaluation { occ, ..Evaluation::default() }, Some(calibration)))
-    }
 }
 
 /// px at 960 columns.

@@ -3,21 +3,19 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
 use depthloom_graphs::values::{Calibration, Pixels, Raster, TrueDisparity};
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
-use crate::sources::calibration::possible;
-use crate::sources::dataset::{
-    CALIBRATION, Entry, File, Files, LEFT, Layout, Listing, Part, RIGHT, TRUTH, folders, no_file, no_folder,
-    recognised, stems, survey,
-};
+use crate::sources::calibration::rectified_pair::{check_plausible, middle};
+use crate::sources::dataset::folders::{existing_file, existing_folder, folders, stems};
+use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH};
+use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::files::image_file;
-use crate::sources::middlebury::scene::{TruePixels, with_truth, without};
+use crate::sources::middlebury::scene::{TruePixels, above_zero, with_truth, without};
 
 const KIND: &str = "sintel-stereo";
 const VERSION: u32 = 2;
@@ -67,17 +65,19 @@ pub(crate) struct SintelStereo {
     focal_px: Option<f64>,
 }
 
-impl SourceKind for SintelStereo {
+impl DatasetKind for SintelStereo {
     type Params = SintelStereoParams;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         let depth = "True depth, metres, NaN = unknown; absent without truth or calibration.";
         let calibration = "Focal length, principal point, baseline; absent without `focal_px` or camera files.";
         let ports = [
-            Port::frame("left", ValueType::Image, "Left image, RGB, with its file's bytes."),
-            Port::frame("right", ValueType::Image, "Right image, likewise."),
+            image_port("left", "Left image, RGB, with its file's bytes."),
+            image_port("right", "Right image, likewise."),
             Port::frame("calibration", ValueType::Calibration, calibration).optional(),
-            Port::frame("depth", ValueType::Depth, depth).optional(),
+            depth_port(depth).optional(),
         ];
         SourceDeclaration {
             kind: KIND,
@@ -96,90 +96,18 @@ coordinates.",
     }
 
     fn check(params: &SintelStereoParams) -> Result<(), (&'static str, String)> {
-        if params.root.path().as_os_str().is_empty() {
-            return Err(("root", format!("root is missing: {LAYOUT}")));
-        }
-        match params.focal_px {
-            Some(focal_px) if focal_px.is_nan() || focal_px <= 0.0 => {
-                Err(("focal_px", format!("focal_px is {focal_px} px, which is not greater than 0")))
-            }
-            _ => Ok(()),
-        }
+        required("root", &params.root, LAYOUT)?;
+        above_zero("focal_px", params.focal_px, "px")
     }
 
-    fn open(params: SintelStereoParams) -> Result<Box<dyn Source>, Fault> {
-        list(&params)?.open(Self { truth: params.truth, focal_px: params.focal_px })
-    }
-
-    fn survey(params: SintelStereoParams) -> Survey {
-        survey(list(&params).map(|listing| (listing, Self { truth: params.truth, focal_px: params.focal_px })))
+    fn list(params: &SintelStereoParams) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, Self { truth: params.truth, focal_px: params.focal_px }))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
         let params = SintelStereoParams { root: DataPath(root.to_owned()), ..SintelStereoParams::default() };
-        recognised(list(&params), "MPI Sintel stereo", json!({ "root": root }))
+        recognised::<Self>(&params, "MPI Sintel stereo", root)
     }
-}
-
-fn list(params: &SintelStereoParams) -> Result<Listing, Fault> {
-    let root = params.root.path();
-    if !root.is_dir() {
-        return Err(no_folder(root, LAYOUT));
-    }
-    let training = root.join("training");
-    let pass = match params.pass {
-        SintelPass::Final => "final",
-        SintelPass::Clean => "clean",
-    };
-    let lefts = training.join(format!("{pass}_left"));
-    let sequences = if params.sequences.is_empty() { folders(&lefts, LAYOUT)? } else { params.sequences.clone() };
-    let mut frames: Vec<(String, String, PathBuf)> = Vec::new();
-    for sequence in &sequences {
-        for (stem, path) in stems(&lefts.join(sequence), &["png"], LAYOUT)? {
-            frames.push((sequence.clone(), stem, path));
-        }
-    }
-    if frames.is_empty() {
-        return Err(Fault::new(format!("{} holds no frame", lefts.display())).remedy(LAYOUT));
-    }
-    let ids: Vec<String> = frames.iter().map(|(sequence, stem, _)| format!("{sequence}_{stem}")).collect();
-    let known: Vec<(u64, &str)> = (0..).zip(&ids).map(|(index, id)| (index, id.as_str())).collect();
-    let has_cameras = training.join("camdata_left").is_dir();
-    let mut listing = Listing::default();
-    for at in params.frames.select(&known)? {
-        let ((index, id), (sequence, stem, left)) = (known[at], &frames[at]);
-        let there = |folder: &str, ending: &str, remedy: &str| {
-            let path = training.join(folder).join(sequence).join(format!("{stem}.{ending}"));
-            if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) }
-        };
-        let files = || {
-            let right = there(
-                &format!("{pass}_right"),
-                "png",
-                "each left image needs its right one: unpack the archive again",
-            )?;
-            let mut files = vec![(LEFT, left.clone()), (RIGHT, right)];
-            if params.truth != TruePixels::None {
-                let remedy = "truth is a disparity and two masks a frame; without truth, say `truth: none`";
-                for (part, folder) in [(TRUTH, "disparities"), (OCCLUDED, OCCLUDED), (OUT_OF_FRAME, OUT_OF_FRAME)] {
-                    files.push((part, there(folder, "png", remedy)?));
-                }
-            }
-            if has_cameras {
-                let remedy =
-                    "each frame needs its camera, or the whole folder away: unpack Sintel's depth archive again";
-                files.push((CALIBRATION, there("camdata_left", "cam", remedy)?));
-            }
-            Ok(files)
-        };
-        listing.push(files().map(|files| Entry { frame: Frame::at_10_hz(id, index), files }));
-    }
-    listing.warnings.extend(params.frames.left_out(&known));
-    Ok(listing)
-}
-
-impl Layout for SintelStereo {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn meaning(&self) -> String {
         format!("{:?} {:?}", self.truth, self.focal_px)
@@ -205,32 +133,65 @@ impl Layout for SintelStereo {
     }
 }
 
+fn list(params: &SintelStereoParams) -> Result<Listing, Fault> {
+    let root = params.root.path();
+    existing_folder(root, LAYOUT)?;
+    let training = root.join("training");
+    let pass = match params.pass {
+        SintelPass::Final => "final",
+        SintelPass::Clean => "clean",
+    };
+    let lefts = training.join(format!("{pass}_left"));
+    let sequences = if params.sequences.is_empty() { folders(&lefts, LAYOUT)? } else { params.sequences.clone() };
+    let mut frames: Vec<(String, String, PathBuf)> = Vec::new();
+    for sequence in &sequences {
+        let lefts = stems(&lefts.join(sequence), &["png"], LAYOUT)?;
+        frames.extend(lefts.into_iter().map(|(stem, left)| (sequence.clone(), stem, left)));
+    }
+    if frames.is_empty() {
+        return Err(Fault::new(format!("{} holds no frame", lefts.display())).remedy(LAYOUT));
+    }
+    let ids: Vec<String> = frames.iter().map(|(sequence, stem, _)| format!("{sequence}_{stem}")).collect();
+    let known: Vec<(u64, &str)> = (0..).zip(&ids).map(|(index, id)| (index, id.as_str())).collect();
+    let has_cameras = training.join("camdata_left").is_dir();
+    let mut listing = Listing::default();
+    listing.add_selected(&params.frames, &known, |at| {
+        let (sequence, stem, left) = &frames[at];
+        let file = |folder: &str, ending: &str, remedy: &str| {
+            existing_file(training.join(folder).join(sequence).join(format!("{stem}.{ending}")), remedy)
+        };
+        let remedy = "each left image needs its right one: unpack the archive again";
+        let mut files = vec![(LEFT, left.clone()), (RIGHT, file(&format!("{pass}_right"), "png", remedy)?)];
+        if params.truth != TruePixels::None {
+            let remedy = "truth is a disparity and two masks a frame; without truth, say `truth: none`";
+            for (part, folder) in [(TRUTH, "disparities"), (OCCLUDED, OCCLUDED), (OUT_OF_FRAME, OUT_OF_FRAME)] {
+                files.push((part, file(folder, "png", remedy)?));
+            }
+        }
+        if has_cameras {
+            let remedy = "each frame needs its camera, or the whole folder away: unpack Sintel's depth archive again";
+            files.push((CALIBRATION, file("camdata_left", "cam", remedy)?));
+        }
+        Ok(files)
+    })?;
+    Ok(listing)
+}
+
 impl SintelStereo {
     fn calibration(&self, files: &Files, size: (u32, u32)) -> Result<Option<Calibration>, Fault> {
-        let (width, height) = size;
-        let of = |focal_px, cx_px, cy_px| Calibration {
-            width,
-            height,
-            focal_px,
-            cx_px,
-            cy_px,
-            baseline_m: BASELINE_M,
-            doffs_px: 0.0,
-        };
-        let (found, remedy) = match (files.get(CALIBRATION), self.focal_px) {
-            (Some(file), _) => {
-                let [focal_px, cx_px, cy_px] = camera(file)?;
-                (of(focal_px, cx_px, cy_px), "take the camera file from Sintel's depth archive again")
-            }
+        let file = files.get(CALIBRATION);
+        let ([focal_px, cx_px, cy_px], remedy) = match (file, self.focal_px) {
+            (Some(file), _) => (camera(file)?, "take the camera file from Sintel's depth archive again"),
             (None, Some(focal_px)) => {
-                let (cx_px, cy_px) = possible::middle(size);
-                (of(focal_px, cx_px, cy_px), "`focal_px` is in pixels, 1120 of most sequences")
+                let (cx_px, cy_px) = middle(size);
+                ([focal_px, cx_px, cy_px], "`focal_px` is in pixels, 1120 of most sequences")
             }
             (None, None) => return Ok(None),
         };
-        possible::check(&found).map_err(|what| match files.get(CALIBRATION) {
-            Some(file) => file.fault(what).remedy(remedy),
-            None => Fault::new(what).remedy(remedy),
+        let (width, height) = size;
+        let found = Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M, doffs_px: 0.0 };
+        check_plausible(&found).map_err(|wrong| {
+            file.map_or_else(|| Fault::new(&*wrong.what), |file| file.fault(&wrong.what)).remedy(remedy)
         })?;
         Ok(Some(found))
     }
@@ -245,8 +206,8 @@ fn disparities(files: &Files, file: &File, size: (u32, u32)) -> Result<Raster<f3
             .fault("it is a grey image: Sintel's disparities are in the red, green and blue of a file")
             .remedy("take `disparities`, not `disparities_viz`, from the archive again"));
     };
-    let px = rgb.pixels().map(|of| {
-        let [red, green, blue] = of.0.map(f32::from);
+    let px = rgb.pixels().map(|pixel| {
+        let [red, green, blue] = pixel.0.map(f32::from);
         4.0 * red + green / 64.0 + blue / 16384.0
     });
     Ok(Raster::from_raw(size.0, size.1, px.collect()).expect("a number a pixel"))

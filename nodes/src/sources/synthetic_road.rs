@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use depthloom_road::{Size, Street};
 
+use crate::sources::dataset::{calibration_port, depth_port, image_port};
 use crate::sources::true_disparity;
 
 const KIND: &str = "synthetic/road";
@@ -184,6 +185,9 @@ impl SourceKind for SyntheticRoad {
     type Params = SyntheticRoadParams;
 
     fn declaration() -> SourceDeclaration {
+        let occluded = "255 where the right camera does not see the left pixel's surface.";
+        let noc = "What the scanner hit and the right camera sees, as disparity, 1/256 px, 0 = unknown; with `disparities: true`.";
+        let occ = "All that the scanner hit, likewise; with `disparities: true`.";
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
@@ -194,32 +198,16 @@ windows, plain walls, cars, poles, trees, sky; sensor noise and a difference of 
 for stereo in the ways real streets are.\n\n\
 A frame is a function of seed, size and index: equal on every machine, whatever the number of threads. Ids are `000000_10`, as KITTI's.",
             outputs: vec![
-                Port::frame("left", ValueType::Image, "Left image, RGB, 8 bit."),
-                Port::frame("right", ValueType::Image, "Right image, likewise."),
-                Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
-                Port::frame(
-                    "depth",
-                    ValueType::Depth,
+                image_port("left", "Left image, RGB, 8 bit."),
+                image_port("right", "Right image, likewise."),
+                calibration_port(),
+                depth_port(
                     "What a 64-beam scanner would measure: sparse true depth, metres, NaN = unknown; the one to score against.",
                 ),
                 Port::frame("dense", ValueType::Depth, "Exact depth of every pixel, metres; NaN in the sky."),
-                Port::frame(
-                    "occluded",
-                    ValueType::Mask,
-                    "255 where the right camera does not see the left pixel's surface.",
-                ),
-                Port::frame(
-                    "disp_noc",
-                    ValueType::TrueDisparity,
-                    "What the scanner hit and the right camera sees, as disparity, 1/256 px, 0 = unknown; with `disparities: true`.",
-                )
-                .optional(),
-                Port::frame(
-                    "disp_occ",
-                    ValueType::TrueDisparity,
-                    "All that the scanner hit, likewise; with `disparities: true`.",
-                )
-                .optional(),
+                Port::frame("occluded", ValueType::Mask, occluded),
+                Port::frame("disp_noc", ValueType::TrueDisparity, noc).optional(),
+                Port::frame("disp_occ", ValueType::TrueDisparity, occ).optional(),
                 Port::frame("obj_map", ValueType::Mask, "255 on cars; with `disparities: true`.").optional(),
             ],
         }

@@ -1,4 +1,4 @@
-//! What makes two cameras a rectified pair, and its calibration.
+//! The calibration of a rectified pair from two projections, and the numbers that a camera can have.
 
 use std::ops::RangeInclusive;
 
@@ -35,10 +35,7 @@ pub(crate) fn calibration(
             (6, "the principal point's row", CENTRE_PX),
         ];
         for (at, what, possible) in bounds {
-            if !possible.contains(&matrix[at]) {
-                let (least, most) = (possible.start(), possible.end());
-                let what =
-                    format!("{what} is {} px, and no camera's is beyond {least} to {most} px", short(matrix[at]));
+            if let Some(what) = out_of_bounds(what, matrix[at], &possible, "px") {
                 return Err(NoPair { camera, what });
             }
         }
@@ -61,14 +58,44 @@ pub(crate) fn calibration(
     if baseline_m <= 0.0 {
         return Err(of_right(format!("the right camera is {} m right of the left one", short(baseline_m))));
     }
-    if !BASELINE_M.contains(&baseline_m) {
-        let (least, most) = (BASELINE_M.start(), BASELINE_M.end());
-        let what = format!("the baseline is {} m, and no camera's is beyond {least} to {most} m", short(baseline_m));
+    if let Some(what) = out_of_bounds("the baseline", baseline_m, &BASELINE_M, "m") {
         return Err(of_right(what));
     }
     let apart = right[2] - left[2];
     let doffs_px = if apart.abs() > CENTRE_TOLERANCE_PX { apart } else { 0.0 };
     Ok(Calibration { width, height, focal_px: left[0], cx_px: left[2], cy_px: left[6], baseline_m, doffs_px })
+}
+
+fn out_of_bounds(what: &str, number: f64, possible: &RangeInclusive<f64>, unit: &str) -> Option<String> {
+    let (least, most) = (possible.start(), possible.end());
+    (!possible.contains(&number))
+        .then(|| format!("{what} is {} {unit}, and no camera's is beyond {least} to {most} {unit}", short(number)))
+}
+
+/// A number of a calibration that no camera has.
+#[derive(Debug)]
+pub(crate) struct Implausible {
+    pub is_baseline: bool,
+    pub what: String,
+}
+
+pub(crate) fn check_plausible(calibration: &Calibration) -> Result<(), Implausible> {
+    let numbers = [
+        ("the focal length", calibration.focal_px, FOCAL_PX, "px"),
+        ("the principal point's column", calibration.cx_px, CENTRE_PX, "px"),
+        ("the principal point's row", calibration.cy_px, CENTRE_PX, "px"),
+        ("the distance of the principal points", calibration.doffs_px, CENTRE_PX, "px"),
+        ("the baseline", calibration.baseline_m, BASELINE_M, "m"),
+    ];
+    let wrong = numbers.into_iter().find_map(|(what, number, possible, unit)| {
+        out_of_bounds(what, number, &possible, unit).map(|what| Implausible { is_baseline: unit == "m", what })
+    });
+    wrong.map_or(Ok(()), Err)
+}
+
+/// The principal point of an image's middle; pixel centres have whole coordinates.
+pub(crate) fn middle((width, height): (u32, u32)) -> (f64, f64) {
+    ((f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0)
 }
 
 /// `1e300` without its zeros.

@@ -31,7 +31,7 @@ pub(crate) enum Sampling {
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Asked {
+pub(crate) struct RectifyOptions {
     /// Use only the projections of the calibration.
     pub rectified: bool,
     /// Computes the rectification with [`stereo_rectify`]; a negative value keeps the focal length.
@@ -50,50 +50,48 @@ pub(crate) struct Rectifier {
 
 impl Rectifier {
     /// Errors are a lower-case fragment and its remedy.
-    pub(crate) fn new(pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Self, (String, String)> {
+    pub(crate) fn new(pair: &CameraPair, options: &RectifyOptions, size: (u32, u32)) -> Result<Self, (String, String)> {
         for (side, camera) in ["left", "right"].into_iter().zip(&pair.cameras) {
-            if let Some((width, height)) = camera.size.filter(|of| *of != size) {
+            if let Some((width, height)) = camera.size.filter(|calibrated| *calibrated != size) {
                 let what = format!(
                     "the {side} camera was calibrated for {width}x{height}, and the image is {}x{}",
                     size.0, size.1
                 );
-                return Err((
-                    what,
-                    "images must have the size they were calibrated with: no crop, no other scale".to_owned(),
-                ));
+                let remedy = "images must have the size they were calibrated with: no crop, no other scale";
+                return Err((what, remedy.to_owned()));
             }
         }
-        let found = Self::views(pair, asked, size)?;
-        let calibration = calibration(&found, pair, asked, size)?;
-        let is_as_it_is = |(camera, view): (&CalibratedCamera, &View)| {
+        let views = Self::views(pair, options, size)?;
+        let calibration = calibration(&views, pair, options, size)?;
+        let is_unchanged = |(camera, view): (&CalibratedCamera, &View)| {
             let camera = &camera.camera;
             let turned = view.rotation.as_flattened().iter().zip([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
             camera.lens.is_none()
                 && turned.map(|(is, none)| (is - none).abs()).fold(0.0, f64::max) < 1e-9
                 && (camera.focal_px, camera.centre_px) == (view.focal_px, view.centre_px)
         };
-        let maps = match asked.rectified || pair.cameras.iter().zip(&found.views).all(is_as_it_is) {
+        let maps = match options.rectified || pair.cameras.iter().zip(&views.views).all(is_unchanged) {
             true => None,
             false => {
-                let interpolation = match asked.sampling {
+                let interpolation = match options.sampling {
                     Sampling::Float => Interpolation::Float,
                     Sampling::Fixed => Interpolation::Fixed,
                 };
-                Some([0, 1].map(|at| Map::new(&pair.cameras[at].camera, &found.views[at], size, interpolation)))
+                Some([0, 1].map(|at| Map::new(&pair.cameras[at].camera, &views.views[at], size, interpolation)))
             }
         };
         Ok(Self { calibration, maps })
     }
 
-    fn views(pair: &CameraPair, asked: &Asked, size: (u32, u32)) -> Result<Rectified, (String, String)> {
+    fn views(pair: &CameraPair, options: &RectifyOptions, size: (u32, u32)) -> Result<Rectified, (String, String)> {
         let [left, right] = &pair.cameras;
-        if let ((Some(left), Some(right)), None) = ((left.rectified, right.rectified), asked.alpha) {
+        if let ((Some(left), Some(right)), None) = ((left.rectified, right.rectified), options.alpha) {
             return Ok(Rectified {
                 views: [left.0, right.0],
                 translation: (right.1 / right.0.focal_px[0]) - (left.1 / left.0.focal_px[0]),
             });
         }
-        if asked.rectified {
+        if options.rectified {
             return Err((
                 "the calibration has no projections of rectified images".to_owned(),
                 "with `rectified: true` it needs P1 and P2 (R1, R2), and no `alpha`; or give focal_px and baseline_m"
@@ -107,7 +105,7 @@ impl Rectifier {
             ));
         };
         let cameras = [&left.camera, &right.camera];
-        let alpha = asked.alpha.filter(|alpha| *alpha >= 0.0);
+        let alpha = options.alpha.filter(|alpha| *alpha >= 0.0);
         stereo_rectify(cameras, size, &rotation, translation, alpha).ok_or_else(|| {
             (
                 "the cameras' rectification cannot be computed".to_owned(),
@@ -124,7 +122,7 @@ impl Rectifier {
     pub(crate) fn pair(&self, left: Image, right: Image) -> (Image, Image) {
         match &self.maps {
             None => (left, right),
-            Some([of_left, of_right]) => (rectified(&left, of_left), rectified(&right, of_right)),
+            Some(maps) => (rectified(&left, &maps[0]), rectified(&right, &maps[1])),
         }
     }
 }
@@ -149,7 +147,7 @@ pub(crate) fn rectified(image: &Image, map: &Map) -> Image {
 fn calibration(
     found: &Rectified,
     pair: &CameraPair,
-    asked: &Asked,
+    options: &RectifyOptions,
     (width, height): (u32, u32),
 ) -> Result<Calibration, (String, String)> {
     let [left, right] = &found.views;
@@ -178,7 +176,7 @@ fn calibration(
         return wrong(what, "let stereoRectify choose the projections");
     }
     let apart = [0, 1].map(|axis| (c[axis] - right.centre_px[axis]).abs());
-    // Infinitely far is what has a disparity of minus this; of two principal points that are meant to be one, digits differ.
+    // Principal points that are meant to be equal differ in their last digits.
     let doffs_px = if apart[0] > CENTRE_TOLERANCE_PX { right.centre_px[0] - c[0] } else { 0.0 };
     if apart[0] > f64::from(width) {
         let what =
@@ -189,12 +187,12 @@ fn calibration(
         let what = format!("the rectified principal points are {} px apart along columns: rows do not meet", apart[1]);
         return wrong(what, "P1 and P2 of a rectified pair have the same: take both from one calibration");
     }
-    let baseline_m = -found.translation * asked.metres_per_unit.unwrap_or(1.0);
+    let baseline_m = -found.translation * options.metres_per_unit.unwrap_or(1.0);
     if baseline_m < 0.0 {
         let what = format!("by the calibration the right camera stands {:.4} m left of the left one", -baseline_m);
         return wrong(what, "left and right are exchanged: exchange the images, or the cameras in the calibration");
     }
-    if asked.metres_per_unit.is_none() && !pair.in_metres && baseline_m > LONGEST_UNSAID_M {
+    if options.metres_per_unit.is_none() && !pair.in_metres && baseline_m > LONGEST_UNSAID_M {
         let what = format!("the baseline would be {baseline_m:.4} m: the calibration's lengths hardly are metres");
         return wrong(
             what,
@@ -211,24 +209,24 @@ fn calibration(
 
 /// The rectifier of the latest size, because a source's images have one size.
 #[derive(Debug, Default)]
-pub(crate) struct Latest(Mutex<Option<Known>>);
+pub(crate) struct LatestRectifier(Mutex<Option<SizedRectifier>>);
 
-type Known = ((u32, u32), Arc<Rectifier>);
+type SizedRectifier = ((u32, u32), Arc<Rectifier>);
 
-impl Latest {
+impl LatestRectifier {
     /// Blocks callers while it is computed.
-    pub(crate) fn of(
+    pub(crate) fn get(
         &self,
         pair: &CameraPair,
-        asked: &Asked,
+        options: &RectifyOptions,
         size: (u32, u32),
     ) -> Result<Arc<Rectifier>, (String, String)> {
         let mut latest = locked(&self.0);
-        if let Some((_, known)) = latest.as_ref().filter(|(of, _)| *of == size) {
+        if let Some((_, known)) = latest.as_ref().filter(|(other, _)| *other == size) {
             return Ok(Arc::clone(known));
         }
-        let made = Arc::new(Rectifier::new(pair, asked, size)?);
-        *latest = Some((size, Arc::clone(&made)));
-        Ok(made)
+        let rectifier = Arc::new(Rectifier::new(pair, options, size)?);
+        *latest = Some((size, Arc::clone(&rectifier)));
+        Ok(rectifier)
     }
 }

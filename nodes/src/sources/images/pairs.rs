@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::{Fault, regular_file};
 
-use crate::sources::dataset::no_file;
+use crate::sources::dataset::folders::existing_file;
 use crate::sources::images::globs::{Match, files};
 
 const SAY: &str = "write what differs between the two as text and what is common to them as `*`, as in `*_left.png` and `*_right.png`, or give a \
@@ -26,7 +26,7 @@ pub(super) struct Pairs {
     pub faults: Vec<Fault>,
     pub warnings: Vec<String>,
     /// Files of frames without a left image: a run leaves them out.
-    pub alone: Vec<String>,
+    pub unpaired: Vec<String>,
 }
 
 pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>) -> Result<Pairs, Vec<Fault>> {
@@ -53,14 +53,14 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
     let mut pairs = Pairs::default();
     let partners = partners(&lefts, &rights, ("left", "right")).map_err(|fault| vec![fault])?;
     pairs.warnings.extend(partners.warning.clone());
-    pairs.alone.extend(left_over(&partners.without(&rights), "right image", "a left one"));
+    pairs.unpaired.extend(left_over(&partners.without(&rights), "right image", "a left one"));
     let truths = match truths {
         Some(truths) => {
             let partners = self::partners(&lefts, &truths, ("left", "truth")).map_err(|fault| vec![fault])?;
             pairs.warnings.extend(partners.warning.clone());
             let without = lefts.iter().zip(&partners.of).filter(|(_, of)| of.is_none()).map(|(left, _)| left);
             pairs.warnings.extend(left_over(&without.collect::<Vec<_>>(), "left image", "a truth"));
-            pairs.alone.extend(left_over(&partners.without(&truths), "truth", "a left image"));
+            pairs.unpaired.extend(left_over(&partners.without(&truths), "truth", "a left image"));
             partners.of.into_iter().map(|of| of.map(|at| truths[at].path.clone())).collect()
         }
         None => vec![None; lefts.len()],
@@ -73,12 +73,12 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
         });
         pairs.rows.push(Row { id: one.name(), left: one.path.clone(), right, truth: Ok(truth) });
     }
-    told_apart(&mut pairs, root);
+    make_ids_unique(&mut pairs, root);
     Ok(pairs)
 }
 
 /// Uses whole paths as ids where the open parts of the pattern are not unique.
-fn told_apart(pairs: &mut Pairs, root: &Path) {
+fn make_ids_unique(pairs: &mut Pairs, root: &Path) {
     let distinct: BTreeSet<&str> = pairs.rows.iter().map(|row| row.id.as_str()).collect();
     if distinct.len() == pairs.rows.len() {
         return;
@@ -239,14 +239,11 @@ fn row(root: &Path, places: &BTreeMap<&str, usize>, columns: usize, text: &str) 
     let field = |name: &str| places.get(name).map(|at| fields[*at].trim()).filter(|text| !text.is_empty());
     let path = |name: &str| field(name).map(|text| root.join(text)).ok_or_else(|| format!("`{name}` is empty"));
     let (left, right) = (path("left")?, path("right")?);
-    let there = |path: PathBuf| match path.is_file() {
-        true => Ok(path),
-        false => Err(no_file(&path, "paths in a list are relative to `root`")),
-    };
+    let there = |path: PathBuf| existing_file(path, "paths in a list are relative to `root`");
     let stem = || Path::new(field("left").unwrap_or_default()).with_extension("").to_string_lossy().into_owned();
     let id = field("frame").map_or_else(stem, ToOwned::to_owned);
     let truth = path("truth").ok().map(there).transpose();
-    // Of two files that are not there the first is told.
+    // Of two missing files the first is reported.
     let right = there(left.clone()).and_then(|_| there(right));
     Ok(Row { id, left, right, truth })
 }

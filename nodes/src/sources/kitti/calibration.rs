@@ -1,4 +1,4 @@
-//! KITTI's calibration: text files, and what stands in for them.
+//! KITTI's calibrations: text files, and the known calibration of each recording day.
 
 use std::path::Path;
 
@@ -6,6 +6,9 @@ use depthloom_graphs::Fault;
 use depthloom_graphs::values::Calibration;
 
 use crate::sources::calibration::rectified_pair::{self, NoPair, short};
+use crate::sources::dataset::frame_files::File;
+use crate::sources::files::named_lines::NamedLines;
+use crate::sources::kitti::cameras::KittiCameras;
 
 /// Metres, of the colour pair.
 const BASELINE_M: f64 = 0.532_725;
@@ -44,68 +47,20 @@ pub(crate) fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault
     Ok(Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: BASELINE_M, doffs_px: 0.0 })
 }
 
-pub(crate) const PROJECTIONS: &str = "a calibration file has the lines `P0:` to `P3:` (grey left, grey right, colour left, colour right), each with the 12 numbers of \
+const PROJECTIONS: &str = "a calibration file has the lines `P0:` to `P3:` (grey left, grey right, colour left, colour right), each with the 12 numbers of \
 `f 0 cx -f*x 0 f cy 0 0 0 1 0`: px, and x, the camera's place to the right, in metres";
 
-pub(crate) const COLOUR: [&str; 2] = ["P_rect_02", "P_rect_03"];
-
 pub(crate) fn from_text(path: &Path, text: &str, size: (u32, u32)) -> Result<Calibration, Fault> {
-    pair(&Lines::of(path, text, WANTED)?, COLOUR, size)
+    pair(&NamedLines::parse(path, text, ':', WANTED)?, KittiCameras::Color.rectified_projections(), size)
 }
 
-pub(crate) struct Lines<'a> {
-    path: &'a Path,
-    wanted: &'static str,
-    lines: Vec<(usize, &'a str, &'a str)>,
-}
-
-impl<'a> Lines<'a> {
-    /// `wanted` is the remedy of all faults.
-    pub(crate) fn of(path: &'a Path, text: &'a str, wanted: &'static str) -> Result<Self, Fault> {
-        let mut lines = Vec::new();
-        for (index, content) in text.lines().enumerate() {
-            let content = content.trim();
-            if content.is_empty() {
-                continue;
-            }
-            let Some((name, values)) = content.split_once(':') else {
-                let what = format!("`{}` has no `:` after a name", shortened(content));
-                return Err(Self { path, wanted, lines }.fault(Some(index + 1), what));
-            };
-            lines.push((index + 1, name.trim(), values));
-        }
-        Ok(Self { path, wanted, lines })
-    }
-
-    pub(crate) fn fault(&self, line: Option<usize>, what: impl std::fmt::Display) -> Fault {
-        let path = self.path.display();
-        let place = line.map_or_else(|| path.to_string(), |line| format!("{path}:{line}"));
-        Fault::new(format!("{place}: {what}")).remedy(self.wanted)
-    }
-
-    /// The last line of that name, with its number.
-    pub(crate) fn numbers<const N: usize>(&self, name: &str) -> Result<(usize, [f64; N]), Fault> {
-        let found = self.lines.iter().rev().find(|(_, other, _)| *other == name);
-        let (line, _, values) = found.ok_or_else(|| self.fault(None, format!("there is no line `{name}`")))?;
-        let fault = |what: String| self.fault(Some(*line), format!("{name} {what}"));
-        let mut numbers = Vec::with_capacity(N);
-        for token in values.split_whitespace() {
-            match token.parse::<f64>() {
-                Ok(number) if number.is_finite() => numbers.push(number),
-                _ => return Err(fault(format!("holds `{}`, which is no number", shortened(token)))),
-            }
-        }
-        let count = numbers.len();
-        let of = if N == 12 { "a 3x4 matrix has 12".to_owned() } else { format!("{N} are wanted") };
-        numbers
-            .try_into()
-            .map(|numbers| (*line, numbers))
-            .map_err(|_| fault(format!("holds {count} numbers where {of}")))
-    }
+/// Reads the lines `P0` to `P3` of the older benchmarks.
+pub(super) fn from_projections(file: &File, cameras: KittiCameras, size: (u32, u32)) -> Result<Calibration, Fault> {
+    pair(&NamedLines::parse(&file.path, &file.text(), ':', PROJECTIONS)?, cameras.projections(), size)
 }
 
 pub(crate) fn pair(
-    lines: &Lines<'_>,
+    lines: &NamedLines<'_>,
     [left_name, right_name]: [&str; 2],
     (width, height): (u32, u32),
 ) -> Result<Calibration, Fault> {
@@ -123,10 +78,6 @@ pub(crate) fn pair(
         return Err(lines.fault(Some(right_line), what));
     }
     Ok(pair)
-}
-
-fn shortened(text: &str) -> String {
-    if text.chars().count() <= 40 { text.to_owned() } else { text.chars().take(40).chain("...".chars()).collect() }
 }
 
 #[cfg(test)]
@@ -165,13 +116,16 @@ P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.2
 
     #[test]
     fn a_bad_line_is_named_by_its_number() {
-        assert_eq!(error(&TEXT.replace("4.485728e+01", "x")), "000150.txt:2: P_rect_02 holds `x`, which is no number");
+        assert_eq!(
+            error(&TEXT.replace("4.485728e+01", "x")),
+            "000150.txt:2: P_rect_02 holds `x`, which is not a number"
+        );
         assert_eq!(
             error(&TEXT.replace("2.729905e-03", "")),
             "000150.txt:3: P_rect_03 holds 11 numbers where a 3x4 matrix has 12"
         );
         assert_eq!(error("garbage"), "000150.txt:1: `garbage` has no `:` after a name");
-        assert_eq!(error("P_rect_02: 1 2 nan 4"), "000150.txt:1: P_rect_02 holds `nan`, which is no number");
+        assert_eq!(error("P_rect_02: 1 2 nan 4"), "000150.txt:1: P_rect_02 holds `nan`, which is not a number");
     }
 
     #[test]

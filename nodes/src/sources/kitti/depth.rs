@@ -3,22 +3,22 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
 use depthloom_graphs::values::Depth;
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_graphs::{Context, Fault, Outputs};
 use depthloom_kernels::depth::truth_from_depth_png;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::shape::filled;
-use crate::sources::dataset::{
-    CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, TRUTH, folders, no_file, no_folder, numbered, stems,
-    survey,
-};
+use crate::sources::dataset::folders::{existing_file, existing_folder, existing_with_ending, folders, stems};
+use crate::sources::dataset::frame_files::{CALIBRATION, Files, LEFT, Part, RIGHT, TRUTH};
+use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, required};
 use crate::sources::images::natural_text;
-use crate::sources::kitti::calibration::Lines;
-use crate::sources::kitti::raw::{self, IMAGES, KittiCameras, KittiRaw};
+use crate::sources::kitti::cameras::{self, KittiCameras};
+use crate::sources::kitti::drives::{self, IMAGES};
+use crate::sources::kitti::raw::KittiRaw;
 
 const KIND: &str = "kitti/depth";
 const VERSION: u32 = 2;
@@ -64,8 +64,10 @@ pub(crate) struct KittiDepthParams {
 
 pub(crate) struct KittiDepth;
 
-impl SourceKind for KittiDepth {
+impl DatasetKind for KittiDepth {
     type Params = KittiDepthParams;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         SourceDeclaration {
@@ -79,36 +81,28 @@ them, or without; images and calibration from KITTI's raw data: `<raw>/<date>/<d
 A frame's id is drive and number (`2011_09_26_drive_0001_sync_0000000005`); the frames are those that have truth (the benchmark leaves out the first and last five \
 of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
             outputs: vec![
-                Port::frame("left", ValueType::Image, "Left colour image, 8 bit, with its file's bytes."),
-                Port::frame("right", ValueType::Image, "Right colour image, likewise."),
-                Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
-                Port::frame("depth", ValueType::Depth, "True depth, metres, NaN = unknown."),
+                image_port("left", "Left colour image, 8 bit, with its file's bytes."),
+                image_port("right", "Right colour image, likewise."),
+                calibration_port(),
+                depth_port("True depth, metres, NaN = unknown."),
             ],
         }
     }
 
     fn check(params: &KittiDepthParams) -> Result<(), (&'static str, String)> {
-        for (name, path, layout) in [("root", &params.root, LAYOUT), ("raw", &params.raw, RAW)] {
-            if path.path().as_os_str().is_empty() {
-                return Err((name, format!("{name} is missing: {layout}")));
-            }
-        }
-        Ok(())
+        required("root", &params.root, LAYOUT)?;
+        required("raw", &params.raw, RAW)
     }
 
-    fn open(params: KittiDepthParams) -> Result<Box<dyn Source>, Fault> {
-        list(&params)?.open(Self)
-    }
-
-    fn survey(params: KittiDepthParams) -> Survey {
-        survey(list(&params).map(|listing| (listing, Self)))
+    fn list(params: &KittiDepthParams) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, Self))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
         let truths = [KittiDepthTruth::Groundtruth, KittiDepthTruth::VelodyneRaw];
         let there = truths.into_iter().find_map(|truth| drives(root, truth).ok().map(|drives| (truth, drives.len())));
         let Some((truth, count)) = there else { return Vec::new() };
-        // The raw data often lie within it, or beside it.
+        // The raw data is often in it, or beside it.
         let within = |folder: &Path| -> Vec<PathBuf> {
             folders(folder, LAYOUT).unwrap_or_default().into_iter().map(|name| folder.join(name)).collect()
         };
@@ -124,14 +118,25 @@ of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
         let params = json!({ "root": root, "raw": raw, "truth": truth.folder() });
         vec![Recognised::new(what, params)]
     }
+
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
+        let size = left.dimensions();
+        let lines = cameras::lines(files.required(CALIBRATION)?)?;
+        let calibration = cameras::calibration(&lines, KittiCameras::Color, size)?;
+        let mut outputs = Outputs::one("left", left).with("right", right).with("calibration", calibration);
+        if let Some(raw) = files.map_u16(TRUTH, "metres", size)? {
+            let metres = filled(size, |out| truth_from_depth_png(&raw, out));
+            outputs = outputs.with("depth", Depth { metres });
+        }
+        Ok(outputs)
+    }
 }
 
 fn drives(root: &Path, truth: KittiDepthTruth) -> Result<BTreeMap<String, PathBuf>, Fault> {
     let mut found = BTreeMap::new();
     let halves = [root.to_owned(), root.join("train"), root.join("val")];
-    if !root.is_dir() {
-        return Err(no_folder(root, LAYOUT));
-    }
+    existing_folder(root, LAYOUT)?;
     for half in halves.iter().filter(|half| half.is_dir()) {
         for name in folders(half, LAYOUT)?.into_iter().filter(|name| name.contains("_drive_")) {
             let maps = half.join(&name).join("proj_depth").join(truth.folder()).join("image_02");
@@ -150,62 +155,30 @@ fn list(params: &KittiDepthParams) -> Result<Listing, Fault> {
     let all = drives(params.root.path(), params.truth)?;
     let chosen: Vec<(&String, &PathBuf)> = match params.drives.is_empty() {
         true => all.iter().collect(),
-        false => params.drives.iter().map(|name| raw::drive_named(&all, name)).collect::<Result<_, _>>()?,
+        false => params.drives.iter().map(|name| drives::named(&all, name)).collect::<Result<_, _>>()?,
     };
-    let mut there: Vec<(&str, String, PathBuf)> = Vec::new();
+    let mut frames: Vec<(&str, String, PathBuf)> = Vec::new();
     for (drive, maps) in &chosen {
         let mut stems: Vec<(String, PathBuf)> = stems(maps, &["png"], LAYOUT)?.into_iter().collect();
         stems.sort_by(|(a, _), (b, _)| natural_text(a, b));
-        there.extend(stems.into_iter().map(|(stem, map)| (drive.as_str(), stem, map)));
+        frames.extend(stems.into_iter().map(|(stem, map)| (drive.as_str(), stem, map)));
     }
-    let numbers = if chosen.len() == 1 { numbered(there.iter().map(|(_, stem, _)| stem.as_str())) } else { None };
-    let number = |count: usize| numbers.as_ref().map_or(count as u64, |numbers| numbers[count]);
-    let ids: Vec<(u64, String)> =
-        there.iter().enumerate().map(|(count, (drive, stem, _))| (number(count), format!("{drive}_{stem}"))).collect();
+    let ids = drives::ids(frames.iter().map(|(drive, stem, _)| (*drive, &**stem)), chosen.len() == 1);
     let known: Vec<(u64, &str)> = ids.iter().map(|(index, id)| (*index, id.as_str())).collect();
     let mut listing = Listing::default();
-    for at in params.frames.select(&known)? {
-        let (drive, stem, map) = &there[at];
-        let (index, id) = known[at];
-        listing.push(entry(params.raw.path(), drive, stem, map, Frame::at_10_hz(id, index)));
-    }
-    listing.warnings.extend(params.frames.left_out(&known));
+    listing.add_selected(&params.frames, &known, |at| {
+        let (drive, stem, map) = &frames[at];
+        files(params.raw.path(), drive, stem, map)
+    })?;
     Ok(listing)
 }
 
-fn entry(raw: &Path, drive: &str, stem: &str, map: &Path, frame: Frame) -> Result<Entry, Fault> {
-    let of_date = |date: &Path| [date.join(drive), date.join("calib_cam_to_cam.txt")];
+fn files(raw: &Path, drive: &str, stem: &str, map: &Path) -> Result<Vec<(Part, PathBuf)>, Fault> {
     // The raw data, or a date's own folder.
     let is_date = raw.join("calib_cam_to_cam.txt").is_file();
     let date = if is_date { raw.to_owned() } else { raw.join(drive.get(..10).unwrap_or(drive)) };
-    let [folder, calibration] = of_date(&date);
-    let image = |camera: &str| {
-        let data = folder.join(camera).join("data");
-        let there = IMAGES.iter().map(|ending| data.join(format!("{stem}.{ending}"))).find(|path| path.is_file());
-        there.ok_or_else(|| no_file(&data.join(format!("{stem}.png")), RAW))
-    };
+    let image = |camera: &str| existing_with_ending(&date.join(drive).join(camera).join("data"), stem, &IMAGES, RAW);
     let [left, right] = KittiCameras::Color.folders();
-    if !calibration.is_file() {
-        return Err(no_file(&calibration, RAW));
-    }
-    let files = vec![(LEFT, image(left)?), (RIGHT, image(right)?), (CALIBRATION, calibration), (TRUTH, map.to_owned())];
-    Ok(Entry { frame, files })
-}
-
-impl Layout for KittiDepth {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
-
-    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair(ctx)?;
-        let size = left.dimensions();
-        let camera = files.the(CALIBRATION)?;
-        let text = camera.text();
-        let calibration = raw::calibration(&Lines::of(&camera.path, &text, raw::CAMERAS)?, KittiCameras::Color, size)?;
-        let mut outputs = Outputs::one("left", left).with("right", right).with("calibration", calibration);
-        if let Some(raw) = files.map_u16(TRUTH, "metres", size)? {
-            let metres = filled(size, |out| truth_from_depth_png(&raw, out));
-            outputs = outputs.with("depth", Depth { metres });
-        }
-        Ok(outputs)
-    }
+    let calibration = existing_file(date.join("calib_cam_to_cam.txt"), RAW)?;
+    Ok(vec![(LEFT, image(left)?), (RIGHT, image(right)?), (CALIBRATION, calibration), (TRUTH, map.to_owned())])
 }

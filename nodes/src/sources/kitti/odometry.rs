@@ -1,26 +1,24 @@
-//! `kitti/odometry`: sequences of KITTI's odometry benchmark: rectified pairs without depth truth.
+//! `kitti/odometry`: sequences of KITTI's odometry benchmark: rectified pairs without ground truth.
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, Survey};
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType, regular_file};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::{Context, Fault, Outputs};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::sources::dataset::{
-    CALIBRATION, Entry, Files, LEFT, Layout, Listing, RIGHT, folders, no_file, no_folder, stems, survey,
-};
-use crate::sources::kitti::calibration::{Lines, PROJECTIONS, pair};
-use crate::sources::kitti::raw::KittiCameras;
-use crate::sources::kitti::time;
+use crate::sources::dataset::folders::{existing_file, existing_folder, folders, missing_file, stems};
+use crate::sources::dataset::frame_files::{CALIBRATION, Files, LEFT, RIGHT};
+use crate::sources::dataset::{DatasetKind, Listing, calibration_port, image_port, required};
+use crate::sources::kitti::calibration::from_projections;
+use crate::sources::kitti::cameras::KittiCameras;
+use crate::sources::kitti::time::Clock;
 
 const KIND: &str = "kitti/odometry";
 const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds `sequences` with a folder a sequence (00), with calib.txt, times.txt, image_0 and image_1 (grey) or image_2 and image_3 (colour) \
     (KITTI odometry, data_odometry_color.zip or data_odometry_gray.zip, and data_odometry_calib.zip)";
-
-const MOST_BYTES: u64 = 16 << 20;
 
 /// Parameters of `kitti/odometry`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -47,8 +45,10 @@ pub(crate) struct KittiOdometry {
     cameras: KittiCameras,
 }
 
-impl SourceKind for KittiOdometry {
+impl DatasetKind for KittiOdometry {
     type Params = KittiOdometryParams;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         SourceDeclaration {
@@ -60,17 +60,15 @@ Layout (Geiger, Lenz, Urtasun, *Are we ready for Autonomous Driving?*, 2012): `<
 `image_3` (right; `image_1`), `calib.txt` with `P0` to `P3`, `times.txt` in seconds.\n\n\
 A frame's id is sequence and number (`00_000042`), its time that of `times.txt`, else 10 Hz.",
             outputs: vec![
-                Port::frame("left", ValueType::Image, "Left image, 8 bit, with its file's bytes."),
-                Port::frame("right", ValueType::Image, "Right image, likewise."),
-                Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
+                image_port("left", "Left image, 8 bit, with its file's bytes."),
+                image_port("right", "Right image, likewise."),
+                calibration_port(),
             ],
         }
     }
 
     fn check(params: &KittiOdometryParams) -> Result<(), (&'static str, String)> {
-        if params.root.path().as_os_str().is_empty() {
-            return Err(("root", format!("root is missing: {LAYOUT}")));
-        }
+        required("root", &params.root, LAYOUT)?;
         let is_name = params.sequence.bytes().all(|byte| byte.is_ascii_alphanumeric());
         match is_name {
             true => Ok(()),
@@ -78,12 +76,8 @@ A frame's id is sequence and number (`00_000042`), its time that of `times.txt`,
         }
     }
 
-    fn open(params: KittiOdometryParams) -> Result<Box<dyn Source>, Fault> {
-        list(&params)?.open(Self { cameras: params.cameras })
-    }
-
-    fn survey(params: KittiOdometryParams) -> Survey {
-        survey(list(&params).map(|listing| (listing, Self { cameras: params.cameras })))
+    fn list(params: &KittiOdometryParams) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, Self { cameras: params.cameras }))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
@@ -101,20 +95,28 @@ A frame's id is sequence and number (`00_000042`), its time that of `times.txt`,
             })
             .collect()
     }
+
+    fn meaning(&self) -> String {
+        format!("{:?}", self.cameras)
+    }
+
+    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+        let (left, right) = files.pair(ctx)?;
+        let calibration = from_projections(files.required(CALIBRATION)?, self.cameras, left.dimensions())?;
+        Ok(Outputs::one("left", left).with("right", right).with("calibration", calibration))
+    }
 }
 
+/// The first pair of cameras that a sequence's folder has.
 fn cameras(folder: &Path) -> Option<&'static str> {
-    let pairs = [(["image_2", "image_3"], "color"), (["image_0", "image_1"], "grey")];
-    let has_pair = |sides: [&str; 2]| sides.into_iter().all(|side| folder.join(side).is_dir());
-    let has_calibration = folder.join("calib.txt").is_file();
-    pairs.into_iter().find(|(sides, _)| has_calibration && has_pair(*sides)).map(|(_, cameras)| cameras)
+    let is_there = |cameras: &KittiCameras| image_folders(*cameras).iter().all(|side| folder.join(side).is_dir());
+    let found = [KittiCameras::Color, KittiCameras::Grey].into_iter().find(is_there)?;
+    folder.join("calib.txt").is_file().then(|| found.name())
 }
 
 fn sequence(params: &KittiOdometryParams) -> Result<(PathBuf, String), Fault> {
     let root = params.root.path();
-    if !root.is_dir() {
-        return Err(no_folder(root, LAYOUT));
-    }
+    existing_folder(root, LAYOUT)?;
     if params.sequence.is_empty() {
         let name = root.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         return match root.join("calib.txt").is_file() {
@@ -124,10 +126,8 @@ fn sequence(params: &KittiOdometryParams) -> Result<(PathBuf, String), Fault> {
         };
     }
     let folder = root.join("sequences").join(&params.sequence);
-    match folder.is_dir() {
-        true => Ok((folder, params.sequence.clone())),
-        false => Err(no_folder(&folder, LAYOUT)),
-    }
+    existing_folder(&folder, LAYOUT)?;
+    Ok((folder, params.sequence.clone()))
 }
 
 fn list(params: &KittiOdometryParams) -> Result<Listing, Fault> {
@@ -144,66 +144,25 @@ fn list(params: &KittiOdometryParams) -> Result<Listing, Fault> {
         );
     }
     let rights = stems(&folder.join(right), &["png", "jpg"], LAYOUT)?;
-    let calibration = folder.join("calib.txt");
-    if !calibration.is_file() {
-        return Err(no_file(&calibration, LAYOUT));
-    }
-    let clock = folder.join("times.txt");
-    let times = times(&clock)?;
+    let calibration = existing_file(folder.join("calib.txt"), LAYOUT)?;
+    let clock = Clock::of_seconds(folder.join("times.txt"))?;
     let ids: Vec<(u64, String)> = lefts.iter().map(|(number, stem, _)| (*number, format!("{name}_{stem}"))).collect();
     let known: Vec<(u64, &str)> = ids.iter().map(|(index, id)| (*index, id.as_str())).collect();
     let mut listing = Listing::default();
     for at in params.frames.select(&known)? {
         let (index, id) = known[at];
         let (_, stem, left) = &lefts[at];
-        let frame = time::frame(id, index, usize::try_from(index).ok(), &times, &clock)?;
+        let frame = clock.frame(id, index, usize::try_from(index).ok())?;
         let missing = || {
             let remedy = "each left image needs its right one, of the same number (KITTI: unpack the sequence again)";
-            no_file(&folder.join(right).join(format!("{stem}.png")), remedy)
+            missing_file(&folder.join(right).join(format!("{stem}.png")), remedy)
         };
-        listing.push(rights.get(stem).ok_or_else(missing).map(|right| Entry {
-            frame,
-            files: vec![(LEFT, left.clone()), (RIGHT, right.clone()), (CALIBRATION, calibration.clone())],
-        }));
+        let files = rights
+            .get(stem)
+            .ok_or_else(missing)
+            .map(|right| vec![(LEFT, left.clone()), (RIGHT, right.clone()), (CALIBRATION, calibration.clone())]);
+        listing.add(frame, files);
     }
     listing.warnings.extend(params.frames.left_out(&known));
     Ok(listing)
-}
-
-fn times(path: &Path) -> Result<Vec<u64>, Fault> {
-    if !path.is_file() {
-        return Ok(Vec::new());
-    }
-    let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
-    let bytes = regular_file::read(path, MOST_BYTES).map_err(failed)?;
-    let text = String::from_utf8_lossy(&bytes);
-    let time = |(index, line): (usize, &str)| {
-        let seconds = line.trim().parse::<f64>().ok().filter(|seconds| (0.0..1e9).contains(seconds));
-        seconds.map(|seconds| (seconds * 1e9).round() as u64).ok_or_else(|| {
-            let line: String = line.chars().take(40).collect();
-            Fault::new(format!("{}:{}: `{line}` is no time", path.display(), index + 1))
-                .remedy("a line is a number of seconds, `1.036224e-01`; without the file frames come at 10 Hz")
-        })
-    };
-    text.trim_end().lines().enumerate().map(time).collect()
-}
-
-impl Layout for KittiOdometry {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
-
-    fn meaning(&self) -> String {
-        format!("{:?}", self.cameras)
-    }
-
-    fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair(ctx)?;
-        let file = files.the(CALIBRATION)?;
-        let text = file.text();
-        let cameras = match self.cameras {
-            KittiCameras::Color => ["P2", "P3"],
-            KittiCameras::Grey => ["P0", "P1"],
-        };
-        let calibration = pair(&Lines::of(&file.path, &text, PROJECTIONS)?, cameras, left.dimensions())?;
-        Ok(Outputs::one("left", left).with("right", right).with("calibration", calibration))
-    }
 }

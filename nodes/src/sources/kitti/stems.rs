@@ -1,13 +1,13 @@
-//! The files of the data set's folders: which are images of frames, and which belong to none.
+//! The image folders of KITTI's stereo benchmarks: images of frames, and files that belong to none.
 
 use std::collections::BTreeSet;
-use std::io::ErrorKind;
 use std::path::Path;
 
 use depthloom_graphs::Fault;
 
-use crate::sources::dataset::no_folder;
+use crate::sources::dataset::folders::entries;
 
+/// How many unread files a warning names.
 const NAMED: usize = 3;
 
 pub(crate) struct Stems {
@@ -20,21 +20,15 @@ pub(crate) struct Stems {
 
 impl Stems {
     pub(crate) fn of(split: &Path, folder: &'static str, layout: &str) -> Result<Self, Fault> {
-        let path = split.join(folder);
-        let failed = |error| Fault::new(format!("failed to list {}", path.display())).because(error);
-        let listing = std::fs::read_dir(&path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => no_folder(&path, layout),
-            _ => failed(error),
-        })?;
         let (mut stems, mut others) = (BTreeSet::new(), Vec::new());
-        for entry in listing {
-            let name = entry.map_err(failed)?.file_name().to_string_lossy().into_owned();
+        for path in entries(&split.join(folder), layout)? {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let stem = name.strip_suffix(".png").unwrap_or_default();
             match stem.split_once('_').filter(|(number, step)| is_number(number, 6) && is_number(step, 2)) {
                 Some((_, "10")) => {
                     stems.insert(stem.to_owned());
                 }
-                // Another time step; or what a desktop left.
+                // Another time step, or a desktop's own files.
                 Some(_) => {}
                 None if name.starts_with('.') || matches!(name.as_str(), "Thumbs.db" | "desktop.ini") => {}
                 None => others.push(format!("{folder}/{name}")),
@@ -42,6 +36,16 @@ impl Stems {
         }
         others.sort_unstable();
         Ok(Self { folder, stems, others })
+    }
+
+    /// Number and stem of each frame.
+    pub(crate) fn known(&self, split: &Path, layout: &str) -> Result<Vec<(u64, &str)>, Fault> {
+        if self.stems.is_empty() {
+            let what = format!("{} holds no image named like 000000_10.png", split.join(self.folder).display());
+            return Err(Fault::new(what).remedy(layout));
+        }
+        let number = |stem: &str| stem[..6].parse().expect("a stem has six digits");
+        Ok(self.stems.iter().map(|stem| (number(stem), stem.as_str())).collect())
     }
 
     pub(crate) fn without(&self, lefts: &Self) -> Vec<String> {
@@ -68,8 +72,4 @@ pub(crate) fn unread_files(files: &[String]) -> Option<String> {
     Some(format!(
         "{are} not read: {named}{more} (a frame is image_2/000150_10.png, six digits and `_10`, with files of that name in the other folders)"
     ))
-}
-
-pub(crate) fn number(stem: &str) -> u64 {
-    stem[..6].parse().expect("stems() takes six digits only")
 }

@@ -2,21 +2,19 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
-use depthloom_graphs::values::TrueDisparity;
-use depthloom_graphs::{Context, Fault, Outputs, Port, Source, SourceKind, ValueType};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::{Context, Fault, Outputs};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::sources::dataset::{
-    CALIBRATION, Files, Gathered, LEFT, Layout, Listing, Part, RIGHT, no_file, no_folder, stems, survey,
-};
-use crate::sources::evaluation::Evaluation;
-use crate::sources::kitti::calibration::{Lines, PROJECTIONS, pair};
-use crate::sources::kitti::raw::KittiCameras;
-use crate::sources::kitti::stereo_2015::{KittiTruth, Split, halves};
-use crate::sources::true_disparity;
+use crate::sources::dataset::folders::{existing_file, existing_folder};
+use crate::sources::dataset::frame_files::{CALIBRATION, Files, LEFT, Part, RIGHT};
+use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, required};
+use crate::sources::kitti::calibration::from_projections;
+use crate::sources::kitti::cameras::KittiCameras;
+use crate::sources::kitti::stems::Stems;
+use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, ports};
 
 const KIND: &str = "kitti/stereo2012";
 const VERSION: u32 = 2;
@@ -47,12 +45,20 @@ pub(crate) struct KittiStereo2012Params {
 
 pub(crate) struct KittiStereo2012 {
     cameras: KittiCameras,
-    truth: Option<Part>,
-    disparities: bool,
+    truth: GroundTruth,
 }
 
-impl SourceKind for KittiStereo2012 {
+const fn image_folders(cameras: KittiCameras) -> [&'static str; 2] {
+    match cameras {
+        KittiCameras::Color => ["colored_0", "colored_1"],
+        KittiCameras::Grey => ["image_0", "image_1"],
+    }
+}
+
+impl DatasetKind for KittiStereo2012 {
     type Params = KittiStereo2012Params;
+
+    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
         SourceDeclaration {
@@ -65,151 +71,64 @@ Layout (Geiger, Lenz, Urtasun, *Are we ready for Autonomous Driving?*, 2012): `<
 second time step, `_11`, is not read.\n\n\
 A frame's id is its file's stem (`000150_10`), its index the number (150). Truth is depth: `f * B / (v / 256)` of the 16-bit disparity `v`, NaN where `v` is 0; \
 with `disparities: true` the disparities are given too. The truth is that of the grey cameras' left one; KITTI takes it for the colour camera's, too.",
-            outputs: vec![
-                Port::frame("left", ValueType::Image, "Left image, 8 bit, with its file's bytes."),
-                Port::frame("right", ValueType::Image, "Right image, likewise."),
-                Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline."),
-                Port::frame(
-                    "depth",
-                    ValueType::Depth,
-                    "Sparse true depth, metres, NaN = unknown; absent in `testing`.",
-                )
-                .optional(),
-            ]
-            .into_iter()
-            .chain(Evaluation::asked())
-            .collect(),
+            outputs: ports("Left image, 8 bit, with its file's bytes.", "Right image, likewise."),
         }
     }
 
     fn check(params: &KittiStereo2012Params) -> Result<(), (&'static str, String)> {
-        match params.root.path().as_os_str().is_empty() {
-            true => Err(("root", format!("root is missing: {LAYOUT}"))),
-            false => Ok(()),
-        }
+        required("root", &params.root, LAYOUT)
     }
 
-    fn open(params: KittiStereo2012Params) -> Result<Box<dyn Source>, Fault> {
-        let (listing, layout) = Self::listed(&params)?;
-        listing.open(layout)
-    }
-
-    fn survey(params: KittiStereo2012Params) -> Survey {
-        survey(Self::listed(&params))
+    fn list(params: &KittiStereo2012Params) -> Result<(Listing, Self), Fault> {
+        let parts = [NOC, OCC];
+        let depth = params.truth.part(params.split, parts);
+        let disparities = params.disparities && params.split == Split::Training;
+        let kind = Self { cameras: params.cameras, truth: GroundTruth { parts, depth, disparities } };
+        existing_folder(params.root.path(), LAYOUT)?;
+        let folder = params.root.path().join(params.split.folder());
+        existing_folder(&folder, LAYOUT)?;
+        let [left, right] = image_folders(params.cameras);
+        let lefts = Stems::of(&folder, left, LAYOUT)?;
+        let known = lefts.known(&folder, LAYOUT)?;
+        // The selected ground truth must exist; of disparities for `score/disparity` those that exist are given.
+        let is_given = |part: &Part| depth == Some(*part) || (disparities && folder.join(part).is_dir());
+        let maps: Vec<Part> = parts.into_iter().filter(is_given).collect();
+        let mut listing = Listing::default();
+        listing.add_selected(&params.frames, &known, |at| files(&folder, [left, right], &maps, known[at]))?;
+        Ok((listing, kind))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
         halves(root, "KITTI stereo 2012", [NOC, OCC], |half| {
-            let pairs = [("colored_0", "colored_1", "color"), ("image_0", "image_1", "grey")].into_iter();
-            let mut found = pairs.filter(|(left, right, _)| half.join(left).is_dir() && half.join(right).is_dir());
-            found.next().map(|(.., cameras)| json!({ "cameras": cameras }))
+            let is_there = |cameras: &KittiCameras| image_folders(*cameras).iter().all(|side| half.join(side).is_dir());
+            let found = [KittiCameras::Color, KittiCameras::Grey].into_iter().find(is_there)?;
+            Some(json!({ "cameras": found.name() }))
         })
     }
-}
-
-impl KittiStereo2012 {
-    fn listed(params: &KittiStereo2012Params) -> Result<(Listing, Self), Fault> {
-        let truth = match (params.split, params.truth) {
-            (Split::Testing, _) | (_, KittiTruth::None) => None,
-            (Split::Training, KittiTruth::Noc) => Some(NOC),
-            (Split::Training, KittiTruth::Occ) => Some(OCC),
-        };
-        let disparities = params.disparities && params.split == Split::Training;
-        let layout = Self { cameras: params.cameras, truth, disparities };
-        Ok((layout.list(params)?, layout))
-    }
-
-    fn list(&self, params: &KittiStereo2012Params) -> Result<Listing, Fault> {
-        let root = params.root.path();
-        if !root.is_dir() {
-            return Err(no_folder(root, LAYOUT));
-        }
-        let folder = root.join(params.split.folder());
-        if !folder.is_dir() {
-            return Err(no_folder(&folder, LAYOUT));
-        }
-        let [left, right] = match params.cameras {
-            KittiCameras::Color => ["colored_0", "colored_1"],
-            KittiCameras::Grey => ["image_0", "image_1"],
-        };
-        let is_first = |stem: &String| stem.ends_with("_10") && stem.len() == 9;
-        let lefts: Vec<String> = stems(&folder.join(left), &["png"], LAYOUT)?.into_keys().filter(is_first).collect();
-        let numbers: Vec<(u64, &str)> =
-            lefts.iter().filter_map(|stem| Some((stem[..6].parse().ok()?, stem.as_str()))).collect();
-        if numbers.is_empty() {
-            let empty = folder.join(left);
-            return Err(
-                Fault::new(format!("{} holds no image named like 000000_10.png", empty.display())).remedy(LAYOUT)
-            );
-        }
-        // Truth that is asked for must be there; of disparities for scores, what is there is given.
-        let maps = [NOC, OCC]
-            .into_iter()
-            .filter(|part| self.truth == Some(*part) || (self.disparities && folder.join(part).is_dir()));
-        let maps: Vec<Part> = maps.collect();
-        let mut listing = Listing::default();
-        for at in params.frames.select(&numbers)? {
-            let (number, stem) = numbers[at];
-            listing.gather(Frame::at_10_hz(stem, number), gathered(&folder, [left, right], &maps, number, stem));
-        }
-        listing.warnings.extend(params.frames.left_out(&numbers));
-        Ok(listing)
-    }
-}
-
-fn gathered(folder: &Path, [left, right]: [&str; 2], maps: &[Part], number: u64, stem: &str) -> Gathered {
-    let file = |of: &str, name: String, remedy: &str| {
-        let path = folder.join(of).join(name);
-        if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) }
-    };
-    let image = |of: &str| {
-        file(of, format!("{stem}.png"), "each left image needs its right one, and its truth unless `truth: none`")
-    };
-    let calibration = file(
-        "calib",
-        format!("{number:06}.txt"),
-        "each frame needs its calibration, 000150.txt for 000150_10.png (KITTI: data_stereo_flow_calib.zip)",
-    );
-    let mut files = Gathered::default();
-    files.take(LEFT, image(left));
-    files.take(RIGHT, image(right));
-    files.take(CALIBRATION, calibration);
-    for map in maps {
-        files.take(map, image(map));
-    }
-    files
-}
-
-impl Layout for KittiStereo2012 {
-    const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn meaning(&self) -> String {
-        format!("{:?} {:?} {}", self.cameras, self.truth, self.disparities)
+        format!("{:?} {:?} {}", self.cameras, self.truth.depth, self.truth.disparities)
     }
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (left, right) = files.pair(ctx)?;
-        let size = left.dimensions();
-        let file = files.the(CALIBRATION)?;
-        let text = file.text();
-        let cameras = match self.cameras {
-            KittiCameras::Color => ["P2", "P3"],
-            KittiCameras::Grey => ["P0", "P1"],
-        };
-        let calibration = pair(&Lines::of(&file.path, &text, PROJECTIONS)?, cameras, size)?;
-        let map =
-            |part| Ok::<_, Fault>(files.map_u16(part, "disparity", size)?.as_ref().map(TrueDisparity::from_px_256));
-        let maps = Evaluation { noc: map(NOC)?, occ: map(OCC)?, objects: None };
-        let truth = match self.truth {
-            Some(NOC) => maps.noc.as_ref(),
-            Some(_) => maps.occ.as_ref(),
-            None => None,
-        };
-        let mut outputs = Outputs::one("left", left).with("right", right);
-        if let Some(truth) = truth {
-            outputs = outputs.with("depth", true_disparity::depth(truth, &calibration));
-        }
-        outputs = outputs.with("calibration", calibration);
-        Ok(if self.disparities { maps.outputs(outputs) } else { outputs })
+        let pair = files.pair(ctx)?;
+        let calibration = from_projections(files.required(CALIBRATION)?, self.cameras, pair.0.dimensions())?;
+        self.truth.outputs(files, pair, calibration, None)
     }
+}
+
+fn files(folder: &Path, [left, right]: [&str; 2], maps: &[Part], (number, stem): (u64, &str)) -> FrameFiles {
+    let image = |part: &str| {
+        let remedy = "each left image needs its right one, and its truth unless `truth: none`";
+        existing_file(folder.join(part).join(format!("{stem}.png")), remedy)
+    };
+    let mut files = FrameFiles::default();
+    files.add(LEFT, image(left));
+    files.add(RIGHT, image(right));
+    let remedy = "each frame needs its calibration, 000150.txt for 000150_10.png (KITTI: data_stereo_flow_calib.zip)";
+    files.add(CALIBRATION, existing_file(folder.join("calib").join(format!("{number:06}.txt")), remedy));
+    for map in maps {
+        files.add(map, image(map));
+    }
+    files
 }

@@ -1,38 +1,64 @@
-//! KITTI's timestamps: `2011-09-26 13:02:44.317412775`, a line a frame.
+//! KITTI's files of times: one line per frame.
 
-use std::path::Path;
+use std::path::PathBuf;
 
 use depthloom_graphs::contracts::Frame;
 use depthloom_graphs::{Fault, regular_file};
 
+use crate::sources::files::shortened;
+
 /// Bytes: a day at 30 Hz.
 const MOST_BYTES: u64 = 128 << 20;
 
-/// Nanoseconds since 1970 by frame number; may be more than there are frames.
-pub(super) fn read(path: &Path) -> Result<Vec<u64>, Fault> {
-    let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
-    let bytes = regular_file::read(path, MOST_BYTES).map_err(failed)?;
-    let text = String::from_utf8_lossy(&bytes);
-    let time = |(index, line): (usize, &str)| {
-        time_ns(line).ok_or_else(|| {
-            let line: String = line.chars().take(40).collect();
-            Fault::new(format!("{}:{}: `{line}` is no time", path.display(), index + 1))
-                .remedy("a line is `2011-09-26 13:02:44.317412775`; without the file frames come at 10 Hz")
-        })
-    };
-    text.trim_end().lines().enumerate().map(time).collect()
+pub(super) struct Clock {
+    path: PathBuf,
+    /// By frame number; there may be more than frames. Empty without a file.
+    times_ns: Vec<u64>,
 }
 
-/// 10 Hz without any times. A missing time is an error, because two clocks would mix.
-pub(super) fn frame(id: &str, index: u64, line: Option<usize>, times: &[u64], clock: &Path) -> Result<Frame, Fault> {
-    if times.is_empty() {
-        return Ok(Frame::at_10_hz(id, index));
+impl Clock {
+    /// Lines like `2011-09-26 13:02:44.317412775`.
+    pub(super) fn of_dates(path: PathBuf) -> Result<Self, Fault> {
+        Self::read(path, time_ns, "2011-09-26 13:02:44.317412775")
     }
-    let time_ns = line.and_then(|line| times.get(line)).copied().ok_or_else(|| {
-        Fault::new(format!("{} has {} times, and none of frame {id}", clock.display(), times.len()))
-            .remedy("copy or unpack it again; without the file frames come at 10 Hz")
-    })?;
-    Ok(Frame { id: id.into(), index, time_ns })
+
+    /// Lines of seconds.
+    pub(super) fn of_seconds(path: PathBuf) -> Result<Self, Fault> {
+        let parse = |line: &str| {
+            let seconds = line.trim().parse::<f64>().ok().filter(|seconds| (0.0..1e9).contains(seconds));
+            seconds.map(|seconds| (seconds * 1e9).round() as u64)
+        };
+        Self::read(path, parse, "1.036224e-01")
+    }
+
+    fn read(path: PathBuf, parse: impl Fn(&str) -> Option<u64>, example: &str) -> Result<Self, Fault> {
+        if !path.is_file() {
+            return Ok(Self { path, times_ns: Vec::new() });
+        }
+        let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
+        let bytes = regular_file::read(&path, MOST_BYTES).map_err(failed)?;
+        let time = |(line, text): (usize, &str)| {
+            parse(text).ok_or_else(|| {
+                Fault::new(format!("{}:{line}: `{}` is not a time", path.display(), shortened(text)))
+                    .remedy(format!("a line is `{example}`; without the file frames come at 10 Hz"))
+            })
+        };
+        let times_ns =
+            (1..).zip(String::from_utf8_lossy(&bytes).trim_end().lines()).map(time).collect::<Result<_, _>>()?;
+        Ok(Self { path, times_ns })
+    }
+
+    /// 10 Hz without any times. A missing time is an error, because two clocks would mix.
+    pub(super) fn frame(&self, id: &str, index: u64, line: Option<usize>) -> Result<Frame, Fault> {
+        if self.times_ns.is_empty() {
+            return Ok(Frame::at_10_hz(id, index));
+        }
+        let time_ns = line.and_then(|line| self.times_ns.get(line)).copied().ok_or_else(|| {
+            let what = format!("{} has {} times, and none of frame {id}", self.path.display(), self.times_ns.len());
+            Fault::new(what).remedy("copy or unpack it again; without the file frames come at 10 Hz")
+        })?;
+        Ok(Frame { id: id.into(), index, time_ns })
+    }
 }
 
 fn time_ns(line: &str) -> Option<u64> {

@@ -1,4 +1,4 @@
-//! A scene as Middlebury keeps it from 2014 on, and ETH3D after it: a calibration text, disparities as PFM, a mask of what both cameras see.
+//! Scenes of Middlebury from 2014 on, and of ETH3D: a calibration text, disparities as PFM, a mask of what both cameras see.
 
 use std::path::{Path, PathBuf};
 
@@ -8,9 +8,11 @@ use image::Luma;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::sources::calibration::possible;
-use crate::sources::dataset::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH, no_file};
-use crate::sources::evaluation::Evaluation;
+use crate::sources::calibration::rectified_pair::check_plausible;
+use crate::sources::dataset::folders::{existing_file, missing_file, with_ending};
+use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH};
+use crate::sources::evaluation::{Evaluation, with_optional};
+use crate::sources::files::named_lines::NamedLines;
 use crate::sources::true_disparity;
 
 pub(crate) const MASK: Part = "mask0nocc";
@@ -33,33 +35,37 @@ pub(crate) enum TruePixels {
     None,
 }
 
-pub(crate) fn with_ending(folder: &Path, stem: &str, endings: &[&str]) -> Option<PathBuf> {
-    endings.iter().map(|ending| folder.join(format!("{stem}.{ending}"))).find(|path| path.is_file())
+/// Checks that an optional parameter is greater than 0.
+pub(crate) fn above_zero(name: &'static str, value: Option<f64>, unit: &str) -> Result<(), (&'static str, String)> {
+    match value {
+        Some(value) if value.is_nan() || value <= 0.0 => {
+            Err((name, format!("{name} is {value} {unit}, which is not greater than 0")))
+        }
+        _ => Ok(()),
+    }
 }
 
 pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<Vec<(Part, PathBuf)>, Fault> {
-    let there = |path: PathBuf, remedy: &str| if path.is_file() { Ok(path) } else { Err(no_file(&path, remedy)) };
     let pair = "a scene has both images, im0.png (left) and im1.png (right): unpack its archive again";
+    let calibration = "each scene has its calibration: unpack its archive again";
     let mut files = vec![
-        (LEFT, there(images.join("im0.png"), pair)?),
-        (RIGHT, there(images.join("im1.png"), pair)?),
-        (CALIBRATION, there(images.join("calib.txt"), "each scene has its calibration: unpack its archive again")?),
+        (LEFT, existing_file(images.join("im0.png"), pair)?),
+        (RIGHT, existing_file(images.join("im1.png"), pair)?),
+        (CALIBRATION, existing_file(images.join("calib.txt"), calibration)?),
     ];
     if truth == TruePixels::None {
         return Ok(files);
     }
     let named = ["disp0GT", "disp0"].iter().find_map(|stem| with_ending(truths, stem, &["pfm"]));
     let missing = || {
-        no_file(
-            &truths.join("disp0.pfm"),
-            "a scene's truth is disp0.pfm or disp0GT.pfm; without truth, say `truth: none`",
-        )
+        let remedy = "a scene's truth is disp0.pfm or disp0GT.pfm; without truth, say `truth: none`";
+        missing_file(&truths.join("disp0.pfm"), remedy)
     };
     files.push((TRUTH, named.ok_or_else(missing)?));
     let mask = truths.join("mask0nocc.png");
     if truth == TruePixels::Noc || mask.is_file() {
         let remedy = "what both cameras see is told by a mask, which Middlebury's training set of 2014 (MiddEval3) and ETH3D have; without it `truth: all`";
-        files.push((MASK, there(mask, remedy)?));
+        files.push((MASK, existing_file(mask, remedy)?));
     }
     Ok(files)
 }
@@ -67,19 +73,15 @@ pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<V
 pub(crate) fn values(files: &Files, truth: TruePixels, ctx: &Context<'_>) -> Result<Outputs, Fault> {
     let (left, right) = files.pair(ctx)?;
     let size = left.dimensions();
-    let calibration = calibration(files.the(CALIBRATION)?, size)?;
+    let calibration = calibration(files.required(CALIBRATION)?, size)?;
     let outputs = Outputs::one("left", left).with("right", right);
     let Some(px) = files.map_f32(TRUTH, size)? else { return Ok(outputs.with("calibration", calibration)) };
     let occ = TrueDisparity { px };
     let seen = "a mask has 8 bits, one channel: 255 where both cameras see a pixel, 128 where one does, 0 where its truth is unknown";
     let noc = files.map_u8(MASK, seen, size)?.map(|mask| {
         let mut px = occ.px.clone();
-        let both = |(px, mask): (&mut f32, &u8)| {
-            if *mask != SEEN_BY_BOTH {
-                *px = f32::NAN;
-            }
-        };
-        px.iter_mut().zip(mask.iter()).for_each(both);
+        let hidden = px.iter_mut().zip(mask.iter()).filter(|(_, mask)| **mask != SEEN_BY_BOTH);
+        hidden.for_each(|(px, _)| *px = f32::NAN);
         TrueDisparity { px }
     });
     Ok(with_truth(outputs, truth, Evaluation { noc, occ: Some(occ), objects: None }, Some(calibration)))
@@ -96,15 +98,10 @@ pub(crate) fn with_truth(
         TruePixels::Noc => maps.noc.as_ref(),
         TruePixels::None => None,
     };
-    let depth = of_depth.zip(calibration.as_ref()).map(|(truth, of)| true_disparity::depth(truth, of));
-    let mut outputs = maps.outputs(outputs);
-    if let Some(depth) = depth {
-        outputs = outputs.with("depth", depth);
-    }
-    match calibration {
-        Some(calibration) => outputs.with("calibration", calibration),
-        None => outputs,
-    }
+    let depth =
+        of_depth.zip(calibration.as_ref()).map(|(truth, calibration)| true_disparity::depth(truth, calibration));
+    let outputs = with_optional(maps.outputs(outputs), "depth", depth);
+    with_optional(outputs, "calibration", calibration)
 }
 
 pub(crate) fn without(px: &Raster<f32>, set: &Raster<u8>) -> Raster<f32> {
@@ -112,21 +109,16 @@ pub(crate) fn without(px: &Raster<f32>, set: &Raster<u8>) -> Raster<f32> {
     Raster::from_fn(width, height, |x, y| Luma([if set[(x, y)].0[0] > 0 { f32::NAN } else { px[(x, y)].0[0] }]))
 }
 
-fn calibration(file: &File, size: (u32, u32)) -> Result<Calibration, Fault> {
-    let text = file.text();
-    let of = Text { file, text: &text };
-    let ((left_line, left), (right_line, right)) = (of.camera("cam0")?, of.camera("cam1")?);
-    let ((doffs_line, doffs_px), (baseline_line, baseline_mm)) = (of.number("doffs")?, of.number("baseline")?);
-    for (name, pixels) in [("width", size.0), ("height", size.1)] {
-        if of.line(name).is_none() {
-            continue;
-        }
-        let (line, number) = of.number(name)?;
+fn calibration(file: &File, (width, height): (u32, u32)) -> Result<Calibration, Fault> {
+    let lines = NamedLines::parse(&file.path, &file.text(), '=', WANTED)?;
+    let ((left_line, left), (right_line, right)) = (camera(&lines, "cam0")?, camera(&lines, "cam1")?);
+    let ((doffs_line, doffs_px), (baseline_line, baseline_mm)) = (lines.number("doffs")?, lines.number("baseline")?);
+    for (name, pixels) in [("width", width), ("height", height)].into_iter().filter(|(name, _)| lines.has(name)) {
+        let (line, number) = lines.number(name)?;
         if number != f64::from(pixels) {
             let what = format!("{name} is {number} px, and the left image's {pixels} px");
-            return Err(of
-                .fault(Some(line), what)
-                .remedy("take images and calibration of one archive, at one resolution"));
+            let remedy = "take images and calibration of one archive, at one resolution";
+            return Err(lines.fault(Some(line), what).remedy(remedy));
         }
     }
     let [focal_px, cx_px, cy_px] = left;
@@ -135,73 +127,29 @@ fn calibration(file: &File, size: (u32, u32)) -> Result<Calibration, Fault> {
             "cam1 has a focal length of {} px and cam0 one of {focal_px} px: rectified cameras have the same",
             right[0]
         );
-        return Err(of.fault(Some(right_line), what));
+        return Err(lines.fault(Some(right_line), what));
     }
+    let apart_px = right[1] - cx_px;
     // Numbers of three decimals.
-    if (right[1] - cx_px - doffs_px).abs() > 0.01 {
-        let what = format!(
-            "doffs is {doffs_px} px, and the principal points of cam0 and cam1 are {} px apart",
-            right[1] - cx_px
-        );
-        return Err(of.fault(Some(doffs_line), what));
+    if (apart_px - doffs_px).abs() > 0.01 {
+        let what = format!("doffs is {doffs_px} px, and the principal points of cam0 and cam1 are {apart_px} px apart");
+        return Err(lines.fault(Some(doffs_line), what));
     }
-    let (width, height) = size;
     let found = Calibration { width, height, focal_px, cx_px, cy_px, baseline_m: baseline_mm / 1000.0, doffs_px };
-    let of_baseline = |what: &str| what.starts_with("the baseline");
-    possible::check(&found)
-        .map_err(|what| of.fault(Some(if of_baseline(&what) { baseline_line } else { left_line }), what))?;
+    check_plausible(&found)
+        .map_err(|wrong| lines.fault(Some(if wrong.is_baseline { baseline_line } else { left_line }), wrong.what))?;
     Ok(found)
 }
 
-struct Text<'a> {
-    file: &'a File,
-    text: &'a str,
-}
-
-impl Text<'_> {
-    fn fault(&self, line: Option<usize>, what: impl std::fmt::Display) -> Fault {
-        let path = self.file.path.display();
-        let place = line.map_or_else(|| path.to_string(), |line| format!("{path}:{line}"));
-        Fault::new(format!("{place}: {what}")).remedy(WANTED)
-    }
-
-    fn line(&self, name: &str) -> Option<(usize, &str)> {
-        let mut lines = (1..).zip(self.text.lines());
-        lines.find_map(|(number, line)| {
-            let (other, value) = line.split_once('=')?;
-            (other.trim() == name).then_some((number, value.trim()))
-        })
-    }
-
-    fn value(&self, name: &str) -> Result<(usize, &str), Fault> {
-        self.line(name).ok_or_else(|| self.fault(None, format!("there is no line `{name}=`")))
-    }
-
-    fn number(&self, name: &str) -> Result<(usize, f64), Fault> {
-        let (line, value) = self.value(name)?;
-        Ok((line, self.parsed(line, name, value)?))
-    }
-
-    fn parsed(&self, line: usize, name: &str, value: &str) -> Result<f64, Fault> {
-        let number = value.parse::<f64>().ok().filter(|number| number.is_finite());
-        number.ok_or_else(|| {
-            let value: String = value.chars().take(40).collect();
-            self.fault(Some(line), format!("{name} holds `{value}`, which is no number"))
-        })
-    }
-
-    /// `[f 0 cx; 0 f cy; 0 0 1]`
-    fn camera(&self, name: &str) -> Result<(usize, [f64; 3]), Fault> {
-        let (line, value) = self.value(name)?;
-        let matrix = value.strip_prefix('[').and_then(|value| value.strip_suffix(']'));
-        let matrix = matrix.ok_or_else(|| self.fault(Some(line), format!("{name} is no matrix in brackets")))?;
-        let mut numbers = Vec::with_capacity(9);
-        for token in matrix.split([' ', ';', ',', '\t']).filter(|token| !token.is_empty()).take(10) {
-            numbers.push(self.parsed(line, name, token)?);
-        }
-        match numbers[..] {
-            [focal_px, _, cx_px, _, _, cy_px, _, _, _] => Ok((line, [focal_px, cx_px, cy_px])),
-            _ => Err(self.fault(Some(line), format!("{name} does not hold the 9 numbers of a 3x3 matrix"))),
-        }
+/// Line, focal length and principal point of a matrix `[f 0 cx; 0 f cy; 0 0 1]`.
+fn camera(lines: &NamedLines<'_>, name: &str) -> Result<(usize, [f64; 3]), Fault> {
+    let (line, value) = lines.value(name)?;
+    let matrix = value.strip_prefix('[').and_then(|value| value.strip_suffix(']'));
+    let matrix = matrix.ok_or_else(|| lines.fault(Some(line), format!("{name} is not a matrix in brackets")))?;
+    let tokens = matrix.split([' ', ';', ',', '\t']).filter(|token| !token.is_empty()).take(10);
+    let numbers: Vec<f64> = tokens.map(|token| lines.parse_number(line, name, token)).collect::<Result<_, Fault>>()?;
+    match numbers[..] {
+        [focal_px, _, cx_px, _, _, cy_px, _, _, _] => Ok((line, [focal_px, cx_px, cy_px])),
+        _ => Err(lines.fault(Some(line), format!("{name} does not hold the 9 numbers of a 3x3 matrix"))),
     }
 }

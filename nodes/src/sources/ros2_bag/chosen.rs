@@ -3,7 +3,7 @@
 use depthloom_bags::{Bag, Form, Sort, Topic, topics};
 use depthloom_graphs::Fault;
 
-use crate::sources::dataset::at_file;
+use crate::sources::dataset::folders::at_file;
 use crate::sources::ros2_bag::frame::Part;
 use crate::sources::ros2_bag::params::Ros2BagParams;
 

@@ -1,4 +1,4 @@
-//! What was read for a frame's key, kept for whoever reads the frame next.
+//! Input that was read for a frame's key, kept until the frame is read.
 
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_threads::locked;
@@ -6,31 +6,30 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 
 /// More than there are workers between key and read; at most 50 MB of KITTI's files if only keys are requested.
-const MOST: usize = 24;
+const CAPACITY: usize = 24;
 
-/// Input read for a frame's key, kept until the frame is read.
-pub(super) struct Asked<T>(Mutex<VecDeque<(FrameIndex, T)>>);
+pub(super) struct ReadAhead<T>(Mutex<VecDeque<(FrameIndex, T)>>);
 
-impl<T> Default for Asked<T> {
+impl<T> Default for ReadAhead<T> {
     fn default() -> Self {
         Self(Mutex::default())
     }
 }
 
-impl<T> Asked<T> {
-    pub(super) fn keep(&self, position: FrameIndex, read: T) {
+impl<T> ReadAhead<T> {
+    pub(super) fn keep(&self, position: FrameIndex, input: T) {
         let mut kept = locked(&self.0);
         kept.retain(|(other, _)| *other != position);
-        if kept.len() == MOST {
+        if kept.len() == CAPACITY {
             kept.pop_front();
         }
-        kept.push_back((position, read));
+        kept.push_back((position, input));
     }
 
     pub(super) fn take(&self, position: FrameIndex) -> Option<T> {
         let mut kept = locked(&self.0);
         let at = kept.iter().position(|(other, _)| *other == position)?;
-        kept.remove(at).map(|(_, read)| read)
+        kept.remove(at).map(|(_, input)| input)
     }
 }
 
@@ -38,15 +37,15 @@ impl<T> Asked<T> {
 mod tests {
     use depthloom_graphs::plan::FrameIndex;
 
-    use super::{Asked, MOST};
+    use super::{CAPACITY, ReadAhead};
 
     #[test]
     fn the_latest_are_kept_each_until_it_is_taken() {
-        let asked = Asked::default();
-        FrameIndex::all(MOST + 1).for_each(|position| asked.keep(position, "first"));
-        let take = |position| asked.take(FrameIndex(position));
+        let kept = ReadAhead::default();
+        FrameIndex::all(CAPACITY + 1).for_each(|position| kept.keep(position, "first"));
+        let take = |position| kept.take(FrameIndex(position));
         assert_eq!((take(0), take(1), take(1)), (None, Some("first"), None));
-        asked.keep(FrameIndex(2), "second");
+        kept.keep(FrameIndex(2), "second");
         assert_eq!((take(2), take(2)), (Some("second"), None));
     }
 }
