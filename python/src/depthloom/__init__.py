@@ -4,7 +4,7 @@
 >>> run = depthloom.open("runs/table1/2026-11-21T10-00-00Z")    # or "@latest"
 >>> run.table                                                   # a polars DataFrame; so are run.scores, run.timings, ...
 >>> run.frames["000150_10"]["no_scaling/fused"]                 # a NumPy array: float32 metres, NaN = no answer
->>> run.samples()                                               # a polars LazyFrame: a row a scored pixel
+>>> run.samples()                                               # a polars LazyFrame: one row per scored pixel
 >>> run.experiment["stages"]["compare"]["nodes"]["stereo"]      # the experiment as it was run
 >>> depthloom.run("experiments/table1.yaml", set={"compare.stereo.with.block": 7})
 
@@ -30,21 +30,21 @@ if os.environ.get(_opened.STARTED):
 if TYPE_CHECKING:
     from ._calibration import Calibration
     from ._errors import Ambiguous, DepthloomError, DepthloomWarning, NotRecorded, ProgramError, RecordingError
+    from ._experiment import run
     from ._frames import Frame, Frames
     from ._node import Instant, node, source
     from ._plan import Estimate, Node
-    from ._program import run
     from ._run import Run, Stage, open
     from ._serve import progress, serve, warn
 else:
-    # Each when it is first asked for: a node needs neither polars nor what reads recordings, and is started once a worker.
+    # Imported on first use: a node needs neither polars nor recordings, and is started once per worker.
     _MODULES = {
         "_calibration": ["Calibration"],
         "_errors": ["Ambiguous", "DepthloomError", "DepthloomWarning", "NotRecorded", "ProgramError", "RecordingError"],
+        "_experiment": ["run"],
         "_frames": ["Frame", "Frames"],
         "_node": ["Instant", "node", "source"],
         "_plan": ["Estimate", "Node"],
-        "_program": ["run"],
         "_run": ["Run", "Stage", "open"],
         "_serve": ["progress", "serve", "warn"],
     }

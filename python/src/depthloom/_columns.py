@@ -74,15 +74,15 @@ def column(value_type: str, given: Any) -> pa.StructArray:
         return pa.nulls(1, struct)
     if value_type == "calibration":
         if not isinstance(given, Calibration):
-            raise TypeError(f"is {_told(given)}, and a calibration is depthloom.Calibration(width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px)")
+            raise TypeError(f"is {_type_name(given)}, and a calibration is depthloom.Calibration(width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px)")
         arrays = [pa.array([getattr(given, field.name)], field.type) for field in struct]
     elif value_type in _MEDIA_TYPES:
         if not isinstance(given, (bytes, bytearray, memoryview)):
-            raise TypeError(f"is {_told(given)}, and a {value_type} is bytes")
+            raise TypeError(f"is {_type_name(given)}, and a {value_type} is bytes")
         arrays = [pa.array([_MEDIA_TYPES[value_type]]), pa.array([bytes(given)], pa.large_binary())]
     elif value_type == "curve":
         if not isinstance(given, Mapping) or set(given) != set(_CURVE):
-            raise TypeError(f"is {_told(given)}, and a curve is a mapping of {', '.join(_CURVE)}")
+            raise TypeError(f"is {_type_name(given)}, and a curve is a mapping of {', '.join(_CURVE)}")
         arrays = [_list(np.asarray(given[name], np.int64 if name == "step" else np.float64)) for name in _CURVE]
     else:
         arrays = _map(value_type, _filled(value_type, given))
@@ -140,5 +140,5 @@ def _list(array: NDArray[Any]) -> pa.ListArray:
     return pa.ListArray.from_arrays(pa.array([0, numbers.size], pa.int32()), pa.array(numbers))
 
 
-def _told(given: Any) -> str:
+def _type_name(given: Any) -> str:
     return f"a {type(given).__name__}"

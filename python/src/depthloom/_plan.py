@@ -11,7 +11,7 @@ from typing import Any
 from ._errors import Ambiguous, NotRecorded
 
 #: How many names an error lists.
-_TOLD = 8
+_LISTED = 8
 #: How many near names an error suggests.
 _NEAR = 2
 
@@ -200,5 +200,5 @@ def _outputs(index: int, run: Mapping[str, Any]) -> Iterator[Output]:
 
 
 def _listed(names: list[str]) -> str:
-    told = ", ".join(f"`{name}`" for name in names[:_TOLD])
-    return f"{told}, ..." if len(names) > _TOLD else told or "none"
+    text = ", ".join(f"`{name}`" for name in names[:_LISTED])
+    return f"{text}, ..." if len(names) > _LISTED else text or "none"

@@ -23,7 +23,7 @@ RECORDING = "recording.mcap"
 
 
 class Stage:
-    """A stage of a run; one a variant where variants have sources of their own."""
+    """A stage of a run; one per variant where variants have sources of their own."""
 
     def __init__(self, name: str, nodes: tuple[Node, ...], frames: tuple[Frame, ...]) -> None:
         #: What the tables call it.
@@ -130,7 +130,7 @@ class Run:
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """The means of the scores: a row a stage, variant, estimator and pixel set."""
+        """The means of the scores: one row per stage, variant, estimate and pixel set."""
         return self._table("table")
 
     @cached_property
@@ -147,17 +147,17 @@ class Run:
 
     @cached_property
     def error_vs_distance(self) -> pl.DataFrame:
-        """Percentiles of the absolute error, metres: a row a stage, variant, estimator, pixel set and bin of true distance."""
+        """Percentiles of the absolute error, metres: one row per stage, variant, estimate, pixel set and bin of true distance."""
         return self._table("error_vs_distance")
 
     @cached_property
     def learning_curves(self) -> pl.DataFrame:
-        """Losses of what learned: a row a point."""
+        """Losses of learning nodes: one row per point."""
         return self._table("learning_curves")
 
     @cached_property
     def timings(self) -> pl.DataFrame:
-        """Where the time went: a row a node and phase."""
+        """Where the time went: one row per node and phase."""
         return self._table("timings")
 
     def units(self, table: str) -> dict[str, str]:
@@ -166,7 +166,7 @@ class Run:
         return units
 
     def samples(self) -> pl.LazyFrame:
-        """A row a scored pixel: `stage`, `frame`, `x`, `y`, `truth_m`, a column an estimator, metres, and a column a weight.
+        """One row per scored pixel: `stage`, `frame`, `x`, `y`, `truth_m`, one column per estimate, metres, and one per weight.
 
         A query over `samples.parquet`, of which no more is read than it needs; the program makes the file where there is none, which takes time and disk.
         """
