@@ -9,7 +9,7 @@ use depthloom_graphs::{Fault, Instance, Key, Node, Rate, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::process::{check_launch, command_line, fingerprint_of, permission};
+use crate::process::{ProgramParams, command_line, permission};
 
 /// The kind's name.
 pub const KIND: &str = "dora";
@@ -72,12 +72,16 @@ impl DoraParams {
         [&self.path].into_iter().chain(&self.args).cloned().collect()
     }
 
+    fn program<'a>(&'a self, command: &'a [Argument], none: &'a BTreeMap<String, String>) -> ProgramParams<'a> {
+        ProgramParams { command, env: &self.env, secrets: none, version: self.version, code: &self.code }
+    }
+
     /// Refuses unless the person allowed programs to be started.
     ///
     /// # Errors
     /// What would be started, and how it is allowed.
     pub fn ask(&self) -> Result<(), Fault> {
-        permission::ask(&command_line(&self.command()))
+        permission::check(&command_line(&self.command()))
     }
 }
 
@@ -118,14 +122,8 @@ the metadata, on both ways; an answer without them has the size of the first map
         if params.path.0.is_empty() {
             return Err(("path", "path names what dora starts: a program, or a file in Python".to_owned()));
         }
-        let command = params.command();
-        check_launch(
-            &command,
-            [&params.env, &BTreeMap::new()],
-            params.version,
-            &params.code,
-            [("timeout_s", params.timeout_s)],
-        )?;
+        let (command, none) = (params.command(), BTreeMap::new());
+        params.program(&command, &none).check(&[("timeout_s", params.timeout_s)])?;
         params.ports.check(Contract::Pure).map_err(|what| ("ports", what))?;
         let Signature { inputs, outputs, .. } = params.ports.signature(Contract::Pure);
         if inputs.is_empty() || outputs.is_empty() {
@@ -161,7 +159,7 @@ the metadata, on both ways; an answer without them has the size of the first map
     }
 
     fn fingerprint(params: &DoraParams) -> Result<Option<Key>, Fault> {
-        fingerprint_of(&params.command(), params.version, &params.code)
+        params.program(&params.command(), &BTreeMap::new()).fingerprint()
     }
 
     fn build(_: DoraParams) -> Result<Instance, Fault> {

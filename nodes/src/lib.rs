@@ -17,6 +17,7 @@ pub mod onnx;
 pub mod process;
 pub mod sources;
 
+mod bounds;
 mod confidence;
 mod depth;
 mod disparity;

@@ -11,14 +11,14 @@ use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::memory::TooMuch;
 
-use crate::onnx::{self, Look, numberless};
+use crate::onnx::{self, Preprocessing, count_non_finite};
 use loaded::Loaded;
 pub(crate) use params::NetworkParams;
 use params::{InputType, NetworkInput};
 
 pub(crate) struct OnnxNetwork {
     params: NetworkParams,
-    network: onnx::Loaded<Loaded>,
+    network: onnx::CachedNetwork<Loaded>,
 }
 
 const MODEL: &str = "model";
@@ -76,12 +76,12 @@ Engines, providers and keys are as of `mono/onnx`.",
     }
 
     fn fingerprint(params: &NetworkParams) -> Result<Option<Key>, Fault> {
-        onnx::find().map(|engine| Some(engine.fingerprint(params.provider)))
+        onnx::engine_key(params.provider)
     }
 
     fn build(params: NetworkParams) -> Result<Instance, Fault> {
         onnx::find()?.prepare(params.provider)?;
-        Ok(Instance::Pure(Box::new(Self { params, network: onnx::Loaded::default() })))
+        Ok(Instance::Pure(Box::new(Self { params, network: onnx::CachedNetwork::default() })))
     }
 }
 
@@ -104,10 +104,10 @@ impl OnnxNetwork {
         self.network.get(model, || Loaded::new(model, &self.params))
     }
 
-    fn look(&self, input: &NetworkInput) -> Look {
+    fn preprocessing(&self, input: &NetworkInput) -> Preprocessing {
         let NetworkParams { resize, round, pad_with, .. } = self.params;
         let NetworkInput { channels, white, mean, std, .. } = *input;
-        Look { channels, mean, std, white, resize, round, pad_with }
+        Preprocessing { channels, mean, std, white, resize, round, pad_with }
     }
 }
 
@@ -126,7 +126,7 @@ impl PureNode for OnnxNetwork {
         let mut tensors = Vec::with_capacity(self.params.ports.inputs.len());
         for ((name, input), (_, axes, planes)) in self.params.ports.inputs.iter().zip(&network.inputs) {
             let planes = match input.value_type {
-                InputType::Image => self.look(input).planes(inputs.get(name)?, *planes, &fitted, false),
+                InputType::Image => self.preprocessing(input).planes(inputs.get(name)?, *planes, &fitted, false),
                 _ => maps::plane(inputs, name, input, &fitted, self.params.pad_with)?.map(|plane| vec![plane]),
             };
             let mut tensor = Vec::new();
@@ -139,7 +139,7 @@ impl PureNode for OnnxNetwork {
         for (((name, output), tensor), given) in self.params.ports.outputs.iter().zip(&network.outputs).zip(given) {
             let map = onnx::map_of(given, tensor, (1, fitted.to), output.head, output.layout)?;
             let map = fitted.map_back(map.values, map.size).map_err(too_large)?;
-            let seen = numberless(&map);
+            let seen = count_non_finite(&map);
             if seen > 0 {
                 let what = format!("pixels of the network's output `{tensor}` are no numbers (NaN or infinity)");
                 ctx.host.warn_n(seen as u64, &what);

@@ -1,6 +1,4 @@
-//! Networks in ONNX files: what a file declares, the engine that runs it, an image as it wants it, its answer as a map.
-//!
-//! A node describes how the network sees an image ([`Look`]), runs it in a `Network` or a `Pool` and reads the `Maps`; which engine that is, [`find`] chooses once a process.
+//! Networks in ONNX files: what a file declares, the engine that runs it, images as its inputs, its outputs as maps.
 
 mod binding;
 mod choice;
@@ -9,11 +7,11 @@ mod fit;
 mod flip;
 mod input;
 mod library;
-mod look;
 mod model;
 mod network;
 mod params;
 mod pool;
+mod preprocessing;
 mod provider;
 mod runtime;
 mod session;
@@ -22,7 +20,7 @@ mod stanza;
 #[cfg(feature = "tract")]
 mod tract;
 
-pub use choice::{VARIABLE, find, in_use, looked_at};
+pub use choice::{VARIABLE, find, in_use, search_path};
 pub use engine::Engine;
 pub use model::{Description, Tensor};
 pub use provider::Provider;
@@ -52,9 +50,10 @@ pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String>
 
 pub(crate) use fit::{Fit, Fitted, PadAt, PadWith, Sizes};
 pub(crate) use flip::Flip;
-pub(crate) use look::Look;
 pub(crate) use network::Network;
-pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout, check_look, check_resize};
-pub(crate) use pool::{Loaded, Pool, Pools, declared};
-pub(crate) use shapes::{Axes, Maps, batch, map_of, map_output, numberless, outlet, planes, sizes};
-pub use stanza::{closed_shape, shape_text, stanza};
+pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout, check_preprocessing, check_resize};
+pub(crate) use pool::{CachedNetwork, Pool, Pools, declared, engine_key};
+pub(crate) use preprocessing::Preprocessing;
+pub use shapes::shape_text;
+pub(crate) use shapes::{Axes, Maps, batch, count_non_finite, map_of, map_output, outlet, planes, sizes};
+pub use stanza::{closed_shape, stanza};

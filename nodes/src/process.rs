@@ -17,7 +17,7 @@ mod source;
 
 pub use ended::{EndedProgram, printed_text, take_ended};
 pub use imports::take_import_warnings;
-pub(crate) use launch::{check as check_launch, command_line, fingerprint as fingerprint_of};
+pub(crate) use launch::{ProgramParams, command_line};
 pub use node::{Process, ProcessContract, ProcessParams};
 pub use source::{ProcessSource, ProcessSourceParams};
 

@@ -78,7 +78,7 @@ fn looked_at() -> Vec<String> {
         "system" => folder.display().to_string(),
         by => format!("{} (by {by})", folder.display()),
     };
-    onnx::looked_at().into_iter().map(place).collect()
+    onnx::search_path().into_iter().map(place).collect()
 }
 
 /// The engine of networks, with what it offers; or why there is none.

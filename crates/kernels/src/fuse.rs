@@ -1,20 +1,24 @@
 //! Fusing stereo and mono depth, pixel by pixel.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::raster::check_same;
 use crate::scale::extent_at;
 use crate::simd::{Level, Pass};
 
-/// How stereo and mono are weighed where stereo answered. Mono stands everywhere else.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How the two are weighed where stereo answered; mono stands everywhere else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
 pub enum Weighting {
-    /// The paper's: `W_c Z_s + (1 - W_c) (W_s Z_s + (1 - W_s) Z_m)` with `W_s = min(N_s, N_m) / max(N_s, N_m)` and
-    /// `N_i = Z_i / max Z_i`.
+    /// `W_c Z_s + (1 - W_c) (W_s Z_s + (1 - W_s) Z_m)`: the paper's.
+    #[default]
     Full,
-    /// The paper's "no weighting": `W_s = 0`, so that a pixel of low confidence takes mono.
+    /// `W_c Z_s + (1 - W_c) Z_m`: the paper's "no weighting", `W_s` left out.
     Confidence,
-    /// The plain mean of both.
+    /// `(Z_s + Z_m) / 2`: both weights left out.
     Mean,
-    /// Stereo alone.
+    /// `Z_s`: stereo wherever it answered.
     Fill,
 }
 

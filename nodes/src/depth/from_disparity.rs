@@ -7,6 +7,7 @@ use depthloom_kernels::depth::{Geometry, depth_from_disparity, truth_from_dispar
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::bounds::above_zero;
 use crate::geometry::geometry;
 use crate::shape::filled;
 
@@ -55,10 +56,7 @@ with `doffs` is; answers beyond `cap` become `cap`.",
     }
 
     fn check(params: &FromDisparityParams) -> Result<(), (&'static str, String)> {
-        match params.cap {
-            Some(cap) if cap <= 0.0 => Err(("cap", format!("cap is {cap} m, which is not greater than 0"))),
-            _ => Ok(()),
-        }
+        above_zero("cap", params.cap, "m")
     }
 
     fn build(params: FromDisparityParams) -> Result<Instance, Fault> {

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{invalid, pruned};
+use crate::bounds::within;
 use crate::shape::same_size;
 
 /// Parameters of `disparity/left-right`.
@@ -59,10 +60,7 @@ that is -63. Its disparities are then the negative of the left image's.",
     }
 
     fn check(params: &LeftRightParams) -> Result<(), (&'static str, String)> {
-        if (0.0..=4095.0).contains(&params.max_difference) {
-            return Ok(());
-        }
-        Err(("max_difference", format!("max_difference is {} px, which is not in 0..=4095", params.max_difference)))
+        within("max_difference", params.max_difference, " px", 0.0..=4095.0)
     }
 
     fn build(params: LeftRightParams) -> Result<Instance, Fault> {

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{invalid, pruned};
+use crate::bounds::within;
 
 /// Parameters of `disparity/speckle`; the defaults lie in the middle of what OpenCV advises (50 to 200 px, 1 or 2 px).
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -49,10 +50,7 @@ pixels lose their answers.",
     }
 
     fn check(params: &SpeckleParams) -> Result<(), (&'static str, String)> {
-        if (0.0..=2047.0).contains(&params.range) {
-            return Ok(());
-        }
-        Err(("range", format!("range is {} px, which is not in 0..=2047", params.range)))
+        within("range", params.range, " px", 0.0..=2047.0)
     }
 
     fn build(params: SpeckleParams) -> Result<Instance, Fault> {

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{changed, invalid};
+use crate::bounds::within;
 use crate::shape::same_size;
 use crate::tiles::HostTiles;
 
@@ -90,20 +91,12 @@ Inside, only what no confidence reaches stays without answer, or with `fill: fal
     }
 
     fn check(params: &WeightedLeastSquaresParams) -> Result<(), (&'static str, String)> {
-        let checks = [
-            ("lambda", params.lambda, 0.0, f64::from(Params::LARGEST_LAMBDA)),
-            ("sigma", params.sigma, 0.01, 1000.0),
-            ("lambda_attenuation", params.lambda_attenuation, 0.0, 1.0),
-            ("iterations", f64::from(params.iterations), 1.0, 100.0),
-            ("max_difference", params.max_difference, 0.0, 4095.0),
-            ("discontinuity_radius", f64::from(params.discontinuity_radius), 0.0, 50.0),
-        ];
-        for (name, value, least, most) in checks {
-            if !(least..=most).contains(&value) {
-                return Err((name, format!("{name} is {value}, which is not in {least}..={most}")));
-            }
-        }
-        Ok(())
+        within("lambda", params.lambda, "", 0.0..=f64::from(Params::LARGEST_LAMBDA))?;
+        within("sigma", params.sigma, "", 0.01..=1000.0)?;
+        within("lambda_attenuation", params.lambda_attenuation, "", 0.0..=1.0)?;
+        within("iterations", f64::from(params.iterations), "", 1.0..=100.0)?;
+        within("max_difference", params.max_difference, "", 0.0..=4095.0)?;
+        within("discontinuity_radius", f64::from(params.discontinuity_radius), "", 0.0..=50.0)
     }
 
     fn build(params: WeightedLeastSquaresParams) -> Result<Instance, Fault> {
@@ -130,14 +123,13 @@ impl PureNode for WeightedLeastSquares {
         if matches!(inputs.value("disparity"), Some(Value::FloatDisparity(_))) {
             ctx.host.warn("the filter computes in 1/16 px, as OpenCV's does: finer disparities are rounded");
         }
-        let other = inputs.optional::<Disparity>("right")?;
-        let right = match other {
+        let right = match inputs.optional::<Disparity>("right")? {
             None => None,
-            Some(other) => {
-                same_size(("disparity", dimensions), ("right", other.sixteenths_px.dimensions()))?;
+            Some(right) => {
+                same_size(("disparity", dimensions), ("right", right.sixteenths_px.dimensions()))?;
                 Some(Right {
-                    disparity: &other.sixteenths_px,
-                    invalid: invalid(other)?,
+                    disparity: &right.sixteenths_px,
+                    invalid: invalid(right)?,
                     max_difference: self.max_difference_sixteenths,
                     radius: self.radius,
                 })

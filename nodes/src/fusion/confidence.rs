@@ -3,26 +3,11 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Depth, Weight};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::fuse;
+use depthloom_kernels::fuse::{Weighting, fuse};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::shape::{filled, same_size};
-
-/// How the two are weighed where stereo answered; mono stands everywhere else.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Weighting {
-    /// `W_c Z_s + (1 - W_c) (W_s Z_s + (1 - W_s) Z_m)`: the paper's.
-    #[default]
-    Full,
-    /// `W_c Z_s + (1 - W_c) Z_m`: the paper's "no weighting", `W_s` left out.
-    Confidence,
-    /// `(Z_s + Z_m) / 2`: both weights left out.
-    Mean,
-    /// `Z_s`: stereo wherever it answered.
-    Fill,
-}
 
 /// Parameters of `fusion/confidence`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -33,7 +18,7 @@ pub(crate) struct ConfidenceParams {
 }
 
 pub(crate) struct Confidence {
-    weighting: fuse::Weighting,
+    weighting: Weighting,
 }
 
 impl Node for Confidence {
@@ -59,13 +44,7 @@ Step 5 of the paper, before the median filter. Where stereo gave no answer: `Z =
     }
 
     fn build(params: ConfidenceParams) -> Result<Instance, Fault> {
-        let weighting = match params.weighting {
-            Weighting::Full => fuse::Weighting::Full,
-            Weighting::Confidence => fuse::Weighting::Confidence,
-            Weighting::Mean => fuse::Weighting::Mean,
-            Weighting::Fill => fuse::Weighting::Fill,
-        };
-        Ok(Instance::Pure(Box::new(Self { weighting })))
+        Ok(Instance::Pure(Box::new(Self { weighting: params.weighting })))
     }
 }
 
@@ -77,7 +56,7 @@ impl PureNode for Confidence {
         let size = mono.dimensions();
         same_size(("mono", size), ("stereo", stereo.dimensions()))?;
         same_size(("mono", size), ("weight", weight.dimensions()))?;
-        let metres = filled(size, |out| fuse::fuse(stereo, mono, weight, self.weighting, out));
+        let metres = filled(size, |out| fuse(stereo, mono, weight, self.weighting, out));
         Ok(Outputs::one("depth", Depth { metres }))
     }
 }

@@ -7,6 +7,7 @@ use depthloom_kernels::depth::GroundPlane as Plane;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::bounds::above_zero;
 use crate::shape::filled;
 
 /// Parameters of `mono/ground-plane`.
@@ -59,9 +60,7 @@ What stands on the road is taken for road: an estimate to be corrected by stereo
 
     fn check(params: &GroundPlaneParams) -> Result<(), (&'static str, String)> {
         let GroundPlaneParams { height_m, nearest_m, cap, .. } = params;
-        if *height_m <= 0.0 {
-            return Err(("height_m", format!("height_m is {height_m} m, which is not greater than 0")));
-        }
+        above_zero("height_m", Some(*height_m), "m")?;
         if cap < nearest_m {
             return Err(("cap", format!("cap is {cap} m, below nearest_m, {nearest_m} m")));
         }

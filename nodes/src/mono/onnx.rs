@@ -9,7 +9,7 @@ use depthloom_kernels::depth::{Geometry, depth_from_share};
 use depthloom_kernels::memory::TooMuch;
 
 use crate::geometry::geometry;
-use crate::onnx::{self, Fitted, Flip, Look, Maps, Network, OnnxParams, Output, PadWith, numberless};
+use crate::onnx::{self, Fitted, Flip, Maps, Network, OnnxParams, Output, PadWith, Preprocessing, count_non_finite};
 use crate::shape::filled;
 
 /// Metres; the value that metrics clamp to.
@@ -19,7 +19,7 @@ const SMALLEST_INVERSE: f32 = 1e-6;
 
 pub(crate) struct Onnx {
     params: OnnxParams,
-    network: onnx::Loaded<Network>,
+    network: onnx::CachedNetwork<Network>,
 }
 
 impl Node for Onnx {
@@ -63,7 +63,7 @@ is missing is an error.",
     }
 
     fn check(params: &OnnxParams) -> Result<(), (&'static str, String)> {
-        onnx::check_look(params.std, params.resize, params.round)?;
+        onnx::check_preprocessing(params.std, params.resize, params.round)?;
         if params.size.is_some_and(|size| size.contains(&0)) {
             return Err(("size", "size must not be 0".to_owned()));
         }
@@ -74,12 +74,12 @@ is missing is an error.",
     }
 
     fn fingerprint(params: &OnnxParams) -> Result<Option<Key>, Fault> {
-        onnx::find().map(|engine| Some(engine.fingerprint(params.provider)))
+        onnx::engine_key(params.provider)
     }
 
     fn build(params: OnnxParams) -> Result<Instance, Fault> {
         onnx::find()?.prepare(params.provider)?;
-        Ok(Instance::Pure(Box::new(Self { params, network: onnx::Loaded::default() })))
+        Ok(Instance::Pure(Box::new(Self { params, network: onnx::CachedNetwork::default() })))
     }
 }
 
@@ -88,9 +88,9 @@ impl Onnx {
         self.network.get(model, || Network::load(model, &self.params))
     }
 
-    fn look(&self) -> Look {
+    fn preprocessing(&self) -> Preprocessing {
         let OnnxParams { channels, mean, std, white, resize, round, .. } = self.params;
-        Look { channels, mean, std, white, resize, round, pad_with: PadWith::Edge }
+        Preprocessing { channels, mean, std, white, resize, round, pad_with: PadWith::Edge }
     }
 
     /// Factor on the output; disparities become shares of the image's width.
@@ -138,8 +138,8 @@ impl PureNode for Onnx {
         let (columns, rows) = image.dimensions();
         let width = columns as usize;
         let fitted = network.fitted((width, rows as usize))?;
-        let Maps { mut values, mut size } = network.run(image, &fitted, &self.look())?;
-        let of_network = numberless(&values);
+        let Maps { mut values, mut size } = network.run(image, &fitted, &self.preprocessing())?;
+        let of_network = count_non_finite(&values);
         let too_large = |error: TooMuch| Fault::new(error.to_string());
         if fitted.pads() {
             // What was added lies on the other side of the mirror image's: it is taken off before both are joined.
@@ -156,7 +156,7 @@ impl PureNode for Onnx {
             map.iter_mut().for_each(|value| *value *= scale);
         }
         // A number may become none when it is multiplied; one of two opinions may have been a number.
-        let seen = of_network.max(numberless(map));
+        let seen = of_network.max(count_non_finite(map));
         if seen > 0 {
             ctx.host.warn_n(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
         }

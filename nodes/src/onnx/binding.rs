@@ -35,7 +35,7 @@ pub(crate) struct Binding {
 }
 
 /// An output: its shape and its values, row-major.
-pub(crate) struct Given {
+pub(crate) struct OutputTensor {
     pub shape: Vec<i64>,
     pub values: Vec<f32>,
 }

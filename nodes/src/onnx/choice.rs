@@ -24,7 +24,7 @@ struct NoEngine {
 impl From<Missing> for NoEngine {
     fn from(missing: Missing) -> Self {
         match missing {
-            Missing::Named(what) => Self { what, remedy: runtime::REMEDY_OF_NAMED },
+            Missing::Named(what) => Self { what, remedy: runtime::REMEDY_IF_NAMED },
             Missing::NoneFound(what, _) => Self { what, remedy: runtime::REMEDY },
         }
     }
@@ -40,7 +40,7 @@ pub fn find() -> Result<&'static Engine, Fault> {
 
 /// The folders in which ONNX Runtime is looked for when `ORT_DYLIB_PATH` names none, in order; each with what led to it.
 #[must_use]
-pub fn looked_at() -> Vec<(&'static str, PathBuf)> {
+pub fn search_path() -> Vec<(&'static str, PathBuf)> {
     runtime::places()
 }
 

@@ -20,7 +20,7 @@ type GetApiBase = unsafe extern "C" fn() -> *const OrtApiBase;
 
 /// Loads a library and checks that its version has the interface that this program needs. The error starts with the
 /// path.
-pub(crate) fn look_at(path: &Path) -> Result<(), String> {
+pub(crate) fn check(path: &Path) -> Result<(), String> {
     let refused = |why: String| format!("{} {why}", path.display());
     // SAFETY: loading runs a library's own start-up code. Only files named as ONNX Runtime's are opened, from where the person
     // said, the system's folders or the environment the person activated: code of theirs.
@@ -61,14 +61,14 @@ pub(crate) fn look_at(path: &Path) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
-    use super::look_at;
+    use super::check;
 
     #[test]
     fn what_is_no_library_at_all_is_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("libonnxruntime.so");
         std::fs::write(&path, "<html>404</html>".repeat(100)).unwrap();
-        let told = look_at(&path).unwrap_err();
+        let told = check(&path).unwrap_err();
         assert!(told.contains("libonnxruntime.so does not load"), "{told}");
         assert!(!cfg!(target_os = "linux") || told.contains("invalid ELF header"), "{told}");
     }

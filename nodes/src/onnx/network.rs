@@ -10,11 +10,11 @@ use ort::value::TensorElementType;
 use super::binding::Element;
 use super::fit::{Fitted, PadAt, Sizes};
 use super::flip::Flip;
-use super::look::Look;
 use super::model::{Declared, Outlet, elements};
-use super::params::{OnnxParams, Output, TensorLayout};
+use super::params::{OnnxParams, Output};
 use super::pool::{self, Pool, Pools};
-use super::shapes::{Axes, Maps, batch, check_map, map_of, map_output, outlet, planes, shown, sizes};
+use super::preprocessing::Preprocessing;
+use super::shapes::{Axes, Maps, batch, check_map, map_of, map_output, outlet, planes, shape_text, sizes};
 
 pub(crate) struct Network {
     params: OnnxParams,
@@ -47,7 +47,7 @@ impl Network {
         let sizes = sizes(&named, params.size, params.multiple.unwrap_or(1))?;
         let is_open = sizes.width.is_none() || sizes.height.is_none();
         if is_open && params.multiple.is_none() {
-            let shape = input.tensor.as_ref().map_or_else(String::new, |(_, shape)| shown(shape));
+            let shape = input.tensor.as_ref().map_or_else(String::new, |(_, shape)| shape_text(shape));
             let what = format!(
                 "the network leaves the size of its image open: its input `{}` has the shape {shape}",
                 input.name
@@ -90,7 +90,7 @@ impl Network {
     }
 
     /// With `flip`, the map of the mirrored image follows that of the image.
-    pub(crate) fn run(&self, image: &Image, fitted: &Fitted, look: &Look) -> Result<Maps, Fault> {
+    pub(crate) fn run(&self, image: &Image, fitted: &Fitted, preprocessing: &Preprocessing) -> Result<Maps, Fault> {
         self.check_memory(fitted.to)?;
         let pool = self.pool(fitted.to)?;
         let views: &[bool] = if self.params.flip == Flip::None { &[false] } else { &[false, true] };
@@ -98,7 +98,7 @@ impl Network {
         for views in views.chunks(self.batch) {
             let mut tensor = Vec::new();
             for &mirrored in views {
-                let planes = look.planes(image, self.channels, fitted, mirrored).map_err(too_large)?;
+                let planes = preprocessing.planes(image, self.channels, fitted, mirrored).map_err(too_large)?;
                 self.input.1.laid_out(&planes, &mut tensor);
             }
             let mut found = self.maps(&pool, &tensor, fitted.to)?;
@@ -161,11 +161,8 @@ fn image_axes(input: &Outlet, params: &OnnxParams) -> Result<Axes, Fault> {
         Ok(axes) if is_image(&axes) => Ok(axes),
         Err(fault) if input.tensor.as_ref().is_none_or(|(element, _)| Element::of(*element).is_none()) => Err(fault),
         _ => {
-            let order = match params.layout {
-                TensorLayout::Nchw => "batch x channels x rows x columns (layout: nchw)",
-                TensorLayout::Nhwc => "batch x rows x columns x channels (layout: nhwc)",
-            };
-            let (name, shape) = (&input.name, shown(shape));
+            let order = params.layout.axes();
+            let (name, shape) = (&input.name, shape_text(shape));
             Err(Fault::new(format!("input `{name}` of the network has the shape {shape}, which is not {order}"))
                 .remedy("`layout` is nchw or nhwc; channels must be 1 or 3, the batch 1 or open (or 2, with `flip`)"))
         }
@@ -176,7 +173,7 @@ fn check_largest(declared: &Declared) -> Result<(), Fault> {
     let Some((name, sides)) = &declared.largest else { return Ok(()) };
     let bytes = elements(sides).saturating_mul(size_of::<f32>() as u64);
     TooMuch::check(bytes).map_err(|error| {
-        Fault::new(format!("the network states a tensor `{name}` of {}", shown(sides)))
+        Fault::new(format!("the network states a tensor `{name}` of {}", shape_text(sides)))
             .because(error)
             .remedy("export the model for a smaller image")
     })

@@ -18,6 +18,15 @@ pub(crate) enum TensorLayout {
     Nhwc,
 }
 
+impl TensorLayout {
+    pub(super) const fn axes(self) -> &'static str {
+        match self {
+            Self::Nchw => "batch x channels x rows x columns (layout: nchw)",
+            Self::Nhwc => "batch x rows x columns x channels (layout: nhwc)",
+        }
+    }
+}
+
 /// The order of the input's channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -40,7 +49,7 @@ pub(crate) enum Resize {
     Bilinear,
 }
 
-pub(crate) fn check_look(std: [f64; 3], resize: Resize, round: bool) -> Result<(), (&'static str, String)> {
+pub(crate) fn check_preprocessing(std: [f64; 3], resize: Resize, round: bool) -> Result<(), (&'static str, String)> {
     if std.contains(&0.0) {
         return Err(("std", "std must not be 0: every channel is divided by it".to_owned()));
     }

@@ -7,7 +7,7 @@ use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Fault, Key};
 use depthloom_threads::locked;
 
-use super::binding::{Binding, Feed, Given};
+use super::binding::{Binding, Feed, OutputTensor};
 use super::choice;
 use super::engine::Engine;
 use super::model::Declared;
@@ -30,26 +30,31 @@ pub(crate) fn declared(model: &Artifact, provider: Provider) -> Result<Declared,
 }
 
 /// A node's network, loaded with the first frame and again when a frame brings another model.
-pub(crate) struct Loaded<N>(Mutex<Option<(Key, Arc<N>)>>);
+pub(crate) struct CachedNetwork<N>(Mutex<Option<(Key, Arc<N>)>>);
 
-impl<N> Default for Loaded<N> {
+impl<N> Default for CachedNetwork<N> {
     fn default() -> Self {
         Self(Mutex::new(None))
     }
 }
 
-impl<N> Loaded<N> {
+impl<N> CachedNetwork<N> {
     pub(crate) fn get(&self, model: &Artifact, load: impl FnOnce() -> Result<N, Fault>) -> Result<Arc<N>, Fault> {
-        let mut loaded = locked(&self.0);
-        match &*loaded {
+        let mut cached = locked(&self.0);
+        match &*cached {
             Some((hash, network)) if *hash == model.hash => Ok(Arc::clone(network)),
             _ => {
                 let network = Arc::new(load()?);
-                *loaded = Some((model.hash, Arc::clone(&network)));
+                *cached = Some((model.hash, Arc::clone(&network)));
                 Ok(network)
             }
         }
     }
+}
+
+/// The part of a node's fingerprint that the engine decides.
+pub(crate) fn engine_key(provider: Provider) -> Result<Option<Key>, Fault> {
+    choice::find().map(|engine| Some(engine.fingerprint(provider)))
 }
 
 pub(crate) struct Pools {
@@ -106,7 +111,7 @@ impl Pool {
     }
 
     /// Takes one tensor per input of the binding and returns one per output.
-    pub(crate) fn run(&self, tensors: &[&[f32]]) -> Result<Vec<Given>, Fault> {
+    pub(crate) fn run(&self, tensors: &[&[f32]]) -> Result<Vec<OutputTensor>, Fault> {
         let idle = locked(&self.sessions).pop();
         let mut session = idle.map_or_else(|| self.session(), Ok)?;
         let result = session.run(&self.binding, tensors);

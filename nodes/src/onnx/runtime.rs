@@ -15,9 +15,9 @@ use super::library;
 pub(crate) const REMEDY: &str = "activate a Python environment that has it (`pip install onnxruntime`), or set ORT_DYLIB_PATH to libonnxruntime.so of version 1.24 or newer";
 
 #[cfg(feature = "tract")]
-pub(crate) const REMEDY_OF_NAMED: &str = "unset ORT_DYLIB_PATH for what this machine has, let it name libonnxruntime.so of version 1.24 or newer, or set DEPTHLOOM_ONNX_ENGINE=tract for the engine inside this program";
+pub(crate) const REMEDY_IF_NAMED: &str = "unset ORT_DYLIB_PATH for what this machine has, let it name libonnxruntime.so of version 1.24 or newer, or set DEPTHLOOM_ONNX_ENGINE=tract for the engine inside this program";
 #[cfg(not(feature = "tract"))]
-pub(crate) const REMEDY_OF_NAMED: &str =
+pub(crate) const REMEDY_IF_NAMED: &str =
     "unset ORT_DYLIB_PATH for what this machine has, or let it name libonnxruntime.so of version 1.24 or newer";
 
 pub(crate) enum Missing {
@@ -38,13 +38,13 @@ pub(crate) fn load() -> Result<Engine, Missing> {
         if !path.is_file() {
             return Err(named(format!("there is no file {}", path.display())));
         }
-        library::look_at(&path).map_err(named)?;
+        library::check(&path).map_err(named)?;
         return open(path, "ORT_DYLIB_PATH", Vec::new()).map_err(named);
     }
     let mut refused: Vec<String> = Vec::new();
     for (found_by, folder) in places() {
         for path in libraries(&folder) {
-            match library::look_at(&path) {
+            match library::check(&path) {
                 // `ort` takes one library a process: whatever it says to this one is the last word.
                 Ok(()) => match open(path, found_by, refused.clone()) {
                     Ok(engine) => return Ok(engine),

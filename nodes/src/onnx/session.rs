@@ -7,7 +7,7 @@ use half::f16;
 use ort::session::{Session, SessionInputValue};
 use ort::value::{DynValue, Tensor, TensorRef};
 
-use super::binding::{Binding, Element, Feed, Given, bytes};
+use super::binding::{Binding, Element, Feed, OutputTensor, bytes};
 
 pub(crate) enum EngineSession {
     OnnxRuntime(Box<Session>),
@@ -27,7 +27,7 @@ impl EngineSession {
         }
     }
 
-    pub(crate) fn run(&mut self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, Failed> {
+    pub(crate) fn run(&mut self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<OutputTensor>, Failed> {
         match self {
             Self::OnnxRuntime(session) => {
                 let fed = binding.inputs.iter().zip(tensors);
@@ -56,13 +56,13 @@ impl Feed {
     }
 }
 
-fn given(value: &DynValue) -> Result<Given, Failed> {
+fn given(value: &DynValue) -> Result<OutputTensor, Failed> {
     if let Ok((shape, values)) = value.try_extract_tensor::<f32>() {
-        return Ok(Given { shape: shape.to_vec(), values: values.to_vec() });
+        return Ok(OutputTensor { shape: shape.to_vec(), values: values.to_vec() });
     }
     if let Ok((shape, values)) = value.try_extract_tensor::<f16>() {
-        return Ok(Given { shape: shape.to_vec(), values: values.iter().map(|value| value.to_f32()).collect() });
+        return Ok(OutputTensor { shape: shape.to_vec(), values: values.iter().map(|value| value.to_f32()).collect() });
     }
     let (shape, values) = value.try_extract_tensor::<f64>()?;
-    Ok(Given { shape: shape.to_vec(), values: values.iter().map(|&value| value as f32).collect() })
+    Ok(OutputTensor { shape: shape.to_vec(), values: values.iter().map(|&value| value as f32).collect() })
 }

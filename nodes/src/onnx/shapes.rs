@@ -2,7 +2,7 @@
 
 use depthloom_graphs::Fault;
 
-use super::binding::{Element, Given};
+use super::binding::{Element, OutputTensor};
 use super::fit::Sizes;
 use super::model::Outlet;
 use super::params::TensorLayout;
@@ -35,11 +35,8 @@ pub(crate) fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault
         .remedy("export the model with an input of f32 values"));
     };
     let wrong = || {
-        let order = match layout {
-            TensorLayout::Nchw => "batch x channels x rows x columns (layout: nchw)",
-            TensorLayout::Nhwc => "batch x rows x columns x channels (layout: nhwc)",
-        };
-        Fault::new(format!("input `{name}` of the network has the shape {}, which is not {order}", shown(shape)))
+        let order = layout.axes();
+        Fault::new(format!("input `{name}` of the network has the shape {}, which is not {order}", shape_text(shape)))
             .remedy("`layout` is nchw or nhwc; maps may leave out channels, and batch")
     };
     let (batch, channels, height, width) = match (&shape[..], layout) {
@@ -177,11 +174,11 @@ pub(crate) fn map_output<'a>(
     let first = || outputs.iter().filter(is_number).find(|output| may_be_map(shape(output), of_image));
     match (name, outputs) {
         (None, [_, ..]) => first().or_else(|| outputs.iter().find(is_open)).ok_or_else(|| {
-            let shown = |output: &'a Outlet| match &output.tensor {
-                Some((element, shape)) => format!("{} ({element} {})", output.name, shown(shape)),
+            let described = |output: &'a Outlet| match &output.tensor {
+                Some((element, shape)) => format!("{} ({element} {})", output.name, shape_text(shape)),
                 None => format!("{} (no tensor)", output.name),
             };
-            let names: Vec<String> = outputs.iter().map(shown).collect();
+            let names: Vec<String> = outputs.iter().map(described).collect();
             Fault::new(format!("the network has no output that can be a map of its image; it has {}", names.join(", ")))
                 .remedy("a map has rows and columns of f32, f16 or f64: name one by `output_name`, or export the model with one")
         }),
@@ -217,7 +214,7 @@ pub(super) fn check_map(
     layout: TensorLayout,
 ) -> Result<Place, Fault> {
     let wrong = |why: String| {
-        Err(Fault::new(format!("output `{name}` of the network has the shape {}, {why}", shown(shape))).remedy(
+        Err(Fault::new(format!("output `{name}` of the network has the shape {}, {why}", shape_text(shape))).remedy(
             "name another output, choose of several maps by `head`, or export the model with an output of 1x1xHxW",
         ))
     };
@@ -257,7 +254,7 @@ pub(super) fn check_map(
 }
 
 pub(crate) fn map_of(
-    given: Given,
+    given: OutputTensor,
     name: &str,
     (batch, of_image): (usize, (usize, usize)),
     head: Option<i64>,
@@ -276,7 +273,7 @@ pub(crate) fn map_of(
     Ok(Maps { values, size })
 }
 
-pub(crate) fn numberless(values: &[f32]) -> usize {
+pub(crate) fn count_non_finite(values: &[f32]) -> usize {
     values.iter().filter(|value| !value.is_finite()).count()
 }
 
@@ -291,27 +288,27 @@ pub(crate) fn outlet<'a>(what: &str, outlets: &'a [Outlet], name: Option<&str>) 
     })
 }
 
-/// Open sides are `?`.
-pub(super) fn shown(shape: &[i64]) -> String {
+/// A shape as text: `1x3x?x?`.
+pub fn shape_text(shape: &[i64]) -> String {
     let side = |&side: &i64| if side < 0 { "?".to_owned() } else { side.to_string() };
     shape.iter().map(side).collect::<Vec<_>>().join("x")
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::binding::Given;
+    use super::super::binding::OutputTensor;
     use super::super::model::Outlet;
     use super::super::params::TensorLayout::{Nchw, Nhwc};
-    use super::{map_of, map_output, may_be_map, shown};
+    use super::{map_of, map_output, may_be_map, shape_text};
 
-    fn given(shape: &[i64]) -> Given {
+    fn given(shape: &[i64]) -> OutputTensor {
         let count: i64 = shape.iter().product();
-        Given { shape: shape.to_vec(), values: (0..count).map(|value| value as f32).collect() }
+        OutputTensor { shape: shape.to_vec(), values: (0..count).map(|value| value as f32).collect() }
     }
 
     #[test]
     fn open_sides_are_shown_as_such() {
-        assert_eq!(shown(&[1, 3, -1, 320]), "1x3x?x320");
+        assert_eq!(shape_text(&[1, 3, -1, 320]), "1x3x?x320");
     }
 
     #[test]

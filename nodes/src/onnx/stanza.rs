@@ -6,13 +6,7 @@ use std::path::Path;
 use depthloom_graphs::contracts::check_name;
 
 use super::model::{Description, Tensor};
-use super::shapes::may_be_map;
-
-/// A shape as text: `1x3x?x?`.
-pub fn shape_text(shape: &[i64]) -> String {
-    let side = |&side: &i64| if side < 0 { "?".to_owned() } else { side.to_string() };
-    shape.iter().map(side).collect::<Vec<_>>().join("x")
-}
+use super::shapes::{may_be_map, shape_text};
 
 /// Channels of an input of images, and whether they come last.
 fn channels(input: &Tensor) -> Option<(i64, bool)> {
@@ -58,6 +52,14 @@ fn map_output(model: &Description) -> Option<&Tensor> {
     numbers().find(|output| may_be_map(&output.shape, of_image)).or_else(|| numbers().find(|one| is_open(one)))
 }
 
+const fn layout_text(channels_last: bool) -> &'static str {
+    if channels_last { ", layout: nhwc" } else { "" }
+}
+
+fn holds_several(output: &Tensor) -> bool {
+    output.shape.len() == 4 && output.shape[1] > 1 && output.shape[3] != 1
+}
+
 fn is_open(tensor: &Tensor) -> bool {
     tensor.shape.iter().all(|side| *side == -1)
 }
@@ -101,11 +103,9 @@ pub fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String)
     }
     let seen: Vec<Option<(i64, bool)>> = model.inputs.iter().map(channels).collect();
     let path = text(&file.to_string_lossy());
-    let layout = |last: bool| if last { ", layout: nhwc" } else { "" };
     let output = map_output(model).ok_or("it has no output")?;
-    let holds_several = output.shape.len() == 4 && output.shape[1] > 1 && output.shape[3] != 1;
     let name = text(&output.name);
-    let head = if holds_several { "head: 0, " } else { "" };
+    let head = if holds_several(output) { "head: 0, " } else { "" };
     // A network of one size sees images of any other resized.
     let is_of_one_size = model.inputs.iter().all(|input| input.shape.iter().skip(1).all(|side| *side > 0));
     let fit = if is_of_one_size { "fit: resize" } else { "multiple: 32" };
@@ -122,18 +122,18 @@ pub fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String)
                      with: {{ input_name: {}, output_name: {name}, {head}output: {means}{size}{}{white} }}\n  \
                      inputs: {{ image: source/left, calibration: source/calibration, model: {{ file: {path} }} }}\n",
                     text(&input.name),
-                    layout(*last)
+                    layout_text(*last)
                 ),
             ))
         }
         ([Some((2 | 6, last))], [_]) => {
-            let layout = layout(*last);
+            let layout = layout_text(*last);
             let with =
                 format!("order: left-right, output_name: {name}, {head}output: disparity-px, {fit}{layout}{white}");
             Ok(("stereo/onnx", stereo(&with, &path)))
         }
         ([Some((a @ (1 | 3), last)), Some((b, _))], [left, right]) if a == b => {
-            let (left, right, layout) = (text(&left.name), text(&right.name), layout(*last));
+            let (left, right, layout) = (text(&left.name), text(&right.name), layout_text(*last));
             let with = format!(
                 "left_name: {left}, right_name: {right}, output_name: {name}, {head}output: disparity-px, {fit}{layout}{white}"
             );
@@ -157,7 +157,7 @@ fn network(model: &Description, seen: &[Option<(i64, bool)>], path: &str, fit: &
     let mut wired = Vec::new();
     for (index, (input, seen)) in model.inputs.iter().zip(seen).enumerate() {
         let (value_type, layout) = match seen {
-            Some((3, last)) => ("image", if *last { ", layout: nhwc" } else { "" }),
+            Some((3, last)) => ("image", layout_text(*last)),
             Some((1, true)) => ("depth", ", layout: nhwc"),
             None if input.shape.len() == 4 && input.shape[1] == -1 => ("image", ""),
             Some((1, false)) => ("depth", ""),
@@ -177,14 +177,10 @@ fn network(model: &Description, seen: &[Option<(i64, bool)>], path: &str, fit: &
     let is_map = |output: &&Tensor| output.is_number() && (is_open(output) || may_be_map(&output.shape, (None, None)));
     for (index, output) in model.outputs.iter().filter(is_map).enumerate() {
         let port = port(&output.name, "output", index);
-        let holds_several = output.shape.len() == 4 && output.shape[1] > 1 && output.shape[3] != 1;
-        let head = if holds_several { ", head: 0" } else { "" };
+        let head = if holds_several(output) { ", head: 0" } else { "" };
         let _ = writeln!(lines, "        {port}: {{ type: depth, name: {}{head} }}", text(&output.name));
     }
-    let _ = writeln!(
-        lines,
-        "  # type: image, depth, disparity, weight or mask; white, mean, std: as the network was trained"
-    );
+    lines.push_str("  # type: image, depth, disparity, weight or mask; white, mean, std: as the network was trained\n");
     let _ = writeln!(lines, "  inputs: {{ {}, model: {{ file: {path} }} }}", wired.join(", "));
     Ok(lines)
 }

@@ -16,7 +16,7 @@ use tract_onnx::prelude::{
 
 use tract_onnx::tract_core::ops::Cost;
 
-use super::binding::{self, Binding, Element, Given};
+use super::binding::{self, Binding, Element, OutputTensor};
 
 /// Pinned in `Cargo.toml`.
 pub(super) const VERSION: &str = "0.23.9";
@@ -67,7 +67,7 @@ impl TractSession {
         Ok(())
     }
 
-    pub(crate) fn run(&self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<Given>, String> {
+    pub(crate) fn run(&self, binding: &Binding, tensors: &[&[f32]]) -> Result<Vec<OutputTensor>, String> {
         let plan = self.plan.as_ref().ok_or("the network was not prepared")?;
         caught(|| {
             let mut fed = tvec!();
@@ -87,7 +87,7 @@ impl TractSession {
                 let output = output.cast_to::<f32>()?;
                 let view = output.to_plain_array_view::<f32>()?;
                 let shape = view.shape().iter().map(|&side| side as i64).collect();
-                given.push(Given { shape, values: view.iter().copied().collect() });
+                given.push(OutputTensor { shape, values: view.iter().copied().collect() });
             }
             Ok(given)
         })

@@ -1,11 +1,7 @@
-//! A process that was started: its streams, its end.
+//! A started process. One thread writes to it, one reads its replies, one keeps the end of its standard error.
 //!
-//! Three threads stand between it and whoever calls: one writes to it, one reads what it says, one keeps the end of what it says on its standard error. So
-//! whoever calls waits for a channel, and can end the waiting; a pipe that is full or silent holds up nobody but its thread.
-//!
-//! It runs in a process group of its own, whose first process is a guard: a shell that does nothing until its standard input ends, and then kills the group.
-//! That is how all of it goes, what the program started as well: here where it is in the way, and, since a pipe ends with whoever holds it, also when this
-//! process is killed and can do nothing any more. The group's number is the guard's, so that it is nobody else's as long as the guard was not waited for.
+//! It runs in a process group of its own. The group's first process is a guard, a shell that kills the group when its
+//! standard input ends, also if depthloom itself was killed.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -17,33 +13,33 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use depthloom_codecs::arrow::{Schema, StreamError, StreamReader, encode, write_schema};
-use depthloom_graphs::{Fault, Port};
+use depthloom_graphs::{ErrorMessage, Fault, Port};
 use depthloom_threads::{locked, look_for_room};
 
 use super::ended::{self, EndedProgram};
 use super::launch::{Launch, PROGRAM};
 use super::memory::Shared;
 use super::permission;
-use super::protocol::{self, Elsewhere, Reply, Request};
+use super::protocol::{self, Reply, Request, SharedPlaces};
 
 /// The guard forwards signals to its group, and kills the group when its standard input ends.
 const GUARD: &str = "trap '' HUP INT TERM; while read -r signal; do kill -s \"$signal\" 0; done; kill -s KILL 0";
 /// Bytes of standard error that are kept.
-const KEPT: usize = 16 << 10;
+const STDERR_BYTES: usize = 16 << 10;
 /// Time to end after SIGTERM, before SIGKILL.
 const GRACE: Duration = Duration::from_secs(2);
 /// Time to end after standard input has ended, before SIGTERM.
 const LAST_GRACE: Duration = Duration::from_secs(10);
 /// Polling interval of waits.
-pub(super) const LOOK: Duration = Duration::from_millis(50);
+pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 #[derive(Default)]
-struct Said {
+struct StderrTail {
     bytes: VecDeque<u8>,
     left_out: bool,
 }
 
-type Heard = Result<Reply, (String, &'static str)>;
+type Received = Result<Reply, ErrorMessage>;
 
 const PRINTS: &str =
     "print to standard error (`print(..., file=sys.stderr)` in Python): standard output belongs to the protocol";
@@ -52,15 +48,15 @@ pub(super) struct Running {
     child: Child,
     guard: Guard,
     calls: Option<SyncSender<Request>>,
-    replies: Receiver<Heard>,
-    said: Arc<Mutex<Said>>,
+    replies: Receiver<Received>,
+    said: Arc<Mutex<StderrTail>>,
     listener: Option<JoinHandle<()>>,
     /// The number of the last call.
     pub(super) number: i64,
     /// Whether its last reply was a failure, which is reported already.
     pub(super) has_failed: bool,
     is_terminated: bool,
-    hung_up: Option<Instant>,
+    stdin_closed: Option<Instant>,
     command: String,
     pub(super) is_reported: bool,
 }
@@ -103,21 +99,19 @@ impl Guard {
     }
 }
 
-pub(super) enum Silence {
+pub(super) enum NoReply {
     Late,
-    /// What is wrong, as a lower-case fragment, and a remedy, which may be empty.
-    Broken(String, &'static str),
+    /// The process is of no further use.
+    Broken(ErrorMessage),
 }
 
 impl Running {
     /// Starts a process and its threads and sends the schema, without waiting for a reply.
     pub(super) fn start(launch: &Launch, schema: &Arc<Schema>, outputs: &Arc<[Port]>) -> Result<Self, Fault> {
-        permission::ask(&launch.command_line())?;
+        permission::check(&launch.command_line())?;
         let name = launch.program();
-        let failed = |error: std::io::Error| {
-            let fault = Fault::new(format!("`{name}` cannot be started")).because(error);
-            fault.remedy(PROGRAM)
-        };
+        let failed =
+            |error: std::io::Error| Fault::new(format!("`{name}` cannot be started")).because(error).remedy(PROGRAM);
         let guard = Guard::start().map_err(failed)?;
         let Some((program, arguments)) = launch.command.split_first() else { return Err(Fault::new("no command")) };
         let mut command = Command::new(&program.0);
@@ -139,8 +133,8 @@ impl Running {
         };
         let (input, output, errors) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
         let (calls, to_write) = sync_channel::<Request>(1);
-        let (heard, replies) = sync_channel::<Heard>(1);
-        let said = Arc::<Mutex<Said>>::default();
+        let (received, replies) = sync_channel::<Received>(1);
+        let said = Arc::<Mutex<StderrTail>>::default();
         let mut running = Self {
             child,
             guard,
@@ -151,7 +145,7 @@ impl Running {
             number: 0,
             has_failed: false,
             is_terminated: false,
-            hung_up: None,
+            stdin_closed: None,
             command: launch.program(),
             is_reported: true,
         };
@@ -159,13 +153,13 @@ impl Running {
             return Err(Fault::new(format!("`{name}` was started without streams")));
         };
         let shared = Shared::new();
-        let schema = protocol::offering(schema, shared.offer());
+        let schema = protocol::offering_shared(schema, shared.offer());
         let (outputs, keep) = (Arc::clone(outputs), Arc::clone(&running.said));
         let shared = Arc::new(Mutex::new(shared));
         let also = Arc::clone(&shared);
         let threads = || {
             thread("write", move || write(input, &schema, &to_write, &shared))?;
-            thread("read", move || read(output, &outputs, &heard, &also))?;
+            thread("read", move || read(output, &outputs, &received, &also))?;
             thread("errors", move || listen(errors, &keep))
         };
         // What was started ends with `running`.
@@ -180,17 +174,17 @@ impl Running {
         }
     }
 
-    pub(super) fn hang_up(&mut self) {
+    pub(super) fn close_stdin(&mut self) {
         self.calls = None;
-        self.hung_up.get_or_insert_with(Instant::now);
+        self.stdin_closed.get_or_insert_with(Instant::now);
     }
 
-    pub(super) fn hear(&mut self, patience: Duration) -> Result<Reply, Silence> {
+    pub(super) fn receive(&mut self, patience: Duration) -> Result<Reply, NoReply> {
         match self.replies.recv_timeout(patience) {
             Ok(Ok(reply)) => Ok(reply),
-            Ok(Err((what, remedy))) => Err(Silence::Broken(what, remedy)),
-            Err(RecvTimeoutError::Timeout) => Err(Silence::Late),
-            Err(RecvTimeoutError::Disconnected) => Err(Silence::Broken("it says nothing more".to_owned(), "")),
+            Ok(Err(error)) => Err(NoReply::Broken(error)),
+            Err(RecvTimeoutError::Timeout) => Err(NoReply::Late),
+            Err(RecvTimeoutError::Disconnected) => Err(NoReply::Broken(ErrorMessage::new("it says nothing more"))),
         }
     }
 
@@ -201,7 +195,7 @@ impl Running {
 
     /// Ends the whole group. Returns the status if the process ended by itself within `patience`.
     fn end(&mut self, patience: Duration) -> Option<ExitStatus> {
-        self.hang_up();
+        self.close_stdin();
         let by_itself = ends_within(&mut self.child, patience);
         let mut status = by_itself;
         if status.is_none() {
@@ -219,9 +213,9 @@ impl Running {
     }
 
     /// Ends a process after a failure. Returns its status and the end of its standard error, for a message.
-    pub(super) fn last_words(mut self, is_silent: bool) -> String {
+    pub(super) fn end_with_context(mut self, ends_at_once: bool) -> String {
         // What has closed its streams is about to end; what is silent, or says what it should not, is not.
-        let by_itself = ends_within(&mut self.child, if is_silent { Duration::ZERO } else { GRACE });
+        let by_itself = ends_within(&mut self.child, if ends_at_once { Duration::ZERO } else { GRACE });
         let mut words = by_itself.map_or_else(String::new, |status| format!("; it {}", how(status)));
         self.end(Duration::ZERO);
         let (printed, is_cut) = self.standard_error();
@@ -303,8 +297,8 @@ fn how(status: ExitStatus) -> String {
 impl Drop for Running {
     fn drop(&mut self) {
         if self.guard.orders.is_some() {
-            self.hang_up();
-            let waited = self.hung_up.map_or(Duration::ZERO, |at| at.elapsed());
+            self.close_stdin();
+            let waited = self.stdin_closed.map_or(Duration::ZERO, |at| at.elapsed());
             let by_itself = self.end(if self.is_terminated { GRACE } else { LAST_GRACE.saturating_sub(waited) });
             self.report(by_itself);
         }
@@ -320,13 +314,13 @@ fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>, shar
     let mut write = || -> std::io::Result<()> {
         write_schema(schema, &mut input)?;
         while let Ok(request) = calls.recv() {
-            let mut elsewhere = Elsewhere::default();
+            let mut places = SharedPlaces::default();
             {
                 let mut shared = locked(shared);
-                elsewhere.call = shared.lay(&encode(schema, request.row(&Elsewhere::default())));
-                elsewhere.answer = shared.room();
+                places.call = shared.store_call(&encode(schema, request.row(&SharedPlaces::default())));
+                places.answer = shared.reply_place();
             }
-            encode(schema, request.row(&elsewhere)).write(&mut input)?;
+            encode(schema, request.row(&places)).write(&mut input)?;
         }
         input.write_all(&[0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0])
     };
@@ -334,44 +328,44 @@ fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>, shar
     let _ = write();
 }
 
-fn read(output: impl Read, outputs: &[Port], heard: &SyncSender<Heard>, shared: &Mutex<Shared>) {
+fn read(output: impl Read, outputs: &[Port], received: &SyncSender<Received>, shared: &Mutex<Shared>) {
     let shared = || locked(shared);
     let mut stream = StreamReader::new(output);
     let schema = match stream.schema() {
-        Ok(Some(schema)) => protocol::check_schema(&schema).map(|()| schema).map_err(|what| (what, "")),
-        Ok(None) => Err(("it ended, or closed its standard output, before it said anything".to_owned(), "")),
+        Ok(Some(schema)) => protocol::check_schema(&schema).map(|()| schema).map_err(ErrorMessage::new),
+        Ok(None) => Err(ErrorMessage::new("it ended, or closed its standard output, before it said anything")),
         Err(error) => Err(not_of_the_protocol(&error)),
     };
     let schema = match schema {
         Ok(schema) => schema,
-        Err(wrong) => {
-            let _ = heard.send(Err(wrong));
+        Err(error) => {
+            let _ = received.send(Err(error));
             return;
         }
     };
-    shared().agree(protocol::agrees(&schema));
+    shared().finish_handshake(protocol::shared_word(&schema));
     loop {
         let next = match stream.batch(&schema) {
             Ok(Some(batch)) => {
-                let row = shared().meant(&schema, batch);
-                row.and_then(|row| protocol::reply(&schema, &row, outputs)).map_err(|what| (what, ""))
+                let row = shared().resolve(&schema, batch);
+                row.and_then(|row| protocol::reply(&schema, &row, outputs)).map_err(ErrorMessage::new)
             }
-            Ok(None) => Err(("it ended, or closed its standard output".to_owned(), "")),
+            Ok(None) => Err(ErrorMessage::new("it ended, or closed its standard output")),
             Err(error) => Err(not_of_the_protocol(&error)),
         };
         let is_over = next.is_err();
-        if heard.send(next).is_err() || is_over {
+        if received.send(next).is_err() || is_over {
             return;
         }
     }
 }
 
-fn not_of_the_protocol(error: &StreamError) -> (String, &'static str) {
-    let remedy = if matches!(error, StreamError::Text(_)) { PRINTS } else { "" };
-    (format!("what it says is not of the protocol: {error}"), remedy)
+fn not_of_the_protocol(error: &StreamError) -> ErrorMessage {
+    let message = ErrorMessage::new(format!("what it says is not of the protocol: {error}"));
+    if matches!(error, StreamError::Text(_)) { message.remedy(PRINTS) } else { message }
 }
 
-fn listen(mut errors: impl Read, said: &Mutex<Said>) {
+fn listen(mut errors: impl Read, said: &Mutex<StderrTail>) {
     let mut chunk = [0; 4096];
     while let Ok(read) = errors.read(&mut chunk) {
         if read == 0 {
@@ -379,7 +373,7 @@ fn listen(mut errors: impl Read, said: &Mutex<Said>) {
         }
         let mut said = locked(said);
         said.bytes.extend(&chunk[..read]);
-        let over = said.bytes.len().saturating_sub(KEPT);
+        let over = said.bytes.len().saturating_sub(STDERR_BYTES);
         said.left_out |= over > 0;
         said.bytes.drain(..over);
     }

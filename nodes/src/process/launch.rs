@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use depthloom_graphs::contracts::{Argument, CodePath};
+use depthloom_graphs::contracts::{Argument, CodePath, FramePaths};
 use depthloom_graphs::{Fault, Key};
 
 use super::modules::Modules;
@@ -47,6 +47,93 @@ pub(super) fn content(
     let is_file = |word: &&Argument| word.0.contains(['/', '.']) && Path::new(&word.0).is_file();
     let named = command.iter().filter(is_file).map(|word| CodePath(PathBuf::from(&word.0)));
     code.iter().cloned().chain(named).map(|code| Ok((code.clone(), code.content()?))).collect()
+}
+
+/// The parameters of any kind that starts a program.
+pub(crate) struct ProgramParams<'a> {
+    pub command: &'a [Argument],
+    pub env: &'a BTreeMap<String, String>,
+    pub secrets: &'a BTreeMap<String, String>,
+    pub version: Option<u32>,
+    pub code: &'a [CodePath],
+}
+
+impl ProgramParams<'_> {
+    pub(super) fn launch(
+        &self,
+        instances: usize,
+        reads: &FramePaths,
+        [start_s, frame_s, once_s]: [f64; 3],
+    ) -> Result<Launch, Fault> {
+        let variables = self.env.iter().chain(self.secrets);
+        Ok(Launch {
+            command: self.command.to_vec(),
+            env: variables.map(|(name, value)| (name.clone(), value.clone())).collect(),
+            code: content(self.command, self.version, self.code)?,
+            modules: Modules::Ignored,
+            reads: self.version.is_none().then(|| reads.0.clone()),
+            instances,
+            start: Duration::from_secs_f64(start_s),
+            frame: Duration::from_secs_f64(frame_s),
+            once: Duration::from_secs_f64(once_s),
+        })
+    }
+
+    /// Whether imports of the program enter cache keys, if it reports them.
+    pub(super) fn has_keys(&self) -> bool {
+        self.version.is_some() || !self.code.is_empty()
+    }
+
+    pub(crate) fn check(&self, times: &[(&'static str, f64)]) -> Result<(), (&'static str, String)> {
+        let Self { command, env, secrets, version, code } = self;
+        if command.first().is_none_or(|program| program.0.is_empty()) {
+            return Err(("command", "command wants the program and its arguments, `[python3, node.py]`".to_owned()));
+        }
+        if command.iter().any(|argument| argument.0.contains('\0')) {
+            return Err(("command", "command holds a zero byte, which no argument can have".to_owned()));
+        }
+        for (parameter, variables) in [("env", *env), ("secrets", *secrets)] {
+            if let Some(name) = variables.keys().find(|name| name.is_empty() || name.contains(['=', '\0'])) {
+                return Err((parameter, format!("{name:?} cannot be the name of a variable")));
+            }
+            if let Some((name, _)) = variables.iter().find(|(_, value)| value.contains('\0')) {
+                return Err((parameter, format!("the value of {name} holds a zero byte")));
+            }
+        }
+        if let Some(name) = secrets.keys().find(|name| env.contains_key(*name)) {
+            return Err(("secrets", format!("{name} is in `env` as well: give it in one of them")));
+        }
+        if version.is_some() && !code.is_empty() {
+            let what = "code and version both say what the results depend on: give one of them";
+            return Err(("code", what.to_owned()));
+        }
+        if let Some(fault) = code.iter().find_map(|code| code.files().err()) {
+            return Err(("code", fault.to_string()));
+        }
+        for &(name, seconds) in times {
+            if !(seconds > 0.0 && seconds <= LONGEST_S) {
+                return Err((name, format!("{name} is {seconds}, and is more than 0 and at most {LONGEST_S} seconds")));
+            }
+        }
+        Ok(())
+    }
+
+    /// `None` with a `version`; otherwise a hash of the files' content, or without any a key that differs in every run.
+    pub(crate) fn fingerprint(&self) -> Result<Option<Key>, Fault> {
+        static THIS_TIME: OnceLock<Key> = OnceLock::new();
+        if self.version.is_some() {
+            return Ok(None);
+        }
+        if self.code.is_empty() {
+            let random = || {
+                Key::build("this time").number(RandomState::new().hash_one(0)).number(RandomState::new().hash_one(1))
+            };
+            return Ok(Some(*THIS_TIME.get_or_init(|| random().number(std::process::id().into()).finish())));
+        }
+        let files = content(self.command, self.version, self.code)?;
+        let key = Key::build("files of a program").number(files.len() as u64);
+        Ok(Some(files.iter().fold(key, |key, (_, content)| key.key(content)).finish()))
+    }
 }
 
 impl Launch {
@@ -104,61 +191,6 @@ pub(crate) fn command_line(command: &[Argument]) -> String {
         if !text.is_empty() && text.chars().all(is_plain) { text.clone() } else { format!("{text:?}") }
     };
     command.iter().map(quoted).collect::<Vec<_>>().join(" ")
-}
-
-pub(crate) fn check<const N: usize>(
-    command: &[Argument],
-    [env, secrets]: [&BTreeMap<String, String>; 2],
-    version: Option<u32>,
-    code: &[CodePath],
-    times: [(&'static str, f64); N],
-) -> Result<(), (&'static str, String)> {
-    if command.first().is_none_or(|program| program.0.is_empty()) {
-        return Err(("command", "command wants the program and its arguments, `[python3, node.py]`".to_owned()));
-    }
-    if command.iter().any(|argument| argument.0.contains('\0')) {
-        return Err(("command", "command holds a zero byte, which no argument can have".to_owned()));
-    }
-    for (parameter, variables) in [("env", env), ("secrets", secrets)] {
-        if let Some(name) = variables.keys().find(|name| name.is_empty() || name.contains(['=', '\0'])) {
-            return Err((parameter, format!("{name:?} cannot be the name of a variable")));
-        }
-        if let Some((name, _)) = variables.iter().find(|(_, value)| value.contains('\0')) {
-            return Err((parameter, format!("the value of {name} holds a zero byte")));
-        }
-    }
-    if let Some(name) = secrets.keys().find(|name| env.contains_key(*name)) {
-        return Err(("secrets", format!("{name} is in `env` as well: give it in one of them")));
-    }
-    if version.is_some() && !code.is_empty() {
-        let what = "code and version both say what the results depend on: give one of them";
-        return Err(("code", what.to_owned()));
-    }
-    if let Some(fault) = code.iter().find_map(|code| code.files().err()) {
-        return Err(("code", fault.to_string()));
-    }
-    for (name, seconds) in times {
-        if !(seconds > 0.0 && seconds <= LONGEST_S) {
-            return Err((name, format!("{name} is {seconds}, and is more than 0 and at most {LONGEST_S} seconds")));
-        }
-    }
-    Ok(())
-}
-
-/// `None` with a `version`; otherwise a hash of the files' content, or without any a key that differs in every run.
-pub(crate) fn fingerprint(command: &[Argument], version: Option<u32>, code: &[CodePath]) -> Result<Option<Key>, Fault> {
-    static THIS_TIME: OnceLock<Key> = OnceLock::new();
-    if version.is_some() {
-        return Ok(None);
-    }
-    if code.is_empty() {
-        let random =
-            || Key::build("this time").number(RandomState::new().hash_one(0)).number(RandomState::new().hash_one(1));
-        return Ok(Some(*THIS_TIME.get_or_init(|| random().number(std::process::id().into()).finish())));
-    }
-    let files = content(command, version, code)?;
-    let key = Key::build("files of a program").number(files.len() as u64);
-    Ok(Some(files.iter().fold(key, |key, (_, content)| key.key(content)).finish()))
 }
 
 #[cfg(unix)]

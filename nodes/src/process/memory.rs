@@ -90,13 +90,13 @@ impl Shared {
 
     /// Another word means that the process opened another file under this path, as in a container with its own process
     /// numbers: then all rows cross the pipe.
-    pub(super) fn agree(&mut self, found: Option<&str>) {
+    pub(super) fn finish_handshake(&mut self, found: Option<&str>) {
         let probe = self.probe.take();
         self.is_agreed = probe.zip(found).is_some_and(|((_, word), found)| word == found);
     }
 
     /// `None`: the call crosses the pipe.
-    pub(super) fn lay(&mut self, call: &Encoded<'_>) -> Option<Place> {
+    pub(super) fn store_call(&mut self, call: &Encoded<'_>) -> Option<Place> {
         let bytes = call.bytes() as u64;
         if !self.is_agreed || !(LARGE..=self.most).contains(&bytes) {
             return None;
@@ -121,7 +121,7 @@ impl Shared {
         Some(memory.place(bytes))
     }
 
-    pub(super) fn room(&mut self) -> Option<Place> {
+    pub(super) fn reply_place(&mut self) -> Option<Place> {
         if self.is_agreed && self.wanted > self.answers.as_ref().map_or(0, |memory| memory.size) {
             self.answers = None;
             self.answers = self.make(self.wanted);
@@ -139,7 +139,7 @@ impl Shared {
     }
 
     /// The row that came through the pipe, or the one in shared memory that it refers to.
-    pub(super) fn meant(&mut self, schema: &Schema, batch: Batch) -> Result<Batch, String> {
+    pub(super) fn resolve(&mut self, schema: &Schema, batch: Batch) -> Result<Batch, String> {
         let held = batch.column(schema, "held").map_or(Ok(Vec::new()), |held| held.i64s())?;
         self.holds(&held)?;
         if batch.column(schema, "says").map(|says| says.text()).transpose()? != Some("shared") {
@@ -204,9 +204,9 @@ mod tests {
     fn a_file_is_written_again_once_nobody_holds_it() {
         let list = DataType::List(Offsets::Narrow, Box::new(Field::new("item", DataType::Int(8, false))));
         let schema = Schema { fields: vec![Field::new("data", list)], metadata: Vec::new() };
-        let lay = |shared: &mut Shared, bytes: usize| {
+        let store = |shared: &mut Shared, bytes: usize| {
             let bytes = vec![7; bytes];
-            let place = shared.lay(&encode(&schema, vec![Data::List(Items::U8(&bytes))]));
+            let place = shared.store_call(&encode(&schema, vec![Data::List(Items::U8(&bytes))]));
             place.map(|place| {
                 assert!(std::fs::metadata(&place.path).expect("it is there").len() == place.size as u64);
                 place.file
@@ -214,23 +214,23 @@ mod tests {
         };
         let mut shared = Shared::new();
         let word = std::fs::read_to_string(shared.offer().expect("a Linux has such files")).expect("a word");
-        assert_eq!(lay(&mut shared, 100_000), None, "nothing is agreed");
-        shared.agree(Some(&word));
-        assert_eq!(lay(&mut shared, 1000), None, "it is small");
-        assert_eq!((lay(&mut shared, 100_000), lay(&mut shared, 200_000)), (Some(1), Some(1)));
-        assert_eq!(lay(&mut shared, 2_000_000), Some(2), "it is too large for the first");
+        assert_eq!(store(&mut shared, 100_000), None, "nothing is agreed");
+        shared.finish_handshake(Some(&word));
+        assert_eq!(store(&mut shared, 1000), None, "it is small");
+        assert_eq!((store(&mut shared, 100_000), store(&mut shared, 200_000)), (Some(1), Some(1)));
+        assert_eq!(store(&mut shared, 2_000_000), Some(2), "it is too large for the first");
         shared.holds(&[2]).expect("a call lies there");
         shared.holds(&[1]).expect_err("that file is gone");
         let others: Vec<i64> = (3..2 + FILES as i64).collect();
         for (at, file) in others.iter().enumerate() {
-            assert_eq!(lay(&mut shared, 100_000), Some(*file));
+            assert_eq!(store(&mut shared, 100_000), Some(*file));
             let held: Vec<i64> = [2].into_iter().chain(others[..=at].iter().copied()).collect();
             shared.holds(&held).expect("calls lie there");
         }
-        assert_eq!(lay(&mut shared, 100_000), None, "all are held");
+        assert_eq!(store(&mut shared, 100_000), None, "all are held");
         shared.holds(&[3]).expect("a call lies there");
-        assert_eq!(lay(&mut shared, 1_500_000), Some(2));
-        assert!(shared.room().is_none(), "no large answer came");
+        assert_eq!(store(&mut shared, 1_500_000), Some(2));
+        assert!(shared.reply_place().is_none(), "no large answer came");
     }
 
     #[test]
@@ -240,9 +240,9 @@ mod tests {
         let bytes = vec![7; 100_000];
         for found in [Some("f".repeat(32)), Some("not a word".to_owned()), Some(String::new()), None] {
             let mut shared = Shared::new();
-            shared.agree(found.as_deref());
-            assert!(shared.lay(&encode(&schema, vec![Data::List(Items::U8(&bytes))])).is_none(), "{found:?}");
-            assert!(shared.room().is_none(), "{found:?}");
+            shared.finish_handshake(found.as_deref());
+            assert!(shared.store_call(&encode(&schema, vec![Data::List(Items::U8(&bytes))])).is_none(), "{found:?}");
+            assert!(shared.reply_place().is_none(), "{found:?}");
         }
     }
 }

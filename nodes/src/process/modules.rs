@@ -73,11 +73,11 @@ impl Modules {
         Self::Known(OnceLock::from(report))
     }
 
-    pub(super) const fn are_asked_for(&self) -> bool {
+    pub(super) const fn are_requested(&self) -> bool {
         matches!(self, Self::Known(_))
     }
 
-    pub(super) fn settled(&self) -> Option<Arc<ModuleReport>> {
+    pub(super) fn fixed(&self) -> Option<Arc<ModuleReport>> {
         match self {
             Self::Ignored => None,
             Self::Known(report) => report.get_or_init(|| None).clone(),

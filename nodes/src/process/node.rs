@@ -1,7 +1,6 @@
 //! `process`: a node in any language.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 use depthloom_graphs::contracts::{
     Argument, CodePath, Contract, DeclaredPorts, FramePaths, NodeDeclaration, Observation, OnceNode, OrderedNode,
@@ -13,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
-use super::launch::{self, Launch};
+use super::launch::{Launch, ProgramParams};
 use super::modules::Modules;
 use super::permission;
 use super::pool::{self, Pool};
@@ -100,28 +99,24 @@ impl Default for ProcessParams {
 }
 
 impl ProcessParams {
+    fn program(&self) -> ProgramParams<'_> {
+        let Self { command, env, secrets, version, code, .. } = self;
+        ProgramParams { command, env, secrets, version: *version, code }
+    }
+
     /// Starts the program once for its report if its modules enter keys.
     fn launch(&self) -> Result<Launch, Fault> {
         let instances = match self.contract {
             ProcessContract::Pure => self.instances.map_or(usize::MAX, usize::from),
             ProcessContract::Ordered | ProcessContract::Once => 1,
         };
-        let seconds = |given: Option<f64>, default: f64| Duration::from_secs_f64(given.unwrap_or(default));
-        let mut launch = Launch {
-            command: self.command.clone(),
-            env: self.env.iter().chain(&self.secrets).map(|(name, value)| (name.clone(), value.clone())).collect(),
-            code: launch::content(&self.command, self.version, &self.code)?,
-            modules: Modules::Ignored,
-            reads: self.version.is_none().then(|| self.reads.0.clone()),
-            instances,
-            start: Duration::from_secs_f64(self.start_timeout_s),
-            frame: seconds(self.timeout_s, FRAME_S),
-            once: seconds(self.timeout_s, ONCE_S),
-        };
+        let (frame_s, once_s) = (self.timeout_s.unwrap_or(FRAME_S), self.timeout_s.unwrap_or(ONCE_S));
+        let program = self.program();
+        let mut launch = program.launch(instances, &self.reads, [self.start_timeout_s, frame_s, once_s])?;
         // Found before any frame: it is asked again where it is started.
-        permission::ask(&launch.command_line())?;
+        permission::check(&launch.command_line())?;
         launch.check_program()?;
-        if self.imports && (self.version.is_some() || !self.code.is_empty()) {
+        if self.imports && program.has_keys() {
             launch.modules = Modules::known(pool::report_of(&launch));
         }
         Ok(launch)
@@ -173,7 +168,7 @@ It runs in a process group of its own, and everything in that group ends with it
 
     fn check(params: &ProcessParams) -> Result<(), (&'static str, String)> {
         let times = [("timeout_s", params.timeout_s.unwrap_or(FRAME_S)), ("start_timeout_s", params.start_timeout_s)];
-        launch::check(&params.command, [&params.env, &params.secrets], params.version, &params.code, times)?;
+        params.program().check(&times)?;
         check_reads(&params.reads)?;
         let contract = params.contract.contract();
         if contract == Contract::Once && !params.reads.0.is_empty() {
@@ -195,8 +190,8 @@ It runs in a process group of its own, and everything in that group ends with it
     }
 
     fn fingerprint(params: &ProcessParams) -> Result<Option<Key>, Fault> {
-        let files = launch::fingerprint(&params.command, params.version, &params.code)?;
-        let modules = params.launch()?.modules.settled();
+        let files = params.program().fingerprint()?;
+        let modules = params.launch()?.modules.fixed();
         let program = match (files, modules) {
             (files, None) => files,
             (files, Some(report)) => {

@@ -12,7 +12,7 @@ pub fn give() {
 }
 
 /// Called before every start, and where it is known that one will follow.
-pub(crate) fn ask(command: &str) -> Result<(), Fault> {
+pub(crate) fn check(command: &str) -> Result<(), Fault> {
     if GIVEN.load(Ordering::Relaxed) {
         return Ok(());
     }

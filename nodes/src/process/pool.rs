@@ -5,28 +5,28 @@ use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use depthloom_codecs::arrow::Schema;
-use depthloom_graphs::{Fault, Host, Key, Outputs, Port, Value};
+use depthloom_graphs::{ErrorMessage, Fault, Host, Key, Outputs, Port, Value};
 use depthloom_threads::locked;
 
-use super::child::{LOOK, Running, Silence};
+use super::child::{NoReply, POLL_INTERVAL, Running};
 use super::imports::{self, is_python};
 use super::launch::Launch;
 use super::modules::ModuleReport;
-use super::protocol::{self, Call, Request, Says};
+use super::protocol::{self, Call, Content, Request};
 
 pub(super) struct Pool {
     launch: Launch,
     schema: Arc<Schema>,
     outputs: Arc<[Port]>,
     state: Mutex<State>,
-    given_back: Condvar,
+    released: Condvar,
 }
 
 #[derive(Default)]
 struct State {
     idle: Vec<Running>,
     /// Including those in use.
-    there: usize,
+    count: usize,
 }
 
 pub(super) enum Answer {
@@ -36,12 +36,12 @@ pub(super) enum Answer {
 
 impl Pool {
     pub(super) fn new(launch: Launch, schema: Schema, outputs: Vec<Port>) -> Self {
-        let schema = match launch.modules.are_asked_for() {
-            true => protocol::asking_for_modules(schema, false),
+        let schema = match launch.modules.are_requested() {
+            true => protocol::requesting_modules(schema, false),
             false => schema,
         };
         let (schema, outputs) = (Arc::new(schema), outputs.into());
-        Self { launch, schema, outputs, state: Mutex::default(), given_back: Condvar::new() }
+        Self { launch, schema, outputs, state: Mutex::default(), released: Condvar::new() }
     }
 
     pub(super) const fn launch(&self) -> &Launch {
@@ -56,8 +56,8 @@ impl Pool {
         for (port, value) in self.outputs.iter().zip(values) {
             let Some(value) = value else { continue };
             value.validate().map_err(|what| {
-                let (told, name, value_type) = (self.launch.program(), port.name, port.value_type);
-                Fault::new(format!("`{told}` returned an invalid {value_type} at port `{name}`: {what}"))
+                let (program, name, value_type) = (self.launch.program(), port.name, port.value_type);
+                Fault::new(format!("`{program}` returned an invalid {value_type} at port `{name}`: {what}"))
             })?;
             outputs = outputs.with(port.name, value);
         }
@@ -71,19 +71,25 @@ impl Pool {
             Some(running) => running,
             None => {
                 let started = Running::start(&self.launch, &self.schema, &self.outputs)?;
-                let (mut running, says) = self.hear(started, 0, self.launch.start, false, host)?;
+                let (mut running, says) = self.receive(started, 0, self.launch.start, false, host)?;
                 match says {
-                    Says::Ready => {
+                    Content::Ready => {
                         // By now it has read them.
                         self.launch.check_code()?;
                         running
                     }
-                    Says::Failure { message, trace } => {
+                    Content::Failure { message, trace } => {
                         running.has_failed = true;
                         drop(running);
                         return Err(self.failure("when it was started", &message, &trace));
                     }
-                    _ => return Err(self.broken(running, "gave values before it said `ready`", "", false)),
+                    _ => {
+                        return Err(self.broken(
+                            running,
+                            ErrorMessage::new("gave values before it said `ready`"),
+                            false,
+                        ));
+                    }
                 }
             }
         };
@@ -93,20 +99,21 @@ impl Pool {
         let patience = if is_of_a_frame { self.launch.frame } else { self.launch.once };
         let begun = Instant::now();
         running.send(Request { number, call, inputs });
-        let (mut running, says) = self.hear(running, number, patience, !is_of_a_frame, host)?;
+        let (mut running, says) = self.receive(running, number, patience, !is_of_a_frame, host)?;
         running.has_failed = false;
         let answer = match says {
-            Says::Values { values, cpu_ns } => {
+            Content::Values { values, cpu_ns } => {
                 host.add_cpu_time(cpu_ns.min(most_cpu_ns(begun.elapsed())));
                 Ok(Answer::Values(values))
             }
-            Says::Frames { ids, times_ns } => Ok(Answer::Frames(ids, times_ns)),
-            Says::Failure { message, trace } => {
+            Content::Frames { ids, times_ns } => Ok(Answer::Frames(ids, times_ns)),
+            Content::Failure { message, trace } => {
                 running.has_failed = true;
                 Err(self.failure("", &message, &trace))
             }
-            Says::Ready | Says::Progress { .. } | Says::Warning { .. } | Says::Modules(_) => {
-                return Err(self.broken(running, "said `ready` where an answer is wanted", "", false));
+            Content::Ready | Content::Progress { .. } | Content::Warning { .. } | Content::Modules(_) => {
+                let what = "said `ready` where an answer is wanted";
+                return Err(self.broken(running, ErrorMessage::new(what), false));
             }
         };
         slot.running = Some(running);
@@ -119,26 +126,26 @@ impl Pool {
             if let Some(running) = state.idle.pop() {
                 return Ok(Some(running));
             }
-            if state.there < self.launch.instances {
-                state.there += 1;
+            if state.count < self.launch.instances {
+                state.count += 1;
                 return Ok(None);
             }
             if host.cancelled() {
                 return Err(Fault::Cancelled);
             }
-            state = self.given_back.wait_timeout(state, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+            state = self.released.wait_timeout(state, POLL_INTERVAL).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 
     /// Forwards warnings and progress. Ends the process if there is no valid reply.
-    fn hear(
+    fn receive(
         &self,
         mut running: Running,
         number: i64,
         patience: Duration,
         may_be_stopped: bool,
         host: &dyn Host,
-    ) -> Result<(Running, Says), Fault> {
+    ) -> Result<(Running, Content), Fault> {
         let mut until = Instant::now() + patience;
         loop {
             if host.cancelled() || may_be_stopped && host.stopping() {
@@ -146,34 +153,34 @@ impl Pool {
                 return Err(Fault::Cancelled);
             }
             let left = until.saturating_duration_since(Instant::now());
-            match running.hear(left.min(LOOK)) {
-                Err(Silence::Late) if left.is_zero() => {
-                    let what = if number == 0 { "was not ready" } else { "did not answer" };
-                    let (seconds, name) =
-                        (patience.as_secs_f64(), if number == 0 { "start_timeout_s" } else { "timeout_s" });
-                    let (what, remedy) = (
-                        format!("{what} within {seconds} s, and was ended"),
-                        format!("raise `{name}` if it needs longer"),
-                    );
-                    return Err(self.broken(running, &what, &remedy, true));
+            match running.receive(left.min(POLL_INTERVAL)) {
+                Err(NoReply::Late) if left.is_zero() => {
+                    let (what, name) = match number {
+                        0 => ("was not ready", "start_timeout_s"),
+                        _ => ("did not answer", "timeout_s"),
+                    };
+                    let what = format!("{what} within {} s, and was ended", patience.as_secs_f64());
+                    let error = ErrorMessage::new(what).remedy(format!("raise `{name}` if it needs longer"));
+                    return Err(self.broken(running, error, true));
                 }
-                Err(Silence::Late) => {}
-                Err(Silence::Broken(what, remedy)) => {
+                Err(NoReply::Late) => {}
+                Err(NoReply::Broken(error)) => {
                     let when = if number == 0 { "did not start" } else { "gave no answer" };
-                    return Err(self.broken(running, &format!("{when}: {what}"), remedy, false));
+                    let error = ErrorMessage { what: format!("{when}: {}", error.what), ..error };
+                    return Err(self.broken(running, error, false));
                 }
                 Ok(reply) if reply.number != number => {
                     let what = format!("answered call {} where call {number} is to be answered", reply.number);
-                    return Err(self.broken(running, &what, "", false));
+                    return Err(self.broken(running, ErrorMessage::new(what), false));
                 }
-                Ok(reply) => match reply.says {
-                    Says::Progress { done, total, message } => {
+                Ok(reply) => match reply.content {
+                    Content::Progress { done, total, message } => {
                         until = Instant::now() + patience;
                         host.progress(done, total, &message);
                     }
-                    Says::Modules(report) => imports::check(report, &self.launch)?,
-                    Says::Warning { count: 0, message } => host.warn(&message),
-                    Says::Warning { count, message } => host.warn_n(count, &message),
+                    Content::Modules(report) => imports::check(report, &self.launch)?,
+                    Content::Warning { count: 0, message } => host.warn(&message),
+                    Content::Warning { count, message } => host.warn_n(count, &message),
                     says => return Ok((running, says)),
                 },
             }
@@ -190,9 +197,9 @@ impl Pool {
         Fault::new(what)
     }
 
-    fn broken(&self, running: Running, what: &str, remedy: &str, is_silent: bool) -> Fault {
-        let fault = Fault::new(format!("`{}` {what}{}", self.launch.program(), running.last_words(is_silent)));
-        if remedy.is_empty() { fault } else { fault.remedy(remedy) }
+    fn broken(&self, running: Running, error: ErrorMessage, ends_at_once: bool) -> Fault {
+        let (program, context) = (self.launch.program(), running.end_with_context(ends_at_once));
+        Fault::Failed(ErrorMessage { what: format!("`{program}` {}{context}", error.what), ..error })
     }
 }
 
@@ -213,12 +220,12 @@ pub(super) fn report_of(launch: &Launch) -> Option<Arc<ModuleReport>> {
 
 fn modules(launch: &Launch) -> Option<ModuleReport> {
     let schema = protocol::request_schema("pure", &[], &[], &serde_json::Map::new());
-    let schema = Arc::new(protocol::asking_for_modules(schema, true));
+    let schema = Arc::new(protocol::requesting_modules(schema, true));
     let mut running = Running::start(launch, &schema, &Arc::from([])).ok()?;
     // What it prints, and how it ends, is reported of the one that is called.
     running.is_reported = false;
-    match running.hear(launch.start).map(|reply| reply.says) {
-        Ok(Says::Modules(report)) => Some(report),
+    match running.receive(launch.start).map(|reply| reply.content) {
+        Ok(Content::Modules(report)) => Some(report),
         Ok(_) | Err(_) => {
             running.terminate();
             None
@@ -244,10 +251,10 @@ impl Drop for Slot<'_> {
         let mut state = locked(&self.pool.state);
         match self.running.take() {
             Some(running) => state.idle.push(running),
-            None => state.there -= 1,
+            None => state.count -= 1,
         }
         drop(state);
-        self.pool.given_back.notify_one();
+        self.pool.released.notify_one();
     }
 }
 
@@ -255,7 +262,7 @@ impl Drop for Pool {
     fn drop(&mut self) {
         let idle = &mut self.state.get_mut().unwrap_or_else(PoisonError::into_inner).idle;
         // All are told before any is waited for.
-        idle.iter_mut().for_each(Running::hang_up);
+        idle.iter_mut().for_each(Running::close_stdin);
     }
 }
 

@@ -58,7 +58,7 @@ pub(super) struct Place {
 
 /// The parts of a call that are in shared memory.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Elsewhere {
+pub(super) struct SharedPlaces {
     pub call: Option<Place>,
     pub answer: Option<Place>,
 }
@@ -66,11 +66,11 @@ pub(super) struct Elsewhere {
 #[derive(Debug)]
 pub(super) struct Reply {
     pub number: i64,
-    pub says: Says,
+    pub content: Content,
 }
 
 #[derive(Debug)]
-pub(super) enum Says {
+pub(super) enum Content {
     Ready,
     Progress {
         done: u64,
@@ -135,8 +135,8 @@ pub(super) fn request_schema(contract: &str, inputs: &[Port], outputs: &[Port], 
 
 impl Request {
     /// A row in shared memory carries neither frame nor inputs in the pipe.
-    pub(super) fn row<'a>(&'a self, elsewhere: &'a Elsewhere) -> Vec<Data<'a>> {
-        let is_here = elsewhere.call.is_none();
+    pub(super) fn row<'a>(&'a self, places: &'a SharedPlaces) -> Vec<Data<'a>> {
+        let is_here = places.call.is_none();
         let frame = match &self.call {
             Call::Process(Some(frame)) if is_here => Data::Struct(vec![
                 Data::Text((&*frame.id).into()),
@@ -152,23 +152,23 @@ impl Request {
             Data::Struct(vec![Data::Int(*file), Data::Text(path.as_str().into()), Data::Int(*size), Data::Int(*bytes)])
         };
         let call = Data::Text(self.call.name().into());
-        vec![Data::Int(self.number), call, frame, inputs, place(&elsewhere.call), place(&elsewhere.answer)]
+        vec![Data::Int(self.number), call, frame, inputs, place(&places.call), place(&places.answer)]
     }
 }
 
-pub(super) fn offering(schema: &Schema, path: Option<String>) -> Schema {
+pub(super) fn offering_shared(schema: &Schema, path: Option<String>) -> Schema {
     let mut schema = schema.clone();
     schema.metadata.extend(path.map(|path| (SHARED.to_owned(), path)));
     schema
 }
 
-pub(super) fn asking_for_modules(mut schema: Schema, and_nothing_else: bool) -> Schema {
+pub(super) fn requesting_modules(mut schema: Schema, and_nothing_else: bool) -> Schema {
     let asked = if and_nothing_else { "first" } else { "report" };
     schema.metadata.push((MODULES.to_owned(), asked.to_owned()));
     schema
 }
 
-pub(super) fn agrees(schema: &Schema) -> Option<&str> {
+pub(super) fn shared_word(schema: &Schema) -> Option<&str> {
     schema.said(SHARED)
 }
 
@@ -192,12 +192,12 @@ pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<
         u64::try_from(count).map_err(|_| format!("its `{name}` is {count}, which must not be negative"))
     };
     let text = |name: &str| column(name).map_or(Ok(String::new()), |column| column.text().map(str::to_owned));
-    let says = match column("says").ok_or("a reply says nothing")?.text()? {
-        "ready" => Says::Ready,
-        "progress" => Says::Progress { done: count("done")?, total: count("total")?, message: text("message")? },
-        "warning" => Says::Warning { count: count("count")?, message: text("message")? },
-        "modules" => Says::Modules(ModuleReport::parse(&text("message")?)?),
-        "failure" => Says::Failure { message: text("message")?, trace: text("trace")? },
+    let content = match column("says").ok_or("a reply says nothing")?.text()? {
+        "ready" => Content::Ready,
+        "progress" => Content::Progress { done: count("done")?, total: count("total")?, message: text("message")? },
+        "warning" => Content::Warning { count: count("count")?, message: text("message")? },
+        "modules" => Content::Modules(ModuleReport::parse(&text("message")?)?),
+        "failure" => Content::Failure { message: text("message")?, trace: text("trace")? },
         "frames" => {
             let frames = column("frames").ok_or("a reply of frames has none")?;
             let ids = frames.part("id").ok_or("frames have no `id`")?.texts()?;
@@ -206,7 +206,7 @@ pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<
                 let time = |time: &i64| u64::try_from(*time).map_err(|_| format!("a frame's time is {time} ns"));
                 times.iter().map(time).collect::<Result<Vec<_>, _>>()
             });
-            Says::Frames { ids: ids.into_iter().map(str::to_owned).collect(), times_ns: times_ns.transpose()? }
+            Content::Frames { ids: ids.into_iter().map(str::to_owned).collect(), times_ns: times_ns.transpose()? }
         }
         "values" => {
             let given = column("outputs");
@@ -225,11 +225,14 @@ pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<
                     .map(Some)
                     .map_err(|what| format!("what it gave at `{}` is no {}: {what}", port.name, port.value_type))
             };
-            Says::Values { values: outputs.iter().map(value).collect::<Result<_, String>>()?, cpu_ns: count("cpu_ns")? }
+            Content::Values {
+                values: outputs.iter().map(value).collect::<Result<_, String>>()?,
+                cpu_ns: count("cpu_ns")?,
+            }
         }
         other => return Err(format!("it says `{other}`, which means nothing")),
     };
-    Ok(Reply { number: number("number")?, says })
+    Ok(Reply { number: number("number")?, content })
 }
 
 #[cfg(test)]
@@ -239,7 +242,7 @@ mod tests {
     use depthloom_graphs::{Frame, Port, Value, ValueType};
     use serde_json::Map;
 
-    use super::{Call, DataType, Elsewhere, Field, I64, Request, Schema, TEXT, reply, request_schema};
+    use super::{Call, DataType, Field, I64, Request, Schema, SharedPlaces, TEXT, reply, request_schema};
 
     fn replied(says: &str, column: &str, number: i64) -> Result<super::Reply, String> {
         use depthloom_codecs::arrow::Data;
@@ -275,7 +278,7 @@ mod tests {
         let request = Request { number: 7, call, inputs: vec![Some(depth), None] };
         let mut stream = Vec::new();
         write_schema(&schema, &mut stream).unwrap();
-        encode(&schema, request.row(&Elsewhere::default())).write(&mut stream).unwrap();
+        encode(&schema, request.row(&SharedPlaces::default())).write(&mut stream).unwrap();
         let mut reader = StreamReader::new(&stream[..]);
         let schema = reader.schema().unwrap().unwrap();
         let batch = reader.batch(&schema).unwrap().unwrap();

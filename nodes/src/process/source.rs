@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock};
-use std::time::Duration;
 
 use depthloom_graphs::contracts::{
     Argument, CodePath, Contract, DeclaredPort, DeclaredPorts, Frame, FramePaths, FrameSelection, Observation,
@@ -16,7 +15,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
-use super::launch::{self, Launch};
+use super::launch::{Launch, ProgramParams};
 use super::modules::Modules;
 use super::node::{FRAME_S, check_reads};
 use super::permission;
@@ -83,25 +82,24 @@ impl Default for ProcessSourceParams {
 }
 
 impl ProcessSourceParams {
+    fn program(&self) -> ProgramParams<'_> {
+        let Self { command, env, secrets, version, code, .. } = self;
+        ProgramParams { command, env, secrets, version: *version, code }
+    }
+
     fn ports(&self) -> Vec<Port> {
         let ports = DeclaredPorts { inputs: BTreeMap::new(), outputs: self.outputs.clone() };
         ports.signature(Contract::Pure).outputs
     }
 
     fn launch(&self) -> Result<Launch, Fault> {
-        let seconds = Duration::from_secs_f64;
-        let is_keyed = self.imports && (self.version.is_some() || !self.code.is_empty());
-        Ok(Launch {
-            command: self.command.clone(),
-            env: self.env.iter().chain(&self.secrets).map(|(name, value)| (name.clone(), value.clone())).collect(),
-            code: launch::content(&self.command, self.version, &self.code)?,
-            modules: if is_keyed { Modules::Known(OnceLock::new()) } else { Modules::Ignored },
-            reads: self.version.is_none().then(|| self.reads.0.clone()),
-            instances: self.instances.map_or(usize::MAX, usize::from),
-            start: seconds(self.start_timeout_s),
-            frame: seconds(self.timeout_s),
-            once: seconds(self.timeout_s),
-        })
+        let program = self.program();
+        let times = [self.start_timeout_s, self.timeout_s, self.timeout_s];
+        let mut launch = program.launch(self.instances.map_or(usize::MAX, usize::from), &self.reads, times)?;
+        if self.imports && program.has_keys() {
+            launch.modules = Modules::Known(OnceLock::new());
+        }
+        Ok(launch)
     }
 
     /// What decides the frames, except the frame itself.
@@ -117,8 +115,8 @@ impl ProcessSourceParams {
         }
         key = key.number(self.env.len() as u64);
         key = self.env.iter().fold(key, |key, (name, value)| key.text(name).text(value));
-        let files = launch::fingerprint(&self.command, self.version, &self.code)?;
-        let modules = launch.modules.settled().map(|report| report.key(self.version.is_some()));
+        let files = self.program().fingerprint()?;
+        let modules = launch.modules.fixed().map(|report| report.key(self.version.is_some()));
         for also in [files, modules] {
             key = match also {
                 Some(also) => key.number(1).key(&also),
@@ -189,7 +187,7 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
 
     fn check(params: &ProcessSourceParams) -> Result<(), (&'static str, String)> {
         let times = [("timeout_s", params.timeout_s), ("start_timeout_s", params.start_timeout_s)];
-        launch::check(&params.command, [&params.env, &params.secrets], params.version, &params.code, times)?;
+        params.program().check(&times)?;
         check_reads(&params.reads)?;
         if params.outputs.is_empty() {
             return Err(("outputs", "outputs declares what a frame has: `{ left: image, right: image }`".to_owned()));
@@ -209,7 +207,7 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
     fn open(params: ProcessSourceParams) -> Result<Box<dyn Source>, Fault> {
         let ports = params.ports();
         let launch = params.launch()?;
-        permission::ask(&launch.command_line())?;
+        permission::check(&launch.command_line())?;
         let program = launch.program();
         let schema = protocol::request_schema("source", &[], &ports, &params.params);
         let pool = Pool::new(launch, schema, ports);

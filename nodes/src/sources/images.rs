@@ -364,9 +364,9 @@ impl Images {
                         return Err(Fault::new(what).remedy("run again"));
                     }
                 }
-                let rectifier = self.rectifier.get(cameras, &self.options, size).map_err(|(what, remedy)| {
+                let rectifier = self.rectifier.get(cameras, &self.options, size).map_err(|error| {
                     let named: Vec<String> = bytes.iter().map(|(path, _)| path.display().to_string()).collect();
-                    Fault::new(format!("{}: {what}", named.join(", "))).remedy(remedy)
+                    Fault::Failed(error).map_what(|what| format!("{}: {what}", named.join(", ")))
                 })?;
                 let pair = rectifier.pair(pair.0, pair.1);
                 Ok((Some(rectifier.calibration.clone()), rectifier.moves_pixels(), pair))

@@ -10,6 +10,7 @@ use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::bounds::above_zero;
 use crate::sources::calibration::rectified_pair::{check_plausible, middle};
 use crate::sources::dataset::folders::{
     existing_folder, existing_with_ending, folders, missing_file, missing_folder, with_ending,
@@ -18,7 +19,7 @@ use crate::sources::dataset::frame_files::{CALIBRATION, Files, LEFT, Part, RIGHT
 use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::files::{image_file, shortened};
-use crate::sources::middlebury::scene::{TruePixels, above_zero, with_truth};
+use crate::sources::middlebury::scene::{TruePixels, with_truth};
 
 const KIND: &str = "middlebury";
 const VERSION: u32 = 2;

@@ -9,13 +9,14 @@ use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::bounds::above_zero;
 use crate::sources::calibration::rectified_pair::{check_plausible, middle};
 use crate::sources::dataset::folders::{existing_file, existing_folder, folders, stems};
 use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH};
 use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::files::image_file;
-use crate::sources::middlebury::scene::{TruePixels, above_zero, with_truth, without};
+use crate::sources::middlebury::scene::{TruePixels, with_truth, without};
 
 const KIND: &str = "sintel-stereo";
 const VERSION: u32 = 2;

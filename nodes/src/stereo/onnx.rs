@@ -9,12 +9,12 @@ use depthloom_kernels::memory::TooMuch;
 
 use super::onnx_network::{PairNetwork, View};
 use super::onnx_params::{StereoOnnxParams, StereoOutput};
-use crate::onnx::{self, Fitted, Look, numberless};
+use crate::onnx::{self, Fitted, Preprocessing, count_non_finite};
 use crate::shape::{filled, same_size};
 
 pub(crate) struct StereoOnnx {
     params: StereoOnnxParams,
-    network: onnx::Loaded<PairNetwork>,
+    network: onnx::CachedNetwork<PairNetwork>,
 }
 
 impl Node for StereoOnnx {
@@ -52,7 +52,7 @@ takes and prints the lines for an experiment. Engines, providers and keys are as
     }
 
     fn check(params: &StereoOnnxParams) -> Result<(), (&'static str, String)> {
-        onnx::check_look(params.std, params.resize, params.round)?;
+        onnx::check_preprocessing(params.std, params.resize, params.round)?;
         if params.output_scale == 0.0 {
             return Err(("output_scale", "output_scale must not be 0".to_owned()));
         }
@@ -60,12 +60,12 @@ takes and prints the lines for an experiment. Engines, providers and keys are as
     }
 
     fn fingerprint(params: &StereoOnnxParams) -> Result<Option<Key>, Fault> {
-        onnx::find().map(|engine| Some(engine.fingerprint(params.provider)))
+        onnx::engine_key(params.provider)
     }
 
     fn build(params: StereoOnnxParams) -> Result<Instance, Fault> {
         onnx::find()?.prepare(params.provider)?;
-        Ok(Instance::Pure(Box::new(Self { params, network: onnx::Loaded::default() })))
+        Ok(Instance::Pure(Box::new(Self { params, network: onnx::CachedNetwork::default() })))
     }
 }
 
@@ -98,9 +98,9 @@ impl StereoOnnx {
         self.network.get(model, || PairNetwork::load(model, &self.params))
     }
 
-    fn look(&self) -> Look {
+    fn preprocessing(&self) -> Preprocessing {
         let StereoOnnxParams { channels, mean, std, white, resize, round, pad_with, .. } = self.params;
-        Look { channels, mean, std, white, resize, round, pad_with }
+        Preprocessing { channels, mean, std, white, resize, round, pad_with }
     }
 
     /// px of the image, in place; NaN where invalid.
@@ -178,11 +178,11 @@ impl PureNode for StereoOnnx {
         let too_large = |error: TooMuch| {
             Fault::new(error.to_string()).remedy("take smaller images, or `fit: resize` with a `size`")
         };
-        let maps = network.run(&views, &fitted, &self.look())?;
+        let maps = network.run(&views, &fitted, &self.preprocessing())?;
         let mut outputs = Outputs::none();
         for (view, map) in views.iter().zip(maps) {
             let mut px = fitted.map_back(map.values, map.size).map_err(too_large)?;
-            let seen = numberless(&px);
+            let seen = count_non_finite(&px);
             if seen > 0 {
                 ctx.host.warn_n(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
             }

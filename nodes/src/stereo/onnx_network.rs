@@ -6,7 +6,7 @@ use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Artifact, Image};
 
 use super::onnx_params::{PairOrder, StereoOnnxParams};
-use crate::onnx::{self, Axes, Fitted, Look, Maps, Pool, Pools, Sizes};
+use crate::onnx::{self, Axes, Fitted, Maps, Pool, Pools, Preprocessing, Sizes};
 
 pub(super) struct View<'a> {
     pub first: &'a Image,
@@ -69,14 +69,20 @@ impl PairNetwork {
         Fitted::new(from, self.sizes, self.params.fit, self.params.pad_at)
     }
 
-    pub(super) fn run(&self, views: &[View<'_>], fitted: &Fitted, look: &Look) -> Result<Vec<Maps>, Fault> {
+    pub(super) fn run(
+        &self,
+        views: &[View<'_>],
+        fitted: &Fitted,
+        preprocessing: &Preprocessing,
+    ) -> Result<Vec<Maps>, Fault> {
         let pool = self.pool(fitted.to)?;
         let mut maps = Vec::with_capacity(views.len());
         for views in views.chunks(self.batch) {
             let mut tensors: Vec<Vec<f32>> = vec![Vec::new(); self.inputs.len()];
             for view in views {
                 let planes = |image: &Image| {
-                    look.planes(image, self.planes, fitted, view.mirrored)
+                    preprocessing
+                        .planes(image, self.planes, fitted, view.mirrored)
                         .map_err(|error| Fault::new(error.to_string()))
                 };
                 let (mut first, mut second) = (planes(view.first)?, planes(view.second)?);

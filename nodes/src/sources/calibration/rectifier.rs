@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::values::{Calibration, Image, Pixels};
 use depthloom_kernels::rectify::{Interpolation, Map, Rectified, View, remap, stereo_rectify};
 use depthloom_threads::locked;
@@ -49,8 +50,7 @@ pub(crate) struct Rectifier {
 }
 
 impl Rectifier {
-    /// Errors are a lower-case fragment and its remedy.
-    pub(crate) fn new(pair: &CameraPair, options: &RectifyOptions, size: (u32, u32)) -> Result<Self, (String, String)> {
+    pub(crate) fn new(pair: &CameraPair, options: &RectifyOptions, size: (u32, u32)) -> Result<Self, ErrorMessage> {
         for (side, camera) in ["left", "right"].into_iter().zip(&pair.cameras) {
             if let Some((width, height)) = camera.size.filter(|calibrated| *calibrated != size) {
                 let what = format!(
@@ -58,7 +58,7 @@ impl Rectifier {
                     size.0, size.1
                 );
                 let remedy = "images must have the size they were calibrated with: no crop, no other scale";
-                return Err((what, remedy.to_owned()));
+                return Err(ErrorMessage::new(what).remedy(remedy));
             }
         }
         let views = Self::views(pair, options, size)?;
@@ -83,7 +83,7 @@ impl Rectifier {
         Ok(Self { calibration, maps })
     }
 
-    fn views(pair: &CameraPair, options: &RectifyOptions, size: (u32, u32)) -> Result<Rectified, (String, String)> {
+    fn views(pair: &CameraPair, options: &RectifyOptions, size: (u32, u32)) -> Result<Rectified, ErrorMessage> {
         let [left, right] = &pair.cameras;
         if let ((Some(left), Some(right)), None) = ((left.rectified, right.rectified), options.alpha) {
             return Ok(Rectified {
@@ -92,26 +92,19 @@ impl Rectifier {
             });
         }
         if options.rectified {
-            return Err((
-                "the calibration has no projections of rectified images".to_owned(),
-                "with `rectified: true` it needs P1 and P2 (R1, R2), and no `alpha`; or give focal_px and baseline_m"
-                    .to_owned(),
+            return Err(ErrorMessage::new("the calibration has no projections of rectified images").remedy(
+                "with `rectified: true` it needs P1 and P2 (R1, R2), and no `alpha`; or give focal_px and baseline_m",
             ));
         }
         let Some((rotation, translation)) = pair.pose else {
-            return Err((
-                "the calibration does not tell how the cameras stand to each other".to_owned(),
-                "it needs R and T, or R1, R2, P1 and P2 (`alpha` needs R and T)".to_owned(),
-            ));
+            return Err(ErrorMessage::new("the calibration does not tell how the cameras stand to each other")
+                .remedy("it needs R and T, or R1, R2, P1 and P2 (`alpha` needs R and T)"));
         };
         let cameras = [&left.camera, &right.camera];
         let alpha = options.alpha.filter(|alpha| *alpha >= 0.0);
         stereo_rectify(cameras, size, &rotation, translation, alpha).ok_or_else(|| {
-            (
-                "the cameras' rectification cannot be computed".to_owned(),
-                "cameras must stand side by side, and both have a lens of one kind; or give R1, R2, P1 and P2"
-                    .to_owned(),
-            )
+            ErrorMessage::new("the cameras' rectification cannot be computed")
+                .remedy("cameras must stand side by side, and both have a lens of one kind; or give R1, R2, P1 and P2")
         })
     }
 
@@ -149,9 +142,9 @@ fn calibration(
     pair: &CameraPair,
     options: &RectifyOptions,
     (width, height): (u32, u32),
-) -> Result<Calibration, (String, String)> {
+) -> Result<Calibration, ErrorMessage> {
     let [left, right] = &found.views;
-    let wrong = |what: String, remedy: &str| Err((what, remedy.to_owned()));
+    let wrong = |what: String, remedy: &str| Err(ErrorMessage::new(what).remedy(remedy));
     let (f, c) = (left.focal_px, left.centre_px);
     let named = [
         ("focal length", f[0], FOCAL_PX),
@@ -220,7 +213,7 @@ impl LatestRectifier {
         pair: &CameraPair,
         options: &RectifyOptions,
         size: (u32, u32),
-    ) -> Result<Arc<Rectifier>, (String, String)> {
+    ) -> Result<Arc<Rectifier>, ErrorMessage> {
         let mut latest = locked(&self.0);
         if let Some((_, known)) = latest.as_ref().filter(|(other, _)| *other == size) {
             return Ok(Arc::clone(known));

@@ -35,16 +35,6 @@ pub(crate) enum TruePixels {
     None,
 }
 
-/// Checks that an optional parameter is greater than 0.
-pub(crate) fn above_zero(name: &'static str, value: Option<f64>, unit: &str) -> Result<(), (&'static str, String)> {
-    match value {
-        Some(value) if value.is_nan() || value <= 0.0 => {
-            Err((name, format!("{name} is {value} {unit}, which is not greater than 0")))
-        }
-        _ => Ok(()),
-    }
-}
-
 pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<Vec<(Part, PathBuf)>, Fault> {
     let pair = "a scene has both images, im0.png (left) and im1.png (right): unpack its archive again";
     let calibration = "each scene has its calibration: unpack its archive again";

@@ -8,7 +8,7 @@ use super::input::{self, InputSize};
 use super::params::{Channels, Resize};
 
 #[derive(Clone, Debug)]
-pub(crate) struct Look {
+pub(crate) struct Preprocessing {
     pub channels: Channels,
     /// Subtracted from each channel, in the network's channel order.
     pub mean: [f64; 3],
@@ -20,7 +20,7 @@ pub(crate) struct Look {
     pub pad_with: PadWith,
 }
 
-impl Look {
+impl Preprocessing {
     /// Returns one or three planes in the network's channel order and size.
     pub(crate) fn planes(
         &self,
@@ -58,11 +58,11 @@ mod tests {
     use depthloom_graphs::values::{Image, Pixels};
     use image::RgbImage;
 
-    use super::Look;
+    use super::Preprocessing;
     use crate::onnx::params::{Channels, Resize};
     use crate::onnx::{Fit, Fitted, PadAt, PadWith, Sizes};
 
-    const LOOK: Look = Look {
+    const PLAIN: Preprocessing = Preprocessing {
         channels: Channels::Rgb,
         mean: [0.0; 3],
         std: [1.0; 3],
@@ -72,39 +72,39 @@ mod tests {
         pad_with: PadWith::Edge,
     };
 
-    fn seen(look: &Look, rgb: [u8; 6], count: usize, mirrored: bool) -> Vec<f32> {
+    fn seen(preprocessing: &Preprocessing, rgb: [u8; 6], count: usize, mirrored: bool) -> Vec<f32> {
         let image = Image::new(Pixels::Rgb(RgbImage::from_raw(2, 1, rgb.to_vec()).expect("two pixels")));
         let sizes = Sizes { width: Some(2), height: Some(1), multiple: 1 };
         let fitted = Fitted::new((2, 1), sizes, Fit::Resize, PadAt::BottomRight).expect("it fits");
-        look.planes(&image, count, &fitted, mirrored).expect("memory").concat()
+        preprocessing.planes(&image, count, &fitted, mirrored).expect("memory").concat()
     }
 
     const RGB: [u8; 6] = [255, 0, 51, 102, 153, 204];
 
     #[test]
     fn channels_come_in_either_order() {
-        assert_eq!(seen(&LOOK, RGB, 3, false), [1.0, 0.4, 0.0, 0.6, 0.2, 0.8]);
-        let bgr = Look { channels: Channels::Bgr, ..LOOK };
+        assert_eq!(seen(&PLAIN, RGB, 3, false), [1.0, 0.4, 0.0, 0.6, 0.2, 0.8]);
+        let bgr = Preprocessing { channels: Channels::Bgr, ..PLAIN };
         assert_eq!(seen(&bgr, RGB, 3, false), [0.2, 0.8, 0.0, 0.6, 1.0, 0.4]);
     }
 
     #[test]
     fn mean_and_deviation_are_those_of_the_networks_channels_after_white() {
-        let look = Look { channels: Channels::Bgr, mean: [0.2, 0.0, 1.0], std: [0.5, 2.0, 1.0], ..LOOK };
-        for (found, expected) in seen(&look, RGB, 3, false).iter().zip([0.0, 1.2, 0.0, 0.3, 0.0, -0.6]) {
+        let other = Preprocessing { channels: Channels::Bgr, mean: [0.2, 0.0, 1.0], std: [0.5, 2.0, 1.0], ..PLAIN };
+        for (found, expected) in seen(&other, RGB, 3, false).iter().zip([0.0, 1.2, 0.0, 0.3, 0.0, -0.6]) {
             assert!((found - expected).abs() < 1e-6, "{found} is not {expected}");
         }
-        assert_eq!(seen(&Look { white: 255.0, ..LOOK }, RGB, 3, false)[0], 255.0);
+        assert_eq!(seen(&Preprocessing { white: 255.0, ..PLAIN }, RGB, 3, false)[0], 255.0);
     }
 
     #[test]
     fn the_mirror_image_keeps_its_colours() {
         let turned = [102, 153, 204, 255, 0, 51];
-        assert_eq!(seen(&LOOK, RGB, 3, true), seen(&LOOK, turned, 3, false));
+        assert_eq!(seen(&PLAIN, RGB, 3, true), seen(&PLAIN, turned, 3, false));
     }
 
     #[test]
     fn a_network_of_one_channel_sees_opencvs_grey() {
-        assert_eq!(seen(&LOOK, RGB, 1, false), [82.0 / 255.0, 144.0 / 255.0]);
+        assert_eq!(seen(&PLAIN, RGB, 1, false), [82.0 / 255.0, 144.0 / 255.0]);
     }
 }
