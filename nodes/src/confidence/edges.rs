@@ -13,24 +13,20 @@ use crate::shape::filled;
 /// Parameters of `confidence/edges`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct EdgesParams {
+pub(crate) struct Edges {
     /// A pixel is an edge where the absolute 3x3 Sobel derivative along the row, of 8-bit grey, exceeds this.
     #[schemars(range(min = 0, max = 1020))]
     pub threshold: f64,
 }
 
-impl Default for EdgesParams {
+impl Default for Edges {
     fn default() -> Self {
         Self { threshold: 100.0 }
     }
 }
 
-pub(crate) struct Edges {
-    threshold: f32,
-}
-
 impl Node for Edges {
-    type Params = EdgesParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -46,8 +42,8 @@ selects the stereo pixels a network learns from.",
         }
     }
 
-    fn build(params: EdgesParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { threshold: params.threshold as f32 })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 
@@ -55,7 +51,8 @@ impl PureNode for Edges {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let grey = grey(inputs.get::<Image>("image")?);
         let (width, height) = grey.dimensions();
-        let set = filled((width, height), |out| edges(grey, width as usize, height as usize, self.threshold, out));
+        let set =
+            filled((width, height), |out| edges(grey, width as usize, height as usize, self.threshold as f32, out));
         Ok(Outputs::one("mask", Mask { set }))
     }
 }

@@ -14,7 +14,7 @@ use crate::shape::filled;
 /// Parameters of `confidence/sobel`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct SobelParams {
+pub(crate) struct Sobel {
     /// A pixel is an edge where the absolute 3x3 Sobel derivative along the row, of 8-bit grey, exceeds this.
     #[schemars(range(min = 0, max = 1020))]
     pub threshold: f64,
@@ -23,22 +23,17 @@ pub(crate) struct SobelParams {
     pub sigma: f64,
 }
 
-impl Default for SobelParams {
+impl Default for Sobel {
     fn default() -> Self {
         Self { threshold: 100.0, sigma: 10.0 }
     }
-}
-
-pub(crate) struct Sobel {
-    threshold: f32,
-    sigma_px: f64,
 }
 
 #[derive(Default)]
 struct EdgeBuffer(Vec<u8>);
 
 impl Node for Sobel {
-    type Params = SobelParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -54,15 +49,15 @@ by its maximum (paper, step 2). An image without any edge has confidence 0 every
         }
     }
 
-    fn check(params: &SobelParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         if params.sigma > 0.0 && params.sigma <= 1000.0 {
             return Ok(());
         }
         Err(("sigma", format!("sigma is {} px, which is not in 0 to 1000", params.sigma)))
     }
 
-    fn build(params: SobelParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { threshold: params.threshold as f32, sigma_px: params.sigma })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 
@@ -73,8 +68,8 @@ impl PureNode for Sobel {
         let (width, height) = (columns as usize, rows as usize);
         let mut mask = ctx.scratch.take::<EdgeBuffer>();
         mask.0.resize(width * height, 0);
-        edges(grey, width, height, self.threshold, &mut mask.0);
-        let share = filled((columns, rows), |out| confidence_from_edges(&mask.0, width, height, self.sigma_px, out));
+        edges(grey, width, height, self.threshold as f32, &mut mask.0);
+        let share = filled((columns, rows), |out| confidence_from_edges(&mask.0, width, height, self.sigma, out));
         ctx.scratch.put(mask);
         Ok(Outputs::one("weight", Weight { share }))
     }

@@ -14,24 +14,20 @@ use crate::shape::filled;
 /// Parameters of `depth/from-disparity`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct FromDisparityParams {
+pub(crate) struct FromDisparity {
     /// Largest depth given, metres; `null` leaves depth uncapped. The paper caps before fusion, and truth stops near 80 m.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
 }
 
-impl Default for FromDisparityParams {
+impl Default for FromDisparity {
     fn default() -> Self {
         Self { cap: Some(80.0) }
     }
 }
 
-pub(crate) struct FromDisparity {
-    cap_m: f32,
-}
-
 impl Node for FromDisparity {
-    type Params = FromDisparityParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -55,20 +51,24 @@ with `doffs` is; answers beyond `cap` become `cap`.",
         }
     }
 
-    fn check(params: &FromDisparityParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         above_zero("cap", params.cap, "m")
     }
 
-    fn build(params: FromDisparityParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { cap_m: params.cap.map_or(f32::INFINITY, |cap| cap as f32) })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 
 impl FromDisparity {
+    fn cap_m(&self) -> f32 {
+        self.cap.map_or(f32::INFINITY, |cap| cap as f32)
+    }
+
     fn write_depths(&self, px: &[f32], of: Geometry, out: &mut [f32]) {
         truth_from_disparity(px, of, out);
         for (metres, px) in out.iter_mut().zip(px) {
-            *metres = if *px > 0.0 && !metres.is_nan() { metres.min(self.cap_m) } else { f32::NAN };
+            *metres = if *px > 0.0 && !metres.is_nan() { metres.min(self.cap_m()) } else { f32::NAN };
         }
     }
 }
@@ -79,7 +79,7 @@ impl PureNode for FromDisparity {
         let of = geometry(inputs.get::<Calibration>("calibration")?);
         let metres = filled(disparity.dimensions(), |out| match inputs.value("disparity") {
             Some(Value::FloatDisparity(map)) => self.write_depths(map.px(), of, out),
-            _ => depth_from_disparity(disparity, of, self.cap_m, out),
+            _ => depth_from_disparity(disparity, of, self.cap_m(), out),
         });
         Ok(Outputs::one("depth", Depth { metres }))
     }

@@ -12,17 +12,13 @@ use super::{changed, invalid};
 /// Parameters of `disparity/fill`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct FillParams {
+pub(crate) struct Fill {
     /// Longest run of unanswered pixels that is filled, px; `null` fills all, as KITTI's development kit does.
     pub longest: Option<u32>,
 }
 
-pub(crate) struct Fill {
-    longest: usize,
-}
-
 impl Node for Fill {
-    type Params = FillParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -39,9 +35,8 @@ downwards. Rows without any answer between others stay without.",
         }
     }
 
-    fn build(params: FillParams) -> Result<Instance, Fault> {
-        let longest = params.longest.map_or(usize::MAX, |px| px as usize);
-        Ok(Instance::Pure(Box::new(Self { longest })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 
@@ -49,13 +44,14 @@ impl PureNode for Fill {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let map = inputs.get::<Disparity>("disparity")?;
         let (invalid, width) = (invalid(map)?, map.sixteenths_px.width() as usize);
+        let longest = self.longest.map_or(usize::MAX, |px| px as usize);
         if let Some(Value::FloatDisparity(floats)) = inputs.value("disparity") {
             let mut px = floats.px().clone();
             px.iter_mut().filter(|px| px.is_nan()).for_each(|px| *px = f32::NEG_INFINITY);
-            fill_background(&mut px, width, f32::NEG_INFINITY, self.longest);
+            fill_background(&mut px, width, f32::NEG_INFINITY, longest);
             return Ok(Outputs::one("disparity", Value::disparity_from_px(px)));
         }
-        let filled = changed(map, |pixels| fill_background(pixels, width, invalid, self.longest));
+        let filled = changed(map, |pixels| fill_background(pixels, width, invalid, longest));
         Ok(Outputs::one("disparity", filled))
     }
 }

@@ -14,24 +14,20 @@ use crate::shape::same_size;
 /// Parameters of `disparity/left-right`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct LeftRightParams {
+pub(crate) struct LeftRight {
     /// Largest difference between the two disparities, px, in whole sixteenths; Hirschmueller (2008) and MC-CNN take 1.
     #[schemars(range(min = 0, max = 4095))]
     pub max_difference: f64,
 }
 
-impl Default for LeftRightParams {
+impl Default for LeftRight {
     fn default() -> Self {
         Self { max_difference: 1.0 }
     }
 }
 
-pub(crate) struct LeftRight {
-    max_difference_sixteenths: i32,
-}
-
 impl Node for LeftRight {
-    type Params = LeftRightParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -59,12 +55,12 @@ that is -63. Its disparities are then the negative of the left image's.",
         }
     }
 
-    fn check(params: &LeftRightParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         within("max_difference", params.max_difference, " px", 0.0..=4095.0)
     }
 
-    fn build(params: LeftRightParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { max_difference_sixteenths: (params.max_difference * 16.0) as i32 })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 
@@ -74,8 +70,9 @@ impl PureNode for LeftRight {
         let (width, height) = left.sixteenths_px.dimensions();
         same_size(("left", (width, height)), ("right", right.sixteenths_px.dimensions()))?;
         let invalid = (invalid(left)?, invalid(right)?);
+        let max_difference = (self.max_difference * 16.0) as i32;
         let checked = pruned(inputs.value("left"), left, |pixels| {
-            left_right::check(pixels, &right.sixteenths_px, width as usize, invalid, self.max_difference_sixteenths);
+            left_right::check(pixels, &right.sixteenths_px, width as usize, invalid, max_difference);
         });
         Ok(Outputs::one("disparity", checked))
     }

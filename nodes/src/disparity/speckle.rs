@@ -13,7 +13,7 @@ use crate::bounds::within;
 /// Parameters of `disparity/speckle`; the defaults lie in the middle of what OpenCV advises (50 to 200 px, 1 or 2 px).
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct SpeckleParams {
+pub(crate) struct Speckle {
     /// Largest region, px, that is removed (`maxSpeckleSize`); 0 removes none.
     pub window: u32,
     /// Largest disparity step between neighbours of one region, px (`maxDiff`), in whole sixteenths.
@@ -21,19 +21,14 @@ pub(crate) struct SpeckleParams {
     pub range: f64,
 }
 
-impl Default for SpeckleParams {
+impl Default for Speckle {
     fn default() -> Self {
         Self { window: 100, range: 1.0 }
     }
 }
 
-pub(crate) struct Speckle {
-    window: usize,
-    range_sixteenths: i32,
-}
-
 impl Node for Speckle {
-    type Params = SpeckleParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -49,13 +44,12 @@ pixels lose their answers.",
         }
     }
 
-    fn check(params: &SpeckleParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         within("range", params.range, " px", 0.0..=2047.0)
     }
 
-    fn build(params: SpeckleParams) -> Result<Instance, Fault> {
-        let range_sixteenths = (params.range * 16.0) as i32;
-        Ok(Instance::Pure(Box::new(Self { window: params.window as usize, range_sixteenths })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 
@@ -64,8 +58,9 @@ impl PureNode for Speckle {
         let map = inputs.get::<Disparity>("disparity")?;
         let (invalid, width) = (invalid(map)?, map.sixteenths_px.width() as usize);
         let mut scratch = ctx.scratch.take::<SpeckleScratch>();
+        let (window, range) = (self.window as usize, (self.range * 16.0) as i32);
         let filtered = pruned(inputs.value("disparity"), map, |pixels| {
-            filter_speckles(pixels, width, invalid, self.window, self.range_sixteenths, &mut scratch);
+            filter_speckles(pixels, width, invalid, window, range, &mut scratch);
         });
         ctx.scratch.put(scratch);
         Ok(Outputs::one("disparity", filtered))

@@ -12,24 +12,20 @@ use crate::shape::filled;
 /// Parameters of `filter/median`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct MedianParams {
+pub(crate) struct Median {
     /// Side of the window, px: 3 or 5.
     #[schemars(extend("enum" = [3, 5]))]
     pub size: u32,
 }
 
-impl Default for MedianParams {
+impl Default for Median {
     fn default() -> Self {
         Self { size: 5 }
     }
 }
 
-pub(crate) struct Median {
-    kernel: fn(&[f32], usize, usize, &mut [f32]),
-}
-
 impl Node for Median {
-    type Params = MedianParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -46,16 +42,15 @@ more than half of its window answered.",
         }
     }
 
-    fn check(params: &MedianParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         match params.size {
             3 | 5 => Ok(()),
             size => Err(("size", format!("size is {size}, which is neither 3 nor 5"))),
         }
     }
 
-    fn build(params: MedianParams) -> Result<Instance, Fault> {
-        let kernel = if params.size == 3 { median3_of_answers } else { median5_of_answers };
-        Ok(Instance::Pure(Box::new(Self { kernel })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 
@@ -63,7 +58,8 @@ impl PureNode for Median {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let depth = &inputs.get::<Depth>("depth")?.metres;
         let (width, height) = depth.dimensions();
-        let metres = filled((width, height), |out| (self.kernel)(depth, width as usize, height as usize, out));
+        let kernel = if self.size == 3 { median3_of_answers } else { median5_of_answers };
+        let metres = filled((width, height), |out| kernel(depth, width as usize, height as usize, out));
         Ok(Outputs::one("depth", Depth { metres }))
     }
 }

@@ -12,17 +12,13 @@ use crate::shape::{filled, same_size};
 /// Parameters of `fusion/confidence`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct ConfidenceParams {
+pub(crate) struct Confidence {
     /// How the two are weighed: `full`, `confidence`, `mean` or `fill`.
     pub weighting: Weighting,
 }
 
-pub(crate) struct Confidence {
-    weighting: Weighting,
-}
-
 impl Node for Confidence {
-    type Params = ConfidenceParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -43,8 +39,8 @@ Step 5 of the paper, before the median filter. Where stereo gave no answer: `Z =
         }
     }
 
-    fn build(params: ConfidenceParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { weighting: params.weighting })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 

@@ -25,17 +25,13 @@ pub(crate) enum ScaleMethod {
 /// Parameters of `fusion/scale`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct ScaleParams {
+pub(crate) struct Scale {
     /// How mono is scaled: `minmax`, `average` or `none`.
     pub method: ScaleMethod,
 }
 
-pub(crate) struct Scale {
-    method: ScaleMethod,
-}
-
 impl Node for Scale {
-    type Params = ScaleParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -54,8 +50,8 @@ both did). A pixel without mono stays without. On a frame where stereo answered 
         }
     }
 
-    fn build(params: ScaleParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { method: params.method })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 

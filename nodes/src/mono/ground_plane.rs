@@ -13,7 +13,7 @@ use crate::shape::filled;
 /// Parameters of `mono/ground-plane`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct GroundPlaneParams {
+pub(crate) struct GroundPlane {
     /// Height of the camera above the road, metres; KITTI's is 1.65.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub height_m: f64,
@@ -28,18 +28,14 @@ pub(crate) struct GroundPlaneParams {
     pub cap: f64,
 }
 
-impl Default for GroundPlaneParams {
+impl Default for GroundPlane {
     fn default() -> Self {
         Self { height_m: 1.65, horizon: 0.461, nearest_m: 1.0, cap: 80.0 }
     }
 }
 
-pub(crate) struct GroundPlane {
-    params: GroundPlaneParams,
-}
-
 impl Node for GroundPlane {
-    type Params = GroundPlaneParams;
+    type Params = Self;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -58,8 +54,8 @@ What stands on the road is taken for road: an estimate to be corrected by stereo
         }
     }
 
-    fn check(params: &GroundPlaneParams) -> Result<(), (&'static str, String)> {
-        let GroundPlaneParams { height_m, nearest_m, cap, .. } = params;
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
+        let Self { height_m, nearest_m, cap, .. } = params;
         above_zero("height_m", Some(*height_m), "m")?;
         if cap < nearest_m {
             return Err(("cap", format!("cap is {cap} m, below nearest_m, {nearest_m} m")));
@@ -67,8 +63,8 @@ What stands on the road is taken for road: an estimate to be corrected by stereo
         Ok(())
     }
 
-    fn build(params: GroundPlaneParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { params })))
+    fn build(params: Self) -> Result<Instance, Fault> {
+        Ok(Instance::Pure(Box::new(params)))
     }
 }
 
@@ -77,10 +73,10 @@ impl PureNode for GroundPlane {
         let (width, height) = inputs.get::<Image>("image")?.dimensions();
         let plane = Plane {
             focal_px: inputs.get::<Calibration>("calibration")?.focal_px,
-            camera_height_metres: self.params.height_m,
-            horizon_share: self.params.horizon,
-            nearest_metres: self.params.nearest_m as f32,
-            farthest_metres: self.params.cap as f32,
+            camera_height_metres: self.height_m,
+            horizon_share: self.horizon,
+            nearest_metres: self.nearest_m as f32,
+            farthest_metres: self.cap as f32,
         };
         let metres = filled((width, height), |out| plane.depth(width as usize, height as usize, out));
         Ok(Outputs::one("depth", Depth { metres }))

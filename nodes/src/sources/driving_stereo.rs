@@ -54,7 +54,7 @@ pub(crate) enum DrivingStereoTruth {
 /// Parameters of `drivingstereo`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct DrivingStereoParams {
+pub(crate) struct DrivingStereo {
     /// The folder that holds the images' folders: of a weather, of the training or of the test set.
     pub root: DataPath,
     /// Which size: `half` or `full`.
@@ -67,10 +67,6 @@ pub(crate) struct DrivingStereoParams {
     pub truth: DrivingStereoTruth,
     /// Which frames, by their count over all sequences, from 0. By default all.
     pub frames: FrameSelection,
-}
-
-pub(crate) struct DrivingStereo {
-    size: DrivingStereoSize,
 }
 
 impl DrivingStereoSize {
@@ -91,7 +87,7 @@ impl DrivingStereoSize {
 }
 
 impl DatasetKind for DrivingStereo {
-    type Params = DrivingStereoParams;
+    type Params = Self;
 
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
@@ -120,16 +116,16 @@ A frame's id is its file's stem (`2018-10-19-09-30-39_2018-10-19-09-31-36-438`: 
         }
     }
 
-    fn check(params: &DrivingStereoParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)
     }
 
-    fn list(params: &DrivingStereoParams) -> Result<(Listing, Self), Fault> {
-        Ok((list(params)?, Self { size: params.size }))
+    fn list(params: &Self) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, params.clone()))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
-        let params = DrivingStereoParams { root: DataPath(root.to_owned()), ..DrivingStereoParams::default() };
+        let params = Self { root: DataPath(root.to_owned()), ..Self::default() };
         recognised::<Self>(&params, "DrivingStereo", root)
     }
 
@@ -163,7 +159,7 @@ struct Parts {
 }
 
 impl Parts {
-    fn find(root: &Path, params: &DrivingStereoParams) -> Result<Self, Fault> {
+    fn find(root: &Path, params: &DrivingStereo) -> Result<Self, Fault> {
         let size = params.size.name();
         let sized = |name: &str| format!("{name}-{size}-size");
         let flat = |name: &str| unpacked(root.join(sized(name)));
@@ -196,7 +192,7 @@ fn unpacked(folder: PathBuf) -> PathBuf {
     inner.filter(|inner| inner.is_dir()).unwrap_or(folder)
 }
 
-fn calibrations(params: &DrivingStereoParams) -> Result<Option<PathBuf>, Fault> {
+fn calibrations(params: &DrivingStereo) -> Result<Option<PathBuf>, Fault> {
     if let Some(folder) = &params.calibrations {
         let remedy = "`calibrations` is half-image-calib or full-image-calib, unpacked";
         existing_folder(folder.path(), remedy)?;
@@ -221,7 +217,7 @@ fn sequence(stem: &str) -> &str {
     stem.split_once('_').map_or(stem, |(sequence, _)| sequence)
 }
 
-fn list(params: &DrivingStereoParams) -> Result<Listing, Fault> {
+fn list(params: &DrivingStereo) -> Result<Listing, Fault> {
     let root = params.root.path();
     existing_folder(root, LAYOUT)?;
     let parts = Parts::find(root, params)?;

@@ -22,7 +22,7 @@ calib.txt, and in training disp0GT.pfm and mask0nocc.png, unless `truth: none`";
 /// Parameters of `eth3d/two-view`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct Eth3dTwoViewParams {
+pub(crate) struct Eth3dTwoView {
     /// The folder that holds `two_view_training` and `two_view_training_gt`; or one with a folder a scene.
     pub root: DataPath,
     /// Which scenes, in this order. By default all there are, by name.
@@ -33,12 +33,8 @@ pub(crate) struct Eth3dTwoViewParams {
     pub frames: FrameSelection,
 }
 
-pub(crate) struct Eth3dTwoView {
-    truth: TruePixels,
-}
-
 impl DatasetKind for Eth3dTwoView {
-    type Params = Eth3dTwoViewParams;
+    type Params = Self;
 
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
@@ -62,12 +58,12 @@ A frame's id is its scene's name (`delivery_area_1l`), its index the scene's cou
         }
     }
 
-    fn check(params: &Eth3dTwoViewParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)
     }
 
-    fn list(params: &Eth3dTwoViewParams) -> Result<(Listing, Self), Fault> {
-        Ok((list(params)?, Self { truth: params.truth }))
+    fn list(params: &Self) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, params.clone()))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
@@ -76,7 +72,7 @@ A frame's id is its scene's name (`delivery_area_1l`), its index the scene's cou
         if !is_one {
             return Vec::new();
         }
-        let params = Eth3dTwoViewParams { root: DataPath(root.to_owned()), ..Eth3dTwoViewParams::default() };
+        let params = Self { root: DataPath(root.to_owned()), ..Self::default() };
         recognised::<Self>(&params, "ETH3D two-view", root)
     }
 
@@ -89,7 +85,7 @@ A frame's id is its scene's name (`delivery_area_1l`), its index the scene's cou
     }
 }
 
-fn list(params: &Eth3dTwoViewParams) -> Result<Listing, Fault> {
+fn list(params: &Eth3dTwoView) -> Result<Listing, Fault> {
     let root = params.root.path();
     existing_folder(root, LAYOUT)?;
     let separate = root.join("two_view_training");

@@ -41,7 +41,7 @@ const BASELINE_M: f64 = 0.160;
 /// Parameters of `middlebury`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct MiddleburyParams {
+pub(crate) struct Middlebury {
     /// The folder that holds a folder a scene, e.g. `MiddEval3/trainingQ`; or a scene's own.
     pub root: DataPath,
     /// Which scenes, in this order. By default all there are, by name.
@@ -64,15 +64,8 @@ pub(crate) struct MiddleburyParams {
     pub frames: FrameSelection,
 }
 
-pub(crate) struct Middlebury {
-    truth: TruePixels,
-    factor: Option<u32>,
-    views: [u32; 2],
-    camera: Option<(f64, f64)>,
-}
-
 impl DatasetKind for Middlebury {
-    type Params = MiddleburyParams;
+    type Params = Self;
 
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
@@ -103,7 +96,7 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
         }
     }
 
-    fn check(params: &MiddleburyParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)?;
         if params.factor.is_some_and(|factor| !(1..=255).contains(&factor)) {
             return Err(("factor", "factor is what 1 px is in a map of 8 bits: 1 to 255".to_owned()));
@@ -122,13 +115,7 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
         }
     }
 
-    fn list(params: &MiddleburyParams) -> Result<(Listing, Self), Fault> {
-        let kind = Self {
-            truth: params.truth,
-            factor: params.factor,
-            views: params.views.unwrap_or([2, 6]),
-            camera: params.focal_px.zip(params.baseline_m),
-        };
+    fn list(params: &Self) -> Result<(Listing, Self), Fault> {
         let root = params.root.path();
         existing_folder(root, LAYOUT)?;
         let scenes = scenes(root, &params.scenes, |folder| Year::of(folder).is_some())?;
@@ -137,14 +124,14 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
         }
         let known: Vec<(u64, &str)> = (0..).zip(&scenes).map(|(index, (name, _))| (index, name.as_str())).collect();
         let mut listing = Listing::default();
-        listing.add_selected(&params.frames, &known, |at| kind.files(&scenes[at].1))?;
+        listing.add_selected(&params.frames, &known, |at| params.files(&scenes[at].1))?;
         let without_dmin = listing.ids_where(is_uncalibrated_2005);
         if let Some(first) = without_dmin.first() {
             let (count, are) = (without_dmin.len(), if without_dmin.len() == 1 { "scene has" } else { "scenes have" });
             let what = format!("{count} {are} no dmin.txt, and so neither calibration nor depth: {first}");
             listing.warnings.insert(0, what);
         }
-        Ok((listing, kind))
+        Ok((listing, params.clone()))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
@@ -153,12 +140,13 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
         if scenes(root, &[], is_eth3d).is_ok_and(|scenes| !scenes.is_empty()) {
             return Vec::new();
         }
-        let params = MiddleburyParams { root: DataPath(root.to_owned()), ..MiddleburyParams::default() };
+        let params = Self { root: DataPath(root.to_owned()), ..Self::default() };
         recognised::<Self>(&params, "Middlebury", root)
     }
 
     fn meaning(&self) -> String {
-        format!("{:?} {:?} {:?} {:?}", self.truth, self.factor, self.views, self.camera)
+        let camera = self.focal_px.zip(self.baseline_m);
+        format!("{:?} {:?} {:?} {camera:?}", self.truth, self.factor, self.views())
     }
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
@@ -175,12 +163,12 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
         let calibration = match files.get(DMIN) {
             Some(_) => Some(self.calibration_2005(files, size, ctx)?),
             None if is_2005 => None,
-            None => self.camera.map(|(focal_px, baseline_m)| given(focal_px, baseline_m, size)),
+            None => self.focal_px.zip(self.baseline_m).map(|(focal_px, baseline_m)| given(focal_px, baseline_m, size)),
         };
         let mut maps = Evaluation::default();
         if let Some(map) = map {
             // Between views 2 and 6, or 1 and 5, a disparity is four times that between neighbours.
-            let steps = if is_2005 { 4 } else { self.views[1] - self.views[0] };
+            let steps = if is_2005 { 4 } else { self.views()[1] - self.views()[0] };
             let scale = (4 * self.factor(files, size, ctx)?) as f32;
             let px = |&value: &u8| if value > 0 { (u32::from(value) * steps) as f32 / scale } else { f32::NAN };
             let px = Raster::from_raw(size.0, size.1, map.iter().map(px).collect());
@@ -225,10 +213,14 @@ impl Year {
 }
 
 impl Middlebury {
+    fn views(&self) -> [u32; 2] {
+        self.views.unwrap_or([2, 6])
+    }
+
     fn files(&self, folder: &Path) -> Result<Vec<(Part, PathBuf)>, Fault> {
         let (stem, [left, right], truth, span) = match Year::of(folder) {
             Some(Year::Of2005) => ("view", [1, 5], OF_2005, "view1.png, view5.png and disp1.png"),
-            Some(Year::Of2001) => ("im", self.views, OF_2001, "im2, im6 and disp2, PNG, PPM or PGM"),
+            Some(Year::Of2001) => ("im", self.views(), OF_2001, "im2, im6 and disp2, PNG, PPM or PGM"),
             Some(Year::From2014) => return scene::files(folder, folder, self.truth),
             None => return Err(Fault::new(format!("{} holds no scene", folder.display())).remedy(LAYOUT)),
         };

@@ -59,7 +59,7 @@ pub(crate) enum SceneFlowTruth {
 /// Parameters of `scene-flow`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct SceneFlowParams {
+pub(crate) struct SceneFlow {
     /// The folder that holds `frames_finalpass` and `disparity`, of one of the three sets.
     pub root: DataPath,
     /// Which rendering: `final` or `clean`.
@@ -72,10 +72,8 @@ pub(crate) struct SceneFlowParams {
     pub frames: FrameSelection,
 }
 
-pub(crate) struct SceneFlow;
-
 impl DatasetKind for SceneFlow {
-    type Params = SceneFlowParams;
+    type Params = Self;
 
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
@@ -103,16 +101,16 @@ Pixel centres have whole coordinates.",
         }
     }
 
-    fn check(params: &SceneFlowParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)
     }
 
-    fn list(params: &SceneFlowParams) -> Result<(Listing, Self), Fault> {
-        Ok((list(params)?, Self))
+    fn list(params: &Self) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, params.clone()))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
-        let params = SceneFlowParams { root: DataPath(root.to_owned()), ..SceneFlowParams::default() };
+        let params = Self { root: DataPath(root.to_owned()), ..Self::default() };
         recognised::<Self>(&params, "Scene Flow", root)
     }
 
@@ -148,7 +146,7 @@ fn sequences(from: &Path, path: &str, depth: usize, found: &mut Vec<String>) -> 
     Ok(())
 }
 
-fn list(params: &SceneFlowParams) -> Result<Listing, Fault> {
+fn list(params: &SceneFlow) -> Result<Listing, Fault> {
     let root = params.root.path();
     existing_folder(root, LAYOUT)?;
     let pass = match params.pass {

@@ -45,7 +45,7 @@ pub(crate) enum SintelPass {
 /// Parameters of `sintel-stereo`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct SintelStereoParams {
+pub(crate) struct SintelStereo {
     /// The folder that holds `training`.
     pub root: DataPath,
     /// Which rendering: `final` or `clean`.
@@ -61,13 +61,8 @@ pub(crate) struct SintelStereoParams {
     pub frames: FrameSelection,
 }
 
-pub(crate) struct SintelStereo {
-    truth: TruePixels,
-    focal_px: Option<f64>,
-}
-
 impl DatasetKind for SintelStereo {
-    type Params = SintelStereoParams;
+    type Params = Self;
 
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
@@ -96,17 +91,17 @@ coordinates.",
         }
     }
 
-    fn check(params: &SintelStereoParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)?;
         above_zero("focal_px", params.focal_px, "px")
     }
 
-    fn list(params: &SintelStereoParams) -> Result<(Listing, Self), Fault> {
-        Ok((list(params)?, Self { truth: params.truth, focal_px: params.focal_px }))
+    fn list(params: &Self) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, params.clone()))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
-        let params = SintelStereoParams { root: DataPath(root.to_owned()), ..SintelStereoParams::default() };
+        let params = Self { root: DataPath(root.to_owned()), ..Self::default() };
         recognised::<Self>(&params, "MPI Sintel stereo", root)
     }
 
@@ -134,7 +129,7 @@ coordinates.",
     }
 }
 
-fn list(params: &SintelStereoParams) -> Result<Listing, Fault> {
+fn list(params: &SintelStereo) -> Result<Listing, Fault> {
     let root = params.root.path();
     existing_folder(root, LAYOUT)?;
     let training = root.join("training");

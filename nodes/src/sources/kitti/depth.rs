@@ -49,7 +49,7 @@ impl KittiDepthTruth {
 /// Parameters of `kitti/depth`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct KittiDepthParams {
+pub(crate) struct KittiDepth {
     /// The folder that holds the drives with their `proj_depth`; or `train` and `val` with them.
     pub root: DataPath,
     /// The folder of KITTI's raw data, which has the images and the calibration.
@@ -62,10 +62,8 @@ pub(crate) struct KittiDepthParams {
     pub frames: FrameSelection,
 }
 
-pub(crate) struct KittiDepth;
-
 impl DatasetKind for KittiDepth {
-    type Params = KittiDepthParams;
+    type Params = Self;
 
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
@@ -89,13 +87,13 @@ of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
         }
     }
 
-    fn check(params: &KittiDepthParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)?;
         required("raw", &params.raw, RAW)
     }
 
-    fn list(params: &KittiDepthParams) -> Result<(Listing, Self), Fault> {
-        Ok((list(params)?, Self))
+    fn list(params: &Self) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, params.clone()))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
@@ -151,7 +149,7 @@ fn drives(root: &Path, truth: KittiDepthTruth) -> Result<BTreeMap<String, PathBu
     }
 }
 
-fn list(params: &KittiDepthParams) -> Result<Listing, Fault> {
+fn list(params: &KittiDepth) -> Result<Listing, Fault> {
     let all = drives(params.root.path(), params.truth)?;
     let chosen: Vec<(&String, &PathBuf)> = match params.drives.is_empty() {
         true => all.iter().collect(),

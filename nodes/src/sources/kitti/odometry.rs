@@ -23,7 +23,7 @@ const LAYOUT: &str = "root holds `sequences` with a folder a sequence (00), with
 /// Parameters of `kitti/odometry`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct KittiOdometryParams {
+pub(crate) struct KittiOdometry {
     /// The folder that holds `sequences`; or a sequence's own.
     pub root: DataPath,
     /// Which sequence: `00` to `21`. Not of a sequence's own folder.
@@ -41,12 +41,8 @@ const fn image_folders(cameras: KittiCameras) -> [&'static str; 2] {
     }
 }
 
-pub(crate) struct KittiOdometry {
-    cameras: KittiCameras,
-}
-
 impl DatasetKind for KittiOdometry {
-    type Params = KittiOdometryParams;
+    type Params = Self;
 
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
@@ -67,7 +63,7 @@ A frame's id is sequence and number (`00_000042`), its time that of `times.txt`,
         }
     }
 
-    fn check(params: &KittiOdometryParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)?;
         let is_name = params.sequence.bytes().all(|byte| byte.is_ascii_alphanumeric());
         match is_name {
@@ -76,8 +72,8 @@ A frame's id is sequence and number (`00_000042`), its time that of `times.txt`,
         }
     }
 
-    fn list(params: &KittiOdometryParams) -> Result<(Listing, Self), Fault> {
-        Ok((list(params)?, Self { cameras: params.cameras }))
+    fn list(params: &Self) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, params.clone()))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
@@ -114,7 +110,7 @@ fn cameras(folder: &Path) -> Option<&'static str> {
     folder.join("calib.txt").is_file().then(|| found.name())
 }
 
-fn sequence(params: &KittiOdometryParams) -> Result<(PathBuf, String), Fault> {
+fn sequence(params: &KittiOdometry) -> Result<(PathBuf, String), Fault> {
     let root = params.root.path();
     existing_folder(root, LAYOUT)?;
     if params.sequence.is_empty() {
@@ -130,7 +126,7 @@ fn sequence(params: &KittiOdometryParams) -> Result<(PathBuf, String), Fault> {
     Ok((folder, params.sequence.clone()))
 }
 
-fn list(params: &KittiOdometryParams) -> Result<Listing, Fault> {
+fn list(params: &KittiOdometry) -> Result<Listing, Fault> {
     let (folder, name) = sequence(params)?;
     let [left, right] = image_folders(params.cameras);
     let mut lefts: Vec<(u64, String, PathBuf)> = stems(&folder.join(left), &["png", "jpg"], LAYOUT)?

@@ -73,7 +73,7 @@ impl Compat {
 /// Parameters of `kitti/raw`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct KittiRawParams {
+pub(crate) struct KittiRaw {
     /// The folder that holds the dates; or a date's own.
     pub root: DataPath,
     /// Which drives, in this order: `2011_09_26_drive_0002_sync`, with or without `_sync`. By default all there are.
@@ -91,13 +91,8 @@ pub(crate) struct KittiRawParams {
     pub frames: FrameSelection,
 }
 
-pub(crate) struct KittiRaw {
-    cameras: KittiCameras,
-    compat: Compat,
-}
-
 impl DatasetKind for KittiRaw {
-    type Params = KittiRawParams;
+    type Params = Self;
 
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
@@ -124,7 +119,7 @@ as the truth of the Eigen split is exported. A frame without a scan has no truth
         }
     }
 
-    fn check(params: &KittiRawParams) -> Result<(), (&'static str, String)> {
+    fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)?;
         if params.split.is_some() && !params.drives.is_empty() {
             return Err(("drives", "a split names the drive of each frame: give one of both".to_owned()));
@@ -140,8 +135,8 @@ as the truth of the Eigen split is exported. A frame without a scan has no truth
         Ok(())
     }
 
-    fn list(params: &KittiRawParams) -> Result<(Listing, Self), Fault> {
-        Ok((list(params)?, Self { cameras: params.cameras, compat: params.compat }))
+    fn list(params: &Self) -> Result<(Listing, Self), Fault> {
+        Ok((list(params)?, params.clone()))
     }
 
     fn recognise(root: &Path) -> Vec<Recognised> {
@@ -195,7 +190,7 @@ struct DriveFiles {
 }
 
 impl DriveFiles {
-    fn list(drive: &Drive, params: &KittiRawParams) -> Result<Self, Fault> {
+    fn list(drive: &Drive, params: &KittiRaw) -> Result<Self, Fault> {
         let [left, right] = params.cameras.folders();
         let scans = drive.folder.join("velodyne_points").join("data");
         let has_scans = params.truth == KittiRawTruth::Velodyne && scans.is_dir();
@@ -230,7 +225,7 @@ impl DriveFiles {
     }
 }
 
-fn list(params: &KittiRawParams) -> Result<Listing, Fault> {
+fn list(params: &KittiRaw) -> Result<Listing, Fault> {
     let all = drives::find(params.root.path(), LAYOUT)?;
     let mut by_drive: HashMap<&str, DriveFiles> = HashMap::new();
     let mut frames: Vec<DriveFrame<'_>> = Vec::new();
