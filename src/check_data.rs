@@ -15,9 +15,9 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
 
-use crate::frame_progress::FrameProgress;
+use crate::output::frame_progress::FrameProgress;
+use crate::output::warnings::WarningCollector;
 use crate::truths;
-use crate::warnings::WarningCollector;
 
 /// What was found of a source.
 pub(crate) struct Walked {

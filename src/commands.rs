@@ -1,33 +1,9 @@
-//! The commands, one file each, and what they print with `--json`.
+//! The commands by workflow, and what they print with `--json`.
 
-pub(crate) mod analyse;
-pub(crate) mod check;
-pub(crate) mod compare;
-pub(crate) mod completions;
-pub(crate) mod data;
-pub(crate) mod doctor;
-pub(crate) mod dora;
-pub(crate) mod dora_node;
-pub(crate) mod explain;
-pub(crate) mod export;
-pub(crate) mod figure;
-pub(crate) mod graph;
-pub(crate) mod info;
-pub(crate) mod man;
-pub(crate) mod new;
-pub(crate) mod nodes;
-pub(crate) mod onnx;
-pub(crate) mod plan;
-pub(crate) mod recover;
-pub(crate) mod replay;
-pub(crate) mod report;
-pub(crate) mod run;
-pub(crate) mod runs;
-pub(crate) mod samples;
-pub(crate) mod schema;
-pub(crate) mod synth;
-pub(crate) mod table;
-pub(crate) mod timings;
+pub(crate) mod analysis;
+pub(crate) mod experiments;
+pub(crate) mod recordings;
+pub(crate) mod reference;
 
 use depthloom_graphs::render;
 use serde_json::Value as Json;
@@ -47,35 +23,35 @@ macro_rules! outputs {
 }
 
 outputs! {
-    "analyse" => analyse::Analyse,
-    "check" => check::Check,
-    "compare" => compare::Compare,
+    "analyse" => analysis::analyse::Analyse,
+    "check" => experiments::check::Check,
+    "compare" => analysis::compare::Compare,
     "compare-by-distance" => depthloom_analysis::DistanceComparisonOutput,
-    "data" => data::Data,
-    "doctor" => doctor::Doctor,
-    "error" => crate::diagnostics::Failed,
+    "data" => experiments::data::Data,
+    "doctor" => reference::doctor::Doctor,
+    "error" => crate::output::diagnostics::Failed,
     "explain" => depthloom_analysis::Explain,
-    "export" => export::Export,
-    "figure" => figure::Figure,
+    "export" => recordings::export::Export,
+    "figure" => analysis::figure::Figure,
     "graph" => render::Graph,
-    "info" => info::Info,
+    "info" => recordings::info::Info,
     "nodes" => render::Nodes,
     "nodes-kind" => render::NodesKind,
-    "onnx" => onnx::Onnx,
+    "onnx" => reference::onnx::Onnx,
     "plan" => render::Plan,
-    "plan-reuse" => plan::PlanReuse,
-    "recover" => recover::Recover,
-    "replay" => replay::Replay,
-    "report" => crate::report::Report,
+    "plan-reuse" => experiments::plan::PlanReuse,
+    "recover" => recordings::recover::Recover,
+    "replay" => recordings::replay::Replay,
+    "report" => crate::results::report::Report,
     "run" => crate::execution::Run,
-    "runs-list" => runs::RunsList,
-    "runs-prune" => runs::RunsPrune,
-    "runs-rm" => runs::RunsRm,
-    "runs-show" => runs::RunsShow,
-    "runs-why" => depthloom_runs::RunDifference,
-    "samples" => samples::Samples,
+    "runs-list" => recordings::runs::RunsList,
+    "runs-prune" => recordings::runs::RunsPrune,
+    "runs-rm" => recordings::runs::RunsRm,
+    "runs-show" => recordings::runs::RunsShow,
+    "runs-why" => depthloom_verify::RunDifference,
+    "samples" => analysis::samples::Samples,
     "table" => depthloom_analysis::TableOutput,
-    "timings" => timings::Timings,
+    "timings" => analysis::timings::Timings,
 }
 
 #[cfg(test)]
@@ -115,7 +91,7 @@ mod tests {
 
     #[test]
     fn the_format_stands_in_front_and_is_what_the_schema_asks_for() {
-        let printed = text(&super::runs::RunsRm::default());
+        let printed = text(&super::recordings::runs::RunsRm::default());
         let printed: serde_json::Value = serde_json::from_str(&printed).unwrap();
         assert_eq!(
             printed.to_string(),

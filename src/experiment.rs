@@ -8,7 +8,7 @@ use depthloom_graphs::{Registry, counted};
 use depthloom_terminal::{CliError, ExitCode, Problem};
 
 use crate::args::ExperimentArgs;
-use crate::diagnostics;
+use crate::output::diagnostics;
 
 /// The name that stands for standard input.
 const STANDARD_INPUT: &str = "-";

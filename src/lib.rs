@@ -23,22 +23,14 @@ mod check_data;
 mod command_line;
 mod commands;
 mod completion;
-mod contact_sheet;
-mod delivery;
-mod diagnostics;
 mod execution;
 mod experiment;
-mod frame_progress;
 mod memory;
 mod output;
-mod page;
 mod panics;
-mod progress;
-mod report;
-mod samples;
+mod results;
 mod signals;
 mod truths;
-mod warnings;
 
 use std::io;
 
@@ -47,6 +39,7 @@ use depthloom_graphs::Registry;
 use depthloom_terminal::{CliError, ExitCode};
 
 use crate::args::Command;
+use crate::output::diagnostics;
 
 /// A run and its report need 300 to 400 KiB.
 const STACK_BYTES: usize = 768 << 10;
@@ -123,39 +116,42 @@ fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
     };
     diagnostics::set_colour(cli.color);
     match cli.command {
-        Command::Run(args) => commands::run::run(&args, registry),
-        Command::Check(args) => commands::check::check(&args, registry),
-        Command::Data(args) => commands::data::data(&args, registry),
-        Command::Plan(args) => commands::plan::plan(&args, registry),
-        Command::Graph(args) => commands::graph::graph(&args, registry),
-        Command::Report(args) => commands::report::report(&args),
-        Command::Table(args) => commands::table::table(&args),
-        Command::Compare(args) => commands::compare::compare(&args),
-        Command::Explain(args) => commands::explain::explain(&args),
-        Command::Analyse(args) => commands::analyse::analyse(&args),
-        Command::Samples(args) => commands::samples::samples(&args),
-        Command::Figure(args) => commands::figure::figure(&args),
-        Command::Export(args) => commands::export::export(&args),
-        Command::Timings(args) => commands::timings::timings(&args),
-        Command::Info(args) => commands::info::info(&args),
-        Command::Replay(args) => commands::replay::replay(&args, registry),
-        Command::Recover(args) => commands::recover::recover(&args),
-        Command::Runs(args) => commands::runs::runs(&args),
-        Command::Nodes(args) => commands::nodes::nodes(&args, registry),
-        Command::Onnx(args) => commands::onnx::onnx(&args),
-        Command::Dora(args) => commands::dora::dora(&args, registry),
-        Command::DoraNode(args) => commands::dora_node::dora_node(args, registry),
-        Command::Synth(args) => commands::synth::synth(&args),
-        Command::Doctor(args) => commands::doctor::doctor(args.json),
-        Command::New(args) => commands::new::new(&args),
+        Command::Run(args) => commands::experiments::run::run(&args, registry),
+        Command::Check(args) => commands::experiments::check::check(&args, registry),
+        Command::Data(args) => commands::experiments::data::data(&args, registry),
+        Command::Plan(args) => commands::experiments::plan::plan(&args, registry),
+        Command::Graph(args) => commands::experiments::graph::graph(&args, registry),
+        Command::Report(args) => commands::analysis::report::report(&args),
+        Command::Table(args) => commands::analysis::table::table(&args),
+        Command::Compare(args) => commands::analysis::compare::compare(&args),
+        Command::Explain(args) => commands::analysis::explain::explain(&args),
+        Command::Analyse(args) => commands::analysis::analyse::analyse(&args),
+        Command::Samples(args) => commands::analysis::samples::samples(&args),
+        Command::Figure(args) => commands::analysis::figure::figure(&args),
+        Command::Export(args) => commands::recordings::export::export(&args),
+        Command::Timings(args) => commands::analysis::timings::timings(&args),
+        Command::Info(args) => commands::recordings::info::info(&args),
+        Command::Replay(args) => commands::recordings::replay::replay(&args, registry),
+        Command::Recover(args) => commands::recordings::recover::recover(&args),
+        Command::Runs(args) => commands::recordings::runs::runs(&args),
+        Command::Nodes(args) => commands::reference::nodes::nodes(&args, registry),
+        Command::Onnx(args) => commands::reference::onnx::onnx(&args),
+        Command::Dora(args) => commands::experiments::dora::dora(&args, registry),
+        Command::DoraNode(args) => commands::experiments::dora_node::dora_node(args, registry),
+        Command::Synth(args) => commands::experiments::synth::synth(&args),
+        Command::Doctor(args) => commands::reference::doctor::doctor(args.json),
+        Command::New(args) => commands::experiments::new::new(&args),
         Command::Schema(args) => {
             let named = |(name, _): &&(&str, _)| args.output.as_deref() == Some(name);
-            commands::schema::schema(commands::SCHEMAS.iter().find(named).map(|(_, schema)| *schema), registry)
+            commands::reference::schema::schema(
+                commands::SCHEMAS.iter().find(named).map(|(_, schema)| *schema),
+                registry,
+            )
         }
         Command::Completions { shell } => {
-            commands::completions::completions(shell, &command_line::own_command(registry))
+            commands::reference::completions::completions(shell, &command_line::own_command(registry))
         }
-        Command::Man(args) => commands::man::man(&args, command_line::own_command(registry)),
+        Command::Man(args) => commands::reference::man::man(&args, command_line::own_command(registry)),
     }
 }
 

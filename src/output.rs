@@ -3,6 +3,12 @@
 //! The types that commands fill define the outputs. Tests compare the schemas in `docs/schemas` with these types, and what commands print with the
 //! schemas. The version is raised when a key goes or changes its meaning, not when there is a new key.
 
+pub(crate) mod delivery;
+pub(crate) mod diagnostics;
+pub(crate) mod frame_progress;
+pub(crate) mod progress;
+pub(crate) mod warnings;
+
 use depthloom_terminal::{CliError, print_quoted};
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;

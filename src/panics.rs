@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
 use depthloom_terminal::{CliError, ExitCode};
 
-use crate::diagnostics;
+use crate::output::diagnostics;
 use crate::signals;
 
 /// Threads of these names have somebody who finds their panics.

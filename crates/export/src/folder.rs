@@ -118,7 +118,6 @@ mod tests {
     use std::path::{Path, PathBuf};
 
     use super::Folder;
-    use depthloom_runs::run_folder;
 
     #[test]
     fn what_no_export_made_is_replaced_only_when_asked_for() {
@@ -149,7 +148,7 @@ mod tests {
     #[test]
     fn a_runs_folder_takes_no_export() {
         let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join(run_folder::MARKER), "").unwrap();
+        fs::write(folder.path().join(depthloom_runs::MARKER), "").unwrap();
         for out in [folder.path().to_owned(), folder.path().join("a/b")] {
             assert!(Folder::at(&out, true).err().unwrap().message.what.contains("is a run's folder"));
         }

@@ -8,12 +8,9 @@ use std::time::SystemTime;
 use chrono::{DateTime, NaiveDateTime, Utc};
 use depthloom_terminal::{CliError, ExitCode, say};
 
-use crate::RECORDING;
 use crate::environment::{self, STAMP};
-use crate::run_folder::{Found, MARKER};
-
-/// Where runs lie that were given no place.
-pub const FOLDER: &str = "runs";
+use crate::files::{MARKER, RECORDING};
+use crate::run_folder::Found;
 
 /// How many folders deep runs lie at most: `runs/<experiment>/<time>` is two.
 const DEPTH: u32 = 3;
@@ -132,7 +129,7 @@ mod tests {
     use std::path::Path;
 
     use super::all;
-    use crate::run_folder::MARKER;
+    use crate::files::MARKER;
 
     fn make(folder: &Path, stamp: &str) {
         fs::create_dir_all(folder).unwrap();

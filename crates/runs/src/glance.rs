@@ -11,7 +11,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::reused;
-use crate::RECORDING;
+use crate::files::RECORDING;
 use crate::found::FoundRun;
 use crate::run_folder::is_held;
 

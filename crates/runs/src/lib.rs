@@ -7,6 +7,7 @@
 
 pub mod environment;
 mod failures;
+mod files;
 mod found;
 mod glance;
 pub mod models;
@@ -15,18 +16,17 @@ mod opening;
 mod plain;
 pub mod reuse;
 mod reused;
-mod run_difference;
 pub mod run_folder;
 mod timings;
 
 pub use failures::{FrameFailure, Frames, frames_and_failures};
-pub use found::{FOLDER, FoundRun, all, in_folder};
+pub use files::{FOLDER, MARKER, MODELS, OUTDATED, RECORDING, TIMINGS};
+pub use found::{FoundRun, all, in_folder};
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};
 pub use opening::{
-    RECORDING, TIMINGS, end, failed, is_recording, open, open_frames, partial_with, recording_in, recording_of,
-    remedy_of_partial, run_failed,
+    end, failed, is_recording, open, open_frames, partial_with, recording_in, recording_of, remedy_of_partial,
+    run_failed,
 };
 pub use plain::file_name;
-pub use run_difference::RunDifference;
 pub use timings::write_timings;

@@ -7,15 +7,14 @@ use std::path::Path;
 use depthloom_recording::{RecordedContent, RecordedOnce, RecordedPlan, Recording};
 use depthloom_terminal::{CliError, ExitCode};
 
-/// The folder of models in a run's folder.
-pub const FOLDER: &str = "models";
+use crate::files::MODELS;
 
 /// Writes the models that a recording holds into `<folder>/models`.
 ///
 /// # Errors
 /// If a model cannot be read, or its file not be written.
 pub fn write(recording: &Recording, folder: &Path) -> Result<(), CliError> {
-    let folder = folder.join(FOLDER);
+    let folder = folder.join(MODELS);
     let failed = |error: &io::Error| {
         CliError::of_writing(ExitCode::Engine, format_args!("failed to write {}", folder.display()), error)
     };

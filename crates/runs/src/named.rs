@@ -106,7 +106,7 @@ mod tests {
     use std::path::{Path, PathBuf};
 
     use super::{named, named_in_full, namesake};
-    use crate::run_folder::MARKER;
+    use crate::files::MARKER;
 
     fn folder_of(runs: &[(&str, &str)]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();

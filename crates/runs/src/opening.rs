@@ -10,13 +10,8 @@ use depthloom_recording::{Condition, Recording};
 use depthloom_runner::RunError;
 use depthloom_terminal::{CliError, ExitCode, say};
 
-use crate::{FOLDER, named};
-
-/// A recording's name in a run's folder.
-pub const RECORDING: &str = "recording.mcap";
-
-/// The name of its timings.
-pub const TIMINGS: &str = "timings.parquet";
+use crate::files::{FOLDER, RECORDING};
+use crate::named::named;
 
 /// What helps where no run was found.
 const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";

@@ -14,12 +14,9 @@ use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use crate::files::{FOLDER, OUTDATED, RECORDING};
+use crate::found::{all, in_folder};
 use crate::run_folder::RunFolder;
-use crate::{FOLDER, RECORDING, all, in_folder};
-
-/// In a run's folder, as long as it is not finished: what an interrupted process recorded of data, programs or engines that changed since. What of it
-/// is still right is reused by its cache keys.
-pub const OUTDATED: &str = "recording.outdated.mcap";
 
 /// The recordings that a run may reuse, the newest first: those of its own folder, of the runs beside it, and of those under `runs/`.
 /// None with `--fresh`.

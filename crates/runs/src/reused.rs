@@ -7,7 +7,7 @@ use depthloom_analysis::{RowKeys, Timing, read_timings};
 use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_recording::Recording;
 
-use crate::TIMINGS;
+use crate::files::TIMINGS;
 
 /// What helps.
 const REMEDY: &str = "may belong to another variant; run again with --fresh";

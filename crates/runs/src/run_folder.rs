@@ -6,19 +6,20 @@
 mod contents;
 mod lock;
 mod marker;
+mod paths;
 mod remove;
 
-use std::ffi::OsString;
-use std::fmt::Display;
 use std::fs;
 use std::io;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 pub use contents::{in_the_way_of_a_report, mark_for_reports};
 use depthloom_terminal::{CliError, ExitCode, say};
 pub use lock::{Lock, Refused, is_held};
-pub use marker::{Found, MARKER};
+pub use marker::Found;
 pub use remove::Removal;
+
+use paths::{aside, failed, failed_to, found, harm, normalize_lexically};
 
 /// The folder beside runs where trainings put down their checkpoints.
 pub const CHECKPOINTS: &str = "checkpoints";
@@ -285,35 +286,6 @@ fn make_parent(out: &Path) -> Result<(), CliError> {
     }
 }
 
-/// A name beside `path` that this process alone uses.
-fn aside(path: &Path) -> PathBuf {
-    let mut name = path.file_name().map(OsString::from).unwrap_or_default();
-    name.push(format!(".replaced-{}", std::process::id()));
-    path.with_file_name(name)
-}
-
-fn found(path: &Path) -> Result<Found, CliError> {
-    Found::at(path).map_err(|error| failed("look at", path, &error))
-}
-
-/// The same path without `..`: a folder that goes aside must not lie on the way to its own name. And without a slash at its end,
-/// behind which a link is taken for what it leads to.
-fn normalize_lexically(out: &Path) -> Result<PathBuf, CliError> {
-    if !out.components().any(|part| part == Component::ParentDir) {
-        return Ok(out.components().collect());
-    }
-    let (Some(parent), Some(name)) = (out.parent(), out.file_name()) else { return Ok(out.to_owned()) };
-    // Folders that do not exist yet are created later. With `..` behind them the path cannot be resolved.
-    let existing = parent.ancestors().find(|path| path.exists()).unwrap_or(parent);
-    let missing = parent.strip_prefix(existing).unwrap_or(Path::new(""));
-    let (existing, missing) = match missing.components().any(|part| part == Component::ParentDir) {
-        true => (parent, Path::new("")),
-        false => (existing, missing),
-    };
-    let real = fs::canonicalize(existing).map_err(|error| failed("find", existing, &error))?;
-    Ok(real.join(missing).join(name))
-}
-
 /// Refuses to replace what the person stands in, the run was made from, or somebody put there.
 fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), CliError> {
     match harm(path, read)? {
@@ -323,28 +295,6 @@ fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), CliError> {
             Err(CliError::usage(what, "choose another --out"))
         }
     }
-}
-
-/// What speaks against removing a run's folder: it is what the person stands in, what is `read`, or holds what somebody put there.
-fn harm(path: &Path, read: &[PathBuf]) -> Result<Option<String>, CliError> {
-    let real = fs::canonicalize(path).map_err(|error| failed("look at", path, &error))?;
-    if std::env::current_dir().is_ok_and(|here| here.starts_with(&real)) {
-        return Ok(Some("it is the current folder, or holds it".to_owned()));
-    }
-    if let Some(file) = read.iter().find(|file| fs::canonicalize(file).is_ok_and(|file| file.starts_with(&real))) {
-        return Ok(Some(format!("it holds {}, which this run reads", file.display())));
-    }
-    let foreign = contents::foreign(path).map_err(|error| failed("look into", path, &error))?;
-    Ok(foreign.map(|name| format!("it holds {}, which no run wrote", Path::new(&name).display())))
-}
-
-fn failed(to: &str, path: &Path, error: &io::Error) -> CliError {
-    failed_to(format_args!("failed to {to} {}", path.display()), error)
-}
-
-/// Before any frame, whatever it is.
-fn failed_to(intent: impl Display, error: &io::Error) -> CliError {
-    CliError::of_writing(ExitCode::Usage, intent, error)
 }
 
 fn no_run(path: &Path, what: &str) -> CliError {

@@ -1,19 +1,20 @@
-//! Nodes made again from what a recording holds of their inputs, and compared with what it holds of their outputs.
+//! Compares recordings: nodes recomputed from their recorded inputs ([`Replay`]), and two runs ([`RunDifference`]).
 //!
-//! Every node gets the values that were *recorded* for it, not those that others make now: a node that differs is itself the one that
-//! changed, and not one that a changed node feeds. It is a run like any other, on the same runner: its source reads the recording, its
-//! tap compares.
+//! A recomputed node reads the values that were *recorded* for it, so a node that differs is itself the one that changed. The runner runs it like
+//! any other: the source reads the recording, and the sink compares.
 
 #![forbid(unsafe_code)]
 
 mod guard;
 mod plan;
 mod report;
+mod run_difference;
 mod source;
 mod tally;
 mod tolerance;
 
 pub use plan::{Replay, Replayed, Unchecked};
 pub use report::{ComparedNode, NodeName, NumberDifference, OtherNode, Report, SHOWN, node_name};
+pub use run_difference::RunDifference;
 pub use tally::{Checker, Outcome, Placed, Tally};
 pub use tolerance::{Tolerance, Tolerances};

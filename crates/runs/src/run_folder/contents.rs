@@ -7,19 +7,17 @@ use std::path::Path;
 
 use depthloom_analysis::{PAGE, SAMPLES};
 
-use super::marker::MARKER;
-use crate::models;
-use crate::reuse::OUTDATED;
+use crate::files::{MARKER, MODELS, OUTDATED, RECORDING, TIMINGS};
 
 /// The files that a run writes.
 const FILES: [&str; 8] = [
     MARKER,
-    "recording.mcap",
+    RECORDING,
     OUTDATED,
     "experiment.yaml",
     "experiment.resolved.yaml",
     "environment.json",
-    "timings.parquet",
+    TIMINGS,
     "programs.log",
 ];
 /// And its reports.
@@ -41,7 +39,7 @@ const REPORT: [&str; 15] = [
     PAGE,
 ];
 /// The folders, and the endings of what they hold.
-const FOLDERS: [(&str, &[&str]); 2] = [("experiment", &["yaml", "yml"]), ("models", &["onnx"])];
+const FOLDERS: [(&str, &[&str]); 2] = [("experiment", &["yaml", "yml"]), (MODELS, &["onnx"])];
 
 /// Marks a folder that is not a run's as one whose report depthloom wrote, and may replace.
 const REPORT_MARKER: &str = ".depthloom-report";
@@ -54,7 +52,7 @@ pub fn in_the_way_of_a_report(folder: &Path) -> Option<&'static str> {
     }
     // `report` does not write samples.
     let names = REPORT.into_iter().filter(|name| *name != SAMPLES);
-    names.chain([models::FOLDER]).find(|name| is_there(name).is_ok())
+    names.chain([MODELS]).find(|name| is_there(name).is_ok())
 }
 
 /// Marks a folder in which nothing was [in the way of a report](in_the_way_of_a_report).

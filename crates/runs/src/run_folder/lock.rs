@@ -7,7 +7,8 @@ use std::path::Path;
 use depthloom_graphs::regular_file;
 use depthloom_terminal::say;
 
-use super::marker::{MARKER, is_of_0_1_0};
+use super::marker::is_of_0_1_0;
+use crate::files::MARKER;
 
 /// The right to write in a run's folder, until dropped.
 #[derive(Debug)]
@@ -115,7 +116,7 @@ fn identity(file: &File) -> io::Result<std::time::SystemTime> {
 #[cfg(test)]
 mod tests {
     use super::{Lock, Refused, is_held};
-    use crate::run_folder::marker::MARKER;
+    use crate::files::MARKER;
     use std::fs;
 
     #[test]

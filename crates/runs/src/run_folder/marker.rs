@@ -4,8 +4,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-/// The marker's name.
-pub const MARKER: &str = "depthloom-run.json";
+use crate::files::MARKER;
 
 /// What stands under a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use depthloom_terminal::{CliError, ExitCode};
 
 use super::lock::{Lock, Refused};
-use super::marker::{Found, MARKER};
-use super::{aside, failed, found, harm, normalize_lexically};
+use super::marker::Found;
+use super::paths::{aside, failed, found, harm, normalize_lexically};
+use crate::files::MARKER;
 
 /// A run that is about to be removed: nobody else writes in it, or can begin to.
 #[derive(Debug)]

@@ -186,7 +186,7 @@ fn a_run_that_ended_as_it_began_is_in_nobodys_way() {
         fs::create_dir(folder.path().join("out.partial")).unwrap();
         drop(create(&out, overwrite).unwrap());
         // Marked before anything else is in it: at no moment a kill leaves what is not known again.
-        assert_eq!(names(&folder.path().join("out.partial")), [super::marker::MARKER]);
+        assert_eq!(names(&folder.path().join("out.partial")), [crate::files::MARKER]);
         create(&out, true).unwrap().discard();
         assert_eq!(names(folder.path()), Vec::<String>::new());
     }

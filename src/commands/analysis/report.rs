@@ -1,0 +1,72 @@
+//! `depthloom report`: what a run found, from its recording alone.
+
+use std::path::Path;
+
+use depthloom_analysis::{Prepared, ReportOptions, Resampling};
+use depthloom_recording::Recording;
+use depthloom_runs::{models, recording_of, run_folder};
+use depthloom_terminal::{CliError, ExitCode, print};
+
+use crate::args::ReportArgs;
+use crate::output;
+use crate::output::diagnostics::Error;
+use crate::results::page;
+use crate::results::report::{Report, analyse, no_pixel_counted, summary};
+use crate::signals;
+
+/// Makes tables, plots and models again, from the recording alone.
+pub(crate) fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
+    let path = recording_of(&args.run, "report")?;
+    let out = match &args.out {
+        Some(out) => out.clone(),
+        None => path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned(),
+    };
+    if let Some(run) = run_folder::around(&out) {
+        // Its own folder is where a report belongs.
+        let of_recording = std::fs::canonicalize(&path).ok().and_then(|path| path.parent().map(Path::to_owned));
+        let is_its_own = [of_recording, std::fs::canonicalize(&out).ok()].iter().all(|of| of.as_ref() == Some(&run));
+        if !is_its_own {
+            let what = format!("{} is a run's folder, and holds what the run wrote and nothing else", run.display());
+            return Err(CliError::usage(what, "choose another --out"));
+        }
+    } else if let Some(name) = run_folder::in_the_way_of_a_report(&out) {
+        let what = format!("{} exists already, and no report wrote it", out.join(name).display());
+        return Err(CliError::usage(what, "choose another --out, or move it away"));
+    }
+    let interrupt = signals::listen("stopping: what is not written yet stays as it was")?;
+    std::fs::create_dir_all(&out).map_err(|error| {
+        CliError::of_writing(ExitCode::Usage, format_args!("failed to create {}", out.display()), &error)
+    })?;
+    let lock = run_folder::lock_if_run(&out)?;
+    let recording = Recording::open(&path)
+        .map_err(|error| CliError::remedied(ExitCode::Usage, "failed to read the recording", &error))?;
+    if lock.is_none() {
+        depthloom_durable::remove_abandoned(&out);
+        run_folder::mark_for_reports(&out).map_err(|error| {
+            CliError::of_writing(ExitCode::Usage, format_args!("failed to write to {}", out.display()), &error)
+        })?;
+    }
+    let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
+    let options = ReportOptions { paper: args.paper, intervals, check_every_byte: true, ..ReportOptions::default() };
+    let report = analyse(&recording, &out, &options, Prepared::default(), &interrupt)?;
+    let but_whole = |stop: CliError| stop.also(format!("tables and plots are whole in {}", out.display()));
+    models::write(&recording, &out).map_err(but_whole)?;
+    if !args.page.no_page {
+        let of_run = path.parent().unwrap_or(Path::new("."));
+        page::write(&recording, &out, &report, &page::surroundings(of_run), args.output.json, &interrupt)
+            .map_err(but_whole)?;
+    }
+    // An unfinished recording is what was asked for; a damaged one is not what was written.
+    let faulty = report.is_damaged.then(|| CliError::new(ExitCode::FrameFailures, "the recording is damaged"));
+    let faulty = faulty.or_else(|| no_pixel_counted(&report));
+    let printed = if args.output.json {
+        output::print(&Report::of(&report, faulty.as_ref().map(Error::from)))
+    } else {
+        print(summary(&report, &out))
+    };
+    printed.map_err(but_whole)?;
+    if args.page.open {
+        page::open(&out);
+    }
+    Ok(faulty.map_or(ExitCode::Success, |stop| stop.exit))
+}

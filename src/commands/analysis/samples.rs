@@ -1,0 +1,62 @@
+//! `depthloom samples`: one row per scored pixel.
+
+use depthloom_analysis::SAMPLES;
+use depthloom_graphs::counted;
+use depthloom_runs::{end, open_frames, recording_of, run_folder};
+use depthloom_terminal::{CliError, ExitCode, print, say};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::args::SamplesArgs;
+use crate::output;
+use crate::output::delivery::can_be_written;
+use crate::results::samples::{folder_of, write};
+use crate::signals;
+
+/// Of `samples`: what was written.
+#[derive(JsonSchema, Serialize)]
+pub(crate) struct Samples {
+    file: String,
+    /// The rows.
+    samples: u64,
+    frames: u64,
+    /// The columns of estimators.
+    estimators: u64,
+    notes: Vec<String>,
+}
+
+/// Writes the samples of a run.
+pub(crate) fn samples(args: &SamplesArgs) -> Result<ExitCode, CliError> {
+    let path = recording_of(&args.run, "samples")?;
+    let out = match &args.out {
+        Some(out) => {
+            // The run's own samples may be written again.
+            let own = path.with_file_name(SAMPLES);
+            if !matches!((out.canonicalize(), own.canonicalize()), (Ok(out), Ok(own)) if out == own) {
+                can_be_written(out)?;
+            }
+            out.clone()
+        }
+        None => path.with_file_name(SAMPLES),
+    };
+    let interrupt = signals::listen("stopping: no file is written")?;
+    let _lock = run_folder::lock_if_run(folder_of(&out))?;
+    let recording = open_frames(&path)?;
+    let written = write(&recording, &out, args.quiet || args.output.json, &interrupt)?;
+    if args.output.json {
+        output::print(&Samples {
+            file: out.to_string_lossy().into_owned(),
+            samples: written.samples,
+            frames: written.frames,
+            estimators: written.estimators as u64,
+            notes: written.notes,
+        })?;
+        return Ok(end([&recording]));
+    }
+    written.notes.iter().for_each(|note| say(format_args!("note: {note}")));
+    if !args.quiet {
+        let (samples, frames) = (counted(written.samples, "sample"), counted(written.frames, "frame"));
+        print(format!("{samples} of {frames}: {}\n", out.display()))?;
+    }
+    Ok(end([&recording]))
+}

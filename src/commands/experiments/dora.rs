@@ -1,0 +1,85 @@
+//! `depthloom dora`: an experiment as a dataflow of dora's.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use depthloom_dora::{Layout, Wanted, dataflow, print_of, too_large};
+use depthloom_graphs::Registry;
+use depthloom_graphs::plan::Plan;
+use depthloom_nodes::dora::{DoraParams, KIND};
+use depthloom_terminal::{CliError, ExitCode, print_quoted};
+
+use crate::allow_exec;
+use crate::args::DoraArgs;
+use crate::experiment::{is_file, load};
+use crate::output::diagnostics::print_warning;
+
+/// Prints the dataflow.
+pub(crate) fn dora(args: &DoraArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+    is_file(&args.run.experiment)?;
+    let loaded = load(&args.run.experiment, registry, false)?;
+    allow_exec::decide(args.run.exec, Some((&args.run.experiment.experiment, &loaded)))?;
+    let plan = loaded.plan;
+    may_start(&plan)?;
+    let layout = Layout::of(&plan);
+    let wanted = Wanted {
+        program: text(std::env::current_exe().map_err(|error| before("failed to find this program", &error))?)?,
+        arguments: arguments(&plan)?,
+        // Of a frame comes one message at most, and of all frames one more.
+        queue: args.window() + 8,
+        machines: args.machines.clone(),
+    };
+    let dataflow = dataflow(&plan, &layout, &wanted).map_err(|pattern| {
+        let ids: Vec<&str> = layout.parts.iter().map(|part| part.id.as_str()).collect();
+        CliError::usage(
+            format!("--machine names `{pattern}`, which is no node of the dataflow"),
+            format!("its nodes are {}", ids.join(", ")),
+        )
+    })?;
+    if let Some(warning) = too_large(&dataflow) {
+        print_warning(&warning);
+    }
+    print_quoted(&dataflow).map(|()| ExitCode::Success)
+}
+
+fn before(intent: &str, error: &dyn std::error::Error) -> CliError {
+    CliError::because(ExitCode::Usage, intent, error)
+}
+
+fn text(words: impl Into<OsString>) -> Result<String, CliError> {
+    words.into().into_string().map_err(|words| {
+        CliError::new(ExitCode::Usage, format!("{} is not UTF-8; a dataflow must be", Path::new(&words).display()))
+    })
+}
+
+/// A dataflow starts programs: of a stranger's experiment none that the person did not allow.
+fn may_start(plan: &Plan) -> Result<(), CliError> {
+    for (run, node) in plan.runs.iter().flat_map(|run| run.nodes.iter().map(move |node| (run, node))) {
+        if node.kind == KIND
+            && let Ok(params) = serde_json::from_value::<DoraParams>(node.params.clone())
+            && let Err(fault) = params.ask()
+        {
+            let intent = format!("node `{}.{}` ({KIND})", run.stage, node.name);
+            return Err(CliError::remedied(ExitCode::Usage, intent, &fault));
+        }
+    }
+    Ok(())
+}
+
+/// What every part is given besides its name: what this command was given.
+fn arguments(plan: &Plan) -> Result<Vec<String>, CliError> {
+    let folder = std::env::current_dir().map_err(|error| before("failed to find the current folder", &error))?;
+    let mut words = vec!["--plan".to_owned(), print_of(plan).to_string(), "--folder".to_owned(), text(folder)?];
+    // Options of the program stand before its command, and none of them has a value of that name.
+    let mut given = std::env::args_os().skip_while(|word| word != "dora").skip(1);
+    while let Some(word) = given.next() {
+        let word = text(word)?;
+        // Where a part runs is for dora to know.
+        if word == "--machine" {
+            given.next();
+        } else if !word.starts_with("--machine=") {
+            words.push(word);
+        }
+    }
+    Ok(words)
+}

@@ -1,0 +1,95 @@
+//! `depthloom runs`: the folder of runs.
+
+mod list;
+mod prune;
+mod rm;
+mod show;
+mod why;
+
+use std::path::Path;
+
+use depthloom_runs::{FoundRun, all, bytes_in, run_folder::Removal};
+use depthloom_terminal::{CliError, ExitCode, print, size};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+pub(crate) use list::RunsList;
+pub(crate) use prune::RunsPrune;
+pub(crate) use rm::RunsRm;
+pub(crate) use show::RunsShow;
+
+use crate::args::{RunsArgs, RunsCommand};
+use crate::output::diagnostics::{Error, print_stop};
+use crate::output::{self, CommandOutput};
+
+/// Lists runs, or executes one of the commands for runs.
+pub(crate) fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
+    match &args.command {
+        None | Some(RunsCommand::List) => list::list(args),
+        Some(RunsCommand::Show(command)) => show::show(args, command),
+        Some(RunsCommand::Why(command)) => why::why(args, command),
+        Some(RunsCommand::Rm(command)) => rm::rm(args, command),
+        Some(RunsCommand::Prune(rules)) => prune::prune(args, rules),
+    }
+}
+
+/// The runs of the folder, oldest first.
+fn all_in(args: &RunsArgs) -> Result<Vec<FoundRun>, CliError> {
+    all(&args.folder).map_err(|error| {
+        let stop = CliError::because(ExitCode::Usage, format_args!("failed to list {}", args.folder.display()), &error);
+        stop.remedy("runs lie in `runs` where `depthloom run` was called without --out; name another folder with --in")
+    })
+}
+
+/// A run that was removed.
+#[derive(JsonSchema, Serialize)]
+pub(crate) struct Removed {
+    path: String,
+    bytes: u64,
+}
+
+/// What was removed.
+#[derive(Default)]
+struct RemovedRuns {
+    runs: Vec<Removed>,
+    bytes: u64,
+    failed: Vec<CliError>,
+}
+
+impl RemovedRuns {
+    /// Removes a run and prints it; a failure is reported at the end.
+    fn remove(&mut self, removal: Removal, as_json: bool) -> Result<(), CliError> {
+        let (folder, bytes) = (removal.folder().to_owned(), bytes_in(removal.folder()));
+        match removal.remove() {
+            Ok(()) => self.add("removed", &folder, bytes, as_json)?,
+            Err(stop) => self.failed.push(stop),
+        }
+        Ok(())
+    }
+
+    /// Prints what was removed, or would be.
+    fn add(&mut self, what: &str, folder: &Path, bytes: u64, as_json: bool) -> Result<(), CliError> {
+        self.bytes += bytes;
+        self.runs.push(Removed { path: folder.to_string_lossy().into_owned(), bytes });
+        if as_json { Ok(()) } else { print(format!("{what} {} ({})\n", folder.display(), size(bytes))) }
+    }
+
+    /// How many, and how many bytes they had.
+    const fn sum(&self) -> (usize, u64) {
+        (self.runs.len(), self.bytes)
+    }
+
+    /// Prints errors, and with `--json` the output that `output` makes.
+    fn tell<T: CommandOutput>(
+        self,
+        args: &RunsArgs,
+        output: impl FnOnce(Vec<Removed>, u64, Option<Error>) -> T,
+    ) -> Result<ExitCode, CliError> {
+        let exit = self.failed.first().map_or(ExitCode::Success, |stop| stop.exit);
+        self.failed.iter().for_each(print_stop);
+        if args.json {
+            output::print(&output(self.runs, self.bytes, self.failed.first().map(Error::from)))?;
+        }
+        Ok(exit)
+    }
+}

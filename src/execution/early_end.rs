@@ -1,0 +1,70 @@
+//! A run that ended early: what it kept, and how to resume.
+
+use depthloom_graphs::counted;
+use depthloom_runs::OUTDATED;
+use depthloom_runs::run_folder::RunFolder;
+use depthloom_terminal::{CliError, ExitCode};
+
+use super::programs::PRINTED;
+
+/// A run that ended early.
+pub(super) struct EarlyEnd {
+    pub(super) why: CliError,
+    /// How many frames were written.
+    pub(super) frames: u64,
+    /// Whether frames that were written may hold wrong values.
+    pub(super) is_suspect: bool,
+}
+
+impl EarlyEnd {
+    /// Adds what was kept and how to resume. The folder of a run that wrote no frame is removed.
+    pub(super) fn stop(self, folder: RunFolder, is_remote: bool) -> CliError {
+        let mut stop = self.why;
+        let (partial, checkpoints) = (folder.partial.clone(), folder.checkpoints());
+        let frames = self.frames;
+        if self.is_suspect && folder.goes_on {
+            let partial = partial.display();
+            return stop.also(format!("{partial} holds values that may be wrong: replace it with --fresh --overwrite"));
+        }
+        if self.is_suspect {
+            folder.discard();
+            return stop.also("nothing of this run was kept");
+        }
+        if frames == 0 && folder.file(OUTDATED).exists() {
+            let partial = partial.display();
+            return stop.also(format!(
+                "no frame was recorded; {partial} keeps the frames of the interrupted run, and the same command with the same --out reuses them"
+            ));
+        }
+        if frames == 0 {
+            folder.discard();
+            stop = stop.also("no frame was recorded");
+        } else {
+            let count = counted(frames, "frame");
+            let (at, report) = (partial.display(), partial.display());
+            stop = stop.also(format!("{count} can be read from {at}: `depthloom report {report}`"));
+            let printed = partial.join(PRINTED);
+            if printed.is_file() {
+                stop = stop.also(format!("what programs printed is in {}", printed.display()));
+            }
+        }
+        let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
+        let resumes = if frames == 0 { "" } else { "behind these frames, " };
+        if stop.exit == ExitCode::Interrupted && is_put_down {
+            let checkpoints = checkpoints.display();
+            stop = stop.also(format!(
+                "run the same again, with the same --out, to go on: {resumes}learning from {checkpoints}"
+            ));
+        } else if stop.exit != ExitCode::Usage && frames > 0 {
+            let fixed = if stop.exit == ExitCode::FrameFailures { "once the cause is fixed, " } else { "" };
+            stop = stop.also(if is_remote {
+                format!(
+                    "{fixed}`depthloom run` of the same experiment, with the same --out, goes on behind these frames"
+                )
+            } else {
+                format!("{fixed}run the same again, with the same --out, to go on behind these frames")
+            });
+        }
+        stop
+    }
+}

@@ -1,0 +1,122 @@
+//! The folder that a run writes, and what an interrupted run left in it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use depthloom_graphs::plan::Plan;
+use depthloom_graphs::ready::Ready;
+use depthloom_recording::{EarlierRuns, Recording, RecordingError};
+use depthloom_runs::environment::{self, ENVIRONMENT};
+use depthloom_runs::run_folder::{Begun, RunFolder};
+use depthloom_runs::{OUTDATED, RECORDING, reuse};
+use depthloom_terminal::{CliError, ExitCode};
+use serde_json::json;
+
+use super::print_warnings;
+use crate::args::RunArgs;
+
+/// The folder to write: that of `--out`, or a new one; and the recording of the interrupted run in it, if there is one.
+pub(super) fn make_folder(
+    args: &RunArgs,
+    plan: &Plan,
+    kept: &[(String, String)],
+    read: &[PathBuf],
+) -> Result<(RunFolder, Option<Arc<Recording>>), CliError> {
+    let mut recording = None;
+    let begun = |partial: &Path| {
+        let path = partial.join(RECORDING);
+        // A run that ended before it recorded anything again leaves only what was set aside: no frame of that is lost.
+        let nothing = || match Recording::open(partial.join(OUTDATED)) {
+            Ok(aside) if aside.is_empty() => Begun::Nothing,
+            Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => Begun::This,
+            Ok(_) => Begun::Other,
+            // Frames that cannot be read at the moment are not removed either.
+            Err(_) if partial.join(OUTDATED).exists() => Begun::Other,
+            Err(_) => Begun::Nothing,
+        };
+        match Recording::open(&path) {
+            Ok(found) if found.is_empty() => nothing(),
+            Ok(found) if !args.is_fresh() && found.is_of_experiment(plan) => {
+                recording = Some(Arc::new(found));
+                Begun::This
+            }
+            // It ended before the head of the recording was written, or the file was made.
+            Err(RecordingError::NotARecording { .. }) => nothing(),
+            Err(_) if std::fs::metadata(&path).map_or(true, |file| file.len() == 0) => nothing(),
+            Ok(_) | Err(_) => Begun::Other,
+        }
+    };
+    let folder = match &args.out {
+        Some(out) if args.output.json && out.to_str().is_none() => {
+            let what = format!("the output folder `{}` is no UTF-8, which --json prints", out.display());
+            return Err(CliError::usage(what, "choose another --out, or leave --json out"));
+        }
+        Some(out) => RunFolder::create(out, args.overwrite, read, begun)?,
+        None => RunFolder::create_new(&Path::new("runs").join(&plan.experiment), &environment::utc_stamp())?,
+    };
+    match write_experiment(&folder, kept, read) {
+        Ok(()) => Ok((folder, recording)),
+        Err(stop) if folder.goes_on => Err(stop),
+        Err(stop) => {
+            folder.discard();
+            Err(stop)
+        }
+    }
+}
+
+/// Writes the experiment's files beside the recording, so that they can be checked and run from there, and lists what the run reads.
+fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathBuf]) -> Result<(), CliError> {
+    let before = |stop| CliError { exit: ExitCode::Usage, ..stop };
+    // Of a run that comes to its end it says more.
+    let reads = json!({ "reads": environment::reads(read) });
+    folder.write(ENVIRONMENT, &format!("{reads:#}\n")).map_err(before)?;
+    for (name, text) in kept {
+        if let Some(inner) = Path::new(name).parent().filter(|inner| !inner.as_os_str().is_empty()) {
+            let inner = folder.partial.join(inner);
+            depthloom_durable::create_folder(&inner).map_err(|error| {
+                CliError::of_writing(ExitCode::Usage, format_args!("failed to create {}", inner.display()), &error)
+            })?;
+        }
+        folder.write(name, text).map_err(before)?;
+    }
+    Ok(())
+}
+
+/// Values that need not be computed.
+pub(super) struct Reusable {
+    /// The recording of an interrupted process of the same run, which resumes after it.
+    pub(super) begun: Option<Arc<Recording>>,
+    pub(super) earlier: EarlierRuns,
+}
+
+impl Reusable {
+    /// Sets the recording of an interrupted process aside if this run would record something else: its data, programs or engines changed.
+    pub(super) fn verified(
+        self,
+        args: &RunArgs,
+        folder: &RunFolder,
+        ready: &Ready,
+        is_remote: bool,
+    ) -> Result<Self, CliError> {
+        let Self { begun: Some(recording), earlier } = self else { return Ok(self) };
+        let outdated = if is_remote {
+            Some("dora computes all values again".to_owned())
+        } else {
+            reuse::outdated(ready, &earlier, &recording)?
+        };
+        let Some(why) = outdated else { return Ok(Self { begun: Some(recording), earlier }) };
+        drop((recording, earlier));
+        let partial = folder.partial.display();
+        print_warnings(
+            args,
+            &[format!(
+                "not resuming after the frames that {partial} holds, since {why}: what is still right is reused"
+            )],
+        );
+        let (recording, aside) = (folder.file(RECORDING), folder.file(OUTDATED));
+        depthloom_durable::rename(&recording, &aside).map_err(|error| {
+            CliError::of_writing(ExitCode::Engine, format_args!("failed to rename {}", recording.display()), &error)
+        })?;
+        Ok(Self { begun: None, earlier: reuse::earlier_runs(args.is_fresh(), folder, &ready.plan) })
+    }
+}

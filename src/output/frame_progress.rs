@@ -1,0 +1,64 @@
+//! How far a walk over a data set is: a bar on a terminal, a line now and then otherwise, nothing when asked to be quiet.
+
+use std::io::IsTerminal;
+use std::sync::Mutex;
+use std::time::Instant;
+
+use depthloom_threads::locked;
+use indicatif::ProgressBar;
+
+use depthloom_graphs::counted;
+use depthloom_terminal::say;
+
+use crate::output::progress::{EVERY, frames_bar};
+
+/// How far a walk is.
+pub(crate) struct FrameProgress {
+    name: String,
+    frames: u64,
+    bar: Option<ProgressBar>,
+    now: Mutex<Now>,
+}
+
+struct Now {
+    done: u64,
+    faults: u64,
+    /// When a line was printed last; `None`: none ever is.
+    said: Option<Instant>,
+}
+
+impl FrameProgress {
+    /// A walk over so many frames of a source.
+    pub(crate) fn new(name: &str, frames: u64, quiet: bool) -> Self {
+        let is_bar = !quiet && std::io::stderr().is_terminal();
+        let bar = is_bar.then(|| frames_bar(name, frames));
+        let said = (!quiet && !is_bar).then(Instant::now);
+        Self { name: name.to_owned(), frames, bar, now: Mutex::new(Now { done: 0, faults: 0, said }) }
+    }
+
+    /// A frame was looked at, and so much found.
+    pub(crate) fn one_more(&self, faults: u64) {
+        let mut now = locked(&self.now);
+        now.done += 1;
+        now.faults += faults;
+        if let Some(bar) = &self.bar {
+            bar.set_position(now.done);
+            if now.faults > 0 {
+                bar.set_message(counted(now.faults, "fault"));
+            }
+        }
+        if now.said.is_some_and(|said| said.elapsed() >= EVERY) {
+            now.said = Some(Instant::now());
+            let frames = counted(self.frames, "frame");
+            say(format_args!("{}: {}/{frames}, {}", self.name, now.done, counted(now.faults, "fault")));
+        }
+    }
+}
+
+impl Drop for FrameProgress {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! The tables, samples and page of a run.
+
+pub(crate) mod page;
+pub(crate) mod report;
+pub(crate) mod samples;
