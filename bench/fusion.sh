@@ -5,7 +5,7 @@
 #   bench/fusion.sh [--frames 150,151] [--rounds N]
 #
 # Prints medians in milliseconds and `ratio fusion-1t VALUE`, `ratio fusion-2t VALUE`: theirs / ours, with one thread and
-# with two threads for one frame. Needs python3 and a package index, and ../shared (or DEPTHLOOM_SHARED).
+# with two threads for one frame (ours: scalings and variants at the same time, as the runner does it). Needs python3 and a package index, and ../shared (or DEPTHLOOM_SHARED).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . bench/shared.sh

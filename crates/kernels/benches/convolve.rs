@@ -6,7 +6,7 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::convolve::{Activation, ConvolutionScratch, Double, Gradients, Same};
+use depthloom_kernels::convolve::{Activation, Convolution, ConvolutionScratch, Double, Gradients, Same};
 use depthloom_kernels::simd::Level;
 
 fn noise(count: usize) -> Vec<f32> {

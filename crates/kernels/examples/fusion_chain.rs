@@ -1,8 +1,8 @@
 //! Times the fusion chain on raw files; the measuring half that is ours of `bench/fusion.sh`.
 //!
 //! `fusion_chain WIDTH HEIGHT FOCAL_PX GREY DISPARITY MONO OUT` reads grey (u8), disparity (i16, 1/16 px) and mono depth
-//! (f32, metres), little-endian. Each line of standard input is a number of threads, 1 or 2: the chain runs once, and one
-//! line of JSON says how many milliseconds each step and all of it took. The line `write` writes `OUT/<variant>.raw`.
+//! (f32, metres), little-endian. Each line of standard input is a number of threads, 1 or 2: the chain runs once, its
+//! scalings and variants on so many threads, and one line of JSON says how many milliseconds each step and all of it took. The line `write` writes `OUT/<variant>.raw`.
 
 use std::io::{BufRead, Write};
 use std::sync::Mutex;
@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use depthloom_kernels::fuse::{Weighting, fuse};
 use depthloom_kernels::tiles::{Serial, Tiles};
-use depthloom_kernels::{confidence, depth, edges, gaussian, median, scale};
+use depthloom_kernels::{confidence, depth, edges, median, scale};
 use depthloom_threads::Budget;
 
 const BASELINE_METRES: f64 = 0.532725;
@@ -18,7 +18,6 @@ const CAP_METRES: f32 = 80.0;
 const SIGMA_PX: f64 = 10.0;
 const VARIANTS: [&str; 4] = ["full", "no_weighting", "no_scaling", "average_scaling"];
 
-/// What the chain starts from.
 struct Frame {
     width: usize,
     height: usize,
@@ -93,7 +92,6 @@ fn main() {
 fn chain(frame: &Frame, maps: &mut Maps, tiles: &dyn Tiles) -> String {
     let Frame { width, height, focal_px, grey, disparity, mono } = frame;
     let (width, height) = (*width, *height);
-    let half = height.div_ceil(2);
     let mut laps = Vec::new();
     let began = Instant::now();
     let mut last = began;
@@ -103,28 +101,14 @@ fn chain(frame: &Frame, maps: &mut Maps, tiles: &dyn Tiles) -> String {
         last = now;
     };
 
-    by_halves(tiles, &mut maps.mask, half * width, |begin, mask| {
-        let first = begin / width;
-        edges::edges_rows(grey, width, height, 100.0, first..first + mask.len() / width, mask);
-    });
+    edges::edges(grey, width, height, 100.0, &mut maps.mask);
     lap("edges");
 
-    let mask = &maps.mask;
-    let tops = Mutex::new(Vec::new());
-    by_halves(tiles, &mut maps.weight, half * width, |begin, weight| {
-        let first = begin / width;
-        gaussian::blur_mask_rows(mask, width, height, SIGMA_PX, first..first + weight.len() / width, weight);
-        tops.lock().expect("no tile panicked").push(confidence::largest(weight));
-    });
-    let top = tops.into_inner().expect("no tile panicked").into_iter().fold(0.0, f32::max);
-    by_halves(tiles, &mut maps.weight, half * width, |_, weight| confidence::normalise(weight, top));
+    confidence::confidence_from_edges(&maps.mask, width, height, SIGMA_PX, &mut maps.weight);
     lap("confidence");
 
-    by_halves(tiles, &mut maps.stereo, half * width, |begin, stereo| {
-        let disparity = &disparity[begin..begin + stereo.len()];
-        let of = depth::Geometry { focal_px: *focal_px, baseline_metres: BASELINE_METRES, doffs_px: 0.0 };
-        depth::depth_from_disparity(disparity, of, CAP_METRES, stereo);
-    });
+    let pair = depth::Geometry { focal_px: *focal_px, baseline_metres: BASELINE_METRES, doffs_px: 0.0 };
+    depth::depth_from_disparity(disparity, pair, CAP_METRES, &mut maps.stereo);
     lap("depth");
 
     let Maps { weight, stereo, minmax, average, merged, fused, .. } = maps;
@@ -155,10 +139,4 @@ fn chain(frame: &Frame, maps: &mut Maps, tiles: &dyn Tiles) -> String {
 
 fn lap_total(laps: &[String], began: Instant) -> String {
     format!("{{{}, \"total\": {:.4}}}", laps.join(", "), began.elapsed().as_secs_f64() * 1e3)
-}
-
-/// Runs `f(begin, part)` on the two parts of `out` that `half` separates.
-fn by_halves<T: Send>(tiles: &dyn Tiles, out: &mut [T], half: usize, f: impl Fn(usize, &mut [T]) + Sync) {
-    let parts: Vec<_> = out.chunks_mut(half).map(Mutex::new).collect();
-    tiles.run(parts.len(), &|index| f(index * half, &mut parts[index].lock().expect("no tile panicked")));
 }

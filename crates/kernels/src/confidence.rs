@@ -1,6 +1,6 @@
 //! Stereo's confidence `W_c`: how near the next edge is.
 
-use crate::gaussian::blur_mask_rows_at;
+use crate::gaussian::blur_mask_at;
 use crate::simd::{Level, Pass};
 
 /// `W_c` of an edge map (see [`crate::edges`]): the map, blurred with a Gaussian of `sigma_px`, divided by its maximum.
@@ -21,21 +21,9 @@ pub(crate) fn confidence_from_edges_at(
     sigma_px: f64,
     out: &mut [f32],
 ) {
-    blur_mask_rows_at(level, mask, width, height, sigma_px, 0..height, out);
+    blur_mask_at(level, mask, width, height, sigma_px, out);
     let top = level.run(Largest { values: out });
     level.run(Divide { values: out, top });
-}
-
-/// The largest of values that are not negative; 0 of none. The first half of normalising, for callers that work tile
-/// by tile.
-#[must_use]
-pub fn largest(values: &[f32]) -> f32 {
-    Level::best().run(Largest { values })
-}
-
-/// Divides by the largest value of the whole image, if that is not 0. The second half of normalising.
-pub fn normalise(values: &mut [f32], top: f32) {
-    Level::best().run(Divide { values, top });
 }
 
 struct Largest<'a> {

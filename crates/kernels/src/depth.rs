@@ -37,16 +37,19 @@ fn capped(depth: f32, cap: f32) -> f32 {
 /// `f * B / (d + doffs)` of OpenCV's fixed-point disparity (1/16 px), capped at `cap_metres`; NaN where `d` or `d + doffs` is not above 0.
 ///
 /// `cap_metres` of `f32::INFINITY` caps nothing.
-///
-/// # Panics
-/// If the slices differ in length.
-pub fn depth_from_disparity(disparity: &[i16], of: Geometry, cap_metres: f32, out: &mut [f32]) {
-    depth_from_disparity_at(Level::best(), disparity, of, cap_metres, out);
+pub fn depth_from_disparity(disparity: &[i16], pair: Geometry, cap_metres: f32, out: &mut [f32]) {
+    depth_from_disparity_at(Level::best(), disparity, pair, cap_metres, out);
 }
 
-pub(crate) fn depth_from_disparity_at(level: Level, disparity: &[i16], of: Geometry, cap_metres: f32, out: &mut [f32]) {
+pub(crate) fn depth_from_disparity_at(
+    level: Level,
+    disparity: &[i16],
+    pair: Geometry,
+    cap_metres: f32,
+    out: &mut [f32],
+) {
     check_same("depth", out.len(), disparity.len());
-    let (metre_pixels, doffs_px, least) = (of.metre_pixels(), of.doffs_px as f32, of.least_sixteenths());
+    let (metre_pixels, doffs_px, least) = (pair.metre_pixels(), pair.doffs_px as f32, pair.least_sixteenths());
     level.run(FromDisparity { disparity, metre_pixels, doffs_px, least, cap_metres, out });
 }
 
@@ -74,12 +77,9 @@ impl Pass for FromDisparity<'_> {
 
 /// Depth from a network's disparity given as a share of the image's width:
 /// `min(f * B / max(share * width + doffs, floor_px), cap_metres)`.
-///
-/// # Panics
-/// If the slices differ in length.
-pub fn depth_from_share(share: &[f32], width: usize, of: Geometry, floor_px: f32, cap_metres: f32, out: &mut [f32]) {
+pub fn depth_from_share(share: &[f32], width: usize, pair: Geometry, floor_px: f32, cap_metres: f32, out: &mut [f32]) {
     check_same("depth", out.len(), share.len());
-    let (width, metre_pixels, doffs_px) = (width as f32, of.metre_pixels(), of.doffs_px as f32);
+    let (width, metre_pixels, doffs_px) = (width as f32, pair.metre_pixels(), pair.doffs_px as f32);
     Level::best().run(FromShare { share, width, metre_pixels, doffs_px, floor_px, cap_metres, out });
 }
 
@@ -107,12 +107,9 @@ impl Pass for FromShare<'_> {
 }
 
 /// True depth from true disparities, pixels: `f * B / (d + doffs)`; NaN where that sum is NaN or not above 0.
-///
-/// # Panics
-/// If the slices differ in length.
-pub fn truth_from_disparity(px: &[f32], of: Geometry, out: &mut [f32]) {
+pub fn truth_from_disparity(px: &[f32], pair: Geometry, out: &mut [f32]) {
     check_same("depth", out.len(), px.len());
-    let (metre_pixels, doffs_px) = (of.metre_pixels(), of.doffs_px as f32);
+    let (metre_pixels, doffs_px) = (pair.metre_pixels(), pair.doffs_px as f32);
     for (depth, &px) in out.iter_mut().zip(px) {
         let px = px + doffs_px;
         *depth = if px > 0.0 { metre_pixels / px } else { f32::NAN };
@@ -120,9 +117,6 @@ pub fn truth_from_disparity(px: &[f32], of: Geometry, out: &mut [f32]) {
 }
 
 /// True depth from a KITTI depth PNG (16 bit, 1/256 m); NaN where the value is 0.
-///
-/// # Panics
-/// If the slices differ in length.
 pub fn truth_from_depth_png(raw: &[u16], out: &mut [f32]) {
     check_same("depth", out.len(), raw.len());
     for (depth, &raw) in out.iter_mut().zip(raw) {
@@ -147,9 +141,6 @@ pub struct GroundPlane {
 
 impl GroundPlane {
     /// Depth of every pixel: `clip(f * height / max(row - horizon, 1e-6), nearest, farthest)`.
-    ///
-    /// # Panics
-    /// If `out` does not have the size that `width` and `height` announce.
     pub fn depth(&self, width: usize, height: usize, out: &mut [f32]) {
         check("depth", out.len(), width, height, 1);
         if out.is_empty() {

@@ -1,8 +1,6 @@
 //! The edge map: where the image changes from left to right, stereo can be trusted.
 
-use std::ops::Range;
-
-use crate::raster::{check, check_rows, reflect101};
+use crate::raster::{check, reflect101};
 use crate::simd::{Level, Pass};
 
 /// The value of an edge pixel in a mask; all others are 0.
@@ -12,38 +10,19 @@ pub const EDGE: u8 = 255;
 ///
 /// The derivative is OpenCV's `Sobel(grey, CV_32F, 1, 0, ksize=3)` with its default border (reflect-101), so the
 /// outermost columns are never edges. The paper's "vertical contrasts".
-///
-/// # Panics
-/// If a slice does not have the size that `width` and `height` announce.
 pub fn edges(grey: &[u8], width: usize, height: usize, threshold: f32, out: &mut [u8]) {
-    edges_rows(grey, width, height, threshold, 0..height, out);
+    edges_at(Level::best(), grey, width, height, threshold, out);
 }
 
-/// [`edges`] of the given rows only; `out` holds just these.
-///
-/// # Panics
-/// If a slice does not have the size that `width`, `height` and `rows` announce.
-pub fn edges_rows(grey: &[u8], width: usize, height: usize, threshold: f32, rows: Range<usize>, out: &mut [u8]) {
-    edges_rows_at(Level::best(), grey, width, height, threshold, rows, out);
-}
-
-pub(crate) fn edges_rows_at(
-    level: Level,
-    grey: &[u8],
-    width: usize,
-    height: usize,
-    threshold: f32,
-    rows: Range<usize>,
-    out: &mut [u8],
-) {
+fn edges_at(level: Level, grey: &[u8], width: usize, height: usize, threshold: f32, out: &mut [u8]) {
     check("grey", grey.len(), width, height, 1);
-    check_rows("edge mask", out.len(), width, height, &rows);
+    check("edge mask", out.len(), width, height, 1);
     if out.is_empty() {
         return;
     }
     // The derivative is a whole number of at most 4 * 255, so that comparing with the threshold's floor is the same.
     let threshold = if threshold.is_nan() { 1020 } else { threshold.floor().clamp(-1.0, 1020.0) as i16 };
-    level.run(Edges { grey, width, height, threshold, rows, out });
+    level.run(Edges { grey, width, height, threshold, out });
 }
 
 struct Edges<'a> {
@@ -51,7 +30,6 @@ struct Edges<'a> {
     width: usize,
     height: usize,
     threshold: i16,
-    rows: Range<usize>,
     out: &'a mut [u8],
 }
 
@@ -60,11 +38,11 @@ impl Pass for Edges<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { grey, width, height, threshold, rows, out } = self;
+        let Self { grey, width, height, threshold, out } = self;
         let row = |y: isize| &grey[reflect101(y, height) * width..][..width];
         // One column of margin on either side, which the border rule fills.
         let mut smoothed = vec![0i16; width + 2];
-        for (y, out) in rows.zip(out.chunks_exact_mut(width)) {
+        for (y, out) in out.chunks_exact_mut(width).enumerate() {
             let (above, here, below) = (row(y as isize - 1), row(y as isize), row(y as isize + 1));
             for (smoothed, ((&a, &b), &c)) in smoothed[1..=width].iter_mut().zip(above.iter().zip(here).zip(below)) {
                 *smoothed = i16::from(a) + 2 * i16::from(b) + i16::from(c);
@@ -89,7 +67,7 @@ mod tests {
     fn edges_of(grey: &[u8], width: usize, height: usize, threshold: f32) -> Vec<u8> {
         every_level(|level| {
             let mut out = vec![7; grey.len()];
-            edges_rows_at(level, grey, width, height, threshold, 0..height, &mut out);
+            edges_at(level, grey, width, height, threshold, &mut out);
             out
         })
     }
@@ -116,12 +94,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_level_and_every_tiling_gives_the_definition(
+        fn every_level_gives_the_definition(
             (width, height, grey) in (1usize..150, 1usize..6).prop_flat_map(|(w, h)| {
                 (Just(w), Just(h), prop::collection::vec(any::<u8>(), w * h))
             }),
             threshold in 0f32..1100.0,
-            cut in any::<prop::sample::Index>(),
         ) {
             let at = |x: isize, y: isize| i32::from(grey[reflect101(y, height) * width + reflect101(x, width)]);
             let mut expected = Vec::new();
@@ -132,12 +109,6 @@ mod tests {
                 }
             }
             prop_assert_eq!(&edges_of(&grey, width, height, threshold), &expected);
-            let cut = cut.index(height + 1);
-            let mut tiled = vec![7; grey.len()];
-            let (upper, lower) = tiled.split_at_mut(cut * width);
-            edges_rows(&grey, width, height, threshold, 0..cut, upper);
-            edges_rows(&grey, width, height, threshold, cut..height, lower);
-            prop_assert_eq!(tiled, expected);
         }
     }
 }

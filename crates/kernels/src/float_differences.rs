@@ -13,7 +13,7 @@
 use crate::simd::differences_plain::{BLOCK, Kept, Room};
 use crate::simd::{Level, Pass};
 
-/// Blocks are taken in stretches of so many samples.
+/// Samples that are worked on at a time.
 const STRETCH: usize = 64 * BLOCK;
 
 /// Samples, taken apart.
@@ -71,7 +71,7 @@ impl Parts {
         parts
     }
 
-    /// Puts so many samples together again; `None` if the parts are not those of as many.
+    /// The `count` samples of these parts; `None` if the parts are of another count.
     #[must_use]
     pub fn joined(count: usize, classes: &[u8], middles: &[u8], lows: &[u8], highs: &[u8]) -> Option<Vec<f32>> {
         Self::joined_at(Level::best(), count, classes, middles, lows, highs)
@@ -106,7 +106,6 @@ impl Parts {
     }
 }
 
-/// Numbers of four bits, two a byte.
 struct Halved<'a>(&'a [u8]);
 
 impl Pass for Halved<'_> {
@@ -126,7 +125,6 @@ impl Pass for Halved<'_> {
     }
 }
 
-/// The lower and the upper half of each byte, and a block's room behind them.
 struct Doubled<'a>(&'a [u8]);
 
 impl Pass for Doubled<'_> {
@@ -142,7 +140,6 @@ impl Pass for Doubled<'_> {
     }
 }
 
-/// The bytes, and a block's room behind them.
 fn padded(bytes: &[u8]) -> Vec<u8> {
     let mut padded = Vec::with_capacity(bytes.len() + 2 * BLOCK);
     padded.extend_from_slice(bytes);
@@ -159,7 +156,6 @@ mod tests {
     use super::*;
     use crate::simd::every_level;
 
-    /// Numbers without a pattern.
     fn random() -> impl FnMut() -> u64 {
         let mut state = 7_u64;
         move || {

@@ -24,12 +24,9 @@ pub enum Weighting {
 
 /// Fuses two depth maps (metres) under the confidence `weight` (`W_c`, in [0, 1]); the median filter comes after.
 ///
-/// Where one of the two has no answer (NaN, infinity) the other stands, whatever the weight; where neither has, there is none (NaN).
+/// Where one of the two has no answer (NaN, infinity) the other is taken, whatever the weight; where both are invalid, the result is NaN.
 /// Stereo's maximum is taken over the pixels it answered (finite ones), mono's over all of its finite pixels. The
 /// arithmetic is the oracle's (NumPy on `float32`), operation by operation.
-///
-/// # Panics
-/// If the slices differ in length.
 pub fn fuse(stereo: &[f32], mono: &[f32], weight: &[f32], weighting: Weighting, out: &mut [f32]) {
     fuse_at(Level::best(), stereo, mono, weight, weighting, out);
 }
@@ -49,12 +46,10 @@ fn fuse_at(level: Level, stereo: &[f32], mono: &[f32], weight: &[f32], weighting
     }
 }
 
-/// The largest answer; of no answers any number does, for no pixel will use it.
 fn largest(level: Level, depth: &[f32]) -> f32 {
     extent_at(level, depth).map_or(1.0, |extent| extent.max)
 }
 
-/// What a pixel becomes where both estimates answered.
 trait Rule {
     fn fused(&self, stereo: f32, mono: f32, weight: f32) -> f32;
 }
@@ -118,7 +113,7 @@ impl<R: Rule> Pass for Fuse<'_, R> {
         let Self { stereo, mono, weight, out, rule } = self;
         for (((out, &stereo), &mono), &weight) in out.iter_mut().zip(stereo).zip(mono).zip(weight) {
             let both = rule.fused(stereo, mono, weight);
-            // What has part in a sum that is no number makes it none: so this one look at the result sees mono's gaps too.
+            // NaN in a sum makes the sum NaN: this one check of the result covers invalid mono pixels too.
             let (fused, alone) = if stereo.is_finite() { (both, stereo) } else { (mono, f32::NAN) };
             *out = if fused.is_finite() { fused } else { alone };
         }

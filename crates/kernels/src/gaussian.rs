@@ -7,12 +7,10 @@
 mod lines;
 mod strips;
 
-use std::ops::Range;
-
-use crate::raster::{check, check_rows};
+use crate::raster::check;
 use crate::simd::Level;
 use lines::{Floats, SetPixels};
-use strips::{blur_lines, source_rows};
+use strips::blur_lines;
 
 /// The taps of OpenCV's Gaussian for 32-bit float images: `round(8 sigma + 1) | 1` of them, normalised in `f64`.
 ///
@@ -45,34 +43,17 @@ pub(crate) fn blur_at(level: Level, input: &[f32], width: usize, height: usize, 
     check("blurred image", out.len(), width, height, 1);
     let taps = taps(sigma);
     if !out.is_empty() {
-        blur_lines(level, Floats::new(input, width, &taps), &taps, width, height, 0..height, out);
+        blur_lines(level, Floats::new(input, width, &taps), &taps, width, height, out);
     }
 }
 
-/// Blurs a mask, any value but 0 counting as 1, for the given rows; `out` holds just these rows.
-///
-/// # Panics
-/// If a slice does not have the size that `width`, `height` and `rows` announce, or `sigma` is not positive and finite.
-pub fn blur_mask_rows(mask: &[u8], width: usize, height: usize, sigma: f64, rows: Range<usize>, out: &mut [f32]) {
-    blur_mask_rows_at(Level::best(), mask, width, height, sigma, rows, out);
-}
-
-pub(crate) fn blur_mask_rows_at(
-    level: Level,
-    mask: &[u8],
-    width: usize,
-    height: usize,
-    sigma: f64,
-    rows: Range<usize>,
-    out: &mut [f32],
-) {
+/// Blurs a mask; any value but 0 counts as 1.
+pub(crate) fn blur_mask_at(level: Level, mask: &[u8], width: usize, height: usize, sigma: f64, out: &mut [f32]) {
     check("mask", mask.len(), width, height, 1);
-    check_rows("blurred mask", out.len(), width, height, &rows);
+    check("blurred mask", out.len(), width, height, 1);
     let taps = taps(sigma);
     if !out.is_empty() {
-        let needed = source_rows(&rows, taps.len() / 2, height);
-        let lines = SetPixels::new(mask, width, needed, &taps);
-        blur_lines(level, lines, &taps, width, height, rows, out);
+        blur_lines(level, SetPixels::new(mask, width, height, &taps), &taps, width, height, out);
     }
 }
 
@@ -126,19 +107,18 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(48))]
 
         #[test]
-        fn masks_and_floats_blur_alike_on_every_level_and_tiling(
+        fn masks_and_floats_blur_alike_on_every_level(
             (width, height, mask) in (1usize..170, 1usize..24).prop_flat_map(|(w, h)| {
                 (Just(w), Just(h), prop::collection::vec(prop_oneof![4 => Just(0u8), 1 => any::<u8>()], w * h))
             }),
             sigma in 0.3f64..12.0,
-            cut in any::<prop::sample::Index>(),
         ) {
             let floats: Vec<f32> = mask.iter().map(|&set| f32::from(u8::from(set != 0))).collect();
             let doubles: Vec<f64> = floats.iter().map(|&set| f64::from(set)).collect();
             let expected = expected(&doubles, width, height, sigma);
             let of_mask = every_level(|level| {
                 let mut out = vec![7.0; mask.len()];
-                blur_mask_rows_at(level, &mask, width, height, sigma, 0..height, &mut out);
+                blur_mask_at(level, &mask, width, height, sigma, &mut out);
                 out
             });
             let of_floats = every_level(|level| {
@@ -150,12 +130,6 @@ mod tests {
                 prop_assert!((f64::from(of_mask[i]) - expected[i]).abs() < 1e-6);
                 prop_assert!((f64::from(of_floats[i]) - expected[i]).abs() < 1e-6);
             }
-            let cut = cut.index(height + 1);
-            let mut tiled = vec![7.0; mask.len()];
-            let (upper, lower) = tiled.split_at_mut(cut * width);
-            blur_mask_rows(&mask, width, height, sigma, 0..cut, upper);
-            blur_mask_rows(&mask, width, height, sigma, cut..height, lower);
-            prop_assert_eq!(tiled, of_mask);
         }
     }
 }

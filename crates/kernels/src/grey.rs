@@ -7,9 +7,6 @@ use crate::simd::{Level, Pass};
 /// `(9798 R + 19235 G + 3735 B + 16384) >> 15`, exactly.
 ///
 /// `rgb` has three samples a pixel, `out` one.
-///
-/// # Panics
-/// If a slice does not have the size that `width` and `height` announce.
 pub fn grey_from_rgb(rgb: &[u8], width: usize, height: usize, out: &mut [u8]) {
     grey_from_rgb_at(Level::best(), rgb, width, height, out);
 }

@@ -1,8 +1,8 @@
 //! Pixel kernels: slices in, slices out.
 //!
-//! Rasters are row-major slices; the caller owns every output. Depth is in metres, `f32`, NaN where there is no
-//! answer. Kernels whose output row depends on few input rows have a form for some rows only (`..._rows`), so that a
-//! frame can be spread over threads without changing a bit.
+//! Rasters are row-major slices; the caller owns every output. A kernel panics if a slice does not have the size that the
+//! other arguments announce. Depth is in metres, `f32`, NaN where there is no
+//! answer.
 //!
 //! ```
 //! use depthloom_kernels::{confidence, depth, edges, fuse, grey, median, scale};
@@ -36,11 +36,11 @@
 //! - A vector is a type that is named only in code compiled for its instruction set, which only a level runs that was found on the
 //!   machine. So its arithmetic is safe to call, and each body's `unsafe` says no more than that.
 //! - Loading and storing take either an array by reference, as long as the vector, and are safe; or a pointer, and are `unsafe`: the
-//!   caller vouches for as many samples, and says in which check he saw them. Neither asks for alignment. Pointers are for loops
+//!   caller vouches for as many samples, and names the check. Neither needs alignment. Pointers are for loops
 //!   whose positions are checked once for all (`convolve`, `sgbm`).
 //! - Beside it stands a twin of plain Rust, and tests compare the bits.
 //!
-//! `unsafe` stands in the SIMD modules and where tiles are lent to threads. Under AddressSanitizer:
+//! `unsafe` is in the SIMD modules and where tiles are lent to threads. Under AddressSanitizer:
 //! `RUSTFLAGS=-Zsanitizer=address cargo +nightly test --release --target x86_64-unknown-linux-gnu -p depthloom-kernels --lib
 //! --test sgbm_paths --test census_paths` (four minutes on two cores).
 

@@ -5,11 +5,10 @@
 //! once, and for 5x5 two rows' sorted windows are merged once, whichever of the output rows read them.
 
 mod answers;
+pub(crate) mod integer;
 mod networks;
 
-use std::ops::Range;
-
-use crate::raster::{check, check_rows, key, replicate};
+use crate::raster::{check, key, replicate};
 use crate::simd::{Level, Pass, prefetch};
 pub use answers::{median3_of_answers, median5_of_answers};
 use networks::{median3_of_sorted, median11, merge5, middle6, sort3, sort5};
@@ -35,38 +34,30 @@ impl Lane {
 /// Median over 3x3 pixels, border replicated: OpenCV's `medianBlur(..., 3)` of a `float32` image, exactly.
 ///
 /// NaN sorts above every number (below, if its sign is set).
-///
-/// # Panics
-/// If a slice does not have the size that `width` and `height` announce.
 pub fn median3(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
-    median3_rows_at(Level::best(), input, width, height, 0..height, out);
+    median3_at(Level::best(), input, width, height, out);
 }
 
-/// [`median3`] of the given rows only; `out` holds just these.
-fn median3_rows_at(level: Level, input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
+fn median3_at(level: Level, input: &[f32], width: usize, height: usize, out: &mut [f32]) {
     check("depth", input.len(), width, height, 1);
-    check_rows("median", out.len(), width, height, &rows);
+    check("median", out.len(), width, height, 1);
     if !out.is_empty() {
-        level.run(Median3 { image: Image { input, width, height }, rows, out });
+        level.run(Median3 { image: Image { input, width, height }, out });
     }
 }
 
 /// Median over 5x5 pixels, border replicated: OpenCV's `medianBlur(..., 5)` of a `float32` image, exactly.
 ///
 /// NaN sorts above every number (below, if its sign is set).
-///
-/// # Panics
-/// If a slice does not have the size that `width` and `height` announce.
 pub fn median5(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
-    median5_rows_at(Level::best(), input, width, height, 0..height, out);
+    median5_at(Level::best(), input, width, height, out);
 }
 
-/// [`median5`] of the given rows only; `out` holds just these.
-fn median5_rows_at(level: Level, input: &[f32], width: usize, height: usize, rows: Range<usize>, out: &mut [f32]) {
+fn median5_at(level: Level, input: &[f32], width: usize, height: usize, out: &mut [f32]) {
     check("depth", input.len(), width, height, 1);
-    check_rows("median", out.len(), width, height, &rows);
+    check("median", out.len(), width, height, 1);
     if !out.is_empty() {
-        level.run(Median5 { image: Image { input, width, height }, rows, out });
+        level.run(Median5 { image: Image { input, width, height }, out });
     }
 }
 
@@ -95,7 +86,6 @@ impl Image<'_> {
     }
 }
 
-/// Writes the part of a strip that lies inside the image.
 #[inline(always)]
 fn store(medians: &Lane, row: &mut [f32], left: usize) {
     let columns = STRIP.min(row.len() - left);
@@ -106,7 +96,6 @@ fn store(medians: &Lane, row: &mut [f32], left: usize) {
 
 struct Median3<'a> {
     image: Image<'a>,
-    rows: Range<usize>,
     out: &'a mut [f32],
 }
 
@@ -115,22 +104,21 @@ impl Pass for Median3<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { image, rows, out } = self;
+        let Self { image, out } = self;
         for left in (0..image.width).step_by(STRIP) {
             // The sorted windows of three rows, in rotation, and the keys of the next.
             let mut sorted = [[Lane::ZERO; 3]; 3];
             let mut keys = [0; STRIP + 2];
-            let first = rows.start as isize;
             for (ahead, sorted) in (-1..1).zip(&mut sorted) {
-                image.keys(first + ahead, left, 1, &mut keys);
+                image.keys(ahead, left, 1, &mut keys);
                 sort_windows3(&keys, sorted);
             }
-            image.keys(first + 1, left, 1, &mut keys);
-            for index in 0..rows.len() {
-                prefetch(image.input, (rows.start + index + AHEAD) * image.width + left, STRIP);
+            image.keys(1, left, 1, &mut keys);
+            for index in 0..image.height {
+                prefetch(image.input, (index + AHEAD) * image.width + left, STRIP);
                 prefetch(out, (index + AHEAD) * image.width + left, STRIP);
                 sort_windows3(&keys, &mut sorted[(index + 2) % 3]);
-                image.keys(first + index as isize + 2, left, 1, &mut keys);
+                image.keys(index as isize + 2, left, 1, &mut keys);
                 let mut medians = Lane::ZERO;
                 for x in 0..STRIP {
                     medians.0[x] = median3_of_sorted([at(&sorted[0], x), at(&sorted[1], x), at(&sorted[2], x)]);
@@ -153,7 +141,6 @@ fn sort_windows3(keys: &[i32; STRIP + 2], sorted: &mut [Lane; 3]) {
 
 struct Median5<'a> {
     image: Image<'a>,
-    rows: Range<usize>,
     out: &'a mut [f32],
 }
 
@@ -162,7 +149,7 @@ impl Pass for Median5<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { image, rows, out } = self;
+        let Self { image, out } = self;
         for left in (0..image.width).step_by(STRIP) {
             // Output rows are made in pairs y, y + 1. Their windows share the rows y - 1 to y + 2, merged two by two:
             // y - 1 with y, and y + 1 with y + 2, which the next pair of rows takes over as its first two.
@@ -170,24 +157,23 @@ impl Pass for Median5<'_> {
             let mut merged = [[Lane::ZERO; 10]; 2];
             // Filled a round before they are sorted: unaligned loads of what was only just stored would stall.
             let mut keys = [[0; STRIP + 4]; 2];
-            let first = rows.start as isize;
             for ahead in -2..2 {
-                image.keys(first + ahead, left, 2, &mut keys[0]);
+                image.keys(ahead, left, 2, &mut keys[0]);
                 sort_windows5(&keys[0], &mut sorted[(ahead + 8) as usize % RING]);
             }
             merge_lanes(&sorted[RING - 1], &sorted[0], &mut merged[0]);
             for (keys, ahead) in keys.iter_mut().zip(2..) {
-                image.keys(first + ahead, left, 2, keys);
+                image.keys(ahead, left, 2, keys);
             }
-            for half in 0..rows.len().div_ceil(2) {
+            for half in 0..image.height.div_ceil(2) {
                 let index = 2 * half;
                 for ahead in [AHEAD, AHEAD + 1] {
-                    prefetch(image.input, (rows.start + index + ahead) * image.width + left, STRIP);
+                    prefetch(image.input, (index + ahead) * image.width + left, STRIP);
                     prefetch(out, (index + ahead) * image.width + left, STRIP);
                 }
                 for (keys, ahead) in keys.iter_mut().zip(2..) {
                     sort_windows5(keys, &mut sorted[(index + ahead) % RING]);
-                    image.keys(first + (index + ahead + 2) as isize, left, 2, keys);
+                    image.keys((index + ahead + 2) as isize, left, 2, keys);
                 }
                 merge_lanes(&sorted[(index + 1) % RING], &sorted[(index + 2) % RING], &mut merged[(half + 1) % 2]);
                 let (above, below) = (&sorted[(index + RING - 2) % RING], &sorted[(index + 3) % RING]);
@@ -252,14 +238,12 @@ mod tests {
         out
     }
 
-    type Median = fn(Level, &[f32], usize, usize, Range<usize>, &mut [f32]);
+    type Median = fn(Level, &[f32], usize, usize, &mut [f32]);
 
-    fn filtered(median: Median, input: &[f32], width: usize, height: usize, cut: usize) -> Vec<u32> {
+    fn filtered(median: Median, input: &[f32], width: usize, height: usize) -> Vec<u32> {
         every_level(|level| {
             let mut out = vec![-7.0; input.len()];
-            let (upper, lower) = out.split_at_mut(cut * width);
-            median(level, input, width, height, 0..cut, upper);
-            median(level, input, width, height, cut..height, lower);
+            median(level, input, width, height, &mut out);
             out.into_iter().map(f32::to_bits).collect()
         })
     }
@@ -269,8 +253,8 @@ mod tests {
         let mut input: Vec<f32> = (0..9 * 9).map(|i| if i % 9 < 4 { 1.0 } else { 5.0 }).collect();
         let straight: Vec<u32> = input.iter().map(|sample| sample.to_bits()).collect();
         input[4 * 9 + 2] = 80.0;
-        assert_eq!(filtered(median3_rows_at, &input, 9, 9, 0), straight);
-        assert_eq!(filtered(median5_rows_at, &input, 9, 9, 0), straight);
+        assert_eq!(filtered(median3_at, &input, 9, 9), straight);
+        assert_eq!(filtered(median5_at, &input, 9, 9), straight);
     }
 
     fn sample() -> impl Strategy<Value = f32> {
@@ -283,15 +267,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_level_and_every_tiling_takes_the_middle_of_the_sorted_window(
+        fn every_level_takes_the_middle_of_the_sorted_window(
             (width, height, input) in (1usize..140, 1usize..12).prop_flat_map(|(w, h)| {
                 (Just(w), Just(h), prop::collection::vec(sample(), w * h))
             }),
-            cut in any::<prop::sample::Index>(),
         ) {
-            let cut = cut.index(height + 1);
-            prop_assert_eq!(filtered(median3_rows_at, &input, width, height, cut), expected(&input, width, height, 1));
-            prop_assert_eq!(filtered(median5_rows_at, &input, width, height, cut), expected(&input, width, height, 2));
+            prop_assert_eq!(filtered(median3_at, &input, width, height), expected(&input, width, height, 1));
+            prop_assert_eq!(filtered(median5_at, &input, width, height), expected(&input, width, height, 2));
         }
     }
 }

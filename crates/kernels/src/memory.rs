@@ -1,7 +1,7 @@
 //! Memory that parameters and files ask for: bounded, and a refusal is an error.
 //!
 //! An allocation that fails ends the process. So where a size is made of more than the image at hand (a disparity range, a network's word), it is
-//! held against [`MOST_BYTES`] first, and then asked for in the way that may be refused.
+//! compared with [`MOST_BYTES`] first, and then allocated by a call that can fail.
 
 use std::fmt;
 
@@ -11,12 +11,12 @@ pub const MOST_BYTES: u64 = 8 << 30;
 /// More memory than there is for one call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooMuch {
-    /// What was asked for, bytes.
+    /// The requested bytes.
     pub bytes: u64,
 }
 
 impl TooMuch {
-    /// Holds a number of bytes against [`MOST_BYTES`].
+    /// Compares a number of bytes with [`MOST_BYTES`].
     ///
     /// # Errors
     /// If it is more.
@@ -43,13 +43,13 @@ impl fmt::Display for TooMuch {
 
 impl std::error::Error for TooMuch {}
 
-/// The bytes of so many numbers of a size each, along several sides; [`u64::MAX`] if they are even more.
+/// The bytes of an array with these sides and `bytes_each`; at most [`u64::MAX`].
 #[must_use]
 pub fn bytes_of(sides: &[usize], bytes_each: usize) -> u64 {
     sides.iter().fold(bytes_each as u64, |bytes, &side| bytes.saturating_mul(side as u64))
 }
 
-/// Makes a buffer hold at least so many elements without moving again; what it holds stays.
+/// Reserves room for `len` elements in total; the content stays.
 ///
 /// # Errors
 /// If that is too much for one call, or for the machine.
@@ -59,7 +59,7 @@ pub fn reserve<T>(buffer: &mut Vec<T>, len: usize) -> Result<(), TooMuch> {
     buffer.try_reserve_exact(len.saturating_sub(buffer.len())).map_err(|_| TooMuch { bytes })
 }
 
-/// So many zeros.
+/// A vector of `len` zeros.
 ///
 /// # Errors
 /// As [`reserve`].

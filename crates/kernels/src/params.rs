@@ -1,4 +1,4 @@
-//! What the parameters of every matcher are held against, and how a refused one is told.
+//! Checks that the parameters of several matchers share, and their error.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -65,7 +65,6 @@ pub(crate) fn check_percentage(name: &'static str, value: i32) -> Result<(), Par
     if (0..=99).contains(&value) { Ok(()) } else { Err(ParamError::new(name, what())) }
 }
 
-/// That a number is not below zero.
 pub(crate) fn check_not_negative(name: &'static str, value: i32) -> Result<(), ParamError> {
     let what = || format!("{name} is {value}, which must not be negative");
     if value >= 0 { Ok(()) } else { Err(ParamError::new(name, what())) }

@@ -1,6 +1,4 @@
-//! What every kernel asks of its rasters: sizes, borders, and an order of samples.
-
-use std::ops::Range;
+//! What all kernels share: checks of sizes, borders, and an order of samples.
 
 /// Demands that `len` samples are what `width` x `height` pixels of `channels` samples need.
 #[track_caller]
@@ -10,18 +8,6 @@ pub(crate) fn check(what: &str, len: usize, width: usize, height: usize, channel
         wanted == Some(len),
         "{what} has {len} samples, but {width} x {height} pixels of {channels} channel(s) were announced"
     );
-}
-
-/// Demands that `rows` lie inside the image and that `len` output samples hold them.
-#[track_caller]
-pub(crate) fn check_rows(what: &str, len: usize, width: usize, height: usize, rows: &Range<usize>) {
-    assert!(
-        rows.start <= rows.end && rows.end <= height,
-        "rows {}..{} do not lie inside an image of {height} rows",
-        rows.start,
-        rows.end
-    );
-    check(what, len, width, rows.len(), 1);
 }
 
 /// Demands rasters of one size.

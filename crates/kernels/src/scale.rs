@@ -49,9 +49,6 @@ impl Pass for FindExtent<'_> {
 /// Mono's extent is taken over its own answers; a pixel without one stays without. Where stereo answered nowhere there is nothing to scale
 /// by: mono stays as it is. A mono estimate that is the same
 /// everywhere has no extent: no answer (NaN) anywhere, as in the oracle.
-///
-/// # Panics
-/// If the slices differ in length.
 pub fn minmax(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
     minmax_at(Level::best(), mono, stereo, out);
 }
@@ -100,9 +97,6 @@ impl Pass for Affine<'_> {
 ///
 /// NumPy adds in another order, so its means may differ in the last bits of the `f64`; the ratio is rounded to `f32`
 /// before it multiplies. Where no pixel was answered by both, mono stays as it is.
-///
-/// # Panics
-/// If the slices differ in length.
 pub fn average(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
     average_at(Level::best(), mono, stereo, out);
 }

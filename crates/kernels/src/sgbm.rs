@@ -23,7 +23,6 @@
 mod choice;
 mod compute;
 mod fast;
-mod median;
 mod params;
 mod plain;
 mod plain_cost;

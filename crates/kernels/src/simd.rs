@@ -54,7 +54,6 @@ enum Set {
 /// `run`, and what it calls in its loops, must be `#[inline(always)]`: code that stays a function of its own is
 /// compiled for every machine only.
 pub(crate) trait Pass {
-    /// What the loops return.
     type Output;
     /// The loops.
     fn run(self) -> Self::Output;
@@ -62,7 +61,6 @@ pub(crate) trait Pass {
 
 /// A [`Pass`] that holds values in vector registers by name.
 pub(crate) trait BlockPass {
-    /// What the loops return.
     type Output;
     /// The loops; `#[inline(always)]` as in [`Pass`].
     fn run<B: Block>(self) -> Self::Output;
@@ -70,7 +68,6 @@ pub(crate) trait BlockPass {
 
 /// A [`Pass`] over sums of products.
 pub(crate) trait LanesPass {
-    /// What the loops return.
     type Output;
     /// The loops; `#[inline(always)]` as in [`Pass`].
     fn run<L: Lanes>(self) -> Self::Output;
@@ -147,7 +144,6 @@ impl Level {
         }
     }
 
-    /// Runs the copy of `pass` that was compiled for this level.
     #[inline]
     pub(crate) fn run<P: Pass>(self, pass: P) -> P::Output {
         match self.0 {
@@ -176,7 +172,6 @@ impl Level {
         }
     }
 
-    /// Whether this level includes AVX2.
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn has_avx2(self) -> bool {
         matches!(self.0, Set::Avx2 | Set::Avx512 | Set::Avx512Popcnt)
@@ -219,7 +214,6 @@ impl Level {
         }
     }
 
-    /// Runs `pass` with the blocks of this level.
     #[inline]
     pub(crate) fn run_blocks<P: BlockPass>(self, pass: P) -> P::Output {
         match self.0 {
@@ -233,7 +227,6 @@ impl Level {
         }
     }
 
-    /// Runs `pass` with the lanes of this level.
     #[inline]
     pub(crate) fn run_lanes<P: LanesPass>(self, pass: P) -> P::Output {
         match self.0 {

@@ -84,15 +84,15 @@ fn monodepth2(
         let Some(at) = place(column, row, size) else { continue };
         let depth = if scanner_depth { f64::from(point[0]) } else { z };
         out[at] = depth as f32;
-        let of = &mut shared[row as usize * (width - 1) + column as usize];
-        if of.count == 0 {
-            of.first = at as u32;
+        let place = &mut shared[row as usize * (width - 1) + column as usize];
+        if place.count == 0 {
+            place.first = at as u32;
         }
-        of.count += 1;
-        of.least = of.least.min(depth);
+        place.count += 1;
+        place.least = place.least.min(depth);
     }
-    for of in shared.iter().filter(|of| of.count > 1) {
-        out[of.first as usize] = of.least as f32;
+    for place in shared.iter().filter(|place| place.count > 1) {
+        out[place.first as usize] = place.least as f32;
     }
     // Where nothing was written, NumPy's map holds 0, as where a depth is negative.
     out.iter_mut().filter(|metres| **metres <= 0.0).for_each(|metres| *metres = f32::NAN);

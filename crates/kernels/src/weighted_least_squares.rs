@@ -72,7 +72,6 @@ pub struct Right<'a> {
     pub radius: usize,
 }
 
-/// A rectangle of the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Region {
     x: usize,
@@ -211,7 +210,7 @@ impl Smoother {
             let lines = weighted.chunks_exact(region.width).zip(confidence.chunks_exact(region.width));
             for (row, (weighted, confidence)) in out.chunks_exact_mut(width).zip(lines) {
                 let row = &mut row[region.x..][..region.width];
-                answer(row, weighted, confidence, invalid, fill);
+                quotients(row, weighted, confidence, invalid, fill);
             }
         });
     }
@@ -221,7 +220,7 @@ impl Smoother {
 const LEAST_CONFIDENCE: f32 = 1e-30;
 
 /// Disparities from their smoothed products with the confidence, by a reciprocal, as OpenCV has it.
-fn answer(row: &mut [i16], weighted: &[f32], confidence: &[f32], invalid: i16, fill: bool) {
+fn quotients(row: &mut [i16], weighted: &[f32], confidence: &[f32], invalid: i16, fill: bool) {
     for ((pixel, &weighted), &confidence) in row.iter_mut().zip(weighted).zip(confidence) {
         if !fill && *pixel == invalid {
             continue;

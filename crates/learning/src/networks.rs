@@ -14,18 +14,15 @@ mod unet_lite;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::onnx;
-
 pub(crate) use export::export;
 pub(crate) use forward::forward;
 pub(crate) use layout::{ParameterLayout, layout};
 
-/// Columns and rows of an image.
+pub(crate) use crate::onnx::Meaning;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Size {
-    /// Columns, px.
     pub(crate) width: usize,
-    /// Rows, px.
     pub(crate) height: usize,
 }
 
@@ -46,7 +43,6 @@ pub(crate) enum Network {
 
 impl Network {
     /// Its name in YAML.
-    #[must_use]
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::UnetLite => "unet-lite",
@@ -57,7 +53,6 @@ impl Network {
     }
 
     /// What its output means.
-    #[must_use]
     pub(crate) const fn meaning(self) -> Meaning {
         match self {
             Self::UnetLite | Self::FcnLite | Self::FcnVgg16 => Meaning::DisparityShare { scale: 0.1 },
@@ -66,7 +61,6 @@ impl Network {
     }
 
     /// Rows and columns of the image must be multiples of this.
-    #[must_use]
     pub(crate) const fn multiple(self) -> usize {
         match self {
             Self::UnetLite | Self::FcnLite => 32,
@@ -76,7 +70,6 @@ impl Network {
     }
 
     /// A size of images that shows its parameters, where they are the same for every size; `None` of a network with dense layers.
-    #[must_use]
     pub(crate) const fn any_size(self) -> Option<Size> {
         match self {
             Self::UnetLite | Self::FcnLite | Self::FcnVgg16 => Some(Size { width: 32, height: 32 }),
@@ -95,60 +88,20 @@ impl Network {
     }
 }
 
-/// What the map of a network, in [0, 1], stands for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Meaning {
-    /// `scale` times it is the disparity as a share of the image's width.
-    DisparityShare {
-        /// The share of the output 1.
-        scale: f32,
-    },
-    /// `farthest_m` times it is the depth in metres.
-    Depth {
-        /// The depth of the output 1, metres.
-        farthest_m: f32,
-    },
-}
-
-impl Meaning {
-    /// What the ONNX file's output is.
-    const fn of_file(self) -> onnx::Meaning {
-        match self {
-            Self::DisparityShare { .. } => onnx::Meaning::DisparityShare,
-            Self::Depth { .. } => onnx::Meaning::Depth,
-        }
-    }
-
-    /// The factor from the map to that.
-    const fn scale(self) -> f32 {
-        match self {
-            Self::DisparityShare { scale } => scale,
-            Self::Depth { farthest_m } => farthest_m,
-        }
-    }
-}
-
-/// What follows a layer's sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Act {
-    /// Nothing.
     None,
-    /// `max(x, 0)`.
     Relu,
 }
 
-/// A convolution.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Conv {
-    /// Channels out.
     pub(crate) outputs: usize,
-    /// Rows and columns of the kernel.
     pub(crate) kernel: usize,
     /// Step, px.
     pub(crate) stride: usize,
     /// Zeros around the image, px.
     pub(crate) pad: usize,
-    /// What follows.
     pub(crate) act: Act,
     /// Whether it keeps the weights it was given.
     pub(crate) frozen: bool,
@@ -168,12 +121,10 @@ impl Conv {
     }
 }
 
-/// What lays out a network, layer by layer. Every layer with parameters has a name, unique in its network.
 trait Builder {
     /// A map of some channels.
     type Map: Clone;
 
-    /// A convolution.
     fn conv(&mut self, name: &str, x: &Self::Map, conv: Conv) -> Self::Map;
     /// A 4x4 transposed convolution of stride 2 and ReLU: twice the rows and columns.
     fn double(&mut self, name: &str, x: &Self::Map, outputs: usize) -> Self::Map;
@@ -187,6 +138,5 @@ trait Builder {
     fn as_map(&mut self, x: &Self::Map, size: Size) -> Self::Map;
     /// `1 / (1 + exp(-x))`.
     fn sigmoid(&mut self, x: &Self::Map) -> Self::Map;
-    /// The image's size.
     fn size(&self) -> Size;
 }

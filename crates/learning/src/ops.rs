@@ -36,7 +36,6 @@ fn is_cpu(device: &Device) -> bool {
 }
 
 /// Convolution with an odd kernel (outputs x inputs x k x k), stride 1, zero padding that keeps the size.
-#[must_use]
 pub(crate) fn same(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activation) -> Tensor<4> {
     let relu = activation == Activation::Relu;
     if is_cpu(&x.device()) {
@@ -50,7 +49,6 @@ pub(crate) fn same(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation:
 }
 
 /// Transposed convolution (inputs x outputs x 4 x 4), stride 2, padding 1: twice the rows and columns.
-#[must_use]
 pub(crate) fn double(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activation: Activation) -> Tensor<4> {
     let relu = activation == Activation::Relu;
     if is_cpu(&x.device()) {
@@ -64,7 +62,6 @@ pub(crate) fn double(x: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, activatio
 }
 
 /// The largest of every 2x2 samples: half the rows and columns, which are even.
-#[must_use]
 pub(crate) fn halve(x: Tensor<4>) -> Tensor<4> {
     if is_cpu(&x.device()) {
         return Tensor::from_dispatch(<Dispatch as Convolutions>::halve(x.into_dispatch()));

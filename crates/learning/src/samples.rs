@@ -1,4 +1,4 @@
-//! What a network is taught: images and targets at its own size.
+//! Training samples: images and targets at the network's size.
 
 mod format;
 mod node;

@@ -1,4 +1,4 @@
-//! `learn/ssl`: a network taught by the robot's own stereo.
+//! `learn/ssl`: a network trained with the robot's own stereo.
 
 mod batch;
 mod checkpoint;

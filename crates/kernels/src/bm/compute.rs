@@ -60,7 +60,6 @@ pub struct BmScratch {
     speckle: SpeckleScratch,
 }
 
-/// What one band of rows needs while it is matched.
 #[derive(Debug, Default)]
 struct Band {
     sums_16: Sums<u16>,
@@ -70,7 +69,6 @@ struct Band {
     right_view: RightView,
 }
 
-/// Sums of absolute differences.
 #[derive(Debug, Default)]
 struct Sums<S> {
     /// By column and candidate, over the block's height.
@@ -88,9 +86,6 @@ const BAND: usize = 32;
 ///
 /// # Errors
 /// Parameters that OpenCV refuses ([`Params::check`]), and an image no larger than the block.
-///
-/// # Panics
-/// If a slice does not have the size that `width` and `height` announce.
 #[expect(clippy::too_many_arguments, reason = "two images and their size, then what every matcher takes")]
 pub fn compute(
     left: &[u8],
@@ -194,7 +189,6 @@ impl<'a> Images<'a> {
     }
 }
 
-/// The rows of a band, from top to bottom.
 struct BandRows<'a, S> {
     search: &'a Search,
     images: &'a Images<'a>,

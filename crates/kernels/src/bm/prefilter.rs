@@ -6,7 +6,6 @@ use super::{Params, Prefilter};
 use crate::raster::{reflect101, replicate};
 use crate::simd::{Level, Pass};
 
-/// Some rows of the filtered image.
 pub(super) fn rows(
     level: Level,
     params: &Params,
@@ -39,7 +38,6 @@ impl<'a> Image<'a> {
         &self.pixels[y * self.width..][..self.width]
     }
 
-    /// With the outermost rows repeated.
     fn row_replicated(&self, y: isize) -> &'a [u8] {
         self.row(replicate(y, self.height))
     }

@@ -5,7 +5,6 @@ use std::ops::Range;
 use super::Params;
 use crate::raster::replicate;
 
-/// Parameters and image size, as the search uses them.
 #[derive(Clone, Debug)]
 pub(super) struct Search {
     pub width: usize,
@@ -20,7 +19,6 @@ pub(super) struct Search {
     /// Difference allowed by the left-right check, 1/16 px.
     pub disp12_max_diff: Option<i32>,
     pub invalid: i16,
-    /// The left column searched first.
     pub first_column: usize,
     /// The right column that it is compared with at the largest disparity.
     first_partner: usize,

@@ -65,20 +65,17 @@ impl Sum for u32 {
     }
 }
 
-/// Whether the block's sums fit 16 bits.
 pub(super) fn fit_16_bits(search: &Search) -> bool {
     let block = 2 * search.radius + 1;
     2 * usize::from(search.cap) * block * block <= usize::from(u16::MAX)
 }
 
-/// A row of both prefiltered images.
 #[derive(Clone, Copy)]
 pub(super) struct Pair<'a> {
     pub left: &'a [u8],
     pub right: &'a [u8],
 }
 
-/// One column's pixel on the left and the candidates on the right.
 #[derive(Clone, Copy)]
 pub(super) struct Column<'a> {
     pub left: u8,
@@ -86,7 +83,6 @@ pub(super) struct Column<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// The column counted from the first searched one.
     #[inline(always)]
     pub(super) fn column(&self, search: &Search, column: isize) -> Column<'a> {
         let (left, right) = (search.left(column), search.right(column));
@@ -94,7 +90,6 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// Adds a row's differences to the sums of a column.
 #[inline(always)]
 pub(super) fn accumulate<S: Sum>(sums: &mut [S], entering: &Column<'_>) {
     for (sum, &right) in sums.iter_mut().zip(entering.right) {
@@ -102,7 +97,6 @@ pub(super) fn accumulate<S: Sum>(sums: &mut [S], entering: &Column<'_>) {
     }
 }
 
-/// Moves a column's sums one row down.
 #[inline(always)]
 pub(super) fn advance<S: Sum>(sums: &mut [S], entering: &Column<'_>, leaving: &Column<'_>) {
     for ((sum, &enters), &leaves) in sums.iter_mut().zip(entering.right).zip(leaving.right) {
@@ -110,7 +104,6 @@ pub(super) fn advance<S: Sum>(sums: &mut [S], entering: &Column<'_>, leaving: &C
     }
 }
 
-/// Adds a column to the block.
 #[inline(always)]
 pub(super) fn widen<S: Sum>(block: &mut [S], entering: &[S]) {
     for (block, &entering) in block.iter_mut().zip(entering) {

@@ -1,9 +1,8 @@
 //! The cheapest candidate of a pixel, whether it is unique, and where the parabola has its minimum.
 
-/// Stands in raw maps where there is no answer; larger than all answers, also to the median.
+/// Marks an invalid pixel in raw maps; larger than all answers, also to the median.
 pub(super) const NONE: u16 = u16::MAX;
 
-/// What is asked of a winner.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Demands {
     /// Per cent.
@@ -19,7 +18,6 @@ pub(super) struct RightBest {
 }
 
 impl RightBest {
-    /// No matches yet in a row.
     #[inline(always)]
     pub(super) fn begin(&mut self, width: usize, disparities: usize) {
         self.width = width;

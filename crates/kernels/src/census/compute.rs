@@ -41,7 +41,6 @@ pub struct CensusScratch {
     right: Vec<u16>,
 }
 
-/// Features and sweeps over them.
 #[derive(Debug, Default)]
 struct Buffers<F> {
     left: Vec<F>,
@@ -49,7 +48,6 @@ struct Buffers<F> {
     sweeps: [Sweep<F>; 2],
 }
 
-/// One sweep of the image: its path aggregation, and what chooses the winners.
 #[derive(Debug, Default)]
 struct Sweep<F> {
     aggregation: Aggregation<F>,
@@ -130,14 +128,12 @@ const fn lanes(params: &Params) -> usize {
     (params.disparities as usize).next_multiple_of(if params.disparities % 64 == 0 { 64 } else { 32 })
 }
 
-/// Where sums and raw maps are written.
 struct Summed<'a> {
     sums: &'a mut Vec<u16>,
     maps: [&'a mut [u16]; 2],
 }
 
 impl<F: Feature> Buffers<F> {
-    /// Transform, sweeps and choice.
     fn raw_maps(&mut self, level: Level, pair: &Pair<'_>, params: &Params, summed: Summed<'_>, tiles: &dyn Tiles) {
         self.transform(level, pair, params.census, tiles);
         if params.disparities % 64 == 0 {
@@ -220,7 +216,6 @@ impl<F: Feature> Buffers<F> {
     }
 }
 
-/// What both sweeps look at.
 struct Frame<'a, F> {
     left: &'a [F],
     right: &'a [F],
@@ -239,7 +234,6 @@ impl<F> Clone for Frame<'_, F> {
 
 impl<F> Copy for Frame<'_, F> {}
 
-/// One sweep over one half of the image.
 struct HalfSweep<'a, F, const N: usize> {
     frame: Frame<'a, F>,
     sweep: &'a mut Sweep<F>,

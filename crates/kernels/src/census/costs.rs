@@ -26,7 +26,6 @@ impl<F: Feature> Candidates<F> {
         }
     }
 
-    /// The candidates of the left image's column `x`.
     #[inline(always)]
     pub(super) fn of(&self, x: usize, lanes: usize) -> &[F] {
         &self.reversed[self.width - 1 - x..][..lanes]

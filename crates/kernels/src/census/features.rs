@@ -3,7 +3,7 @@
 use super::Census;
 use crate::simd::Pass;
 
-/// Columns at the left and right border without a feature (0 stands there, as in libSGM).
+/// Columns at the left and right border without a feature (0, as in libSGM).
 pub(super) const BORDER_COLUMNS: usize = 4;
 /// Rows at the top and bottom border without a feature.
 pub(super) const BORDER_ROWS: usize = 3;
@@ -14,12 +14,9 @@ const BLOCK: usize = 64;
 /// A row's and a column's distance from the window's centre.
 type Offset = (isize, isize);
 
-/// A word that holds a feature's bits.
 pub(super) trait Feature: Copy + Default + Send + Sync + 'static {
-    /// This feature with one more bit.
     fn with(self, bit: bool) -> Self;
 
-    /// In how many bits two features differ.
     fn distance(self, other: Self) -> u8;
 }
 

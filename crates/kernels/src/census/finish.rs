@@ -1,6 +1,7 @@
 //! From raw maps to answers: medians, and the left-right check.
 
 use super::choice::NONE;
+use crate::median::integer::{median3_row, rows_around};
 use crate::simd::Pass;
 
 /// The left and the right raw map, 1/16 and whole px above the smallest disparity.
@@ -19,7 +20,6 @@ pub(super) struct Check {
     pub invalid: i16,
 }
 
-/// One row of answers.
 pub(super) struct FinishRow<'a> {
     pub maps: Maps<'a>,
     pub check: Check,
@@ -36,9 +36,9 @@ impl Pass for FinishRow<'_> {
     fn run(self) {
         let Self { maps: Maps { left, right, width }, check, y, out, medians } = self;
         let (left_median, right_median) = medians.split_at_mut(width);
-        median3_row(left, y, left_median);
+        median3_row(rows_around(left, width, y), left_median);
         if check.lr_max_diff >= 0 {
-            median3_row(right, y, right_median);
+            median3_row(rows_around(right, width, y), right_median);
         }
         for (x, (out, &answer)) in out.iter_mut().zip(&*left_median).enumerate() {
             *out = check.answer(x, answer, right_median);
@@ -63,41 +63,6 @@ impl Check {
         }
         (i32::from(answer) + self.min_disparity * 16) as i16
     }
-}
-
-/// Row `y` of the 3x3 median; the border is replicated.
-#[inline(always)]
-fn median3_row(map: &[u16], y: usize, out: &mut [u16]) {
-    let width = out.len();
-    let last = map.len() / width - 1;
-    let [above, here, below] = [y.saturating_sub(1), y, (y + 1).min(last)].map(|y| &map[y * width..][..width]);
-    let columns = |x: usize| [above[x], here[x], below[x]];
-    for x in [0, width - 1] {
-        out[x] = median9([columns(x.saturating_sub(1)), columns(x), columns((x + 1).min(width - 1))]);
-    }
-    if width > 2 {
-        let windows = above.windows(3).zip(here.windows(3)).zip(below.windows(3));
-        for (out, ((a, b), c)) in out[1..width - 1].iter_mut().zip(windows) {
-            *out = median9([[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]]);
-        }
-    }
-}
-
-/// The middle of the largest low, the middle middle and the smallest high of three columns.
-#[inline(always)]
-fn median9(columns: [[u16; 3]; 3]) -> u16 {
-    let [a, b, c] = columns.map(sorted3);
-    let low = a[0].max(b[0]).max(c[0]);
-    let middle = sorted3([a[1], b[1], c[1]])[1];
-    let high = a[2].min(b[2]).min(c[2]);
-    sorted3([low, middle, high])[1]
-}
-
-#[inline(always)]
-fn sorted3([a, b, c]: [u16; 3]) -> [u16; 3] {
-    let (low, high) = (a.min(b), a.max(b));
-    let (middle, high) = (high.min(c), high.max(c));
-    [low.min(middle), low.max(middle), high]
 }
 
 #[cfg(test)]

@@ -9,10 +9,8 @@ use super::features::Feature;
 
 /// Bytes before and after a path's costs. They stay 255: there is no cheaper neighbour beyond the range of disparities.
 const GUARD: usize = 16;
-/// The most disparities.
 pub(super) const MOST_LANES: usize = 256;
 
-/// Costs of changing the disparity along a path.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Penalties {
     pub p1: u8,
@@ -28,7 +26,6 @@ struct PathCosts {
 }
 
 impl PathCosts {
-    /// `count` paths that have not begun.
     fn begin(&mut self, count: usize, lanes: usize) {
         self.stride = lanes + 2 * GUARD;
         self.costs.clear();
@@ -95,7 +92,6 @@ fn advance<const N: usize>(
     least.into_iter().fold(u8::MAX, u8::min)
 }
 
-/// The path aggregation of a sweep under way.
 #[derive(Debug, Default)]
 pub(super) struct Aggregation<F> {
     upward: bool,
@@ -114,7 +110,6 @@ pub(super) struct Aggregation<F> {
 }
 
 impl<F: Feature> Aggregation<F> {
-    /// Before the first row.
     pub(super) fn begin(
         &mut self,
         upward: bool,

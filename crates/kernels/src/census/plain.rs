@@ -5,7 +5,6 @@ use super::{Census, Pair, Params};
 /// Steps from one pixel of a path to the next, rows before columns.
 const DIRECTIONS: [(isize, isize); 8] = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)];
 
-/// Disparities of the left image's pixels, in 1/16 px.
 pub(super) fn compute(pair: &Pair<'_>, params: &Params, out: &mut [i16]) {
     let (width, height) = (pair.width, pair.height);
     let costs = costs(pair, params);

@@ -2,12 +2,10 @@
 
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
-use super::{Activation, ConvolutionScratch, Gradients};
+use super::{Activation, Convolution, ConvolutionScratch, Gradients};
 use crate::simd::Level;
 
-/// Rows and columns of the kernel.
 const KERNEL: usize = 4;
-/// Taps of the kernel.
 const TAPS: usize = KERNEL * KERNEL;
 /// For each parity of an output row (or column): the kernel's rows that reach it, and the input rows they come from,
 /// counted from the row above.
@@ -17,7 +15,7 @@ const ORIGIN: [(usize, usize); KERNEL] = [(1, 0), (0, 1), (1, 1), (0, 2)];
 
 /// A transposed convolution, PyTorch's `conv_transpose2d(kernel 4, stride=2, padding=1)`: twice the rows and columns.
 ///
-/// The outputs of even and odd rows and columns are four convolutions with 2x2 of the taps each.
+/// Weights are inputs x outputs x 4 x 4. The outputs of even and odd rows and columns are four convolutions with 2x2 of the taps each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Double {
     /// Channels in.
@@ -32,7 +30,7 @@ pub struct Double {
     pub activation: Activation,
 }
 
-/// Weights as the kernels read them, packed once for all images of a batch.
+/// The weights of [`Double`], packed.
 #[derive(Debug, Default)]
 pub struct DoubleWeights {
     /// By parity of row and column.
@@ -48,13 +46,20 @@ impl Double {
     const fn area(&self) -> usize {
         self.width * self.height
     }
+}
 
-    /// Packs `weights`, inputs x outputs x 4 x 4; for the backward pass only if `backward`.
-    ///
-    /// # Panics
-    /// If there are not as many.
-    #[must_use]
-    pub fn weights(&self, level: Level, weights: &[f32], backward: bool) -> DoubleWeights {
+impl Convolution for Double {
+    type Weights = DoubleWeights;
+
+    fn new([inputs, height, width]: [usize; 3], [_, outputs, _, _]: [usize; 4], activation: Activation) -> Self {
+        Self { inputs, outputs, width, height, activation }
+    }
+
+    fn output(&self) -> [usize; 3] {
+        [self.outputs, self.height * 2, self.width * 2]
+    }
+
+    fn weights(&self, level: Level, weights: &[f32], backward: bool) -> DoubleWeights {
         assert_eq!(weights.len(), self.inputs * self.outputs * TAPS);
         let at = |input: usize, output: usize, tap: usize| weights[(input * self.outputs + output) * TAPS + tap];
         let mut packed = DoubleWeights::default();
@@ -72,11 +77,7 @@ impl Double {
         packed
     }
 
-    /// One image: `image` is inputs x height x width, `out` outputs x 2 height x 2 width.
-    ///
-    /// # Panics
-    /// If a slice is of another length.
-    pub fn forward(
+    fn forward(
         &self,
         level: Level,
         image: &[f32],
@@ -128,14 +129,7 @@ impl Double {
         }
     }
 
-    /// One image backwards: from the gradient of the output, `slope`, those that `gradients` has room for.
-    ///
-    /// `image` and `out` are those of the forward pass. Of weights and bias this is one image's share.
-    ///
-    /// # Panics
-    /// If a slice is of another length.
-    #[expect(clippy::too_many_arguments, reason = "an operation and everything it is of")]
-    pub fn backward(
+    fn backward(
         &self,
         level: Level,
         image: &[f32],

@@ -26,7 +26,6 @@ impl Planes {
         (self.height * self.row()).next_multiple_of(LANES)
     }
 
-    /// Samples from one plane to the next.
     pub(super) const fn plane(&self) -> usize {
         // The zeros at the end are read by the last vectors of the lowest tap.
         (self.pad + (self.height + 2 * self.pad) * self.row() + self.pad + LANES).next_multiple_of(LANES)
@@ -38,12 +37,10 @@ impl Planes {
         plane * self.plane() + down * self.row() + right
     }
 
-    /// Where a plane's first sample is.
     pub(super) const fn origin(&self, plane: usize) -> usize {
         self.tap(plane, self.pad, self.pad)
     }
 
-    /// Makes room for `count` planes.
     pub(super) fn reserve(&self, planes: &mut Vec<f32>, count: usize) {
         // What is left over of other sizes is overwritten plane by plane.
         if planes.len() < count * self.plane() {
@@ -65,7 +62,6 @@ impl Planes {
         rest.fill(0.0);
     }
 
-    /// Lays out an image, channel by channel.
     pub(super) fn spread(&self, image: &[f32], planes: &mut Vec<f32>) {
         let area = self.width * self.height;
         self.reserve(planes, image.len() / area);

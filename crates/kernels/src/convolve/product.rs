@@ -19,13 +19,11 @@ pub(super) struct Product<'a> {
     pub weights: &'a [f32],
     /// Where the line of each `k` begins.
     pub offsets: &'a [usize],
-    /// What is read.
     pub source: &'a [f32],
     /// Rows of `columns` samples, each `stride` after the one before.
     pub out: &'a mut [f32],
     /// Distance of output rows, samples.
     pub stride: usize,
-    /// Output rows.
     pub rows: usize,
     /// Output columns, a multiple of [`LANES`].
     pub columns: usize,
@@ -144,13 +142,10 @@ unsafe fn tile<L: Lanes, const R: usize, const C: usize>(
 pub(super) struct Dots<'a> {
     /// The left factors: rows of `columns` samples, the first at `first`, each `stride` after the one before.
     pub left: &'a [f32],
-    /// Where the first row begins.
     pub first: usize,
     /// Distance of rows, samples.
     pub stride: usize,
-    /// Number of rows.
     pub rows: usize,
-    /// The right factors.
     pub source: &'a [f32],
     /// Where the line of each `k` begins.
     pub offsets: &'a [usize],

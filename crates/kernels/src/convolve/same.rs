@@ -2,11 +2,11 @@
 
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
-use super::{Activation, ConvolutionScratch, Gradients};
+use super::{Activation, Convolution, ConvolutionScratch, Gradients};
 use crate::simd::Level;
 
 /// A convolution `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])` with zero padding that keeps the size: PyTorch's
-/// `conv2d(stride=1, padding=k/2)`.
+/// `conv2d(stride=1, padding=k/2)`. Weights are outputs x inputs x kernel x kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Same {
     /// Channels in.
@@ -23,7 +23,7 @@ pub struct Same {
     pub activation: Activation,
 }
 
-/// Weights as the kernels read them, packed once for all images of a batch.
+/// The weights of [`Same`], packed.
 #[derive(Debug, Default)]
 pub struct SameWeights {
     forward: Vec<f32>,
@@ -52,13 +52,20 @@ impl Same {
         out.clear();
         out.extend((0..channels * self.taps()).map(tap));
     }
+}
 
-    /// Packs `weights`, outputs x inputs x kernel x kernel; for the backward pass only if `backward`.
-    ///
-    /// # Panics
-    /// If there are not as many, or the kernel is even.
-    #[must_use]
-    pub fn weights(&self, level: Level, weights: &[f32], backward: bool) -> SameWeights {
+impl Convolution for Same {
+    type Weights = SameWeights;
+
+    fn new([inputs, height, width]: [usize; 3], [outputs, _, kernel, _]: [usize; 4], activation: Activation) -> Self {
+        Self { inputs, outputs, width, height, kernel, activation }
+    }
+
+    fn output(&self) -> [usize; 3] {
+        [self.outputs, self.height, self.width]
+    }
+
+    fn weights(&self, level: Level, weights: &[f32], backward: bool) -> SameWeights {
         let (taps, mut packed) = (self.taps(), SameWeights::default());
         assert!(self.kernel % 2 == 1, "an even kernel keeps no size");
         assert_eq!(weights.len(), self.outputs * self.inputs * taps);
@@ -72,11 +79,7 @@ impl Same {
         packed
     }
 
-    /// One image: `image` is inputs x height x width, `out` outputs x height x width.
-    ///
-    /// # Panics
-    /// If a slice is of another length.
-    pub fn forward(
+    fn forward(
         &self,
         level: Level,
         image: &[f32],
@@ -112,14 +115,7 @@ impl Same {
         }
     }
 
-    /// One image backwards: from the gradient of the output, `slope`, those that `gradients` has room for.
-    ///
-    /// `image` and `out` are those of the forward pass. Of weights and bias this is one image's share.
-    ///
-    /// # Panics
-    /// If a slice is of another length.
-    #[expect(clippy::too_many_arguments, reason = "an operation and everything it is of")]
-    pub fn backward(
+    fn backward(
         &self,
         level: Level,
         image: &[f32],

@@ -1,9 +1,8 @@
 use proptest::prelude::*;
 
-use super::{Activation, ConvolutionScratch, Double, Gradients, Same};
+use super::{Activation, Convolution, ConvolutionScratch, Double, Gradients, Same};
 use crate::simd::{Level, every_level};
 
-/// Values in [-1, 1), from a seed.
 fn noise(seed: u64, count: usize) -> Vec<f32> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let mut next = || {
@@ -103,25 +102,10 @@ impl Terms {
     }
 }
 
-fn run_same(op: &Same, case: &Case, level: Level) -> Results {
+fn run<C: Convolution>(op: &C, case: &Case, level: Level) -> Results {
     let weights = op.weights(level, &case.weights, true);
     let mut scratch = ConvolutionScratch::default();
     // What an earlier call of another size left must not matter.
-    scratch.source.resize(9000, f32::NAN);
-    scratch.slopes.resize(9000, f32::NAN);
-    scratch.sums.resize(9000, f32::NAN);
-    let mut out = vec![f32::NAN; case.slope.len()];
-    op.forward(level, &case.image, &weights, &case.bias, &mut out, &mut scratch);
-    let [mut image, mut of_weights, mut bias] =
-        [&case.image, &case.weights, &case.bias].map(|like| vec![f32::NAN; like.len()]);
-    let mut gradients = Gradients { image: Some(&mut image), weights: Some(&mut of_weights), bias: Some(&mut bias) };
-    op.backward(level, &case.image, &weights, &out, &case.slope, &mut gradients, &mut scratch);
-    [out, image, of_weights, bias]
-}
-
-fn run_double(op: &Double, case: &Case, level: Level) -> Results {
-    let weights = op.weights(level, &case.weights, true);
-    let mut scratch = ConvolutionScratch::default();
     scratch.source.resize(9000, f32::NAN);
     scratch.slopes.resize(9000, f32::NAN);
     scratch.sums.resize(9000, f32::NAN);
@@ -166,8 +150,8 @@ proptest! {
             bias: noise(seed ^ 2, outputs),
             slope: noise(seed ^ 3, outputs * width * height),
         };
-        every_level(|level| bits(&run_same(&op, &case, level)));
-        let ours = run_same(&op, &case, Level::best());
+        every_level(|level| bits(&run(&op, &case, level)));
+        let ours = run(&op, &case, Level::best());
         close(&ours, &same_terms(&op).reference(&case, activation, &ours[0]));
     }
 
@@ -183,8 +167,8 @@ proptest! {
             bias: noise(seed ^ 2, outputs),
             slope: noise(seed ^ 3, outputs * width * height * 4),
         };
-        every_level(|level| bits(&run_double(&op, &case, level)));
-        let ours = run_double(&op, &case, Level::best());
+        every_level(|level| bits(&run(&op, &case, level)));
+        let ours = run(&op, &case, Level::best());
         close(&ours, &double_terms(&op).reference(&case, activation, &ours[0]));
     }
 }
@@ -194,6 +178,6 @@ fn lines_longer_than_a_span_are_summed_over_whole() {
     let op = Same { inputs: 2, outputs: 9, width: 320, height: 5, kernel: 3, activation: Activation::Relu };
     let case =
         Case { image: noise(1, 2 * 1600), weights: noise(2, 9 * 2 * 9), bias: noise(3, 9), slope: noise(4, 9 * 1600) };
-    let ours = run_same(&op, &case, Level::best());
+    let ours = run(&op, &case, Level::best());
     close(&ours, &same_terms(&op).reference(&case, Activation::Relu, &ours[0]));
 }

@@ -1,12 +1,9 @@
 //! Blurring along the rows: of floats, and of masks.
 
-use std::ops::Range;
-
 use super::strips::{Lines, STRIP};
 use crate::raster::reflect101;
 use crate::simd::Block;
 
-/// An image of floats.
 pub(super) struct Floats<'a> {
     input: &'a [f32],
     width: usize,
@@ -42,19 +39,18 @@ pub(super) struct SetPixels {
     /// Rows of `words` words; bit 0 of a row stands for column `-radius`.
     bits: Vec<u64>,
     words: usize,
-    rows: Range<usize>,
     radius: usize,
     /// The taps between `STRIP - 1` zeros on either side: a set pixel adds `STRIP` of them, whatever its column.
     padded_taps: Vec<f32>,
 }
 
 impl SetPixels {
-    pub(super) fn new(mask: &[u8], width: usize, rows: Range<usize>, taps: &[f32]) -> Self {
+    pub(super) fn new(mask: &[u8], width: usize, height: usize, taps: &[f32]) -> Self {
         let radius = taps.len() / 2;
         // One strip more than the image has, so that the last strip's window is whole.
         let words = (width + 2 * radius + STRIP).div_ceil(64) + 1;
-        let mut bits = vec![0; words * rows.len()];
-        for (y, bits) in rows.clone().zip(bits.chunks_exact_mut(words)) {
+        let mut bits = vec![0; words * height];
+        for (y, bits) in bits.chunks_exact_mut(words).enumerate() {
             let row = &mask[y * width..][..width];
             let mut set = |bit: usize, value: u64| {
                 bits[bit / 64] |= value << (bit % 64);
@@ -75,7 +71,7 @@ impl SetPixels {
         }
         let mut padded_taps = vec![0.0; 2 * (STRIP - 1) + taps.len()];
         padded_taps[STRIP - 1..][..taps.len()].copy_from_slice(taps);
-        Self { bits, words, rows, radius, padded_taps }
+        Self { bits, words, radius, padded_taps }
     }
 }
 
@@ -92,7 +88,7 @@ fn set_bytes(bytes: [u8; 8]) -> u64 {
 impl Lines for SetPixels {
     #[inline(always)]
     fn blurred<B: Block>(&mut self, y: usize, left: usize) -> B {
-        let row = &self.bits[(y - self.rows.start) * self.words..][..self.words];
+        let row = &self.bits[y * self.words..][..self.words];
         // The window's bits are `left..left + reach`.
         let reach = STRIP + 2 * self.radius;
         let mut sum = B::zero();

@@ -1,7 +1,5 @@
 //! Blurring down the columns of a strip.
 
-use std::ops::Range;
-
 use crate::raster::reflect101;
 use crate::simd::{BLOCK, Block, BlockPass, Level, prefetch};
 
@@ -26,28 +24,15 @@ pub(super) trait Lines {
     fn blurred<B: Block>(&mut self, y: usize, left: usize) -> B;
 }
 
-/// The rows of the image that an output of `rows` depends on; the reflected ones lie among them.
-pub(super) fn source_rows(rows: &Range<usize>, radius: usize, height: usize) -> Range<usize> {
-    rows.start.saturating_sub(radius)..height.min(rows.end + radius)
-}
-
-/// Blurs `rows` of the image that `lines` stands for.
-pub(super) fn blur_lines(
-    level: Level,
-    lines: impl Lines,
-    taps: &[f32],
-    width: usize,
-    height: usize,
-    rows: Range<usize>,
-    out: &mut [f32],
-) {
+/// Blurs the image that `lines` gives row by row.
+pub(super) fn blur_lines(level: Level, lines: impl Lines, taps: &[f32], width: usize, height: usize, out: &mut [f32]) {
     if width >= STRIP {
-        level.run_blocks(Blur { lines, taps, width, height, rows, out });
+        level.run_blocks(Blur { lines, taps, width, height, out });
         return;
     }
     // A narrow image is the left part of one strip.
-    let mut strip = vec![0.0; STRIP * rows.len()];
-    level.run_blocks(Blur { lines, taps, width: STRIP, height, rows, out: &mut strip });
+    let mut strip = vec![0.0; STRIP * height];
+    level.run_blocks(Blur { lines, taps, width: STRIP, height, out: &mut strip });
     for (out, strip) in out.chunks_exact_mut(width).zip(strip.chunks_exact(STRIP)) {
         out.copy_from_slice(&strip[..width]);
     }
@@ -56,10 +41,8 @@ pub(super) fn blur_lines(
 struct Blur<'a, L> {
     lines: L,
     taps: &'a [f32],
-    /// Columns to make, at least a strip.
     width: usize,
     height: usize,
-    rows: Range<usize>,
     out: &'a mut [f32],
 }
 
@@ -68,21 +51,19 @@ impl<L: Lines> BlockPass for Blur<'_, L> {
 
     #[inline(always)]
     fn run<B: Block>(self) {
-        let Self { mut lines, taps, width, height, rows, out } = self;
+        let Self { mut lines, taps, width, height, out } = self;
         let radius = taps.len() / 2;
-        let source = source_rows(&rows, radius, height);
         // Rows beyond the image are copied, so that the loop down the columns has no border.
-        let wanted = rows.start as isize - radius as isize..(rows.end + radius) as isize;
-        let top = (source.start as isize - wanted.start) as usize;
-        let mut strip = vec![Lane::ZERO; wanted.len()];
+        let mut strip = vec![Lane::ZERO; height + 2 * radius];
         for left in (0..width).step_by(STRIP) {
             // The last strip overlaps the one before: whole strips only.
             let left = left.min(width - STRIP);
-            for y in source.clone() {
-                lines.blurred::<B>(y, left).store(&mut strip[y - source.start + top].0);
+            for y in 0..height {
+                lines.blurred::<B>(y, left).store(&mut strip[radius + y].0);
             }
-            for y in wanted.clone().filter(|&y| y < 0 || y >= height as isize) {
-                strip[(y - wanted.start) as usize] = strip[reflect101(y, height) - source.start + top];
+            for margin in 0..radius {
+                strip[margin] = strip[radius + reflect101(margin as isize - radius as isize, height)];
+                strip[radius + height + margin] = strip[radius + reflect101((height + margin) as isize, height)];
             }
             for (row, window) in strip.windows(2 * radius + 1).enumerate() {
                 prefetch(out, (row + AHEAD) * width + left, STRIP);

@@ -9,18 +9,12 @@ use crate::simd::{Level, Pass};
 /// A pixel that answered gets the median of the answers around it (of an even number the mean of the middle two, as NumPy's `nanmedian`);
 /// one that did not gets it if more than half of its window answered, and else stays without (NaN). So a gap neither grows over answers
 /// nor draws them to itself. Where all is answered this is [`median3`], in its time.
-///
-/// # Panics
-/// If a slice does not have the size that `width` and `height` announce.
 pub fn median3_of_answers(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
     median3(input, width, height, out);
     mend::<1>(input, width, height, out);
 }
 
 /// [`median5`] over the answered pixels of every window; see [`median3_of_answers`].
-///
-/// # Panics
-/// If a slice does not have the size that `width` and `height` announce.
 pub fn median5_of_answers(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
     median5(input, width, height, out);
     mend::<2>(input, width, height, out);

@@ -15,7 +15,6 @@ fn middle(a: i32, b: i32, c: i32) -> i32 {
     low.max(high.min(c))
 }
 
-/// Three samples, ascending.
 #[inline(always)]
 pub(super) fn sort3([a, b, c]: [i32; 3]) -> [i32; 3] {
     let (a, b) = order(a, b);
@@ -32,7 +31,6 @@ pub(super) fn median3_of_sorted([a, b, c]: [[i32; 3]; 3]) -> i32 {
     middle(low, middle(a[1], b[1], c[1]), high)
 }
 
-/// Five samples, ascending.
 #[inline(always)]
 pub(super) fn sort5([a, b, c, d, e]: [i32; 5]) -> [i32; 5] {
     let (a, b) = order(a, b);
@@ -46,7 +44,6 @@ pub(super) fn sort5([a, b, c, d, e]: [i32; 5]) -> [i32; 5] {
     [s, t, u, v, e]
 }
 
-/// Two sorted pairs, ascending.
 #[inline(always)]
 fn merge2(a: [i32; 2], b: [i32; 2]) -> [i32; 4] {
     let (first, low) = order(a[0], b[0]);
@@ -55,7 +52,6 @@ fn merge2(a: [i32; 2], b: [i32; 2]) -> [i32; 4] {
     [first, low, high, last]
 }
 
-/// Two sorted threes, ascending.
 #[inline(always)]
 fn merge3(a: [i32; 3], b: [i32; 3]) -> [i32; 6] {
     let even = merge2([a[0], a[2]], [b[0], b[2]]);
@@ -65,7 +61,6 @@ fn merge3(a: [i32; 3], b: [i32; 3]) -> [i32; 6] {
     [even[0], s, t, u, v, even[3]]
 }
 
-/// Two sorted fives, ascending.
 #[inline(always)]
 pub(super) fn merge5(a: [i32; 5], b: [i32; 5]) -> [i32; 10] {
     let even = merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]);
@@ -77,13 +72,11 @@ pub(super) fn merge5(a: [i32; 5], b: [i32; 5]) -> [i32; 10] {
     [even[0], r1, r2, r3, r4, r5, r6, r7, r8, even[5]]
 }
 
-/// The middle two of two sorted pairs.
 #[inline(always)]
 fn middle_of_merge2(a: [i32; 2], b: [i32; 2]) -> (i32, i32) {
     order(a[0].max(b[0]), a[1].min(b[1]))
 }
 
-/// The middle two of two sorted threes.
 #[inline(always)]
 fn middle_of_merge3(a: [i32; 3], b: [i32; 3]) -> (i32, i32) {
     let even = middle_of_merge2([a[0], a[2]], [b[0], b[2]]);

@@ -53,9 +53,9 @@ pub struct Camera {
     pub lens: Lens,
 }
 
-/// How often a polynomial is taken back: so often OpenCV's `undistortPoints` does where nobody says otherwise, converged or not.
+/// Iterations for the inverse of a polynomial: the default of OpenCV's `undistortPoints`, converged or not.
 const ITERATIONS: usize = 5;
-/// How often an angle is looked for at most, and how exactly: as `fisheye::undistortPoints`, radians.
+/// Most iterations for an angle, and its accuracy in radians: those of `fisheye::undistortPoints`.
 const ANGLE_ITERATIONS: usize = 10;
 const ANGLE_EXACT: f64 = 1e-8;
 

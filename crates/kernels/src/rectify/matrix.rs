@@ -13,7 +13,7 @@ pub(super) fn transposed(a: &Matrix) -> Matrix {
     std::array::from_fn(|row| std::array::from_fn(|column| a[column][row]))
 }
 
-/// The inverse, by cofactors, as OpenCV's `invert` has it of 3x3; not finite of a matrix that has none.
+/// The inverse, by cofactors, as OpenCV's `invert` has it of 3x3; not finite where there is no inverse.
 pub(super) fn inverse(a: &Matrix) -> Matrix {
     let minor = |[r, s]: [usize; 2], [c, d]: [usize; 2]| a[r][c] * a[s][d] - a[r][d] * a[s][c];
     let determinant =
@@ -57,7 +57,7 @@ pub(super) fn rotation_about(vector: [f64; 3]) -> Matrix {
     })
 }
 
-/// The vector of a rotation: [`rotation_about`] the other way. What is nearly none is none, as OpenCV's `Rodrigues` has it.
+/// The vector of a rotation: the inverse of [`rotation_about`]. A very small rotation is zero, as in OpenCV's `Rodrigues`.
 pub(super) fn vector_of(rotation: &Matrix) -> [f64; 3] {
     let r = nearest_rotation(rotation);
     let twice_sine = [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]];

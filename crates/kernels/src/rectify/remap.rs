@@ -6,9 +6,6 @@ use crate::simd::{Level, Pass};
 
 /// An image of (width, height) with `CHANNELS` interleaved samples a pixel, seen through a map: linear between four pixels; what lies outside
 /// counts as black. OpenCV's `remap` with `INTER_LINEAR` and `BORDER_CONSTANT`.
-///
-/// # Panics
-/// If a slice does not have its size.
 pub fn remap<const CHANNELS: usize>(image: &[u8], (width, height): (usize, usize), map: &Map, out: &mut [u8]) {
     remap_at::<CHANNELS>(Level::best(), image, (width, height), map, out);
 }
@@ -65,12 +62,12 @@ impl<const CHANNELS: usize> Image<'_, CHANNELS> {
     #[cold]
     #[inline(never)]
     fn four_at_the_border(&self, column: i32, row: i32) -> [[u8; CHANNELS]; 4] {
-        let of = |from: i32, step: i32, count: usize| {
+        let inside = |from: i32, step: i32, count: usize| {
             let at = i64::from(from) + i64::from(step);
             (at >= 0 && at < count as i64).then_some(at as usize)
         };
         [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, down)| {
-            let at = of(column, right, self.width).zip(of(row, down, self.height));
+            let at = inside(column, right, self.width).zip(inside(row, down, self.height));
             at.map_or([0; CHANNELS], |(x, y)| self.pixels[y * self.width + x])
         })
     }

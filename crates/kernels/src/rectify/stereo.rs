@@ -138,11 +138,11 @@ fn equidistant(
         for axis in 0..2 {
             for point in points {
                 // The sides nearest to and farthest from the middle stand for all between them.
-                let of = 0.5 * size[axis] / (point[axis] - mean[axis]).abs();
+                let focal = 0.5 * size[axis] / (point[axis] - mean[axis]).abs();
                 let is_end = points.iter().all(|other| other[axis] <= point[axis])
                     || points.iter().all(|other| other[axis] >= point[axis]);
                 if is_end {
-                    (least, most) = (least.min(of), most.max(of));
+                    (least, most) = (least.min(focal), most.max(focal));
                 }
             }
         }

@@ -4,12 +4,10 @@
 use super::Mode;
 use super::search::Search;
 
-/// The candidate with the smallest cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Choice {
     /// Its index, or -1 where all costs are saturated (except in `3way`).
     pub index: i32,
-    /// Its cost.
     pub cost: i16,
 }
 
@@ -68,12 +66,10 @@ pub(super) struct RowChoice {
 }
 
 impl RowChoice {
-    /// For rows of `search`'s width.
     pub(super) fn new(search: &Search) -> Self {
         Self { right_disparity: vec![0; search.width], right_cost: vec![0; search.width] }
     }
 
-    /// Begins a row: no answers yet.
     pub(super) fn start(&mut self, search: &Search, row: &mut [i16]) {
         self.right_disparity.fill(search.invalid);
         self.right_cost.fill(i16::MAX);
@@ -103,7 +99,7 @@ impl RowChoice {
     /// The left-right check, made against the winners seen from the right image; a finished row.
     pub(super) fn check(&self, search: &Search, row: &mut [i16]) {
         let invalid = search.invalid;
-        // A partner that nobody chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a minimum
+        // A partner that no pixel chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a minimum
         // disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.
         let disagrees = |x: usize, d: i32| {
             let partner = x as i32 - d;

@@ -18,7 +18,7 @@
 //!
 //! which is about 65 lane operations for five directions, 90 for eight. A Zen 4 core issues 64 lanes of 16 bits a cycle
 //! (half as many for saturating sums and shuffles) at 3.6 GHz or so: 28.3 million cells x 65 / 64 = 29 million cycles,
-//! 8 ms, for `sgbm`, if nothing but those operations cost anything. Measured there, processor time of one thread, with the
+//! 8 ms, for `sgbm`, if nothing but those operations cost anything. Measured there, CPU time of one thread, with the
 //! other core and the cache busy (milliseconds; OpenCV 5.0 in the same minutes):
 //!
 //! | mode | AVX2 | OpenCV | ratio |
@@ -75,7 +75,6 @@ fn kernels_of(level: Level, disparities: usize) -> Kernels {
     kernels::portable::kernels(disparities)
 }
 
-/// Memory that one call leaves for the next.
 #[derive(Debug, Default)]
 pub(super) struct FastScratch {
     memory: Memory,

@@ -6,11 +6,12 @@
 //! One thing cannot be kept: where fewer columns are searched than half a block is wide, OpenCV (except in `hh4`) reads
 //! behind its buffer of pixel costs. Here the last column is repeated there, as it is everywhere else.
 
+use super::Mode;
 use super::choice::{Choice, RowChoice};
 use super::plain_cost::CostRows;
 use super::search::{Search, Stripe};
 use super::view::View;
-use super::{Mode, median};
+use crate::median::integer::{median3_row, rows_around};
 
 /// Matches two images, up to and including the median; shapes and parameters are checked by the caller.
 pub(super) fn compute(search: &Search, block: i32, left: &View<'_>, right: &View<'_>, out: &mut [i16]) {
@@ -27,7 +28,9 @@ pub(super) fn compute(search: &Search, block: i32, left: &View<'_>, right: &View
         }
     }
     let source = out.to_vec();
-    median::median3(&source, search.width, out);
+    for (y, out) in out.chunks_exact_mut(search.width).enumerate() {
+        median3_row(rows_around(&source, search.width, y), out);
+    }
 }
 
 /// The costs `L` of one direction along one row, and their minimum per column; a border column on each side stays 0.

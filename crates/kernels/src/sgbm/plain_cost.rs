@@ -38,7 +38,6 @@ impl<'a> CostRows<'a> {
         }
     }
 
-    /// Costs of the next row.
     pub(super) fn next(&mut self) -> &[i16] {
         let y = self.next;
         self.next += 1;
@@ -83,7 +82,6 @@ impl<'a> CostRows<'a> {
         &self.cost
     }
 
-    /// Sums of row `k` over the block's width.
     fn sum_row(&mut self, k: usize, first: bool) {
         self.pixel_costs(k);
         let d = self.search.disparities;

@@ -14,7 +14,6 @@ const PADDING: usize = 64;
 /// 64 bytes without meaning.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Plane {
-    /// The value at each column.
     pub value: Vec<u8>,
     /// Smallest of the value and its two half-way neighbours.
     pub low: Vec<u8>,

@@ -5,9 +5,7 @@ use super::{Mode, Params};
 /// Parameters resolved as OpenCV resolves them, with the searched part of the image.
 #[derive(Clone, Debug)]
 pub(super) struct Search {
-    /// Columns of the image.
     pub width: usize,
-    /// Rows of the image.
     pub height: usize,
     /// 1 or 3.
     pub channels: usize,
@@ -21,24 +19,19 @@ pub(super) struct Search {
     pub columns: usize,
     /// Half the block's side, rounded down.
     pub radius: usize,
-    /// Small penalty.
     pub p1: i16,
-    /// Large penalty.
     pub p2: i16,
     /// Left-right check, px, at least 1.
     pub disp12_max_diff: i32,
-    /// The prefilter's clip.
     pub clip: i32,
     /// Uniqueness margin, per cent.
     pub uniqueness: i32,
     /// Value of an unanswered pixel.
     pub invalid: i16,
-    /// Directions.
     pub mode: Mode,
 }
 
 impl Search {
-    /// Resolves checked parameters for one image size.
     pub(super) fn new(params: &Params, width: usize, height: usize, channels: usize) -> Self {
         let end = params.min_disparity + params.disparities;
         let first_column = end.max(0) as usize;
@@ -76,7 +69,6 @@ impl Search {
         }
     }
 
-    /// Elements of one row of costs.
     pub(super) fn row_len(&self) -> usize {
         self.columns * self.disparities
     }
@@ -112,7 +104,6 @@ impl Search {
 /// Rows matched as an image of their own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Stripe {
-    /// First source row.
     pub start: usize,
     /// One past the last source row.
     pub end: usize,

@@ -93,7 +93,6 @@ impl From<TooMuch> for Error {
 }
 
 impl<'a> View<'a> {
-    /// One row's bytes.
     pub(super) fn row(&self, y: usize) -> &'a [u8] {
         let stride = self.width * self.channels;
         &self.data[y * stride..][..stride]

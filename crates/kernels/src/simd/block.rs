@@ -9,19 +9,13 @@ pub(crate) const BLOCK: usize = 64;
 
 /// [`BLOCK`] floats. The operations are those of the scalars, lane by lane.
 pub(crate) trait Block: Copy {
-    /// All lanes zero.
     fn zero() -> Self;
-    /// The samples, lane by lane.
     fn load(from: &[f32; BLOCK]) -> Self;
-    /// Writes the samples, lane by lane.
     fn store(self, to: &mut [f32; BLOCK]);
-    /// `self + other`.
     fn plus(self, other: Self) -> Self;
-    /// `self * factor`.
     fn times(self, factor: f32) -> Self;
 }
 
-/// The scalar twin.
 #[derive(Clone, Copy)]
 pub(super) struct Portable([f32; BLOCK]);
 

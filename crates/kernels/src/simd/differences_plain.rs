@@ -10,7 +10,6 @@ const HIGH: u16 = 16;
 /// The parts of whole blocks, with room for one more behind them.
 pub(crate) struct Room {
     pub(crate) classes: Vec<u8>,
-    /// One a byte.
     pub(crate) middles: Vec<u8>,
     pub(crate) lows: Vec<u8>,
     pub(crate) highs: Vec<u8>,

@@ -12,7 +12,6 @@ pub(crate) trait Lanes: Copy {
     /// Accumulators of this type that registers hold beside their operands, as rows by columns of a product's tile.
     const TILE: (usize, usize);
 
-    /// All lanes of one value.
     fn splat(value: f32) -> Self;
     /// The samples, lane by lane.
     ///
@@ -44,7 +43,6 @@ pub(crate) trait Lanes: Copy {
     }
 }
 
-/// The scalar twin.
 #[derive(Clone, Copy)]
 pub(super) struct Portable([f32; LANES]);
 

@@ -82,7 +82,6 @@ fn affinities<const C: usize>(
     }
 }
 
-/// Buffers of one tile.
 #[derive(Debug, Default)]
 pub(super) struct Spare {
     eliminated: Vec<f32>,

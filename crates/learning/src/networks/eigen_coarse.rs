@@ -11,7 +11,6 @@ use super::{Act, Builder, Conv, Size};
 /// Units of the first dense layer.
 const UNITS: usize = 256;
 
-/// Convolutions, then everything from everything.
 pub(super) fn eigen_coarse<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
     let x = builder.conv("coarse1", image, Conv { kernel: 11, stride: 4, pad: 5, ..Conv::three(96) });
     let x = builder.halve(&x);

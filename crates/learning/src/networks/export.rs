@@ -3,16 +3,11 @@
 use super::{Act, Builder, Conv, Network, Size};
 use crate::onnx::{GraphBuilder, Metadata, Tensor, Weights};
 
-/// Name of the written network's input.
 pub(crate) const INPUT: &str = "image";
 
 /// The ONNX file of `network` for images of `size` with the parameters `values`, in the order of [`layout`](super::layout()).
 ///
 /// Its input `image` is batch x 3 x height x width, RGB in [0, 1]; its output, batch x 1 x rows x columns, is named after its meaning.
-///
-/// # Panics
-/// If `values` are not the network's parameters.
-#[must_use]
 pub(crate) fn export(network: Network, size: Size, values: &[Vec<f32>], training_key: &str) -> Vec<u8> {
     let mut graph = GraphBuilder::new(network.name());
     let image = graph.input(INPUT, &[3, size.height, size.width]);
@@ -21,7 +16,7 @@ pub(crate) fn export(network: Network, size: Size, values: &[Vec<f32>], training
     assert!(writer.values.next().is_none(), "every parameter belongs to a layer");
     let (meaning, mut graph) = (network.meaning(), writer.graph);
     let scaled = graph.scale(map, meaning.scale());
-    let metadata = Metadata { size: [size.width, size.height], meaning: meaning.of_file(), training_key };
+    let metadata = Metadata { size: [size.width, size.height], meaning, training_key };
     graph.finish(scaled, &metadata)
 }
 

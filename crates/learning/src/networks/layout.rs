@@ -3,7 +3,6 @@
 use super::{Act, Builder, Conv, Network, Size};
 use depthloom_random::SplitMix64;
 
-/// One tensor of parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Parameter {
     /// `<layer>.weight` or `<layer>.bias`.
@@ -24,17 +23,13 @@ enum Start {
 }
 
 impl Parameter {
-    /// Number of values.
-    #[must_use]
     pub(crate) fn len(&self) -> usize {
         self.shape.iter().product()
     }
 }
 
-/// The parameters of a network in the order of its layers.
 #[derive(Clone, Debug)]
 pub(crate) struct ParameterLayout {
-    /// The parameters.
     pub(crate) parameters: Vec<Parameter>,
     /// The size of its map.
     pub(crate) map: Size,
@@ -42,7 +37,6 @@ pub(crate) struct ParameterLayout {
 
 impl ParameterLayout {
     /// Values to begin with: Glorot's uniform distribution for weights, constants for biases (Glorot, Bengio 2010; what Keras does).
-    #[must_use]
     pub(crate) fn start(&self, seed: u64) -> Vec<Vec<f32>> {
         let mut random = SplitMix64::new(seed);
         let values = |parameter: &Parameter| match parameter.start {
@@ -53,8 +47,6 @@ impl ParameterLayout {
     }
 }
 
-/// The parameters of `network` for images of `size`.
-#[must_use]
 pub(crate) fn layout(network: Network, size: Size) -> ParameterLayout {
     let mut lister = Lister { size, parameters: Vec::new() };
     let map = network.build(&mut lister, &Shape { channels: 3, size });

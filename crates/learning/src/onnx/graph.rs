@@ -15,16 +15,13 @@ pub(crate) const OPSET: i64 = 13;
 /// The version of the file format: that of ONNX 1.9 to 1.12, which every engine of today reads.
 const IR_VERSION: i64 = 8;
 
-/// A value in a graph under construction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tensor(usize);
 
-/// The weights of a convolution: four sides, the last fastest.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Weights<'a> {
     /// Sides; which channels come first depends on the layer.
     pub(crate) dims: [usize; 4],
-    /// As many values as the sides say.
     pub(crate) values: &'a [f32],
 }
 
@@ -46,17 +43,12 @@ pub(crate) struct GraphBuilder {
 }
 
 impl GraphBuilder {
-    /// An empty graph.
-    #[must_use]
     pub(crate) fn new(name: &str) -> Self {
         let (values, inputs, nodes, initializers) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         Self { name: name.to_owned(), values, inputs, nodes, initializers }
     }
 
     /// An input of f32; `dims` are its sides after the batch's, e.g. `[3, 96, 320]`.
-    ///
-    /// # Panics
-    /// If the name is taken.
     pub(crate) fn input(&mut self, name: &str, dims: &[usize]) -> Tensor {
         let input = self.value(name, dims.to_vec());
         self.inputs.push(input);
@@ -64,16 +56,11 @@ impl GraphBuilder {
     }
 
     /// The sides of a value after the batch's.
-    #[must_use]
     pub(crate) fn dims(&self, tensor: Tensor) -> &[usize] {
         &self.values[tensor.0].dims
     }
 
     /// The file: the graph with one output, which is named after its meaning.
-    ///
-    /// # Panics
-    /// If an input is named like the output.
-    #[must_use]
     pub(crate) fn finish(mut self, output: Tensor, metadata: &Metadata<'_>) -> Vec<u8> {
         let (before, after) = (self.name_of(output), metadata.meaning.name().replace('-', "_"));
         let taken = self.values.iter().any(|known| known.name == after && known.name != before);
@@ -83,7 +70,7 @@ impl GraphBuilder {
         mentions.filter(|name| **name == before).for_each(|name| name.clone_from(&after));
         self.values[output.0].name = after;
         let [width, height] = metadata.size;
-        let said = [
+        let metadata = [
             (names::INPUT_SIZE, format!("{width}x{height}")),
             (names::NORMALISATION, NORMALISATION.to_owned()),
             (names::OUTPUT, metadata.meaning.name().to_owned()),
@@ -103,7 +90,7 @@ impl GraphBuilder {
             producer_version: env!("CARGO_PKG_VERSION").to_owned(),
             graph: Some(graph),
             opset_import: vec![OperatorSetIdProto { domain: String::new(), version: OPSET }],
-            metadata_props: said
+            metadata_props: metadata
                 .into_iter()
                 .map(|(key, value)| StringStringEntryProto { key: key.to_owned(), value })
                 .collect(),

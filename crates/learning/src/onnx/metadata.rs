@@ -1,37 +1,40 @@
-//! What a file says of its network.
+//! Metadata of a network's file.
 
-/// What a network's output means, named as `mono/onnx` names it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The meaning of a network's output, a map in [0, 1] that is multiplied by a factor.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Meaning {
-    /// Disparity as a share of the image's width.
-    DisparityShare,
-    /// Depth, metres.
-    Depth,
+    /// Multiplied by `scale`: disparity as a share of the image's width.
+    DisparityShare { scale: f32 },
+    /// Multiplied by `farthest_m`: depth, metres.
+    Depth { farthest_m: f32 },
 }
 
 impl Meaning {
-    /// The name in files and parameters.
-    #[must_use]
+    /// The name in files and in the parameters of `mono/onnx`.
     pub(crate) const fn name(self) -> &'static str {
         match self {
-            Self::DisparityShare => "disparity-share",
-            Self::Depth => "depth",
+            Self::DisparityShare { .. } => "disparity-share",
+            Self::Depth { .. } => "depth",
+        }
+    }
+
+    pub(crate) const fn scale(self) -> f32 {
+        match self {
+            Self::DisparityShare { scale } => scale,
+            Self::Depth { farthest_m } => farthest_m,
         }
     }
 }
 
-/// What a file says of its network.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Metadata<'a> {
     /// Columns and rows of the image it takes, px.
     pub(crate) size: [usize; 2],
-    /// What it gives.
     pub(crate) meaning: Meaning,
     /// The key of the training run that made it.
     pub(crate) training_key: &'a str,
 }
 
-/// Names of a file's metadata.
 pub(crate) mod names {
     /// Columns and rows of the image, e.g. `320x96`.
     pub(crate) const INPUT_SIZE: &str = "depthloom.input_size";

@@ -12,52 +12,26 @@ use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors};
 
 use depthloom_onnx::{TensorProto, data_type};
 
-/// A tensor of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct NamedTensor {
-    /// Its name.
     pub(crate) name: String,
     /// Its sides, the last fastest; none for a scalar.
     pub(crate) dims: Vec<usize>,
-    /// As many values as the sides say.
     pub(crate) values: Vec<f32>,
 }
 
-/// Why a file gives no weights.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum WeightsError {
-    /// The name says nothing of its format.
     #[error("{} is neither a .safetensors nor an .onnx file, going by its name", .0.display())]
     Format(PathBuf),
-    /// It is no `.safetensors` file.
     #[error("{} is damaged, or no .safetensors file", path.display())]
-    SafeTensors {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: SafeTensorError,
-    },
-    /// It is no ONNX file.
+    SafeTensors { path: PathBuf, source: SafeTensorError },
     #[error("{} is damaged, or no ONNX file", path.display())]
-    Onnx {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: prost::DecodeError,
-    },
-    /// One of its tensors cannot be used.
+    Onnx { path: PathBuf, source: prost::DecodeError },
     #[error("tensor `{name}` of {}", path.display())]
-    Tensor {
-        /// The file.
-        path: PathBuf,
-        /// The tensor.
-        name: String,
-        /// Why.
-        source: TensorError,
-    },
+    Tensor { path: PathBuf, name: String, source: TensorError },
 }
 
-/// Why a tensor cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum TensorError {
     /// Another one has its name.
@@ -66,17 +40,13 @@ pub(crate) enum TensorError {
     /// Elements that are neither floats nor integers, or floats of a rare kind.
     #[error("elements of type {0}, where f32, f16, bf16 and f64 are read")]
     ElementType(String),
-    /// Sides that no tensor has.
     #[error("the sides {0:?}")]
     Sides(Vec<i64>),
-    /// Another number of elements than its sides say.
     #[error("{found} elements, where its sides {dims:?} want {wanted}")]
     Count {
         /// How many there are, a part of one included.
         found: usize,
-        /// How many there should be.
         wanted: usize,
-        /// Its sides.
         dims: Vec<usize>,
     },
     /// The elements are not in this file.
@@ -86,9 +56,6 @@ pub(crate) enum TensorError {
 
 /// The tensors of a `.safetensors` file, in the order of their bytes, or the constants of an `.onnx` file, in the file's order; `path` tells
 /// the format.
-///
-/// # Errors
-/// If the file is named otherwise, is damaged, or holds tensors that cannot be used.
 pub(crate) fn decode_weights(path: &Path, bytes: &[u8]) -> Result<Vec<NamedTensor>, WeightsError> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     if extension == "safetensors" {
@@ -202,7 +169,6 @@ fn of_proto(tensor: TensorProto) -> Result<Option<NamedTensor>, TensorError> {
 /// `TensorProto.DataType`: 8, 16, 32 and 64 bits with and without sign, and bool.
 const IS_INTEGER: [i32; 9] = [2, 3, 4, 5, 6, data_type::INT64, 9, 12, 13];
 
-/// All whole elements of `N` bytes.
 fn numbers<const N: usize>(bytes: &[u8], number: impl Fn([u8; N]) -> f32) -> Vec<f32> {
     bytes.as_chunks::<N>().0.iter().map(|&bytes| number(bytes)).collect()
 }

@@ -23,7 +23,6 @@ pub(super) fn nchw(tensor: &FlexTensor) -> [usize; 4] {
     [shape[0], shape[1], shape[2], shape[3]]
 }
 
-/// The tensor with its samples in order.
 pub(super) fn in_order(tensor: FlexTensor) -> FlexTensor {
     assert_eq!(tensor.dtype(), DType::F32, "networks learn in f32");
     if tensor.as_slice::<f32>().is_some() { tensor } else { tensor.to_contiguous() }
@@ -45,7 +44,6 @@ fn with_scratch<T>(f: impl FnOnce(&mut ConvolutionScratch) -> T) -> T {
     SCRATCH.with_borrow_mut(f)
 }
 
-/// Every image through `f(image, out, scratch)`.
 pub(super) fn forward(
     x: &FlexTensor,
     out_shape: [usize; 4],
@@ -61,7 +59,7 @@ pub(super) fn forward(
     tensor(out, out_shape)
 }
 
-/// Which gradients somebody waits for.
+/// Which gradients are needed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
     pub(crate) x: bool,

@@ -32,51 +32,27 @@ pub(super) const LARGEST_SIDE: u32 = 1 << 14;
 /// Bytes before the first sample.
 pub(super) const HEADER_LEN: usize = 32;
 
-/// Why bytes are no samples.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum DecodeError {
     /// The bytes begin otherwise.
     #[error("the bytes are no training samples: they do not begin with `DLSAMPLE`")]
     Magic,
-    /// Written by another version.
     #[error("training samples of version {0}, where version {VERSION} is read: collect them again")]
     Version(u32),
-    /// A flag that version 1 does not have.
     #[error("training samples with the unknown flags {0:#x}")]
     Flags(u32),
-    /// An image without pixels, or a huge one.
     #[error("training samples of {width}x{height} px: sides are 1 to {LARGEST_SIDE}")]
-    Size {
-        /// Columns, px.
-        width: u32,
-        /// Rows, px.
-        height: u32,
-    },
-    /// The bytes end before what the header announces.
+    Size { width: u32, height: u32 },
     #[error("training samples are cut off in sample {sample} of {count}")]
-    CutOff {
-        /// The sample, counted from 0.
-        sample: u64,
-        /// How many there should be.
-        count: u64,
-    },
-    /// There are bytes after the last sample.
+    CutOff { sample: u64, count: u64 },
     #[error("{0} bytes follow the last training sample")]
     Trailing(usize),
-    /// The frame's id is no UTF-8.
     #[error("the id of training sample {0} is no UTF-8")]
     Id(u64),
-    /// A depth scale or a target that no camera gives.
     #[error("training sample {sample} has {what} that is not above 0")]
-    Value {
-        /// The sample, counted from 0.
-        sample: u64,
-        /// What is wrong.
-        what: &'static str,
-    },
+    Value { sample: u64, what: &'static str },
 }
 
-/// What all samples of a set share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Form {
     pub(super) width: u32,
@@ -108,9 +84,6 @@ impl Form {
     }
 
     /// Appends a sample.
-    ///
-    /// # Panics
-    /// If an image or the target is not of this form, or the id is longer than 4 GiB.
     pub(super) fn append(self, sample: &Sample, out: &mut Vec<u8>) {
         let pixels = self.pixels();
         assert_eq!(sample.image.len(), 3 * pixels, "the image has the samples' size");

@@ -37,7 +37,6 @@ impl Default for SamplesParams {
     }
 }
 
-/// The kind `learn/samples`.
 pub(crate) struct CollectSamples {
     size: [u32; 2],
     rule: Rule,
@@ -96,7 +95,6 @@ the frames and on `size`, `least_disparity` and `coverage` alone.",
 }
 
 impl CollectSamples {
-    /// The kind's name in YAML.
     pub(crate) const KIND: &str = "learn/samples";
 
     fn new(params: &SamplesParams) -> Self {

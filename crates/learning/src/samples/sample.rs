@@ -2,7 +2,7 @@
 
 use half::f16;
 
-/// A frame as a network is taught it.
+/// A frame as a training sample.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sample {
     /// The frame's own name, e.g. `000150_10`; frames of joined sources may share one.

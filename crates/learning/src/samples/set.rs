@@ -11,22 +11,15 @@ use super::view::{SampleView, SamplesView};
 /// Equality is that of the encoded bytes, so that pixels without target (NaN) are equal to each other.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Samples {
-    /// Columns of the network's image, px.
     pub(crate) width: u32,
-    /// Rows of the network's image, px.
     pub(crate) height: u32,
     /// Whether every sample has a right image; without, none has.
     pub(crate) has_right: bool,
-    /// The samples in the order of their frames.
     pub(crate) items: Vec<Sample>,
 }
 
 impl Samples {
     /// The samples as bytes; equal samples give equal bytes.
-    ///
-    /// # Panics
-    /// If a sample is not of the set's size, or only some have a right image.
-    #[must_use]
     pub(crate) fn encode(&self) -> Vec<u8> {
         let form = Form { width: self.width, height: self.height, has_right: self.has_right };
         let mut out = form.header(self.items.len() as u64).to_vec();
@@ -37,9 +30,6 @@ impl Samples {
     }
 
     /// Reads what [`Samples::encode`] wrote.
-    ///
-    /// # Errors
-    /// As [`SamplesView::read`].
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
         let SamplesView { form, items } = SamplesView::read(bytes)?;
         let items = items.into_iter().map(SampleView::to_sample).collect();

@@ -33,7 +33,6 @@ impl Spool {
         Ok(())
     }
 
-    /// All bytes, after `head`; the spool stays as it is.
     pub(super) fn bytes(&mut self, head: &[u8]) -> io::Result<Arc<[u8]>> {
         // Allocated once at its size: the bytes of a large set would not fit into memory twice.
         let length = head.len() + self.written + self.memory.len();

@@ -4,10 +4,10 @@ use depthloom_graphs::values::{Disparity, Mask};
 use depthloom_kernels::resize::shrink_f32;
 use half::f16;
 
-/// Which pixels are taught, and how much of a cell they must cover.
+/// Which pixels are targets, and how much of a cell they must cover.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rule {
-    /// Disparities above this are taught, px.
+    /// Disparities above this are targets, px.
     pub(super) least_disparity_px: f64,
     /// Cells covered by less than this share are left out.
     pub(super) coverage: f64,

@@ -1,26 +1,22 @@
-//! Samples read where they lie: training holds no second copy of what it is given.
+//! Samples read from the encoded bytes, without a second copy.
 
 use half::f16;
 
 use super::format::{DecodeError, FLAG_RIGHT, Form, HEADER_LEN, LARGEST_SIDE, MAGIC, VERSION};
 
-/// Encoded samples, checked and indexed.
 #[derive(Clone, Debug)]
 pub(crate) struct SamplesView<'a> {
     pub(super) form: Form,
-    /// The samples in the order of their frames.
     pub(crate) items: Vec<SampleView<'a>>,
 }
 
-/// A frame as a network is taught it, among the encoded bytes.
+/// A training sample in the encoded bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SampleView<'a> {
-    /// The frame's own name.
     #[cfg_attr(not(test), expect(dead_code, reason = "reading checks it; only tests look at it again"))]
     pub(crate) id: &'a str,
     /// The left image, 3 x height x width.
     pub(crate) image: &'a [u8],
-    /// The right image, likewise.
     pub(crate) right: Option<&'a [u8]>,
     /// `f * B / width`, metres; `None` without calibration.
     pub(crate) depth_scale: Option<f64>,
@@ -29,16 +25,11 @@ pub(crate) struct SampleView<'a> {
 
 impl SampleView<'_> {
     /// The target of a pixel: disparity as a share of the image's width; NaN = no target.
-    ///
-    /// # Panics
-    /// If there is no such pixel.
     #[inline]
-    #[must_use]
     pub(crate) fn share(&self, pixel: usize) -> f16 {
         f16::from_le_bytes(self.share[pixel])
     }
 
-    /// The targets of all pixels.
     pub(crate) fn shares(&self) -> impl Iterator<Item = f16> {
         self.share.iter().map(|bytes| f16::from_le_bytes(*bytes))
     }
@@ -46,9 +37,6 @@ impl SampleView<'_> {
 
 impl<'a> SamplesView<'a> {
     /// Reads what `learn/samples` gave, without a copy.
-    ///
-    /// # Errors
-    /// If the bytes are of something else, of another version, or damaged.
     pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let (form, count, mut rest) = header(bytes)?;
         // Damaged counts announce more than the bytes can hold: no memory is taken before it is looked at.
@@ -65,38 +53,28 @@ impl<'a> SamplesView<'a> {
         Ok(Self { form, items })
     }
 
-    /// Columns of the network's image, px.
-    #[must_use]
     pub(crate) const fn width(&self) -> usize {
         self.form.width as usize
     }
 
-    /// Rows of the network's image, px.
-    #[must_use]
     pub(crate) const fn height(&self) -> usize {
         self.form.height as usize
     }
 
     /// Whether every sample has a right image; without, none has.
-    #[must_use]
     pub(crate) const fn has_right(&self) -> bool {
         self.form.has_right
     }
 
-    /// How many samples there are.
-    #[must_use]
     pub(crate) const fn len(&self) -> usize {
         self.items.len()
     }
 
-    /// Whether any sample has a target.
-    #[must_use]
     pub(crate) fn has_target(&self) -> bool {
         self.items.iter().any(|sample| sample.shares().any(|share| !share.is_nan()))
     }
 
-    /// Whether every sample can be taught as depth in metres.
-    #[must_use]
+    /// Whether every sample has a depth in metres.
     pub(crate) fn has_depth_scale(&self) -> bool {
         self.items.iter().all(|sample| sample.depth_scale.is_some())
     }

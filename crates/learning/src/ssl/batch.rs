@@ -8,11 +8,10 @@ use super::params::SslParams;
 /// Images and targets of one step.
 #[derive(Debug, Default)]
 pub(super) struct Batch {
-    /// Number of samples.
     pub(crate) count: usize,
     /// Batch x 3 x height x width, in [0, 1].
     pub(crate) images: Vec<f32>,
-    /// The right views, likewise; empty where nobody asks for them.
+    /// The right views, likewise; empty where they are not used.
     pub(crate) rights: Vec<f32>,
     /// Batch x height x width: disparity as a share of the width, NaN where there is none.
     pub(crate) shares: Vec<f32>,
@@ -27,7 +26,7 @@ fn of_step(seed: u64, step: u64) -> SplitMix64 {
     SplitMix64::part(seed ^ 0x0062_6174_6368, step)
 }
 
-/// The samples of step `step`, by index: a function of seed and step alone, so that a resumed training goes on with the same.
+/// The samples of step `step`, by index: a function of seed and step alone, so that a resumed training continues with the same.
 pub(super) fn drawn(params: &SslParams, samples: usize, step: u64) -> Vec<usize> {
     let batch = params.batch as usize;
     let mut random = of_step(params.seed, step);
@@ -104,7 +103,6 @@ impl Batch {
     }
 }
 
-/// How one sample is changed.
 struct Change {
     mirrored: bool,
     /// Share of the image's sides that the window shows.

@@ -1,4 +1,4 @@
-//! What a training that was stopped or killed is taken up from.
+//! Checkpoints, from which a training that was stopped or killed resumes.
 //!
 //! A `.safetensors` file, parameters, Adam's moments and the best parameters as tensors and the rest as JSON in its metadata; after it
 //! the first 16 bytes of its BLAKE3 hash, so that a file which is not as it was written is seen. It is written beside its place,
@@ -16,20 +16,17 @@ use serde::{Deserialize, Serialize};
 use super::train::{Best, State};
 use crate::networks::ParameterLayout;
 
-/// Raised whenever files of before no longer fit.
+/// Raised whenever older files can no longer be read.
 const VERSION: u32 = 2;
-/// The largest that is read, bytes.
 const LARGEST: u64 = 1 << 40;
-/// Length of the hash at the end, bytes.
 const HASH_LEN: usize = 16;
 
-/// Where a training's checkpoint lies.
 #[derive(Debug)]
 pub(super) struct Checkpoint {
     path: PathBuf,
 }
 
-/// What is no tensor. Floats are told by their bits: a resumed training has the very same.
+/// The state except tensors. Floats are stored as their bits, so that a resumed training has the same numbers.
 #[derive(Serialize, Deserialize)]
 struct Progress {
     version: u32,
@@ -39,13 +36,10 @@ struct Progress {
     best: Option<(u64, u64)>,
 }
 
-/// Why a checkpoint there is cannot be gone on from.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Unusable {
-    /// The system refused.
     #[error("the checkpoint {0} cannot be read: {1}")]
     Unreadable(PathBuf, io::Error),
-    /// It is not what was written.
     #[error("the checkpoint {0} is damaged")]
     Damaged(PathBuf),
     /// It is whole, and of another program or training.
@@ -54,7 +48,6 @@ pub(super) enum Unusable {
 }
 
 impl Checkpoint {
-    /// The checkpoint in a file, of one training alone.
     pub(super) const fn at(path: PathBuf) -> Self {
         Self { path }
     }
@@ -74,7 +67,6 @@ impl Checkpoint {
         }
     }
 
-    /// Writes a state in place of the one before.
     pub(super) fn save(&self, layout: &ParameterLayout, state: &State) -> Result<(), Fault> {
         let failed = |error: &dyn std::fmt::Display| {
             Fault::new(format!("failed to write the checkpoint {}: {error}", self.path.display()))
@@ -145,8 +137,8 @@ fn decoded(bytes: &[u8], layout: &ParameterLayout) -> Option<State> {
         if parameter.frozen {
             return Some(Default::default());
         }
-        let of = |what| read(what, &parameter.name, parameter.len());
-        Some([of("first")?, of("second")?])
+        let moment = |what| read(what, &parameter.name, parameter.len());
+        Some([moment("first")?, moment("second")?])
     });
     let point = |(step, loss, validation, rate): (u64, u64, Option<u64>, u64)| CurvePoint {
         step,

@@ -1,4 +1,4 @@
-//! Whether samples are what a training needs: seen before any frame where the wiring tells it, and again on the samples themselves.
+//! Checks that samples fit a training: before any frame as far as the wiring shows it, and again on the samples.
 
 use std::io::Read;
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::samples::{CollectSamples, SamplesParams, SamplesView, size_and_right}
 pub(super) struct Form {
     pub(crate) size: Size,
     pub(crate) has_right: bool,
-    /// Whether depth in metres can be told.
+    /// Whether depth in metres is known.
     pub(crate) has_depth: bool,
 }
 
@@ -26,7 +26,7 @@ impl Form {
         Self { size, has_right: samples.has_right(), has_depth: samples.has_depth_scale() }
     }
 
-    /// Of samples yet to come, as far as what gives them tells it.
+    /// Of samples that do not exist yet, as far as their origin shows it.
     fn to_come(origin: &InputOrigin<'_>) -> Option<Self> {
         match origin {
             InputOrigin::Node(node) => {
@@ -40,8 +40,8 @@ impl Form {
         }
     }
 
-    /// What the first bytes of a file say; what is no file of samples is spoken of when it is read. Whether each has a calibration they
-    /// do not say.
+    /// By the first bytes of a file, which do not show whether each sample has a calibration. A file of something else is
+    /// reported when it is read.
     fn of_file(path: &Path) -> Option<Self> {
         let mut head = Vec::new();
         std::fs::File::open(path).ok()?.take(64).read_to_end(&mut head).ok()?;

@@ -25,7 +25,6 @@ const VERSION: u32 = 2;
 /// What computes gradients and steps, with its version.
 const LIBRARY: &str = "burn 0.22.1";
 
-/// The kind `learn/ssl`.
 pub(crate) struct Ssl {
     params: SslParams,
     weights: Option<Vec<NamedTensor>>,
@@ -210,7 +209,7 @@ fn arithmetic(network: Network) -> &'static str {
     }
 }
 
-/// Processor time of the pool's threads since they began, nanoseconds.
+/// CPU time of the pool's threads since they began, nanoseconds.
 fn spent_ns(pool: &ThreadPool) -> u64 {
     let of_thread = |_: rayon::BroadcastContext<'_>| {
         let time = clock_gettime(ClockId::ThreadCPUTime);
@@ -225,7 +224,7 @@ fn diverged() -> Fault {
 }
 
 /// The threads of one training. More than the batch has images would find nothing to do. Trainings at once have threads of their own,
-/// so that each one's processor time is known; the cores they share.
+/// so that each one's CPU time is known; the cores they share.
 fn pool(width: usize, batch: u32) -> Result<ThreadPool, Fault> {
     let named = |index: usize| format!("depthloom-learning-{index}");
     let threads = width.min(batch as usize).max(1);

@@ -12,12 +12,9 @@ const STRUCTURE: f32 = 0.85;
 const C1: f32 = 1e-4;
 const C2: f32 = 9e-4;
 
-/// The loss of a batch.
 pub(super) struct Photometric {
     pub(crate) meaning: Meaning,
-    /// The size of the network's map.
     pub(crate) map: Size,
-    /// The size of its images.
     pub(crate) image: Size,
 }
 

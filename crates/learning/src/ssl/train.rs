@@ -11,7 +11,7 @@ use super::photometric::Photometric;
 use crate::networks::{ParameterLayout, Size, forward};
 use crate::samples::SamplesView;
 
-/// Everything that goes on from step to step: what a checkpoint holds.
+/// The state that a checkpoint holds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct State {
     /// Steps done.
@@ -28,7 +28,6 @@ pub(super) struct State {
     pub(crate) best: Option<Best>,
 }
 
-/// The best parameters so far.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Best {
     pub(crate) step: u64,
@@ -36,7 +35,6 @@ pub(super) struct Best {
     pub(crate) values: Vec<Vec<f32>>,
 }
 
-/// A training under way.
 pub(super) struct Training<'a> {
     params: &'a SslParams,
     layout: &'a ParameterLayout,
@@ -53,7 +51,6 @@ pub(super) struct Training<'a> {
 }
 
 impl<'a> Training<'a> {
-    /// Takes up a training where `state` is.
     pub(super) fn resume(
         params: &'a SslParams,
         layout: &'a ParameterLayout,
@@ -79,12 +76,10 @@ impl<'a> Training<'a> {
         Self { params, layout, samples, validation, device, adam, values, moments, state, has_diverged: false }
     }
 
-    /// Steps done.
     pub(super) const fn step(&self) -> u64 {
         self.state.step
     }
 
-    /// The points of the curve so far.
     pub(super) fn points(&self) -> &[CurvePoint] {
         &self.state.points
     }
@@ -96,12 +91,10 @@ impl<'a> Training<'a> {
         if count > 0 { Some(sum / count as f64) } else { of_points() }
     }
 
-    /// Whether the errors are no longer numbers.
     pub(super) const fn has_diverged(&self) -> bool {
         self.has_diverged
     }
 
-    /// Whether there is nothing left to do.
     pub(super) fn is_over(&self) -> bool {
         self.state.step >= self.params.steps || self.is_out_of_patience()
     }
@@ -185,9 +178,9 @@ impl<'a> Training<'a> {
         let mut slopes = vec![0.0; map.len()];
         let (mut sum, mut count) = (0.0, 0);
         for i in 0..batch.count {
-            let of = i * area..(i + 1) * area;
+            let range = i * area..(i + 1) * area;
             let (more, of_them) =
-                error.add(&map[of.clone()], &shares[of.clone()], batch.depth_scales[i], &mut slopes[of]);
+                error.add(&map[range.clone()], &shares[range.clone()], batch.depth_scales[i], &mut slopes[range]);
             sum += more;
             count += of_them;
         }
@@ -216,8 +209,8 @@ impl<'a> Training<'a> {
             let (map, shares) = (host(&map), at_map(&batch.shares, size, self.layout.map));
             let area = map.len() / batch.count;
             for (i, &k) in batch.depth_scales.iter().enumerate() {
-                let of = i * area..(i + 1) * area;
-                let (more, of_them) = error.add(&map[of.clone()], &shares[of], k, &mut vec![0.0; area]);
+                let range = i * area..(i + 1) * area;
+                let (more, of_them) = error.add(&map[range.clone()], &shares[range], k, &mut vec![0.0; area]);
                 sum += more;
                 count += of_them;
             }
@@ -229,7 +222,6 @@ impl<'a> Training<'a> {
         self.values.iter().map(host).collect()
     }
 
-    /// What a checkpoint holds.
     pub(super) fn state(&self) -> State {
         let moments = self.moments.iter().map(|state| {
             state
@@ -245,7 +237,6 @@ impl<'a> Training<'a> {
     }
 }
 
-/// Where networks learn.
 fn device() -> Device {
     #[cfg(feature = "gpu")]
     return Device::wgpu(burn::tensor::DeviceKind::default());
@@ -258,7 +249,6 @@ fn images(size: Size, values: &[f32], count: usize, device: &Device) -> Tensor<4
     Tensor::from_data(TensorData::new(values.to_vec(), shape), device)
 }
 
-/// A tensor's values in memory.
 fn host<const D: usize>(tensor: &Tensor<D>) -> Vec<f32> {
     tensor.to_data().try_into_vec().expect("networks learn in f32")
 }

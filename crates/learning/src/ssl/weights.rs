@@ -7,7 +7,6 @@ use depthloom_graphs::Fault;
 use crate::networks::ParameterLayout;
 use crate::onnx::weights::{NamedTensor, decode_weights};
 
-/// The tensors of a `.safetensors` or ONNX file.
 pub(super) fn read(path: &Path) -> Result<Vec<NamedTensor>, Fault> {
     let bytes = std::fs::read(path).map_err(|error| {
         Fault::new(format!("failed to read the weights {}", path.display()))

@@ -5,17 +5,15 @@ use burn::tensor::{Device, Tensor, TensorData, activation, module};
 use depthloom_random::SplitMix64;
 
 use crate::networks::{Meaning, Network, Size, export, forward, layout};
-use crate::onnx::{self, GraphBuilder, Metadata, Weights};
+use crate::onnx::{GraphBuilder, Metadata, Weights};
 
 const BATCH: usize = 2;
 
-/// Numbers with sides.
 pub(crate) struct Numbers {
     pub(crate) shape: Vec<usize>,
     pub(crate) values: Vec<f32>,
 }
 
-/// A network and what it makes of an input.
 pub(crate) struct Case {
     pub(crate) name: &'static str,
     pub(crate) file: Vec<u8>,
@@ -27,7 +25,6 @@ pub(crate) struct Case {
     pub(crate) range: f32,
 }
 
-/// The four networks, and a graph of every operator.
 pub(crate) fn cases() -> Vec<Case> {
     let small = Size { width: 64, height: 32 };
     vec![
@@ -98,7 +95,8 @@ fn every_operator() -> Case {
     let units = graph.linear("last", units, &last, &last_bias);
     let map = graph.reshape(units, &[1, 2, 3]);
     let map = graph.scale(map, 0.5);
-    let metadata = Metadata { size: [size.width, size.height], meaning: onnx::Meaning::Depth, training_key: "none" };
+    let metadata =
+        Metadata { size: [size.width, size.height], meaning: Meaning::Depth { farthest_m: 0.5 }, training_key: "none" };
     let file = graph.finish(map, &metadata);
 
     let x = tensor(&input.values, [BATCH, 3, size.height, size.width]);

@@ -82,26 +82,21 @@ fn reset(search: &Search, slot: &mut [i16]) {
     slot[search.disparities + DELTA] = search.p2;
 }
 
-/// Part of a row through which path costs are aggregated.
 pub(super) struct Aggregate<'a> {
     pub search: &'a Search,
     /// The directions: one, or three.
     pub slots: &'a [Slots<'a>],
     /// The row's number in the order in which rows are visited.
     pub i: usize,
-    /// Columns.
     pub columns: std::ops::Range<usize>,
-    /// Block costs of these columns.
     pub cost: *mut i16,
     pub source: Source,
-    /// Where the sums with these directions go.
     pub sum: *mut i16,
 }
 
 /// What is there before the paths come; all pointers are to the first column's values.
 #[derive(Clone, Copy)]
 pub(super) enum Source {
-    /// Block costs.
     Costs,
     /// Block costs, and sums of earlier directions.
     Sums(*const i16),
@@ -109,7 +104,6 @@ pub(super) enum Source {
     Slide([*const i16; 3]),
 }
 
-/// [`Source`] known to the compiler.
 const COSTS: u8 = 0;
 const SUMS: u8 = 1;
 const SLIDE: u8 = 2;

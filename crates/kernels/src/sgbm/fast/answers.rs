@@ -12,7 +12,6 @@ const INDICES: i32 = 4095;
 /// Columns before the first and after the last that a rounded disparity may name.
 const MARGIN: usize = 2;
 
-/// What was found in one row, column by column.
 #[derive(Debug, Default)]
 pub(super) struct Answers {
     /// Best candidate of each searched column, or `NONE`.
@@ -141,7 +140,7 @@ impl Answers {
         let Search { min_disparity, disp12_max_diff, .. } = *search;
         // More than any two 16-bit numbers differ.
         let reach = disp12_max_diff.min(1 << 20);
-        // A partner that nobody chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a minimum
+        // A partner that no pixel chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a minimum
         // disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.
         let nobody = i32::from(search.invalid);
         let around = |seen: i32| [(seen - reach).max(-0x8000) as i16, (seen + reach).min(0x7fff) as i16];

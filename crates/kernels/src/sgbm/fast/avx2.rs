@@ -11,7 +11,6 @@ use std::arch::x86_64::{
 
 use super::lanes::Lanes;
 
-/// AVX2, in functions compiled for it.
 #[derive(Clone, Copy)]
 pub(super) struct Avx2;
 

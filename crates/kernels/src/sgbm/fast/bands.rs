@@ -37,7 +37,6 @@ const PAIR: usize = 2;
 /// Columns in a tile, at least twice the rows of a band.
 const TILE: usize = 2 * BAND;
 
-/// Memory of one piece of work on a row.
 #[derive(Debug, Default)]
 struct RowScratch {
     left: Planes,
@@ -47,7 +46,6 @@ struct RowScratch {
     answers: Answers,
 }
 
-/// Memory that is kept from frame to frame.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     sums: Costs,
@@ -79,7 +77,6 @@ struct Frame<'a> {
     out: Shared<'a, i16>,
 }
 
-/// One sweep over a stripe's rows.
 struct Sweep<'a> {
     upwards: bool,
     /// Whether this sweep completes the sums.
@@ -148,7 +145,6 @@ pub(super) fn compute<'a>(
 }
 
 impl<'a> Frame<'a> {
-    /// Rows of the stripe.
     fn height(&self) -> usize {
         self.stripe.end - self.stripe.start
     }
@@ -367,7 +363,6 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// The directions along some rows of the sweep, and their decision.
     fn decide(&self, sweep: &Sweep<'_>, rows: Range<usize>) {
         let kept = &self.stripe.kept;
         let len = self.search.row_len();

@@ -4,16 +4,13 @@ use super::lanes::{Lanes, WIDEST};
 use crate::sgbm::prefilter::Plane;
 use crate::sgbm::search::Search;
 
-/// One row to be summed.
 pub(super) struct CostRow<'a> {
     pub search: &'a Search,
-    /// Planes of the left row.
     pub left: &'a [Plane],
     /// Planes of the right row, reversed.
     pub right: &'a [Plane],
     /// Memory for the pixel costs, `pixel_len` long.
     pub pixel: &'a mut [i16],
-    /// The sums: `row_len` values.
     pub sums: &'a mut [i16],
 }
 
@@ -22,7 +19,6 @@ pub(super) fn pixel_len(search: &Search) -> usize {
     search.row_len() + WIDEST
 }
 
-/// The largest pixel cost.
 pub(super) fn largest_pixel_cost(search: &Search) -> usize {
     let sobel = if search.clip <= 127 { 2 * search.clip as usize } else { 255 };
     search.channels * (sobel + 255 / 4)
@@ -224,9 +220,7 @@ unsafe fn dissimilarity<L: Lanes>(left: &[*const u8; 3], right: &[*const u8; 3],
 
 /// Block costs of a part of a row.
 pub(super) struct Slide<'a> {
-    /// The costs to be made.
     pub cost: &'a mut [i16],
-    /// Those of the row before.
     pub before: &'a [i16],
     /// Row sums that enter the block.
     pub enters: &'a [i16],
@@ -234,7 +228,6 @@ pub(super) struct Slide<'a> {
     pub leaves: &'a [i16],
 }
 
-/// Makes block costs.
 #[inline(always)]
 pub(super) fn slide(part: &mut Slide<'_>) {
     let changes = part.enters.iter().zip(part.leaves);

@@ -7,17 +7,14 @@ use crate::sgbm::Mode;
 use crate::sgbm::choice::Choice;
 use crate::sgbm::search::Search;
 
-/// One row to be decided.
 pub(super) struct Decide<'a> {
     pub search: &'a Search,
-    /// Block costs.
     pub cost: &'a [i16],
     /// Sums of the other directions; left with the sums up to the direction to the right.
     pub sum: &'a mut [i16],
     /// Memory for one column's sums: `total_len` values.
     pub total: &'a mut [i16],
     pub answers: &'a mut Answers,
-    /// The row's disparities.
     pub out: &'a mut [i16],
 }
 
@@ -91,7 +88,6 @@ unsafe fn decide_one<L: Lanes, P: AsMut<[L::V]>>(row: &mut Decide<'_>, path: P) 
     row.answers.finish(row.search, row.out);
 }
 
-/// What is the same for all pixels.
 #[derive(Clone, Copy)]
 struct Fixed<'a, L: Lanes> {
     search: &'a Search,
@@ -107,11 +103,8 @@ impl<'a, L: Lanes> Fixed<'a, L> {
     }
 }
 
-/// A path along a row.
 struct Along<L: Lanes, P> {
-    /// Costs of the pixel before.
     path: P,
-    /// Their minimum.
     smallest: L::V,
     cost: *const i16,
     sum: *mut i16,

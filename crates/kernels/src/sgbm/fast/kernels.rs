@@ -7,7 +7,7 @@ use super::aggregate::{self, Aggregate};
 use super::costs::{self, CostRow, Slide};
 use super::decide::{self, Decide};
 use super::lanes::{Lanes, Portable};
-use crate::sgbm::median;
+use crate::median::integer::median3_row;
 use crate::sgbm::prefilter::Planes;
 use crate::sgbm::search::Search;
 use crate::sgbm::view::View;
@@ -32,7 +32,7 @@ pub(super) struct Kernels {
 macro_rules! compiled {
     ($name:ident, $lanes:ty $(, $feature:literal)?) => {
         pub(super) mod $name {
-            use super::{CostRow, Decide, Kernels, Lanes, Aggregate, Planes, Search, Slide, View, costs, decide, aggregate, median};
+            use super::{CostRow, Decide, Kernels, Lanes, Aggregate, Planes, Search, Slide, View, costs, decide, aggregate, median3_row};
 
             $(#[target_feature(enable = $feature)])?
             unsafe fn planes(planes: &mut Planes, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
@@ -64,7 +64,7 @@ macro_rules! compiled {
 
             $(#[target_feature(enable = $feature)])?
             unsafe fn median(rows: [&[i16]; 3], out: &mut [i16]) {
-                median::median3_row(rows, out);
+                median3_row(rows, out);
             }
 
             fn table<const N: usize>() -> Kernels {
@@ -72,7 +72,6 @@ macro_rules! compiled {
                 Kernels { padding, planes, cost_row: cost_row::<N>, slide, aggregate: aggregate::<N>, decide: decide::<N>, median }
             }
 
-            /// The kernels for `disparities`.
             pub(crate) fn kernels(disparities: usize) -> Kernels {
                 match disparities / <$lanes>::LANES {
                     2 => table::<2>(),

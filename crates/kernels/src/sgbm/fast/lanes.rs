@@ -36,7 +36,6 @@ pub(super) trait Lanes: Copy + 'static {
     /// # Safety
     /// `LANES` of them can be written from `to` on.
     unsafe fn store(to: *mut i16, v: Self::V);
-    /// All lanes `v`.
     fn splat(v: i16) -> Self::V;
     /// Wrapping sum.
     fn add(a: Self::V, b: Self::V) -> Self::V;
@@ -44,7 +43,6 @@ pub(super) trait Lanes: Copy + 'static {
     fn sub(a: Self::V, b: Self::V) -> Self::V;
     /// Saturating sum.
     fn add_saturating(a: Self::V, b: Self::V) -> Self::V;
-    /// Smaller lane.
     fn min(a: Self::V, b: Self::V) -> Self::V;
     /// Each lane's predecessor in `(before, v)`.
     fn below(before: Self::V, v: Self::V) -> Self::V;
@@ -52,7 +50,6 @@ pub(super) trait Lanes: Copy + 'static {
     fn above(v: Self::V, after: Self::V) -> Self::V;
     /// The smallest lane, in all lanes. No lane may be negative.
     fn minimum(v: Self::V) -> Self::V;
-    /// Lane 0.
     fn first(v: Self::V) -> i16;
     /// Bit `i`: whether the `i`-th of 32 values equals the lanes of `v`, which are all the same.
     ///
@@ -80,15 +77,12 @@ pub(super) trait Lanes: Copy + 'static {
     /// # Safety
     /// `BYTES` bytes can be written from `to` on.
     unsafe fn store_bytes(to: *mut u8, b: Self::B);
-    /// All bytes `b`.
     fn splat_bytes(b: u8) -> Self::B;
     /// Wrapping sum.
     fn add_bytes(a: Self::B, b: Self::B) -> Self::B;
     /// Difference, not below 0.
     fn sub_bytes(a: Self::B, b: Self::B) -> Self::B;
-    /// Smaller byte.
     fn min_bytes(a: Self::B, b: Self::B) -> Self::B;
-    /// Larger byte.
     fn max_bytes(a: Self::B, b: Self::B) -> Self::B;
     /// A quarter, rounded down.
     fn quarter_bytes(a: Self::B) -> Self::B;

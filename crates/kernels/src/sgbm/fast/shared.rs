@@ -41,7 +41,6 @@ impl Costs {
     }
 }
 
-/// A borrowed buffer whose disjoint parts several threads write.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shared<'a, T> {
     start: *mut T,

@@ -5,9 +5,6 @@ use depthloom_onnx::{AttributeProto, attribute_type};
 
 impl GraphBuilder {
     /// A convolution (as neural networks mean it: correlation); weights `[out, in, rows, columns]`, zeros around the image.
-    ///
-    /// # Panics
-    /// If weights, bias or image do not fit each other.
     pub(crate) fn conv2d(
         &mut self,
         name: &str,
@@ -29,9 +26,6 @@ impl GraphBuilder {
     }
 
     /// A transposed convolution; weights `[in, out, rows, columns]`; a side becomes `stride * (side - 1) + kernel - 2 * padding`.
-    ///
-    /// # Panics
-    /// If weights, bias or image do not fit each other.
     pub(crate) fn conv_transpose2d(
         &mut self,
         name: &str,
@@ -51,9 +45,6 @@ impl GraphBuilder {
     }
 
     /// A dense layer, `y = W x + b`, of all that a sample has; `weights` are `outputs x inputs`, the inputs fastest.
-    ///
-    /// # Panics
-    /// If weights, bias and input do not fit each other.
     pub(crate) fn linear(&mut self, name: &str, input: Tensor, weights: &[f32], bias: &[f32]) -> Tensor {
         let inputs: usize = self.dims(input).iter().product();
         let flat = if self.dims(input).len() == 1 {
@@ -68,12 +59,10 @@ impl GraphBuilder {
         self.node(name, "Gemm", inputs, vec![int("transB", 1)], vec![bias.len()])
     }
 
-    /// `max(x, 0)`.
     pub(crate) fn relu(&mut self, input: Tensor) -> Tensor {
         self.unnamed("Relu", &[input], Vec::new(), self.dims(input).to_vec())
     }
 
-    /// `1 / (1 + exp(-x))`.
     pub(crate) fn sigmoid(&mut self, input: Tensor) -> Tensor {
         self.unnamed("Sigmoid", &[input], Vec::new(), self.dims(input).to_vec())
     }
@@ -84,9 +73,6 @@ impl GraphBuilder {
     }
 
     /// The largest value of each window of `size x size`; the surroundings do not count.
-    ///
-    /// # Panics
-    /// If the padding is not smaller than the window, or the image than it.
     pub(crate) fn max_pool(&mut self, input: Tensor, size: usize, stride: usize, padding: usize) -> Tensor {
         assert!(padding < size, "every window holds a pixel");
         let [channels, height, width] = self.map_dims(input);
@@ -101,9 +87,6 @@ impl GraphBuilder {
     }
 
     /// The channels of all inputs, in order.
-    ///
-    /// # Panics
-    /// If there are none, or their images differ in size.
     pub(crate) fn concat(&mut self, inputs: &[Tensor]) -> Tensor {
         let dims: Vec<[usize; 3]> = inputs.iter().map(|&input| self.map_dims(input)).collect();
         let [_, height, width] = *dims.first().expect("something to concatenate");
@@ -113,9 +96,6 @@ impl GraphBuilder {
     }
 
     /// The same values with other sides after the batch's.
-    ///
-    /// # Panics
-    /// If that changes their number.
     pub(crate) fn reshape(&mut self, input: Tensor, dims: &[usize]) -> Tensor {
         let count: usize = self.dims(input).iter().product();
         assert_eq!(count, dims.iter().product::<usize>(), "reshaping keeps all values");

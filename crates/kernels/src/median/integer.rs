@@ -1,41 +1,33 @@
-//! The 3x3 median that OpenCV applies to every disparity map; the border is replicated.
-
-/// Median of each pixel's 3x3 neighbourhood; `source` and `out` have rows of `width`.
-pub(super) fn median3(source: &[i16], width: usize, out: &mut [i16]) {
-    let height = source.len() / width;
-    for (y, out) in out.chunks_exact_mut(width).enumerate() {
-        let row = |y: usize| &source[y * width..][..width];
-        median3_row([row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))], out);
-    }
-}
+//! 3x3 medians of maps of integers; the border is replicated.
 
 /// One row of the median from the rows above, at and below it.
 #[inline(always)]
-pub(super) fn median3_row(rows: [&[i16]; 3], out: &mut [i16]) {
-    let width = out.len();
-    let last = width - 1;
+pub(crate) fn median3_row<T: Ord + Copy>(rows: [&[T]; 3], out: &mut [T]) {
+    let last = out.len() - 1;
     for x in [0, last] {
         let columns = [x.saturating_sub(1), x, (x + 1).min(last)];
-        out[x] = median_of_rows(rows.map(|row| columns.map(|x| row[x])));
+        out[x] = median9(rows.map(|row| columns.map(|x| row[x])));
     }
-    if width < 3 {
+    if last < 2 {
         return;
     }
     let (above, here, below) = (rows[0].windows(3), rows[1].windows(3), rows[2].windows(3));
     for (out, ((a, b), c)) in out[1..last].iter_mut().zip(above.zip(here).zip(below)) {
-        *out = median_of_rows([[a[0], a[1], a[2]], [b[0], b[1], b[2]], [c[0], c[1], c[2]]]);
+        *out = median9([[a[0], a[1], a[2]], [b[0], b[1], b[2]], [c[0], c[1], c[2]]]);
     }
 }
 
+/// Row `y` of a map with its neighbours.
 #[inline(always)]
-fn median_of_rows([a, b, c]: [[i16; 3]; 3]) -> i16 {
-    median_of_sorted([sorted3([a[0], b[0], c[0]]), sorted3([a[1], b[1], c[1]]), sorted3([a[2], b[2], c[2]])])
+pub(crate) fn rows_around<T>(map: &[T], width: usize, y: usize) -> [&[T]; 3] {
+    let last = map.len() / width - 1;
+    [y.saturating_sub(1), y, (y + 1).min(last)].map(|y| &map[y * width..][..width])
 }
 
-/// The median of nine: the largest of the smallest, the middle of the middles, the smallest of the largest; their middle.
+/// The middle of: the largest of the three columns' smallest, the middle of their middles, the smallest of their largest.
 #[inline(always)]
-fn median_of_sorted(columns: [[i16; 3]; 3]) -> i16 {
-    let [a, b, c] = columns;
+fn median9<T: Ord + Copy>([a, b, c]: [[T; 3]; 3]) -> T {
+    let [a, b, c] = [0, 1, 2].map(|x| sorted3([a[x], b[x], c[x]]));
     let low = a[0].max(b[0]).max(c[0]);
     let middle = sorted3([a[1], b[1], c[1]])[1];
     let high = a[2].min(b[2]).min(c[2]);
@@ -43,7 +35,7 @@ fn median_of_sorted(columns: [[i16; 3]; 3]) -> i16 {
 }
 
 #[inline(always)]
-fn sorted3([a, b, c]: [i16; 3]) -> [i16; 3] {
+fn sorted3<T: Ord + Copy>([a, b, c]: [T; 3]) -> [T; 3] {
     let (low, high) = (a.min(b), a.max(b));
     let (middle, high) = (high.min(c), high.max(c));
     [low.min(middle), low.max(middle), high]
@@ -54,7 +46,7 @@ mod tests {
     use proptest::prelude::{ProptestConfig, any, proptest};
     use proptest::{collection, prop_assert_eq};
 
-    use super::median3;
+    use super::{median3_row, rows_around};
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
@@ -62,7 +54,9 @@ mod tests {
         fn is_the_fifth_of_nine_sorted_values(width in 1usize..7, height in 1usize..7, seed in collection::vec(any::<i16>(), 36)) {
             let source = &seed[..width * height];
             let mut out = vec![0; source.len()];
-            median3(source, width, &mut out);
+            for (y, out) in out.chunks_exact_mut(width).enumerate() {
+                median3_row(rows_around(source, width, y), out);
+            }
             for y in 0..height {
                 for x in 0..width {
                     let mut nine = Vec::new();
