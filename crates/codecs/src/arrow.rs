@@ -1,7 +1,7 @@
-//! Values as Arrow record batches, and streams of these: what crosses to programs in other languages.
+//! Values as Arrow record batches, and streams of these, for programs in other languages.
 //!
 //! A column is the value of a port: a struct of `width`, `height` and `data`, a list of numbers, row by row, so that Arrow's libraries, and NumPy on top of
-//! them, read the pixels where they lie. A batch has one row.
+//! them, read the pixels without a copy. A batch has one row.
 //!
 //! This is the part of Arrow's IPC format that such streams take (little endian, V5; no dictionaries, no compression), and it reads what others write of it:
 //! lengths and offsets are checked before they are followed.
@@ -31,11 +31,13 @@
 
 mod batch;
 mod flat;
+mod row;
 mod stream;
 mod types;
 mod values;
 
-pub use batch::{Batch, Data, Encoded, Items, View, encode};
+pub use batch::{Batch, View};
+pub use row::{Data, Encoded, Items, encode};
 pub use stream::{StreamError, StreamReader, write_schema};
 pub use types::{DataType, Field, Offsets, Schema};
 pub use values::{PORT_TYPE, data, field, value};

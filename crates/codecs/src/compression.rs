@@ -7,31 +7,25 @@ use zstd::zstd_safe::{CCtx, CParameter, DCtx, WriteBuf, get_error_name};
 /// Fast enough not to hold up a run; higher levels gain a few percent on maps (measured: see `benches/encode.rs`).
 const LEVEL: i32 = 1;
 
-/// The most bytes that so many may come to.
+/// The most bytes that `bytes` may be compressed to.
 #[must_use]
 pub fn bound(bytes: usize) -> usize {
     zstd::zstd_safe::compress_bound(bytes)
 }
 
 /// Compresses into the room there is.
-///
-/// # Errors
-/// If there is no memory, or no room.
 pub fn compress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
     let mut context = CCtx::try_create().ok_or(io::ErrorKind::OutOfMemory)?;
-    context.set_parameter(CParameter::CompressionLevel(LEVEL)).map_err(told)?;
-    context.compress2(into, from).map_err(told)
+    context.set_parameter(CParameter::CompressionLevel(LEVEL)).map_err(failed)?;
+    context.compress2(into, from).map_err(failed)
 }
 
 /// Decompresses into the room there is.
-///
-/// # Errors
-/// If the bytes are no frame, there is no memory, or no room.
 pub fn decompress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
-    DCtx::try_create().ok_or(io::ErrorKind::OutOfMemory)?.decompress(into, from).map_err(told)
+    DCtx::try_create().ok_or(io::ErrorKind::OutOfMemory)?.decompress(into, from).map_err(failed)
 }
 
-fn told(code: usize) -> io::Error {
+fn failed(code: usize) -> io::Error {
     io::Error::other(get_error_name(code))
 }
 

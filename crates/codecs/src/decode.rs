@@ -17,9 +17,6 @@ use crate::schema::{BASELINE_M, DOFFS_PX, INVERSE, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{Content, Fields};
 
 /// Reads a raster or a calibration.
-///
-/// # Errors
-/// What is wrong with the message, as a lower-case fragment.
 pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Value, String> {
     match (schema, value_type) {
         (Schema::CompressedImage, ValueType::Image) => compressed_image(message).map(Value::from),
@@ -34,9 +31,6 @@ pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Va
 }
 
 /// Reads a row of scores.
-///
-/// # Errors
-/// What is wrong with the message, as a lower-case fragment.
 pub fn score(message: &[u8]) -> Result<ScoreRow, String> {
     ScoreMessage::decode(message).map(|score| score.row)
 }
@@ -106,9 +100,6 @@ fn depth(message: &[u8]) -> Result<Value, String> {
 }
 
 /// The inverse depth of a `depthloom.FloatMap`, as little-endian bytes; empty where there is none.
-///
-/// # Errors
-/// What is wrong with the message, as a lower-case fragment.
 pub fn inverse_bytes(message: &[u8]) -> Result<&[u8], String> {
     let mut inverse: &[u8] = &[];
     for field in Fields(message) {
@@ -120,9 +111,6 @@ pub fn inverse_bytes(message: &[u8]) -> Result<&[u8], String> {
 }
 
 /// Reads a `depthloom.FloatMap`.
-///
-/// # Errors
-/// What is wrong with the message, as a lower-case fragment.
 pub fn float_map(message: &[u8]) -> Result<Raster<f32>, String> {
     let (mut width, mut height) = (0, 0);
     let [mut data, mut codes, mut lows]: [&[u8]; 3] = [&[]; 3];
@@ -237,9 +225,6 @@ pub enum Gathered {
 
 impl Gathered {
     /// Takes the next message of the topic.
-    ///
-    /// # Errors
-    /// What is wrong with the message, as a lower-case fragment.
     pub fn take(&mut self, schema: Schema, value_type: ValueType, message: &[u8]) -> Result<(), String> {
         if schema == Schema::Score {
             let row = score(message)?;

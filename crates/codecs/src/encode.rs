@@ -1,7 +1,5 @@
 //! Values to messages.
 
-use std::fmt;
-
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Calibration, Encoded, Image, Pixels, Raster, TrueDisparity};
 use foxglove::messages::packed_element_field::NumericType;
@@ -47,36 +45,20 @@ struct RawImage<'a> {
     samples: Samples<'a>,
 }
 
-/// Why a value is no message.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct NoMessage(String);
-
-impl fmt::Display for NoMessage {
-    /// As a lower-case fragment.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for NoMessage {}
-
-/// Appends the message of a raster or a calibration, and says of what schema it is: images with their file's bytes become a
-/// `foxglove.CompressedImage`, depths, weights, disparities that are no whole 1/16 px and true ones that are no whole 1/256 px a `depthloom.FloatMap`, other rasters a
-/// `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
+/// Appends the message of a raster or a calibration, and returns its schema: images with their file's bytes become a
+/// `foxglove.CompressedImage`; depths, weights, disparities not in whole 1/16 px and ground truth not in whole 1/256 px
+/// a `depthloom.FloatMap`; other rasters a `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
 ///
 /// # Errors
-/// If the value is none of these: scores and curves are a message a row ([`messages`](crate::messages)), samples and models none; or
+/// If the value is of another type (scores and curves are one message per row ([`messages`](crate::messages)), samples and models none), or
 /// if 16 bits do not hold its disparities.
-pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema, NoMessage> {
+pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema, String> {
     match value {
         Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
-            return Err(NoMessage(format!("a value of type {} is not one message", value.value_type())));
+            return Err(format!("a value of type {} is not one message", value.value_type()));
         }
         Value::Disparity(disparity) if nothing_found(disparity.min_disparity_px).is_none() => {
-            return Err(NoMessage(format!(
-                "disparities from {} px on do not fit into 16 bits",
-                disparity.min_disparity_px
-            )));
+            return Err(format!("disparities from {} px on do not fit into 16 bits", disparity.min_disparity_px));
         }
         _ => {}
     }
@@ -87,7 +69,7 @@ pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema,
     Ok(put_value(out, stamp, value))
 }
 
-/// Appends the message of a raster or a calibration, and says of what schema it is; an image as its pixels.
+/// Appends the message of a raster or a calibration, and returns its schema; an image as its pixels.
 ///
 /// # Panics
 /// If the value is a table, a curve or an artefact: see [`put`].
@@ -261,7 +243,7 @@ pub fn put_camera(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration
         frame_id: stamp.frame_id.to_owned(),
         width: calibration.width,
         height: calibration.height,
-        // Rectified images have no distortion left; viewers want a model named.
+        // Rectified images have no distortion left; viewers expect the name of a model.
         distortion_model: "plumb_bob".to_owned(),
         d: vec![0.0; 5],
         k: k.to_vec(),
@@ -307,7 +289,7 @@ pub fn put_points(out: &mut Vec<u8>, stamp: Stamp<'_>, cloud: &Cloud) {
     out.extend_from_slice(&message.encode_to_vec());
 }
 
-/// Appends where the stamp's frame stands in another: its origin there, metres, and its rotation, a quaternion (x, y, z, w).
+/// Appends the pose of the stamp's frame in another: its origin there, metres, and its rotation, a quaternion (x, y, z, w).
 pub fn put_transform(out: &mut Vec<u8>, stamp: Stamp<'_>, parent: &str, origin_m: [f64; 3], rotation: [f64; 4]) {
     let [x, y, z] = origin_m;
     let translation = Some(Vector3 { x, y, z });

@@ -32,9 +32,6 @@ pub struct PackedFloats {
 
 impl PackedFloats {
     /// Packs samples.
-    ///
-    /// # Errors
-    /// If zstd fails, which it does only without memory.
     pub fn of(samples: &[f32]) -> io::Result<Self> {
         let Parts { classes: mut codes, middles, lows, highs } = Parts::of(samples);
         codes.reserve_exact(middles.len() + highs.len());
@@ -49,14 +46,11 @@ impl PackedFloats {
 }
 
 /// The samples of a map that was packed.
-///
-/// # Errors
-/// If these are no `count` samples, in words.
 pub fn unpacked(count: usize, codes: &[u8], lows: &[u8]) -> Result<Vec<f32>, String> {
     let malformed = || "a map's samples are not as many as it says".to_owned();
     let class_bytes = count.div_ceil(4);
     let mut all = Vec::new();
-    // The most that so many samples can have: whatever the frame says of itself, no more is taken up.
+    // The most that `count` samples can have: the frame's own size is not trusted.
     let most = class_bytes + 2 * count;
     let no_memory = |_| format!("there is no memory for a map of {count} samples");
     all.try_reserve_exact(most).map_err(no_memory)?;

@@ -1,7 +1,6 @@
 //! Values as protobuf messages and back, and as the [`files`] of other programs: bytes, no file.
 //!
-//! A recording is one consumer; whoever hands values to another program (a live view, a process, a bridge) encodes them here as they
-//! would stand in a recording: `foxglove.*` messages that any viewer of these reads, and depthloom's own for maps of floats, scores, learning curves and commits.
+//! A recording is one consumer; a live view, a process and a bridge encode values as a recording does: `foxglove.*` messages that any viewer of these reads, and depthloom's own for maps of floats, scores, learning curves and commits.
 //!
 //! ```
 //! use depthloom_codecs::{decode, encode};
@@ -16,6 +15,8 @@
 //! let Ok(Value::Depth(depth)) = decode::value(schema, ValueType::Depth, &message) else { panic!() };
 //! assert_eq!(depth.metres[(0, 0)].0, [3.5]);
 //! ```
+
+#![expect(clippy::missing_errors_doc, reason = "an error is a lower-case fragment that says what is wrong")]
 
 pub mod arrow;
 pub mod compression;

@@ -8,8 +8,8 @@ use crate::wire_format::{Content, Fields, put_bytes, put_number, put_varint};
 /// `depthloom.Score`: one row of scores.
 ///
 /// Fields `frame` 1, `set` 2, `pixels` 3, `zone` 12 (empty: the whole image), `truth` 13, `answered` 14, `log_mean` 15, and the
-/// [catalogue](Metric)'s, as doubles whose absence can be told: a score that was not asked for, or of no pixel, is absent. Recordings of
-/// before hold the first eight scores and none of 12 to 15.
+/// [catalogue](Metric)'s, as optional doubles: a metric that was not requested, or of no pixel, is absent. Older recordings
+/// hold the first eight scores and none of 12 to 15.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScoreMessage {
     /// The frame's id.
@@ -20,11 +20,8 @@ pub struct ScoreMessage {
 
 /// `zone` of a `depthloom.Score`.
 pub(crate) const ZONE: u32 = 12;
-/// `truth` of a `depthloom.Score`.
 pub(crate) const TRUTH: u32 = 13;
-/// `answered` of a `depthloom.Score`.
 pub(crate) const ANSWERED: u32 = 14;
-/// `log_mean` of a `depthloom.Score`.
 pub(crate) const LOG_MEAN: u32 = 15;
 
 impl ScoreMessage {
@@ -48,9 +45,6 @@ impl ScoreMessage {
     }
 
     /// Reads a message.
-    ///
-    /// # Errors
-    /// What is wrong with it, as a lower-case fragment.
     pub fn decode(message: &[u8]) -> Result<Self, String> {
         let malformed = |what: &dyn std::fmt::Display| format!("a message is no score: {what}");
         let text = |content: Content<'_>| {

@@ -11,7 +11,7 @@ use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
 use crate::files::Colours;
 
-/// Of how many pixels a row and a column a picture has one.
+/// A picture has one of so many columns and rows.
 const STEP: u32 = 2;
 /// Colours beside black: few enough that neighbours are often equal, and more than an eye tells apart in a map.
 const LEVELS: u8 = 63;
@@ -37,7 +37,7 @@ pub fn reduced(calibration: &Calibration) -> Calibration {
     }
 }
 
-/// The picture of a map, a PNG's bytes; `None` if the value is none, or has no pixels.
+/// The picture of a map, a PNG's bytes; `None` if the value is not a map, or has no pixels.
 #[must_use]
 pub fn picture(value: &Value) -> Option<Vec<u8>> {
     let ratio = |from: f32, to: f32| Scale::new(from, to);

@@ -172,7 +172,7 @@ fn message(name: &str, fields: Vec<FieldDescriptorProto>) -> DescriptorProto {
     DescriptorProto { name: Some(name.to_owned()), field: fields, ..DescriptorProto::default() }
 }
 
-/// Marks a field as one whose absence can be told; proto3 does so by a `oneof` of its own.
+/// Marks a field as optional; proto3 does so by a `oneof` for it.
 fn optional(mut message: DescriptorProto, field: &str) -> DescriptorProto {
     let index = message.oneof_decl.len() as i32;
     message.oneof_decl.push(OneofDescriptorProto { name: Some(format!("_{field}")), options: None });

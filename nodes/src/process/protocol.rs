@@ -169,11 +169,11 @@ pub(super) fn requesting_modules(mut schema: Schema, and_nothing_else: bool) -> 
 }
 
 pub(super) fn shared_word(schema: &Schema) -> Option<&str> {
-    schema.said(SHARED)
+    schema.metadata(SHARED)
 }
 
 pub(super) fn check_schema(schema: &Schema) -> Result<(), String> {
-    match schema.said(PROTOCOL) {
+    match schema.metadata(PROTOCOL) {
         Some(VERSION) => {}
         Some(other) => return Err(format!("it speaks version {other} of the protocol, and this is version {VERSION}")),
         None => return Err(format!("its schema does not say `{PROTOCOL}` in its metadata")),

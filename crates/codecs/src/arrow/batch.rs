@@ -1,250 +1,17 @@
-//! Record batches of one row.
+//! Record batches of one row that are read.
 
-use std::borrow::Cow;
-use std::io::{self, Write};
 use std::ops::Range;
 
-use super::flat::{Slot, Table};
-use super::types::{DataType, Field, Offsets, RECORD_BATCH, Schema, message};
+use super::flat::Table;
+use super::types::{DataType, Field, Offsets, Schema};
 
-/// The value of a field in the row that is written.
-#[derive(Clone, Debug)]
-pub enum Data<'a> {
-    /// None.
-    Null,
-    /// A whole number.
-    Int(i64),
-    /// A number.
-    Float(f64),
-    /// A text.
-    Text(Cow<'a, str>),
-    /// Bytes.
-    Bytes(&'a [u8]),
-    /// A list.
-    List(Items<'a>),
-    /// The parts of a struct, in the order of its fields.
-    Struct(Vec<Data<'a>>),
-}
-
-/// The items of a list.
-#[derive(Clone, Debug)]
-pub enum Items<'a> {
-    /// Bytes.
-    U8(&'a [u8]),
-    /// Whole numbers of 16 bits.
-    I16(&'a [i16]),
-    /// Whole numbers of 64 bits.
-    I64(Vec<i64>),
-    /// Numbers of 32 bits.
-    F32(&'a [f32]),
-    /// Numbers of 64 bits.
-    F64(Vec<f64>),
-    /// Texts.
-    Text(Vec<String>),
-}
-
-/// Where buffers begin in a body: a multiple of this many bytes, as Arrow recommends.
-const ALIGNMENT: usize = 64;
-
-/// A record batch as it goes over the wire: large buffers are those of the values.
-pub struct Encoded<'a> {
-    head: Vec<u8>,
-    parts: Vec<Cow<'a, [u8]>>,
-}
-
-#[derive(Default)]
-struct Body<'a> {
-    nodes: Vec<[i64; 2]>,
-    buffers: Vec<[i64; 2]>,
-    parts: Vec<Cow<'a, [u8]>>,
-    bytes: usize,
-}
-
-/// Lays a row out.
-///
-/// # Panics
-/// If the row does not fit the schema: whoever writes it makes both.
-#[must_use]
-pub fn encode<'a>(schema: &Schema, row: Vec<Data<'a>>) -> Encoded<'a> {
-    assert_eq!(schema.fields.len(), row.len(), "a value a column");
-    let mut body = Body::default();
-    for (field, data) in schema.fields.iter().zip(row) {
-        body.put(field, data);
-    }
-    let (mut writer, header) = message(RECORD_BATCH, body.bytes as i64);
-    let places = writer.table(header, &[Slot::I64(1), Slot::Offset, Slot::Offset]);
-    writer.pairs(places[0], &body.nodes);
-    writer.pairs(places[1], &body.buffers);
-    Encoded { head: framed(&writer.finish()), parts: body.parts }
-}
-
-/// A message with what stands before it in a stream.
-pub(super) fn framed(message: &[u8]) -> Vec<u8> {
-    // Values begin at a multiple of that too, where the message lies in memory.
-    let length = (8 + message.len()).next_multiple_of(ALIGNMENT) - 8;
-    let mut framed = Vec::with_capacity(8 + length);
-    framed.extend(u32::MAX.to_le_bytes());
-    framed.extend((length as u32).to_le_bytes());
-    framed.extend(message);
-    framed.resize(8 + length, 0);
-    framed
-}
-
-impl Encoded<'_> {
-    /// How many bytes are written.
-    #[must_use]
-    pub fn bytes(&self) -> usize {
-        self.head.len() + self.parts.iter().map(|part| part.len() + padding(part.len())).sum::<usize>()
-    }
-
-    /// Writes it.
-    ///
-    /// # Errors
-    /// What the writer says.
-    pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
-        // Small pieces are gathered, large ones written from where they lie.
-        let mut small = self.head.clone();
-        for part in &self.parts {
-            if part.len() < 16 << 10 {
-                small.extend_from_slice(part);
-            } else {
-                out.write_all(&small)?;
-                out.write_all(part)?;
-                small.clear();
-            }
-            small.resize(small.len() + padding(part.len()), 0);
-        }
-        out.write_all(&small)?;
-        out.flush()
-    }
-}
-
-const fn padding(bytes: usize) -> usize {
-    bytes.next_multiple_of(ALIGNMENT) - bytes
-}
-
-impl<'a> Body<'a> {
-    fn buffer(&mut self, bytes: Cow<'a, [u8]>) {
-        self.buffers.push([self.bytes as i64, bytes.len() as i64]);
-        self.bytes += bytes.len() + padding(bytes.len());
-        self.parts.push(bytes);
-    }
-
-    /// A field's length, and that all of it is there, or nothing is.
-    fn node(&mut self, length: usize, is_null: bool) {
-        self.nodes.push([length as i64, if is_null { length as i64 } else { 0 }]);
-        let validity: Vec<u8> = if is_null { vec![0; length.div_ceil(8)] } else { Vec::new() };
-        self.buffer(validity.into());
-    }
-
-    fn offsets(&mut self, width: Offsets, offsets: impl IntoIterator<Item = usize>) {
-        let bytes: Vec<u8> = match width {
-            Offsets::Narrow => offsets.into_iter().flat_map(|offset| (offset as i32).to_le_bytes()).collect(),
-            Offsets::Wide => offsets.into_iter().flat_map(|offset| (offset as i64).to_le_bytes()).collect(),
-        };
-        self.buffer(bytes.into());
-    }
-
-    fn put(&mut self, field: &Field, data: Data<'a>) {
-        let is_null = matches!(data, Data::Null);
-        self.node(1, is_null);
-        match (&field.data_type, data) {
-            (DataType::Int(bits, _), Data::Null) => self.buffer(vec![0; usize::from(*bits) / 8].into()),
-            (DataType::Int(bits, _), Data::Int(value)) => {
-                self.buffer(value.to_le_bytes()[..usize::from(*bits) / 8].to_vec().into());
-            }
-            (DataType::Float(64), Data::Null) => self.buffer(vec![0; 8].into()),
-            (DataType::Float(64), Data::Float(value)) => self.buffer(value.to_le_bytes().to_vec().into()),
-            (DataType::Utf8(width) | DataType::Binary(width), Data::Null) => {
-                self.offsets(*width, [0, 0]);
-                self.buffer(Cow::Borrowed(&[]));
-            }
-            (DataType::Utf8(width), Data::Text(text)) => {
-                self.offsets(*width, [0, text.len()]);
-                self.buffer(match text {
-                    Cow::Borrowed(text) => text.as_bytes().into(),
-                    Cow::Owned(text) => text.into_bytes().into(),
-                });
-            }
-            (DataType::Binary(width), Data::Bytes(bytes)) => {
-                self.offsets(*width, [0, bytes.len()]);
-                self.buffer(bytes.into());
-            }
-            (DataType::List(width, item), Data::Null) => {
-                self.offsets(*width, [0, 0]);
-                self.nothing(item);
-            }
-            (DataType::List(width, item), Data::List(items)) => {
-                self.offsets(*width, [0, items.len()]);
-                self.node(items.len(), false);
-                self.items(item, items);
-            }
-            (DataType::Struct(fields), Data::Null) => fields.iter().for_each(|field| self.put(field, Data::Null)),
-            (DataType::Struct(fields), Data::Struct(parts)) => {
-                assert_eq!(fields.len(), parts.len(), "a value a field");
-                fields.iter().zip(parts).for_each(|(field, part)| self.put(field, part));
-            }
-            (data_type, data) => unreachable!("{data:?} is no {data_type}"),
-        }
-    }
-
-    /// An empty list's items.
-    fn nothing(&mut self, item: &Field) {
-        self.node(0, false);
-        match &item.data_type {
-            DataType::Utf8(width) | DataType::Binary(width) => {
-                self.offsets(*width, [0]);
-                self.buffer(Cow::Borrowed(&[]));
-            }
-            _ => self.buffer(Cow::Borrowed(&[])),
-        }
-    }
-
-    fn items(&mut self, item: &Field, items: Items<'a>) {
-        fn little<T: bytemuck::NoUninit>(items: &[T]) -> &[u8] {
-            const { assert!(cfg!(target_endian = "little"), "the numbers of values are written as they lie") };
-            bytemuck::cast_slice(items)
-        }
-        match items {
-            Items::U8(items) => self.buffer(items.into()),
-            Items::I16(items) => self.buffer(little(items).into()),
-            Items::F32(items) => self.buffer(little(items).into()),
-            Items::I64(items) => self.buffer(little(&items).to_vec().into()),
-            Items::F64(items) => self.buffer(little(&items).to_vec().into()),
-            Items::Text(items) => {
-                let DataType::Utf8(width) = item.data_type else { unreachable!("texts are texts") };
-                let ends = items.iter().scan(0, |end, text| {
-                    *end += text.len();
-                    Some(*end)
-                });
-                self.offsets(width, [0].into_iter().chain(ends));
-                self.buffer(items.concat().into_bytes().into());
-            }
-        }
-    }
-}
-
-impl Items<'_> {
-    fn len(&self) -> usize {
-        match self {
-            Self::U8(items) => items.len(),
-            Self::I16(items) => items.len(),
-            Self::I64(items) => items.len(),
-            Self::F32(items) => items.len(),
-            Self::F64(items) => items.len(),
-            Self::Text(items) => items.len(),
-        }
-    }
-}
-
-/// A record batch of one row that was read.
+/// A record batch of one row.
 #[derive(Debug)]
 pub struct Batch {
     columns: Vec<Column>,
     body: Vec<u8>,
 }
 
-/// Where a field's values lie in the body.
 #[derive(Debug)]
 struct Column {
     length: usize,
@@ -289,7 +56,7 @@ impl Batch {
         self.body.len()
     }
 
-    /// A column; `None` if there is none of that name, or it is null.
+    /// A column; `None` if it is absent or null.
     #[must_use]
     pub fn column<'a>(&'a self, schema: &'a Schema, name: &str) -> Option<View<'a>> {
         let place = schema.fields.iter().position(|field| field.name == name)?;
@@ -336,7 +103,7 @@ impl Left<'_> {
         Ok(Column { length: rows, buffers, children })
     }
 
-    /// The next buffer, of at least so many bytes, or, if it may be left out, none.
+    /// The next buffer, of at least `least` bytes, or empty if it may be left out.
     fn buffer(&mut self, name: &str, least: usize, may_be_none: bool) -> Result<Range<usize>, String> {
         let [buffer, buffers @ ..] = self.buffers else {
             return Err(format!("a batch ends before the values of column `{name}`"));
@@ -360,7 +127,6 @@ impl<'a> View<'a> {
         self.body.get(self.column.buffers[index].clone()).unwrap_or_default()
     }
 
-    /// Whether there is no value in a row.
     fn is_null(&self, row: usize) -> bool {
         let validity = self.buffer(0);
         validity.get(row / 8).is_some_and(|byte| byte >> (row % 8) & 1 == 0)
@@ -370,7 +136,7 @@ impl<'a> View<'a> {
         format!("`{}` is of type {}, and {wanted} is wanted", self.field.name, self.field.data_type)
     }
 
-    /// A part of a struct; `None` if it has none of that name, or it is null.
+    /// A part of a struct; `None` if it is absent or null.
     #[must_use]
     pub fn part(&self, name: &str) -> Option<Self> {
         let DataType::Struct(fields) = &self.field.data_type else { return None };
@@ -380,9 +146,6 @@ impl<'a> View<'a> {
     }
 
     /// The parts of a struct, null or not.
-    ///
-    /// # Errors
-    /// If it is none.
     pub fn parts(&self) -> Result<&'a [Field], String> {
         match &self.field.data_type {
             DataType::Struct(fields) => Ok(fields),
@@ -391,9 +154,6 @@ impl<'a> View<'a> {
     }
 
     /// A whole number.
-    ///
-    /// # Errors
-    /// If it is none of 64 bits or fewer.
     pub fn int(&self) -> Result<i64, String> {
         match self.field.data_type {
             DataType::Int(bits, signed) if bits < 64 || signed => {
@@ -409,9 +169,6 @@ impl<'a> View<'a> {
     }
 
     /// A number of 64 bits.
-    ///
-    /// # Errors
-    /// If it is none.
     pub fn float(&self) -> Result<f64, String> {
         match self.field.data_type {
             DataType::Float(64) => {
@@ -440,9 +197,6 @@ impl<'a> View<'a> {
     }
 
     /// A text.
-    ///
-    /// # Errors
-    /// If it is none.
     pub fn text(&self) -> Result<&'a str, String> {
         self.text_at(0)
     }
@@ -455,16 +209,12 @@ impl<'a> View<'a> {
     }
 
     /// Bytes.
-    ///
-    /// # Errors
-    /// If it is none.
     pub fn bytes(&self) -> Result<&'a [u8], String> {
         let DataType::Binary(width) = self.field.data_type else { return Err(self.wrong("large_binary")) };
         let bytes = self.buffer(2);
         Ok(&bytes[self.range(width, 0, bytes.len())?])
     }
 
-    /// The items of a list, and which of them are of it.
     fn list(&self, wanted: &DataType) -> Result<(Self, Range<usize>), String> {
         let error = || self.wrong(&format!("list<{wanted}>"));
         let DataType::List(width, item) = &self.field.data_type else { return Err(error()) };
@@ -473,76 +223,51 @@ impl<'a> View<'a> {
         }
         let items = Self { field: item, column: &self.column.children[0], body: self.body };
         let range = self.range(*width, 0, items.column.length)?;
-        // What is null would be read as whatever lies there.
+        // A null would be read as the bytes that happen to be there.
         if !items.buffer(0).is_empty() && range.clone().any(|row| items.is_null(row)) {
             return Err(format!("an item of `{}` is null", self.field.name));
         }
         Ok((items, range))
     }
 
-    /// The bytes of a list's numbers, each of so many bytes.
-    fn numbers(&self, wanted: &DataType, size: usize) -> Result<&'a [u8], String> {
+    fn numbers<T, const N: usize>(&self, wanted: &DataType, number: fn([u8; N]) -> T) -> Result<Vec<T>, String> {
         let (items, range) = self.list(wanted)?;
-        Ok(&items.buffer(1)[range.start * size..range.end * size])
+        let bytes = &items.buffer(1)[range.start * N..range.end * N];
+        Ok(bytes.as_chunks().0.iter().map(|bytes| number(*bytes)).collect())
     }
 
     /// A list of bytes.
-    ///
-    /// # Errors
-    /// If it is none.
     pub fn u8s(&self) -> Result<&'a [u8], String> {
-        self.numbers(&DataType::Int(8, false), 1)
+        let (items, range) = self.list(&DataType::Int(8, false))?;
+        Ok(&items.buffer(1)[range])
     }
 
-    /// A list of whole numbers of 16 bits.
-    ///
-    /// # Errors
-    /// If it is none.
+    /// A list of 16-bit integers.
     pub fn i16s(&self) -> Result<Vec<i16>, String> {
-        let bytes = self.numbers(&DataType::Int(16, true), 2)?;
-        Ok(bytes.as_chunks().0.iter().map(|bytes| i16::from_le_bytes(*bytes)).collect())
+        self.numbers(&DataType::Int(16, true), i16::from_le_bytes)
     }
 
-    /// A list of whole numbers of 16 bits without a sign.
-    ///
-    /// # Errors
-    /// If it is none.
+    /// A list of 16-bit integers without a sign.
     pub fn u16s(&self) -> Result<Vec<u16>, String> {
-        let bytes = self.numbers(&DataType::Int(16, false), 2)?;
-        Ok(bytes.as_chunks().0.iter().map(|bytes| u16::from_le_bytes(*bytes)).collect())
+        self.numbers(&DataType::Int(16, false), u16::from_le_bytes)
     }
 
-    /// A list of whole numbers of 64 bits.
-    ///
-    /// # Errors
-    /// If it is none.
+    /// A list of 64-bit integers.
     pub fn i64s(&self) -> Result<Vec<i64>, String> {
-        let bytes = self.numbers(&DataType::Int(64, true), 8)?;
-        Ok(bytes.as_chunks().0.iter().map(|bytes| i64::from_le_bytes(*bytes)).collect())
+        self.numbers(&DataType::Int(64, true), i64::from_le_bytes)
     }
 
-    /// A list of numbers of 32 bits.
-    ///
-    /// # Errors
-    /// If it is none.
+    /// A list of 32-bit floats.
     pub fn f32s(&self) -> Result<Vec<f32>, String> {
-        let bytes = self.numbers(&DataType::Float(32), 4)?;
-        Ok(bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
+        self.numbers(&DataType::Float(32), f32::from_le_bytes)
     }
 
-    /// A list of numbers of 64 bits.
-    ///
-    /// # Errors
-    /// If it is none.
+    /// A list of 64-bit floats.
     pub fn f64s(&self) -> Result<Vec<f64>, String> {
-        let bytes = self.numbers(&DataType::Float(64), 8)?;
-        Ok(bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
+        self.numbers(&DataType::Float(64), f64::from_le_bytes)
     }
 
     /// A list of texts.
-    ///
-    /// # Errors
-    /// If it is none.
     pub fn texts(&self) -> Result<Vec<&'a str>, String> {
         let wide =
             matches!(&self.field.data_type, DataType::List(_, item) if item.data_type == DataType::Utf8(Offsets::Wide));

@@ -1,7 +1,7 @@
 //! FlatBuffers, as much of them as Arrow's messages take: tables, strings, vectors of tables, vectors of pairs.
 //!
-//! Written from front to back: every offset leads forward but the one to the table of fields (vtable), which stands before its table. Read with
-//! every position checked, for what is read may be anybody's.
+//! Written from front to back: every offset leads forward but the one to the table of fields (vtable), which is before its table.
+//! Every position is checked when read: the bytes are not trusted.
 
 /// What a table holds at a field; all numbers little endian.
 #[derive(Clone, Copy)]
@@ -10,13 +10,10 @@ pub(super) enum Slot {
     None,
     /// A byte, or a truth value.
     U8(u8),
-    /// 16 bits.
     I16(i16),
-    /// 32 bits.
     I32(i32),
-    /// 64 bits.
     I64(i64),
-    /// What stands elsewhere; see [`Writer::point`].
+    /// Stored elsewhere; see [`Writer::point`].
     Offset,
 }
 
@@ -32,7 +29,6 @@ impl Slot {
     }
 }
 
-/// A buffer that is being written.
 pub(super) struct Writer(Vec<u8>);
 
 impl Writer {
@@ -54,7 +50,7 @@ impl Writer {
         }
     }
 
-    /// Lets the offset at a place lead to what is written next.
+    /// Points the offset at a place to what is written next.
     fn point(&mut self, at: usize) {
         let distance = (self.0.len() - at) as u32;
         self.0[at..at + 4].copy_from_slice(&distance.to_le_bytes());
@@ -95,7 +91,6 @@ impl Writer {
         offsets
     }
 
-    /// Writes a text that an offset leads to.
     pub(super) fn text(&mut self, at: usize, text: &str) {
         self.align(4, 0);
         self.point(at);
@@ -114,7 +109,6 @@ impl Writer {
         (0..length).map(|item| first + 4 * item).collect()
     }
 
-    /// Writes a vector of pairs of numbers.
     pub(super) fn pairs(&mut self, at: usize, pairs: &[[i64; 2]]) {
         self.align(8, 4);
         self.point(at);
@@ -123,12 +117,11 @@ impl Writer {
     }
 }
 
-/// What is no FlatBuffer, as a lower-case fragment.
+/// Why bytes are not a FlatBuffer.
 pub(super) type Broken = &'static str;
 
 const CUT: Broken = "an offset leads out of the message";
 
-/// A table that is read.
 #[derive(Clone, Copy)]
 pub(super) struct Table<'a> {
     bytes: &'a [u8],
@@ -146,7 +139,6 @@ fn u32_at(bytes: &[u8], at: usize) -> Result<usize, Broken> {
 }
 
 impl<'a> Table<'a> {
-    /// The root of a buffer.
     pub(super) fn root(bytes: &'a [u8]) -> Result<Self, Broken> {
         Self::at(bytes, u32_at(bytes, 0)?)
     }
@@ -200,7 +192,7 @@ impl<'a> Table<'a> {
         self.target(field)?.map(|at| Self::at(self.bytes, at)).transpose()
     }
 
-    /// The elements of a vector, each of so many bytes, and where they begin; none by default.
+    /// The elements of a vector, `size` bytes each, and where they begin; none by default.
     fn elements(&self, field: usize, size: usize) -> Result<(usize, &'a [u8]), Broken> {
         let Some(at) = self.target(field)? else { return Ok((0, &[])) };
         let length = u32_at(self.bytes, at)?.checked_mul(size).ok_or(CUT)?;
@@ -213,7 +205,6 @@ impl<'a> Table<'a> {
         str::from_utf8(bytes).map_err(|_| "a name is no UTF-8")
     }
 
-    /// The tables of a vector.
     pub(super) fn tables(&self, field: usize) -> Result<Vec<Self>, Broken> {
         let (first, elements) = self.elements(field, 4)?;
         let at = |(index, offset): (usize, &[u8; 4])| {
@@ -223,7 +214,6 @@ impl<'a> Table<'a> {
         elements.as_chunks().0.iter().enumerate().map(at).collect()
     }
 
-    /// A vector of pairs of numbers.
     pub(super) fn pairs(&self, field: usize) -> Result<Vec<[i64; 2]>, Broken> {
         let (_, elements) = self.elements(field, 16)?;
         let number = |bytes: &[u8]| i64::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default());

@@ -2,7 +2,8 @@
 
 use std::io::{self, Read, Write};
 
-use super::batch::{Batch, framed};
+use super::batch::Batch;
+use super::row::framed;
 use super::types::{RECORD_BATCH, SCHEMA, Schema, read_message};
 
 /// The most bytes that a message's description may have, and its values.
@@ -12,34 +13,28 @@ const MOST_BODY: i64 = 4 << 30;
 /// Why a stream could not be read on.
 #[derive(Debug, thiserror::Error)]
 pub enum StreamError {
-    /// What the reader says.
+    /// The reader failed.
     #[error("{0}")]
     Io(#[from] io::Error),
     /// It ended in the middle of a message.
     #[error("the stream ended within a message")]
     Cut,
-    /// What was read is no such stream from its first bytes on: text, most likely.
+    /// The first bytes are not those of a stream: text, most likely.
     #[error("it is no stream of Arrow's: it begins with {0:?} where a message is wanted")]
     Text(String),
-    /// What was read is no such stream, as a lower-case fragment.
+    /// The bytes are not a valid stream.
     #[error("{0}")]
     Malformed(String),
 }
 
 /// Writes the message that opens a stream.
-///
-/// # Errors
-/// What the writer says.
 pub fn write_schema(schema: &Schema, out: &mut impl Write) -> io::Result<()> {
     out.write_all(&framed(&schema.encode()))?;
     out.flush()
 }
 
-/// A message as it came.
 struct Message {
-    /// What describes it.
     head: Vec<u8>,
-    /// Its values.
     body: Vec<u8>,
 }
 
@@ -55,9 +50,6 @@ impl<R: Read> StreamReader<R> {
     }
 
     /// The schema, which comes first; `None` if the stream ends before it.
-    ///
-    /// # Errors
-    /// What is wrong with the stream.
     pub fn schema(&mut self) -> Result<Option<Schema>, StreamError> {
         let Some(Message { head, .. }) = self.message(SCHEMA)? else { return Ok(None) };
         let (_, header, _) = read_message(&head).map_err(StreamError::Malformed)?;
@@ -65,9 +57,6 @@ impl<R: Read> StreamReader<R> {
     }
 
     /// The next batch; `None` at the end of the stream.
-    ///
-    /// # Errors
-    /// What is wrong with the stream, or the batch is not of one row of the schema.
     pub fn batch(&mut self, schema: &Schema) -> Result<Option<Batch>, StreamError> {
         let Some(Message { head, body }) = self.message(RECORD_BATCH)? else { return Ok(None) };
         let (_, header, _) = read_message(&head).map_err(StreamError::Malformed)?;
@@ -109,7 +98,7 @@ impl<R: Read> StreamReader<R> {
         Ok(Some(Message { head, body }))
     }
 
-    /// What stands before a message; `None` where the stream ends there.
+    /// Marker and length of a message; `None` at the end of the stream.
     fn lead(&mut self) -> Result<Option<[u32; 2]>, StreamError> {
         let (mut bytes, mut there) = ([0; 8], 0);
         while there < bytes.len() {
@@ -120,7 +109,7 @@ impl<R: Read> StreamReader<R> {
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error.into()),
             }
-            // What is no stream may end before eight bytes, or never.
+            // Other text may end before eight bytes, or never.
             if there >= 4 && bytes[..4] != [0xff; 4] {
                 break;
             }
@@ -129,7 +118,7 @@ impl<R: Read> StreamReader<R> {
         Ok(Some([number(0), number(4)]))
     }
 
-    /// So many bytes. Memory is taken as they come, whatever the stream says of them.
+    /// `count` bytes. Memory is allocated as they arrive: `count` is not trusted.
     fn exactly(&mut self, count: u64) -> Result<Vec<u8>, StreamError> {
         const AT_ONCE: u64 = 64 << 20;
         let mut bytes = Vec::with_capacity(count.min(AT_ONCE) as usize);

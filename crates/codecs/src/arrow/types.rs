@@ -4,10 +4,10 @@ use std::fmt;
 
 use super::flat::{Broken, Slot, Table, Writer};
 
-/// The type of a column; those of Arrow that the values here are made of, and those that others may send instead of them.
+/// The type of a column; those that values here use, and those that other programs may send instead.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DataType {
-    /// A whole number of so many bits, with or without a sign.
+    /// An integer: bits, and whether it has a sign.
     Int(u8, bool),
     /// A floating-point number of 16, 32 or 64 bits.
     Float(u8),
@@ -41,7 +41,7 @@ pub struct Field {
     pub nullable: bool,
     /// What it holds.
     pub data_type: DataType,
-    /// What is said of it: the type of a port's values, a unit, a scale.
+    /// The type of a port's values, a unit, a scale.
     pub metadata: Vec<(String, String)>,
 }
 
@@ -58,9 +58,9 @@ impl Field {
         Self { nullable: true, ..self }
     }
 
-    /// The same with something said of it.
+    /// The same with a further entry of metadata.
     #[must_use]
-    pub fn said(mut self, key: &str, value: impl Into<String>) -> Self {
+    pub fn with_metadata(mut self, key: &str, value: impl Into<String>) -> Self {
         self.metadata.push((key.to_owned(), value.into()));
         self
     }
@@ -79,7 +79,8 @@ impl fmt::Display for DataType {
             Self::Binary(offsets) => write!(f, "{}binary", large(offsets)),
             Self::List(offsets, item) => write!(f, "{}list<{}>", large(offsets), item.data_type),
             Self::Struct(fields) => {
-                let parts: Vec<String> = fields.iter().map(|of| format!("{}: {}", of.name, of.data_type)).collect();
+                let parts: Vec<String> =
+                    fields.iter().map(|field| format!("{}: {}", field.name, field.data_type)).collect();
                 write!(f, "struct<{}>", parts.join(", "))
             }
         }
@@ -91,15 +92,15 @@ impl fmt::Display for DataType {
 pub struct Schema {
     /// The columns.
     pub fields: Vec<Field>,
-    /// What is said of the stream.
+    /// Metadata of the stream.
     pub metadata: Vec<(String, String)>,
 }
 
 impl Schema {
-    /// What is said of the stream under a key.
+    /// The value of a metadata key.
     #[must_use]
-    pub fn said(&self, key: &str) -> Option<&str> {
-        self.metadata.iter().find(|(of, _)| of == key).map(|(_, value)| value.as_str())
+    pub fn metadata(&self, key: &str) -> Option<&str> {
+        self.metadata.iter().find(|(name, _)| name == key).map(|(_, value)| value.as_str())
     }
 }
 
@@ -139,7 +140,7 @@ impl Schema {
         let (mut writer, header) = message(SCHEMA, 0);
         let schema = writer.table(header, &[Slot::I16(0), Slot::Offset, Slot::Offset]);
         put_fields(&mut writer, schema[0], &self.fields);
-        put_said(&mut writer, schema[1], &self.metadata);
+        put_metadata(&mut writer, schema[1], &self.metadata);
         writer.finish()
     }
 
@@ -149,19 +150,19 @@ impl Schema {
         }
         let mut left = MOST_FIELDS;
         let fields = read_fields(header, 1, DEEPEST, &mut left)?;
-        Ok(Self { fields, metadata: read_said(header, 2)? })
+        Ok(Self { fields, metadata: read_metadata(header, 2)? })
     }
 }
 
-fn put_said(writer: &mut Writer, at: usize, said: &[(String, String)]) {
-    for (place, (key, value)) in writer.vector(at, said.len()).into_iter().zip(said) {
+fn put_metadata(writer: &mut Writer, at: usize, metadata: &[(String, String)]) {
+    for (place, (key, value)) in writer.vector(at, metadata.len()).into_iter().zip(metadata) {
         let pair = writer.table(place, &[Slot::Offset, Slot::Offset]);
         writer.text(pair[0], key);
         writer.text(pair[1], value);
     }
 }
 
-fn read_said(table: &Table<'_>, field: usize) -> Result<Vec<(String, String)>, Broken> {
+fn read_metadata(table: &Table<'_>, field: usize) -> Result<Vec<(String, String)>, Broken> {
     let pairs = table.tables(field)?;
     pairs.iter().map(|pair| Ok((pair.text(0)?.to_owned(), pair.text(1)?.to_owned()))).collect()
 }
@@ -181,9 +182,9 @@ fn put_fields(writer: &mut Writer, at: usize, fields: &[Field]) {
             DataType::List(Offsets::Wide, _) => (21, &[]),
         };
         let nullable = Slot::U8(u8::from(field.nullable));
-        let said = if field.metadata.is_empty() { Slot::None } else { Slot::Offset };
-        let of_field = [Slot::Offset, nullable, Slot::U8(tag), Slot::Offset, Slot::None, Slot::Offset, said];
-        let places = writer.table(place, &of_field);
+        let metadata = if field.metadata.is_empty() { Slot::None } else { Slot::Offset };
+        let slots_of_field = [Slot::Offset, nullable, Slot::U8(tag), Slot::Offset, Slot::None, Slot::Offset, metadata];
+        let places = writer.table(place, &slots_of_field);
         writer.text(places[0], &field.name);
         writer.table(places[1], slots);
         let children: &[Field] = match &field.data_type {
@@ -193,7 +194,7 @@ fn put_fields(writer: &mut Writer, at: usize, fields: &[Field]) {
         };
         put_fields(writer, places[2], children);
         if let Some(place) = places.get(3) {
-            put_said(writer, *place, &field.metadata);
+            put_metadata(writer, *place, &field.metadata);
         }
     }
 }
@@ -211,8 +212,8 @@ fn read_field(field: &Table<'_>, deep: usize, left: &mut usize) -> Result<Field,
     if field.has(4) {
         return Err(format!("column `{name}` is encoded by a dictionary, which is not read: send its values"));
     }
-    let of = field.table(3)?;
-    let number = |get: &dyn Fn(&Table<'_>) -> Result<i32, Broken>| of.as_ref().map_or(Ok(0), get);
+    let type_table = field.table(3)?;
+    let number = |get: &dyn Fn(&Table<'_>) -> Result<i32, Broken>| type_table.as_ref().map_or(Ok(0), get);
     let mut children = read_fields(field, 5, deep - 1, left)?;
     let mut item = || match children.len() {
         1 => children.pop().map(Box::new).ok_or("a list has no items"),
@@ -241,5 +242,5 @@ fn read_field(field: &Table<'_>, deep: usize, left: &mut usize) -> Result<Field,
         21 => DataType::List(Offsets::Wide, item()?),
         other => return Err(format!("column `{name}` is of Arrow's type {other}, which no value here has")),
     };
-    Ok(Field { name, nullable: field.u8(1)? != 0, data_type, metadata: read_said(field, 6)? })
+    Ok(Field { name, nullable: field.u8(1)? != 0, data_type, metadata: read_metadata(field, 6)? })
 }

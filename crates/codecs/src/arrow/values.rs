@@ -7,11 +7,12 @@ use depthloom_graphs::{Value, ValueType};
 use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use std::sync::Arc;
 
-use super::batch::{Data, Items, View};
+use super::batch::View;
+use super::row::{Data, Items};
 use super::types::{DataType, Field, Offsets};
 use crate::decode::nothing_found;
 
-/// What a port's column says of itself: the type of its values.
+/// Metadata key of a port's column: the type of its values.
 pub const PORT_TYPE: &str = "depthloom.type";
 
 /// The part of a disparity that holds it in floating point where sixteenths do not; else it is empty.
@@ -25,7 +26,7 @@ const F64: DataType = DataType::Float(64);
 pub fn field(name: &str, value_type: ValueType) -> Option<Field> {
     let list = |of| DataType::List(Offsets::Narrow, Box::new(Field::new("item", of)));
     let map = |data: Field| vec![Field::new("width", I32), Field::new("height", I32), data];
-    let data = |of, unit: &str| Field::new("data", list(of)).said("unit", unit);
+    let data = |of, unit: &str| Field::new("data", list(of)).with_metadata("unit", unit);
     let floats = |unit| map(data(DataType::Float(32), unit));
     let parts = match value_type {
         ValueType::Image => {
@@ -34,9 +35,9 @@ pub fn field(name: &str, value_type: ValueType) -> Option<Field> {
             parts
         }
         ValueType::Disparity => {
-            let mut parts = map(data(DataType::Int(16, true), "px").said("scale", "0.0625"));
+            let mut parts = map(data(DataType::Int(16, true), "px").with_metadata("scale", "0.0625"));
             parts.insert(2, Field::new("min_disparity", I32));
-            parts.push(Field::new(FINER, list(DataType::Float(32))).said("unit", "px, NaN = nothing found"));
+            parts.push(Field::new(FINER, list(DataType::Float(32))).with_metadata("unit", "px, NaN = nothing found"));
             parts
         }
         ValueType::TrueDisparity => floats("px, NaN = unknown"),
@@ -58,7 +59,7 @@ pub fn field(name: &str, value_type: ValueType) -> Option<Field> {
         }
         ValueType::Scores => return None,
     };
-    Some(Field::new(name, DataType::Struct(parts)).nullable().said(PORT_TYPE, value_type.name()))
+    Some(Field::new(name, DataType::Struct(parts)).nullable().with_metadata(PORT_TYPE, value_type.name()))
 }
 
 /// A value as [`field`] describes it; `None` for those that do not cross. Large buffers are the value's own.
@@ -113,9 +114,6 @@ fn fixed_point<'a>([width, height]: [Data<'a>; 2], disparity: &'a Disparity, fin
 }
 
 /// Reads a column as a value of a type.
-///
-/// # Errors
-/// What is wrong with it, as a lower-case fragment.
 pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> {
     column.parts()?;
     let part = |name: &str| column.part(name).ok_or_else(|| format!("it has no `{name}`"));
@@ -151,7 +149,7 @@ pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> 
             let (min_disparity_px, missing) =
                 known.ok_or_else(|| format!("disparities from {least} px on do not fit into 16 bits"))?;
             let mut fixed = part("data")?.i16s()?;
-            // Whatever is below the least disparity was not found. In a value of ours one number says so.
+            // Whatever is below the least disparity is invalid. In a value of ours one number marks it.
             fixed
                 .iter_mut()
                 .for_each(|fixed| *fixed = if *fixed < missing.saturating_add(16) { missing } else { *fixed });
@@ -189,7 +187,7 @@ pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> 
             let step = part("step")?.i64s()?;
             let [loss, validation, rate] =
                 [part("loss")?.f64s()?, part("validation")?.f64s()?, part("learning_rate")?.f64s()?];
-            if [&loss, &validation, &rate].iter().any(|of| of.len() != step.len()) {
+            if [&loss, &validation, &rate].iter().any(|list| list.len() != step.len()) {
                 return Err("its lists are not of one length".to_owned());
             }
             let point = |(at, step): (usize, &i64)| {
@@ -262,7 +260,7 @@ mod tests {
     }
 
     /// As text: NaN is equal to NaN there.
-    fn told(value: &Value) -> String {
+    fn as_text(value: &Value) -> String {
         match value {
             Value::Image(image) => format!("{:?}", image.pixels()),
             Value::Depth(depth) => format!("{:?}", depth.metres.iter().map(|z| z.to_bits()).collect::<Vec<_>>()),
@@ -289,7 +287,7 @@ mod tests {
             let batch = reader.batch(&read).unwrap().unwrap();
             assert!(batch.column(&read, "no depth").is_none());
             let back = value(value_type, &batch.column(&read, "it").unwrap()).unwrap();
-            assert_eq!(told(&back), told(&given));
+            assert_eq!(as_text(&back), as_text(&given));
             assert!(reader.batch(&read).unwrap().is_none());
         }
     }

@@ -17,9 +17,6 @@ pub struct Cloud {
 impl Cloud {
     /// The pixels of a depth, or of a disparity by `z = f B / (d + doffs)`, whose `z` is above zero and in `range_m`, both ends included:
     /// `x = (u - cx) z / f`, `y = (v - cy) z / f`. Coloured by the image.
-    ///
-    /// # Errors
-    /// If the value is neither, or calibration or image are of another size; as a lower-case fragment.
     pub fn new(
         value: &Value,
         calibration: &Calibration,
@@ -30,9 +27,6 @@ impl Cloud {
     }
 
     /// As [`Cloud::new`], of the first of each `step` columns and rows.
-    ///
-    /// # Errors
-    /// As there.
     pub fn of_each(
         step: u32,
         value: &Value,

@@ -11,7 +11,7 @@ use super::png::encoded;
 /// A colour map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Colours {
-    /// Blue over green to red: most steps that can be told apart.
+    /// Blue over green to red: most distinguishable steps.
     Turbo,
     /// Violet over green to yellow: as bright as the number is large.
     Viridis,
@@ -38,9 +38,6 @@ impl Colours {
 
 /// A map as an 8-bit RGB PNG: `range.0` has the first colour and `range.1` the last, whichever is larger; what lies beyond has the nearer of
 /// the two, and what has no answer is black.
-///
-/// # Errors
-/// If the value is no map of numbers, or has no pixels; as a lower-case fragment.
 pub fn coloured_png(value: &Value, colours: Colours, range: (f64, f64)) -> Result<Vec<u8>, String> {
     let map = floats(value).ok_or_else(|| format!("a value of type {} is no map of numbers", value.value_type()))?;
     let (from, to) = range;

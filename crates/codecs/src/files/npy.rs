@@ -7,9 +7,6 @@ use super::floats::floats;
 use crate::encode::put_floats;
 
 /// An array of an image or map, in NPY format 1.0, rows first.
-///
-/// # Errors
-/// If the value is neither image nor map; as a lower-case fragment.
 pub fn npy(value: &Value) -> Result<Vec<u8>, String> {
     if let Some(map) = floats(value) {
         let mut file = header("<f4", map.dimensions(), "");

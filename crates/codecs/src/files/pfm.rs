@@ -6,9 +6,6 @@ use super::floats::floats;
 use crate::encode::put_floats;
 
 /// A map in its own unit; infinity = no answer, as in Middlebury's files. Rows stand bottom to top, floats little-endian.
-///
-/// # Errors
-/// If the value is no map of numbers; as a lower-case fragment.
 pub fn pfm(value: &Value) -> Result<Vec<u8>, String> {
     let map = floats(value).ok_or_else(|| format!("a value of type {} is no map of numbers", value.value_type()))?;
     let (width, height) = map.dimensions();

@@ -13,16 +13,13 @@ pub struct Png {
     pub bytes: Vec<u8>,
     /// What its name ends in: `jpg` where an image came from such a file, whose bytes are kept.
     pub ending: &'static str,
-    /// How many pixels have an answer that 16 bits do not hold: what is too large is the largest there is, what is below zero is none.
+    /// How many valid pixels do not fit 16 bits: too large ones are stored as the largest number, those below zero as invalid.
     pub clipped: u64,
 }
 
 /// An image as it is; a map as 16 bits: 256ths of a pixel or metre, rounded to the nearest, 0 = no answer, as in KITTI's files; a weight as 65535ths.
 ///
-/// As the KITTI devkit has it, an answer that rounds to zero is 1, and a disparity below zero is none.
-///
-/// # Errors
-/// If the value is neither image nor map, or has no pixels; as a lower-case fragment.
+/// As in the KITTI devkit, a valid pixel that rounds to zero is 1, and a disparity below zero is invalid.
 pub fn png(value: &Value) -> Result<Png, String> {
     let mut clipped = 0;
     let bytes = match value {
@@ -85,7 +82,6 @@ where
     encoded(|out| image.write_to(out, image::ImageFormat::Png))
 }
 
-/// The bytes that an encoder writes.
 pub(super) fn encoded(write: impl FnOnce(&mut Cursor<Vec<u8>>) -> Result<(), ImageError>) -> Result<Vec<u8>, String> {
     let mut out = Cursor::new(Vec::new());
     write(&mut out).map_err(|error| format!("an image cannot be written as PNG: {error}"))?;
