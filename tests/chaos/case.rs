@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use crate::child::{self, Ended, Running};
 use crate::ground::Ground;
-use crate::random::Random;
+use depthloom_test_needs::random::Random;
 
 /// A case.
 pub(crate) struct Case<'a> {

@@ -50,12 +50,6 @@ mod limits;
 #[cfg(unix)]
 mod onnx;
 #[cfg(unix)]
-#[expect(dead_code, reason = "other tests need more of it")]
-#[path = "../../nodes/tests/nodes/onnx_file.rs"]
-mod onnx_file;
-#[cfg(unix)]
-mod random;
-#[cfg(unix)]
 mod records;
 #[cfg(unix)]
 mod session;

@@ -9,9 +9,9 @@ use std::path::PathBuf;
 use crate::case::Case;
 use crate::child::Ended;
 use crate::ground::RUN;
-use crate::onnx_file::{F32, Tensor, U8, model_with};
 use crate::records;
 use crate::verdict::{Verdict, judge};
+use depthloom_test_needs::onnx_file::{F32, Tensor, U8, model_with};
 
 const EXPERIMENT: &str = "experiment: network
 sources: { street: { kind: synthetic/road, with: { frames: 0..2, width: 96, height: 48 } } }

@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 use crate::arguments::Arguments;
 use crate::case::{Case, copy_folder};
 use crate::ground::Ground;
-use crate::random::Random;
 use crate::verdict::Verdict;
 use crate::{bits, images, kills, limits, onnx, signals, streams, truncations, yaml};
+use depthloom_test_needs::random::Random;
 
 /// Cases of one kind.
 struct Kind {

@@ -12,8 +12,8 @@ use std::time::Duration;
 use crate::case::Case;
 use crate::child::{Ended, program};
 use crate::ground::{LEARN, STREET};
-use crate::random::Random;
 use crate::verdict::{Verdict, fault, judge};
+use depthloom_test_needs::random::Random;
 
 /// What stands where a value is expected.
 const PIECES: [&str; 74] = [

@@ -29,8 +29,6 @@ mod killed;
 mod learning;
 mod looking;
 mod networks;
-#[path = "../../nodes/tests/nodes/onnx_file.rs"]
-mod onnx_file;
 mod outputs;
 mod page;
 #[cfg(target_os = "linux")]

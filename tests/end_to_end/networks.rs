@@ -5,8 +5,8 @@ use std::process::Command;
 
 use serde_json::Value as Json;
 
-use crate::onnx_file::{self, F32, Tensor};
 use crate::support::{depthloom, label, number, read_csv, set, shared, skipped, succeed, workspace};
+use depthloom_test_needs::onnx_file::{self, F32, Tensor};
 
 /// A street, a network that takes the mean of the colours for a disparity, and what they are made into.
 fn experiment(folder: &Path, with: &str) -> PathBuf {

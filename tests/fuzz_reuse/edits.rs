@@ -3,8 +3,8 @@
 use crate::experiment::{Change, Experiment, Id, Score, set};
 use crate::files::{Content, MODULE, Network, ROOTS, TEXTS, add_pair};
 use crate::generate;
-use crate::random::Random;
 use crate::sequence::{EarlierRun, State};
+use depthloom_test_needs::random::Random;
 
 /// An edit: says what it did; `None` where there is nothing that it can be done to.
 type Edit = fn(&mut State, &mut Random, &[EarlierRun]) -> Option<String>;

@@ -8,8 +8,8 @@ use std::path::Path;
 
 use image::{GrayImage, ImageBuffer, ImageFormat, Luma};
 
-use crate::onnx_file::{F32, Tensor, model, model_with};
-use crate::random::Random;
+use depthloom_test_needs::onnx_file::{F32, Tensor, model, model_with};
+use depthloom_test_needs::random::Random;
 
 /// Columns of all images.
 pub(crate) const WIDTH: u32 = 64;

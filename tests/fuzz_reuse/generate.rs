@@ -9,8 +9,8 @@ use crate::experiment::{
 };
 use crate::files::{HEIGHT, ROOTS, WIDTH};
 use crate::kinds::{Contract, KINDS, Kind, Parameter, Type};
-use crate::random::Random;
 use crate::sequence::EarlierRun;
+use depthloom_test_needs::random::Random;
 
 /// Names of nodes. There are few, so that a name soon belongs to another node.
 const NODE_NAMES: &[&str] = &[

@@ -32,15 +32,7 @@ mod kinds;
 #[cfg(unix)]
 mod minimise;
 #[cfg(unix)]
-#[expect(dead_code, reason = "other tests need more of it")]
-#[path = "../../nodes/tests/nodes/onnx_file.rs"]
-mod onnx_file;
-#[cfg(unix)]
 mod program;
-#[cfg(unix)]
-#[expect(dead_code, reason = "other tests need more of it")]
-#[path = "../chaos/random.rs"]
-mod random;
 #[cfg(unix)]
 mod running;
 #[cfg(unix)]

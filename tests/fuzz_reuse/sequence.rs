@@ -7,7 +7,7 @@ use crate::experiment::{Change, Experiment, Id};
 use crate::files::{self, Files};
 use crate::generate;
 use crate::kinds::{PYTHON, kind};
-use crate::random::Random;
+use depthloom_test_needs::random::Random;
 
 /// Everything that a run depends on.
 #[derive(Clone, Debug)]

@@ -4,7 +4,6 @@ use depthloom_graphs::language::{Options, load};
 
 use crate::Target;
 
-/// An experiment file, loaded, checked and planned.
 pub(crate) fn target() -> Target {
     let seeds = [
         "experiment: seed

@@ -4,20 +4,16 @@ use std::io::Cursor;
 
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb, RgbImage};
 
-/// The size of all images.
 pub(crate) const SIZE: (u32, u32) = (16, 8);
 
-/// A colour image.
 pub(crate) fn image(format: ImageFormat) -> Vec<u8> {
     encoded(&colours(), format)
 }
 
-/// The same in grey.
 pub(crate) fn grey(format: ImageFormat) -> Vec<u8> {
     encoded(&DynamicImage::ImageLuma8(colours().into_luma8()), format)
 }
 
-/// 16 bits.
 pub(crate) fn map(format: ImageFormat) -> Vec<u8> {
     let map = ImageBuffer::from_fn(SIZE.0, SIZE.1, |x, y| Luma([if x < 4 { 0 } else { (256 * x + y) as u16 }]));
     encoded(&DynamicImage::ImageLuma16(map), format)

@@ -1,8 +1,9 @@
-//! Every parser of a stranger's bytes, as a function of bytes.
+//! Every parser of untrusted bytes, as a function of bytes.
 //!
-//! A [`Target`] is a file that a person may give to depthloom, among valid others where it needs some: whatever its bytes are, it is read or refused in words. A
-//! target is run through the front door: a file of a data set through its source, opened, keyed and read as the runner does it. `tests/parsers.rs`
-//! runs all of them over their seeds, over what was once found (`found/`) and over mutations of both; `fuzz/` hands them to cargo-fuzz.
+//! A [`Target`] is a file that a user may give to depthloom, with valid other files where it needs some. Whatever its bytes
+//! are, it is read or refused with a message. Targets use public interfaces: a file of a data set is opened, keyed and read
+//! through its source as the runner does it. `tests/parsers.rs` runs all targets over their seeds, over earlier findings
+//! (`found/`) and over mutations of both; `fuzz/` passes them to cargo-fuzz.
 
 mod arrow;
 mod bags;
@@ -23,7 +24,6 @@ pub struct Target {
     pub name: &'static str,
     /// Valid inputs to begin from.
     pub seeds: Vec<Vec<u8>>,
-    /// Reads bytes.
     read: Box<Read>,
 }
 

@@ -2,7 +2,6 @@
 
 use crate::Target;
 
-/// A model's declaration, read without an engine.
 pub(crate) fn target() -> Target {
     Target::new("onnx_metadata", vec![model()], |bytes, _| depthloom_nodes::onnx::read_declaration(bytes))
 }

@@ -215,7 +215,6 @@ fn ros(p3: f64) -> Vec<u8> {
     texts.concat().into()
 }
 
-/// Parameters of `images`.
 fn images(more: &Json) -> Json {
     let mut params = json!({ "calibration": { "focal_px": 20, "baseline_m": 0.5 } });
     params.as_object_mut().expect("a map").extend(more.as_object().expect("a map").clone());
@@ -234,7 +233,6 @@ fn truth(_: &Path) -> Json {
     images(&json!({ "truth": { "files": "*.png", "unit": "pixels" } }))
 }
 
-/// All targets that are files of data sets.
 pub(crate) fn targets() -> Vec<Target> {
     let set = |name, kind, with, files, file, seeds| Set { name, kind, with, files, file, seeds }.target();
     let plain: fn(&Path) -> Json = |_| json!({});

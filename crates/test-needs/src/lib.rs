@@ -10,7 +10,9 @@ mod book;
 mod chromium;
 mod full;
 mod lichtblick;
+pub mod onnx_file;
 mod python;
+pub mod random;
 mod rerun;
 mod shared;
 #[cfg(unix)]

@@ -35,12 +35,13 @@ impl Message {
     }
 }
 
-/// Element types of ONNX.
-pub(crate) const F32: u64 = 1;
-pub(crate) const U8: u64 = 2;
+/// ONNX's element type of 32-bit floats.
+pub const F32: u64 = 1;
+/// ONNX's element type of bytes.
+pub const U8: u64 = 2;
 
 /// A named tensor of an element type; a side of -1 is open.
-pub(crate) struct Tensor<'a>(pub &'a str, pub u64, pub &'a [i64]);
+pub struct Tensor<'a>(pub &'a str, pub u64, pub &'a [i64]);
 
 impl Tensor<'_> {
     fn message(&self) -> Message {
@@ -58,18 +59,15 @@ impl Tensor<'_> {
 /// A model of one node `op` that reads the first input and gives `output`.
 ///
 /// `axes`: the attribute of that name, if the operator has one.
-pub(crate) fn model(op: &str, axes: Option<i64>, inputs: &[Tensor<'_>], output: &Tensor<'_>) -> Vec<u8> {
+#[must_use]
+pub fn model(op: &str, axes: Option<i64>, inputs: &[Tensor<'_>], output: &Tensor<'_>) -> Vec<u8> {
     let attributes: Vec<_> = axes.iter().map(|axis| ("axes", std::slice::from_ref(axis))).collect();
     model_with(op, &attributes, inputs, output)
 }
 
-/// The same with any attributes that are lists of whole numbers.
-pub(crate) fn model_with(
-    op: &str,
-    attributes: &[(&str, &[i64])],
-    inputs: &[Tensor<'_>],
-    output: &Tensor<'_>,
-) -> Vec<u8> {
+/// The same with any attributes that are lists of integers.
+#[must_use]
+pub fn model_with(op: &str, attributes: &[(&str, &[i64])], inputs: &[Tensor<'_>], output: &Tensor<'_>) -> Vec<u8> {
     let mut node = Message::default().text(1, inputs[0].0).text(2, output.0).text(4, op);
     for (name, values) in attributes {
         let attribute = Message::default().text(1, name);

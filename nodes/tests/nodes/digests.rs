@@ -16,9 +16,9 @@ use image::{ImageBuffer, Luma, RgbImage};
 use serde_json::{Value as Json, json};
 
 use crate::call::{Values, call, model, open};
-use crate::onnx_file::{self, F32, Tensor};
 use crate::steps::calibration;
 use crate::{images, kitti_family, kitti_raw, ros2_bag, stereo_sets};
+use depthloom_test_needs::onnx_file::{self, F32, Tensor};
 
 const WIDTH: u32 = 90;
 const HEIGHT: u32 = 40;

@@ -14,7 +14,6 @@ mod kitti;
 mod kitti_family;
 mod kitti_raw;
 mod network;
-mod onnx_file;
 mod recognise;
 mod road;
 mod ros2_bag;

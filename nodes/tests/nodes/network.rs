@@ -16,8 +16,8 @@ use image::RgbImage;
 use serde_json::{Value as Json, json};
 
 use crate::call::{call, metres, model, open, value};
-use crate::onnx_file::{self, F32, Tensor, U8};
 use crate::steps::calibration;
+use depthloom_test_needs::onnx_file::{self, F32, Tensor, U8};
 
 /// Whether this machine can run networks; says that the test is skipped where it cannot.
 fn can_run(test: &str) -> bool {

@@ -6,8 +6,8 @@ use std::process::{Command, Output};
 
 use serde_json::Value as Json;
 
-use crate::onnx_file::{self, F32, Tensor, U8};
 use crate::support::{depthloom, label, onnx_runtime, read_csv, skipped, succeed};
+use depthloom_test_needs::onnx_file::{self, F32, Tensor, U8};
 
 /// A street of two frames, whatever `model` makes of its left image, fused in two ways, all scored.
 fn experiment(folder: &Path, model: &[u8], with: &str) -> PathBuf {
