@@ -18,7 +18,6 @@ use crate::storage::sqlite_file::{MAGIC as SQLITE, SqliteFile};
 /// How a zstd frame begins. No CDR or protobuf message begins so.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-/// What a path should be.
 const WANTED: &str = "path is the folder of a ROS 2 bag (with metadata.yaml), or one file of it (.mcap, .db3); ROS 1's .bag is converted by `rosbags-convert` (PyPI, rosbags)";
 
 /// A topic of a bag.
@@ -50,9 +49,6 @@ pub struct Bag {
 
 impl Bag {
     /// Opens the folder of a bag, or a file of one. Where the files have an index, it alone is read.
-    ///
-    /// # Errors
-    /// What is no bag, cannot be read, or is not there; with the remedy.
     pub fn open(path: &Path) -> Result<Self, Fault> {
         let mut bag = Self {
             path: path.to_owned(),
@@ -87,22 +83,19 @@ impl Bag {
         &self.topics
     }
 
-    /// What is to be said of the bag, and is no failure.
+    /// Warnings about the bag that are not failures.
     #[must_use]
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 
-    /// That messages were lost: the bag was cut off, or not all of it was written.
+    /// Warnings that messages were lost: the bag is truncated, or not all of it was written.
     #[must_use]
     pub fn losses(&self) -> &[String] {
         &self.losses
     }
 
     /// The topic of a name.
-    ///
-    /// # Errors
-    /// If there is none, with those that are there.
     pub fn topic(&self, name: &str) -> Result<&Topic, Fault> {
         self.topics.iter().find(|topic| topic.name == name).ok_or_else(|| {
             let fault = Fault::new(format!("{} has no topic {name}", self.path.display()));
@@ -118,38 +111,35 @@ impl Bag {
     #[must_use]
     pub fn there_are(&self, wanted: impl Fn(&Topic) -> bool) -> String {
         const MOST: usize = 24;
-        let told: Vec<String> = self
+        let topics: Vec<String> = self
             .topics
             .iter()
             .filter(|topic| wanted(topic))
             .map(|topic| format!("{} ({})", topic.name, topic.message_type))
             .collect();
-        match told.len() {
+        match topics.len() {
             0 => "there is none".to_owned(),
-            count if count > MOST => format!("there are {}, and {} more", told[..MOST].join(", "), count - MOST),
-            _ => format!("there are {}", told.join(", ")),
+            count if count > MOST => format!("there are {}, and {} more", topics[..MOST].join(", "), count - MOST),
+            _ => format!("there are {}", topics.join(", ")),
         }
     }
 
     /// The messages of topics, a list each, by the time of recording; those of one time in the order of the files.
-    ///
-    /// # Errors
-    /// If an index cannot be read.
     pub fn messages(&self, topics: &[&Topic]) -> Result<Vec<Vec<Message>>, Fault> {
         let mut messages = vec![Vec::new(); topics.len()];
         for (number, file) in self.files.iter().enumerate() {
-            let mut of = Vec::new();
+            let mut indices = Vec::new();
             let mut channels = Vec::new();
             for (which, topic) in topics.iter().enumerate() {
                 for (_, channel) in topic.channels.iter().filter(|(file, _)| *file == number) {
-                    of.push(which);
+                    indices.push(which);
                     channels.push(*channel);
                 }
             }
             if channels.is_empty() {
                 continue;
             }
-            let mut give = |which: usize, message: Message| messages[of[which]].push(message);
+            let mut give = |which: usize, message: Message| messages[indices[which]].push(message);
             match file {
                 Storage::Mcap(file) => file.messages(number, &channels, &mut give)?,
                 Storage::Sqlite(file) => file.messages(number, &channels, &mut give)?,
@@ -161,9 +151,6 @@ impl Bag {
     }
 
     /// A message's bytes, unpacked where messages were compressed one by one.
-    ///
-    /// # Errors
-    /// If the file does not hold them.
     pub fn read(&self, message: &Message) -> Result<Arc<[u8]>, Fault> {
         let bytes = match &self.files[message.file] {
             Storage::Mcap(file) => file.read(message.place)?,
@@ -172,23 +159,20 @@ impl Bag {
         if bytes.starts_with(&ZSTD) { self.unpacked(&bytes).map(Into::into) } else { Ok(bytes.into()) }
     }
 
-    /// The first bytes of messages, at most so many each; `None` where messages were compressed one by one, and only [`Bag::read`] tells.
-    ///
-    /// # Errors
-    /// As [`Bag::read`].
+    /// The first bytes of messages, at most `most` each; `None` where messages were compressed one by one: see [`Bag::read`].
     pub fn heads(&self, messages: &[Message], most: usize) -> Result<Vec<Option<Vec<u8>>>, Fault> {
         let threads = std::thread::available_parallelism().map_or(1, Into::into);
         let budget = Budget::new(threads);
         let _own = budget.permit();
         let mut heads = vec![None; messages.len()];
         for (number, file) in self.files.iter().enumerate() {
-            let of: Vec<usize> = (0..messages.len()).filter(|at| messages[*at].file == number).collect();
-            let places: Vec<Place> = of.iter().map(|at| messages[*at].place).collect();
+            let in_file: Vec<usize> = (0..messages.len()).filter(|at| messages[*at].file == number).collect();
+            let places: Vec<Place> = in_file.iter().map(|at| messages[*at].place).collect();
             let read = match file {
                 Storage::Mcap(file) => file.heads(&places, most, &budget)?,
                 Storage::Sqlite(file) => file.heads(&places, most)?,
             };
-            for (at, head) in of.into_iter().zip(read) {
+            for (at, head) in in_file.into_iter().zip(read) {
                 heads[at] = Some(head).filter(|head| !head.starts_with(&ZSTD));
             }
         }
@@ -211,7 +195,6 @@ impl Bag {
         }
     }
 
-    /// Takes the topics of a file.
     fn take(&mut self, storage: Storage) {
         let number = self.files.len();
         let channels: Vec<(u32, Channel)> = match &storage {
@@ -223,8 +206,8 @@ impl Bag {
             Storage::Sqlite(file) => file.warning(),
         };
         if let Some(Warning { text, is_loss }) = warning {
-            let told = if *is_loss { &mut self.losses } else { &mut self.warnings };
-            told.push(text.clone());
+            let list = if *is_loss { &mut self.losses } else { &mut self.warnings };
+            list.push(text.clone());
         }
         for (id, Channel { topic: name, message_type, encoding }) in channels {
             let is_same = |topic: &&mut Topic| {
@@ -238,7 +221,7 @@ impl Bag {
         self.files.push(storage);
     }
 
-    /// The files of a bag: those that its metadata names; without any, those that lie there, if they are of one bag.
+    /// The files of a bag: those that its metadata names; without metadata, those in the folder, if they are of one bag.
     fn files_of(&mut self, path: &Path) -> Result<Vec<PathBuf>, Fault> {
         if path.file_name().is_some_and(|name| name == metadata::NAME)
             && let Some(folder) = path.parent()
@@ -293,7 +276,7 @@ fn split_of(file: &Path) -> (String, u64) {
     }
 }
 
-/// What a file is, its first bytes say, not its name.
+/// Opens a file by its first bytes, not its name.
 fn open(path: &Path, number: usize, cache: &Arc<ChunkCache>) -> Result<Storage, Fault> {
     let file = PositionedFile::open(path)?;
     let head = file.range(0, file.size.min(16), 16)?;

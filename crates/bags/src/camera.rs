@@ -8,10 +8,10 @@ use crate::form::{Wire, frame, timestamp};
 use crate::images::text;
 use crate::{Form, Header, Sort};
 
-/// What a camera is.
+/// The calibration of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraInfo {
-    /// When it was said, and the camera's frame.
+    /// Time and coordinate frame.
     pub header: Header,
     /// Columns of the calibrated image.
     pub width: u32,
@@ -34,9 +34,6 @@ pub struct CameraInfo {
 }
 
 /// Reads a message of a topic of cameras.
-///
-/// # Errors
-/// If it is not of that form.
 pub fn camera_info(form: Form, message: &[u8]) -> Result<CameraInfo, ErrorMessage> {
     match (form.sort, form.wire) {
         (Sort::CameraInfo, Wire::Cdr) => {

@@ -17,7 +17,6 @@ pub(crate) struct Cdr<'a> {
 }
 
 impl<'a> Cdr<'a> {
-    /// Reads the header.
     pub(crate) fn new(message: &'a [u8]) -> Result<Self, ErrorMessage> {
         let Some((header, bytes)) = message.split_first_chunk::<HEADER>() else {
             return Err(ErrorMessage::new(format!(
@@ -54,7 +53,7 @@ impl<'a> Cdr<'a> {
     fn number<const N: usize>(&mut self, name: &str) -> Result<[u8; N], ErrorMessage> {
         self.at = self.at.next_multiple_of(N);
         let taken = self.take(N, name)?;
-        let mut array: [u8; N] = taken.try_into().expect("so many were taken");
+        let mut array: [u8; N] = taken.try_into().expect("N bytes were taken");
         if self.is_big_endian {
             array.reverse();
         }
@@ -77,7 +76,7 @@ impl<'a> Cdr<'a> {
         self.number(name).map(f64::from_le_bytes)
     }
 
-    /// So many numbers, without a length before them.
+    /// `N` numbers, without a length before them.
     pub(crate) fn f64s<const N: usize>(&mut self, name: &str) -> Result<[f64; N], ErrorMessage> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
@@ -92,7 +91,7 @@ impl<'a> Cdr<'a> {
         (0..count).map(|_| self.f64(name)).collect()
     }
 
-    /// The length of a sequence whose elements have at least so many bytes each: as many must be left.
+    /// The length of a sequence; the message must have `least` bytes for each element.
     pub(crate) fn count(&mut self, least: usize, name: &str) -> Result<usize, ErrorMessage> {
         let count = self.u32(name)? as usize;
         let left = self.bytes.len().saturating_sub(self.at);

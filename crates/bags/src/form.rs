@@ -7,10 +7,10 @@ use depthloom_graphs::Fault;
 use crate::Topic;
 use crate::cdr::Cdr;
 
-/// What messages tell of.
+/// The content of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sort {
-    /// An image, as it lies: `sensor_msgs/msg/Image`, `foxglove.RawImage`.
+    /// An uncompressed image: `sensor_msgs/msg/Image`, `foxglove.RawImage`.
     Image,
     /// An image as JPEG or PNG: `sensor_msgs/msg/CompressedImage`, `foxglove.CompressedImage`.
     CompressedImage,
@@ -30,7 +30,6 @@ impl Sort {
     }
 }
 
-/// How messages are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wire {
     Cdr,
@@ -40,12 +39,11 @@ pub(crate) enum Wire {
 /// What a topic's messages are, and how they are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Form {
-    /// What they tell of.
+    /// Their content.
     pub sort: Sort,
     pub(crate) wire: Wire,
 }
 
-/// The types that are read.
 const TYPES: [(&str, Sort); 5] = [
     ("sensor_msgs/msg/Image", Sort::Image),
     ("sensor_msgs/msg/CompressedImage", Sort::CompressedImage),
@@ -60,16 +58,13 @@ const FOXGLOVE_TYPES: [(&str, Sort); 3] = [
 ];
 
 impl Form {
-    /// What a topic's messages are; `None` for what is not read, however it is written.
+    /// The content of a topic's messages, in any encoding; `None` for types that are not read.
     #[must_use]
     pub fn sort_of(topic: &Topic) -> Option<Sort> {
         TYPES.iter().chain(&FOXGLOVE_TYPES).find(|(name, _)| *name == topic.message_type).map(|(_, sort)| *sort)
     }
 
     /// How a topic's messages are read.
-    ///
-    /// # Errors
-    /// If they are of a type, or written in a way, that is not read.
     pub fn of(topic: &Topic) -> Result<Self, Fault> {
         let Topic { name, message_type, encoding, .. } = topic;
         let (known, wire, written) = match encoding.as_str() {
@@ -109,7 +104,6 @@ impl Header {
     }
 }
 
-/// A frame's name.
 pub(crate) fn frame(name: &str) -> String {
     name.strip_prefix('/').unwrap_or(name).to_owned()
 }
@@ -127,7 +121,7 @@ fn stamp(seconds: i64, nanoseconds: u64) -> Result<u64, ErrorMessage> {
 /// The bytes of a protobuf message that surely hold its first field, and of a CDR message its stamp.
 pub(crate) const HEAD: usize = 64;
 
-/// The stamp, by a message's first bytes; `None` where they do not tell.
+/// The stamp in a message's first bytes; `None` where they do not contain it.
 pub(crate) fn stamp_of(wire: Wire, head: &[u8], is_whole: bool) -> Result<Option<u64>, ErrorMessage> {
     match wire {
         Wire::Cdr => cdr_stamp(&mut Cdr::new(head)?).map(Some),

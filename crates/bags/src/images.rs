@@ -60,13 +60,13 @@ pub struct ImageMessage<'a> {
 /// An image as a message has it.
 #[derive(Debug)]
 pub enum ImageContent<'a> {
-    /// As it lies.
+    /// Uncompressed.
     Raw(RawImage<'a>),
     /// A file's bytes, and what the message calls their format.
     Compressed(CompressedImage<'a>),
 }
 
-/// An image as it lies.
+/// An uncompressed image.
 #[derive(Debug)]
 pub struct RawImage<'a> {
     /// Columns.
@@ -93,9 +93,6 @@ pub struct CompressedImage<'a> {
 }
 
 /// Reads a message of a topic of images.
-///
-/// # Errors
-/// If it is not of that form.
 pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, ErrorMessage> {
     match (form.sort, form.wire) {
         (Sort::Image, Wire::Cdr) => {
@@ -150,13 +147,12 @@ pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, ErrorMessag
     }
 }
 
-/// A protobuf string.
 pub(crate) fn text<'a>(content: Content<'a>, name: &str) -> Result<&'a str, ErrorMessage> {
     std::str::from_utf8(content.bytes()).map_err(|_| ErrorMessage::new(format!("`{name}` is no UTF-8")))
 }
 
 impl<'a> RawImage<'a> {
-    /// Its rows, of that many bytes a pixel, held against the message.
+    /// Its rows, checked against the length of the message.
     fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &'a [u8]>, ErrorMessage> {
         self.planes(bytes_per_pixel, self.height)
     }
@@ -180,10 +176,9 @@ impl<'a> RawImage<'a> {
         Ok(data.chunks_exact(step as usize).take(rows as usize).map(move |line| &line[..row]))
     }
 
-    /// The numbers of 16 bits, that many a pixel.
     fn u16s(&self, channels: usize) -> Result<Vec<u16>, ErrorMessage> {
-        let of = if self.is_big_endian { u16::from_be_bytes } else { u16::from_le_bytes };
-        Ok(self.rows(2 * channels)?.flat_map(|row| row.as_chunks::<2>().0).map(|sample| of(*sample)).collect())
+        let number = if self.is_big_endian { u16::from_be_bytes } else { u16::from_le_bytes };
+        Ok(self.rows(2 * channels)?.flat_map(|row| row.as_chunks::<2>().0).map(|sample| number(*sample)).collect())
     }
 
     /// Red, green and blue of each pixel, if colour differences are stored with brightness; `None` if they are not.
@@ -221,12 +216,6 @@ impl<'a> RawImage<'a> {
 
     /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, or of the lowest `bits`; transparency is dropped. A sensor's
     /// mosaic and YUV become the colours that OpenCV's `cvtColor` gives. Beside it how bright a 16-bit image is.
-    ///
-    /// # Errors
-    /// If sizes do not fit the message, or the encoding is no camera's, or not read.
-    ///
-    /// # Panics
-    /// Never: the rows were held against the size.
     pub fn pixels(&self, bits: Option<u32>) -> Result<(Pixels, Option<Brightest>), ErrorMessage> {
         let size = (self.width, self.height);
         let grey = |samples| Pixels::Grey(GrayImage::from_raw(size.0, size.1, samples).expect("a byte a pixel"));
@@ -292,12 +281,6 @@ impl<'a> RawImage<'a> {
 
     /// Depths in metres, NaN where none is known (0, or no finite positive number). A unit is so many metres; by default a millimetre of
     /// `16UC1`, a metre of `32FC1`, as REP 118 has it.
-    ///
-    /// # Errors
-    /// If sizes do not fit the message, or it holds no depths.
-    ///
-    /// # Panics
-    /// Never: the rows were held against the size.
     pub fn depths(&self, unit_m: Option<f64>) -> Result<Raster<f32>, ErrorMessage> {
         let metres: Vec<f32> = match self.encoding {
             "16UC1" | "mono16" => {
@@ -305,11 +288,11 @@ impl<'a> RawImage<'a> {
                 self.u16s(1)?.into_iter().map(|raw| depth_of(f64::from(raw) * unit_m)).collect()
             }
             "32FC1" => {
-                let of = if self.is_big_endian { f32::from_be_bytes } else { f32::from_le_bytes };
+                let number = if self.is_big_endian { f32::from_be_bytes } else { f32::from_le_bytes };
                 let unit_m = unit_m.unwrap_or(1.0);
                 self.rows(4)?
                     .flat_map(|row| row.as_chunks::<4>().0)
-                    .map(|raw| depth_of(f64::from(of(*raw)) * unit_m))
+                    .map(|raw| depth_of(f64::from(number(*raw)) * unit_m))
                     .collect()
             }
             other => {
@@ -354,11 +337,8 @@ impl DepthCoding {
 }
 
 impl<'a> CompressedImage<'a> {
-    /// The image file of a camera, and whether its red and blue are exchanged: `image_transport` hands an image to OpenCV's encoder, which takes the
-    /// first sample as blue, and says behind `compressed` in which order it handed it over.
-    ///
-    /// # Errors
-    /// If it is not the image of a camera.
+    /// The image file of a camera, and whether its red and blue are exchanged: `image_transport` passes an image to OpenCV's encoder,
+    /// which takes the first sample as blue, and writes the order of the samples after `compressed`.
     pub fn camera(&self) -> Result<(&'a [u8], bool), ErrorMessage> {
         let (encoding, how) = self.format.split_once(';').unwrap_or(("", self.format));
         if how.contains("compressedDepth") {
@@ -375,9 +355,6 @@ impl<'a> CompressedImage<'a> {
     }
 
     /// The 16-bit PNG of depths, and how they were made.
-    ///
-    /// # Errors
-    /// If it holds no depths, or in another form.
     pub fn depths(&self) -> Result<(&'a [u8], DepthCoding), ErrorMessage> {
         const REMEDY: &str =
             "depths are read of `16UC1; compressedDepth png`, `32FC1; compressedDepth png` and `16UC1; png compressed`";

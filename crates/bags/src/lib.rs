@@ -1,8 +1,8 @@
-//! ROS 2 bags and other MCAP files: their messages by topic, and what the messages of cameras, scanners and transforms say.
+//! ROS 2 bags and other MCAP files: their messages by topic, and the content of messages of cameras, scanners and transforms.
 //!
 //! A [`Bag`] is one file or several, in MCAP or in rosbag2's SQLite storage. Opening it reads its index, [`Bag::messages`] lists what a topic holds, and
-//! any thread reads any message at any time. What a message says is decoded by [`images`], [`camera`], [`points`] and [`transforms`], out of CDR
-//! or protobuf bytes that may be anything: every length is held against what is there before anything is allocated.
+//! any thread reads any message at any time. The content of a message is decoded by [`images`], [`camera`], [`points`] and [`transforms`], out of CDR
+//! or protobuf bytes that may be anything: every length is checked before anything is allocated.
 //!
 //! ```no_run
 //! use depthloom_bags::{Bag, Form};
@@ -18,6 +18,11 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![forbid(unsafe_code)]
+#![expect(
+    clippy::missing_errors_doc,
+    reason = "an error says what is wrong with the bag or the message, and the remedy"
+)]
+#![expect(clippy::missing_panics_doc, reason = "rows are compared with the size before")]
 
 mod bag;
 pub mod camera;

@@ -5,10 +5,8 @@ use std::path::{Path, PathBuf};
 use depthloom_graphs::{Fault, regular_file};
 use serde::Deserialize;
 
-/// Its name.
 pub(crate) const NAME: &str = "metadata.yaml";
 
-/// Its most bytes.
 const MOST_BYTES: u64 = 16 << 20;
 
 #[derive(Deserialize)]
@@ -36,8 +34,8 @@ pub(crate) fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
             .because(first_line(&error.to_string()))
             .remedy(remedy)
     })?;
-    let of = read.rosbag2_bagfile_information;
-    if of.relative_file_paths.is_empty() {
+    let information = read.rosbag2_bagfile_information;
+    if information.relative_file_paths.is_empty() {
         return Err(Fault::new(format!("{} names no file", path.display())).remedy(remedy));
     }
     let find = |name: &String| {
@@ -60,7 +58,7 @@ pub(crate) fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
             }
         }
     };
-    let files: Vec<PathBuf> = of.relative_file_paths.iter().map(find).collect::<Result<_, _>>()?;
+    let files: Vec<PathBuf> = information.relative_file_paths.iter().map(find).collect::<Result<_, _>>()?;
     if let Some(packed_file) = files.iter().find(|file| file.extension().is_some_and(|ending| ending == "zstd")) {
         return Err(packed(packed_file));
     }

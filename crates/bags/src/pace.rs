@@ -1,9 +1,9 @@
 //! How evenly the messages of a topic come.
 
-/// Messages of which a gap is longer than so many usual ones count as missing between its ends.
+/// In a gap longer than this many usual ones messages are missing.
 const LONG: f64 = 1.5;
 
-/// Gaps whose spread is wider than this part of the usual one are of no camera that ticks: what is missing cannot be told.
+/// If gaps differ by more than this share of the usual one, the sender has no fixed rate, and missing messages cannot be counted.
 const EVEN: f64 = 0.5;
 
 /// How evenly messages come.
@@ -13,7 +13,7 @@ pub struct Pace {
     pub messages: usize,
     /// From the first to the last, seconds.
     pub seconds: f64,
-    /// The even part; `None` of fewer than three messages, or of such that come in no step.
+    /// `None` of fewer than three messages, or of messages without a fixed rate.
     pub steps: Option<Steps>,
 }
 
@@ -22,7 +22,7 @@ pub struct Pace {
 pub struct Steps {
     /// The usual gap, seconds: the median.
     pub seconds: f64,
-    /// How far from the usual nine of ten gaps are, seconds, but for those in which messages are missing.
+    /// How far from the usual nine of ten gaps are, seconds; without those in which messages are missing.
     pub jitter_s: f64,
     /// How many messages are missing, by the length of the gaps.
     pub missing: u64,

@@ -10,7 +10,7 @@ use depthloom_graphs::ErrorMessage;
 pub struct PointCloud<'a> {
     /// When and in which frame.
     pub header: Header,
-    /// The rows of points, held against the message.
+    /// The rows of points, checked against the length of the message.
     rows: Vec<&'a [u8]>,
     point_step: usize,
     xyz: [Coordinate; 3],
@@ -29,9 +29,6 @@ const FLOAT32: u8 = 7;
 const FLOAT64: u8 = 8;
 
 /// Reads a message of a topic of points.
-///
-/// # Errors
-/// If it is not of that form, or has no coordinates.
 pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, ErrorMessage> {
     if (form.sort, form.wire) != (Sort::PointCloud, Wire::Cdr) {
         return Err(ErrorMessage::new("it is no point cloud"));

@@ -11,31 +11,28 @@ use crate::{Bag, Form, Message, Topic};
 pub struct Stamped {
     /// Nanoseconds since 1970.
     pub stamp_ns: u64,
-    /// Where it lies.
+    /// Where it is stored.
     pub message: Message,
 }
 
 /// Messages by the time of their headers, of one time the one recorded first; and how many repeat another's time, which are left out.
 ///
 /// Only their first bytes are read; of MCAP's compressed chunks all before them is decompressed, on all cores.
-///
-/// # Errors
-/// If a message cannot be read, or is of another form.
 pub fn by_header(bag: &Bag, topic: &Topic, form: Form, messages: &[Message]) -> Result<(Vec<Stamped>, usize), Fault> {
     let mut stamped = Vec::with_capacity(messages.len());
     for (message, head) in messages.iter().zip(bag.heads(messages, HEAD)?) {
-        let of = |bytes: &[u8], is_whole| {
+        let stamp = |bytes: &[u8], is_whole| {
             stamp_of(form.wire, bytes, is_whole).map_err(|error| {
                 message_fault(error, bag.path(), &topic.name, &format!("recorded at {}", seconds(message.log_ns)))
             })
         };
         let known = match &head {
-            Some(head) => of(head, head.len() < HEAD)?,
+            Some(head) => stamp(head, head.len() < HEAD)?,
             None => None,
         };
         let stamp_ns = match known {
             Some(stamp_ns) => stamp_ns,
-            None => of(&bag.read(message)?, true)?.unwrap_or(0),
+            None => stamp(&bag.read(message)?, true)?.unwrap_or(0),
         };
         stamped.push(Stamped { stamp_ns, message: *message });
     }

@@ -22,7 +22,6 @@ fn partner(name: &str) -> Option<String> {
     SIDES.iter().find(|(left, _)| name.contains(left)).map(|(left, right)| name.replace(left, right))
 }
 
-/// A topic's name without its transport.
 fn base(name: &str) -> &str {
     match name.rsplit_once('/') {
         Some((base, last)) if TRANSPORTS.contains(&last) => base,
@@ -52,7 +51,7 @@ pub fn left_of<'a>(bag: &'a Bag, right: &Topic) -> Option<&'a Topic> {
     bag.topics().iter().find(is_left)
 }
 
-/// The stereo pairs that there are by name. Where some are rectified, these; of one image in several transports the one as it lies.
+/// The stereo pairs that there are by name. Where some are rectified, these; of one image in several transports the uncompressed one.
 #[must_use]
 pub fn stereo_pairs(bag: &Bag) -> Vec<(&Topic, &Topic)> {
     let is_image = |topic: &&Topic| Form::sort_of(topic).is_some_and(Sort::is_image);
@@ -78,7 +77,7 @@ pub fn camera_of<'a>(bag: &'a Bag, image: &Topic) -> Option<&'a Topic> {
     let cameras = || bag.topics().iter().filter(|topic| Form::sort_of(topic) == Some(Sort::CameraInfo));
     let named = |name: String| cameras().find(|topic| topic.name == name);
     let only = |folder: &str| {
-        let mut of = cameras().filter(|topic| topic.name.rsplit_once('/').is_some_and(|(of, _)| of == folder));
+        let mut of = cameras().filter(|topic| topic.name.rsplit_once('/').is_some_and(|(parent, _)| parent == folder));
         of.next().filter(|_| of.next().is_none())
     };
     named(format!("{folder}/camera_info"))

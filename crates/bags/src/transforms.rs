@@ -10,7 +10,6 @@ use crate::{Form, Header, Sort};
 /// A rigid motion, 3x4, row-major: rotation and translation (metres).
 pub type Motion = [f64; 12];
 
-/// The most frames of a tree.
 const MOST_FRAMES: usize = 100_000;
 
 /// The coordinate frames of a robot, each as its parent sees it.
@@ -18,10 +17,7 @@ const MOST_FRAMES: usize = 100_000;
 pub struct Transforms(BTreeMap<String, (String, Motion)>);
 
 impl Transforms {
-    /// Takes the transforms of a message; what was said before of a frame is replaced.
-    ///
-    /// # Errors
-    /// If it is not of that form, or no motion.
+    /// Takes the transforms of a message; they replace earlier ones of the same frames.
     pub fn add(&mut self, form: Form, message: &[u8]) -> Result<(), ErrorMessage> {
         if (form.sort, form.wire) != (Sort::Transforms, Wire::Cdr) {
             return Err(ErrorMessage::new("it holds no transforms"));
@@ -48,9 +44,6 @@ impl Transforms {
     }
 
     /// From coordinates in one frame to those in another: `target_from_source`.
-    ///
-    /// # Errors
-    /// If the two do not hang together, with the frames that there are, as a lower-case fragment.
     pub fn between(&self, target: &str, source: &str) -> Result<Motion, String> {
         let (of_target, of_source) = (self.ancestors(target), self.ancestors(source));
         for (name, ancestor_from_source) in &of_source {

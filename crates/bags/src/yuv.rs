@@ -29,7 +29,6 @@ impl Packed {
         }
     }
 
-    /// Red, green and blue of two neighbouring pixels.
     pub(crate) fn colours(self, bytes: [u8; 4]) -> [[u8; 3]; 2] {
         let [u, first, v, second] = match self {
             Self::Uyvy => bytes,
@@ -39,7 +38,6 @@ impl Packed {
     }
 }
 
-/// Red, green and blue of a pixel.
 pub(crate) fn colour(brightness: u8, u: u8, v: u8) -> [u8; 3] {
     let (u, v) = (i32::from(u) - 128, i32::from(v) - 128);
     let brightness = (i32::from(brightness) - 16).max(0) * BRIGHTNESS;

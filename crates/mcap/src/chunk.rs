@@ -12,7 +12,7 @@ use crate::record::{MESSAGE_HEADER, RECORD_HEADER, body_of, read, record_header}
 
 /// A chunk as it is stored.
 pub struct Chunk<'a> {
-    /// What it says of its records.
+    /// Sizes, times and checksum of its records.
     pub header: ChunkHeader,
     /// The records, compressed.
     stored: &'a [u8],

@@ -18,7 +18,7 @@ pub const MESSAGE_HEADER: u64 = 22;
 /// A field of a record, as far as it must be stepped over.
 #[derive(Clone, Copy, Debug)]
 pub enum Field {
-    /// So many bytes.
+    /// A fixed number of bytes.
     Fixed(usize),
     /// Four bytes with the number of the bytes that follow: a text, or a map without texts.
     Counted,

@@ -1,4 +1,4 @@
-//! The permits to work: at most so many threads work at once, whoever they are.
+//! The permits to work: they limit how many threads work at once.
 
 use crate::locked;
 use std::sync::atomic::{AtomicUsize, Ordering, fence};
@@ -8,8 +8,9 @@ use crossbeam::utils::{Backoff, CachePadded};
 
 /// The permits to work, as many as threads may work at once. A worker without a task gives its permit back; a thread that helps with tiles takes one.
 ///
-/// Workers that have nothing to do sleep here. The protocol is the usual one of two flags: who brings work first makes it
-/// visible and then looks for sleepers; who goes to sleep first says so and then looks for work; so one of the two sees the other.
+/// Workers that have nothing to do sleep here. The protocol is the usual one of two flags: a thread that brings work
+/// makes it visible and then looks for sleepers; one that goes to sleep registers and then looks for work. So one of
+/// the two sees the other.
 #[derive(Debug)]
 pub struct Budget {
     width: usize,
@@ -55,7 +56,7 @@ impl Budget {
         self.free.fetch_update(Ordering::AcqRel, Ordering::Relaxed, take).is_ok().then(|| Permit(self))
     }
 
-    /// A permit as soon as there is both work and a permit; `None` once the work is over.
+    /// A permit as soon as there is both work and a permit; `None` once the work is finished.
     pub fn permit_for(&self, is_work: impl Fn() -> bool, is_over: impl Fn() -> bool) -> Option<Permit<'_>> {
         let look = || if is_work() { self.permit() } else { None };
         // A task often follows within microseconds, and going to sleep costs several.
@@ -96,7 +97,7 @@ impl Budget {
         (0..tasks.min(sleepers)).for_each(|_| self.wake.notify_one());
     }
 
-    /// Wakes everyone, to find that the work is over.
+    /// Wakes all sleepers, because the work is finished.
     pub fn wake_all(&self) {
         let _asleep = locked(&self.asleep);
         self.wake.notify_all();

@@ -28,7 +28,7 @@ impl Budget {
     /// borrow the caller's data without any `unsafe`.
     ///
     /// # Panics
-    /// If a tile panics; which of them is told, and how many others still run, is left open.
+    /// If a tile panics; which panic is reported, and how many other tiles still run, is not specified.
     pub fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync), helping: &(dyn Fn(&dyn Fn()) + Sync)) {
         let next = AtomicUsize::new(0);
         let draw = || {

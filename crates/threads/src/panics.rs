@@ -1,4 +1,4 @@
-//! Panics that are caught where they do not end the work: kept off standard error, and told in words.
+//! Panics that are caught where they do not end the work: returned as a message, not printed.
 
 use std::any::Any;
 use std::cell::{Cell, RefCell};
@@ -14,7 +14,7 @@ thread_local! {
 #[derive(Debug)]
 pub struct Caught(pub String);
 
-/// Runs `f`; a panic in it is caught, printed nowhere, and told in words.
+/// Runs `f`; a panic in it is caught and returned as a message, not printed.
 ///
 /// # Errors
 /// The panic, if there was one.

@@ -109,11 +109,11 @@ impl Round {
             let tile = next.fetch_add(1, Ordering::Relaxed);
             (tile < *end).then_some(tile)
         });
-        taken.next().expect("a round has as many tiles as are asked of it")
+        taken.next().expect("a round has as many tiles as calls")
     }
 }
 
-/// Counts a tile when dropped, also by a panic: the others need not wait for ever.
+/// Counts a tile when dropped, also by a panic: the others do not wait for it.
 struct Done<'a>(&'a AtomicUsize);
 
 impl Drop for Done<'_> {

@@ -21,7 +21,6 @@ pub(super) struct Unindexed {
     pub place: super::message::Place,
 }
 
-/// The content of a file.
 #[derive(Default)]
 pub(super) struct Index {
     pub channels: BTreeMap<u16, Channel>,
@@ -54,7 +53,6 @@ impl Known {
         Some(())
     }
 
-    /// Whether a channel was noted.
     pub(super) fn has(&self, channel: u16) -> bool {
         self.channels.contains_key(&channel)
     }

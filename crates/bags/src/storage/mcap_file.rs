@@ -1,4 +1,4 @@
-//! An MCAP file of a bag: messages by channel, read where they lie.
+//! An MCAP file of a bag: messages by channel, read without a copy of the file.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -21,10 +21,8 @@ use crate::MOST_BYTES;
 /// The most messages of a file: four days of a thousand a second. A few forged indexes that name one another's entries could ask for any number.
 const MOST_MESSAGES: usize = 400_000_000 / size_of::<Message>();
 
-/// The most bytes of a file's header.
 const MOST_HEADER: u64 = 64 << 10;
 
-/// The most bytes of a message index.
 const MOST_INDEX: u64 = 256 << 20;
 
 /// The library that an MCAP file's header names as its writer, whatever follows; `None` of what does not begin as one.
@@ -162,7 +160,6 @@ impl McapFile {
         Ok(())
     }
 
-    /// A message's bytes.
     pub(crate) fn read(&self, place: Place) -> Result<Vec<u8>, Fault> {
         let (chunk, channel, offset) = match place {
             Place::Bytes { offset, length } => return Ok(self.file.range(offset, length, MOST_BYTES)?),

@@ -9,18 +9,22 @@ pub struct Message {
     pub(crate) place: Place,
 }
 
-/// Where a message's bytes are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Place {
     /// In an MCAP file, outside of chunks.
-    Bytes { offset: u64, length: u64 },
+    Bytes {
+        offset: u64,
+        length: u64,
+    },
     /// In an MCAP file: a record of a chunk.
-    Chunk { chunk: usize, channel: u16, offset: u64 },
-    /// In an SQLite file.
+    Chunk {
+        chunk: usize,
+        channel: u16,
+        offset: u64,
+    },
     Row(i64),
 }
 
-/// A channel of a file: an MCAP channel, or a topic of an SQLite file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Channel {
     pub topic: String,
@@ -30,7 +34,6 @@ pub(crate) struct Channel {
     pub encoding: String,
 }
 
-/// A warning about a file that can be read.
 pub(crate) struct Warning {
     /// With the file's name.
     pub text: String,

@@ -103,7 +103,6 @@ pub(super) fn completed(file: &PositionedFile, mut index: Index) -> Result<Index
     Ok(index)
 }
 
-/// Reads the chunk that an index names.
 pub(super) fn read_chunk<'a>(
     file: &'a PositionedFile,
     place: &ChunkIndex,

@@ -16,7 +16,6 @@ use crate::MOST_BYTES;
 /// How every SQLite file begins.
 pub(crate) const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 
-/// The most topics and messages of a file.
 const MOST_TOPICS: i64 = 100_000;
 const MOST_MESSAGES: i64 = 400_000_000 / size_of::<Message>() as i64;
 
@@ -61,7 +60,6 @@ impl SqliteFile {
         Ok(file)
     }
 
-    /// The topics by number.
     pub(crate) fn channels(&self) -> impl Iterator<Item = (u32, &Channel)> {
         self.topics.iter().map(|(number, (_, channel))| (*number, channel))
     }
@@ -170,7 +168,6 @@ impl SqliteFile {
         }
     }
 
-    /// A message's bytes.
     pub(crate) fn read(&self, place: Place) -> Result<Vec<u8>, Fault> {
         let connection = self.connection()?;
         let bytes = self.bytes(&connection, Self::row(place), u64::MAX)?;
