@@ -42,7 +42,7 @@ pub(crate) fn serve(arguments: &[String]) -> io::Result<()> {
     let mut calls = StreamReader::new(io::stdin().lock());
     let broken = |error: &dyn std::fmt::Display| io::Error::other(error.to_string());
     let schema = calls.schema().map_err(|error| broken(&error))?.ok_or_else(|| broken(&"no schema"))?;
-    let node = schema.said("depthloom.node").ok_or_else(|| broken(&"the schema does not describe a node"))?;
+    let node = schema.metadata("depthloom.node").ok_or_else(|| broken(&"the schema does not describe a node"))?;
     let node: Json = serde_json::from_str(node)?;
     let mut program = Program::new(&node, arguments)?;
     let mut replies = io::stdout().lock();
