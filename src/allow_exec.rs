@@ -10,7 +10,6 @@ use depthloom_terminal::{CliError, ExitCode};
 
 use crate::args::ExecArgs;
 
-/// A person's own configuration.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Config {
@@ -63,12 +62,13 @@ fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, CliError> {
         let first = error.to_string();
         let first = first.lines().next().unwrap_or_default().to_owned();
         CliError::usage(
-            format!("{} is no configuration: {first}", file.display()),
+            format!("{} is not a valid configuration: {first}", file.display()),
             "it holds `allow_exec: [FILE, ...]`: the experiments that may start programs",
         )
     })?;
     if let Some(relative) = config.allow_exec.iter().find(|listed| listed.is_relative()) {
-        let what = format!("`allow_exec` of {} names `{}`, which is no whole path", file.display(), relative.display());
+        let what =
+            format!("`allow_exec` of {} names `{}`, which is not an absolute path", file.display(), relative.display());
         return Err(CliError::usage(what, "write it from the root, `/home/me/experiments/mine.yaml`"));
     }
     // Files, whatever leads to them; one that is not there is nobody's.

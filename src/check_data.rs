@@ -19,12 +19,10 @@ use crate::output::frame_progress::FrameProgress;
 use crate::output::warnings::WarningCollector;
 use crate::truths;
 
-/// What was found of a source.
 pub(crate) struct Walked {
     /// Its name under `sources:`.
     pub name: String,
     pub kind: String,
-    /// How many frames have all their files.
     pub frames: usize,
     pub faults: Vec<Found>,
     /// What there is to show of the data beside their frames.
@@ -35,7 +33,6 @@ pub(crate) struct Walked {
     with: BTreeMap<&'static str, usize>,
 }
 
-/// One thing that is wrong.
 pub(crate) struct Found {
     /// The frame's id; `None` of what is no frame's own.
     frame: Option<String>,
@@ -227,7 +224,6 @@ pub(crate) fn file_of<'f>(port: &str, files: &'f [(&'static str, PathBuf)]) -> O
         .or_else(|| part("left").filter(|_| port != "calibration"))
 }
 
-/// A line a source.
 pub(crate) fn text(walked: &[Walked]) -> String {
     let line = |of: &Walked| {
         let frames = counted(of.frames, "frame");

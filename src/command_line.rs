@@ -55,7 +55,6 @@ pub(crate) fn asks_for_json(arguments: impl IntoIterator<Item = OsString>) -> bo
     arguments.into_iter().take_while(|argument| argument != "--").any(|argument| argument == "--json")
 }
 
-/// What the process's arguments ask for.
 pub(crate) fn parse(registry: &Registry) -> Result<Cli, clap::Error> {
     let mut command = command(registry);
     let matches = command.try_get_matches_from_mut(std::env::args_os());

@@ -69,7 +69,6 @@ pub(crate) fn columns() -> Vec<CompletionCandidate> {
     metrics().into_iter().chain(others).collect()
 }
 
-/// The commands that take an experiment.
 const OF_EXPERIMENTS: [&str; 5] = ["run", "check", "plan", "graph", "dora"];
 
 /// Adds what the experiment or the run on the command line has, where a shell's script asks for it: `--set` paths, variants, topics.
@@ -156,7 +155,6 @@ fn candidates(words: Vec<String>) -> ArgValueCandidates {
     ArgValueCandidates::new(move || words.iter().map(CompletionCandidate::new).collect())
 }
 
-/// Words with a sentence each.
 pub(crate) fn words<'a>(words: impl Iterator<Item = (&'a str, &'a str)>) -> ArgValueCandidates {
     let words: Vec<(String, String)> = words.map(|(word, about)| (word.to_owned(), about.to_owned())).collect();
     let candidate = |(word, about): &(String, String)| CompletionCandidate::new(word).help(Some(about.into()));

@@ -69,11 +69,9 @@ pub(crate) struct Run {
 
 /// A run whose sources and nodes run in other processes.
 pub(crate) struct RemoteNodes<'a> {
-    /// Observes the progress of the recording.
     pub observer: &'a dyn Observer,
     /// Threads that wait for values, and encode them.
     pub workers: usize,
-    /// Frames in flight.
     pub window: usize,
 }
 
@@ -171,19 +169,15 @@ fn options(args: &RunArgs, folder: &RunFolder) -> Options {
     }
 }
 
-/// A complete recording.
 struct Recorded<'a> {
     /// How many values were reused, and of which runs.
     reused: Reused,
-    /// How many frames failed.
     failed: u64,
-    /// The warnings of the run.
     warnings: Vec<String>,
     /// What is removed once the run is complete.
     checkpoints: Checkpoints,
     /// What the report need not read from the recording.
     prepared: Prepared<'a>,
-    /// Whether programs wrote to standard error.
     has_printed: bool,
 }
 
@@ -221,7 +215,7 @@ fn record<'a>(
     }
     if let Some(Condition::Damaged { offset, what, .. }) = begun.as_ref().map(|begun| begun.condition()) {
         let partial = folder.partial.display();
-        print_warnings(args, &[format!("made afresh what {partial} held behind byte {offset}: {what}")]);
+        print_warnings(args, &[format!("recomputed what {partial} had after byte {offset}: {what}")]);
     }
     let progress = Progress::new(plan, is_silent(args));
     // What is wrong with the scores the report says when the frames are safe.
@@ -287,7 +281,6 @@ fn print_warnings(args: &RunArgs, warnings: &[String]) {
 struct Finished {
     report: Summary,
     environment: Environment,
-    /// Of its plan.
     key: String,
     frames: Vec<Frames>,
     failures: Vec<FrameFailure>,
@@ -327,7 +320,6 @@ fn finish(
     Ok(Finished { report, environment, key: plan_key(recording.plan()).to_string(), frames, failures })
 }
 
-/// Prints the results.
 fn show(args: &RunArgs, report: &Summary, output: impl FnOnce() -> Run, out: &Path) -> Result<(), CliError> {
     if args.output.json {
         return output::print(&output());

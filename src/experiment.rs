@@ -10,13 +10,11 @@ use depthloom_terminal::{CliError, ExitCode, Problem};
 use crate::args::ExperimentArgs;
 use crate::output::diagnostics;
 
-/// The name that stands for standard input.
 const STANDARD_INPUT: &str = "-";
 
 /// The most bytes that are read from standard input: no experiment is larger.
 const LARGEST: u64 = 64 << 20;
 
-/// The text on standard input.
 fn standard_input() -> Result<String, CliError> {
     let mut text = String::new();
     match io::stdin().lock().take(LARGEST).read_to_string(&mut text) {

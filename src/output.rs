@@ -45,7 +45,6 @@ fn format<T: CommandOutput>() -> Json {
     json!({ "name": format!("depthloom.{}", T::NAME), "version": VERSION })
 }
 
-/// The JSON Schema of an output.
 pub(crate) fn schema<T: CommandOutput>() -> Json {
     // Of what is written: a key that may be null is there.
     let settings = SchemaSettings::draft2020_12().for_serialize();

@@ -7,7 +7,6 @@ use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{FrameIndex, StageRun};
 use depthloom_graphs::ready::Ready;
 
-/// What helps where there is no truth.
 pub(crate) const REMEDY: &str = "say in the source's parameters where the truth lies (depths of disparities need a calibration too), choose frames that have it (`frames:`), or leave `score:` out";
 
 /// The output ports of a stage's source that it scores against.

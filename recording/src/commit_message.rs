@@ -78,7 +78,6 @@ pub(crate) struct FailureMessage {
 }
 
 impl CommitMessage {
-    /// The message of a commit.
     pub(crate) fn new(commit: &Commit<'_>, crc32_before: u32) -> Self {
         let keys = commit.keys.iter();
         let failures = commit.failures.iter();
@@ -128,7 +127,6 @@ impl CommitMessage {
         Some(self.absent.as_ref()?.ports.iter().map(slot).collect())
     }
 
-    /// The warnings.
     pub(crate) fn warnings(&self) -> Vec<Warned> {
         let warnings = self.warnings.iter();
         warnings
@@ -150,7 +148,6 @@ impl CommitMessage {
         self.keys.iter().map(|of| Some(SlotKey { node: NodeId(of.node as usize), key: Key::parse(&of.key)? })).collect()
     }
 
-    /// The failures.
     pub(crate) fn failures(&self) -> Vec<Failure> {
         let failures = self.failures.iter();
         failures.map(|of| Failure { node: of.node.map(|node| NodeId(node as usize)), what: of.what.clone() }).collect()

@@ -147,7 +147,6 @@ pub fn source_differences(before: &RecordedSource, after: &RecordedSource) -> Ve
     found
 }
 
-/// All nodes of a plan.
 fn places(plan: &RecordedPlan) -> impl Iterator<Item = NodeRef> {
     RunId::enumerate(&plan.runs)
         .flat_map(|(run, planned)| NodeId::all(planned.nodes.len()).map(move |node| NodeRef { run, node }))
@@ -157,7 +156,6 @@ fn node(plan: &RecordedPlan, NodeRef { run, node }: NodeRef) -> &RecordedNode {
     &plan.runs[run].nodes[node]
 }
 
-/// The names of a node's variants.
 fn names<'a>(plan: &'a RecordedPlan, node: &'a RecordedNode) -> impl Iterator<Item = &'a str> {
     node.variants.iter().filter_map(|&variant| plan.variants.get(variant.0)).map(String::as_str)
 }
@@ -267,15 +265,12 @@ pub fn json_differences(before: &Json, after: &Json) -> Vec<PlanDifference> {
     found
 }
 
-/// What an input is wired to.
 #[derive(Debug, PartialEq)]
 enum Wire {
     Nothing,
-    /// An output of the source.
     Source(String),
     /// The output of a node, and the node's recipe.
     Node(String, Key),
-    /// A file, by name.
     File(String),
 }
 
@@ -336,7 +331,6 @@ impl fmt::Display for PlanDifference {
 
 /// A value on one line; of a file's content the beginning of its hash.
 fn told(value: Option<&Json>) -> String {
-    /// Of a longer text the beginning.
     const SHOWN: usize = 60;
     let text = match value {
         None => return "(none)".to_owned(),

@@ -150,7 +150,7 @@ impl Mcap {
                 condition => format!("{path} holds no whole frame of stage `{stage}`: it is {condition}"),
             };
             return Err(Fault::new(what).remedy(
-                "the same `depthloom run` again, with the same --out, goes on behind what is whole; `depthloom info` says what a recording holds",
+                "repeat `depthloom run` with the same --out to resume after the complete frames; `depthloom info` lists what a recording holds",
             ));
         }
         let chosen = params.frames.select(&known)?;
@@ -195,7 +195,7 @@ fn lost(recording: &Recording) -> Option<Fault> {
     is_lost.then(|| {
         let what = format!("{} is {}: frames of the run are missing", recording.path().display(), recording.condition());
         Fault::new(what).remedy(
-            "the same `depthloom run` again, with the same --out, makes them; a run takes those that are there without asking, `frames:` chooses among \
+            "repeat `depthloom run` with the same --out to record them; a run reads the frames that are there, and `frames:` selects among \
              them",
         )
     })
@@ -249,7 +249,6 @@ fn open(params: &McapParams) -> Result<Recording, Fault> {
     Recording::open(path_of(params)).map_err(fault)
 }
 
-/// The stage run that is read.
 fn run_of(recording: &Recording, params: &McapParams) -> Result<RunId, Fault> {
     let plan = recording.plan();
     let variant = variant_of(recording, params)?;

@@ -39,7 +39,7 @@ impl IntervalArgs {
 
 /// Reads a confidence in per cent.
 pub(super) fn parse_confidence(text: &str) -> Result<f64, String> {
-    let percent: f64 = text.trim_end_matches('%').trim().parse().map_err(|_| "it is no number".to_owned())?;
+    let percent: f64 = text.trim_end_matches('%').trim().parse().map_err(|_| "it is not a number".to_owned())?;
     (50.0..100.0).contains(&percent).then_some(percent / 100.0).ok_or_else(|| "it lies from 50 to below 100".to_owned())
 }
 

@@ -7,10 +7,8 @@ use depthloom_terminal::{CliError, ExitCode};
 
 use super::programs::PRINTED;
 
-/// A run that ended early.
 pub(super) struct EarlyEnd {
     pub(super) why: CliError,
-    /// How many frames were written.
     pub(super) frames: u64,
     /// Whether frames that were written may hold wrong values.
     pub(super) is_suspect: bool,
@@ -49,20 +47,18 @@ impl EarlyEnd {
             }
         }
         let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
-        let resumes = if frames == 0 { "" } else { "behind these frames, " };
+        let resumes = if frames == 0 { "" } else { "after these frames, " };
         if stop.exit == ExitCode::Interrupted && is_put_down {
             let checkpoints = checkpoints.display();
             stop = stop.also(format!(
-                "run the same again, with the same --out, to go on: {resumes}learning from {checkpoints}"
+                "repeat the command with the same --out to resume: {resumes}training from {checkpoints}"
             ));
         } else if stop.exit != ExitCode::Usage && frames > 0 {
             let fixed = if stop.exit == ExitCode::FrameFailures { "once the cause is fixed, " } else { "" };
             stop = stop.also(if is_remote {
-                format!(
-                    "{fixed}`depthloom run` of the same experiment, with the same --out, goes on behind these frames"
-                )
+                format!("{fixed}`depthloom run` of the same experiment with the same --out resumes after these frames")
             } else {
-                format!("{fixed}run the same again, with the same --out, to go on behind these frames")
+                format!("{fixed}repeat the command with the same --out to resume after these frames")
             });
         }
         stop

@@ -48,7 +48,7 @@ pub(super) fn make_folder(
     };
     let folder = match &args.out {
         Some(out) if args.output.json && out.to_str().is_none() => {
-            let what = format!("the output folder `{}` is no UTF-8, which --json prints", out.display());
+            let what = format!("the output folder `{}` is not UTF-8, which --json needs", out.display());
             return Err(CliError::usage(what, "choose another --out, or leave --json out"));
         }
         Some(out) => RunFolder::create(out, args.overwrite, read, begun)?,
@@ -82,7 +82,6 @@ fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathB
     Ok(())
 }
 
-/// Values that need not be computed.
 pub(super) struct Reusable {
     /// The recording of an interrupted process of the same run, which resumes after it.
     pub(super) begun: Option<Arc<Recording>>,

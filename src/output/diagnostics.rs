@@ -21,7 +21,6 @@ const LONG_LINE: usize = 300;
 
 static COLOUR: OnceLock<bool> = OnceLock::new();
 
-/// Decides whether messages are coloured.
 pub(crate) fn set_colour(colour: Colour) {
     let coloured = match colour {
         Colour::Always => true,

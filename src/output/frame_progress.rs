@@ -12,7 +12,6 @@ use depthloom_terminal::say;
 
 use crate::output::progress::{EVERY, frames_bar};
 
-/// How far a walk is.
 pub(crate) struct FrameProgress {
     name: String,
     frames: u64,

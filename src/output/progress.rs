@@ -15,14 +15,12 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 /// A plain line is printed this often at most.
 pub(crate) const EVERY: Duration = Duration::from_secs(5);
 
-/// Shows how far a run is.
 pub(crate) struct Progress {
     how: How,
     stages: Vec<Stage>,
     now: Mutex<Now>,
 }
 
-/// In which form.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum How {
     Bar,

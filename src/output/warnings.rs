@@ -6,7 +6,6 @@ use std::sync::Mutex;
 use depthloom_graphs::Host;
 use depthloom_threads::{into_unlocked, locked};
 
-/// What the sources warn of, each once.
 #[derive(Default)]
 pub(crate) struct WarningCollector(Mutex<BTreeSet<String>>);
 

@@ -69,7 +69,6 @@ pub(crate) fn analyse(
     })
 }
 
-/// The table, and where the rest is.
 pub(crate) fn summary(report: &Summary, folder: &Path) -> String {
     let files = [
         (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (for Rerun and Foxglove, too)"),

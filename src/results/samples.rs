@@ -10,7 +10,6 @@ use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::output::progress::bar;
 
-/// The folder of a file.
 pub(crate) fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

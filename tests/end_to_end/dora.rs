@@ -410,7 +410,7 @@ fn what_cannot_begin_says_why() {
     assert!(run.contains("depthloom dora EXPERIMENT"), "{run}");
     let machine = told(&flow.write(&["own.yaml", "--allow-exec", "--machine", "nobody=jetson"]));
     assert!(
-        machine.contains("`nobody`, which is no node of the dataflow") && machine.contains("look.own.dora"),
+        machine.contains("`nobody`, which is not a node of the dataflow") && machine.contains("look.own.dora"),
         "{machine}"
     );
     // Not started by dora.

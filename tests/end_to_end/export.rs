@@ -204,7 +204,7 @@ fn nothing_of_anybodys_is_replaced_unless_asked_for() {
     look.export(&["depth/depth", "--out", "ours"]);
     assert!(look.refused(&["--out", "run"]).contains("is a run's folder"));
     assert!(look.refused(&["--out", "run/exported", "--overwrite"]).contains("is a run's folder"));
-    assert!(look.refused(&["--out", "look.yaml", "--overwrite"]).contains("is no folder"));
+    assert!(look.refused(&["--out", "look.yaml", "--overwrite"]).contains("is not a folder"));
 }
 
 #[test]

@@ -195,7 +195,7 @@ fn what_cannot_be_drawn_is_refused_in_words() {
     run(folder);
     for (arguments, words) in [
         (&["run", "cdf", "--out", "a.jpg"][..], "end it in `.svg`, `.png` or `.pdf`"),
-        (&["run", "cdf", "--out", "a.svg", "--format", "png"], "say two things"),
+        (&["run", "cdf", "--out", "a.svg", "--format", "png"], "contradicts the extension"),
         (&["run", "cdf", "--out", "no/a.svg"], "there is no folder no"),
         (&["run", "cdf", "--out", "run/scores.csv", "--format", "svg"], "it is a file of a run"),
         (&["run", "cdf", "--out", "a.svg", "--estimators", "nobody"], "no estimator is `nobody`"),

@@ -191,7 +191,7 @@ fn what_cannot_be_made_again_is_said_and_by_name_it_is_an_error() {
     assert_eq!((code, different(&told)), (Some(0), vec![("depth", 0), ("score.stereo", 0)]), "{told:#}");
     assert_eq!(told["not_compared"][0]["why"], "this program has no kind `stereo/of-yore`");
     let remark = told["nodes"][0]["remarks"][0].as_str().expect("a remark");
-    assert!(remark.starts_with("recorded by version ") && remark.contains("of its kind, made again by"), "{remark}");
+    assert!(remark.starts_with("recorded by version ") && remark.contains("of its kind, recomputed by"), "{remark}");
     let (code, _, said) = check(&recording, &["stereo"]);
     assert!(code == Some(2) && said.contains("this program has no kind `stereo/of-yore`"), "{said}");
     let (code, _, said) = check(&recording, &["sterio"]);
@@ -202,7 +202,7 @@ fn what_cannot_be_made_again_is_said_and_by_name_it_is_an_error() {
     run(&look(folder.path(), "record: [source/left, source/right, source/calibration, depth]\n"), &out);
     let (code, told) = check_json(&out, &[]);
     assert_eq!((code, different(&told)), (Some(0), vec![("depth", 0)]), "{told:#}");
-    assert_eq!(told["nodes"][0]["remarks"], json!(["reads `stereo` made again, which is not recorded"]));
+    assert_eq!(told["nodes"][0]["remarks"], json!(["reads `stereo` recomputed, which is not recorded"]));
     let why = told["not_compared"][0]["why"].as_str().expect("why");
     assert!(why.starts_with("input `truth` was /look/source/depth, which is not in the recording"), "{why}");
     // Nothing at all that could be compared is no pass.
@@ -297,7 +297,7 @@ fn a_node_that_fails_ends_no_comparison_of_others() {
     // Or is not: then who reads it is not compared.
     let (code, told) = recorded("record: [source, stereo, edges, teacher]\n", "samples", &size);
     assert_eq!((code, different(&told)), (Some(3), vec![("stereo", 0), ("edges", 0)]), "{told:#}");
-    assert_eq!(told["not_compared"][0]["why"], "it reads `samples` made again, which failed");
+    assert_eq!(told["not_compared"][0]["why"], "it reads `samples` recomputed, which failed");
     let (code, printed, said) = check(&recording, &[]);
     assert_eq!((code, said.as_str()), (Some(3), "1 node failed\n"));
     assert!(printed.contains("\nfailed: learn.samples: frame `000000_10`: `image`"), "{printed}");

@@ -147,7 +147,7 @@ fn what_is_damaged_is_made_afresh_and_said() {
         let told = run(&experiment, &out, false, &[]);
         assert!(recording(&out) == whole, "bit of byte {at}: {}", told["reused"]);
         let warnings = told["warnings"].as_array().expect("warnings");
-        let is_said = warnings.iter().any(|warning| warning.as_str().is_some_and(|text| text.contains("afresh")));
+        let is_said = warnings.iter().any(|warning| warning.as_str().is_some_and(|text| text.contains("recomputed")));
         // Unless not all of it was needed, or nothing could be read of it at all.
         let taken = told["reused"]["nodes"].as_array().expect("nodes");
         let all = taken.len() == 27 && taken.iter().all(|node| node["reused"] == node["of"]);

@@ -283,7 +283,7 @@ fn a_run_is_shown_with_how_it_was_made_and_what_lies_there() {
     let told = text(&succeed(&mut here.command(&["runs", "show", "@latest"])));
     assert!(told.contains("-j 1") && told.contains("look: 2 frames of street (synthetic/road), 3 nodes"), "{told}");
     let said = here.fails(&["runs", "show", "look.yaml"], 2);
-    assert!(said.contains("look.yaml is no run: it is a file"), "{said}");
+    assert!(said.contains("look.yaml is not a run: it is a file"), "{said}");
 }
 
 #[test]

@@ -134,7 +134,6 @@ pub fn sync_name(path: &Path) -> io::Result<()> {
     sync_folder(parent(path))
 }
 
-/// The folder a path names something in.
 fn parent(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::PARTIAL;
 
-/// Digits of the random part.
 const DIGITS: usize = 8;
 
 /// The most bytes that a file system takes as a name.

@@ -13,7 +13,7 @@ pub fn remedy_of_writing(error: &io::Error) -> Option<&'static str> {
             Some("free some space, or choose a folder on another disk with --out")
         }
         ErrorKind::NotADirectory | ErrorKind::AlreadyExists => {
-            Some("something else stands where a folder is wanted: choose another --out")
+            Some("a file of that name exists where a folder is needed: choose another --out")
         }
         ErrorKind::InvalidFilename => Some("choose a shorter --out: `.partial` and the names of files come behind it"),
         _ => None,

@@ -45,7 +45,7 @@ impl Folder {
                 true
             }
             Err(error) => return Err(failed(&error)),
-            Ok(there) if !there.is_dir() => return Err(cannot(format!("{} is no folder", path.display()))),
+            Ok(there) if !there.is_dir() => return Err(cannot(format!("{} is not a folder", path.display()))),
             Ok(_) => {
                 let is_empty = fs::read_dir(path).map_err(|error| failed(&error))?.next().is_none();
                 is_empty || fs::symlink_metadata(path.join(MARKER)).is_ok_and(|marker| marker.is_file())

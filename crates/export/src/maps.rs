@@ -34,7 +34,6 @@ struct Series<'a> {
 struct Group<'a> {
     run: RunId,
     topics: Vec<&'a str>,
-    /// Each with the place of its topic.
     series: Vec<(usize, Series<'a>)>,
     /// The places of what point clouds are made with.
     calibration: Option<usize>,
@@ -48,7 +47,6 @@ pub struct Maps<'a> {
     groups: Vec<Group<'a>>,
 }
 
-/// How the writing went wrong.
 #[derive(Default)]
 struct Trouble {
     /// What ended it, at the first place in the order of the work.
@@ -57,7 +55,6 @@ struct Trouble {
     damaged: Vec<(usize, RecordingError)>,
 }
 
-/// Why a frame was not written.
 enum Failed {
     Damage(RecordingError),
     CliError(CliError),

@@ -85,7 +85,6 @@ pub fn chosen<'a>(
     Ok(chosen)
 }
 
-/// An output port, under all its names.
 struct Output<'a> {
     run: RunId,
     slot: Slot,

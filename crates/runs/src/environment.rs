@@ -42,7 +42,6 @@ pub struct Environment {
     peak_resident_bytes: Option<u64>,
 }
 
-/// When this process started.
 static STARTED: LazyLock<Instant> = LazyLock::new(Instant::now);
 
 /// Marks the start of the process: the first call counts.
@@ -85,7 +84,6 @@ pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf]) -> Envi
     }
 }
 
-/// The seconds since this process started.
 fn wall_seconds() -> f64 {
     STARTED.elapsed().as_secs_f64()
 }

@@ -51,7 +51,7 @@ impl FoundRun {
                 Found::Empty => "an empty folder",
                 Found::Nothing | Found::Run => "not there",
             };
-            let stop = CliError::new(ExitCode::Usage, format!("{} is no run: it is {what}", path.display()));
+            let stop = CliError::new(ExitCode::Usage, format!("{} is not a run: it is {what}", path.display()));
             return Err(stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its folder"));
         }
         let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();

@@ -72,7 +72,7 @@ fn latest(runs: &[FoundRun], of: &str, folder: &Path) -> Result<PathBuf, CliErro
     let newest = of_these().rfind(|run| run.is_over());
     newest.map(|run| run.path.clone()).ok_or_else(|| {
         let of = if of.is_empty() { String::new() } else { format!(" of `{}`", of.trim_end_matches('/')) };
-        let stop = CliError::new(ExitCode::Usage, format!("there is no run{of} in {} that is over", folder.display()));
+        let stop = CliError::new(ExitCode::Usage, format!("no run{of} in {} has finished", folder.display()));
         match of_these().next_back() {
             Some(run) => stop.remedy(format!("one goes on, or ended before it was whole: {}", run.name)),
             None => stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its path"),

@@ -13,7 +13,6 @@ use depthloom_terminal::{CliError, ExitCode, say};
 use crate::files::{FOLDER, RECORDING};
 use crate::named::named;
 
-/// What helps where no run was found.
 const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";
 
 /// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to do with it.

@@ -120,7 +120,7 @@ pub fn unreadable(earlier: &EarlierRuns) -> Vec<String> {
 /// What was damaged and made afresh.
 pub fn warnings(earlier: &EarlierRuns) -> Vec<String> {
     let damage = earlier.damage().into_iter();
-    damage.map(|(path, what)| format!("made afresh what {} should have had: {what}", path.display())).collect()
+    damage.map(|(path, what)| format!("recomputed damaged values of {}: {what}", path.display())).collect()
 }
 
 /// What was reused from earlier runs.

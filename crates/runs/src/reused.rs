@@ -9,7 +9,6 @@ use depthloom_recording::Recording;
 
 use crate::files::TIMINGS;
 
-/// What helps.
 const REMEDY: &str = "may belong to another variant; run again with --fresh";
 
 /// A warning if depthloom 0.1 wrote the recording and some of its values were reused, or that cannot be determined.

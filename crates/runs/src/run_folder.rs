@@ -94,11 +94,11 @@ impl RunFolder {
                     return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true });
                 }
                 Begun::Other if !overwrite => {
-                    let what = format!("{} holds frames that this run does not go on with", partial.display());
+                    let what = format!("{} holds frames that this run cannot resume", partial.display());
                     let why = "they are of another experiment or other parameters, or --fresh was requested";
                     return Err(CliError::usage(
                         format!("{what}: {why}"),
-                        "choose another --out, or replace it with --overwrite; a run with --fresh that was interrupted goes on without --fresh",
+                        "choose another --out, or replace it with --overwrite; an interrupted run with --fresh resumes without --fresh",
                     ));
                 }
                 Begun::Nothing | Begun::Other => {}
@@ -273,7 +273,7 @@ fn partial_name(out: &Path) -> Result<PathBuf, CliError> {
         return Err(CliError::usage(what, "choose another --out"));
     }
     if name == CHECKPOINTS {
-        let what = format!("{}: a folder `{CHECKPOINTS}` is where trainings put down theirs", out.display());
+        let what = format!("{}: a folder `{CHECKPOINTS}` is where trainings store their checkpoints", out.display());
         return Err(CliError::usage(what, "choose another --out"));
     }
     Ok(depthloom_durable::partial_name(out))

@@ -56,7 +56,6 @@ pub enum Expected {
     },
 }
 
-/// What a recording has of an output.
 enum Found {
     Frames,
     Once(Option<RecordedOnce>),
@@ -72,7 +71,6 @@ pub struct Unchecked {
     pub is_damage: bool,
 }
 
-/// Why a node cannot be made again.
 struct Obstacle {
     why: String,
     is_damage: bool,
@@ -84,19 +82,17 @@ impl From<String> for Obstacle {
     }
 }
 
-/// Where an input comes from.
 enum Feed {
-    /// Left unwired.
     Nothing,
-    /// The values of a topic.
     Topic(String),
-    /// A once-value of the recording.
     Recorded(RecordedOnce),
     /// An output of a node that is made again too.
-    Made { node: NodeRef, port: PortId },
+    Made {
+        node: NodeRef,
+        port: PortId,
+    },
 }
 
-/// A plan in the making.
 struct Making<'a> {
     recording: &'a Recording,
     registry: &'a Registry,
@@ -107,7 +103,6 @@ struct Making<'a> {
     failures: Failures,
 }
 
-/// A stage run in the making.
 #[derive(Default)]
 struct MadeRun {
     topics: Vec<&'static str>,
@@ -194,7 +189,6 @@ fn requested(recording: &Recording, patterns: &[String]) -> Result<BTreeSet<Node
 }
 
 impl<'a> Making<'a> {
-    /// Adds a node, to be compared.
     fn check(&mut self, node: NodeRef) -> Result<(), Obstacle> {
         let recorded = self.node(node);
         let expected: Vec<_> = PortId::all(recorded.outputs.len()).map(|port| self.expected(node, port)).collect();
@@ -298,7 +292,7 @@ impl<'a> Making<'a> {
             Some(why) => {
                 let name = &self.node(node).name;
                 Err(format!(
-                    "was of node `{name}`, whose values are neither in the recording nor can be made again: {why}"
+                    "was of node `{name}`, whose values are neither in the recording nor can be recomputed: {why}"
                 ))
             }
         }
@@ -335,7 +329,7 @@ impl<'a> Making<'a> {
         let mut remarks = Vec::new();
         if version != recorded.version {
             remarks
-                .push(format!("recorded by version {} of its kind, made again by version {version}", recorded.version));
+                .push(format!("recorded by version {} of its kind, recomputed by version {version}", recorded.version));
         }
         let params = kind.resolve(&recorded.params).map_err(|error| misfit(recorded, &error))?;
         let signature = kind.signature(&params).map_err(|fault| Obstacle::from(fault.chain()))?;
@@ -344,7 +338,7 @@ impl<'a> Making<'a> {
             let wired = recorded.inputs.iter().find(|input| input.port == port.name);
             let feed = wired.map_or(Ok(Feed::Nothing), |input| self.feed(node, input))?;
             if let Feed::Made { node, .. } = &feed {
-                remarks.push(format!("reads `{}` made again, which is not recorded", self.node(*node).name));
+                remarks.push(format!("reads `{}` recomputed, which is not recorded", self.node(*node).name));
             }
             inputs.push(PlannedInput { port: port.clone(), from: self.origin(node.run, feed)?, shown: None });
         }
@@ -413,7 +407,6 @@ impl<'a> Making<'a> {
 }
 
 impl MadeRun {
-    /// The source's port of a topic.
     fn topic(&mut self, topic: &str) -> PortId {
         let known = self.topics.iter().position(|known| *known == topic);
         PortId(known.unwrap_or_else(|| {
@@ -430,7 +423,7 @@ fn fits(declared: &Signature, recorded: &RecordedNode) -> Result<(), String> {
     }
     let is_wired = |port: &Port| recorded.inputs.iter().any(|input| input.port == port.name && input.from.is_some());
     if let Some(port) = declared.inputs.iter().find(|port| !port.optional && !is_wired(port)) {
-        return Err(format!("its kind wants an input `{}` now, which was not wired", port.name));
+        return Err(format!("its kind now needs an input `{}`, which was not wired", port.name));
     }
     let is_known = |input: &RecordedInput| declared.inputs.iter().any(|port| port.name == input.port);
     if let Some(input) = recorded.inputs.iter().find(|input| input.from.is_some() && !is_known(input)) {

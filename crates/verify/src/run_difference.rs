@@ -15,7 +15,6 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Value as Json, json};
 
-/// The experiment as resolved, in a recording.
 const RESOLVED: &str = "experiment.resolved.yaml";
 
 /// The largest number of frames per node on which values are compared because their chunks differ.
@@ -165,7 +164,6 @@ impl RunDifference {
     }
 }
 
-/// How two nodes compare.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Verdict {
     /// The same, and so are its values.

@@ -46,7 +46,6 @@ pub struct Tally {
     pub first: Option<Placed>,
     /// The one that differs most.
     pub worst: Option<Placed>,
-    /// The ports whose once-values came.
     came: Vec<PortId>,
 }
 
@@ -78,7 +77,6 @@ pub struct Outcome {
 const THERE: &str = "a value";
 const NONE: &str = "none";
 
-/// What a node gives that failed.
 fn failed(why: &str) -> String {
     format!("none, for it failed: {why}")
 }
@@ -138,7 +136,7 @@ impl Checker {
                     let node = NodeRef { run, node };
                     if let (Some(failed), false) = (failed, is_failed(node)) {
                         let name = &self.plan.runs[failed.run].nodes[failed.node].name;
-                        without.insert(node, format!("it reads `{name}` made again, which failed"));
+                        without.insert(node, format!("it reads `{name}` recomputed, which failed"));
                     }
                 }
             }

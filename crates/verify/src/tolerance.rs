@@ -38,11 +38,11 @@ impl Tolerance {
             let found = OF_NUMBERS.into_iter().find(|value_type| value_type.name() == name);
             found.ok_or_else(|| match ValueType::from_name(name) {
                 Some(exact) => format!("values of type {exact} are compared exactly"),
-                None => format!("`{name}` is none of {}", OF_NUMBERS.map(ValueType::name).join(", ")),
+                None => format!("`{name}` is not one of {}", OF_NUMBERS.map(ValueType::name).join(", ")),
             })
         };
         let most = number.trim().parse::<f64>().ok().filter(|most| most.is_finite() && *most >= 0.0);
-        let most = most.ok_or_else(|| format!("`{}` is no number from 0 on", number.trim()))?;
+        let most = most.ok_or_else(|| format!("`{}` is not a number of at least 0", number.trim()))?;
         Ok(Self { value_type: name.map(of_type).transpose()?, most })
     }
 }
@@ -80,11 +80,11 @@ mod tests {
     #[test]
     fn what_is_no_tolerance_is_told() {
         for (text, what) in [
-            ("depht=1", "`depht` is none of image, disparity,"),
+            ("depht=1", "`depht` is not one of image, disparity,"),
             ("mask=1", "values of type mask are compared exactly"),
-            ("depth=-1", "`-1` is no number from 0 on"),
-            ("depth=", "`` is no number from 0 on"),
-            ("inf", "`inf` is no number from 0 on"),
+            ("depth=-1", "`-1` is not a number of at least 0"),
+            ("depth=", "`` is not a number of at least 0"),
+            ("inf", "`inf` is not a number of at least 0"),
         ] {
             assert!(Tolerance::parse(text).unwrap_err().starts_with(what), "{text}");
         }

@@ -8,10 +8,9 @@ use depthloom_graphs::plan::{RunId, VariantId};
 use super::{RecordedEstimate, RecordedOutput, RecordedPlan, RecordedRun};
 
 impl RecordedPlan {
-    /// Reads a plan.
     pub(crate) fn from_json(text: &str) -> Result<Self, String> {
         let plan: Self = serde_json::from_str(text).map_err(|error| format!("its plan cannot be read: {error}"))?;
-        plan.check().map_err(|what| format!("its plan is none: {what}"))?;
+        plan.check().map_err(|what| format!("its plan is invalid: {what}"))?;
         Ok(plan)
     }
 

@@ -40,7 +40,6 @@ impl AttachmentEntry {
     }
 }
 
-/// What an attachment says of itself.
 pub(crate) struct AttachmentHead {
     pub(crate) name: String,
     pub(crate) media_type: String,

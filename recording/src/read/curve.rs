@@ -37,7 +37,8 @@ impl Recording {
             buffers
                 .each_message(&self.file, chunk, |message| {
                     let point = CurvePointMessage::decode(message.data);
-                    let point = point.map_err(|error| format!("a message is no point of a learning curve: {error}"))?;
+                    let point =
+                        point.map_err(|error| format!("a message is not a point of a learning curve: {error}"))?;
                     points.push(point.point().ok_or("a point of a learning curve has no loss or no learning rate")?);
                     Ok(())
                 })

@@ -18,11 +18,9 @@ use crate::error::RecordingError;
 use crate::read::attachment::AttachmentEntry;
 use crate::{KNOWN_FORMATS, LONGEST_CHUNK_HEADER, ONCE_METADATA, PLAN_METADATA, TOPIC_IN_PLAN};
 
-/// A channel.
 #[derive(Clone, Debug)]
 pub(crate) struct ChannelEntry {
     pub(crate) schema: u16,
-    /// The topic of the plan.
     pub(crate) topic: String,
     /// The topic in the file: another one where viewers would not find the camera of an image by the plan's.
     pub(crate) written_topic: String,
@@ -41,11 +39,9 @@ impl From<Channel> for ChannelEntry {
 /// A chunk, and which channels it has messages of.
 #[derive(Clone, Debug)]
 pub(crate) struct ChunkEntry {
-    /// Where its record starts.
     pub(crate) start: u64,
     /// How many bytes the record has.
     pub(crate) length: u64,
-    /// Where its message indexes end.
     pub(crate) end: u64,
     /// Ascending; chunks of equal channels share the list.
     pub(crate) channels: Arc<[u16]>,
@@ -62,12 +58,10 @@ impl ChunkEntry {
     }
 }
 
-/// A metadata record, its checksum found right.
 #[derive(Clone, Debug)]
 pub(crate) struct MetadataEntry {
     pub(crate) name: String,
     pub(crate) values: BTreeMap<String, String>,
-    /// Where it starts and ends.
     pub(crate) offset: u64,
     pub(crate) end: u64,
     /// The CRC-32 that all bytes before it had when it was written.
@@ -81,7 +75,6 @@ impl MetadataEntry {
     }
 }
 
-/// Where things lie in a file.
 #[derive(Debug, Default)]
 pub(crate) struct Index {
     pub(crate) schemas: BTreeMap<u16, String>,
@@ -169,7 +162,6 @@ impl Index {
         Some(())
     }
 
-    /// The schema's name of a channel.
     pub(crate) fn schema_of(&self, channel: &ChannelEntry) -> Option<&str> {
         self.schemas.get(&channel.schema).map(String::as_str)
     }

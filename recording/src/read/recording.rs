@@ -42,7 +42,6 @@ pub struct RecordedFrame {
     /// The outputs that gave nothing although their source or node fired; `None` if the recording does not say it.
     pub absent: Option<Vec<Slot>>,
     pub(crate) chunks: Range<usize>,
-    /// Which of the recording's commits it is.
     pub(crate) commit: usize,
 }
 
@@ -86,13 +85,18 @@ pub enum RecordedContent {
     },
 }
 
-/// Which values a key names.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum StoredValues {
     /// Those of a run's source (`node: None`) or node on a frame.
-    Frame { run: RunId, position: FrameIndex, node: Option<NodeId> },
-    /// The aggregate values of a node.
-    Once { run: RunId, node: NodeId },
+    Frame {
+        run: RunId,
+        position: FrameIndex,
+        node: Option<NodeId>,
+    },
+    Once {
+        run: RunId,
+        node: NodeId,
+    },
 }
 
 /// A recording open for reading: whole, or what a crash or damage left of one, up to its last commit.
@@ -219,7 +223,6 @@ fn mcap_file(path: &Path) -> Result<PositionedFile, RecordingError> {
     if begins_as_mcap(&file)? { Ok(file) } else { Err(RecordingError::NotMcap { path: file.path }) }
 }
 
-/// What an index leads to.
 struct Found {
     index: Index,
     plan: RecordedPlan,
@@ -311,13 +314,13 @@ fn committed(
     chunks: Range<usize>,
     commit: usize,
 ) -> Result<(RunId, RecordedFrame, u32), String> {
-    let told = CommitMessage::decode(message).map_err(|error| format!("a commit record is none: {error}"))?;
+    let told = CommitMessage::decode(message).map_err(|error| format!("a commit record is invalid: {error}"))?;
     let frame = RecordedFrame {
         id: told.frame.as_str().into(),
         index: told.index,
         time_ns,
-        source_key: told.source_key().ok_or("a commit record holds a key that is none")?,
-        keys: told.keys().ok_or("a commit record holds a key that is none")?.into_boxed_slice(),
+        source_key: told.source_key().ok_or("a commit record has an invalid cache key")?,
+        keys: told.keys().ok_or("a commit record has an invalid cache key")?.into_boxed_slice(),
         failures: told.failures(),
         warnings: told.warnings(),
         absent: told.absent(),
@@ -367,7 +370,6 @@ fn read_once(file: &PositionedFile, index: &Index, plan: &RecordedPlan) -> Resul
 }
 
 impl RecordedFrame {
-    /// The chunks that hold its values.
     pub(crate) fn chunks<'a>(&self, index: &'a Index) -> &'a [ChunkEntry] {
         &index.chunks[self.chunks.clone()]
     }

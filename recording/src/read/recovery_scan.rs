@@ -25,13 +25,11 @@ const HEAD: u64 = 1 << 16;
 /// The most bytes a record may have that is no attachment: a chunk that was not compressed, and what surrounds it.
 const LARGEST_RECORD: u64 = LARGEST_CHUNK + 1024;
 
-/// The result of a scan.
 pub(crate) struct Scanned {
     pub(crate) index: Index,
     pub(crate) condition: Condition,
 }
 
-/// How a scan ends.
 enum End {
     /// At the end of the data: all of it is what was written.
     Data,
@@ -87,7 +85,6 @@ struct Kept {
     chunks: usize,
     attachments: usize,
     metadata: usize,
-    /// What came since.
     later_schemas: Vec<u16>,
     later_channels: Vec<u16>,
 }
@@ -108,7 +105,6 @@ struct Scan<'a> {
     rest_from: u64,
 }
 
-/// The record that the scan has reached.
 #[derive(Clone, Copy)]
 struct Here {
     at: u64,
@@ -116,7 +112,6 @@ struct Here {
     body: u64,
     length: u64,
     end: u64,
-    /// Whether the file ends before.
     is_cut: bool,
 }
 
@@ -128,7 +123,6 @@ impl Here {
 }
 
 impl Scan<'_> {
-    /// Reads one record.
     fn step(&mut self) -> Result<(), End> {
         let at = self.at;
         let RecordPlace { opcode, body, length } = self.window.record(at)?.ok_or(End::Cut)?;
@@ -141,7 +135,7 @@ impl Scan<'_> {
         let end = body.checked_add(length).filter(|_| is_known);
         let Some(end) = end else { return Err(self.damaged(at, "no record of a recording starts there")) };
         if opcode != op::ATTACHMENT && length > LARGEST_RECORD {
-            let what = format!("a record is said to have {length} bytes, and none has over {LARGEST_RECORD}");
+            let what = format!("a record states {length} bytes, more than the {LARGEST_RECORD} of the largest");
             return Err(self.damaged(at, &what));
         }
         let here = Here { at, body, length, end, is_cut: end > self.file.size };
@@ -300,7 +294,7 @@ impl Scan<'_> {
                 return Err("a commit chunk holds another message".to_owned());
             }
             let commit = CommitMessage::decode(message.data);
-            crc_before = Some(commit.map_err(|error| format!("a commit record is none: {error}"))?.crc32_before);
+            crc_before = Some(commit.map_err(|error| format!("a commit record is invalid: {error}"))?.crc32_before);
             Ok(())
         })?;
         let crc_before = crc_before.ok_or_else(|| self.file.damaged(start, "a commit chunk is empty"))?;
@@ -319,7 +313,6 @@ impl Scan<'_> {
         Err(self.file.damaged(self.sound_to, what))
     }
 
-    /// Keeps all that was found.
     fn keep(&mut self, to: u64) {
         let Index { chunks, attachments, metadata, .. } = &self.index;
         let (chunks, attachments, metadata) = (chunks.len(), attachments.len(), metadata.len());
@@ -327,7 +320,6 @@ impl Scan<'_> {
         (self.sound_to, self.rest_from) = (to, to);
     }
 
-    /// Drops what was found and not kept.
     fn drop_the_rest(&mut self) {
         let (index, kept) = (&mut self.index, &self.kept);
         kept.later_schemas.iter().for_each(|id| drop(index.schemas.remove(id)));

@@ -97,7 +97,6 @@ impl Recording {
     }
 }
 
-/// What the messages of a channel take.
 #[derive(Default)]
 struct Taken {
     messages: u64,

@@ -30,13 +30,11 @@ pub struct EarlierRuns {
     damage: Mutex<Vec<(PathBuf, String)>>,
 }
 
-/// A recording that is taken from.
 pub(crate) struct EarlierRun {
     pub(crate) recording: Recording,
     /// By commit, the CRC-32 of each of the frame's chunks as it is stored; `None` if the frame's bytes are not what was written. A frame is checked on
     /// first use.
     checked: Vec<OnceLock<Option<Box<[u32]>>>>,
-    /// Whether anything was taken.
     taken: AtomicBool,
 }
 
@@ -176,7 +174,6 @@ fn recorded_plan(path: &Path) -> Option<(String, RecordedPlan)> {
 }
 
 impl EarlierRun {
-    /// Notes that something was taken.
     pub(crate) fn take(&self) {
         self.taken.store(true, Ordering::Relaxed);
     }

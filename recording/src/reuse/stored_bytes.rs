@@ -12,7 +12,6 @@ use crate::reuse::earlier_runs::{EarlierRun, EarlierRuns};
 use crate::write::layout::{ChannelLayout, PortLayout, RunLayout};
 use crate::write::part::{PartBuilder, Unkept};
 
-/// What values are to be part of.
 pub(crate) struct Wanted<'a> {
     pub(crate) layout: &'a RunLayout,
     /// All channels of the recording that is written; a channel's id is its index plus one.
@@ -34,7 +33,6 @@ pub(crate) struct StoredBytes<'a> {
 
 /// A chunk of a frame whose bytes were found to be what was written.
 struct CheckedChunk<'a> {
-    /// The channel of the message.
     channel: u16,
     chunk: &'a ChunkEntry,
     /// The CRC-32 of the chunk and its message indexes, as they are stored.

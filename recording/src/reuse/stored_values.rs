@@ -28,7 +28,6 @@ impl KeyedPlace {
         self.key
     }
 
-    /// Which values they are.
     pub(crate) const fn values(&self) -> StoredValues {
         self.values
     }
@@ -36,7 +35,6 @@ impl KeyedPlace {
 
 /// The chunk that holds a value of a port, and what the recording calls it.
 pub(crate) struct ValueChunk<'a> {
-    /// The channel of its message.
     pub(crate) channel: u16,
     /// The topic of its port in the recorded plan.
     pub(crate) topic: &'a str,

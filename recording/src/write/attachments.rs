@@ -16,7 +16,6 @@ pub struct Attachment {
     pub bytes: Vec<u8>,
 }
 
-/// The attachment that holds a once-value.
 pub(crate) fn artifact_name(artifact: &Artifact) -> String {
     format!("artifacts/{}", artifact.hash)
 }

@@ -45,7 +45,6 @@ impl EarlySync {
         }
     }
 
-    /// Waits for what was asked.
     pub(crate) fn finish(&mut self) -> io::Result<()> {
         let Some(Worker { requests, thread }) = self.worker.take() else { return Ok(()) };
         drop(requests);

@@ -16,7 +16,6 @@ impl Pool {
         locked(&self.0).pop().unwrap_or_default()
     }
 
-    /// Keeps a buffer for later.
     pub(crate) fn put(&self, mut buffer: Vec<u8>) {
         buffer.clear();
         let mut buffers = locked(&self.0);

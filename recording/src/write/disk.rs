@@ -43,7 +43,6 @@ impl Disk for File {
     }
 }
 
-/// The file itself.
 pub(crate) fn itself(file: File) -> Arc<dyn Disk> {
     Arc::new(file)
 }

@@ -24,7 +24,6 @@ use depthloom_codecs::schema::Schema;
 
 /// The library named in the file's header: no version, since equal runs are equal files.
 pub(crate) const LIBRARY: &str = "depthloom";
-/// How schemas and messages are encoded.
 const PROTOBUF: &str = "protobuf";
 
 /// Appends to a recording's file.
@@ -65,7 +64,6 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Of a file that holds nothing.
     pub(crate) fn of(path: &Path, file: Arc<dyn Disk>, channels: Vec<ChannelLayout>) -> Self {
         Self {
             path: path.to_owned(),
@@ -86,7 +84,6 @@ impl Writer {
         }
     }
 
-    /// Appends the chunks of a part.
     pub(crate) fn part(&mut self, part: &Part) -> Result<(), RecordingError> {
         if part.chunks.is_empty() {
             return Ok(());
@@ -101,7 +98,6 @@ impl Writer {
         Ok(())
     }
 
-    /// Counts messages of a channel.
     pub(crate) fn count_messages(&mut self, channel: u16, count: u64) {
         self.counts.message_count += count;
         *self.counts.channel_message_counts.entry(channel).or_default() += count;
@@ -141,7 +137,6 @@ impl Writer {
         Ok(())
     }
 
-    /// Appends a metadata record, with its checksums.
     pub(crate) fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), RecordingError> {
         let mut record = Vec::new();
         let metadata = seal(name, metadata, self.crc.clone().finalize());
@@ -152,7 +147,6 @@ impl Writer {
         Ok(())
     }
 
-    /// Adds the index of an attachment.
     pub(crate) fn index_attachment(&mut self, entry: AttachmentEntry) {
         let AttachmentEntry { name, media_type, size: data_size, offset, length } = entry;
         let index = AttachmentIndex { offset, length, log_time: 0, create_time: 0, data_size, name, media_type };
@@ -160,7 +154,6 @@ impl Writer {
         self.counts.attachment_count += 1;
     }
 
-    /// Adds the index of a metadata record.
     pub(crate) fn index_metadata(&mut self, index: &MetadataIndex) {
         put(&mut self.metadata_indexes, index);
         self.counts.metadata_count += 1;

@@ -21,7 +21,6 @@ use depthloom_codecs::schema::Schema;
 /// The topics that share chunks: what is replayed together lies together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Class {
-    /// The source's images and calibrations.
     Camera,
     /// Everything else the source gives: truth, its masks.
     Truth,
@@ -48,7 +47,6 @@ impl Class {
     }
 }
 
-/// An output port that is recorded.
 #[derive(Clone, Debug)]
 pub(crate) struct PortLayout {
     pub(crate) part: PartId,
@@ -74,7 +72,6 @@ impl PortLayout {
     }
 }
 
-/// A message beside a value's.
 #[derive(Clone, Debug)]
 pub(crate) struct CompanionLayout {
     pub(crate) what: Companion,
@@ -97,11 +94,9 @@ impl CompanionLayout {
     }
 }
 
-/// A stage run.
 #[derive(Clone, Debug)]
 pub(crate) struct RunLayout {
     pub(crate) parts: usize,
-    /// The class of each part.
     pub(crate) classes: Vec<Class>,
     /// The source's output ports, by which cameras are named.
     pub(crate) source_ports: Vec<(String, ValueType)>,
@@ -111,9 +106,7 @@ pub(crate) struct RunLayout {
     pub(crate) prefix: String,
     source: Vec<Option<PortLayout>>,
     nodes: Vec<Vec<Option<PortLayout>>>,
-    /// The channels of the learning curves.
     curves: BTreeMap<Slot, u16>,
-    /// The topics of the once-values.
     once: BTreeMap<Slot, String>,
     pub(crate) commit_channel: u16,
 }
@@ -144,7 +137,6 @@ impl RunLayout {
     }
 }
 
-/// A channel, not yet written.
 #[derive(Clone, Debug)]
 pub(crate) struct ChannelLayout {
     pub(crate) schema: Schema,
@@ -296,7 +288,6 @@ impl FileLayout {
         })
     }
 
-    /// The channels beside a port's.
     fn companions(
         &mut self,
         plan: &Plan,

@@ -22,14 +22,11 @@ const FIELDS: usize = 256;
 /// How the chunk of a raster is to be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Packing {
-    /// As it is.
     Plain,
-    /// Compressed.
     Compressed,
 }
 
 impl Packing {
-    /// Its name in MCAP.
     const fn name(self) -> &'static str {
         match self {
             Self::Plain => "",
@@ -44,18 +41,15 @@ pub struct Part {
     pub(crate) bytes: Vec<u8>,
     pub(crate) crc: Hasher,
     pub(crate) chunks: Vec<ChunkIndex>,
-    /// The channel of each message.
     pub(crate) messages: Vec<u16>,
     /// Processor time that zstd took, nanoseconds.
     pub(crate) compress_ns: u64,
 }
 
-/// Why a part cannot be kept.
 #[derive(Debug)]
 pub(crate) enum Unkept {
     /// A message is too large for a chunk.
     TooLarge {
-        /// Its channel.
         channel: u16,
         /// Its size, with what surrounds it in a chunk.
         bytes: u64,
@@ -72,7 +66,6 @@ struct Placed {
     offset: u64,
 }
 
-/// Fills a part with messages.
 pub(crate) struct PartBuilder<'a> {
     frame: &'a Frame,
     pools: &'a PartPools,
@@ -184,7 +177,6 @@ impl<'a> PartBuilder<'a> {
         Ok(Ok(()))
     }
 
-    /// The part.
     pub(crate) fn finish(mut self) -> Part {
         self.close_shared();
         self.part

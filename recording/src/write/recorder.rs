@@ -63,7 +63,6 @@ pub struct Recorder {
     /// By stage run and part; the commit records' come last.
     pools: Vec<Vec<PartPools>>,
     state: Mutex<State>,
-    /// What need not be made again.
     earlier: Option<Arc<EarlierRuns>>,
     /// Whether the disk is waited for after every frame.
     durable: bool,

@@ -177,7 +177,6 @@ pub(crate) struct Resumed {
     pub(crate) frames: Vec<usize>,
     /// The keys of the aggregate values it holds, by node and port.
     pub(crate) once: BTreeMap<(NodeRef, PortId), depthloom_graphs::Key>,
-    /// The artefacts it holds.
     pub(crate) artifacts: BTreeSet<depthloom_graphs::Key>,
     /// The time of each stage run's first frame.
     pub(crate) first_ns: Vec<Option<u64>>,

@@ -42,7 +42,6 @@ pub(crate) enum Camera<'a> {
     Reference(Option<&'a str>),
     /// The other camera of the pair: the source's second image.
     Right(&'a str),
-    /// A further image of the source.
     Other(&'a str),
     /// The reference camera, of half its pixels a row and column: maps to look at.
     View,
@@ -71,7 +70,6 @@ impl<'a> Camera<'a> {
         ports.map(|port| Self::of(run, Slot::Source { port })).find(|camera| matches!(camera, Self::Right(_)))
     }
 
-    /// The folder of its topics.
     pub(crate) fn folder(self, run: &StageRun) -> String {
         match self {
             Self::Reference(None) => format!("{}/source", run.prefix),
@@ -110,12 +108,10 @@ pub(crate) fn topic_shown(run: &StageRun, slot: Slot) -> Option<String> {
     }
 }
 
-/// The topic of a map's picture.
 pub(crate) fn picture_topic(run: &StageRun, topic: &str) -> String {
     format!("{}/{}", Camera::View.folder(run), within(run, topic))
 }
 
-/// The topic of a depth's points.
 pub(crate) fn points_topic(run: &StageRun, topic: &str) -> String {
     format!("{}/points/{}", run.prefix, within(run, topic))
 }
@@ -147,13 +143,10 @@ pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Compa
 /// A message beside that of a value: made of the value (of points: and of the source's), so that it lasts as long and comes again with it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Companion {
-    /// Of a map: a picture of it.
     Picture,
     /// Of a depth: its points, by the calibration and coloured by the image of that part of the frame.
     Points {
-        /// The calibration's slot.
         calibration: Slot,
-        /// The image's, if it is recorded.
         image: Option<Slot>,
     },
     /// Of a calibration: that of the right camera of the pair.
@@ -162,9 +155,7 @@ pub(crate) enum Companion {
     ViewCalibration,
     /// Of a calibration: where a camera stands, in another's frame.
     Transform {
-        /// The other's frame.
         parent: String,
-        /// How it stands there.
         pose: Pose,
     },
 }

@@ -40,7 +40,7 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
         gross: args.gross,
     };
     if inquiry.by == By::Frame && inquiry.bins.is_some() {
-        return Err(CliError::usage("`--by frame` has a bin a frame, and takes no --bins", "leave it out"));
+        return Err(CliError::usage("`--by frame` has one bin per frame, so it takes no --bins", "leave it out"));
     }
     let interrupt = signals::listen("stopping")?;
     let is_silent = !delivery.is_shown();

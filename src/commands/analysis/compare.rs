@@ -18,7 +18,6 @@ use crate::output::diagnostics::{Error, print_stop};
 use crate::results::samples::samples_of;
 use crate::signals;
 
-/// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 140;
 
 /// Of `compare`: what is better, and how sure that is.
@@ -30,7 +29,6 @@ pub(crate) struct Compare {
     error: Option<Error>,
 }
 
-/// Compares runs, variants or estimators.
 pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     let delivery = Delivery::new(&args.output)?;
     let interrupt = signals::listen("stopping")?;
@@ -64,7 +62,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     let compared = compared.map_err(failed)?;
     let exceeded = compared.exceeded();
     let faulty = (!exceeded.is_empty())
-        .then(|| CliError::new(ExitCode::FrameFailures, format!("what must not be is so: {}", exceeded.join("; "))));
+        .then(|| CliError::new(ExitCode::FrameFailures, format!("limit exceeded: {}", exceeded.join("; "))));
     let bytes = match delivery.format {
         TableFormat::Terminal => compared.terminal(TERMINAL_WIDTH).into_bytes(),
         TableFormat::Md => compared.markdown().into_bytes(),

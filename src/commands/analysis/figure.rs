@@ -31,7 +31,6 @@ pub(crate) struct Figure {
     notes: Vec<String>,
 }
 
-/// Draws a figure of runs.
 pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode, CliError> {
     let format = format_of(args)?;
     can_be_written(&args.out)?;
@@ -110,12 +109,12 @@ fn format_of(args: &FigureArgs) -> Result<FigureFormat, CliError> {
     };
     match (args.format, of_ending) {
         (Some(asked), Some(ending)) if asked != ending => {
-            let what = format!("--format and the ending of {} say two things", args.out.display());
+            let what = format!("--format contradicts the extension of {}", args.out.display());
             Err(CliError::usage(what, "leave --format out, or name a file of that ending"))
         }
         (Some(format), _) | (None, Some(format)) => Ok(format),
         (None, None) => {
-            let what = format!("what {} is to be is not said", args.out.display());
+            let what = format!("cannot determine the format of {}: it has no known extension", args.out.display());
             Err(CliError::usage(what, "end it in `.svg`, `.png` or `.pdf`, or give --format"))
         }
     }

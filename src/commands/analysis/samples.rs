@@ -25,7 +25,6 @@ pub(crate) struct Samples {
     notes: Vec<String>,
 }
 
-/// Writes the samples of a run.
 pub(crate) fn samples(args: &SamplesArgs) -> Result<ExitCode, CliError> {
     let path = recording_of(&args.run, "samples")?;
     let out = match &args.out {

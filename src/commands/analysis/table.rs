@@ -58,10 +58,9 @@ fn ranking(args: &TableArgs, intervals: Option<Resampling>) -> Ranking {
     }
 }
 
-/// One table of several runs.
 fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, CliError> {
     if args.effects.is_some() || args.best_per_zone.is_some() || args.rows == RowsOption::Score || args.ci.is_some() {
-        let what = "of several runs there is a table with estimates in rows alone";
+        let what = "a table of several runs has estimates in rows";
         return Err(CliError::usage(what, "leave out --effects, --best-per-zone, --rows and --ci"));
     }
     let paths = args.runs.iter().map(|run| recording_of(run, "table")).collect::<Result<Vec<_>, _>>()?;

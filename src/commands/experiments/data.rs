@@ -117,7 +117,7 @@ pub(crate) fn data(args: &DataArgs, registry: &Registry) -> Result<ExitCode, Cli
     let stanza = stanza(&known);
     let unusable = stanza.is_none().then(|| {
         let what = format!("{}: no frame can be read", root.display());
-        CliError::usage(what, "mend what is told as `wrong`, or name the folder that the data set was unpacked to")
+        CliError::usage(what, "repair what is listed as `wrong`, or name the folder that the data set was unpacked to")
     });
     // What was found is told, whether or not the sheet can be written.
     let written = || match (&args.sheet, &sheet) {
@@ -164,14 +164,12 @@ fn known<'a>(registry: &'a Registry, root: &Path) -> Vec<Known<'a>> {
     found
 }
 
-/// A source that a folder is.
 struct Known<'a> {
     entry: &'a SourceEntry,
     name: String,
     what: String,
     /// As they are pasted: without defaults.
     params: Json,
-    /// What else may be among them.
     alternatives: Vec<String>,
     frames: Vec<String>,
     facts: Vec<Fact>,
@@ -180,7 +178,6 @@ struct Known<'a> {
     seen: Seen,
 }
 
-/// One thing that is wrong.
 struct Wrong {
     what: String,
     remedy: Option<String>,
@@ -218,7 +215,6 @@ fn name(known: &mut [Known<'_>]) {
 }
 
 impl<'a> Known<'a> {
-    /// What of a kind a path holds.
     fn recognise(entry: &'a SourceEntry, path: &Path) -> impl Iterator<Item = Self> {
         entry.recognise(path).into_iter().map(move |Recognised { what, params, alternatives }| Self {
             entry,
@@ -373,7 +369,7 @@ fn unknown(args: &DataArgs, root: &Path) -> Result<ExitCode, CliError> {
              the other kinds with their layouts",
         ),
         false => CliError::usage(
-            format!("{} is no bag, no recording and no folder", root.display()),
+            format!("{} is not a bag, a recording or a folder", root.display()),
             "name the folder that a data set was unpacked to, the folder or a file (.mcap, .db3) of a ROS 2 bag, or the folder of a run",
         ),
     };

@@ -14,7 +14,6 @@ use crate::args::DoraArgs;
 use crate::experiment::{is_file, load};
 use crate::output::diagnostics::print_warning;
 
-/// Prints the dataflow.
 pub(crate) fn dora(args: &DoraArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     is_file(&args.run.experiment)?;
     let loaded = load(&args.run.experiment, registry, false)?;
@@ -32,7 +31,7 @@ pub(crate) fn dora(args: &DoraArgs, registry: &Registry) -> Result<ExitCode, Cli
     let dataflow = dataflow(&plan, &layout, &wanted).map_err(|pattern| {
         let ids: Vec<&str> = layout.parts.iter().map(|part| part.id.as_str()).collect();
         CliError::usage(
-            format!("--machine names `{pattern}`, which is no node of the dataflow"),
+            format!("--machine names `{pattern}`, which is not a node of the dataflow"),
             format!("its nodes are {}", ids.join(", ")),
         )
     })?;

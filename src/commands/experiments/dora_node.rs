@@ -15,7 +15,6 @@ use crate::execution::{RemoteNodes, carry_out};
 use crate::experiment::load;
 use crate::signals;
 
-/// Runs one node of the dataflow.
 pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     std::env::set_current_dir(&args.folder).map_err(|error| {
         CliError::because(ExitCode::Usage, format!("failed to go to {}", args.folder.display()), &error)
@@ -30,7 +29,7 @@ pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<E
         );
         return Err(CliError::usage(
             what,
-            "write the dataflow anew by `depthloom dora`, and have the same files and program on every machine",
+            "write the dataflow again with `depthloom dora`, and use the same files and program on every machine",
         ));
     }
     allow_exec::decide(dora.run.exec, Some((&dora.run.experiment.experiment, &loaded)))?;

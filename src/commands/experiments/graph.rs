@@ -8,7 +8,6 @@ use crate::args::{GraphArgs, GraphFormat};
 use crate::experiment::load;
 use crate::output;
 
-/// Prints the plan as a drawing.
 pub(crate) fn graph(args: &GraphArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let Loaded { plan, .. } = load(&args.experiment, registry, true)?;
     if args.json {

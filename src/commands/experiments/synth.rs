@@ -16,7 +16,6 @@ use crate::args::SynthArgs;
 use crate::output::progress::bar;
 use crate::signals;
 
-/// Writes the frames.
 pub(crate) fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
     let params = SyntheticRoadParams {
         frames: FrameSelection::Range(0..u64::from(args.frames)),

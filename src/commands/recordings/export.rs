@@ -30,7 +30,6 @@ pub(crate) struct Export {
     error: Option<Error>,
 }
 
-/// Writes what is asked for.
 pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     let folder = Folder::at(&args.out, args.overwrite)?;
     let path = recording_of(&args.run, "export")?;

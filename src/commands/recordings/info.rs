@@ -232,7 +232,6 @@ fn row(entry: &Topic, keys: String, recipe: String) -> [String; 8] {
     ]
 }
 
-/// All topics together.
 fn total(topics: &[Topic]) -> Topic {
     let sum = |entry: fn(&Topic) -> u64| topics.iter().map(entry).sum();
     Topic {

@@ -33,11 +33,10 @@ pub(crate) fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
     }
 }
 
-/// The runs of the folder, oldest first.
 fn all_in(args: &RunsArgs) -> Result<Vec<FoundRun>, CliError> {
     all(&args.folder).map_err(|error| {
         let stop = CliError::because(ExitCode::Usage, format_args!("failed to list {}", args.folder.display()), &error);
-        stop.remedy("runs lie in `runs` where `depthloom run` was called without --out; name another folder with --in")
+        stop.remedy("without --out, `depthloom run` writes below `runs`; name another folder with --in")
     })
 }
 
@@ -48,7 +47,6 @@ pub(crate) struct Removed {
     bytes: u64,
 }
 
-/// What was removed.
 #[derive(Default)]
 struct RemovedRuns {
     runs: Vec<Removed>,
@@ -67,7 +65,6 @@ impl RemovedRuns {
         Ok(())
     }
 
-    /// Prints what was removed, or would be.
     fn add(&mut self, what: &str, folder: &Path, bytes: u64, as_json: bool) -> Result<(), CliError> {
         self.bytes += bytes;
         self.runs.push(Removed { path: folder.to_string_lossy().into_owned(), bytes });

@@ -53,7 +53,6 @@ fn write_all(program: &clap::Command, out: &Path) -> Result<(), CliError> {
     Ok(())
 }
 
-/// A command, its commands, and theirs.
 fn and_below(command: &clap::Command) -> Vec<&clap::Command> {
     let below = command.get_subcommands().filter(|below| !below.is_hide_set());
     std::iter::once(command).chain(below.flat_map(and_below)).collect()
@@ -130,7 +129,6 @@ fn wrapped(line: &str) -> String {
     wrapped
 }
 
-/// The program whose commands these are.
 fn source() -> String {
     format!("depthloom {}", env!("CARGO_PKG_VERSION"))
 }

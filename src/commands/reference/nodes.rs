@@ -6,7 +6,6 @@ use depthloom_terminal::{CliError, ExitCode, print};
 use crate::args::NodesArgs;
 use crate::output;
 
-/// Lists all kinds, or explains one.
 pub(crate) fn nodes(args: &NodesArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let Some(kind) = &args.kind else {
         if args.output.json {

@@ -57,7 +57,6 @@ pub(crate) struct Opset {
     version: i64,
 }
 
-/// Shows a model.
 pub(crate) fn onnx(args: &OnnxArgs) -> Result<ExitCode, CliError> {
     let file = &args.file;
     let bytes = regular_file::read(file, MOST_BYTES)

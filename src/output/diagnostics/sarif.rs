@@ -120,7 +120,6 @@ fn escaped(name: &[u8]) -> String {
     })
 }
 
-/// The level of a result.
 const fn level_of(severity: Severity) -> &'static str {
     match severity {
         Severity::Error => "error",

@@ -90,7 +90,7 @@ fn fault_18_27_the_first_signal_ends_learning_at_a_checkpoint() {
         let said = said(&output);
         assert!(said.contains("4 frames can be read from"), "{said}");
         // As the README says it goes on.
-        let way = "run the same again, with the same --out, to go on: behind these frames, learning from";
+        let way = "repeat the command with the same --out to resume: after these frames, training from";
         assert!(said.split_whitespace().collect::<Vec<_>>().join(" ").contains(way), "{said}");
         assert!(fs::read_dir(&checkpoints).expect("a folder").next().is_some(), "the checkpoint is gone");
         succeed(depthloom().arg("report").arg(partial(&out)));

@@ -128,7 +128,7 @@ fn a_persons_own_configuration_gives_permission_to_the_files_it_lists() {
     let listed = runs("listed");
     assert_eq!(listed.status.code(), Some(0), "{}", said(&listed));
     for (wrong, told) in
-        [("allow_exec: [works.yaml]\n", "is no whole path"), ("allow_exe: []\n", "is no configuration")]
+        [("allow_exec: [works.yaml]\n", "is not an absolute path"), ("allow_exe: []\n", "is not a valid configuration")]
     {
         list(wrong);
         let output = runs("wrong");

@@ -9,7 +9,6 @@ use depthloom_analysis::{PAGE, SAMPLES};
 
 use crate::files::{MARKER, MODELS, OUTDATED, RECORDING, TIMINGS};
 
-/// The files that a run writes.
 const FILES: [&str; 8] = [
     MARKER,
     RECORDING,
@@ -20,7 +19,6 @@ const FILES: [&str; 8] = [
     TIMINGS,
     "programs.log",
 ];
-/// And its reports.
 const REPORT: [&str; 15] = [
     "scores.csv",
     "scores.parquet",

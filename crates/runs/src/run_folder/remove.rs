@@ -71,7 +71,6 @@ impl Removal {
     }
 }
 
-/// What removing takes.
 const RIGHT: &str =
     "removing a run takes the right to write in its folder and in the one around it, on a disk that takes writes";
 

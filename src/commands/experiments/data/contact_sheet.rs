@@ -12,13 +12,10 @@ use image::{ImageFormat, Rgb, RgbImage};
 const ACROSS: u32 = 320;
 const GAP: u32 = 6;
 const COLUMNS: usize = 4;
-/// Behind the frames.
 const GROUND: Rgb<u8> = Rgb([24, 24, 24]);
 
-/// A contact sheet being filled.
 #[derive(Debug, Default)]
 pub(crate) struct Sheet {
-    /// The frames of each source.
     sources: Vec<Vec<RgbImage>>,
 }
 
@@ -28,7 +25,6 @@ impl Sheet {
         self.sources.push(Vec::new());
     }
 
-    /// Adds a frame.
     pub(crate) fn add(&mut self, left: Option<&Value>, truth: Option<&Value>) {
         let Some(Value::Image(left)) = left else { return };
         let Some(left) = reduced(left) else { return };

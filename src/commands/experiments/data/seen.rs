@@ -32,7 +32,6 @@ struct SeenTruth {
 }
 
 impl Seen {
-    /// Takes note of a value.
     pub(super) fn take(&mut self, port: &'static str, value: &Value) {
         match value {
             Value::Image(image) if port == "left" => {
@@ -74,7 +73,6 @@ impl SeenTruth {
 }
 
 impl Seen {
-    /// Of one line each: label and text.
     pub(super) fn lines(&self) -> Vec<(&'static str, String)> {
         let mut lines = Vec::new();
         let sizes: Vec<String> = self

@@ -18,7 +18,6 @@ pub(crate) struct RunsList {
     runs: Vec<Glance>,
 }
 
-/// Prints a line a run.
 pub(super) fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
     let runs = all_in(args)?;
     let glances: Vec<Glance> = runs.iter().rev().map(Glance::at).collect();

@@ -139,7 +139,6 @@ fn without_those_that_are_read<'a>(runs: &'a [Run], chosen: &[usize]) -> (Vec<us
     }
 }
 
-/// What a run reads.
 struct Reads {
     /// Its experiment, in which every path leads to its file from anywhere; but what a variable stands for is not in it.
     resolved: String,

@@ -13,7 +13,6 @@ use depthloom_graphs::counted;
 use depthloom_runs::{Best, File, FoundRun, Glance, RECORDING, State, environment, files_in, models, named};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 
-/// How many variants are named.
 const NAMED: usize = 12;
 
 /// Of `runs show`: a run.
