@@ -24,7 +24,7 @@ pub(crate) struct Walked {
     pub name: String,
     pub kind: String,
     pub frames: usize,
-    pub faults: Vec<Found>,
+    pub faults: Vec<FrameFault>,
     /// What there is to show of the data beside their frames.
     pub facts: Vec<Fact>,
     pub warnings: Vec<String>,
@@ -33,7 +33,7 @@ pub(crate) struct Walked {
     with: BTreeMap<&'static str, usize>,
 }
 
-pub(crate) struct Found {
+pub(crate) struct FrameFault {
     /// The frame's id; `None` of what is no frame's own.
     frame: Option<String>,
     what: String,
@@ -42,7 +42,7 @@ pub(crate) struct Found {
     kind: Option<(&'static str, &'static str)>,
 }
 
-impl Found {
+impl FrameFault {
     fn of(frame: Option<&Frame>, fault: &Fault) -> Self {
         Self {
             frame: frame.map(|frame| frame.id.to_string()),
@@ -93,7 +93,12 @@ fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
             if read > 0 && of_all == 0 && is_open {
                 let what = format!("no frame has a `{port}`, against which stage `{stage}` scores");
                 if !of.faults.iter().any(|fault| fault.what == what) {
-                    of.faults.push(Found { frame: None, what, remedy: Some(truths::REMEDY.to_owned()), kind: None });
+                    of.faults.push(FrameFault {
+                        frame: None,
+                        what,
+                        remedy: Some(truths::REMEDY.to_owned()),
+                        kind: None,
+                    });
                 }
             } else if there < read && is_open {
                 let (without, read) = (read - there, counted(read, "frame"));
@@ -110,9 +115,9 @@ fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
 
 fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bool) -> Walked {
     let Survey { source, faults, facts } = entry.survey(params);
-    let mut faults: Vec<Found> = faults.iter().map(|fault| Found::of(None, fault)).collect();
+    let mut faults: Vec<FrameFault> = faults.iter().map(|fault| FrameFault::of(None, fault)).collect();
     let ports = entry.outputs(params).unwrap_or_else(|fault| {
-        faults.push(Found::of(None, &fault));
+        faults.push(FrameFault::of(None, &fault));
         Vec::new()
     });
     let (mut frames, mut warnings) = (0, Vec::new());
@@ -161,8 +166,8 @@ fn each_frame(
     workers: usize,
     seen: (&WarningCollector, &There),
     progress: &FrameProgress,
-) -> Vec<Found> {
-    let found: Mutex<Vec<(FrameIndex, Vec<Found>)>> = Mutex::default();
+) -> Vec<FrameFault> {
+    let found: Mutex<Vec<(FrameIndex, Vec<FrameFault>)>> = Mutex::default();
     let frames = source.frames();
     let budget = Budget::new(workers);
     let _own = budget.permit();
@@ -172,7 +177,7 @@ fn each_frame(
         let mut scratch = Scratch::default();
         let looked = || frame_faults(source, ports, position, frame, &mut Context::new(seen.0, &mut scratch), seen.1);
         let faults = depthloom_threads::caught(looked).unwrap_or_else(|panic| {
-            vec![Found::of(Some(frame), &Fault::new(format!("the source panicked {}", panic.0)))]
+            vec![FrameFault::of(Some(frame), &Fault::new(format!("the source panicked {}", panic.0)))]
         });
         progress.one_more(faults.len() as u64);
         if !faults.is_empty() {
@@ -191,19 +196,19 @@ fn frame_faults(
     frame: &Frame,
     ctx: &mut Context<'_>,
     there: &There,
-) -> Vec<Found> {
+) -> Vec<FrameFault> {
     let read =
         source.examine(position, ctx).and_then(|read| read.outputs.in_order_of(ports).map_err(|fault| vec![fault]));
     let values = match read {
         Ok(values) => values,
-        Err(faults) => return faults.iter().map(|fault| Found::of(Some(frame), fault)).collect(),
+        Err(faults) => return faults.iter().map(|fault| FrameFault::of(Some(frame), fault)).collect(),
     };
     there.count(ports, &values);
     let files = source.files(position);
     let contradictions = inspect(ports, &values).into_iter().map(|found| {
         let named = file_of(found.port, &files)
             .map_or_else(|| found.what.clone(), |path| format!("{}: {}", path.display(), found.what));
-        Found {
+        FrameFault {
             frame: Some(frame.id.to_string()),
             what: named,
             remedy: Some(found.remedy.to_owned()),
@@ -282,8 +287,8 @@ pub(crate) struct DataFault {
     help: Option<String>,
 }
 
-impl From<&Found> for DataFault {
-    fn from(fault: &Found) -> Self {
+impl From<&FrameFault> for DataFault {
+    fn from(fault: &FrameFault) -> Self {
         Self { frame: fault.frame.clone(), message: fault.what.clone(), help: fault.remedy.clone() }
     }
 }
@@ -312,15 +317,15 @@ pub(crate) fn stop(walked: &[Walked]) -> Option<CliError> {
 }
 
 /// The faults in their order, each with the number of frames that have it: more than one is all of them.
-fn once(faults: &[Found], frames: usize) -> Vec<(&Found, usize)> {
-    let same = |one: &Found, other: &Found| match (one.kind, other.kind) {
+fn once(faults: &[FrameFault], frames: usize) -> Vec<(&FrameFault, usize)> {
+    let same = |one: &FrameFault, other: &FrameFault| match (one.kind, other.kind) {
         (Some(one), Some(other)) => one == other,
         _ => one.what == other.what && one.kind == other.kind,
     };
-    let mut told: Vec<(&Found, usize)> = Vec::new();
+    let mut told: Vec<(&FrameFault, usize)> = Vec::new();
     // Where all frames have a fault, the first has it.
     let first = faults.iter().find_map(|fault| fault.frame.as_ref());
-    let shared: Vec<&Found> = faults
+    let shared: Vec<&FrameFault> = faults
         .iter()
         .filter(|fault| frames > 1 && fault.frame.is_some() && fault.frame.as_ref() == first)
         .filter(|fault| {

@@ -43,7 +43,7 @@ pub struct McapParams {
 pub struct Mcap {
     recording: Recording,
     run: RunId,
-    given: Vec<Given>,
+    given: Vec<RecordedPort>,
     frames: Vec<Frame>,
     /// By frame, its position among the recorded.
     positions: Vec<FrameIndex>,
@@ -51,7 +51,7 @@ pub struct Mcap {
 }
 
 /// An output port, and what was recorded of it.
-struct Given {
+struct RecordedPort {
     port: Port,
     topic: String,
     /// The node that gave it; `None`: the source.
@@ -287,16 +287,16 @@ fn variant_of(recording: &Recording, params: &McapParams) -> Result<Option<Varia
 }
 
 /// What there is of a stage run and is asked for.
-fn given(recording: &Recording, run: RunId, params: &McapParams) -> Result<Vec<Given>, Fault> {
+fn given(recording: &Recording, run: RunId, params: &McapParams) -> Result<Vec<RecordedPort>, Fault> {
     let planned = &recording.plan().runs[run];
     let variant = variant_of(recording, params)?;
     let of = |node: Option<NodeId>, name: String, output: &RecordedOutput| {
         let value_type = output.value_type().filter(|of| *of != ValueType::Scores)?;
         let doc = Port::intern(&format!("As recorded under {}.", output.topic));
         let port = Port::frame(Port::intern(&name), value_type, doc).optional();
-        (output.recorded && !output.once).then(|| Given { port, topic: output.topic.clone(), node })
+        (output.recorded && !output.once).then(|| RecordedPort { port, topic: output.topic.clone(), node })
     };
-    let mut all: Vec<Given> =
+    let mut all: Vec<RecordedPort> =
         planned.source.outputs.iter().filter_map(|output| of(None, output.port.clone(), output)).collect();
     let serves = |node: &RecordedNode| match variant {
         Some(variant) => node.variants.contains(&variant),
@@ -305,7 +305,7 @@ fn given(recording: &Recording, run: RunId, params: &McapParams) -> Result<Vec<G
     for (index, node) in NodeId::enumerate(&planned.nodes).filter(|(_, node)| serves(node)) {
         let outputs = node.outputs.iter();
         let outputs = outputs.filter_map(|output| of(Some(index), format!("{}.{}", node.name, output.port), output));
-        let outputs: Vec<Given> = outputs.collect();
+        let outputs: Vec<RecordedPort> = outputs.collect();
         if outputs.iter().all(|given| all.iter().all(|known| known.port.name != given.port.name)) {
             all.extend(outputs);
         }
@@ -313,7 +313,7 @@ fn given(recording: &Recording, run: RunId, params: &McapParams) -> Result<Vec<G
     if params.outputs.is_empty() {
         all.retain(|given| given.node.is_none());
     } else {
-        let fits = |pattern: &String, given: &Given| glob(pattern, given.port.name);
+        let fits = |pattern: &String, given: &RecordedPort| glob(pattern, given.port.name);
         if let Some(none) = params.outputs.iter().find(|pattern| !all.iter().any(|given| fits(pattern, given))) {
             return Err(no_output(recording, none, &all, variant.is_none()));
         }
@@ -326,7 +326,7 @@ fn given(recording: &Recording, run: RunId, params: &McapParams) -> Result<Vec<G
     Ok(all)
 }
 
-fn no_output(recording: &Recording, pattern: &str, all: &[Given], of_all_variants: bool) -> Fault {
+fn no_output(recording: &Recording, pattern: &str, all: &[RecordedPort], of_all_variants: bool) -> Fault {
     let fault = Fault::new(format!("{} has no output `{pattern}`", recording.path().display()));
     let names = || all.iter().map(|given| given.port.name);
     let remedy = match nearest(pattern, names()) {

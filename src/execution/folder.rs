@@ -7,7 +7,7 @@ use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
 use depthloom_runs::environment::{self, ENVIRONMENT};
-use depthloom_runs::run_folder::{Begun, RunFolder};
+use depthloom_runs::run_folder::{PartialContent, RunFolder};
 use depthloom_runs::{OUTDATED, RECORDING, reuse};
 use depthloom_terminal::{CliError, ExitCode};
 use serde_json::json;
@@ -27,23 +27,23 @@ pub(super) fn make_folder(
         let path = partial.join(RECORDING);
         // A run that ended before it recorded anything again leaves only what was set aside: no frame of that is lost.
         let nothing = || match Recording::open(partial.join(OUTDATED)) {
-            Ok(aside) if aside.is_empty() => Begun::Nothing,
-            Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => Begun::This,
-            Ok(_) => Begun::Other,
+            Ok(aside) if aside.is_empty() => PartialContent::Nothing,
+            Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => PartialContent::This,
+            Ok(_) => PartialContent::Other,
             // Frames that cannot be read at the moment are not removed either.
-            Err(_) if partial.join(OUTDATED).exists() => Begun::Other,
-            Err(_) => Begun::Nothing,
+            Err(_) if partial.join(OUTDATED).exists() => PartialContent::Other,
+            Err(_) => PartialContent::Nothing,
         };
         match Recording::open(&path) {
             Ok(found) if found.is_empty() => nothing(),
             Ok(found) if !args.is_fresh() && found.is_of_experiment(plan) => {
                 recording = Some(Arc::new(found));
-                Begun::This
+                PartialContent::This
             }
             // It ended before the head of the recording was written, or the file was made.
             Err(RecordingError::NotARecording { .. }) => nothing(),
             Err(_) if std::fs::metadata(&path).map_or(true, |file| file.len() == 0) => nothing(),
-            Ok(_) | Err(_) => Begun::Other,
+            Ok(_) | Err(_) => PartialContent::Other,
         }
     };
     let folder = match &args.out {

@@ -4,6 +4,7 @@ use depthloom_analysis::{AnalysisError, TopicRows, curve_rows, topic_rows};
 use depthloom_graphs::Value;
 use depthloom_graphs::contracts::Slot;
 use depthloom_recording::{RecordedOnce, Recording, RecordingError};
+use depthloom_runs::read_failed;
 use depthloom_terminal::{CliError, ExitCode};
 
 use crate::ExportFormat;
@@ -16,8 +17,10 @@ use crate::{Chosen, Exported, Folder, Frames};
 pub fn write_model(recording: &Recording, chosen: &Chosen<'_>, folder: &Folder) -> Result<Exported, CliError> {
     let format = ExportFormat::Onnx;
     let once = once_value(recording, chosen);
-    let value =
-        once.map(|once| recording.once_value(once)).transpose().map_err(|error| unread("a learnt model", &error))?;
+    let value = once
+        .map(|once| recording.once_value(once))
+        .transpose()
+        .map_err(|error| read_failed("failed to read a trained model", &error))?;
     let model = value.as_ref().and_then(Value::artifact).map(|model| &*model.bytes);
     write(chosen, format, model, folder)
 }
@@ -62,11 +65,6 @@ fn once_value<'a>(recording: &'a Recording, chosen: &Chosen<'_>) -> Option<&'a R
         (once.run, once.node, once.port) == (chosen.run, node, port)
     };
     recording.once_values().iter().find(is_it)
-}
-
-fn unread(what: &str, error: &RecordingError) -> CliError {
-    let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
-    CliError::remedied(exit, format_args!("failed to read {what}"), error)
 }
 
 /// Writes the file of a topic, if it has anything.

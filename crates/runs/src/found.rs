@@ -10,7 +10,7 @@ use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::environment::{self, STAMP};
 use crate::files::{MARKER, RECORDING};
-use crate::run_folder::Found;
+use crate::run_folder::PathState;
 
 /// How many folders deep runs lie at most: `runs/<experiment>/<time>` is two.
 const DEPTH: u32 = 3;
@@ -42,14 +42,14 @@ impl FoundRun {
     /// # Errors
     /// If it is not a run, or its metadata cannot be read.
     pub fn at(path: &Path, folder: &Path) -> Result<Self, CliError> {
-        let found = Found::at(path).map_err(|error| {
+        let found = PathState::at(path).map_err(|error| {
             CliError::because(ExitCode::Usage, format_args!("failed to look at {}", path.display()), &error)
         })?;
-        if found != Found::Run {
+        if found != PathState::Run {
             let what = match found {
-                Found::Other(what) => what,
-                Found::Empty => "an empty folder",
-                Found::Nothing | Found::Run => "not there",
+                PathState::Other(what) => what,
+                PathState::Empty => "an empty folder",
+                PathState::Nothing | PathState::Run => "not there",
             };
             let stop = CliError::new(ExitCode::Usage, format!("{} is not a run: it is {what}", path.display()));
             return Err(stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its folder"));
@@ -94,9 +94,9 @@ fn look_into(folder: &Path, prefix: &str, depth: u32, runs: &mut Vec<FoundRun>) 
     for entry in fs::read_dir(folder)? {
         let (path, file_name) = entry.map(|entry| (entry.path(), entry.file_name()))?;
         let name = format!("{prefix}{}", file_name.to_string_lossy());
-        match Found::at(&path) {
-            Ok(Found::Run) => runs.push(FoundRun { name, time: time(&path), path }),
-            Ok(Found::Other(_)) if depth > 1 && is_folder(&path) => {
+        match PathState::at(&path) {
+            Ok(PathState::Run) => runs.push(FoundRun { name, time: time(&path), path }),
+            Ok(PathState::Other(_)) if depth > 1 && is_folder(&path) => {
                 if let Err(error) = look_into(&path, &format!("{name}/"), depth - 1, runs) {
                     say(format_args!("warning: failed to look into {}: {error}", path.display()));
                 }

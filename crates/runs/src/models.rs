@@ -8,6 +8,7 @@ use depthloom_recording::{RecordedContent, RecordedOnce, RecordedPlan, Recording
 use depthloom_terminal::{CliError, ExitCode};
 
 use crate::files::MODELS;
+use crate::opening::read_failed;
 
 /// Writes the models that a recording holds into `<folder>/models`.
 ///
@@ -20,10 +21,8 @@ pub fn write(recording: &Recording, folder: &Path) -> Result<(), CliError> {
     };
     for (value, name) in names(recording) {
         let RecordedContent::Attachment { name: attachment, .. } = &value.content else { continue };
-        let bytes = recording.attachment(attachment).map_err(|error| {
-            let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
-            CliError::remedied(exit, "failed to read a learnt model", &error)
-        })?;
+        let bytes = recording.attachment(attachment);
+        let bytes = bytes.map_err(|error| read_failed("failed to read a trained model", &error))?;
         depthloom_durable::create_folder(&folder).map_err(|error| failed(&error))?;
         depthloom_durable::write(&folder.join(&name), &bytes).map_err(|error| failed(&error))?;
     }

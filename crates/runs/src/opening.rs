@@ -1,12 +1,13 @@
 //! The recording of a run, and why a question to it has no answer.
 
+use std::fmt::Display;
 use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 
 use depthloom_analysis::AnalysisError;
 use depthloom_graphs::plan::RunId;
 use depthloom_graphs::regular_file;
-use depthloom_recording::{Condition, Recording};
+use depthloom_recording::{Condition, Recording, RecordingError};
 use depthloom_runner::RunError;
 use depthloom_terminal::{CliError, ExitCode, say};
 
@@ -129,6 +130,12 @@ pub fn open(path: &Path) -> Result<Recording, CliError> {
         let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Usage };
         CliError::remedied(exit, "failed to read the recording", &error)
     })
+}
+
+/// The error of a value that cannot be read: [`ExitCode::FrameFailures`] if the recording is damaged there.
+pub fn read_failed(intent: impl Display, error: &RecordingError) -> CliError {
+    let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
+    CliError::remedied(exit, intent, error)
 }
 
 /// Opens a recording whose frames are needed.

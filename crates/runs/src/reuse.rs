@@ -32,9 +32,9 @@ pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierR
 }
 
 /// What an interrupted run recorded, to be compared with what the same run records today.
-struct Kept<'a>(&'a Recording);
+struct RecordedKeys<'a>(&'a Recording);
 
-impl KeptValues for Kept<'_> {
+impl KeptValues for RecordedKeys<'_> {
     fn frames(&self, run: RunId) -> usize {
         self.0.frames(run).len()
     }
@@ -69,7 +69,7 @@ pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> 
     if !recording.has_plan(&ready.plan) {
         return Ok(Some("an engine or a program that it used changed".to_owned()));
     }
-    let outdated = depthloom_runner::outdated(ready, earlier, &Kept(recording), &InlineHost);
+    let outdated = depthloom_runner::outdated(ready, earlier, &RecordedKeys(recording), &InlineHost);
     outdated.map_err(|error| CliError::new(ExitCode::Engine, format!("failed to compare cache keys: {error}")))
 }
 

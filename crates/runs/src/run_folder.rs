@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 pub use contents::{in_the_way_of_a_report, mark_for_reports};
 use depthloom_terminal::{CliError, ExitCode, say};
 pub use lock::{Lock, Refused, is_held};
-pub use marker::Found;
+pub use marker::PathState;
 pub use remove::Removal;
 
 use paths::{aside, failed, failed_to, found, harm, normalize_lexically};
@@ -40,7 +40,7 @@ pub struct RunFolder {
 
 /// What a partial folder holds for a run that would write there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Begun {
+pub enum PartialContent {
     /// Frames of the same experiment, by an earlier process.
     This,
     /// Nothing that anybody could want.
@@ -62,7 +62,7 @@ impl RunFolder {
         out: &Path,
         overwrite: bool,
         read: &[PathBuf],
-        begun: impl FnOnce(&Path) -> Begun,
+        begun: impl FnOnce(&Path) -> PartialContent,
     ) -> Result<Self, CliError> {
         let out = &normalize_lexically(out)?;
         let partial = partial_name(out)?;
@@ -71,29 +71,29 @@ impl RunFolder {
         found(&aside(out))?;
         for path in [out, &partial] {
             match found(path)? {
-                Found::Nothing => {}
-                Found::Empty if path == &partial => {
+                PathState::Nothing => {}
+                PathState::Empty if path == &partial => {
                     fs::remove_dir(path).map_err(|error| failed("remove", path, &error))?;
                 }
-                Found::Empty => return Err(no_run(path, "a folder, but not of a run")),
-                Found::Other(what) => return Err(no_run(path, what)),
+                PathState::Empty => return Err(no_run(path, "a folder, but not of a run")),
+                PathState::Other(what) => return Err(no_run(path, what)),
                 // It may be this very run, begun.
-                Found::Run if path == &partial => {}
-                Found::Run if overwrite => keep_from_harm(path, read)?,
-                Found::Run => return Err(exists(path)),
+                PathState::Run if path == &partial => {}
+                PathState::Run if overwrite => keep_from_harm(path, read)?,
+                PathState::Run => return Err(exists(path)),
             }
         }
-        let replaced = (found(out)? == Found::Run).then(|| lock(out)).transpose()?;
-        if found(&partial)? == Found::Run {
+        let replaced = (found(out)? == PathState::Run).then(|| lock(out)).transpose()?;
+        if found(&partial)? == PathState::Run {
             let old = lock(&partial)?;
             match begun(&partial) {
-                Begun::This => {
+                PartialContent::This => {
                     contents::remove_abandoned(&partial);
                     contents::remove_reports(&partial)
                         .map_err(|error| failed("remove the reports in", &partial, &error))?;
                     return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true });
                 }
-                Begun::Other if !overwrite => {
+                PartialContent::Other if !overwrite => {
                     let what = format!("{} holds frames that this run cannot resume", partial.display());
                     let why = "they are of another experiment or other parameters, or --fresh was requested";
                     return Err(CliError::usage(
@@ -101,7 +101,7 @@ impl RunFolder {
                         "choose another --out, or replace it with --overwrite; an interrupted run with --fresh resumes without --fresh",
                     ));
                 }
-                Begun::Nothing | Begun::Other => {}
+                PartialContent::Nothing | PartialContent::Other => {}
             }
             keep_from_harm(&partial, read)?;
             let aside = aside(&partial);
@@ -110,7 +110,7 @@ impl RunFolder {
         }
         fs::create_dir(&partial).map_err(|error| failed("create", &partial, &error))?;
         let folder = Self::marked(partial, out, replaced)?;
-        if folder.replaced.is_none() && found(out)? != Found::Nothing {
+        if folder.replaced.is_none() && found(out)? != PathState::Nothing {
             // Another run took the name in the meantime.
             folder.discard();
             return Err(exists(out));
@@ -134,7 +134,7 @@ impl RunFolder {
                 made => made.map_err(|error| failed("create", &partial, &error))?,
             }
             // Looked for only now: who had the partial name until a moment ago has the final one.
-            if found(&out)? == Found::Nothing {
+            if found(&out)? == PathState::Nothing {
                 return Self::marked(partial, &out, None);
             }
             fs::remove_dir(&partial).map_err(|error| failed("remove", &partial, &error))?;
@@ -234,7 +234,10 @@ pub fn around(path: &Path) -> Option<PathBuf> {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         fs::canonicalize(folder).ok()
     })?;
-    there.ancestors().find(|folder| Found::at(folder).is_ok_and(|found| found == Found::Run)).map(Path::to_owned)
+    there
+        .ancestors()
+        .find(|folder| PathState::at(folder).is_ok_and(|found| found == PathState::Run))
+        .map(Path::to_owned)
 }
 
 /// The lock of a run's folder for who writes more into it, or `None` if the folder is not a run's.
@@ -242,7 +245,7 @@ pub fn around(path: &Path) -> Option<PathBuf> {
 /// # Errors
 /// If another process writes there, or the system refuses.
 pub fn lock_if_run(folder: &Path) -> Result<Option<Lock>, CliError> {
-    if found(folder)? != Found::Run {
+    if found(folder)? != PathState::Run {
         return Ok(None);
     }
     let lock = lock(folder)?;

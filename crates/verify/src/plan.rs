@@ -56,7 +56,7 @@ pub enum Expected {
     },
 }
 
-enum Found {
+enum Baseline {
     Frames,
     Once(Option<RecordedOnce>),
 }
@@ -205,25 +205,25 @@ impl<'a> Making<'a> {
             let Some(port) = outputs.position(|output| output.port.name == recorded.port) else { continue };
             made.planned[index].outputs[port].recorded = expected.is_some();
             made.nodes[index].expected[port] = expected.map(|expected| match expected {
-                Found::Frames => Expected::Frames { port: made.topic(&recorded.topic) },
-                Found::Once(value) => Expected::Once { value },
+                Baseline::Frames => Expected::Frames { port: made.topic(&recorded.topic) },
+                Baseline::Once(value) => Expected::Once { value },
             });
         }
         Ok(())
     }
 
     /// What there is to compare an output with.
-    fn expected(&self, node: NodeRef, port: PortId) -> Option<Found> {
+    fn expected(&self, node: NodeRef, port: PortId) -> Option<Baseline> {
         let output = &self.node(node).outputs[port];
         if !output.recorded {
             return None;
         }
         if !output.once {
-            return Some(Found::Frames);
+            return Some(Baseline::Frames);
         }
         let value = self.once_value(node, port).cloned();
         // What is not in a recording that was cut off may have been there.
-        (value.is_some() || *self.recording.condition() == Condition::Whole).then_some(Found::Once(value))
+        (value.is_some() || *self.recording.condition() == Condition::Whole).then_some(Baseline::Once(value))
     }
 
     fn once_value(&self, node: NodeRef, port: PortId) -> Option<&'a RecordedOnce> {

@@ -126,15 +126,15 @@ impl Recording {
     /// If the file cannot be read, is no recording, or its plan is damaged or one that no engine makes.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let file = mcap_file(path.as_ref())?;
-        let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Found::of(&file, index)).transpose());
+        let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Loaded::of(&file, index)).transpose());
         let (found, condition) = match whole {
             Ok(Some(found)) => {
                 let condition = found.condition_by_metadata();
                 (found, condition)
             }
-            Ok(None) => Found::without_summary(&file, None)?,
+            Ok(None) => Loaded::without_summary(&file, None)?,
             Err(RecordingError::File(FileError::Damaged { offset, what, .. })) => {
-                Found::without_summary(&file, Some((offset, what)))?
+                Loaded::without_summary(&file, Some((offset, what)))?
             }
             Err(error) => return Err(error),
         };
@@ -144,12 +144,12 @@ impl Recording {
     /// Opens a recording without its summary: checks every byte, and keeps what is before the first that is damaged.
     pub(crate) fn open_by_scan(path: &Path) -> Result<Self, RecordingError> {
         let file = mcap_file(path)?;
-        let (found, condition) = Found::without_summary(&file, None)?;
+        let (found, condition) = Loaded::without_summary(&file, None)?;
         Ok(Self::of(file, found, condition))
     }
 
-    fn of(file: PositionedFile, found: Found, condition: Condition) -> Self {
-        let Found { index, plan, frames, once, committed, sealed } = found;
+    fn of(file: PositionedFile, found: Loaded, condition: Condition) -> Self {
+        let Loaded { index, plan, frames, once, committed, sealed } = found;
         Self { file, index, condition, plan, frames, once, committed, sealed, by_key: OnceLock::new() }
     }
 
@@ -223,7 +223,7 @@ fn mcap_file(path: &Path) -> Result<PositionedFile, RecordingError> {
     if begins_as_mcap(&file)? { Ok(file) } else { Err(RecordingError::NotMcap { path: file.path }) }
 }
 
-struct Found {
+struct Loaded {
     index: Index,
     plan: RecordedPlan,
     frames: Vec<Vec<RecordedFrame>>,
@@ -232,7 +232,7 @@ struct Found {
     sealed: Vec<(u64, u32)>,
 }
 
-impl Found {
+impl Loaded {
     fn of(file: &PositionedFile, index: Index) -> Result<Self, RecordingError> {
         let plan = read_plan(file, &index)?;
         let once = read_once(file, &index, &plan)?;

@@ -53,7 +53,7 @@ pub(crate) fn scan(file: &PositionedFile) -> Result<Scanned, RecordingError> {
         crc: CrcBefore::new(file),
         buffers: ChunkBuffers::default(),
         index: Index::default(),
-        kept: Kept::default(),
+        kept: SoundPart::default(),
         chunk: None,
         at: MAGIC_LENGTH,
         sound_to: MAGIC_LENGTH,
@@ -81,7 +81,7 @@ pub(crate) fn scan(file: &PositionedFile) -> Result<Scanned, RecordingError> {
 
 /// How much of an index is what was written.
 #[derive(Default)]
-struct Kept {
+struct SoundPart {
     chunks: usize,
     attachments: usize,
     metadata: usize,
@@ -95,7 +95,7 @@ struct Scan<'a> {
     crc: CrcBefore<'a>,
     buffers: ChunkBuffers,
     index: Index,
-    kept: Kept,
+    kept: SoundPart,
     /// A chunk whose message indexes come: start, length, channels.
     chunk: Option<(u64, u64, Vec<u16>)>,
     at: u64,
@@ -316,7 +316,7 @@ impl Scan<'_> {
     fn keep(&mut self, to: u64) {
         let Index { chunks, attachments, metadata, .. } = &self.index;
         let (chunks, attachments, metadata) = (chunks.len(), attachments.len(), metadata.len());
-        self.kept = Kept { chunks, attachments, metadata, ..Kept::default() };
+        self.kept = SoundPart { chunks, attachments, metadata, ..SoundPart::default() };
         (self.sound_to, self.rest_from) = (to, to);
     }
 

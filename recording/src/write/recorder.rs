@@ -429,7 +429,7 @@ enum Content<'a> {
 }
 
 /// What the record of a once-value says of where its content is.
-type Kept = Vec<(&'static str, String)>;
+type OnceEntries = Vec<(&'static str, String)>;
 
 impl State {
     fn close(&mut self) -> Result<Written, RecordingError> {
@@ -439,7 +439,7 @@ impl State {
     }
 
     /// Keeps an artefact as an attachment; equal ones once.
-    fn keep_artifact(&mut self, artifact: &Artifact) -> Result<Kept, RecordingError> {
+    fn keep_artifact(&mut self, artifact: &Artifact) -> Result<OnceEntries, RecordingError> {
         let name = artifact_name(artifact);
         if self.artifacts.insert(artifact.hash) {
             self.writer.attachment(&name, &artifact.media_type, &artifact.bytes)?;
@@ -449,7 +449,13 @@ impl State {
     }
 
     /// Keeps a learning curve as messages of its topic.
-    fn keep_curve(&mut self, run: RunId, channel: u16, topic: &str, curve: &Curve) -> Result<Kept, RecordingError> {
+    fn keep_curve(
+        &mut self,
+        run: RunId,
+        channel: u16,
+        topic: &str,
+        curve: &Curve,
+    ) -> Result<OnceEntries, RecordingError> {
         let points = points_part(channel, self.first_ns[run].unwrap_or(BEGINNING_NS), curve);
         if let Some(chunk) = points.chunks.iter().find(|chunk| chunk.uncompressed_size > LARGEST_CHUNK) {
             let what = too_large(chunk.uncompressed_size);

@@ -7,7 +7,7 @@ use depthloom_analysis::{StageFrames, variant_of};
 use depthloom_graphs::contracts::{Slot, SlotKey};
 use depthloom_graphs::{Key, counted};
 use depthloom_recording::{Condition, Damage as RecordedDamage, Recording, TopicSize};
-use depthloom_runs::{open, recording_of};
+use depthloom_runs::{open, read_failed, recording_of};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -99,10 +99,8 @@ pub(crate) fn info(args: &InfoArgs) -> Result<ExitCode, CliError> {
     let interrupt = signals::listen("stopping")?;
     let recording = open(&path)?;
     let stop = || interrupt.stops_admission();
-    let sizes = recording.topic_sizes(&stop).map_err(|error| {
-        let exit = if error.is_damage() { ExitCode::FrameFailures } else { ExitCode::Engine };
-        CliError::remedied(exit, "failed to read the recording", &error)
-    })?;
+    let sizes = recording.topic_sizes(&stop);
+    let sizes = sizes.map_err(|error| read_failed("failed to read the recording", &error))?;
     let damage = if args.check { recording.damage(&stop) } else { Vec::new() };
     if stop() {
         return Err(CliError::new(ExitCode::Interrupted, "interrupted while reading"));

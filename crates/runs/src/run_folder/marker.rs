@@ -8,7 +8,7 @@ use crate::files::MARKER;
 
 /// What stands under a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Found {
+pub enum PathState {
     /// Nothing.
     Nothing,
     /// A run's folder, over or still being written.
@@ -19,7 +19,7 @@ pub enum Found {
     Other(&'static str),
 }
 
-impl Found {
+impl PathState {
     /// Looks; a symbolic link is none of what it leads to.
     ///
     /// # Errors
@@ -52,24 +52,24 @@ fn has_file(folder: &Path, name: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{Found, MARKER};
+    use super::{MARKER, PathState};
     use std::fs;
 
     #[test]
     fn only_a_marked_folder_or_one_of_0_1_0_is_a_run() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("out");
-        assert_eq!(Found::at(&path).unwrap(), Found::Nothing);
+        assert_eq!(PathState::at(&path).unwrap(), PathState::Nothing);
         fs::create_dir(&path).unwrap();
         fs::write(path.join("recording.mcap"), "").unwrap();
-        assert!(matches!(Found::at(&path).unwrap(), Found::Other(_)));
+        assert!(matches!(PathState::at(&path).unwrap(), PathState::Other(_)));
         fs::write(path.join("experiment.resolved.yaml"), "").unwrap();
-        assert_eq!(Found::at(&path).unwrap(), Found::Run);
+        assert_eq!(PathState::at(&path).unwrap(), PathState::Run);
         let marked = folder.path().join("marked");
         fs::create_dir(&marked).unwrap();
         fs::write(marked.join(MARKER), "").unwrap();
-        assert_eq!(Found::at(&marked).unwrap(), Found::Run);
-        assert!(matches!(Found::at(&marked.join(MARKER)).unwrap(), Found::Other("a file")));
+        assert_eq!(PathState::at(&marked).unwrap(), PathState::Run);
+        assert!(matches!(PathState::at(&marked.join(MARKER)).unwrap(), PathState::Other("a file")));
     }
 
     #[cfg(unix)]
@@ -78,6 +78,6 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join("link");
         std::os::unix::fs::symlink(folder.path().join("nowhere"), &link).unwrap();
-        assert_eq!(Found::at(&link).unwrap(), Found::Other("a symbolic link"));
+        assert_eq!(PathState::at(&link).unwrap(), PathState::Other("a symbolic link"));
     }
 }

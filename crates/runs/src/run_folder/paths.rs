@@ -9,7 +9,7 @@ use std::path::{Component, Path, PathBuf};
 use depthloom_terminal::{CliError, ExitCode};
 
 use super::contents;
-use super::marker::Found;
+use super::marker::PathState;
 
 /// A name beside `path` that this process alone uses.
 pub(super) fn aside(path: &Path) -> PathBuf {
@@ -18,8 +18,8 @@ pub(super) fn aside(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-pub(super) fn found(path: &Path) -> Result<Found, CliError> {
-    Found::at(path).map_err(|error| failed("look at", path, &error))
+pub(super) fn found(path: &Path) -> Result<PathState, CliError> {
+    PathState::at(path).map_err(|error| failed("look at", path, &error))
 }
 
 /// The same path without `..`, because a folder that is moved aside must not be on the way to its own name; and without a slash at its end,

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use depthloom_terminal::{CliError, ExitCode};
 
 use super::lock::{Lock, Refused};
-use super::marker::Found;
+use super::marker::PathState;
 use super::paths::{aside, failed, found, harm, normalize_lexically};
 use crate::files::MARKER;
 
@@ -29,11 +29,11 @@ impl Removal {
             Err(CliError::usage(format!("{} is not removed: {why}", folder.display()), remedy))
         };
         match found(&folder).map_err(may_not)? {
-            Found::Run if folder.join(MARKER).exists() => {}
-            Found::Run => return refuse("it has no marker, for version 0.1.0 made it", "remove it yourself"),
-            Found::Other(what) => return refuse(&format!("it is {what}"), "only folders of runs are removed"),
-            Found::Empty => return refuse("it is an empty folder", "only folders of runs are removed"),
-            Found::Nothing => return refuse("there is nothing", "`depthloom runs` lists the runs there are"),
+            PathState::Run if folder.join(MARKER).exists() => {}
+            PathState::Run => return refuse("it has no marker, for version 0.1.0 made it", "remove it yourself"),
+            PathState::Other(what) => return refuse(&format!("it is {what}"), "only folders of runs are removed"),
+            PathState::Empty => return refuse("it is an empty folder", "only folders of runs are removed"),
+            PathState::Nothing => return refuse("there is nothing", "`depthloom runs` lists the runs there are"),
         }
         let lock = Lock::take(&folder).map_err(|refused| {
             let stop =
@@ -97,13 +97,13 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
-    use super::super::Begun;
+    use super::super::PartialContent;
     use super::{MARKER, Removal};
     use crate::run_folder::RunFolder;
     use depthloom_terminal::ExitCode;
 
     fn run(out: &Path) {
-        let folder = RunFolder::create(out, false, &[], |_| Begun::Other).unwrap();
+        let folder = RunFolder::create(out, false, &[], |_| PartialContent::Other).unwrap();
         folder.write("scores.csv", "numbers").unwrap();
         folder.finish().unwrap();
     }
@@ -159,7 +159,7 @@ mod tests {
         }
         assert!(refused(&out).contains("version 0.1.0 made it"));
         fs::write(out.join(MARKER), marker).unwrap();
-        let live = RunFolder::create(&folder.path().join("live"), false, &[], |_| Begun::Other).unwrap();
+        let live = RunFolder::create(&folder.path().join("live"), false, &[], |_| PartialContent::Other).unwrap();
         assert!(refused(&live.partial).contains("another process is writing to it"));
         Removal::of(&out).unwrap();
     }

@@ -1,9 +1,9 @@
-use super::{Begun, ExitCode, RunFolder};
+use super::{ExitCode, PartialContent, RunFolder};
 use std::fs;
 use std::path::Path;
 
 fn create(out: &Path, overwrite: bool) -> Result<RunFolder, ExitCode> {
-    RunFolder::create(out, overwrite, &[], |_| Begun::Other).map_err(|stop| stop.exit)
+    RunFolder::create(out, overwrite, &[], |_| PartialContent::Other).map_err(|stop| stop.exit)
 }
 
 /// A run that is over, with one file.
@@ -93,7 +93,7 @@ fn fault_41_a_run_that_holds_what_is_read_is_not_replaced() {
     let out = folder.path().join("out");
     whole_run(&out, "experiment");
     let experiment = out.join("scores.csv");
-    let stop = RunFolder::create(&out, true, &[experiment], |_| Begun::Other).err().unwrap();
+    let stop = RunFolder::create(&out, true, &[experiment], |_| PartialContent::Other).err().unwrap();
     assert_eq!(stop.exit, ExitCode::Usage);
     assert_eq!(content(&out), "experiment");
 }
@@ -149,7 +149,7 @@ fn a_run_that_holds_what_no_run_wrote_is_not_replaced() {
         let path = out.join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         if name == "runs" { fs::create_dir(&path) } else { fs::write(&path, "years") }.unwrap();
-        let stop = RunFolder::create(&out, true, &[], |_| Begun::Other).err().unwrap();
+        let stop = RunFolder::create(&out, true, &[], |_| PartialContent::Other).err().unwrap();
         assert_eq!(stop.exit, ExitCode::Usage);
         assert!(stop.message.what.contains(name.split('/').next().unwrap()), "{}", stop.message.what);
         assert!(path.exists() && content(&out) == "kept");
@@ -200,8 +200,9 @@ fn a_run_that_ended_as_it_began_is_in_nobodys_way() {
 fn a_name_too_long_for_what_comes_behind_it_is_found_before_any_frame() {
     let folder = tempfile::tempdir().unwrap();
     for length in [245, 250, 300] {
-        let stop =
-            RunFolder::create(&folder.path().join("x".repeat(length)), true, &[], |_| Begun::Other).err().unwrap();
+        let stop = RunFolder::create(&folder.path().join("x".repeat(length)), true, &[], |_| PartialContent::Other)
+            .err()
+            .unwrap();
         assert_eq!(stop.exit, ExitCode::Usage);
         assert!(stop.message.remedy.is_some_and(|remedy| remedy.contains("a shorter --out")), "{}", stop.message.what);
     }
