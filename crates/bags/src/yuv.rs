@@ -1,7 +1,6 @@
 //! Brightness and colour difference (`uyvy`, `yuyv`, `nv21`) as red, green and blue: ITU-R BT.601 with footroom, in the fixed point of OpenCV's `cvtColor`.
 //! <https://docs.opencv.org/4.x/de/d25/imgproc_color_conversions.html#color_convert_rgb_yuv_42x>
 
-/// Bits behind the point.
 const SHIFT: u32 = 20;
 /// 1.164, 2.018, -0.391, -0.813 and 1.596.
 const BRIGHTNESS: i32 = 1_220_542;

@@ -131,7 +131,6 @@ where
     written.ok().map(|()| out)
 }
 
-/// Black, and the levels' colours.
 fn palette(colours: Colours) -> Vec<u8> {
     let levels = (0..LEVELS).map(|level| f64::from(level) / f64::from(LEVELS - 1));
     [0; 3].into_iter().chain(levels.flat_map(|share| colours.of(share))).collect()

@@ -18,14 +18,14 @@ use prost_types::{
 use crate::messages::{ANSWERED, LOG_MEAN, TRUTH, ZONE};
 
 /// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only, whose numbers count from a pixel below it.
-pub const MIN_DISPARITY_PX: u32 = 1001;
+pub(crate) const MIN_DISPARITY_PX: u32 = 1001;
 /// `CameraCalibration`: the distance between the two cameras' centres, metres.
 pub const BASELINE_M: u32 = 1001;
 /// `CameraCalibration`: how much farther right the right camera's principal point lies, pixels; absent where it is 0.
 pub const DOFFS_PX: u32 = 1002;
 
 /// `FloatMap`: inverse depth, 1/m, of depths that do not hold it; NaN where they do.
-pub const INVERSE: u32 = 10;
+pub(crate) const INVERSE: u32 = 10;
 
 /// A schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -110,6 +110,7 @@ impl Schema {
     }
 
     fn build(self) -> FileDescriptorSet {
+        let node = || field("node", 1, Type::Uint32);
         match self {
             Self::CompressedImage => foxglove_set::<CompressedImage>(),
             Self::RawImage => {
@@ -126,7 +127,20 @@ impl Schema {
             Self::Score => own_set("depthloom/Score.proto", vec![score()]),
             Self::Commit => own_set(
                 "depthloom/Commit.proto",
-                vec![commit(), node_key(), failure(), warning(), absent(), absent_port()],
+                vec![
+                    commit(),
+                    message("NodeKey", vec![node(), field("key", 2, Type::String)]),
+                    optional(message("Failure", vec![node(), field("what", 2, Type::String)]), "node"),
+                    optional(
+                        message(
+                            "Warning",
+                            vec![node(), field("what", 2, Type::String), field("count", 3, Type::Uint64)],
+                        ),
+                        "node",
+                    ),
+                    message("Absent", vec![repeated("ports", 1, "AbsentPort")]),
+                    optional(message("AbsentPort", vec![node(), field("port", 2, Type::Uint32)]), "node"),
+                ],
             ),
             Self::CurvePoint => own_set("depthloom/CurvePoint.proto", vec![curve_point()]),
             Self::FloatMap => own_set("depthloom/FloatMap.proto", vec![float_map(), instant()]),
@@ -224,28 +238,6 @@ fn commit() -> DescriptorProto {
         nested("absent", 9, "Absent"),
     ];
     message("Commit", fields)
-}
-
-fn node_key() -> DescriptorProto {
-    message("NodeKey", vec![field("node", 1, Type::Uint32), field("key", 2, Type::String)])
-}
-
-fn failure() -> DescriptorProto {
-    let failure = message("Failure", vec![field("node", 1, Type::Uint32), field("what", 2, Type::String)]);
-    optional(failure, "node")
-}
-
-fn warning() -> DescriptorProto {
-    let fields = vec![field("node", 1, Type::Uint32), field("what", 2, Type::String), field("count", 3, Type::Uint64)];
-    optional(message("Warning", fields), "node")
-}
-
-fn absent() -> DescriptorProto {
-    message("Absent", vec![repeated("ports", 1, "AbsentPort")])
-}
-
-fn absent_port() -> DescriptorProto {
-    optional(message("AbsentPort", vec![field("node", 1, Type::Uint32), field("port", 2, Type::Uint32)]), "node")
 }
 
 fn curve_point() -> DescriptorProto {

@@ -4,13 +4,12 @@ use std::fmt;
 
 use prost::encoding::{decode_varint, encode_varint};
 
-/// Appends a varint.
-pub fn put_varint(out: &mut Vec<u8>, value: u64) {
+pub(crate) fn put_varint(out: &mut Vec<u8>, value: u64) {
     encode_varint(value, out);
 }
 
 /// Appends a varint field; zero is the default and left out.
-pub fn put_number(out: &mut Vec<u8>, field: u32, value: u64) {
+pub(crate) fn put_number(out: &mut Vec<u8>, field: u32, value: u64) {
     if value != 0 {
         put_varint(out, u64::from(field) << 3);
         put_varint(out, value);
@@ -18,12 +17,12 @@ pub fn put_number(out: &mut Vec<u8>, field: u32, value: u64) {
 }
 
 /// Appends a signed (zigzag) varint field; zero is the default and left out.
-pub fn put_signed(out: &mut Vec<u8>, field: u32, value: i32) {
+pub(crate) fn put_signed(out: &mut Vec<u8>, field: u32, value: i32) {
     put_number(out, field, u64::from(((value << 1) ^ (value >> 31)) as u32));
 }
 
 /// Appends a `fixed32` field; zero is the default and left out.
-pub fn put_fixed32(out: &mut Vec<u8>, field: u32, value: u32) {
+pub(crate) fn put_fixed32(out: &mut Vec<u8>, field: u32, value: u32) {
     if value != 0 {
         put_varint(out, u64::from(field) << 3 | 5);
         out.extend_from_slice(&value.to_le_bytes());
@@ -31,13 +30,13 @@ pub fn put_fixed32(out: &mut Vec<u8>, field: u32, value: u32) {
 }
 
 /// Appends tag and length of a field of that many bytes, which are to follow.
-pub fn put_length(out: &mut Vec<u8>, field: u32, length: usize) {
+pub(crate) fn put_length(out: &mut Vec<u8>, field: u32, length: usize) {
     put_varint(out, u64::from(field) << 3 | 2);
     put_varint(out, length as u64);
 }
 
 /// Appends a string or bytes field; empty is the default and left out.
-pub fn put_bytes(out: &mut Vec<u8>, field: u32, bytes: &[u8]) {
+pub(crate) fn put_bytes(out: &mut Vec<u8>, field: u32, bytes: &[u8]) {
     if !bytes.is_empty() {
         put_length(out, field, bytes.len());
         out.extend_from_slice(bytes);

@@ -18,7 +18,6 @@ struct Set {
     kind: &'static str,
     /// Parameters but `root`.
     with: fn(&Path) -> Json,
-    /// The files it has.
     files: Vec<(&'static str, Vec<u8>)>,
     /// The stranger's: its path, and valid contents.
     file: &'static str,

@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use depthloom_kernels::fuse::{Weighting, fuse};
-use depthloom_kernels::{confidence, depth, edges, gaussian, grey, median, resize, scale, simd};
+use depthloom_kernels::{confidence, depth, edges, grey, median, resize, scale, simd};
 
 const WIDTH: usize = 1242;
 const HEIGHT: usize = 375;
@@ -57,7 +57,6 @@ fn pixels(criterion: &mut Criterion) {
     group.bench_function("confidence", |b| {
         b.iter(|| confidence::confidence_from_edges(black_box(&mask), WIDTH, HEIGHT, 10.0, &mut floats));
     });
-    group.bench_function("blur", |b| b.iter(|| gaussian::blur(black_box(&mono), WIDTH, HEIGHT, 10.0, &mut floats)));
     group.bench_function("depth", |b| {
         b.iter(|| depth::depth_from_disparity(black_box(&disparity), KITTI, 80.0, &mut floats));
     });

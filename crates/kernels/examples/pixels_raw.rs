@@ -5,7 +5,7 @@
 
 use std::io::{BufRead, Write};
 
-use depthloom_kernels::{confidence, edges, gaussian, grey, median, resize};
+use depthloom_kernels::{confidence, edges, grey, median, resize};
 
 fn main() {
     for line in std::io::stdin().lock().lines() {
@@ -44,7 +44,6 @@ fn run(
             resize::area_rgb8(bytes, width, height, out_width, out_height, &mut samples);
         }
         "confidence" => confidence::confidence_from_edges(bytes, width, height, parameter, &mut depths),
-        "blur" => gaussian::blur(&floats(), width, height, parameter, &mut depths),
         "median3" => median::median3(&floats(), width, height, &mut depths),
         "median5" => median::median5(&floats(), width, height, &mut depths),
         "bilinear" => {

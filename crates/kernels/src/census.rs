@@ -34,8 +34,6 @@ mod features;
 mod finish;
 mod params;
 mod paths;
-mod plain;
 
-pub use crate::simd::Path;
-pub use compute::{CensusScratch, Pair, compute, compute_on};
+pub use compute::{CensusScratch, Pair, compute, compute_at};
 pub use params::{Census, Error, Params};

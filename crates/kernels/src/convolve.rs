@@ -29,6 +29,8 @@ pub use double::{Double, DoubleWeights};
 pub use same::{Same, SameWeights};
 
 use crate::simd::Level;
+use planes::Planes;
+use product::Product;
 
 /// A convolution of one image, channels x height x width. Methods panic if a slice is not of the length that the sizes say.
 pub trait Convolution: Copy + Debug + Sync + Sized + 'static {
@@ -119,6 +121,23 @@ impl ConvolutionScratch {
         if self.sums.len() < sums {
             self.sums.resize(sums, 0.0);
         }
+    }
+
+    /// The gradient of an image of `channels`, from the slopes and their taps' offsets.
+    fn image_gradient(
+        &mut self,
+        level: Level,
+        planes: &Planes,
+        weights: &[f32],
+        channels: usize,
+        gradient: &mut [f32],
+    ) {
+        let columns = planes.columns();
+        self.room(channels * columns);
+        let Self { slopes, sums, offsets, .. } = self;
+        let (source, out) = (&slopes[..], &mut sums[..]);
+        level.run_lanes(Product { weights, offsets, source, out, stride: columns, rows: channels, columns });
+        planes.collect(sums, gradient);
     }
 }
 

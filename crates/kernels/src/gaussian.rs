@@ -1,4 +1,4 @@
-//! Gaussian blur, separable, in `f32`, with OpenCV's kernel and border.
+//! Gaussian blur of masks, separable, in `f32`, with OpenCV's kernel and border.
 //!
 //! The image is blurred in strips of columns ([`strips`]): along the rows into a scratch strip that stays in cache, from
 //! there down the columns. Along the rows, a mask costs by its set pixels only ([`lines`]). Each output is a sum in one
@@ -9,17 +9,13 @@ mod strips;
 
 use crate::raster::check;
 use crate::simd::Level;
-use lines::{Floats, SetPixels};
+use lines::SetPixels;
 use strips::blur_lines;
 
 /// The taps of OpenCV's Gaussian for 32-bit float images: `round(8 sigma + 1) | 1` of them, normalised in `f64`.
 ///
 /// For sigma 10 these are 81 taps, 4 sigma on either side.
-///
-/// # Panics
-/// If `sigma` is not positive and finite.
-#[must_use]
-pub fn taps(sigma: f64) -> Vec<f32> {
+fn taps(sigma: f64) -> Vec<f32> {
     assert!(sigma > 0.0 && sigma.is_finite(), "sigma must be positive and finite, not {sigma}");
     let count = (sigma * 8.0 + 1.0).round_ties_even() as usize | 1;
     let radius = (count / 2) as f64;
@@ -29,31 +25,13 @@ pub fn taps(sigma: f64) -> Vec<f32> {
     raw.iter().map(|tap| (tap / sum) as f32).collect()
 }
 
-/// Blurs an image of floats: OpenCV's `GaussianBlur(input, (0, 0), sigma, borderType=BORDER_REFLECT_101)`, up to the
-/// rounding of sums that are added in another order.
-///
-/// # Panics
-/// If a slice does not have the size that `width` and `height` announce, or `sigma` is not positive and finite.
-pub fn blur(input: &[f32], width: usize, height: usize, sigma: f64, out: &mut [f32]) {
-    blur_at(Level::best(), input, width, height, sigma, out);
-}
-
-pub(crate) fn blur_at(level: Level, input: &[f32], width: usize, height: usize, sigma: f64, out: &mut [f32]) {
-    check("image", input.len(), width, height, 1);
-    check("blurred image", out.len(), width, height, 1);
-    let taps = taps(sigma);
-    if !out.is_empty() {
-        blur_lines(level, Floats::new(input, width, &taps), &taps, width, height, out);
-    }
-}
-
 /// Blurs a mask; any value but 0 counts as 1.
 pub(crate) fn blur_mask_at(level: Level, mask: &[u8], width: usize, height: usize, sigma: f64, out: &mut [f32]) {
     check("mask", mask.len(), width, height, 1);
     check("blurred mask", out.len(), width, height, 1);
     let taps = taps(sigma);
     if !out.is_empty() {
-        blur_lines(level, SetPixels::new(mask, width, height, &taps), &taps, width, height, out);
+        blur_lines(level, &SetPixels::new(mask, width, height, &taps), &taps, width, height, out);
     }
 }
 
@@ -107,28 +85,21 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(48))]
 
         #[test]
-        fn masks_and_floats_blur_alike_on_every_level(
+        fn masks_blur_as_defined_on_every_level(
             (width, height, mask) in (1usize..170, 1usize..24).prop_flat_map(|(w, h)| {
                 (Just(w), Just(h), prop::collection::vec(prop_oneof![4 => Just(0u8), 1 => any::<u8>()], w * h))
             }),
             sigma in 0.3f64..12.0,
         ) {
-            let floats: Vec<f32> = mask.iter().map(|&set| f32::from(u8::from(set != 0))).collect();
-            let doubles: Vec<f64> = floats.iter().map(|&set| f64::from(set)).collect();
+            let doubles: Vec<f64> = mask.iter().map(|&set| f64::from(u8::from(set != 0))).collect();
             let expected = expected(&doubles, width, height, sigma);
             let of_mask = every_level(|level| {
                 let mut out = vec![7.0; mask.len()];
                 blur_mask_at(level, &mask, width, height, sigma, &mut out);
                 out
             });
-            let of_floats = every_level(|level| {
-                let mut out = vec![7.0; mask.len()];
-                blur_at(level, &floats, width, height, sigma, &mut out);
-                out
-            });
             for i in 0..mask.len() {
                 prop_assert!((f64::from(of_mask[i]) - expected[i]).abs() < 1e-6);
-                prop_assert!((f64::from(of_floats[i]) - expected[i]).abs() < 1e-6);
             }
         }
     }

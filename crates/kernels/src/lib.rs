@@ -53,7 +53,7 @@ pub mod edges;
 pub mod fill;
 pub mod float_differences;
 pub mod fuse;
-pub mod gaussian;
+mod gaussian;
 pub mod grey;
 pub mod left_right;
 pub mod median;

@@ -61,7 +61,6 @@ fn median5_at(level: Level, input: &[f32], width: usize, height: usize, out: &mu
     }
 }
 
-/// The input, addressed with its replicated border.
 struct Image<'a> {
     input: &'a [f32],
     width: usize,

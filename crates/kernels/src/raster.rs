@@ -10,7 +10,6 @@ pub(crate) fn check(what: &str, len: usize, width: usize, height: usize, channel
     );
 }
 
-/// Demands rasters of one size.
 #[track_caller]
 pub(crate) fn check_same(what: &str, len: usize, wanted: usize) {
     assert!(len == wanted, "{what} has {len} samples where {wanted} are needed");

@@ -55,7 +55,6 @@ enum Set {
 /// compiled for every machine only.
 pub(crate) trait Pass {
     type Output;
-    /// The loops.
     fn run(self) -> Self::Output;
 }
 
@@ -66,7 +65,6 @@ pub(crate) trait BlockPass {
     fn run<B: Block>(self) -> Self::Output;
 }
 
-/// A [`Pass`] over sums of products.
 pub(crate) trait LanesPass {
     type Output;
     /// The loops; `#[inline(always)]` as in [`Pass`].
@@ -126,6 +124,16 @@ impl Level {
             }
         }
         levels
+    }
+
+    /// The level of a name, if this machine has it; `best` is [`Level::best`].
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        if name == "best" {
+            Some(Self::best())
+        } else {
+            Self::available().into_iter().find(|level| level.name() == name)
+        }
     }
 
     /// `portable`, `sse2`, `avx2`, `avx512` or `avx512-popcnt`.
@@ -191,7 +199,6 @@ impl Level {
         }
     }
 
-    /// Takes blocks of samples apart.
     pub(crate) fn differences_of(self, blocks: &[[f32; differences_plain::BLOCK]], room: &mut Room) {
         match self.0 {
             #[cfg(target_arch = "x86_64")]

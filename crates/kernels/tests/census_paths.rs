@@ -1,6 +1,7 @@
-//! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
+//! Every instruction set gives the bits of the definition, on any image, with any parameters and any number of threads.
 
-use depthloom_kernels::census::{Census, CensusScratch, Error, Pair, Params, Path, compute, compute_on};
+use depthloom_kernels::census::{Census, CensusScratch, Error, Pair, Params, compute, compute_at};
+use depthloom_kernels::simd::Level;
 use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_threads::Budget;
 use proptest::prelude::{ProptestConfig, any, proptest};
@@ -8,6 +9,7 @@ use proptest::sample::select;
 use proptest::{prop_assert_eq, prop_compose};
 use support::{Backwards, images};
 
+mod plain_census;
 mod support;
 
 #[derive(Clone, Debug)]
@@ -39,10 +41,13 @@ prop_compose! {
 }
 
 impl Case {
-    fn run(&self, path: Path, scratch: &mut CensusScratch, tiles: &dyn Tiles) -> Vec<i16> {
-        let pair = Pair { left: &self.left, right: &self.right, width: self.width, height: self.height };
+    fn pair(&self) -> Pair<'_> {
+        Pair { left: &self.left, right: &self.right, width: self.width, height: self.height }
+    }
+
+    fn run(&self, level: Level, scratch: &mut CensusScratch, tiles: &dyn Tiles) -> Vec<i16> {
         let mut out = vec![i16::MIN; self.width * self.height];
-        compute_on(path, &pair, &self.params, scratch, tiles, &mut out).expect("parameters are legal");
+        compute_at(level, &self.pair(), &self.params, scratch, tiles, &mut out).expect("parameters are legal");
         out
     }
 }
@@ -50,18 +55,19 @@ impl Case {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 150, failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
-    fn every_path_equals_the_plain_twin(case in cases(), other in cases()) {
+    fn every_level_equals_the_definition(case in cases(), other in cases()) {
         let mut scratch = CensusScratch::default();
         // What another frame has left behind must not matter.
-        other.run(Path::best(), &mut scratch, &Serial);
-        let plain = case.run(Path::Plain, &mut scratch, &Serial);
-        for path in Path::available() {
-            prop_assert_eq!(&case.run(path, &mut scratch, &Serial), &plain, "{:?}", path);
-            prop_assert_eq!(&case.run(path, &mut scratch, &Backwards), &plain, "{:?} backwards", path);
+        other.run(Level::best(), &mut scratch, &Serial);
+        let mut plain = vec![i16::MIN; case.width * case.height];
+        plain_census::compute(&case.pair(), &case.params, &mut plain);
+        for level in Level::available() {
+            prop_assert_eq!(&case.run(level, &mut scratch, &Serial), &plain, "{:?}", level);
+            prop_assert_eq!(&case.run(level, &mut scratch, &Backwards), &plain, "{:?} backwards", level);
         }
         let budget = Budget::new(3);
         let _own = budget.permit();
-        let threaded = case.run(Path::best(), &mut scratch, &budget);
+        let threaded = case.run(Level::best(), &mut scratch, &budget);
         prop_assert_eq!(&threaded, &plain, "three threads");
     }
 }
@@ -74,12 +80,12 @@ fn a_shifted_texture_has_its_shift_as_disparity() {
     for (paths, min_disparity) in [(4, 0), (8, -10), (8, 16)] {
         let params = Params { paths, min_disparity, ..Params::default() };
         let case = Case { params, width, height, left: left.clone(), right: right.clone() };
-        for path in Path::available() {
-            let out = case.run(path, &mut CensusScratch::default(), &Serial);
+        for level in Level::available() {
+            let out = case.run(level, &mut CensusScratch::default(), &Serial);
             for y in 4..height - 4 {
                 for x in 100..width - 20 {
                     let px = f32::from(out[y * width + x]) / 16.0;
-                    assert!((px - 23.0).abs() <= 0.5, "{path:?}, row {y}, column {x}: {px}");
+                    assert!((px - 23.0).abs() <= 0.5, "{level:?}, row {y}, column {x}: {px}");
                 }
             }
         }

@@ -76,12 +76,6 @@ def case_confidence(kernels, rng):
     return kernels.run("confidence", mask.astype(np.uint8) * 255, np.float32, parameter=sigma), theirs
 
 
-def case_blur(kernels, rng):
-    image = depth_map(rng, *sizes(rng)) / 80
-    sigma = float(rng.uniform(0.5, 12))
-    return kernels.run("blur", image, np.float32, parameter=sigma), cv2.GaussianBlur(image, (0, 0), sigma)
-
-
 def case_median3(kernels, rng):
     image = depth_map(rng, *sizes(rng))
     return kernels.run("median3", image, np.float32), cv2.medianBlur(image, 3)
@@ -127,7 +121,6 @@ CASES = {
     case_area_shrink: 0,
     case_area_grow: 0,
     case_confidence: 1e-6,
-    case_blur: 1e-6,
     case_bilinear: 5e-7,
 }
 

@@ -42,7 +42,6 @@ pub(crate) enum Network {
 }
 
 impl Network {
-    /// Its name in YAML.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::UnetLite => "unet-lite",
@@ -52,7 +51,6 @@ impl Network {
         }
     }
 
-    /// What its output means.
     pub(crate) const fn meaning(self) -> Meaning {
         match self {
             Self::UnetLite | Self::FcnLite | Self::FcnVgg16 => Meaning::DisparityShare { scale: 0.1 },
@@ -103,9 +101,7 @@ pub(crate) struct Conv {
     /// Zeros around the image, px.
     pub(crate) pad: usize,
     pub(crate) act: Act,
-    /// Whether it keeps the weights it was given.
     pub(crate) frozen: bool,
-    /// What its bias begins with.
     pub(crate) bias: f32,
 }
 
@@ -122,7 +118,6 @@ impl Conv {
 }
 
 trait Builder {
-    /// A map of some channels.
     type Map: Clone;
 
     fn conv(&mut self, name: &str, x: &Self::Map, conv: Conv) -> Self::Map;

@@ -85,14 +85,12 @@ fn weights_of_a_network_we_did_not_write_are_those_that_the_onnx_package_reads()
     assert_eq!(ours, theirs);
 }
 
-/// What a program prints that must succeed.
 fn printed(command: &mut Command) -> String {
     let output = command.output().expect("it starts");
     assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("UTF-8")
 }
 
-/// CRC-32 as zlib calculates it.
 fn crc32(bytes: &[u8]) -> u32 {
     let shift = |crc: u32| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
     !bytes.iter().fold(u32::MAX, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), |crc, _| shift(crc)))

@@ -14,7 +14,6 @@ use crate::record::{MESSAGE_HEADER, RECORD_HEADER, body_of, read, record_header}
 pub struct Chunk<'a> {
     /// Sizes, times and checksum of its records.
     pub header: ChunkHeader,
-    /// The records, compressed.
     stored: &'a [u8],
     file: &'a PositionedFile,
     start: u64,
@@ -107,7 +106,6 @@ impl<'a> Chunk<'a> {
         no_message(self.file, self.start, offset)
     }
 
-    /// The records, decompressed as they are read.
     fn decompressed(&self) -> Result<Box<dyn Read + 'a>, FileError> {
         let failed = |error: io::Error| self.not_decompressed(&error);
         Ok(match self.header.compression.as_str() {

@@ -73,7 +73,6 @@ pub fn rounds_in_one_run(tiles: &dyn Tiles, counts: &[usize], f: &(dyn Fn(usize,
     });
 }
 
-/// A thread's place among those that have come.
 fn number_of_this_thread(threads: &Mutex<Vec<ThreadId>>) -> usize {
     let me = std::thread::current().id();
     let mut threads = locked(threads);

@@ -10,10 +10,8 @@ use depthloom_mcap::{
 
 use super::message::{Channel, Warning};
 
-/// The most bytes of the summary.
 const MOST_SUMMARY: u64 = 256 << 20;
 
-/// A message that no message index names.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unindexed {
     pub channel: u16,
@@ -29,7 +27,6 @@ pub(super) struct Index {
     pub warning: Option<Warning>,
 }
 
-/// Schemas and channels, whichever comes first.
 #[derive(Default)]
 pub(super) struct Known {
     schemas: BTreeMap<u16, String>,
@@ -57,7 +54,6 @@ impl Known {
         self.channels.contains_key(&channel)
     }
 
-    /// All channels, with their schemas' names.
     pub(super) fn channels(self) -> impl Iterator<Item = (u16, Channel)> {
         let Self { schemas, channels } = self;
         channels.into_iter().map(move |(id, (schema, channel))| {

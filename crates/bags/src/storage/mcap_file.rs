@@ -59,7 +59,6 @@ fn read_index(file: &PositionedFile) -> Result<Index, FileError> {
 pub(crate) struct McapFile {
     file: PositionedFile,
     index: Index,
-    /// Which file of the bag it is.
     number: usize,
     cache: Arc<ChunkCache>,
     /// Chunks that are not compressed, and whose checksum was seen to hold.

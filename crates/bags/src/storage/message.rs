@@ -37,6 +37,5 @@ pub(crate) struct Channel {
 pub(crate) struct Warning {
     /// With the file's name.
     pub text: String,
-    /// Whether messages were lost.
     pub is_loss: bool,
 }

@@ -73,7 +73,6 @@ impl SqliteFile {
         Fault::new(format!("{}: {what}", self.path.display())).because(error.to_string()).remedy(COPY_AGAIN)
     }
 
-    /// An unused connection, or a new one.
     fn connection(&self) -> Result<Connection, Fault> {
         if let Some(connection) = locked(&self.connections).pop() {
             return Ok(connection);

@@ -3,7 +3,6 @@
 use super::search::Search;
 use super::sums::Sum;
 
-/// The first candidate that has the smallest sum.
 #[inline(always)]
 pub(super) fn first_of<S: Sum>(block: &[S], smallest: S) -> usize {
     let mut first = u16::MAX;

@@ -58,7 +58,6 @@ impl Search {
         self.first_column + self.radius..end
     }
 
-    /// Rows that may be answered.
     pub(super) fn kept_rows(&self) -> Range<usize> {
         self.radius..self.height - self.radius
     }

@@ -17,53 +17,36 @@ pub(super) trait Sum: Copy + Default + Ord + Send {
     fn at_most(limit: i32) -> Option<Self>;
 }
 
-impl Sum for u16 {
-    const MAX: Self = Self::MAX;
-    #[inline(always)]
-    fn new(difference: u8) -> Self {
-        difference.into()
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-    #[inline(always)]
-    fn minus(self, other: Self) -> Self {
-        self.wrapping_sub(other)
-    }
-    #[inline(always)]
-    fn wide(self) -> i32 {
-        self.into()
-    }
-    #[inline(always)]
-    fn at_most(limit: i32) -> Option<Self> {
-        (limit >= 0).then(|| limit.min(Self::MAX.into()) as Self)
-    }
+macro_rules! sum {
+    ($number:ty) => {
+        impl Sum for $number {
+            const MAX: Self = Self::MAX;
+            #[inline(always)]
+            fn new(difference: u8) -> Self {
+                difference.into()
+            }
+            #[inline(always)]
+            fn plus(self, other: Self) -> Self {
+                self.wrapping_add(other)
+            }
+            #[inline(always)]
+            fn minus(self, other: Self) -> Self {
+                self.wrapping_sub(other)
+            }
+            #[inline(always)]
+            fn wide(self) -> i32 {
+                self as i32
+            }
+            #[inline(always)]
+            fn at_most(limit: i32) -> Option<Self> {
+                (limit >= 0).then(|| Self::try_from(limit).unwrap_or(Self::MAX))
+            }
+        }
+    };
 }
 
-impl Sum for u32 {
-    const MAX: Self = Self::MAX;
-    #[inline(always)]
-    fn new(difference: u8) -> Self {
-        difference.into()
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-    #[inline(always)]
-    fn minus(self, other: Self) -> Self {
-        self.wrapping_sub(other)
-    }
-    #[inline(always)]
-    fn wide(self) -> i32 {
-        self as i32
-    }
-    #[inline(always)]
-    fn at_most(limit: i32) -> Option<Self> {
-        u32::try_from(limit).ok()
-    }
-}
+sum!(u16);
+sum!(u32);
 
 pub(super) fn fit_16_bits(search: &Search) -> bool {
     let block = 2 * search.radius + 1;

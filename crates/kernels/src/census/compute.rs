@@ -8,10 +8,10 @@ use super::choice::{Demands, RightBest, choose};
 use super::features::{Feature, FeatureRow, comparisons};
 use super::finish::{Check, FinishRow, Maps};
 use super::paths::{Aggregation, Penalties};
-use super::{Census, Error, Params, plain};
+use super::{Census, Error, Params};
 use crate::memory;
 use crate::raster;
-use crate::simd::{Level, Pass, Path};
+use crate::simd::{Level, Pass};
 use crate::tiles::{Tiles, each};
 
 /// Rows of a tile, where rows do not depend on each other.
@@ -54,8 +54,8 @@ struct Sweep<F> {
     right_best: RightBest,
 }
 
-/// Disparities of the left image's pixels in 1/16 px, [`Params::invalid`] where there is no answer; the fastest
-/// implementation for this machine ([`Path::best`]), spread over `tiles`.
+/// Disparities of the left image's pixels in 1/16 px, [`Params::invalid`] where there is no answer; spread over
+/// `tiles`.
 ///
 /// Memory: 2 bytes for each pixel and disparity.
 ///
@@ -71,18 +71,18 @@ pub fn compute(
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), Error> {
-    compute_on(Path::best(), pair, params, scratch, tiles, out)
+    compute_at(Level::best(), pair, params, scratch, tiles, out)
 }
 
-/// [`compute`] with a chosen implementation.
+/// [`compute`] for a chosen instruction set.
 ///
 /// # Errors
 /// As [`compute`].
 ///
 /// # Panics
 /// As [`compute`].
-pub fn compute_on(
-    path: Path,
+pub fn compute_at(
+    level: Level,
     pair: &Pair<'_>,
     params: &Params,
     scratch: &mut CensusScratch,
@@ -95,10 +95,6 @@ pub fn compute_on(
     raster::check("the left image", left.len(), width, height, 1);
     raster::check("the right image", right.len(), width, height, 1);
     raster::check("the output", out.len(), width, height, 1);
-    let Path::Fast(level) = path else {
-        plain::compute(pair, params, out);
-        return Ok(());
-    };
     let pixels = width * height;
     let CensusScratch { narrow, wide, sums, left, right } = scratch;
     memory::reserve(sums, pixels.saturating_mul(lanes(params)))?;

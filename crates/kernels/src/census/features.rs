@@ -8,7 +8,6 @@ pub(super) const BORDER_COLUMNS: usize = 4;
 /// Rows at the top and bottom border without a feature.
 pub(super) const BORDER_ROWS: usize = 3;
 
-/// Pixels compared at a time.
 const BLOCK: usize = 64;
 
 /// A row's and a column's distance from the window's centre.

@@ -101,7 +101,6 @@ pub(super) struct Aggregation<F> {
     /// 255 at lanes that pad the disparities to whole vectors.
     padding: Vec<u8>,
     candidates: Candidates<F>,
-    /// Rows done.
     rows: usize,
     vertical: PathCosts,
     /// Paths that come from the pixel before in the row before, and from the pixel behind in the row before.

@@ -17,7 +17,6 @@ const DOT_SPAN: usize = 1024;
 pub(super) struct Product<'a> {
     /// As [`pack`] orders them for this level.
     pub weights: &'a [f32],
-    /// Where the line of each `k` begins.
     pub offsets: &'a [usize],
     pub source: &'a [f32],
     /// Rows of `columns` samples, each `stride` after the one before.
@@ -147,7 +146,6 @@ pub(super) struct Dots<'a> {
     pub stride: usize,
     pub rows: usize,
     pub source: &'a [f32],
-    /// Where the line of each `k` begins.
     pub offsets: &'a [usize],
     /// Samples summed over, a multiple of [`LANES`].
     pub columns: usize,

@@ -156,17 +156,7 @@ impl Convolution for Same {
         }
         if let Some(gradient) = gradients.image.as_deref_mut() {
             self.offsets(self.outputs, &mut scratch.offsets);
-            scratch.room(self.inputs * planes.columns());
-            level.run_lanes(Product {
-                weights: &weights.backward,
-                offsets: &scratch.offsets,
-                source: &scratch.slopes,
-                out: &mut scratch.sums,
-                stride: planes.columns(),
-                rows: self.inputs,
-                columns: planes.columns(),
-            });
-            planes.collect(&scratch.sums, gradient);
+            scratch.image_gradient(level, &planes, &weights.backward, self.inputs, gradient);
         }
     }
 }

@@ -1,38 +1,10 @@
-//! Blurring along the rows: of floats, and of masks.
+//! Blurring a mask along its rows.
 
-use super::strips::{Lines, STRIP};
 use crate::raster::reflect101;
-use crate::simd::Block;
+use crate::simd::{BLOCK, Block};
 
-pub(super) struct Floats<'a> {
-    input: &'a [f32],
-    width: usize,
-    taps: &'a [f32],
-    /// A strip's part of a row with its margins.
-    padded: Vec<f32>,
-}
-
-impl<'a> Floats<'a> {
-    pub(super) fn new(input: &'a [f32], width: usize, taps: &'a [f32]) -> Self {
-        Self { input, width, taps, padded: vec![0.0; STRIP + taps.len() - 1] }
-    }
-}
-
-impl Lines for Floats<'_> {
-    #[inline(always)]
-    fn blurred<B: Block>(&mut self, y: usize, left: usize) -> B {
-        let (row, radius) = (&self.input[y * self.width..][..self.width], self.taps.len() / 2);
-        for (x, padded) in (left as isize - radius as isize..).zip(&mut self.padded) {
-            *padded = row[reflect101(x, self.width)];
-        }
-        let at = |start: usize| B::load(self.padded[start..].first_chunk().expect("a strip and its margins"));
-        let mut sum = at(radius).times(self.taps[radius]);
-        for k in 1..=radius {
-            sum = sum.plus(at(radius - k).plus(at(radius + k)).times(self.taps[radius + k]));
-        }
-        sum
-    }
-}
+/// Columns blurred together: their sums stay in registers.
+pub(super) const STRIP: usize = BLOCK;
 
 /// The set pixels of a mask, a bit each, with the reflected border of either side.
 pub(super) struct SetPixels {
@@ -73,21 +45,10 @@ impl SetPixels {
         padded_taps[STRIP - 1..][..taps.len()].copy_from_slice(taps);
         Self { bits, words, radius, padded_taps }
     }
-}
 
-/// Bit `i` is set where byte `i` is not 0.
-#[inline(always)]
-fn set_bytes(bytes: [u8; 8]) -> u64 {
-    const LOW: u64 = 0x7f7f_7f7f_7f7f_7f7f;
-    let bytes = u64::from_le_bytes(bytes);
-    // The top bit of every byte that is not 0, moved to the lowest bit; the product gathers bit 8 i at 56 + i.
-    let flags = ((((bytes & LOW) + LOW) | bytes) & !LOW) >> 7;
-    flags.wrapping_mul(0x0102_0408_1020_4080) >> 56
-}
-
-impl Lines for SetPixels {
+    /// Columns `left..left + STRIP` of row `y`, blurred along the row. Columns outside the image have no meaning.
     #[inline(always)]
-    fn blurred<B: Block>(&mut self, y: usize, left: usize) -> B {
+    pub(super) fn blurred<B: Block>(&self, y: usize, left: usize) -> B {
         let row = &self.bits[y * self.words..][..self.words];
         // The window's bits are `left..left + reach`.
         let reach = STRIP + 2 * self.radius;
@@ -107,6 +68,16 @@ impl Lines for SetPixels {
         }
         sum
     }
+}
+
+/// Bit `i` is set where byte `i` is not 0.
+#[inline(always)]
+fn set_bytes(bytes: [u8; 8]) -> u64 {
+    const LOW: u64 = 0x7f7f_7f7f_7f7f_7f7f;
+    let bytes = u64::from_le_bytes(bytes);
+    // The top bit of every byte that is not 0, moved to the lowest bit; the product gathers bit 8 i at 56 + i.
+    let flags = ((((bytes & LOW) + LOW) | bytes) & !LOW) >> 7;
+    flags.wrapping_mul(0x0102_0408_1020_4080) >> 56
 }
 
 #[cfg(test)]

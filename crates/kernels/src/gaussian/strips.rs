@@ -1,10 +1,8 @@
 //! Blurring down the columns of a strip.
 
+use super::lines::{STRIP, SetPixels};
 use crate::raster::reflect101;
-use crate::simd::{BLOCK, Block, BlockPass, Level, prefetch};
-
-/// Columns blurred together: their sums stay in registers.
-pub(super) const STRIP: usize = BLOCK;
+use crate::simd::{Block, BlockPass, Level, prefetch};
 
 /// How many rows ahead the output is called into the cache.
 const AHEAD: usize = 4;
@@ -12,20 +10,13 @@ const AHEAD: usize = 4;
 /// One value for each column of a strip, aligned to cache lines.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub(super) struct Lane(pub(super) [f32; STRIP]);
+struct Lane([f32; STRIP]);
 
 impl Lane {
-    pub(super) const ZERO: Self = Self([0.0; STRIP]);
+    const ZERO: Self = Self([0.0; STRIP]);
 }
 
-/// Something that can be blurred along its rows.
-pub(super) trait Lines {
-    /// Columns `left..left + STRIP` of row `y`, blurred along the row. Columns outside the image mean nothing.
-    fn blurred<B: Block>(&mut self, y: usize, left: usize) -> B;
-}
-
-/// Blurs the image that `lines` gives row by row.
-pub(super) fn blur_lines(level: Level, lines: impl Lines, taps: &[f32], width: usize, height: usize, out: &mut [f32]) {
+pub(super) fn blur_lines(level: Level, lines: &SetPixels, taps: &[f32], width: usize, height: usize, out: &mut [f32]) {
     if width >= STRIP {
         level.run_blocks(Blur { lines, taps, width, height, out });
         return;
@@ -38,20 +29,20 @@ pub(super) fn blur_lines(level: Level, lines: impl Lines, taps: &[f32], width: u
     }
 }
 
-struct Blur<'a, L> {
-    lines: L,
+struct Blur<'a> {
+    lines: &'a SetPixels,
     taps: &'a [f32],
     width: usize,
     height: usize,
     out: &'a mut [f32],
 }
 
-impl<L: Lines> BlockPass for Blur<'_, L> {
+impl BlockPass for Blur<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<B: Block>(self) {
-        let Self { mut lines, taps, width, height, out } = self;
+        let Self { lines, taps, width, height, out } = self;
         let radius = taps.len() / 2;
         // Rows beyond the image are copied, so that the loop down the columns has no border.
         let mut strip = vec![Lane::ZERO; height + 2 * radius];

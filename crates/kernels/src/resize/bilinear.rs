@@ -37,7 +37,6 @@ pub(crate) fn bilinear_f32_at(
     level.run(Bilinear { input, width, columns: &columns, rows: &rows, out });
 }
 
-/// Two neighbouring samples and their weights.
 struct Pair {
     first: usize,
     second: usize,

@@ -5,7 +5,6 @@ use super::scale;
 /// Weights are 11-bit fixed point.
 const ONE: f32 = 2048.0;
 
-/// Two neighbouring input pixels and their weights.
 struct Pair {
     indices: [usize; 2],
     weights: [i32; 2],

@@ -99,7 +99,6 @@ impl Params {
         unanswered(self.min_disparity)
     }
 
-    /// P1 as OpenCV uses it.
     pub(super) fn p1_used(&self) -> i32 {
         if self.p1 > 0 { self.p1 } else { 2 }
     }

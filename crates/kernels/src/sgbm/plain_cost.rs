@@ -21,7 +21,6 @@ pub(super) struct CostRows<'a> {
 }
 
 impl<'a> CostRows<'a> {
-    /// Costs of `stripe`'s rows.
     pub(super) fn new(search: &'a Search, left: &'a View<'a>, right: &'a View<'a>, stripe: &Stripe) -> Self {
         let len = search.row_len();
         Self {

@@ -26,12 +26,10 @@ pub(super) struct Plane {
 pub(super) struct Planes(Vec<Plane>);
 
 impl Planes {
-    /// The planes, Sobel first.
     pub(super) fn planes(&self) -> &[Plane] {
         &self.0
     }
 
-    /// Fills the planes from row `y`.
     #[inline(always)]
     pub(super) fn fill(&mut self, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
         let channels = image.channels;

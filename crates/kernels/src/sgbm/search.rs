@@ -13,7 +13,6 @@ pub(super) struct Search {
     pub min_disparity: i32,
     /// Number of disparities: the length of one pixel's costs.
     pub disparities: usize,
-    /// First column searched.
     pub first_column: usize,
     /// Number of columns searched; 0 where the image is too narrow.
     pub columns: usize,
@@ -101,7 +100,6 @@ impl Search {
     }
 }
 
-/// Rows matched as an image of their own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Stripe {
     pub start: usize,

@@ -12,7 +12,6 @@ pub struct SpeckleScratch {
 /// Neighbours in a row that belong together; and, as a set, the region they belong to.
 #[derive(Clone, Copy, Debug)]
 struct Run {
-    /// First pixel's place in the map.
     start: u32,
     len: u32,
     /// Another run of the region, or this one if it stands for the region.

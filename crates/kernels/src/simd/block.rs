@@ -4,7 +4,6 @@
 //! away from the loop, so here the vectors are named.
 #![expect(unsafe_code, reason = "vector instructions, inside functions compiled for them")]
 
-/// Samples of a block.
 pub(crate) const BLOCK: usize = 64;
 
 /// [`BLOCK`] floats. The operations are those of the scalars, lane by lane.

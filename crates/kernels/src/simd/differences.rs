@@ -12,7 +12,6 @@ use std::arch::x86_64::{
 
 use super::differences_plain::{BLOCK, Room};
 
-/// Samples of a vector.
 const LANES: usize = 16;
 /// The lower bits of the classes of as many samples, and the upper.
 const LOWER: u32 = 0x5555_5555;

@@ -7,7 +7,6 @@ use std::arch::x86_64::{
     _mm256_setr_epi8, _mm256_setr_epi32, _mm256_shuffle_epi8, _mm256_srli_epi32,
 };
 
-/// Pixels a round makes.
 const ROUND: usize = 16;
 
 /// Grey of as many leading pixels as whole rounds make (see [`crate::grey`]); returns how many these are.

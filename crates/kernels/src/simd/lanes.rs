@@ -4,7 +4,6 @@
 //! portable twin calls the platform's `fma`, which is exact everywhere and slow where the processor has none.
 #![expect(unsafe_code, reason = "vector instructions, inside functions compiled for them")]
 
-/// Samples in [`Lanes`].
 pub(crate) const LANES: usize = 16;
 
 /// [`LANES`] floats. The operations are those of the scalars, lane by lane.

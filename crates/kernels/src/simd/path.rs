@@ -37,6 +37,6 @@ impl Path {
     /// The implementation of a name, if this machine has it; `best` is [`Path::best`].
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        if name == "best" { Some(Self::best()) } else { Self::available().into_iter().find(|path| path.name() == name) }
+        if name == "plain" { Some(Self::Plain) } else { Level::named(name).map(Self::Fast) }
     }
 }

@@ -38,7 +38,6 @@ impl Map<'_> {
         }
     }
 
-    /// Disparities times confidence.
     pub(super) fn times(&self, region: &Region, first: usize, confidence: &[f32], out: &mut [f32]) {
         let rows = out.chunks_exact_mut(region.width).zip(confidence.chunks_exact(region.width));
         for (y, (out, confidence)) in rows.enumerate() {

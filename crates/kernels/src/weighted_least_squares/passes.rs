@@ -16,10 +16,8 @@ use super::{Guide, Params, Region};
 /// Rows that are solved together.
 const LANES: usize = 16;
 
-/// Rows of a tile.
 pub(super) const TILE_ROWS: usize = LANES;
 
-/// Columns of a tile.
 const STRIP: usize = 64;
 
 /// Pixels that OpenCV's vectors hold. It associates its sums in one way in whole vectors and in another in what is left
@@ -241,7 +239,6 @@ fn column_tiles<'a, const N: usize>(region: &Region, planes: &'a mut [&mut [f32]
 
 struct Columns<'a, 'b, const N: usize> {
     below: &'a [f32],
-    /// The strip's first column.
     first: usize,
     rows: &'a mut [[&'b mut [f32]; N]],
     width: usize,

@@ -108,7 +108,6 @@ impl GraphBuilder {
         self.values.iter().all(|known| known.name != name) && self.initializers.iter().all(|known| known.name != name)
     }
 
-    /// A name that no value has yet.
     fn unused(&self, stem: &str) -> String {
         let stem = stem.to_ascii_lowercase();
         let numbered = (1..).map(|number| format!("{stem}_{number}"));

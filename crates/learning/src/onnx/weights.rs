@@ -130,7 +130,6 @@ fn of_onnx(path: &Path, bytes: &[u8]) -> Result<Vec<NamedTensor>, WeightsError> 
     Ok(tensors)
 }
 
-/// A constant; `None` for integers.
 fn of_proto(tensor: TensorProto) -> Result<Option<NamedTensor>, TensorError> {
     let kind = tensor.data_type;
     if IS_INTEGER.contains(&kind) {

@@ -59,7 +59,6 @@ pub(super) fn forward(
     tensor(out, out_shape)
 }
 
-/// Which gradients are needed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
     pub(crate) x: bool,

@@ -79,7 +79,6 @@ impl Backward<Flex, 1> for Step {
     }
 }
 
-/// The operation's output, recorded for the backward pass.
 pub(super) fn tracked<C: CheckpointStrategy>(x: FloatTensor<Autodiff<Flex, C>>) -> FloatTensor<Autodiff<Flex, C>> {
     let (x, node) = x.into_parts();
     let x = in_order(x);

@@ -65,12 +65,10 @@ impl Form {
         self.width as usize * self.height as usize
     }
 
-    /// Bytes of a sample besides its id.
     pub(super) const fn sample_len(self) -> usize {
         4 + 8 + self.pixels() * (3 + if self.has_right { 3 } else { 0 } + 2)
     }
 
-    /// The bytes before the samples.
     pub(super) fn header(self, count: u64) -> [u8; HEADER_LEN] {
         let mut header = [0; HEADER_LEN];
         let flags = if self.has_right { FLAG_RIGHT } else { 0 };
@@ -83,7 +81,6 @@ impl Form {
         header
     }
 
-    /// Appends a sample.
     pub(super) fn append(self, sample: &Sample, out: &mut Vec<u8>) {
         let pixels = self.pixels();
         assert_eq!(sample.image.len(), 3 * pixels, "the image has the samples' size");

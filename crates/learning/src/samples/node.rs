@@ -109,7 +109,6 @@ impl CollectSamples {
         Form { width: self.size[0], height: self.size[1], has_right }
     }
 
-    /// An image at the network's size, as planes.
     fn small(&self, port: &str, image: &Image) -> Result<Vec<u8>, Fault> {
         let (width, height) = image.dimensions();
         let [columns, rows] = self.size;
@@ -189,7 +188,6 @@ fn unwritten(error: std::io::Error) -> Fault {
         .remedy("free some disk there, name another folder by TMPDIR, or raise `memory_mb`")
 }
 
-/// That a map lies over the image.
 fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) -> Result<(), Fault> {
     let (columns, rows) = image.dimensions();
     if (columns, rows) == (width, height) {

@@ -29,7 +29,6 @@ impl Samples {
         out
     }
 
-    /// Reads what [`Samples::encode`] wrote.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
         let SamplesView { form, items } = SamplesView::read(bytes)?;
         let items = items.into_iter().map(SampleView::to_sample).collect();

@@ -18,7 +18,6 @@ impl Spool {
         Self { bound, written: 0, file: None, memory: Vec::new() }
     }
 
-    /// Lets `append` add bytes at the end.
     pub(super) fn append(&mut self, append: impl FnOnce(&mut Vec<u8>)) -> io::Result<()> {
         append(&mut self.memory);
         if self.memory.len() > self.bound {

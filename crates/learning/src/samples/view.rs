@@ -10,7 +10,6 @@ pub(crate) struct SamplesView<'a> {
     pub(crate) items: Vec<SampleView<'a>>,
 }
 
-/// A training sample in the encoded bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SampleView<'a> {
     #[cfg_attr(not(test), expect(dead_code, reason = "reading checks it; only tests look at it again"))]

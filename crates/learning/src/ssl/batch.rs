@@ -5,7 +5,6 @@ use depthloom_random::SplitMix64;
 
 use super::params::SslParams;
 
-/// Images and targets of one step.
 #[derive(Debug, Default)]
 pub(super) struct Batch {
     pub(crate) count: usize,
@@ -50,7 +49,6 @@ fn distinct(random: &mut SplitMix64, end: usize, count: usize) -> Vec<usize> {
 }
 
 impl Batch {
-    /// The samples of a step, augmented.
     pub(super) fn augmented(params: &SslParams, samples: &SamplesView<'_>, step: u64) -> Self {
         let indices = drawn(params, samples.len(), step);
         // Apart from the draw, so that switching one augmentation off leaves the others and the draw as they are.
@@ -63,7 +61,6 @@ impl Batch {
         batch
     }
 
-    /// Samples as they are.
     pub(super) fn plain(samples: &SamplesView<'_>, indices: std::ops::Range<usize>) -> Self {
         let mut batch = Self::default();
         indices.for_each(|index| batch.push(samples, index, &Change::NONE, false));

@@ -20,7 +20,6 @@ pub(super) struct Form {
 }
 
 impl Form {
-    /// Of samples that are there.
     pub(super) fn of(samples: &SamplesView<'_>) -> Self {
         let size = Size { width: samples.width(), height: samples.height() };
         Self { size, has_right: samples.has_right(), has_depth: samples.has_depth_scale() }
@@ -51,7 +50,6 @@ impl Form {
 }
 
 impl SslParams {
-    /// That what is wired can be learned from.
     pub(super) fn check_upstream(&self, upstream: &Upstream<'_>) -> Result<(), Fault> {
         self.check_patience(upstream.at("validation").is_some())?;
         let form = |port| upstream.at(port).and_then(Form::to_come);
@@ -59,7 +57,6 @@ impl SslParams {
         self.check_form(&samples, form("validation").as_ref())
     }
 
-    /// That there is something to be patient for.
     pub(super) fn check_patience(&self, has_validation: bool) -> Result<(), Fault> {
         if self.patience.is_none() || has_validation {
             return Ok(());

@@ -31,7 +31,6 @@ fn ln(x: f32) -> f32 {
     libm::log(f64::from(x)) as f32
 }
 
-/// A masked mean absolute error.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MaskedError {
     pub(crate) loss: Loss,

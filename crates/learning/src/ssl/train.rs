@@ -11,10 +11,8 @@ use super::photometric::Photometric;
 use crate::networks::{ParameterLayout, Size, forward};
 use crate::samples::SamplesView;
 
-/// The state that a checkpoint holds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct State {
-    /// Steps done.
     pub(crate) step: u64,
     /// By parameter, flat.
     pub(crate) values: Vec<Vec<f32>>,
@@ -22,7 +20,6 @@ pub(super) struct State {
     pub(crate) moments: Vec<[Vec<f32>; 2]>,
     /// Sum and number of errors since the last point of the curve.
     pub(crate) since_point: (f64, u64),
-    /// The learning curve so far.
     pub(crate) points: Vec<CurvePoint>,
     /// With validation: the best parameters, their error, and points since.
     pub(crate) best: Option<Best>,
@@ -46,7 +43,6 @@ pub(super) struct Training<'a> {
     moments: Vec<Option<AdamState<1>>>,
     /// Without the tensors, which are above.
     state: State,
-    /// Whether an error was no number.
     has_diverged: bool,
 }
 

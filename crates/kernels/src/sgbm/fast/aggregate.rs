@@ -16,14 +16,11 @@ const DELTA: usize = 8;
 /// Padding before the first slot: a cache line.
 const LEAD: usize = 32;
 
-/// The slots of one direction.
 #[derive(Clone, Copy)]
 pub(super) struct Slots<'a> {
     /// Memory: one vector of padding, then the slots.
     memory: Shared<'a, i16>,
-    /// Number of slots.
     count: usize,
-    /// Values of one slot, padding included.
     stride: usize,
     /// By how many slots a column moves with each row: -1, 0 or 1.
     drift: isize,
@@ -35,7 +32,6 @@ impl<'a> Slots<'a> {
         LEAD + count * (search.disparities + padding)
     }
 
-    /// Fresh paths: all costs 0.
     pub(super) fn new(search: &Search, memory: Shared<'a, i16>, count: usize, padding: usize, drift: isize) -> Self {
         // SAFETY: nobody else has this memory yet.
         let values = unsafe { memory.write(0..Self::len(search, count, padding)) };

@@ -90,7 +90,6 @@ impl Answers {
         }
     }
 
-    /// Writes the row's disparities.
     #[inline(always)]
     pub(super) fn finish(&mut self, search: &Search, out: &mut [i16]) {
         let columns = search.first_column..search.first_column + search.columns;

@@ -14,7 +14,6 @@ use super::lanes::Lanes;
 #[derive(Clone, Copy)]
 pub(super) struct Avx2;
 
-/// One bit a lane of two comparison results.
 #[inline(always)]
 fn bits(a: __m256i, b: __m256i) -> u32 {
     // SAFETY: as the trait demands.

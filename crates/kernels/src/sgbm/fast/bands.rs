@@ -31,7 +31,6 @@ use crate::tiles::Tiles;
 /// Rows in a band. More are fewer rounds and fewer triangles; fewer are less that leaves the cache.
 const BAND: usize = 24;
 
-/// Rows that are decided together.
 const PAIR: usize = 2;
 
 /// Columns in a tile, at least twice the rows of a band.

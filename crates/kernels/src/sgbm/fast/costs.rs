@@ -35,7 +35,6 @@ fn pointers(planes: &[Plane]) -> Pointers {
     pointers
 }
 
-/// Pixel costs of one row, being made.
 #[derive(Clone, Copy)]
 struct Pixels<'a> {
     search: &'a Search,
@@ -218,7 +217,6 @@ unsafe fn dissimilarity<L: Lanes>(left: &[*const u8; 3], right: &[*const u8; 3],
     }
 }
 
-/// Block costs of a part of a row.
 pub(super) struct Slide<'a> {
     pub cost: &'a mut [i16],
     pub before: &'a [i16],

@@ -136,7 +136,6 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
         self.smallest = L::splat(0);
     }
 
-    /// One step to the right, to column `x`.
     #[inline(always)]
     unsafe fn right(&mut self, fixed: &Fixed<'_, L>, x: usize) {
         // SAFETY: as the caller vouches.

@@ -3,7 +3,6 @@
 //! The kernels are written once over [`Lanes`]. [`Portable`] is plain Rust: it runs on every machine and under Miri, and
 //! the compiler vectorises most of it; [`super::avx2::Avx2`] names the instructions.
 
-/// How many sums are compared at once.
 pub(super) const COMPARED: usize = 32;
 
 /// Padding behind a row, bytes: at least a vector, which is read past its end.
@@ -23,7 +22,6 @@ pub(super) trait Lanes: Copy + 'static {
     type B: Copy;
     /// Lanes in a vector of costs: a divisor of 32.
     const LANES: usize;
-    /// Bytes in a vector of pixel values.
     const BYTES: usize = 2 * Self::LANES;
 
     /// Reads values.
@@ -90,7 +88,6 @@ pub(super) trait Lanes: Copy + 'static {
     fn widen(b: Self::B) -> [Self::V; 2];
 }
 
-/// No instruction set assumed.
 #[derive(Clone, Copy)]
 pub(super) struct Portable;
 

@@ -86,7 +86,6 @@ impl GraphBuilder {
         )
     }
 
-    /// The channels of all inputs, in order.
     pub(crate) fn concat(&mut self, inputs: &[Tensor]) -> Tensor {
         let dims: Vec<[usize; 3]> = inputs.iter().map(|&input| self.map_dims(input)).collect();
         let [_, height, width] = *dims.first().expect("something to concatenate");

@@ -1,11 +1,11 @@
-//! The plain twin: every stage as its definition says, in integers that cannot overflow, without regard to time.
+//! The definition of the census matcher, stage by stage, in integers that cannot overflow.
 
-use super::{Census, Pair, Params};
+use depthloom_kernels::census::{Census, Pair, Params};
 
 /// Steps from one pixel of a path to the next, rows before columns.
 const DIRECTIONS: [(isize, isize); 8] = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)];
 
-pub(super) fn compute(pair: &Pair<'_>, params: &Params, out: &mut [i16]) {
+pub(crate) fn compute(pair: &Pair<'_>, params: &Params, out: &mut [i16]) {
     let (width, height) = (pair.width, pair.height);
     let costs = costs(pair, params);
     let directions = params.paths as usize;
