@@ -1,4 +1,4 @@
-//! `dora`: a node of a dataflow of dora's, by somebody else.
+//! `dora`: a foreign node of a dora dataflow.
 
 use std::collections::BTreeMap;
 

@@ -3,6 +3,6 @@
 use depthloom_graphs::values::Calibration;
 use depthloom_kernels::depth::Geometry;
 
-pub(crate) const fn geometry(of: &Calibration) -> Geometry {
-    Geometry { focal_px: of.focal_px, baseline_metres: of.baseline_m, doffs_px: of.doffs_px }
+pub(crate) const fn geometry(calibration: &Calibration) -> Geometry {
+    Geometry { focal_px: calibration.focal_px, baseline_metres: calibration.baseline_m, doffs_px: calibration.doffs_px }
 }

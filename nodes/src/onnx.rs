@@ -28,7 +28,7 @@ pub use provider::Provider;
 /// Reads what an ONNX file declares, as `mono/onnx` does before it hands the file to an engine: for tests of strangers' bytes.
 ///
 /// # Errors
-/// Why it is no ONNX file.
+/// Why it is not an ONNX file.
 #[doc(hidden)]
 pub fn read_declaration(model: &[u8]) -> Result<(), String> {
     model::Declared::read(model).map(|_| ())

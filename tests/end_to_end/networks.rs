@@ -131,7 +131,7 @@ fn an_engine_nobody_knows_and_a_provider_that_is_not_there_are_found_before_any_
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
     let unknown = run("caffe");
-    assert!(unknown.contains("DEPTHLOOM_ONNX_ENGINE is `caffe`, which is no engine"), "{unknown}");
+    assert!(unknown.contains("DEPTHLOOM_ONNX_ENGINE is `caffe`, which is not an engine"), "{unknown}");
     if has_tract("a_provider_that_is_not_there") {
         let missing = run("tract");
         assert!(missing.contains("has no provider `directml`; it has cpu"), "{missing}");
@@ -244,7 +244,7 @@ fn what_an_onnx_file_takes_is_shown_with_lines_that_check() {
     succeed(depthloom().arg("check").arg(&path));
     let output = depthloom().arg("onnx").arg(fixture("left.png")).output().expect("it runs");
     let told = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && told.contains("it is no ONNX file"), "{told}");
+    assert!(output.status.code() == Some(2) && told.contains("it is not an ONNX file"), "{told}");
 }
 
 #[test]

@@ -79,8 +79,11 @@ impl KittiFolders {
         let partial = depthloom_durable::partial_name(out);
         if fs::symlink_metadata(&partial).is_ok() {
             if !is_unfinished(&partial) {
-                return Err(Fault::new(format!("{} exists already and is no unfinished data set", partial.display()))
-                    .remedy("name another folder, or remove it"));
+                return Err(Fault::new(format!(
+                    "{} exists already and is not an unfinished data set",
+                    partial.display()
+                ))
+                .remedy("name another folder, or remove it"));
             }
             fs::remove_dir_all(&partial).map_err(|error| unwritable(&partial, error))?;
         }
@@ -116,7 +119,7 @@ impl KittiFolders {
         let mut bytes = Cursor::new(Vec::new());
         let px_256 = truth.px_256().ok_or_else(|| {
             Fault::new(format!(
-                "{} would hold disparities that are no whole 1/256 px, which are 1 to 65535",
+                "{} would hold disparities that are not multiples of 1/256 px, which are 1 to 65535",
                 path.display()
             ))
         })?;

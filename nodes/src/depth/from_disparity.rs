@@ -65,8 +65,8 @@ impl FromDisparity {
         self.cap.map_or(f32::INFINITY, |cap| cap as f32)
     }
 
-    fn write_depths(&self, px: &[f32], of: Geometry, out: &mut [f32]) {
-        truth_from_disparity(px, of, out);
+    fn write_depths(&self, px: &[f32], geometry: Geometry, out: &mut [f32]) {
+        truth_from_disparity(px, geometry, out);
         for (metres, px) in out.iter_mut().zip(px) {
             *metres = if *px > 0.0 && !metres.is_nan() { metres.min(self.cap_m()) } else { f32::NAN };
         }
@@ -76,10 +76,10 @@ impl FromDisparity {
 impl PureNode for FromDisparity {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let disparity = &inputs.get::<Disparity>("disparity")?.sixteenths_px;
-        let of = geometry(inputs.get::<Calibration>("calibration")?);
+        let geometry = geometry(inputs.get::<Calibration>("calibration")?);
         let metres = filled(disparity.dimensions(), |out| match inputs.value("disparity") {
-            Some(Value::FloatDisparity(map)) => self.write_depths(map.px(), of, out),
-            _ => depth_from_disparity(disparity, of, self.cap_m(), out),
+            Some(Value::FloatDisparity(map)) => self.write_depths(map.px(), geometry, out),
+            _ => depth_from_disparity(disparity, geometry, self.cap_m(), out),
         });
         Ok(Outputs::one("depth", Depth { metres }))
     }

@@ -113,8 +113,8 @@ impl Onnx {
             }
             Output::InverseDepth => {
                 // 1 / x is f * B / (x * width) with all of f, B and width one.
-                let of = Geometry { focal_px: 1.0, baseline_metres: 1.0, doffs_px: 0.0 };
-                depth_from_share(map, 1, of, SMALLEST_INVERSE, cap, out);
+                let unit = Geometry { focal_px: 1.0, baseline_metres: 1.0, doffs_px: 0.0 };
+                depth_from_share(map, 1, unit, SMALLEST_INVERSE, cap, out);
             }
             Output::Depth => {
                 for (metres, &value) in out.iter_mut().zip(map) {

@@ -49,8 +49,8 @@ pub(super) fn plane(
     };
     let (scale, offset, missing) = (input.scale as f32, input.offset as f32, input.missing as f32);
     for value in &mut plane {
-        let told = if input.form == Form::Inverse { 1.0 / *value } else { *value };
-        *value = if told.is_finite() { told * scale + offset } else { missing };
+        let plain = if input.form == Form::Inverse { 1.0 / *value } else { *value };
+        *value = if plain.is_finite() { plain * scale + offset } else { missing };
     }
     Ok(fitted.map_there(&plane, with))
 }
@@ -72,7 +72,7 @@ pub(super) fn value(
         OutputType::Depth => {
             let cap = cap.map_or(f32::INFINITY, |cap| cap as f32);
             let metres = |value: &f32| if *value > 0.0 && value.is_finite() { value.min(cap) } else { f32::NAN };
-            let depth = Depth { metres: of(&map, size, metres) };
+            let depth = Depth { metres: mapped(&map, size, metres) };
             match inverse {
                 Some(inverse) => Value::depth_from_inverse(depth, &inverse),
                 None => depth.into(),
@@ -80,18 +80,18 @@ pub(super) fn value(
         }
         OutputType::Weight => {
             let share = |value: &f32| if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) };
-            Weight { share: of(&map, size, share) }.into()
+            Weight { share: mapped(&map, size, share) }.into()
         }
-        OutputType::Mask => Mask { set: of(&map, size, |value| if *value > 0.5 { 255 } else { 0 }) }.into(),
+        OutputType::Mask => Mask { set: mapped(&map, size, |value| if *value > 0.5 { 255 } else { 0 }) }.into(),
         OutputType::Disparity => {
             let to_image = fitted.columns_back(1.0) as f32;
             let px = |value: &f32| if *value >= 0.0 { value * to_image } else { f32::NAN };
-            Value::disparity_from_px(of(&map, size, px))
+            Value::disparity_from_px(mapped(&map, size, px))
         }
     }
 }
 
-fn of<T: image::Primitive>(
+fn mapped<T: image::Primitive>(
     map: &[f32],
     size: (u32, u32),
     value: impl Fn(&f32) -> T,

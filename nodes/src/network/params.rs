@@ -1,4 +1,4 @@
-//! What an experiment says of a network whose ports it declares: how each port's values become a tensor, and each tensor a value.
+//! Parameters of `onnx`: how values of ports become tensors, and tensors values.
 
 use std::collections::BTreeMap;
 

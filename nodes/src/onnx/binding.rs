@@ -18,7 +18,7 @@ pub(crate) enum Element {
 }
 
 impl Element {
-    pub(crate) const fn of(element: TensorElementType) -> Option<Self> {
+    pub(crate) const fn from_ort(element: TensorElementType) -> Option<Self> {
         match element {
             TensorElementType::Float32 => Some(Self::F32),
             TensorElementType::Float16 => Some(Self::F16),

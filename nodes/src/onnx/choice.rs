@@ -1,7 +1,6 @@
-//! Which engine runs networks in this process: ONNX Runtime where the machine has it, tract (pure Rust) otherwise.
+//! Which engine runs networks in this process: ONNX Runtime if the machine has it, otherwise tract (pure Rust).
 //!
-//! It is chosen when the first network asks for it, and for the whole process: a machine that runs no network needs none.
-//! [`VARIABLE`] asks for one by name; then no other takes its place.
+//! The first network chooses it for the whole process, unless [`VARIABLE`] names one.
 
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -51,8 +50,8 @@ pub fn in_use() -> Option<&'static Engine> {
 }
 
 fn choose() -> Result<Engine, NoEngine> {
-    let asked = std::env::var_os(VARIABLE).unwrap_or_default();
-    match asked.to_str() {
+    let named = std::env::var_os(VARIABLE).unwrap_or_default();
+    match named.to_str() {
         Some("") => runtime::load().or_else(|missing| match missing {
             // A library asked for by name: another engine in its place would surprise.
             named @ Missing::Named(_) => Err(named.into()),
@@ -61,7 +60,7 @@ fn choose() -> Result<Engine, NoEngine> {
         Some("onnxruntime") => runtime::load().map_err(NoEngine::from),
         Some("tract") => tract(VARIABLE, None, Vec::new()),
         _ => Err(NoEngine {
-            what: format!("{VARIABLE} is `{}`, which is no engine", asked.display()),
+            what: format!("{VARIABLE} is `{}`, which is not an engine", named.display()),
             remedy: "set it to onnxruntime or tract, or to nothing for the first of them that is there",
         }),
     }

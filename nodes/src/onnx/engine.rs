@@ -163,7 +163,7 @@ impl Engine {
         model: &[u8],
         error: impl Into<Box<dyn std::error::Error + Send + Sync>>,
     ) -> Fault {
-        let remedy = "`model` wants an ONNX file, or the output of a learning stage";
+        let remedy = "`model` expects an ONNX file, or the output of a learning stage";
         let of_tract = "; tract lacks some operators that ONNX Runtime has (`pip install onnxruntime`)";
         Fault::new(format!("the {} bytes of the model are none that {} can load", model.len(), self.title()))
             .because(error)

@@ -1,7 +1,5 @@
-//! Whether a library is an ONNX Runtime that this program can call, found out before the crate `ort` is told of it.
-//!
-//! `ort` takes one library a process, and has nothing to go on with where that one is refused: what it calls next is memory that was never
-//! written. So every library is looked at here first, and `ort` gets one that it will take.
+//! Checks a library before the crate `ort` loads it: `ort` takes one library per process, and calls unwritten memory after
+//! it has refused one.
 #![expect(
     unsafe_code,
     reason = "a library's functions can only be called on its word that they are what their names say"
@@ -33,7 +31,7 @@ pub(crate) fn check(path: &Path) -> Result<(), String> {
     let library = ManuallyDrop::new(library);
     // SAFETY: ONNX Runtime's header declares this function with this type, and no other library has one of its name.
     let entry = unsafe { library.get::<GetApiBase>(b"OrtGetApiBase\0") };
-    let entry = entry.map_err(|_| refused("exports no OrtGetApiBase: it is no ONNX Runtime".to_owned()))?;
+    let entry = entry.map_err(|_| refused("exports no OrtGetApiBase: it is not an ONNX Runtime".to_owned()))?;
     // SAFETY: as its header says, the function takes nothing and gives null or a table that stays for ever.
     let base = unsafe { entry().as_ref() };
     let base = base.ok_or_else(|| refused("gives no table of its interfaces".to_owned()))?;

@@ -99,7 +99,7 @@ impl Description {
     /// Reads a model without an engine.
     ///
     /// # Errors
-    /// Why it is no ONNX file.
+    /// Why it is not an ONNX file.
     pub fn read(model: &[u8]) -> Result<Self, String> {
         let declared = Declared::read(model)?;
         let ModelProto { ir_version, producer_name, producer_version, graph, opset_import, .. } = decode(model)?;
@@ -145,13 +145,13 @@ pub(crate) fn elements(sides: &[i64]) -> u64 {
     sides.iter().fold(1, |product: u64, &side| product.saturating_mul(u64::try_from(side).unwrap_or(1)))
 }
 
-const NO_GRAPH: &str = "it is no ONNX file: it holds no graph";
+const NO_GRAPH: &str = "it is not an ONNX file: it holds no graph";
 
 fn decode(model: &[u8]) -> Result<ModelProto<TensorHead>, String> {
     if regular_file::is_lfs_pointer(model) {
         return Err(format!("it is a pointer of Git LFS, not the file itself: {}", regular_file::LFS_REMEDY));
     }
-    ModelProto::decode(model).map_err(|error| format!("it is no ONNX file: {error}"))
+    ModelProto::decode(model).map_err(|error| format!("it is not an ONNX file: {error}"))
 }
 
 fn graphs(attribute: &AttributeProto<TensorHead>) -> impl Iterator<Item = &GraphProto<TensorHead>> {

@@ -159,7 +159,9 @@ fn image_axes(input: &Outlet, params: &OnnxParams) -> Result<Axes, Fault> {
     };
     match axes {
         Ok(axes) if is_image(&axes) => Ok(axes),
-        Err(fault) if input.tensor.as_ref().is_none_or(|(element, _)| Element::of(*element).is_none()) => Err(fault),
+        Err(fault) if input.tensor.as_ref().is_none_or(|(element, _)| Element::from_ort(*element).is_none()) => {
+            Err(fault)
+        }
         _ => {
             let order = params.layout.axes();
             let (name, shape) = (&input.name, shape_text(shape));

@@ -1,4 +1,4 @@
-//! What an experiment says of a network: how it takes an image, what its map means, on what it runs.
+//! Parameters of `mono/onnx`: input format, meaning of the output, provider.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

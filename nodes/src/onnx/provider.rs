@@ -1,6 +1,4 @@
-//! Execution providers: on what ONNX Runtime runs a network.
-//!
-//! A provider stands in the library or beside it: which there are is a matter of the build that the machine has. Nothing of them is linked here.
+//! Execution providers of ONNX Runtime. Which exist depends on the installed build; none is linked here.
 
 use std::num::NonZeroUsize;
 

@@ -1,8 +1,6 @@
-//! ONNX Runtime: where this machine has it.
-//!
-//! Looked at, in this order: `ORT_DYLIB_PATH`; the system (`LD_LIBRARY_PATH`, then its library folders); the active Python environment
-//! (`VIRTUAL_ENV`, `CONDA_PREFIX`); virtual environments whose programs are on the PATH. Never a folder that merely lies near, and no program is run to find one: an experiment may come from
-//! a stranger, together with the folder it lies in. The first library that loads and is new enough is taken.
+//! Where this machine has ONNX Runtime: `ORT_DYLIB_PATH`, the system's folders, active Python environments, and those whose
+//! programs are on the PATH. No other folder is searched and no program is run, because an experiment may come from a
+//! stranger. The first library that loads and is new enough is used.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

@@ -26,9 +26,9 @@ pub(crate) struct Axes {
 pub(crate) fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault> {
     let name = &input.name;
     let Some((element, shape)) = &input.tensor else {
-        return Err(Fault::new(format!("input `{name}` of the network is no tensor")));
+        return Err(Fault::new(format!("input `{name}` of the network is not a tensor")));
     };
-    let Some(element) = Element::of(*element) else {
+    let Some(element) = Element::from_ort(*element) else {
         return Err(Fault::new(format!(
             "input `{name}` of the network holds {element}, where f32, f16 or u8 is wanted"
         ))
@@ -82,8 +82,7 @@ impl Axes {
 /// The inputs decide, then the experiment, then the multiple.
 pub(crate) fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: u32) -> Result<Sizes, Fault> {
     let side = |what: &str, of: fn(&Axes) -> Option<usize>, asked: Option<u32>| {
-        let asked = asked.map(|asked| asked as usize);
-        let mut found = asked.map(|side| ("`size`", side));
+        let mut found = asked.map(|side| side as usize).map(|side| ("`size`", side));
         for (name, axes) in inputs {
             match (of(axes), found) {
                 (Some(fixed), Some((other, side))) if side != fixed => {
@@ -225,11 +224,11 @@ pub(super) fn check_map(
             (lead, height, width, trail)
         }
         [ref lead @ .., height, width] => (lead, height, width, 1),
-        _ => return wrong("which is no map".to_owned()),
+        _ => return wrong("which is not a map".to_owned()),
     };
     let of_all = lead.iter().product::<usize>() * trail;
     if height == 0 || width == 0 || of_all == 0 || of_all % batch != 0 || batch > 1 && lead.first() != Some(&batch) {
-        return wrong(format!("which is no map for each of {batch} images"));
+        return wrong(format!("which is not a map for each of {batch} images"));
     }
     if !is_map_size((width, height), of_image) {
         return wrong(format!("which is not a map of an image of {}x{}", of_image.0, of_image.1));

@@ -151,7 +151,7 @@ fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, String> {
     // What a panic may leave half-done is a plan or a run of its own, and dropped.
     match depthloom_threads::caught(work) {
         Ok(result) => result.map_err(|error| format!("{error:#}")),
-        Err(Caught(told)) => Err(format!("tract failed within, {told}")),
+        Err(Caught(panic)) => Err(format!("tract failed within, {panic}")),
     }
 }
 

@@ -49,7 +49,7 @@ pub(super) struct Running {
     guard: Guard,
     calls: Option<SyncSender<Request>>,
     replies: Receiver<Received>,
-    said: Arc<Mutex<StderrTail>>,
+    stderr: Arc<Mutex<StderrTail>>,
     listener: Option<JoinHandle<()>>,
     /// The number of the last call.
     pub(super) number: i64,
@@ -134,13 +134,13 @@ impl Running {
         let (input, output, errors) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
         let (calls, to_write) = sync_channel::<Request>(1);
         let (received, replies) = sync_channel::<Received>(1);
-        let said = Arc::<Mutex<StderrTail>>::default();
+        let stderr = Arc::<Mutex<StderrTail>>::default();
         let mut running = Self {
             child,
             guard,
             calls: Some(calls),
             replies,
-            said,
+            stderr,
             listener: None,
             number: 0,
             has_failed: false,
@@ -154,7 +154,7 @@ impl Running {
         };
         let shared = Shared::new();
         let schema = protocol::offering_shared(schema, shared.offer());
-        let (outputs, keep) = (Arc::clone(outputs), Arc::clone(&running.said));
+        let (outputs, keep) = (Arc::clone(outputs), Arc::clone(&running.stderr));
         let shared = Arc::new(Mutex::new(shared));
         let also = Arc::clone(&shared);
         let threads = || {
@@ -233,10 +233,10 @@ impl Running {
                 thread::sleep(Duration::from_millis(1));
             }
         }
-        let said = locked(&self.said);
-        let bytes: Vec<u8> = said.bytes.iter().copied().collect();
+        let stderr = locked(&self.stderr);
+        let bytes: Vec<u8> = stderr.bytes.iter().copied().collect();
         let plain = |c: char| if c == '\n' || c == '\t' || !c.is_control() { c } else { ' ' };
-        (String::from_utf8_lossy(&bytes).chars().map(plain).collect(), said.left_out)
+        (String::from_utf8_lossy(&bytes).chars().map(plain).collect(), stderr.left_out)
     }
 
     fn report(&mut self, by_itself: Option<ExitStatus>) {
@@ -365,16 +365,16 @@ fn not_of_the_protocol(error: &StreamError) -> ErrorMessage {
     if matches!(error, StreamError::Text(_)) { message.remedy(PRINTS) } else { message }
 }
 
-fn listen(mut errors: impl Read, said: &Mutex<StderrTail>) {
+fn listen(mut errors: impl Read, stderr: &Mutex<StderrTail>) {
     let mut chunk = [0; 4096];
     while let Ok(read) = errors.read(&mut chunk) {
         if read == 0 {
             return;
         }
-        let mut said = locked(said);
-        said.bytes.extend(&chunk[..read]);
-        let over = said.bytes.len().saturating_sub(STDERR_BYTES);
-        said.left_out |= over > 0;
-        said.bytes.drain(..over);
+        let mut tail = locked(stderr);
+        tail.bytes.extend(&chunk[..read]);
+        let over = tail.bytes.len().saturating_sub(STDERR_BYTES);
+        tail.left_out |= over > 0;
+        tail.bytes.drain(..over);
     }
 }

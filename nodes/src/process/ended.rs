@@ -1,6 +1,4 @@
-//! What is known of programs once they have ended: what they wrote to standard error, and whether they failed after their last answer.
-//!
-//! A program ends when nobody calls it any more, so no call is left that could report it: whoever ran the experiment takes it from here.
+//! Programs that have ended: their standard error, and failures after their last reply, for the command that ran them.
 
 use depthloom_threads::locked;
 use std::fmt::Write as _;

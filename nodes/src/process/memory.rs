@@ -1,13 +1,7 @@
-//! Files in memory that a process and this one have both open: large rows lie there instead of crossing a pipe, where each byte is copied twice.
+//! Large rows cross to a process in files in memory (`memfd`) instead of pipes, which copy each byte twice.
 //!
-//! They have no name anywhere (`memfd`), so nothing is left of them once both sides have ended, however they did; a process opens them through this one's
-//! open files under `/proc`. They are as large as they are from the start, allocated, and sealed against shrinking, so that whoever maps one cannot lose what
-//! they mapped. Here they are only written and read, never mapped: what a process writes while it is read is a wrong value, and no more than that.
-//!
-//! Measured with `nodes/examples/process_call.rs` (three maps of 1242x375 in, one out, 300 calls): 2.4 ms of CPU time per
-//! call, 3.6 ms through pipes alone. Wall time on a loaded machine: lower quartiles of 2.4 to 3.9 ms, and 3.8 to 7.0 ms.
-//!
-//! A process that does not take part, and a system that has no such files or no memory for them, keep to the pipes.
+//! The files have no name, a fixed size, and seals against shrinking. They are written and read here, never mapped: a
+//! process that writes while one is read causes a wrong value, nothing worse. `nodes/examples/process_call.rs` measures it.
 
 use std::fs::File;
 use std::hash::{BuildHasher, RandomState};
@@ -154,7 +148,7 @@ impl Shared {
         let row = self.answer(schema, number(&batch, "bytes")?)?;
         let (here, there) = (number(&batch, "number")?, number(&row, "number")?);
         if here != there {
-            return Err(format!("it answers call {here}, and what lies in shared memory answers call {there}"));
+            return Err(format!("it answers call {here}, and the row in shared memory answers call {there}"));
         }
         Ok(row)
     }
@@ -162,7 +156,7 @@ impl Shared {
     fn holds(&mut self, held: &[i64]) -> Result<(), String> {
         let strange = held.iter().find(|number| self.calls.iter().all(|(memory, _)| memory.number != **number));
         if let Some(strange) = strange {
-            return Err(format!("it holds file {strange} of shared memory, in which no call lies"));
+            return Err(format!("it holds file {strange} of shared memory, which holds no call"));
         }
         self.calls.iter_mut().for_each(|(memory, is_held)| *is_held = held.contains(&memory.number));
         Ok(())
@@ -170,7 +164,7 @@ impl Shared {
 
     fn answer(&self, schema: &Schema, bytes: i64) -> Result<Batch, String> {
         let Some(memory) = &self.answers else {
-            return Err("it says that its row lies in shared memory, and it was given none".to_owned());
+            return Err("it says that its row is in shared memory, and it was given none".to_owned());
         };
         let Some(bytes) = u64::try_from(bytes).ok().filter(|bytes| *bytes <= memory.size) else {
             return Err(format!(
@@ -178,7 +172,7 @@ impl Shared {
                 memory.size
             ));
         };
-        let wrong = |what: &dyn std::fmt::Display| format!("what lies in shared memory is not of the protocol: {what}");
+        let wrong = |what: &dyn std::fmt::Display| format!("the row in shared memory is not of the protocol: {what}");
         let mut file = &memory.file;
         file.seek(SeekFrom::Start(0)).map_err(|error| wrong(&error))?;
         let row = StreamReader::new(file.take(bytes)).batch(schema).map_err(|error| wrong(&error))?;

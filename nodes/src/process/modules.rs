@@ -1,7 +1,6 @@
-//! What a program in Python has imported: its own modules by content, installed packages by version.
+//! What a Python program has imported: its own modules by content, installed packages by version.
 //!
-//! `depthloom.serve` reports it. The report enters the cache keys of the program's results, so it must be known before any frame: the program is
-//! started once for it, and ends without making its node. Later processes report too; what they add to the first report is in no key.
+//! The report enters cache keys, so it must be known before the first frame: the program is started once for it.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -97,13 +97,13 @@ impl Pool {
         let number = running.number;
         let is_of_a_frame = matches!(call, Call::Process(_) | Call::Frames);
         let patience = if is_of_a_frame { self.launch.frame } else { self.launch.once };
-        let begun = Instant::now();
+        let started_at = Instant::now();
         running.send(Request { number, call, inputs });
         let (mut running, says) = self.receive(running, number, patience, !is_of_a_frame, host)?;
         running.has_failed = false;
         let answer = match says {
             Content::Values { values, cpu_ns } => {
-                host.add_cpu_time(cpu_ns.min(most_cpu_ns(begun.elapsed())));
+                host.add_cpu_time(cpu_ns.min(most_cpu_ns(started_at.elapsed())));
                 Ok(Answer::Values(values))
             }
             Content::Frames { ids, times_ns } => Ok(Answer::Frames(ids, times_ns)),
@@ -261,7 +261,7 @@ impl Drop for Slot<'_> {
 impl Drop for Pool {
     fn drop(&mut self) {
         let idle = &mut self.state.get_mut().unwrap_or_else(PoisonError::into_inner).idle;
-        // All are told before any is waited for.
+        // All are closed before any is waited for.
         idle.iter_mut().for_each(Running::close_stdin);
     }
 }

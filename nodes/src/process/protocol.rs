@@ -112,14 +112,16 @@ pub(super) fn request_schema(contract: &str, inputs: &[Port], outputs: &[Port], 
     let frame = vec![Field::new("id", TEXT), Field::new("index", I64), Field::new("time_ns", I64)];
     let place = ["file", "path", "size", "bytes"].map(|name| Field::new(name, if name == "path" { TEXT } else { I64 }));
     let place = |name| Field::new(name, DataType::Struct(place.to_vec())).nullable();
-    let told = |ports: &[Port]| {
-        let told = ports.iter().map(|port| {
-            let told = json!({ "type": port.value_type.name(), "rate": port.rate.name(), "optional": port.optional });
-            (port.name.to_owned(), told)
+    let described = |ports: &[Port]| {
+        let entries = ports.iter().map(|port| {
+            let port_json =
+                json!({ "type": port.value_type.name(), "rate": port.rate.name(), "optional": port.optional });
+            (port.name.to_owned(), port_json)
         });
-        Json::Object(told.collect())
+        Json::Object(entries.collect())
     };
-    let node = json!({ "contract": contract, "inputs": told(inputs), "outputs": told(outputs), "params": params });
+    let node =
+        json!({ "contract": contract, "inputs": described(inputs), "outputs": described(outputs), "params": params });
     Schema {
         fields: vec![
             Field::new("number", I64),
@@ -163,8 +165,8 @@ pub(super) fn offering_shared(schema: &Schema, path: Option<String>) -> Schema {
 }
 
 pub(super) fn requesting_modules(mut schema: Schema, and_nothing_else: bool) -> Schema {
-    let asked = if and_nothing_else { "first" } else { "report" };
-    schema.metadata.push((MODULES.to_owned(), asked.to_owned()));
+    let value = if and_nothing_else { "first" } else { "report" };
+    schema.metadata.push((MODULES.to_owned(), value.to_owned()));
     schema
 }
 
@@ -221,9 +223,9 @@ pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<
             let value = |port: &Port| {
                 let Some(column) = given.as_ref().and_then(|given| given.part(port.name)) else { return Ok(None) };
                 let value = arrow::value(port.value_type, &column);
-                value
-                    .map(Some)
-                    .map_err(|what| format!("what it gave at `{}` is no {}: {what}", port.name, port.value_type))
+                value.map(Some).map_err(|what| {
+                    format!("what it gave at `{}` is not a valid {}: {what}", port.name, port.value_type)
+                })
             };
             Content::Values {
                 values: outputs.iter().map(value).collect::<Result<_, String>>()?,

@@ -236,7 +236,7 @@ fn frames(ids: &[String], times: Option<&[u64]>) -> Result<Vec<Frame>, String> {
     let mut seen = BTreeSet::new();
     for id in ids {
         if id.is_empty() || id.len() > 200 || id.chars().any(char::is_control) {
-            return Err(format!("{id:?} is no id: one line of at most 200 bytes"));
+            return Err(format!("{id:?} is not a valid id: one line of at most 200 bytes"));
         }
         if !seen.insert(id.as_str()) {
             return Err(format!("two have the id `{id}`"));

@@ -19,7 +19,7 @@ pub(super) fn ports() -> Vec<Port> {
     ]
 }
 
-pub(super) fn of<'a>(inputs: &Inputs<'a>, truth: (u32, u32)) -> Result<Clues<'a>, Fault> {
+pub(super) fn read<'a>(inputs: &Inputs<'a>, truth: (u32, u32)) -> Result<Clues<'a>, Fault> {
     let mask = |port: &'static str| -> Result<Option<&'a [u8]>, Fault> {
         let Some(mask) = inputs.optional::<Mask>(port)? else { return Ok(None) };
         same_size((port, mask.set.dimensions()), ("truth", truth))?;

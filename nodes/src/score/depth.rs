@@ -68,7 +68,7 @@ impl PureNode for ScoreDepth {
         let truth = &inputs.get::<Depth>("truth")?.metres;
         let (width, height) = truth.dimensions();
         same_size(("estimate", size), ("truth", (width, height)))?;
-        let clues = clues::of(inputs, (width, height))?;
+        let clues = clues::read(inputs, (width, height))?;
         Ok(Outputs::one("rows", self.scores.rows(estimate, truth, (width as usize, height as usize), &clues)))
     }
 }

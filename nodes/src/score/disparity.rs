@@ -85,10 +85,10 @@ impl PureNode for ScoreDisparity {
         let truth = &inputs.get::<TrueDisparity>("truth")?.px;
         let size = truth.dimensions();
         same_size(("estimate", estimate.dimensions()), ("truth", size))?;
-        let clues = clues::of(inputs, size)?;
+        let clues = clues::read(inputs, size)?;
         let calibration = inputs.optional::<Calibration>("calibration")?;
         if self.bands && calibration.is_none() {
-            return Err(Fault::new("`zones.distance_m` wants a calibration on every frame"));
+            return Err(Fault::new("`zones.distance_m` needs a calibration on every frame"));
         }
         let (width, height) = (size.0 as usize, size.1 as usize);
         let filled = self.scores.asks_for_filled().then(|| {

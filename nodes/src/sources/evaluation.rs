@@ -1,4 +1,4 @@
-//! What `score/disparity` takes of a data set's frame: two sets of true disparities, what lies between them, the objects.
+//! Inputs of `score/disparity`: true disparities of two pixel sets, the pixels between them, and objects.
 
 use depthloom_graphs::values::{Mask, Raster, TrueDisparity};
 use depthloom_graphs::{Outputs, Port, Value, ValueType};

@@ -118,7 +118,7 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
     fn list(params: &Self) -> Result<(Listing, Self), Fault> {
         let root = params.root.path();
         existing_folder(root, LAYOUT)?;
-        let scenes = scenes(root, &params.scenes, |folder| Year::of(folder).is_some())?;
+        let scenes = scenes(root, &params.scenes, |folder| Year::detect(folder).is_some())?;
         if scenes.is_empty() {
             return Err(Fault::new(format!("{} holds no scene", root.display())).remedy(LAYOUT));
         }
@@ -191,7 +191,7 @@ enum Year {
 
 impl Year {
     /// `None` if the folder has no file of a scene.
-    fn of(folder: &Path) -> Option<Self> {
+    fn detect(folder: &Path) -> Option<Self> {
         let has =
             |stems: &[&str], endings: &[&str]| stems.iter().any(|stem| with_ending(folder, stem, endings).is_some());
         let old = has(&["im2", "im6", "disp2", "disp6"], &ENDINGS);
@@ -218,7 +218,7 @@ impl Middlebury {
     }
 
     fn files(&self, folder: &Path) -> Result<Vec<(Part, PathBuf)>, Fault> {
-        let (stem, [left, right], truth, span) = match Year::of(folder) {
+        let (stem, [left, right], truth, span) = match Year::detect(folder) {
             Some(Year::Of2005) => ("view", [1, 5], OF_2005, "view1.png, view5.png and disp1.png"),
             Some(Year::Of2001) => ("im", self.views(), OF_2001, "im2, im6 and disp2, PNG, PPM or PGM"),
             Some(Year::From2014) => return scene::files(folder, folder, self.truth),

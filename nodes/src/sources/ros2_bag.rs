@@ -17,7 +17,7 @@ use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Key, Port, Source, SourceKind, SourceOutputs, ValueType};
 
 use self::chosen::Chosen;
-use self::found::Found;
+use self::found::MatchedFrames;
 use self::params::{KIND, Ros2BagParams, VERSION};
 use crate::sources::dataset::folders::at_file;
 use crate::sources::dataset::{depth_port, image_port};
@@ -133,8 +133,8 @@ impl Ros2Bag {
                 Fault::new(what).remedy("`kind: mcap` reads it, with all its frames and values, by the same `path`")
             );
         }
-        let chosen = Chosen::of(&bag, params)?;
-        let found = Found::of(&bag, &chosen, params)?;
+        let chosen = Chosen::select(&bag, params)?;
+        let found = MatchedFrames::find(&bag, &chosen, params)?;
         let transforms = params.points.is_some().then(|| transforms(&bag)).transpose()?;
         let reading = Reading::new(
             params,

@@ -8,17 +8,17 @@ use crate::geometry::geometry;
 use crate::shape::filled;
 
 /// `f * B / (d + doffs)`; NaN if the disparity is unknown or the sum is not positive.
-pub(crate) fn depth(truth: &TrueDisparity, of: &Calibration) -> Depth {
+pub(crate) fn depth(truth: &TrueDisparity, calibration: &Calibration) -> Depth {
     let px = &truth.px;
-    Depth { metres: filled(px.dimensions(), |out| truth_from_disparity(px, geometry(of), out)) }
+    Depth { metres: filled(px.dimensions(), |out| truth_from_disparity(px, geometry(calibration), out)) }
 }
 
 /// Rounded to 1/256 px; values that 16 bits cannot hold become unknown.
-pub(crate) fn from_depth(depth: &Depth, of: &Calibration) -> TrueDisparity {
+pub(crate) fn from_depth(depth: &Depth, calibration: &Calibration) -> TrueDisparity {
     let (width, height) = depth.metres.dimensions();
     let px_256 = Raster::from_fn(width, height, |x, y| {
         let metres = f64::from(depth.metres.get_pixel(x, y).0[0]);
-        Luma([fixed_point(of.disparity_px(metres))])
+        Luma([fixed_point(calibration.disparity_px(metres))])
     });
     TrueDisparity::from_px_256(&px_256)
 }

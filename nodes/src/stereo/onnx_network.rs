@@ -31,8 +31,8 @@ impl PairNetwork {
     pub(super) fn load(model: &Artifact, params: &StereoOnnxParams) -> Result<Self, Fault> {
         let declared = onnx::declared(model, params.provider)?;
         let names: Vec<&str> = declared.inputs.iter().map(|input| input.name.as_str()).collect();
-        let asked = [params.left_name.as_deref(), params.right_name.as_deref()];
-        let chosen: Vec<&str> = match (asked, &names[..]) {
+        let named = [params.left_name.as_deref(), params.right_name.as_deref()];
+        let chosen: Vec<&str> = match (named, &names[..]) {
             ([Some(left), Some(right)], _) => vec![left, right],
             ([None, None], [one]) => vec![*one],
             ([Some(one), None] | [None, Some(one)], [_]) => vec![one],
@@ -128,10 +128,14 @@ fn planes_of(names: &[&str], axes: &[Axes]) -> Result<usize, Fault> {
             Some(other) => wrong(names[0], other, "those of two images, 6 or 2,"),
         },
         _ => {
-            let of = |axes: &Axes| axes.channels.unwrap_or(3);
-            match axes.iter().zip(names).find(|(one, _)| ![1, 3].contains(&of(one)) || of(one) != of(&axes[0])) {
-                Some((other, name)) => wrong(name, of(other), "1 or 3, in both inputs,"),
-                None => Ok(of(&axes[0])),
+            let channels = |axes: &Axes| axes.channels.unwrap_or(3);
+            match axes
+                .iter()
+                .zip(names)
+                .find(|(one, _)| ![1, 3].contains(&channels(one)) || channels(one) != channels(&axes[0]))
+            {
+                Some((other, name)) => wrong(name, channels(other), "1 or 3, in both inputs,"),
+                None => Ok(channels(&axes[0])),
             }
         }
     }

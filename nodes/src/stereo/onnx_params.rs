@@ -1,4 +1,4 @@
-//! What an experiment says of a stereo network.
+//! Parameters of `stereo/onnx`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

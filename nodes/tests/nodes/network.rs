@@ -356,7 +356,7 @@ fn a_file_that_is_no_model_is_said_to_be_none() {
     let told = run(&json!({}), &model(b"<html>404</html>".to_vec())).unwrap_err();
     let title = onnx::find().unwrap().title();
     assert!(told.starts_with(&format!("the 16 bytes of the model are none that {title} can load")), "{told}");
-    assert!(told.contains("remedy: `model` wants an ONNX file, or the output of a learning stage"), "{told}");
+    assert!(told.contains("remedy: `model` expects an ONNX file, or the output of a learning stage"), "{told}");
 }
 
 #[test]

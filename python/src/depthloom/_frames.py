@@ -102,7 +102,7 @@ class Frame(Mapping[str, NDArray[Any]]):
     def _named(self, name: str) -> Output:
         output = self._plan.output(name, self._runs)
         if output.value_type not in MAP_TYPES:
-            raise NotRecorded(f"{output.topic} carries {output.value_type}, which is no map")
+            raise NotRecorded(f"{output.topic} carries {output.value_type}, which is not a map")
         return output
 
     def _outputs(self, *types: str) -> Iterator[Output]:

@@ -174,7 +174,7 @@ fn fault_44_libraries_that_are_no_onnx_runtime_or_too_old_leave_tract_and_are_sa
     {
         return;
     }
-    let refused = ["does not load", "exports no OrtGetApiBase: it is no ONNX Runtime", "is ONNX Runtime 1.16.3"];
+    let refused = ["does not load", "exports no OrtGetApiBase: it is not an ONNX Runtime", "is ONNX Runtime 1.16.3"];
     let found = doctor(bare().env("VIRTUAL_ENV", folder.path()));
     if found["networks"]["engine"] == "onnxruntime" {
         return skipped(test, "ONNX Runtime is part of this system");
@@ -235,7 +235,7 @@ fn fault_36_and_51_a_model_that_cannot_be_run_is_refused_before_any_frame_in_the
     let rgb = Tensor("x", F32, &[1, 3, 64, 192]);
     let one = |input: Tensor<'_>, output: Tensor<'_>| onnx_file::model("Identity", None, &[input], &output);
     let broken: Vec<(&str, Vec<u8>, &str)> = vec![
-        ("no ONNX at all", b"<html>404</html>".to_vec(), "it is no ONNX file"),
+        ("no ONNX at all", b"<html>404</html>".to_vec(), "it is not an ONNX file"),
         ("an empty file", Vec::new(), "it holds no graph"),
         ("rank", one(Tensor("x", F32, &[64, 192]), Tensor("y", F32, &[64, 192])), "has the shape 64x192"),
         ("type", one(Tensor("x", U8, &[1, 3, 64, 192]), Tensor("y", U8, &[1, 3, 64, 192])), "it has y (u8 1x3x64x192)"),

@@ -79,9 +79,9 @@ const FAULTS: [(&str, &str); 66] = [
     ("zero-depth", "0.0 m at row 0, column 0 (2048 of 2048 pixels are invalid): a depth must be finite"),
     ("offsets-lead-out", "the offsets of `data` lead out of its values"),
     // Of shared memory.
-    ("shared-wrong-word", "it says that its row lies in shared memory, and it was given none"),
-    ("shared-not-agreed", "it says that its row lies in shared memory, and it was given none"),
-    ("shared-not-given", "it says that its row lies in shared memory, and it was given none"),
+    ("shared-wrong-word", "it says that its row is in shared memory, and it was given none"),
+    ("shared-not-agreed", "it says that its row is in shared memory, and it was given none"),
+    ("shared-not-given", "it says that its row is in shared memory, and it was given none"),
 ];
 
 /// Faults of later frames, or that need no reply.
@@ -91,7 +91,7 @@ const LATER: [(&str, &str, &str); 16] = [
     ("offsets-go-back", "the offsets of `data` lead out of its values", "000000_10"),
     ("no-utf-8", "`says` is no UTF-8", "000000_10"),
     ("frames-instead", "a reply of frames has none", "000000_10"),
-    ("shared-nowhere", "what lies in shared memory is not of the protocol: there is no row", "000001_10"),
+    ("shared-nowhere", "the row in shared memory is not of the protocol: there is no row", "000001_10"),
     (
         "shared-beyond",
         "it says that its row takes 1099511627776 bytes of shared memory, which has 1048576",
@@ -101,10 +101,10 @@ const LATER: [(&str, &str, &str); 16] = [
     ("shared-nothing-there", "it is no stream of Arrow's", "000001_10"),
     ("shared-cut", "the stream ended within a message", "000001_10"),
     ("shared-noise", "it is no stream of Arrow's: it begins with \"load\"", "000001_10"),
-    ("shared-another-number", "it answers call 2, and what lies in shared memory answers call 5", "000001_10"),
+    ("shared-another-number", "it answers call 2, and the row in shared memory answers call 5", "000001_10"),
     ("shared-leads-on", "it says `shared`, which means nothing", "000001_10"),
     ("shared-a-schema", "a schema came where a record batch is wanted", "000001_10"),
-    ("shared-holds-others", "it holds file 99 of shared memory, in which no call lies", "000001_10"),
+    ("shared-holds-others", "it holds file 99 of shared memory, which holds no call", "000001_10"),
     ("shared-shrinks", "it ended with exit code 9", "000001_10"),
 ];
 

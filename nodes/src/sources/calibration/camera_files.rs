@@ -1,4 +1,4 @@
-//! Calibrations of two cameras as others' tools write them: OpenCV's `FileStorage` (YAML, XML, JSON), ROS' `camera_info` YAML, Kalibr's camchain.
+//! Calibrations of two cameras: OpenCV's `FileStorage` (YAML, XML, JSON), ROS' `camera_info` YAML, Kalibr's camchain.
 
 mod document;
 mod kalibr;
@@ -41,10 +41,10 @@ pub(crate) fn read(files: &[(&Path, &[u8])], fisheye: bool) -> Result<CameraPair
         [one] if ros::is(one) => {
             Err(one.fault("it is the calibration of one camera").remedy(format!("name both: {FORMS}")))
         }
-        // Of two files of which one is ROS' the other was to be one.
+        // One of the two is ROS': the other should be, too.
         [left, right] if ros::is(left) || ros::is(right) => {
             let (other, side) = if ros::is(left) { (right, "right") } else { (left, "left") };
-            let what = format!("it is no whole calibration of the {side} camera: {}", ros::missing(other));
+            let what = format!("it is not a complete calibration of the {side} camera: {}", ros::missing(other));
             Err(other.fault(what).remedy(format!("is the file cut off? {FORMS}")))
         }
         all => opencv::read(all, fisheye),
@@ -82,9 +82,9 @@ fn side_file(side: &str, documents: &[Document<'_>]) -> usize {
 }
 
 /// `model` as ROS, Kalibr and Foxglove name it.
-fn lens(model: &str, coefficients: &[f64]) -> Result<Lens, String> {
+pub(crate) fn lens(model: &str, coefficients: &[f64]) -> Result<Lens, String> {
     let shown = |what: &str| format!("{what}, and `{model}` has {} coefficients here", coefficients.len());
-    let first = |count: usize| -> Result<(), String> {
+    let only = |count: usize| -> Result<(), String> {
         match coefficients.len() >= count && coefficients[count..].iter().all(|k| *k == 0.0) {
             true => Ok(()),
             false => Err(shown(&format!("{count} coefficients are known"))),
@@ -97,15 +97,15 @@ fn lens(model: &str, coefficients: &[f64]) -> Result<Lens, String> {
                 if !matches!(coefficients.len(), 0 | 4 | 5) {
                     return Err(shown("a polynomial has 4, 5 or 8 coefficients"));
                 }
-            } else if first(8).is_err() {
+            } else if only(8).is_err() {
                 return Err(
                     "thin prisms and tilted sensors (coefficients beyond the eighth) are not rectified here".to_owned()
                 );
             }
             Ok(Lens::Polynomial(std::array::from_fn(at)))
         }
-        "equidistant" | "fisheye" | "kannala_brandt4" => {
-            first(4)?;
+        "equidistant" | "fisheye" | "kannala_brandt" | "kannala_brandt4" => {
+            only(4)?;
             Ok(Lens::Equidistant(std::array::from_fn(at)))
         }
         "" | "none" if coefficients.iter().all(|k| *k == 0.0) => Ok(Lens::Polynomial([0.0; 8])),
@@ -125,6 +125,6 @@ fn view(r: &[f64; 9], p: &[f64; 12]) -> (View, f64) {
     (View { rotation: matrix(r), focal_px: [p[0], p[5]], centre_px: [p[2], p[6]] }, p[3])
 }
 
-fn matrix(of: &[f64; 9]) -> Matrix {
-    std::array::from_fn(|row| std::array::from_fn(|column| of[3 * row + column]))
+fn matrix(numbers: &[f64; 9]) -> Matrix {
+    std::array::from_fn(|row| std::array::from_fn(|column| numbers[3 * row + column]))
 }

@@ -97,7 +97,7 @@ impl Rectifier {
             ));
         }
         let Some((rotation, translation)) = pair.pose else {
-            return Err(ErrorMessage::new("the calibration does not tell how the cameras stand to each other")
+            return Err(ErrorMessage::new("the calibration does not give the pose between the cameras")
                 .remedy("it needs R and T, or R1, R2, P1 and P2 (`alpha` needs R and T)"));
         };
         let cameras = [&left.camera, &right.camera];
@@ -163,7 +163,7 @@ fn calibration(
     }
     if (f[0] - f[1]).abs() > 0.01 * f[0] {
         let what = format!(
-            "the rectified pixels are no squares: focal lengths of {} px along rows and {} px along columns",
+            "the rectified pixels are not square: focal lengths of {} px along rows and {} px along columns",
             f[0], f[1]
         );
         return wrong(what, "let stereoRectify choose the projections");

@@ -1,8 +1,6 @@
-//! Maps of numbers in files of other programs, read whole and decoded, with errors that name the file: portable float maps
-//! (<https://netpbm.sourceforge.net/doc/pfm.html>) and NumPy's arrays (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
-//! What a file is, its first bytes say. `depthloom export` writes both.
-//!
-//! Nothing is allocated for what a header says: its size must be that of the bytes that follow it.
+//! Maps of numbers: portable float maps (<https://netpbm.sourceforge.net/doc/pfm.html>) and NumPy arrays
+//! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>), recognised by their first bytes.
+//! Nothing is allocated before a header's size is compared with the bytes that follow it.
 
 use std::path::Path;
 
@@ -45,7 +43,7 @@ fn pfm(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
         let begin = at + bytes[at..].iter().take(LONGEST_HEADER).take_while(|byte| byte.is_ascii_whitespace()).count();
         let rest = bytes[begin..].iter().take(LONGEST_HEADER);
         let end = begin + rest.take_while(|byte| !byte.is_ascii_whitespace()).count();
-        *token = std::str::from_utf8(&bytes[begin..end]).map_err(|_| header("is no text"))?;
+        *token = std::str::from_utf8(&bytes[begin..end]).map_err(|_| header("is not text"))?;
         at = end;
     }
     let size = |text: &str, what: &str| {
@@ -86,24 +84,24 @@ fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
         )));
     }
     let text = bytes.get(start..start + length).ok_or_else(cut)?;
-    let text = std::str::from_utf8(text).map_err(|_| Wrong::Bytes("its NPY header is no text".to_owned()))?;
+    let text = std::str::from_utf8(text).map_err(|_| Wrong::Bytes("its NPY header is not text".to_owned()))?;
     let entry = |key: &str| {
         let behind = text.split_once(&format!("'{key}'")).map(|(_, behind)| behind.trim_start());
         behind.and_then(|behind| behind.strip_prefix(':')).map(str::trim_start)
     };
     let missing = |key: &str| Wrong::Kind(format!("its NPY header has no `{key}` of a plain array"));
-    let sample = entry("descr").and_then(|of| of.strip_prefix('\'')).and_then(|of| of.split('\'').next());
+    let sample = entry("descr").and_then(|text| text.strip_prefix('\'')).and_then(|text| text.split('\'').next());
     let sample = sample.ok_or_else(|| missing("descr"))?;
     if !entry("fortran_order").ok_or_else(|| missing("fortran_order"))?.starts_with("False") {
         return Err(Wrong::Kind("its columns come first: write np.ascontiguousarray(map)".to_owned()));
     }
-    let shape = entry("shape").and_then(|of| of.strip_prefix('(')).and_then(|of| of.split(')').next());
+    let shape = entry("shape").and_then(|text| text.strip_prefix('(')).and_then(|text| text.split(')').next());
     let shape = shape.ok_or_else(|| missing("shape"))?;
     let sizes: Vec<u32> = shape.split(',').filter_map(|size| size.trim().parse().ok()).collect();
     let [height, width] = sizes[..] else {
         return Err(Wrong::Kind(format!("its shape is ({}), and a map has two dimensions", shortened(shape))));
     };
-    let Some(kind) = Sample::of(sample) else {
+    let Some(kind) = Sample::parse(sample) else {
         return Err(Wrong::Kind(format!(
             "its numbers are `{}`, and those of a map are floats of 32 or 64 bits, or integers",
             shortened(sample)
@@ -127,7 +125,7 @@ struct Sample {
 }
 
 impl Sample {
-    fn of(text: &str) -> Option<Self> {
+    fn parse(text: &str) -> Option<Self> {
         let [order, kind, bytes] = *text.as_bytes() else { return None };
         let bytes = usize::from(bytes.checked_sub(b'0')?);
         let is_known = match kind {

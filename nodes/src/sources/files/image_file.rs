@@ -1,5 +1,4 @@
-//! Image files of a data set, read whole and decoded, with errors that name the file; within limits, for the file may be a
-//! stranger's. What a file is, its first bytes say, not its name.
+//! Image files, recognised by their first bytes, within limits, because they may come from a stranger.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -132,7 +131,7 @@ fn float_tiff(path: &Path, bytes: &[u8]) -> Result<Option<Raster<f32>>, Fault> {
     let failed = |error: tiff::TiffError| {
         Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
             .because(error.to_string())
-            .remedy("the file is no whole TIFF: copy or download it again")
+            .remedy("the file is not a complete TIFF: copy or download it again")
     };
     let mut limits = tiff::decoder::Limits::default();
     limits.decoding_buffer_size = MOST_BYTES as usize;
@@ -182,7 +181,7 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<image::ImageFormat, Fault> {
             .remedy(regular_file::LFS_REMEDY));
     }
     by_content.or_else(by_name).ok_or_else(|| {
-        Fault::new(format!("{} ({} bytes) is no image", path.display(), bytes.len()))
+        Fault::new(format!("{} ({} bytes) is not an image", path.display(), bytes.len()))
             .remedy("images are PNG, JPEG, WebP, TIFF or PNM files")
     })
 }
@@ -239,7 +238,7 @@ fn decoded(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(Dyn
 
 fn undecodable(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Fault {
     Fault::new(format!("failed to decode {} ({} bytes)", path.display(), bytes.len()))
-        .remedy(format!("the file is no whole {}: copy or download it again", name_of(format)))
+        .remedy(format!("the file is not a complete {}: copy or download it again", name_of(format)))
 }
 
 const fn name_of(format: image::ImageFormat) -> &'static str {
@@ -312,7 +311,7 @@ mod tests {
         );
         assert!(!bomb.contains("download"), "{bomb}");
         assert!(said(claims(u32::MAX >> 1, u32::MAX >> 1)).contains("more than the 512 MiB"));
-        assert!(said(claims(30, 30)).ends_with("the file is no whole PNG: copy or download it again"));
+        assert!(said(claims(30, 30)).ends_with("the file is not a complete PNG: copy or download it again"));
     }
 
     #[test]
@@ -371,7 +370,7 @@ mod tests {
             let whole = std::fs::read(folder.join(name)).expect("the fixture");
             for missing in [2, 20, whole.len() / 2] {
                 let what = said(whole[..whole.len() - missing].to_vec());
-                assert!(what.ends_with("the file is no whole JPEG: copy or download it again"), "{name}: {what}");
+                assert!(what.ends_with("the file is not a complete JPEG: copy or download it again"), "{name}: {what}");
             }
         }
     }

@@ -125,7 +125,7 @@ fn partners(files: &[Match], others: &[Match], (what, other): (&str, &str)) -> R
     let (count, of_others) = (files.len(), others.len());
     if count != of_others {
         let what = format!(
-            "{count} {what} and {of_others} {other} files have no name in common (the first are {} and {}): it cannot be told which lack their partner",
+            "{count} {what} and {of_others} {other} files have no name in common (the first are {} and {}): it is unknown which lack their partner",
             files[0].path.display(),
             others[0].path.display()
         );
@@ -157,8 +157,8 @@ fn by_key(files: &[Match], others: &[Match], key: impl Fn(&Match) -> String) -> 
     let keys: BTreeMap<String, usize> = others.iter().enumerate().map(|(at, of)| (key(of), at)).collect();
     let own: Vec<String> = files.iter().map(&key).collect();
     let distinct = own.iter().collect::<BTreeSet<_>>().len() == files.len() && keys.len() == others.len();
-    let of: Vec<Option<usize>> = own.iter().map(|key| keys.get(key).copied()).collect();
-    (distinct && of.iter().any(Option::is_some)).then_some(of)
+    let partners: Vec<Option<usize>> = own.iter().map(|key| keys.get(key).copied()).collect();
+    (distinct && partners.iter().any(Option::is_some)).then_some(partners)
 }
 
 /// The first file whose number is nearer to another file than to its partner by order.
@@ -188,7 +188,7 @@ pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
     let at = |line: usize, what: String| Fault::new(format!("{}:{line}: {what}", list.display()));
     let bytes = regular_file::read(list, MOST_BYTES)
         .map_err(|error| Fault::new(format!("failed to read {}", list.display())).because(error).remedy(LIST))?;
-    let text = String::from_utf8(bytes).map_err(|_| at(1, "the list is no UTF-8 text".to_owned()).remedy(LIST))?;
+    let text = String::from_utf8(bytes).map_err(|_| at(1, "the list is not UTF-8 text".to_owned()).remedy(LIST))?;
     let text = text.trim_start_matches('\u{feff}');
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let (line, header) = lines.next().ok_or_else(|| at(1, "the list is empty".to_owned()).remedy(LIST))?;
@@ -196,9 +196,9 @@ pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
     let mut places: BTreeMap<&str, usize> = BTreeMap::new();
     for (place, name) in columns.iter().enumerate() {
         let known = COLUMNS.into_iter().find(|known| name.trim().eq_ignore_ascii_case(known));
-        let known = known.ok_or_else(|| at(line + 1, format!("`{name}` is no column of a list")).remedy(LIST))?;
+        let known = known.ok_or_else(|| at(line + 1, format!("`{name}` is not a column of a list")).remedy(LIST))?;
         if places.insert(known, place).is_some() {
-            return Err(at(line + 1, format!("the column `{known}` stands there twice")).remedy(LIST));
+            return Err(at(line + 1, format!("the column `{known}` appears twice")).remedy(LIST));
         }
     }
     if let Some(missing) = ["left", "right"].into_iter().find(|name| !places.contains_key(name)) {
@@ -214,7 +214,7 @@ pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
                 row.right = row.right.map_err(placed);
                 row.truth = row.truth.map_err(placed);
                 if let Some(first) = seen.insert(row.id.clone(), line) {
-                    let what = format!("the frame `{}` stands in line {first} already", row.id);
+                    let what = format!("the frame `{}` is in line {first} already", row.id);
                     pairs.faults.push(
                         at(line, what).remedy("a frame is taken once: give each its own name in a column `frame`"),
                     );
@@ -291,7 +291,7 @@ mod tests {
         let order = paired(&["a", "b"], &["c", "d"]).unwrap();
         assert_eq!(order.of, [Some(0), Some(1)]);
         assert!(order.warning.unwrap().ends_with("in their order: a.png with c.png, ..., b.png with d.png"));
-        assert!(paired(&["a", "b"], &["c"]).unwrap_err().contains("it cannot be told which lack their partner"));
+        assert!(paired(&["a", "b"], &["c"]).unwrap_err().contains("it is unknown which lack their partner"));
     }
 
     #[test]

@@ -288,7 +288,7 @@ fn list(params: &KittiRaw) -> Result<Listing, Fault> {
 fn depth(scan: &File, projection: &[f64; 12], size: (u32, u32), rule: Rule) -> Result<Depth, Fault> {
     let (points, rest) = scan.bytes.as_chunks::<16>();
     if !rest.is_empty() {
-        let what = format!("{} bytes are no whole number of points of 16 bytes", scan.bytes.len());
+        let what = format!("{} bytes are not a whole number of points of 16 bytes", scan.bytes.len());
         return Err(scan.fault(what).remedy("the scan was cut short: copy or unpack it again"));
     }
     let points = points.iter().map(|point| {

@@ -19,7 +19,7 @@ pub(crate) struct Stems {
 }
 
 impl Stems {
-    pub(crate) fn of(split: &Path, folder: &'static str, layout: &str) -> Result<Self, Fault> {
+    pub(crate) fn list(split: &Path, folder: &'static str, layout: &str) -> Result<Self, Fault> {
         let (mut stems, mut others) = (BTreeSet::new(), Vec::new());
         for path in entries(&split.join(folder), layout)? {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

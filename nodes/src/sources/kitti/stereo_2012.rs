@@ -88,7 +88,7 @@ with `disparities: true` the disparities are given too. The truth is that of the
         let folder = params.root.path().join(params.split.folder());
         existing_folder(&folder, LAYOUT)?;
         let [left, right] = image_folders(params.cameras);
-        let lefts = Stems::of(&folder, left, LAYOUT)?;
+        let lefts = Stems::list(&folder, left, LAYOUT)?;
         let known = lefts.known(&folder, LAYOUT)?;
         // The selected ground truth must exist; of disparities for `score/disparity` those that exist are given.
         let is_given = |part: &Part| depth == Some(*part) || (disparities && folder.join(part).is_dir());

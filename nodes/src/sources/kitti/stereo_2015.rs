@@ -91,7 +91,7 @@ baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 
     fn list(params: &KittiStereo2015Params) -> Result<(Listing, Self), Fault> {
         existing_folder(params.root.path(), LAYOUT)?;
         let folder = params.root.path().join(params.split.folder());
-        let lefts = Stems::of(&folder, "image_2", LAYOUT)?;
+        let lefts = Stems::list(&folder, "image_2", LAYOUT)?;
         let known = lefts.known(&folder, LAYOUT)?;
         let is_given =
             |part: &Part| params.disparities && params.split == Split::Training && folder.join(part).is_dir();
@@ -162,16 +162,16 @@ impl KittiStereo2015 {
     fn companions(&self) -> Result<Companions, Fault> {
         let mut companions = vec![(
             RIGHT,
-            Stems::of(&self.folder, "image_3", LAYOUT)?,
+            Stems::list(&self.folder, "image_3", LAYOUT)?,
             "each left image needs its right one, of the same name (KITTI: unpack data_scene_flow.zip again)",
         )];
         if let Some(truth) = self.truth.depth {
             let remedy = "without truth, or with another, say so: `truth: noc`, `occ` or `none` (KITTI: unpack data_scene_flow.zip again)";
-            companions.push((truth, Stems::of(&self.folder, truth, remedy)?, remedy));
+            companions.push((truth, Stems::list(&self.folder, truth, remedy)?, remedy));
         }
         for part in self.evaluation.iter().copied().filter(|part| Some(*part) != self.truth.depth) {
             let remedy = "each frame needs its files, or the whole folder away: what is not there is not given";
-            companions.push((part, Stems::of(&self.folder, part, LAYOUT)?, remedy));
+            companions.push((part, Stems::list(&self.folder, part, LAYOUT)?, remedy));
         }
         Ok(companions)
     }

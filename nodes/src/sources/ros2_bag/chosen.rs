@@ -10,7 +10,7 @@ use crate::sources::ros2_bag::params::Ros2BagParams;
 pub(super) struct Chosen<'a>(pub Vec<(Part, &'a Topic, Form)>);
 
 impl<'a> Chosen<'a> {
-    pub(super) fn of(bag: &'a Bag, params: &Ros2BagParams) -> Result<Self, Fault> {
+    pub(super) fn select(bag: &'a Bag, params: &Ros2BagParams) -> Result<Self, Fault> {
         let (left, right) = pair(bag, params)?;
         let camera = |named: &Option<String>, image: &Topic, parameter: &str| match named {
             Some(name) => bag.topic(name),
@@ -65,7 +65,7 @@ impl<'a> Chosen<'a> {
     }
 
     pub(super) fn position(&self, part: Part) -> Option<usize> {
-        self.0.iter().position(|(of, _, _)| *of == part)
+        self.0.iter().position(|(other, ..)| *other == part)
     }
 }
 

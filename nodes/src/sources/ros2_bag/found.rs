@@ -1,6 +1,6 @@
 //! Which messages of a bag make a frame.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use depthloom_bags::pace::Pace;
 use depthloom_bags::stamps::{Stamped, by_header, by_log, seconds};
@@ -15,28 +15,28 @@ use crate::sources::ros2_bag::params::{BagClock, Ros2BagParams};
 /// Partners may be recorded this much outside the requested range.
 const MARGIN_NS: u64 = 1_000_000_000;
 
-pub(super) struct Found {
+pub(super) struct MatchedFrames {
     pub frames: Vec<Frame>,
     pub messages: Vec<Vec<(Part, Message)>>,
     pub warnings: Vec<String>,
     pub facts: Vec<Fact>,
 }
 
-impl Found {
-    pub(super) fn of(bag: &Bag, chosen: &Chosen<'_>, params: &Ros2BagParams) -> Result<Self, Fault> {
+impl MatchedFrames {
+    pub(super) fn find(bag: &Bag, chosen: &Chosen<'_>, params: &Ros2BagParams) -> Result<Self, Fault> {
         let names: Vec<&Topic> = chosen.0.iter().map(|(_, topic, _)| *topic).collect();
         let mut all = bag.messages(&names)?;
         if let Some(empty) = all.iter().position(Vec::is_empty) {
             return Err(Fault::new(format!("{} has no message of {}", bag.path().display(), names[empty].name))
                 .remedy("was the recorder stopped at once, or the bag cut off?"));
         }
-        let range = Range::of(all[0][0].log_ns.min(all[1][0].log_ns), params);
+        let range = Range::new(all[0][0].log_ns.min(all[1][0].log_ns), params);
         let last = all[0].last().map_or(0, |message| message.log_ns);
         for ((part, _, _), messages) in chosen.0.iter().zip(&mut all) {
             match part {
                 Part::Left => messages.retain(|message| range.holds(message)),
                 Part::LeftInfo | Part::RightInfo => {
-                    // Cameras may have spoken once, long before.
+                    // Camera infos may have been published once, long before.
                     let before = messages.partition_point(|message| message.log_ns < range.start_ns);
                     let last = messages[before.saturating_sub(1)];
                     messages.retain(|message| range.is_near(message));
@@ -55,36 +55,18 @@ impl Found {
                 Fault::new(what).remedy(format!("its last image was recorded {length} s after the first of all"))
             );
         }
-        let mut stamped: Vec<Vec<Stamped>> = Vec::with_capacity(all.len());
-        for ((_, topic, form), messages) in chosen.0.iter().zip(&all) {
-            let (times, twice) = match params.clock {
-                BagClock::Header => by_header(bag, topic, *form, messages)?,
-                BagClock::Log => by_log(messages),
-            };
-            if twice > 0 {
-                warnings.push(format!(
-                    "{twice} messages of {} repeat the time of another: the one recorded first is taken",
-                    topic.name
-                ));
-            }
-            let unset = times.first().filter(|first| first.stamp_ns == 0 && times.len() + twice > 1).map(|_| twice + 1);
-            if let (Some(_), false) = (unset, topic_is_camera(chosen, topic)) {
-                let path = bag.path().display();
-                let what = format!("{path}: messages of {} have no time in their headers (0)", topic.name);
-                return Err(Fault::new(what).remedy("`clock: log` takes the time when they were recorded"));
-            }
-            stamped.push(times);
-        }
-        let times: Vec<Vec<u64>> = stamped.iter().map(|of| of.iter().map(|of| of.stamp_ns).collect()).collect();
+        let stamped = stamp(bag, chosen, &all, &params.clock, &mut warnings)?;
+        let times: Vec<Vec<u64>> =
+            stamped.iter().map(|topic| topic.iter().map(|message| message.stamp_ns).collect()).collect();
         let tolerance_ns = (params.tolerance_ms * 1e6).round() as u64;
         let found = pairs::pairs(&times[0], &times[1], tolerance_ns);
         if found.is_empty() {
             return Err(nothing_near(bag, [names[0], names[1]], [&times[0], &times[1]], params));
         }
-        let paired: std::collections::HashSet<usize> = found.iter().map(|(_, right)| *right).collect();
-        let alone =
-            stamped[1].iter().enumerate().filter(|(at, of)| range.holds(&of.message) && !paired.contains(at)).count();
-        let rights = stamped[1].iter().filter(|of| range.holds(&of.message)).count();
+        let paired: HashSet<usize> = found.iter().map(|(_, right)| *right).collect();
+        let in_range: Vec<bool> = stamped[1].iter().map(|right| range.holds(&right.message)).collect();
+        let rights = in_range.iter().filter(|is_in| **is_in).count();
+        let alone = in_range.iter().enumerate().filter(|(at, is_in)| **is_in && !paired.contains(at)).count();
         let lefts = times[0].len();
         if lefts > found.len() || alone > 0 {
             warnings.push(format!(
@@ -122,13 +104,42 @@ impl Found {
             messages.push(of_frame);
         }
         for (topic, count) in without_truth {
-            let of = frames.len();
-            let within = params.tolerance_ms;
-            warnings
-                .push(format!("{count} of {of} frames have no message of {topic} within {within} ms, and so no truth"));
+            let (all, within) = (frames.len(), params.tolerance_ms);
+            warnings.push(format!(
+                "{count} of {all} frames have no message of {topic} within {within} ms, and so no truth"
+            ));
         }
         Ok(Self { frames, messages, warnings, facts })
     }
+}
+
+/// The messages of each topic with their times. Of several with one time the first recorded is used.
+fn stamp(
+    bag: &Bag,
+    chosen: &Chosen<'_>,
+    messages: &[Vec<Message>],
+    clock: &BagClock,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Vec<Stamped>>, Fault> {
+    let mut stamped = Vec::with_capacity(messages.len());
+    for ((part, topic, form), messages) in chosen.0.iter().zip(messages) {
+        let (times, repeated) = match clock {
+            BagClock::Header => by_header(bag, topic, *form, messages)?,
+            BagClock::Log => by_log(messages),
+        };
+        let name = &topic.name;
+        if repeated > 0 {
+            let what = "repeat the time of another: the one recorded first is taken";
+            warnings.push(format!("{repeated} messages of {name} {what}"));
+        }
+        let is_unset = times.first().is_some_and(|first| first.stamp_ns == 0) && times.len() + repeated > 1;
+        if is_unset && !part.is_camera() {
+            let what = format!("{}: messages of {name} have no time in their headers (0)", bag.path().display());
+            return Err(Fault::new(what).remedy("`clock: log` takes the time when they were recorded"));
+        }
+        stamped.push(times);
+    }
+    Ok(stamped)
 }
 
 fn facts(
@@ -158,10 +169,6 @@ fn facts(
     vec![ticks(0, "left"), ticks(1, "right"), Fact { label: "pairs", text }]
 }
 
-fn topic_is_camera(chosen: &Chosen<'_>, topic: &Topic) -> bool {
-    chosen.0.iter().any(|(part, of, _)| part.is_camera() && of.name == topic.name)
-}
-
 fn nothing_near(bag: &Bag, [left, right]: [&Topic; 2], [lefts, rights]: [&[u64]; 2], params: &Ros2BagParams) -> Fault {
     let what = format!(
         "{}: no image of {} has one of {} within {} ms",
@@ -171,7 +178,7 @@ fn nothing_near(bag: &Bag, [left, right]: [&Topic; 2], [lefts, rights]: [&[u64];
         params.tolerance_ms
     );
     let apart = lefts.iter().filter_map(|time| Some(rights[pairs::nearest(rights, *time)?].abs_diff(*time))).min();
-    let told = match apart {
+    let remedy = match apart {
         Some(ns) if ns < 1_000_000_000 => {
             format!(
                 "the nearest two are {:.3} ms apart: a larger `tolerance_ms` takes them, if the scene does not move",
@@ -184,7 +191,7 @@ fn nothing_near(bag: &Bag, [left, right]: [&Topic; 2], [lefts, rights]: [&[u64];
         ),
         None => "there is no image of the right camera in the range".to_owned(),
     };
-    Fault::new(what).remedy(told)
+    Fault::new(what).remedy(remedy)
 }
 
 struct Range {
@@ -194,7 +201,7 @@ struct Range {
 }
 
 impl Range {
-    fn of(origin_ns: u64, params: &Ros2BagParams) -> Self {
+    fn new(origin_ns: u64, params: &Ros2BagParams) -> Self {
         let after = |s: f64| origin_ns.saturating_add((s * 1e9) as u64);
         Self { origin_ns, start_ns: after(params.start_s), end_ns: params.end_s.map_or(u64::MAX, after) }
     }

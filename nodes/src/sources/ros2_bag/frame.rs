@@ -11,11 +11,12 @@ use depthloom_bags::{Form, Sort, message_fault};
 use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::values::{Calibration, Depth, Image, Pixels, Raster};
 use depthloom_graphs::{Context, Fault, Key, Outputs};
-use depthloom_kernels::rectify::{Camera, Interpolation, Lens, Map, View};
+use depthloom_kernels::rectify::{Camera, Interpolation, Map, View};
 use depthloom_kernels::velodyne::{Rule, depth_from_points};
 use depthloom_threads::locked;
 
 use crate::shape::filled;
+use crate::sources::calibration::camera_files::lens;
 use crate::sources::calibration::rectified_pair;
 use crate::sources::calibration::rectifier::rectified;
 use crate::sources::files::image_file;
@@ -65,7 +66,7 @@ impl Part {
 }
 
 /// R below this angle is not worth a warning, degrees: a sixth of a pixel at 1000 px.
-const TURN_TOLD_DEGREES: f64 = 0.01;
+const REPORTED_TURN_DEGREES: f64 = 0.01;
 
 #[derive(Debug)]
 pub(super) struct Messages {
@@ -79,7 +80,7 @@ impl Messages {
     }
 
     fn get(&self, part: Part) -> Option<&[u8]> {
-        self.parts.iter().find(|(of, _)| *of == part).map(|(_, bytes)| &**bytes)
+        self.parts.iter().find(|(other, _)| *other == part).map(|(_, bytes)| &**bytes)
     }
 
     fn the(&self, part: Part) -> Result<&[u8], Fault> {
@@ -143,7 +144,7 @@ impl Reading {
             .number(self.points_rotation as u64);
         for Read { part, topic, form } in &self.topics {
             let Some(bytes) = messages.get(*part) else { continue };
-            // Of a topic's name it matters what it says of its images.
+            // A topic's name matters only for whether its images are rectified.
             let says_rectified = depthloom_bags::topics::is_rectified(topic);
             key = key.text(part.parameter()).text(&format!("{form:?} {says_rectified}")).bytes(bytes);
         }
@@ -165,13 +166,13 @@ impl Reading {
     }
 
     fn topic(&self, part: Part) -> Result<&Read, Fault> {
-        let found = self.topics.iter().find(|of| of.part == part);
+        let found = self.topics.iter().find(|topic| topic.part == part);
         found.ok_or_else(|| Fault::new(format!("the frame has no topic of its part `{}`", part.parameter())))
     }
 
     /// The left camera's info if the right camera has none and the baseline is given.
     fn right_info(&self) -> Part {
-        let has_own = self.topics.iter().any(|of| of.part == Part::RightInfo);
+        let has_own = self.topics.iter().any(|topic| topic.part == Part::RightInfo);
         if has_own { Part::RightInfo } else { Part::LeftInfo }
     }
 
@@ -192,7 +193,7 @@ impl Reading {
         let cameras = self.cameras(messages)?;
         let left = self.image_header(messages, Part::Left)?;
         self.image_header(messages, Part::Right)?;
-        if self.topics.iter().any(|of| of.part == Part::Depth) && cameras.is_raw {
+        if self.topics.iter().any(|topic| topic.part == Part::Depth) && cameras.is_raw {
             warnings.push(
                 "the images are rectified here, and the depths are taken as registered to the rectified left one"
                     .to_owned(),
@@ -201,7 +202,7 @@ impl Reading {
         if messages.get(Part::Points).is_some() {
             self.projection(messages, &cameras, &left)?;
             let turn = cameras.infos[0].rotation_degrees();
-            if !cameras.is_raw && self.points_rotation == PointRotation::Auto && turn > TURN_TOLD_DEGREES {
+            if !cameras.is_raw && self.points_rotation == PointRotation::Auto && turn > REPORTED_TURN_DEGREES {
                 warnings.push(format!(
                     "R of {} turns by {turn:.2} degrees, and points are projected without it, as image_geometry does: `points_rotation: always` \
                      if the frame `{left}` is the camera's as it is mounted, `never` if it is the rectified camera's",
@@ -334,7 +335,7 @@ impl Reading {
         let camera = if left_frame.is_empty() { &info.header.frame_id } else { left_frame };
         let transforms = self.transforms.as_ref().ok_or_else(|| Fault::new("points without transforms"))?;
         let camera_from_points = transforms.between(camera, &cloud).map_err(|what| {
-            let topic = &self.topic(Part::Points).map_or("points", |of| &of.topic);
+            let topic = &self.topic(Part::Points).map_or("points", |read| &read.topic);
             Fault::new(format!("{}: {topic} cannot be projected: {what}", self.path.display()))
                 .remedy("record /tf_static too (latched, from the start): it must lead from the scanner's frame to the camera's optical one")
         })?;
@@ -351,7 +352,7 @@ impl Reading {
     fn cameras(&self, messages: &Messages) -> Result<Cameras, Fault> {
         let left = self.decoded(messages, Part::LeftInfo, camera_info)?;
         let right = self.decoded(messages, self.right_info(), camera_info)?;
-        let says_rectified = |part| self.topic(part).map(|of| depthloom_bags::topics::is_rectified(&of.topic));
+        let says_rectified = |part| self.topic(part).map(|read| depthloom_bags::topics::is_rectified(&read.topic));
         let is_raw = match self.rectified {
             Some(rectified) => !rectified,
             None => {
@@ -365,7 +366,7 @@ impl Reading {
             ));
         }
         let cameras = Cameras { infos: [left, right], is_raw };
-        // A camera that nobody has calibrated is told as that, not by what follows from it.
+        // Reports an uncalibrated camera as such, before faults that follow from it.
         cameras.calibration(cameras.infos[0].image_size(), self)?;
         Ok(cameras)
     }
@@ -373,10 +374,10 @@ impl Reading {
     fn maps(&self, cameras: &Cameras, size: (u32, u32)) -> Result<Arc<[Map; 2]>, Fault> {
         let numbers: Vec<u64> =
             cameras.infos.iter().flat_map(numbers_of).chain([size.0.into(), size.1.into()]).collect();
-        // Who comes meanwhile waits for the maps that they want, too.
-        let mut kept = locked(&self.maps);
-        if let Some((of, maps)) = &*kept
-            && *of == numbers
+        // Concurrent callers wait: they want the same maps.
+        let mut latest = locked(&self.maps);
+        if let Some((known, maps)) = &*latest
+            && *known == numbers
         {
             return Ok(Arc::clone(maps));
         }
@@ -389,7 +390,7 @@ impl Reading {
             Ok::<_, Fault>(Map::new(&camera, &view, size, Interpolation::Float))
         };
         let maps = Arc::new([map(&cameras.infos[0], Part::LeftInfo)?, map(&cameras.infos[1], Part::RightInfo)?]);
-        *kept = Some((numbers, Arc::clone(&maps)));
+        *latest = Some((numbers, Arc::clone(&maps)));
         Ok(maps)
     }
 }
@@ -422,7 +423,7 @@ impl Cameras {
 fn numbers_of(info: &CameraInfo) -> impl Iterator<Item = u64> {
     let (k, p) = (info.intrinsics(), info.projection());
     let model = info.distortion_model.bytes().map(u64::from);
-    let numbers: Vec<u64> = info.d.iter().chain(&k).chain(&info.r).chain(&p).map(|of| of.to_bits()).collect();
+    let numbers: Vec<u64> = info.d.iter().chain(&k).chain(&info.r).chain(&p).map(|number| number.to_bits()).collect();
     model.chain(numbers)
 }
 
@@ -434,27 +435,16 @@ fn lens_and_view(info: &CameraInfo) -> Result<(Camera, View), String> {
     let rotation = [[r[0], r[1], r[2]], [r[3], r[4], r[5]], [r[6], r[7], r[8]]];
     let is_turn = (0..3).all(|a| {
         (0..3).all(|b| {
-            let product: f64 = (0..3).map(|of| rotation[a][of] * rotation[b][of]).sum();
+            let product: f64 = (0..3).map(|k| rotation[a][k] * rotation[b][k]).sum();
             (product - f64::from(u8::from(a == b))).abs() < 1e-3
         })
     });
     if !is_turn {
-        return Err("R is no rotation".to_owned());
+        return Err("R is not a rotation".to_owned());
     }
-    let coefficient = |at: usize| info.d.get(at).copied().unwrap_or(0.0);
-    let most = |count: usize| info.d.iter().skip(count).all(|of| *of == 0.0);
-    let lens = match info.distortion_model.as_str() {
-        "equidistant" | "fisheye" | "kannala_brandt" if most(4) => Lens::Equidistant(std::array::from_fn(coefficient)),
-        "" | "none" | "plumb_bob" | "rational_polynomial" if most(8) => {
-            Lens::Polynomial(std::array::from_fn(coefficient))
-        }
-        model => {
-            return Err(format!(
-                "its distortion is `{model}` with {} coefficients, which is not taken out",
-                info.d.len()
-            ));
-        }
-    };
+    // An empty name with coefficients is that of older drivers.
+    let model = if info.distortion_model.is_empty() { "plumb_bob" } else { &info.distortion_model };
+    let lens = lens(model, &info.d)?;
     let camera = Camera { focal_px: [k[0], k[4]], centre_px: [k[2], k[5]], lens };
     let view = View { rotation, focal_px: [p[0], p[5]], centre_px: [p[2], p[6]] };
     Ok((camera, view))

@@ -1,4 +1,4 @@
-//! What an experiment says of a bag.
+//! Parameters of `ros2/bag`.
 
 use depthloom_graphs::contracts::{DataPath, FrameSelection};
 use schemars::JsonSchema;

@@ -1,4 +1,4 @@
-//! Bags by their files, and the parameters that make one a source: the topics of cameras and truth, by name and by their first message.
+//! Recognises bags, and suggests their topics by name and first message.
 
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
     }
     match Bag::open(root) {
         Ok(bag) if is_of_ours(&bag) => Vec::new(),
-        Ok(bag) => vec![Suggestion::of(&bag).recognised(&bag)],
+        Ok(bag) => vec![Suggestion::for_bag(&bag).recognised(&bag)],
         Err(_) if is_bag && !is_written_by_us(root) => {
             let name = root.file_name().unwrap_or(root.as_os_str()).to_string_lossy();
             vec![Recognised::new(format!("{name}, a bag that cannot be opened"), json!({ "path": root }))]
@@ -67,7 +67,7 @@ struct Left {
 }
 
 impl Suggestion {
-    fn of(bag: &Bag) -> Self {
+    fn for_bag(bag: &Bag) -> Self {
         let mut found = Self::default();
         let pairs = topics::stereo_pairs(bag);
         let Some((&(left, right), others)) = pairs.split_first() else {
@@ -116,7 +116,7 @@ impl Suggestion {
 
     /// Takes the first topic that fits the left image; the others become alternatives with what contradicts them.
     fn truths(&mut self, bag: &Bag, pair: [&Topic; 2], left: Option<&Left>) {
-        let is_other = |topic: &&Topic| pair.iter().all(|of| of.name != topic.name);
+        let is_other = |topic: &&Topic| pair.iter().all(|image| image.name != topic.name);
         let mut fitting: Vec<(&'static str, &Topic)> = Vec::new();
         for topic in bag.topics().iter().filter(is_other).take(MOST_LOOKED_AT) {
             let Some((parameter, against)) = truth(bag, topic, left) else { continue };
@@ -158,8 +158,8 @@ fn first(bag: &Bag, topic: &Topic) -> Option<std::sync::Arc<[u8]>> {
 fn frame_of(bag: &Bag, topic: &Topic) -> Option<String> {
     let (form, bytes) = (Form::of(topic).ok()?, first(bag, topic)?);
     let header: Result<Header, ErrorMessage> = match form.sort {
-        Sort::PointCloud => point_cloud(form, &bytes).map(|of| of.header),
-        _ => image(form, &bytes).map(|of| of.header),
+        Sort::PointCloud => point_cloud(form, &bytes).map(|message| message.header),
+        _ => image(form, &bytes).map(|message| message.header),
     };
     header.ok().map(|header| header.frame_id)
 }
@@ -183,7 +183,7 @@ fn truth(bag: &Bag, topic: &Topic, left: Option<&Left>) -> Option<(&'static str,
     let message = image(form, &bytes).ok()?;
     let size = match &message.content {
         ImageContent::Raw(raw) if matches!(raw.encoding, "16UC1" | "32FC1") => Some((raw.width, raw.height)),
-        ImageContent::Compressed(of) if of.format.contains("compressedDepth") => None,
+        ImageContent::Compressed(image) if image.format.contains("compressedDepth") => None,
         _ => return None,
     };
     let frame = &message.header.frame_id;

@@ -23,7 +23,7 @@ impl<'a> Document<'a> {
             let (size, most) = (bytes.len() >> 10, MOST_BYTES >> 10);
             return Err(fault(format!("the file has {size} KiB, and a calibration at most {most}")));
         }
-        let text = std::str::from_utf8(bytes).map_err(|_| fault("the file is no text".to_owned()))?;
+        let text = std::str::from_utf8(bytes).map_err(|_| fault("the file is not text".to_owned()))?;
         let text = text.trim_start_matches('\u{feff}');
         let root = match text.trim_start().chars().next() {
             Some('<') => xml(text),
@@ -76,13 +76,14 @@ impl<'a> Document<'a> {
     pub(super) fn numbers(&self, name: &str, value: &Json) -> Result<Vec<f64>, Fault> {
         let wrong = |what: String| self.fault(format!("`{name}` {what}")).remedy(FORMS);
         let value = match value {
-            Json::Object(map) => {
-                map.get("data").ok_or_else(|| wrong("is no list of numbers, nor a matrix with `data`".to_owned()))?
-            }
+            Json::Object(map) => map
+                .get("data")
+                .ok_or_else(|| wrong("is neither a list of numbers nor a matrix with `data`".to_owned()))?,
             other => other,
         };
         let mut numbers = Vec::new();
-        flatten(value, &mut numbers).map_err(|found| wrong(format!("holds `{found}`, which is no finite number")))?;
+        flatten(value, &mut numbers)
+            .map_err(|found| wrong(format!("holds `{found}`, which is not a finite number")))?;
         Ok(numbers)
     }
 
@@ -100,7 +101,7 @@ impl<'a> Document<'a> {
         let is_one = |of: f64| of.fract() == 0.0 && (1.0..=1e6).contains(&of);
         match is_one(width) && is_one(height) {
             true => Ok((width as u32, height as u32)),
-            false => Err(self.fault(format!("images of {width}x{height} pixels there are none")).remedy(FORMS)),
+            false => Err(self.fault(format!("{width}x{height} is not the size of an image")).remedy(FORMS)),
         }
     }
 
@@ -256,7 +257,7 @@ mod tests {
         assert!(said("a: 1\na: 2\n").contains("camera.yml: "));
         let of = parsed("a: [1, .nan]\nb: [1, x]\nc: true\n").unwrap();
         for name in ["a", "b", "c"] {
-            assert!(of.list(&[name]).unwrap_err().to_string().contains("which is no finite number"), "{name}");
+            assert!(of.list(&[name]).unwrap_err().to_string().contains("which is not a finite number"), "{name}");
         }
     }
 }

@@ -1,5 +1,5 @@
-//! OpenCV's `FileStorage` of a stereo calibration, under the names of its own samples (`stereo_calib`: intrinsics.yml and extrinsics.yml) and those that
-//! people give: K1, cameraMatrix1, distCoeffs1.
+//! OpenCV's `FileStorage` of a stereo calibration, with the names of its samples (intrinsics.yml, extrinsics.yml) and other
+//! common ones: K1, cameraMatrix1, distCoeffs1.
 
 use depthloom_graphs::Fault;
 

@@ -1,4 +1,4 @@
-//! ROS' `camera_info` YAML (`camera_calibration_parsers`), a file a camera; and a printed `sensor_msgs/CameraInfo`, which has other names.
+//! ROS' `camera_info` YAML (`camera_calibration_parsers`), one file per camera, or a printed `sensor_msgs/CameraInfo`.
 
 use depthloom_graphs::Fault;
 
