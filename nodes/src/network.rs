@@ -124,19 +124,20 @@ impl PureNode for OnnxNetwork {
             Fault::new(error.to_string()).remedy("take smaller images, or `fit: resize` with a `size`")
         };
         let mut tensors = Vec::with_capacity(self.params.ports.inputs.len());
-        for ((name, input), (_, axes, planes)) in self.params.ports.inputs.iter().zip(&network.inputs) {
+        for ((name, input), fed) in self.params.ports.inputs.iter().zip(&network.pools.inputs) {
             let planes = match input.value_type {
-                InputType::Image => self.preprocessing(input).planes(inputs.get(name)?, *planes, &fitted, false),
+                InputType::Image => self.preprocessing(input).planes(inputs.get(name)?, fed.planes, &fitted, false),
                 _ => maps::plane(inputs, name, input, &fitted, self.params.pad_with)?.map(|plane| vec![plane]),
             };
             let mut tensor = Vec::new();
-            axes.laid_out(&planes.map_err(too_large)?, &mut tensor);
+            fed.axes.laid_out(&planes.map_err(too_large)?, &mut tensor);
             tensors.push(tensor);
         }
         let tensors: Vec<&[f32]> = tensors.iter().map(Vec::as_slice).collect();
-        let given = network.pool(fitted.to)?.run(&tensors)?;
+        let given = network.pools.get(fitted.to)?.run(&tensors)?;
         let mut outputs = Outputs::none();
-        for (((name, output), tensor), given) in self.params.ports.outputs.iter().zip(&network.outputs).zip(given) {
+        for (((name, output), tensor), given) in self.params.ports.outputs.iter().zip(&network.pools.outputs).zip(given)
+        {
             let map = onnx::map_of(given, tensor, (1, fitted.to), output.head, output.layout)?;
             let map = fitted.map_back(map.values, map.size).map_err(too_large)?;
             let seen = count_non_finite(&map);

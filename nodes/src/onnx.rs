@@ -25,7 +25,8 @@ pub use engine::Engine;
 pub use model::{Description, Tensor};
 pub use provider::Provider;
 
-/// Reads what an ONNX file declares, as `mono/onnx` does before it hands the file to an engine: for tests of strangers' bytes.
+/// Reads what an ONNX file declares, as `mono/onnx` does before it hands the file to an engine: for tests of strangers'
+/// bytes.
 ///
 /// # Errors
 /// Why it is not an ONNX file.
@@ -52,7 +53,7 @@ pub(crate) use fit::{Fit, Fitted, PadAt, PadWith, Sizes};
 pub(crate) use flip::Flip;
 pub(crate) use network::Network;
 pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout, check_preprocessing, check_resize};
-pub(crate) use pool::{CachedNetwork, Pool, Pools, declared, engine_key};
+pub(crate) use pool::{CachedNetwork, PoolInput, Pools, declared, engine_key};
 pub(crate) use preprocessing::Preprocessing;
 pub use shapes::shape_text;
 pub(crate) use shapes::{Axes, Maps, batch, count_non_finite, map_of, map_output, outlet, planes, sizes};

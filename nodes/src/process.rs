@@ -1,4 +1,5 @@
-//! `process` and `process/source`: nodes and sources in any language, as programs that are called over their standard streams.
+//! `process` and `process/source`: nodes and sources in any language, as programs that are called over their standard
+//! streams.
 
 #[cfg(unix)]
 mod child;

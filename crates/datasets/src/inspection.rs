@@ -1,5 +1,5 @@
-//! What images, calibration and truth of a frame say of each other: mistakes in data that every reader accepts and no score survives. Nothing of an
-//! experiment is computed.
+//! Contradictions between images, calibration and ground truth of a frame, which readers accept and metrics do not
+//! show.
 
 mod pair;
 mod reduced;
@@ -22,18 +22,19 @@ pub struct Contradiction {
     pub remedy: &'static str,
 }
 
-/// Looks at a frame of a source with these ports: at `left`, `right`, `calibration` and its true depths, as far as they are there.
+/// Looks at a frame of a source with these ports: at `left`, `right`, `calibration` and its true depths, as far as they
+/// are there.
 #[must_use]
 pub fn inspect(ports: &[Port], values: &[Option<Value>]) -> Vec<Contradiction> {
-    let of = |name: &str| {
+    let value = |name: &str| {
         let at = ports.iter().position(|port| port.name == name)?;
         values.get(at)?.as_ref()
     };
-    let image = |name: &str| match of(name) {
+    let image = |name: &str| match value(name) {
         Some(Value::Image(image)) => Some(&**image),
         _ => None,
     };
-    let calibration = match of("calibration") {
+    let calibration = match value("calibration") {
         Some(Value::Calibration(calibration)) => Some(&**calibration),
         _ => None,
     };
@@ -43,12 +44,11 @@ pub fn inspect(ports: &[Port], values: &[Option<Value>]) -> Vec<Contradiction> {
         found.extend(calibration_and_image(calibration, left.dimensions()));
     }
     let right = image("right");
-    let of_pair = left.zip(right).map(|(left, right)| pair::faults(left, right));
-    let (of_pair, votes) = of_pair.unwrap_or_default();
-    found.extend(of_pair);
-    let truths = ports.iter().zip(values).filter_map(|(port, value)| Truth::of(port.name, value.as_ref()?));
+    let (pair_faults, votes) = left.zip(right).map(|(left, right)| pair::faults(left, right)).unwrap_or_default();
+    found.extend(pair_faults);
+    let truths = ports.iter().zip(values).filter_map(|(port, value)| Truth::from_value(port.name, value.as_ref()?));
     let truths: Vec<Truth<'_>> = truths.collect();
-    // A depth is made of the disparity beside it: what is wrong with that is told once, of the depth.
+    // A depth is computed from the disparity beside it: its faults are reported once, for the depth.
     let of_depth = truths.iter().any(Truth::is_depth);
     let is_disparity = truths.iter().any(|of| !of.is_depth());
     for truth in truths.iter().filter(|of| of.is_depth() == of_depth) {

@@ -1,6 +1,7 @@
 //! Writing frames in the layout of KITTI stereo 2015, for any tool that reads that benchmark.
 //!
-//! `<out>/training` receives `image_2`, `image_3`, `disp_occ_0`, `disp_noc_0`, `obj_map` and `calib_cam_to_cam`; the source `kitti/stereo2015`
+//! `<out>/training` receives `image_2`, `image_3`, `disp_occ_0`, `disp_noc_0`, `obj_map` and `calib_cam_to_cam`; the
+//! source `kitti/stereo2015`
 //! reads it back: the same images, and true disparities to half of 1/256 px.
 
 use std::fmt::Write as _;
@@ -15,9 +16,11 @@ use image::ImageFormat;
 
 use depthloom_nodes::sources::{Road, SyntheticRoadParams};
 
-/// Renders the frames of `params` into `<out>/training`; returns how many. `params.truth` does not matter: both truths are written.
+/// Renders the frames of `params` into `<out>/training`; returns how many. `params.truth` does not matter: both truths
+/// are written.
 ///
-/// The folder is written under the name `<out>.partial` and renamed when whole; an unfinished one of an earlier try is removed.
+/// The folder is written under the name `<out>.partial` and renamed when whole; an unfinished one of an earlier try is
+/// removed.
 ///
 /// # Errors
 /// If `out` exists and is not empty, if the host cancels, or if a file cannot be written.

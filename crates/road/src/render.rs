@@ -158,8 +158,8 @@ fn is_lit(scene: &Scene, ray: &Ray, hit: Option<&Hit>) -> bool {
     hit.is_some_and(|hit| scene.is_lit(ray.at(hit.depth), hit))
 }
 
-/// Whether two neighbouring pixels show different surfaces, or the same one in light and in shadow. Leaves before leaves do not count: they are all
-/// edges.
+/// Whether two neighbouring pixels show different surfaces, or the same one in light and in shadow. Leaves before
+/// leaves do not count: they are all edges.
 fn differs(a: &Look, b: &Look) -> bool {
     match (&a.hit, &b.hit) {
         (None, None) => false,

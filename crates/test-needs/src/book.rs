@@ -5,7 +5,8 @@ use std::process::Command;
 
 use crate::{skipped, target};
 
-/// mdBook's program: the one in `target/tools/bin`, or on the PATH; `None`, and the test is skipped, where there is neither.
+/// mdBook's program: the one in `target/tools/bin`, or on the PATH; `None`, and the test is skipped, where there is
+/// neither.
 #[must_use]
 pub fn mdbook(test: &str) -> Option<PathBuf> {
     if !crate::full(test) {

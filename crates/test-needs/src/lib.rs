@@ -2,9 +2,12 @@
 //!
 //! Tests that need more than the reference data belong to the full suite, which runs with `DEPTHLOOM_FULL_TESTS=1`.
 //!
-//! A test that cannot have it is skipped: it passes, says so on the standard error itself (the test harness swallows what a
-//! passing test prints), and [leaves a record](skips) that `tests/skipped.rs`, the last program of `cargo test --workspace`,
-//! counts. Where `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON` or `DEPTHLOOM_REQUIRE_CHROMIUM` is set (and not `0`), it fails instead.
+//! A test that cannot have it is skipped: it passes, says so on the standard error itself (the test harness swallows
+//! what a
+//! passing test prints), and [leaves a record](skips) that `tests/skipped.rs`, the last program of `cargo test
+//! --workspace`,
+//! counts. Where `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON` or `DEPTHLOOM_REQUIRE_CHROMIUM` is set (and not
+//! `0`), it fails instead.
 
 mod book;
 mod chromium;

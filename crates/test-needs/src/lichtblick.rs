@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
 
-use crate::python::told;
+use crate::python::output_of;
 use crate::{target, workspace};
 
-/// A command that looks at a recording with Lichtblick's code: `tests/lichtblick/check.mjs` and its first argument. What it needs of npm lies in
-/// `target/lichtblick-tests`, which the first test that asks makes. Lichtblick itself is in no registry: `DEPTHLOOM_LICHTBLICK` names a checkout. `None`, and
-/// the test is skipped, where that is not set, or there is no Node or no registry.
+/// A command that looks at a recording with Lichtblick's code: `tests/lichtblick/check.mjs` and its first argument.
+/// What it needs of npm lies in `target/lichtblick-tests`, which the first test that asks makes. Lichtblick itself is
+/// in no registry: `DEPTHLOOM_LICHTBLICK` names a checkout. `None`, and the test is skipped, where that is not set, or
+/// there is no Node or no registry.
 #[must_use]
 pub fn lichtblick(test: &str) -> Option<Command> {
     if !crate::full(test) {
@@ -45,7 +46,12 @@ fn installed() -> Result<(PathBuf, PathBuf), String> {
     let wanted = fs::read_to_string(folder.join("package-lock.json")).map_err(failed)?;
     let done = folder.join("installed.json");
     if !fs::read_to_string(&done).is_ok_and(|have| have == wanted) {
-        told(Command::new("npm").current_dir(&folder).args(["ci", "--no-audit", "--no-fund", "--ignore-scripts"]))?;
+        output_of(Command::new("npm").current_dir(&folder).args([
+            "ci",
+            "--no-audit",
+            "--no-fund",
+            "--ignore-scripts",
+        ]))?;
         fs::write(&done, wanted).map_err(failed)?;
     }
     Ok((checkout, folder.join("check.mjs")))

@@ -23,62 +23,53 @@ pub fn system_python(test: &str) -> bool {
     runs
 }
 
-/// The Python of `target/python-tests`, which the first test that asks makes; `None`, and the test is skipped, where there is no Python or no
-/// package index.
+/// The Python of `target/python-tests`, which the first test that asks makes; `None`, and the test is skipped, where
+/// there is no Python or no package index.
 ///
 /// # Panics
 /// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn python(test: &str) -> Option<PathBuf> {
-    if !crate::full(test) {
-        return None;
-    }
-    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match PYTHON.get_or_init(|| environment("python-tests", "requirements.txt")) {
-        Ok(python) => Some(python.clone()),
-        Err(why) => {
-            miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
-            None
-        }
-    }
+    static PYTHON: Made<PathBuf> = OnceLock::new();
+    made(test, &PYTHON, || environment("python-tests", "requirements.txt"))
 }
 
-/// A Python that has the package `python/` as people install it, and the packages of `tests/python/requirements-package.txt`, in `target/package-tests`;
-/// `None`, and the test is skipped, where there is no Python or no package index.
+/// A Python that has the package `python/` as people install it, and the packages of
+/// `tests/python/requirements-package.txt`, in `target/package-tests`; `None`, and the test is skipped, where there is
+/// no Python or no package index.
 ///
 /// # Panics
 /// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set, or the package cannot be installed.
 #[must_use]
 pub fn python_package(test: &str) -> Option<PathBuf> {
-    if !crate::full(test) {
-        return None;
-    }
-    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match PYTHON.get_or_init(|| environment("package-tests", "requirements-package.txt")) {
-        Ok(python) => {
-            static INSTALLED: OnceLock<()> = OnceLock::new();
-            INSTALLED.get_or_init(|| install_package(python).expect("the package can be installed"));
-            Some(python.clone())
-        }
-        Err(why) => {
-            miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
-            None
-        }
-    }
+    static PYTHON: Made<PathBuf> = OnceLock::new();
+    let python = made(test, &PYTHON, || environment("package-tests", "requirements-package.txt"))?;
+    static INSTALLED: OnceLock<()> = OnceLock::new();
+    INSTALLED.get_or_init(|| install_package(&python).expect("the package can be installed"));
+    Some(python)
 }
 
-/// A folder of programs with `dora`, and a `python` that has its library, of `target/dora-tests`; `None`, and the test is skipped, where there is no Python or no package index.
+/// A folder of programs with `dora`, and a `python` that has its library, of `target/dora-tests`; `None`, and the test
+/// is skipped, where there is no Python or no package index.
 ///
 /// # Panics
 /// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn dora(test: &str) -> Option<PathBuf> {
+    static PYTHON: Made<PathBuf> = OnceLock::new();
+    made(test, &PYTHON, || environment("dora-tests", "requirements-dora.txt"))?.parent().map(Path::to_owned)
+}
+
+/// What the first test that needs it makes for the others.
+pub(crate) type Made<T> = OnceLock<Result<T, String>>;
+
+/// `None` outside of the full suite, and if it cannot be made: then the test is skipped.
+pub(crate) fn made<T: Clone>(test: &str, once: &Made<T>, make: impl FnOnce() -> Result<T, String>) -> Option<T> {
     if !crate::full(test) {
         return None;
     }
-    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match PYTHON.get_or_init(|| environment("dora-tests", "requirements-dora.txt")) {
-        Ok(python) => python.parent().map(Path::to_owned),
+    match once.get_or_init(make) {
+        Ok(made) => Some(made.clone()),
         Err(why) => {
             miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
             None
@@ -102,7 +93,7 @@ fn install_package(python: &Path) -> Result<(), String> {
         return Ok(());
     }
     let pip = ["-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation"];
-    told(Command::new(python).args(pip).arg(&package))?;
+    output_of(Command::new(python).args(pip).arg(&package))?;
     fs::write(done, wanted).map_err(failed)
 }
 
@@ -113,7 +104,7 @@ fn install_package(python: &Path) -> Result<(), String> {
 #[must_use]
 pub fn onnx_runtime(test: &str) -> Option<PathBuf> {
     let code = "import onnxruntime, pathlib; print(next((pathlib.Path(onnxruntime.__file__).parent / 'capi').glob('libonnxruntime*.*')))";
-    let output = told(Command::new(python(test)?).args(["-c", code])).expect("the environment has onnxruntime");
+    let output = output_of(Command::new(python(test)?).args(["-c", code])).expect("the environment has onnxruntime");
     Some(PathBuf::from(String::from_utf8(output.stdout).expect("a path of UTF-8").trim()))
 }
 
@@ -129,18 +120,18 @@ pub(crate) fn environment(name: &str, requirements: &str) -> Result<PathBuf, Str
     if fs::read_to_string(&done).is_ok_and(|have| have == wanted) {
         return Ok(python);
     }
-    told(Command::new("python3").args(["-m", "venv", "--clear"]).arg(venv))?;
-    told(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&requirements))?;
+    output_of(Command::new("python3").args(["-m", "venv", "--clear"]).arg(venv))?;
+    output_of(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&requirements))?;
     fs::write(&done, wanted).map_err(|error| format!("{}: {error}", done.display()))?;
     Ok(python)
 }
 
-pub(crate) fn told(command: &mut Command) -> Result<Output, String> {
+pub(crate) fn output_of(command: &mut Command) -> Result<Output, String> {
     let program = command.get_program().to_string_lossy().into_owned();
     let output = command.output().map_err(|error| format!("{program} cannot be run: {error}"))?;
     if output.status.success() {
         return Ok(output);
     }
-    let said = String::from_utf8_lossy(&output.stderr);
-    Err(format!("{program} failed: {}", said.lines().last().unwrap_or_default()))
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    Err(format!("{program} failed: {}", stderr.lines().last().unwrap_or_default()))
 }

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use crate::python::{environment, told};
-use crate::{miss, target};
+use crate::python::{Made, environment, made, output_of};
+use crate::target;
 
 const SYSTEM_DRIVERS: [&str; 2] = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
 
@@ -15,24 +15,16 @@ pub struct Rerun {
     program: PathBuf,
 }
 
-/// Rerun as `tests/python/requirements-rerun.txt` names it, in `target/rerun-tests`, which the first test that asks makes; `None`, and the test is
-/// skipped, where there is no Python or no package index.
+/// Rerun as `tests/python/requirements-rerun.txt` names it, in `target/rerun-tests`, which the first test that asks
+/// makes; `None`, and the test is skipped, where there is no Python or no package index.
 ///
 /// # Panics
 /// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn rerun(test: &str) -> Option<Rerun> {
-    if !crate::full(test) {
-        return None;
-    }
-    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match PYTHON.get_or_init(|| environment("rerun-tests", "requirements-rerun.txt")) {
-        Ok(python) => Some(Rerun { program: python.with_file_name("rerun") }),
-        Err(why) => {
-            miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
-            None
-        }
-    }
+    static PYTHON: Made<PathBuf> = OnceLock::new();
+    let python = made(test, &PYTHON, || environment("rerun-tests", "requirements-rerun.txt"))?;
+    Some(Rerun { program: python.with_file_name("rerun") })
 }
 
 impl Rerun {
@@ -44,8 +36,8 @@ impl Rerun {
         command
     }
 
-    /// Its viewer without a window: on the system's Vulkan, or on Mesa's for machines without a card, which is fetched into
-    /// `target/vulkan-tests` with Debian's tools. `None`, and the test is skipped, where there is neither.
+    /// Its viewer without a window: on the system's Vulkan, or on Mesa's for machines without a card, which is fetched
+    /// into `target/vulkan-tests` with Debian's tools. `None`, and the test is skipped, where there is neither.
     ///
     /// # Panics
     /// Never.
@@ -85,27 +77,26 @@ fn vulkan() -> Result<Option<PathBuf>, String> {
         return Ok(Some(root));
     }
     fs::create_dir_all(&root).map_err(failed)?;
-    let depends = told(Command::new("apt-cache").args(["depends", "mesa-vulkan-drivers"]))?;
+    let depends = output_of(Command::new("apt-cache").args(["depends", "mesa-vulkan-drivers"]))?;
     let depends = String::from_utf8_lossy(&depends.stdout).into_owned();
     // The driver compiles shaders with it.
-    let llvm = depends.split_whitespace().find(|of| of.starts_with("libllvm")).map(str::to_owned);
+    let llvm = depends.split_whitespace().find(|word| word.starts_with("libllvm")).map(str::to_owned);
     let packages = ["mesa-vulkan-drivers", "libvulkan1"].map(str::to_owned).into_iter().chain(llvm);
-    told(Command::new("apt-get").current_dir(&root).arg("download").args(packages))?;
+    output_of(Command::new("apt-get").current_dir(&root).arg("download").args(packages))?;
     for entry in fs::read_dir(&root).map_err(failed)?.flatten() {
         if entry.path().extension().is_some_and(|ending| ending == "deb") {
-            told(Command::new("dpkg").current_dir(&root).arg("-x").arg(entry.path()).arg("."))?;
+            output_of(Command::new("dpkg").current_dir(&root).arg("-x").arg(entry.path()).arg("."))?;
         }
     }
     let of_system = root.join("usr/share/vulkan/icd.d").join(format!("lvp_icd.{}.json", std::env::consts::ARCH));
     let text = fs::read_to_string(&of_system).map_err(failed)?;
-    // The library's name stands there, or its path in a system; here it lies elsewhere.
+    // The manifest has the library's name or its path in a system; here it is elsewhere.
     let library = root.join("usr/lib").join(format!("{}-linux-gnu", std::env::consts::ARCH)).join("libvulkan_lvp.so");
     let line = |line: &str| match line.contains("\"library_path\"") {
-        true => format!(
-            "\"library_path\": \"{}\"{}\n",
-            library.display(),
-            if line.trim_end().ends_with(',') { "," } else { "" }
-        ),
+        true => {
+            let comma = if line.trim_end().ends_with(',') { "," } else { "" };
+            format!("\"library_path\": \"{}\"{comma}\n", library.display())
+        }
         false => format!("{line}\n"),
     };
     fs::write(&manifest, text.lines().map(line).collect::<String>()).map_err(failed)?;

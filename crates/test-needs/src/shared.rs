@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use crate::{miss, workspace};
 
-/// The folder that `DEPTHLOOM_SHARED` names (a relative one from the root of the workspace), or `shared` beside the checkout; `None`, and the
-/// test is skipped, where neither holds reference data.
+/// The folder that `DEPTHLOOM_SHARED` names (a relative one from the root of the workspace), or `shared` beside the
+/// checkout; `None`, and the test is skipped, where neither holds reference data.
 ///
 /// # Panics
 /// If there is none and `DEPTHLOOM_REQUIRE_SHARED` is set.

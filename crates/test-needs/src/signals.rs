@@ -6,8 +6,8 @@ use std::sync::{Arc, Once};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag::register_conditional_shutdown;
 
-/// Makes programs that are started from here take hangups, interrupts and terminations, whoever ignored them when the tests began:
-/// `nohup` does, and a shell of its background jobs. Here they end the tests, as ever.
+/// Makes programs that are started from here take hangups, interrupts and terminations, whoever ignored them when the
+/// tests began: `nohup` does, and a shell of its background jobs. Here they end the tests, as ever.
 ///
 /// # Panics
 /// If the system lets nobody handle signals.

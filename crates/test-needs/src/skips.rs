@@ -1,6 +1,7 @@
 //! Records of skipped tests, from all test programs of one `cargo test`, whichever run at once.
 //!
-//! A record is a file `target/skipped/<run>/<test>`. A run is the process that started the test program: one cargo starts them all. Its
+//! A record is a file `target/skipped/<run>/<test>`. A run is the process that started the test program: one cargo
+//! starts them all. Its
 //! number alone would come again one day, so that the moment it started goes with it.
 
 use std::fs;
@@ -43,8 +44,8 @@ impl Records {
         fs::write(run.join(name), format!("{test}: {why}"))
     }
 
-    /// What this run has skipped, by name, each `test: why`. Takes the records away, and those that runs left which are over: of one
-    /// package alone, or stopped by a failure.
+    /// What this run has skipped, by name, each `test: why`. Takes the records away, and those that runs left which are
+    /// over: of one package alone, or stopped by a failure.
     ///
     /// # Errors
     /// If a record cannot be read or removed.

@@ -1,20 +1,15 @@
 //! A network whose ports are declared, loaded: which tensor each port is.
 
-use std::sync::Arc;
-
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::Artifact;
 
 use super::params::{InputType, NetworkParams};
-use crate::onnx::{self, Axes, Fitted, Pool, Pools, Sizes};
+use crate::onnx::{self, Axes, Fitted, PoolInput, Pools, Sizes};
 
 pub(super) struct Loaded {
-    /// By input port: the tensor's name, its axes, and the number of planes.
-    pub inputs: Vec<(String, Axes, usize)>,
-    /// By output port: the tensor's name.
-    pub outputs: Vec<String>,
     sizes: Sizes,
-    pools: Pools,
+    /// Inputs and outputs in the order of the ports.
+    pub pools: Pools,
 }
 
 impl Loaded {
@@ -29,10 +24,10 @@ impl Loaded {
             (None, _) => Err(Fault::new(format!("the network has no {what} `{port}`; it has {}", all.join(", ")))
                 .remedy(format!("say which {what} port `{port}` is: `name: {}`", all.first().unwrap_or(&"NAME")))),
         };
-        let mut inputs: Vec<(String, Axes, usize)> = Vec::with_capacity(params.ports.inputs.len());
+        let mut inputs: Vec<PoolInput> = Vec::with_capacity(params.ports.inputs.len());
         for (port, input) in &params.ports.inputs {
             let name = named("input", port, input.name.as_ref(), &given)?;
-            if inputs.iter().any(|(other, ..)| *other == name) {
+            if inputs.iter().any(|other| other.name == name) {
                 return Err(Fault::new(format!("two ports are input `{name}` of the network")).remedy(format!(
                     "say which input port `{port}` is by its `name`; the network has {}",
                     given.join(", ")
@@ -56,9 +51,9 @@ impl Loaded {
                 return Err(Fault::new(format!("input `{name}` of the network takes several images at once"))
                     .remedy("export the model with a batch of 1, or an open one"));
             }
-            inputs.push((name, axes, planes));
+            inputs.push(PoolInput { name, axes, images: 1, planes });
         }
-        if let Some(unfed) = given.iter().find(|name| !inputs.iter().any(|(fed, ..)| fed == *name)) {
+        if let Some(unfed) = given.iter().find(|name| !inputs.iter().any(|fed| fed.name == **name)) {
             return Err(Fault::new(format!("no port feeds input `{unfed}` of the network"))
                 .remedy("declare one under `ports.inputs`, with its `name`"));
         }
@@ -68,21 +63,14 @@ impl Loaded {
             onnx::outlet("output", &declared.outputs, Some(&name)).map(|outlet| outlet.name.clone())
         };
         let outputs = params.ports.outputs.iter().map(output).collect::<Result<_, _>>()?;
-        let named: Vec<(&str, Axes)> = inputs.iter().map(|(name, axes, _)| (name.as_str(), *axes)).collect();
+        let named: Vec<(&str, Axes)> = inputs.iter().map(|input| (input.name.as_str(), input.axes)).collect();
         let sizes = onnx::sizes(&named, params.size, params.multiple)?;
-        let loaded = Self { inputs, outputs, sizes, pools: Pools::new(model, params.provider, params.threads) };
-        if let (Some(width), Some(height)) = (sizes.width, sizes.height) {
-            loaded.pool((width, height))?;
-        }
-        Ok(loaded)
+        let pools = Pools::new(model, (params.provider, params.threads), inputs, outputs);
+        pools.load_fixed(sizes)?;
+        Ok(Self { sizes, pools })
     }
 
     pub(super) fn fitted(&self, from: (usize, usize), params: &NetworkParams) -> Result<Fitted, Fault> {
         Fitted::new(from, self.sizes, params.fit, params.pad_at)
-    }
-
-    pub(super) fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
-        let inputs = self.inputs.iter().map(|(name, axes, planes)| (name.as_str(), axes, 1, *planes));
-        self.pools.get(size, inputs, &self.outputs)
     }
 }

@@ -10,7 +10,8 @@ use depthloom_graphs::Fault;
 use super::engine::Engine;
 use super::runtime::{self, Missing};
 
-/// The environment variable that names the engine: `onnxruntime` or `tract`; unset or empty, the first of them that is there.
+/// The environment variable that names the engine: `onnxruntime` or `tract`; unset or empty, the first of them that is
+/// there.
 pub const VARIABLE: &str = "DEPTHLOOM_ONNX_ENGINE";
 
 static FOUND: OnceLock<Result<Engine, NoEngine>> = OnceLock::new();
@@ -37,7 +38,8 @@ pub fn find() -> Result<&'static Engine, Fault> {
     FOUND.get_or_init(choose).as_ref().map_err(|none| Fault::new(none.what.clone()).remedy(none.remedy))
 }
 
-/// The folders in which ONNX Runtime is looked for when `ORT_DYLIB_PATH` names none, in order; each with what led to it.
+/// The folders in which ONNX Runtime is looked for when `ORT_DYLIB_PATH` names none, in order; each with what led to
+/// it.
 #[must_use]
 pub fn search_path() -> Vec<(&'static str, PathBuf)> {
     runtime::places()

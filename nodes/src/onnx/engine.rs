@@ -25,7 +25,8 @@ pub struct Engine {
     pub build: &'static str,
     /// The library it was loaded from; tract is part of the program.
     pub library: Option<PathBuf>,
-    /// What led to it: `ORT_DYLIB_PATH`, `LD_LIBRARY_PATH`, `system`, `VIRTUAL_ENV`, ...; `fallback` where there was no other.
+    /// What led to it: `ORT_DYLIB_PATH`, `LD_LIBRARY_PATH`, `system`, `VIRTUAL_ENV`, ...; `fallback` where there was no
+    /// other.
     pub found_by: &'static str,
     /// Of a fallback: why there is no ONNX Runtime.
     pub instead_of: Option<String>,
@@ -37,6 +38,17 @@ pub struct Engine {
 }
 
 impl Engine {
+    fn new(
+        name: &'static str,
+        version: String,
+        build: &'static str,
+        found_by: &'static str,
+        refused: Vec<String>,
+    ) -> Self {
+        let (library, instead_of, environment, used) = (None, None, None, Mutex::default());
+        Self { name, version, build, library, found_by, instead_of, refused, environment, used }
+    }
+
     pub(crate) fn of_library(
         path: PathBuf,
         found_by: &'static str,
@@ -44,33 +56,14 @@ impl Engine {
         environment: Environment,
         refused: Vec<String>,
     ) -> Self {
-        let (name, build, library) = ("onnxruntime", ort::info(), Some(path));
-        Self {
-            name,
-            version,
-            build,
-            library,
-            found_by,
-            instead_of: None,
-            refused,
-            environment: Some(environment),
-            used: Mutex::default(),
-        }
+        let engine = Self::new("onnxruntime", version, ort::info(), found_by, refused);
+        Self { library: Some(path), environment: Some(environment), ..engine }
     }
 
     #[cfg(feature = "tract")]
     pub(crate) fn of_tract(found_by: &'static str, instead_of: Option<String>, refused: Vec<String>) -> Self {
-        Self {
-            name: "tract",
-            version: super::tract::VERSION.to_owned(),
-            build: "pure Rust",
-            library: None,
-            found_by,
-            instead_of,
-            refused,
-            environment: None,
-            used: Mutex::default(),
-        }
+        let version = super::tract::VERSION.to_owned();
+        Self { instead_of, ..Self::new("tract", version, "pure Rust", found_by, refused) }
     }
 
     /// Its name and version for people: `ONNX Runtime 1.31.1`.
@@ -80,8 +73,8 @@ impl Engine {
         format!("{name} {}", self.version)
     }
 
-    /// Names engine, build, provider and the processor's instruction sets, by which engines choose how they compute: what besides model and image
-    /// decides a network's output.
+    /// Names engine, build, provider and the processor's instruction sets, by which engines choose how they compute:
+    /// what besides model and image decides a network's output.
     #[must_use]
     pub fn fingerprint(&self, provider: Provider) -> Key {
         let levels = Level::available();
@@ -172,7 +165,8 @@ impl Engine {
 
     fn builder(&self, environment: &Environment, provider: Provider, threads: usize) -> Result<SessionBuilder, Fault> {
         let options = || -> ort::Result<SessionBuilder> {
-            // Threads of a session wait for work by spinning, which is worth it within a run; between runs the cores are the runner's workers'.
+            // Threads of a session wait for work by spinning, which is worth it within a run; between runs the cores
+            // are the runner's workers'.
             Ok(Session::builder(environment)?
                 .with_optimization_level(GraphOptimizationLevel::All)?
                 .with_intra_threads(threads)?

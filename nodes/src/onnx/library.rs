@@ -1,4 +1,5 @@
-//! Checks a library before the crate `ort` loads it: `ort` takes one library per process, and calls unwritten memory after
+//! Checks a library before the crate `ort` loads it: `ort` takes one library per process, and calls unwritten memory
+//! after
 //! it has refused one.
 #![expect(
     unsafe_code,
@@ -20,7 +21,8 @@ type GetApiBase = unsafe extern "C" fn() -> *const OrtApiBase;
 /// path.
 pub(crate) fn check(path: &Path) -> Result<(), String> {
     let refused = |why: String| format!("{} {why}", path.display());
-    // SAFETY: loading runs a library's own start-up code. Only files named as ONNX Runtime's are opened, from where the person
+    // SAFETY: loading runs a library's own start-up code. Only files named as ONNX Runtime's are opened, from where the
+    // person
     // said, the system's folders or the environment the person activated: code of theirs.
     let library = unsafe { Library::new(path) }.map_err(|error| {
         // What the loader has to say stands beneath.

@@ -1,6 +1,7 @@
 //! What an ONNX file declares, read without an engine: inputs, outputs, metadata, sizes, files beside it.
 //!
-//! So both engines refuse the same models, in the same words, before they see a byte. The elements of weights are skipped in reading.
+//! So both engines refuse the same models, in the same words, before they see a byte. The elements of weights are
+//! skipped in reading.
 
 use std::collections::BTreeMap;
 

@@ -1,7 +1,5 @@
 //! A monocular network in the process's engine: looked at, checked, and as many sessions as work at once.
 
-use std::sync::Arc;
-
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Artifact, Image};
 use depthloom_kernels::memory::{TooMuch, bytes_of, zeros};
@@ -12,20 +10,13 @@ use super::fit::{Fitted, PadAt, Sizes};
 use super::flip::Flip;
 use super::model::{Declared, Outlet, elements};
 use super::params::{OnnxParams, Output};
-use super::pool::{self, Pool, Pools};
+use super::pool::{self, Pool, PoolInput, Pools};
 use super::preprocessing::Preprocessing;
 use super::shapes::{Axes, Maps, batch, check_map, map_of, map_output, outlet, planes, shape_text, sizes};
 
 pub(crate) struct Network {
     params: OnnxParams,
-    /// The input's name and axes.
-    input: (String, Axes),
-    /// 3 or 1.
-    channels: usize,
-    output: String,
     sizes: Sizes,
-    /// Images per run.
-    batch: usize,
     pub meaning: Output,
     pools: Pools,
 }
@@ -58,27 +49,26 @@ impl Network {
         }
         let output = map_output(outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;
         check_output(output)?;
+        let images = batch(&named, output, params.flip.images())?;
+        let input = PoolInput { name: input.name.clone(), axes, images, planes: axes.channels.unwrap_or(3) };
+        let engine = (params.provider, params.threads);
         let network = Self {
             params: params.clone(),
-            input: (input.name.clone(), axes),
-            channels: axes.channels.unwrap_or(3),
-            output: output.name.clone(),
             sizes,
-            batch: batch(&named, output, params.flip.images())?,
             meaning: meaning(&declared, params)?,
-            pools: Pools::new(model, params.provider, params.threads),
+            pools: Pools::new(model, engine, vec![input], vec![output.name.clone()]),
         };
         check_largest(&declared)?;
         let (Some(width), Some(height)) = (sizes.width, sizes.height) else { return Ok(network) };
         network.check_memory((width, height))?;
-        let pool = network.pool((width, height))?;
+        let pool = network.pools.get((width, height))?;
         match output.tensor.as_ref().map(|(_, shape)| shape) {
             Some(shape) if !shape.is_empty() && shape.iter().all(|&side| side >= 0) => {
-                check_map(shape, &output.name, (network.batch, (width, height)), params.head, params.layout)?;
+                check_map(shape, &output.name, (images, (width, height)), params.head, params.layout)?;
             }
             // What it leaves open, a black image shows.
             _ => {
-                let samples = network.batch * network.channels * width * height;
+                let samples = images * network.input().planes * width * height;
                 network.maps(&pool, &zeros::<f32>(samples).map_err(too_large)?, (width, height))?;
             }
         }
@@ -92,14 +82,14 @@ impl Network {
     /// With `flip`, the map of the mirrored image follows that of the image.
     pub(crate) fn run(&self, image: &Image, fitted: &Fitted, preprocessing: &Preprocessing) -> Result<Maps, Fault> {
         self.check_memory(fitted.to)?;
-        let pool = self.pool(fitted.to)?;
+        let pool = self.pools.get(fitted.to)?;
         let views: &[bool] = if self.params.flip == Flip::None { &[false] } else { &[false, true] };
         let mut all = Maps { values: Vec::new(), size: (0, 0) };
-        for views in views.chunks(self.batch) {
+        for views in views.chunks(self.input().images) {
             let mut tensor = Vec::new();
             for &mirrored in views {
-                let planes = preprocessing.planes(image, self.channels, fitted, mirrored).map_err(too_large)?;
-                self.input.1.laid_out(&planes, &mut tensor);
+                let planes = preprocessing.planes(image, self.input().planes, fitted, mirrored).map_err(too_large)?;
+                self.input().axes.laid_out(&planes, &mut tensor);
             }
             let mut found = self.maps(&pool, &tensor, fitted.to)?;
             all.values.append(&mut found.values);
@@ -110,18 +100,17 @@ impl Network {
 
     fn maps(&self, pool: &Pool, tensor: &[f32], of_image: (usize, usize)) -> Result<Maps, Fault> {
         let given = pool.run(&[tensor])?.pop().ok_or_else(|| Fault::new("the network gave nothing"))?;
-        map_of(given, &self.output, (self.batch, of_image), self.params.head, self.params.layout)
+        let batch = (self.input().images, of_image);
+        map_of(given, &self.pools.outputs[0], batch, self.params.head, self.params.layout)
     }
 
-    fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
-        let (name, axes) = &self.input;
-        let input = [(name.as_str(), axes, self.batch, self.channels)];
-        self.pools.get(size, input.into_iter(), std::slice::from_ref(&self.output))
+    fn input(&self) -> &PoolInput {
+        &self.pools.inputs[0]
     }
 
     fn check_memory(&self, (width, height): (usize, usize)) -> Result<(), Fault> {
         // The image at the network's size, in bytes and in f32; its tensors, ours and the engine's; a map each.
-        let (image, tensors) = (3 + 12, self.params.flip.images() * 4 * (2 * self.channels + 1));
+        let (image, tensors) = (3 + 12, self.params.flip.images() * 4 * (2 * self.input().planes + 1));
         TooMuch::check(bytes_of(&[width, height], image + tensors)).map_err(too_large).map_err(|fault| {
             Fault::new(format!("the network's image is {width}x{height}"))
                 .because(fault)

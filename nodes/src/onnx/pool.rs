@@ -10,6 +10,7 @@ use depthloom_threads::locked;
 use super::binding::{Binding, Feed, OutputTensor};
 use super::choice;
 use super::engine::Engine;
+use super::fit::Sizes;
 use super::model::Declared;
 use super::provider::Provider;
 use super::session::EngineSession;
@@ -57,37 +58,53 @@ pub(crate) fn engine_key(provider: Provider) -> Result<Option<Key>, Fault> {
     choice::find().map(|engine| Some(engine.fingerprint(provider)))
 }
 
+/// A tensor that a model is fed.
+pub(crate) struct PoolInput {
+    pub name: String,
+    pub axes: Axes,
+    pub images: usize,
+    /// Planes of one image.
+    pub planes: usize,
+}
+
+/// A model, bound to tensors of each size that the network sees.
 pub(crate) struct Pools {
     model: Artifact,
     provider: Provider,
     threads: u32,
+    pub inputs: Vec<PoolInput>,
+    pub outputs: Vec<String>,
     by_size: Mutex<HashMap<(usize, usize), Arc<Pool>>>,
 }
 
 impl Pools {
-    pub(crate) fn new(model: &Artifact, provider: Provider, threads: u32) -> Self {
-        Self { model: model.clone(), provider, threads, by_size: Mutex::default() }
+    pub(crate) fn new(
+        model: &Artifact,
+        (provider, threads): (Provider, u32),
+        inputs: Vec<PoolInput>,
+        outputs: Vec<String>,
+    ) -> Self {
+        Self { model: model.clone(), provider, threads, inputs, outputs, by_size: Mutex::default() }
     }
 
-    /// Each input is a tensor's name, its axes, images and planes.
-    pub(crate) fn get<'a>(
-        &self,
-        size: (usize, usize),
-        inputs: impl Iterator<Item = (&'a str, &'a Axes, usize, usize)>,
-        outputs: &[String],
-    ) -> Result<Arc<Pool>, Fault> {
+    pub(crate) fn get(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
         let mut pools = locked(&self.by_size);
         if let Some(pool) = pools.get(&size) {
             return Ok(Arc::clone(pool));
         }
-        let feed = |(name, axes, images, planes): (&str, &Axes, usize, usize)| {
-            let shape = axes.shape(images, planes, size);
-            Feed { name: name.to_owned(), element: axes.element, shape }
+        let feed = |PoolInput { name, axes, images, planes }: &PoolInput| {
+            let shape = axes.shape(*images, *planes, size);
+            Feed { name: name.clone(), element: axes.element, shape }
         };
-        let binding = Binding { inputs: inputs.map(feed).collect(), outputs: outputs.to_vec() };
+        let binding = Binding { inputs: self.inputs.iter().map(feed).collect(), outputs: self.outputs.clone() };
         let pool = Arc::new(Pool::load(&self.model, self.provider, self.threads, binding)?);
         pools.insert(size, Arc::clone(&pool));
         Ok(pool)
+    }
+
+    /// Loads the model at once if its inputs fix the size.
+    pub(crate) fn load_fixed(&self, sizes: Sizes) -> Result<(), Fault> {
+        sizes.width.zip(sizes.height).map_or(Ok(()), |size| self.get(size).map(|_| ()))
     }
 }
 

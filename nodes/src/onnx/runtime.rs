@@ -1,4 +1,5 @@
-//! Where this machine has ONNX Runtime: `ORT_DYLIB_PATH`, the system's folders, active Python environments, and those whose
+//! Where this machine has ONNX Runtime: `ORT_DYLIB_PATH`, the system's folders, active Python environments, and those
+//! whose
 //! programs are on the PATH. No other folder is searched and no program is run, because an experiment may come from a
 //! stranger. The first library that loads and is new enough is used.
 

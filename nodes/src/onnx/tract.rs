@@ -1,6 +1,7 @@
 //! tract: ONNX networks in pure Rust, for machines without ONNX Runtime.
 //!
-//! Called directly, not through ONNX Runtime's interface (the crate `ort-tract`): on some broken models tract panics, and a panic cannot
+//! Called directly, not through ONNX Runtime's interface (the crate `ort-tract`): on some broken models tract panics,
+//! and a panic cannot
 //! pass that interface of C, but ends the process. Here it is an error as any other.
 
 use std::sync::Arc;
@@ -38,7 +39,8 @@ impl TractSession {
 
     pub(crate) fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
         let plan = caught(|| {
-            // Sizes that the model leaves open are known here; what it says of them within is left to follow from the inputs'.
+            // Sizes that the model leaves open are known here; what it says of them within is left to follow from the
+            // inputs'.
             let parsed = tract_onnx::onnx().with_ignore_value_info(true).parse(&self.model, None)?;
             let mut graph = parsed.model;
             let found = |name: &String| {

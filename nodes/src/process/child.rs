@@ -115,7 +115,8 @@ impl Running {
         let guard = Guard::start().map_err(failed)?;
         let Some((program, arguments)) = launch.command.split_first() else { return Err(Fault::new("no command")) };
         let mut command = Command::new(&program.0);
-        // Python takes a compiled module for that of a file that was changed within the same second and has the same size.
+        // Python takes a compiled module for that of a file that was changed within the same second and has the same
+        // size.
         command.env("PYTHONDONTWRITEBYTECODE", "1");
         // The Python package notes which files such a program opens: their content enters cache keys.
         command.env("DEPTHLOOM_PROGRAM", "1");
@@ -169,7 +170,8 @@ impl Running {
 
     pub(super) fn send(&mut self, request: Request) {
         if let Some(calls) = &self.calls {
-            // Never full: one call at a time. If the thread is gone, so is the process, and the thread that reads says so.
+            // Never full: one call at a time. If the thread is gone, so is the process, and the thread that reads says
+            // so.
             let _ = calls.try_send(request);
         }
     }

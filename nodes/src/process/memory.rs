@@ -1,7 +1,8 @@
 //! Large rows cross to a process in files in memory (`memfd`) instead of pipes, which copy each byte twice.
 //!
 //! The files have no name, a fixed size, and seals against shrinking. They are written and read here, never mapped: a
-//! process that writes while one is read causes a wrong value, nothing worse. `nodes/examples/process_call.rs` measures it.
+//! process that writes while one is read causes a wrong value, nothing worse. `nodes/examples/process_call.rs` measures
+//! it.
 
 use std::fs::File;
 use std::hash::{BuildHasher, RandomState};

@@ -1,4 +1,5 @@
-//! Whether an experiment may start programs. It may not, unless the person who runs it says so: a stranger's YAML runs nothing.
+//! Whether an experiment may start programs. It may not, unless the person who runs it says so: a stranger's YAML runs
+//! nothing.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -6,7 +7,8 @@ use depthloom_graphs::Fault;
 
 static GIVEN: AtomicBool = AtomicBool::new(false);
 
-/// Lets experiments start the programs that they name, from now on, in this process. For whoever knows that the person said so.
+/// Lets experiments start the programs that they name, from now on, in this process. For whoever knows that the person
+/// said so.
 pub fn give() {
     GIVEN.store(true, Ordering::Relaxed);
 }

@@ -1,4 +1,5 @@
-//! What is said between the engine and a process: `docs/reference/process-protocol.md` is its description for those who write the other side.
+//! What is said between the engine and a process: `docs/reference/process-protocol.md` is its description for those who
+//! write the other side.
 
 use depthloom_codecs::arrow::{self, Batch, Data, DataType, Field, Offsets, Schema};
 use depthloom_graphs::{Frame, Port, Value};

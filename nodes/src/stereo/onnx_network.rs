@@ -1,12 +1,10 @@
 //! A stereo network, loaded: which inputs take which image, and one run over the views of a frame.
 
-use std::sync::Arc;
-
 use depthloom_graphs::Fault;
 use depthloom_graphs::values::{Artifact, Image};
 
 use super::onnx_params::{PairOrder, StereoOnnxParams};
-use crate::onnx::{self, Axes, Fitted, Maps, Pool, Pools, Preprocessing, Sizes};
+use crate::onnx::{self, Axes, Fitted, Maps, PoolInput, Pools, Preprocessing, Sizes};
 
 pub(super) struct View<'a> {
     pub first: &'a Image,
@@ -16,13 +14,10 @@ pub(super) struct View<'a> {
 
 pub(super) struct PairNetwork {
     params: StereoOnnxParams,
-    /// One for both images, or one per image.
-    inputs: Vec<(String, Axes)>,
     /// Planes of one image.
     planes: usize,
-    output: String,
     sizes: Sizes,
-    batch: usize,
+    /// One input for both images, or one per image.
     pools: Pools,
 }
 
@@ -50,19 +45,14 @@ impl PairNetwork {
         let sizes = onnx::sizes(&named, params.size, params.multiple)?;
         let output = onnx::map_output(&declared.outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;
         let batch = onnx::batch(&named, output, 1 + usize::from(params.right_view))?;
-        let network = Self {
-            params: params.clone(),
-            inputs: named.into_iter().map(|(name, axes)| (name.to_owned(), axes)).collect(),
-            planes,
-            output: output.name.clone(),
-            sizes,
-            batch,
-            pools: Pools::new(model, params.provider, params.threads),
-        };
-        if let (Some(width), Some(height)) = (sizes.width, sizes.height) {
-            network.pool((width, height))?;
-        }
-        Ok(network)
+        let per_input = if named.len() == 1 { 2 * planes } else { planes };
+        let inputs = named
+            .into_iter()
+            .map(|(name, axes)| PoolInput { name: name.to_owned(), axes, images: batch, planes: per_input })
+            .collect();
+        let pools = Pools::new(model, (params.provider, params.threads), inputs, vec![output.name.clone()]);
+        pools.load_fixed(sizes)?;
+        Ok(Self { params: params.clone(), planes, sizes, pools })
     }
 
     pub(super) fn fitted(&self, from: (usize, usize)) -> Result<Fitted, Fault> {
@@ -75,10 +65,11 @@ impl PairNetwork {
         fitted: &Fitted,
         preprocessing: &Preprocessing,
     ) -> Result<Vec<Maps>, Fault> {
-        let pool = self.pool(fitted.to)?;
+        let (pool, inputs) = (self.pools.get(fitted.to)?, &self.pools.inputs);
+        let batch = inputs[0].images;
         let mut maps = Vec::with_capacity(views.len());
-        for views in views.chunks(self.batch) {
-            let mut tensors: Vec<Vec<f32>> = vec![Vec::new(); self.inputs.len()];
+        for views in views.chunks(batch) {
+            let mut tensors: Vec<Vec<f32>> = vec![Vec::new(); inputs.len()];
             for view in views {
                 let planes = |image: &Image| {
                     preprocessing
@@ -91,27 +82,21 @@ impl PairNetwork {
                         std::mem::swap(&mut first, &mut second);
                     }
                     first.append(&mut second);
-                    self.inputs[0].1.laid_out(&first, tensor);
+                    inputs[0].axes.laid_out(&first, tensor);
                 } else {
-                    self.inputs[0].1.laid_out(&first, &mut tensors[0]);
-                    self.inputs[1].1.laid_out(&second, &mut tensors[1]);
+                    inputs[0].axes.laid_out(&first, &mut tensors[0]);
+                    inputs[1].axes.laid_out(&second, &mut tensors[1]);
                 }
             }
             let tensors: Vec<&[f32]> = tensors.iter().map(Vec::as_slice).collect();
             let Some(given) = pool.run(&tensors)?.pop() else { continue };
             let found =
-                onnx::map_of(given, &self.output, (self.batch, fitted.to), self.params.head, self.params.layout)?;
+                onnx::map_of(given, &self.pools.outputs[0], (batch, fitted.to), self.params.head, self.params.layout)?;
             let pixels = found.size.0 * found.size.1;
             let map = |map: &[f32]| Maps { values: map.to_vec(), size: found.size };
             maps.extend(found.values.chunks_exact(pixels).map(map));
         }
         Ok(maps)
-    }
-
-    fn pool(&self, size: (usize, usize)) -> Result<Arc<Pool>, Fault> {
-        let planes = if self.inputs.len() == 1 { 2 * self.planes } else { self.planes };
-        let inputs = self.inputs.iter().map(|(name, axes)| (name.as_str(), axes, self.batch, planes));
-        self.pools.get(size, inputs, std::slice::from_ref(&self.output))
     }
 }
 

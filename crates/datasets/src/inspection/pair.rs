@@ -23,10 +23,10 @@ pub(super) fn faults(left: &Image, right: &Image) -> (Vec<Contradiction>, Option
         let remedy = "one of the two was written in place of the other: take it from where it came from";
         return (vec![Contradiction { port: "right", what, remedy }], None);
     }
-    let (left, right) = (Reduced::of(left, factor), Reduced::of(right, factor));
-    let votes = Votes::of(&left, &right, factor);
-    // Two scenes have chance alone on their side, which may be the wrong one.
-    let fault = Rows::of(&left, &right).fault(&left, &right, factor).or_else(|| exchanged(&votes));
+    let (left, right) = (Reduced::new(left, factor), Reduced::new(right, factor));
+    let votes = Votes::collect(&left, &right, factor);
+    // Two different scenes match by chance, also on the wrong side.
+    let fault = Rows::find(&left, &right).fault(&left, &right, factor).or_else(|| exchanged(&votes));
     match fault {
         Some(fault) => (vec![fault], None),
         None => (Vec::new(), Some(votes)),
@@ -64,7 +64,7 @@ const FOUND: f64 = 0.5;
 struct Rows(Vec<(usize, usize, f64, f64, isize)>);
 
 impl Rows {
-    fn of(left: &Reduced, right: &Reduced) -> Self {
+    fn find(left: &Reduced, right: &Reduced) -> Self {
         let most = left.width / LARGEST;
         let margin = HALF + ROWS as usize;
         let rows = (margin..left.height.saturating_sub(margin)).step_by(2 * STEP);
@@ -110,7 +110,7 @@ impl Rows {
         if 4 * found >= count {
             return None;
         }
-        // What is near may be farther off: the whole row.
+        // Near objects may be farther away: search the whole row.
         let anywhere = self.0.iter().filter(|(column, row, ..)| {
             let block = left.block(*column, *row);
             let columns = HALF..right.width.saturating_sub(HALF);

@@ -33,7 +33,7 @@ pub(super) struct Reduced {
 }
 
 impl Reduced {
-    pub(super) fn of(image: &Image, factor: usize) -> Self {
+    pub(super) fn new(image: &Image, factor: usize) -> Self {
         let grey = grey(image);
         let (width, height) = (grey.width() as usize / factor, grey.height() as usize / factor);
         let stride = grey.width() as usize;

@@ -21,7 +21,7 @@ const AGAINST: f64 = -0.4;
 const SPREAD: f64 = 0.1;
 
 impl<'a> Truth<'a> {
-    pub(super) fn of(port: &'static str, value: &'a Value) -> Option<Self> {
+    pub(super) fn from_value(port: &'static str, value: &'a Value) -> Option<Self> {
         match value {
             Value::Depth(depth) => Some(Self::Depth(port, &depth.metres)),
             Value::TrueDisparity(disparity) => Some(Self::Disparity(port, &disparity.px)),
@@ -99,7 +99,7 @@ impl<'a> Truth<'a> {
         &self,
         seen: &[(f64, f64)],
         ln: f64,
-        told: impl Fn(f64) -> String,
+        shown: impl Fn(f64) -> String,
         known: &mut [f32],
     ) -> Option<Contradiction> {
         let (Self::Depth(port, _) | Self::Disparity(port, _)) = self;
@@ -111,7 +111,7 @@ impl<'a> Truth<'a> {
         let near = factors.iter().filter(|factor| (0.5..=2.0).contains(*factor)).count();
         let factor = *factors.select_nth_unstable_by(count / 2, f64::total_cmp).1;
         (5 * near < count && !(0.5..=2.0).contains(&factor)).then(|| {
-            let at = told(median_of(known));
+            let at = shown(median_of(known));
             let what = format!(
                 "the truth does not fit the images: at {count} places that both images show it is {factor:.3} times as far as their disparity says \
                  (by median), at {at}"

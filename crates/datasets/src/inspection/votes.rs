@@ -22,7 +22,7 @@ pub(super) struct Votes {
 }
 
 impl Votes {
-    pub(super) fn of(left: &Reduced, right: &Reduced, factor: usize) -> Self {
+    pub(super) fn collect(left: &Reduced, right: &Reduced, factor: usize) -> Self {
         let mut votes = Self { factor, right: Vec::new(), wrong: 0 };
         let most = left.width / LARGEST;
         let rows = (HALF..left.height.saturating_sub(HALF)).step_by(STEP);
@@ -40,7 +40,7 @@ impl Votes {
                 let (here, to_left) = (apart(column), best(&mut (1..=most).map(|d| column - d)));
                 let to_right = best(&mut (1..=most).map(|d| column + d));
                 let is_clear = |one: u32, other: u32| 10 * one < 6 * other && 10 * one < 9 * here;
-                // What is about a pixel away may as well be none.
+                // A disparity of about one pixel may be none.
                 if to_left.1 >= 2 && is_clear(to_left.0, to_right.0) {
                     votes.right.push((column, row, to_left.1));
                 } else if to_right.1 >= 2 && is_clear(to_right.0, to_left.0) {
@@ -63,7 +63,7 @@ impl Votes {
                 let from = (at * factor) as u32;
                 from..(from + factor as u32).min(count)
             };
-            (Pixels::of(place(column, width), place(row, height)), (disparity * factor) as f64)
+            (Pixels::new(place(column, width), place(row, height)), (disparity * factor) as f64)
         })
     }
 }
@@ -74,11 +74,11 @@ pub(super) struct Pixels {
 }
 
 impl Pixels {
-    const fn of(columns: std::ops::Range<u32>, rows: std::ops::Range<u32>) -> Self {
+    const fn new(columns: std::ops::Range<u32>, rows: std::ops::Range<u32>) -> Self {
         Self { columns, rows }
     }
 
-    pub(super) fn map<T>(&self, of: impl Fn((u32, u32)) -> T) -> impl Iterator<Item = T> {
-        self.rows.clone().flat_map(move |y| self.columns.clone().map(move |x| (x, y))).map(of)
+    pub(super) fn map<T>(&self, value: impl Fn((u32, u32)) -> T) -> impl Iterator<Item = T> {
+        self.rows.clone().flat_map(move |y| self.columns.clone().map(move |x| (x, y))).map(value)
     }
 }

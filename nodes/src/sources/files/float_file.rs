@@ -58,17 +58,21 @@ fn pfm(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
         [b'\n', body @ ..] if bytes[at] == b'\r' => body,
         body => body,
     };
-    let wanted = 4 * u128::from(width) * u128::from(height);
-    if body.len() as u128 != wanted {
-        return Err(Wrong::Bytes(format!(
-            "it says {width}x{height}, which are {wanted} bytes, and holds {}",
-            body.len()
-        )));
-    }
+    check_size((width, height), 4, body)?;
     let number: fn([u8; 4]) -> f32 = if scale < 0.0 { f32::from_le_bytes } else { f32::from_be_bytes };
     let rows = body.rchunks_exact(4 * width as usize);
     let samples = rows.flat_map(|row| row.as_chunks().0.iter().map(|bytes| known(number(*bytes)))).collect();
     Ok(Raster::from_raw(width, height, samples).expect("a number a pixel"))
+}
+
+fn check_size((width, height): (u32, u32), bytes_per_pixel: usize, body: &[u8]) -> Result<(), Wrong> {
+    let expected = u128::from(width) * u128::from(height) * bytes_per_pixel as u128;
+    match body.len() as u128 == expected && expected > 0 {
+        true => Ok(()),
+        false => {
+            Err(Wrong::Bytes(format!("it says {width}x{height}, which are {expected} bytes, and holds {}", body.len())))
+        }
+    }
 }
 
 fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
@@ -107,12 +111,8 @@ fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
             shortened(sample)
         )));
     };
-    let (body, pixels) = (&bytes[start + length..], u64::from(width) * u64::from(height));
-    let wanted = u128::from(pixels) * kind.bytes() as u128;
-    if body.len() as u128 != wanted || pixels == 0 {
-        let what = format!("it says {width}x{height}, which are {wanted} bytes, and holds {}", body.len());
-        return Err(Wrong::Bytes(what));
-    }
+    let body = &bytes[start + length..];
+    check_size((width, height), kind.bytes(), body)?;
     let samples = body.chunks_exact(kind.bytes()).map(|bytes| known(kind.number(bytes))).collect();
     Ok(Raster::from_raw(width, height, samples).expect("a number a pixel"))
 }

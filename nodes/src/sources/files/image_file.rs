@@ -32,13 +32,15 @@ pub(crate) fn image_of_bits(
     bits: Option<u32>,
 ) -> Result<(Image, Option<Brightest>), Fault> {
     let format = format_of(path, &bytes)?;
-    let (decoded, is_turned) = decode_upright(path, format, &bytes)?;
+    let (mut decoded, orientation) = decode(path, format, &bytes)?;
+    decoded.apply_orientation(orientation);
+    let is_turned = orientation != Orientation::NoTransforms;
     let mut brightest = None;
     let mut narrowed = |samples: &[u16]| {
         brightest = Brightest::of(samples);
         eight_bits(samples, bits)
     };
-    let (pixels, is_as_it_lies) = match decoded {
+    let (pixels, is_unchanged) = match decoded {
         DynamicImage::ImageLuma8(grey) => (Pixels::Grey(grey), !is_turned),
         DynamicImage::ImageRgb8(rgb) => (Pixels::Rgb(rgb), !is_turned),
         transparent @ DynamicImage::ImageLumaA8(_) => (Pixels::Grey(transparent.into_luma8()), false),
@@ -61,22 +63,21 @@ pub(crate) fn image_of_bits(
             ));
         }
     };
-    let kept = match format {
-        _ if !is_as_it_lies => None,
-        image::ImageFormat::Png => Some(ImageFormat::Png),
-        image::ImageFormat::Jpeg => Some(ImageFormat::Jpeg),
-        _ => None,
-    };
-    let image = match kept {
-        Some(format) => Image::with_encoded(pixels, Encoded { format, bytes }),
-        None => Image::new(pixels),
+    let image = match format {
+        image::ImageFormat::Png if is_unchanged => {
+            Image::with_encoded(pixels, Encoded { format: ImageFormat::Png, bytes })
+        }
+        image::ImageFormat::Jpeg if is_unchanged => {
+            Image::with_encoded(pixels, Encoded { format: ImageFormat::Jpeg, bytes })
+        }
+        _ => Image::new(pixels),
     };
     Ok((image, brightest))
 }
 
 /// PNG or TIFF with one 16-bit channel of `unit` times 256: `disparity` (px) or `metres`.
 pub(crate) fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u16>, Fault> {
-    match decode(path, format_of(path, bytes)?, bytes)? {
+    match decode(path, format_of(path, bytes)?, bytes)?.0 {
         DynamicImage::ImageLuma16(map) => Ok(map),
         other => {
             let expected = format!("such a map has 16 bits, one channel ({unit} * 256, 0 = unknown)");
@@ -91,7 +92,7 @@ pub(crate) fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u1
 /// One 8-bit channel, or three equal ones. `what` describes the expected map in messages.
 pub(crate) fn map_u8(path: &Path, bytes: &[u8], what: &str) -> Result<GrayImage, Fault> {
     let remedy = "of a downloaded data set, take the file from its archive again: an image tool may have changed it";
-    match decode(path, format_of(path, bytes)?, bytes)? {
+    match decode(path, format_of(path, bytes)?, bytes)?.0 {
         DynamicImage::ImageLuma8(map) => Ok(map),
         DynamicImage::ImageRgb8(rgb) => {
             let pixels = rgb.as_raw().as_chunks::<3>().0;
@@ -115,7 +116,7 @@ pub(crate) fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), F
     {
         return Ok((floats, 32));
     }
-    let (size, numbers, bits): (_, Vec<f32>, _) = match decode(path, format, bytes)? {
+    let (size, numbers, bits): (_, Vec<f32>, _) = match decode(path, format, bytes)?.0 {
         DynamicImage::ImageLuma8(map) => (map.dimensions(), map.iter().map(|number| f32::from(*number)).collect(), 8),
         DynamicImage::ImageLuma16(map) => (map.dimensions(), map.iter().map(|number| f32::from(*number)).collect(), 16),
         other => {
@@ -172,7 +173,8 @@ const FORMATS: [(&[u8], image::ImageFormat); 10] = [
 ];
 
 fn format_of(path: &Path, bytes: &[u8]) -> Result<image::ImageFormat, Fault> {
-    // What begins as none of them is told of as what its name says, as far as it says: an empty file, a text in place of an image.
+    // What begins as none of them is told of as what its name says, as far as it says: an empty file, a text in place
+    // of an image.
     let by_content = FORMATS.iter().find(|(begin, _)| bytes.starts_with(begin)).map(|(_, format)| *format);
     let by_name =
         || image::ImageFormat::from_path(path).ok().filter(|of| FORMATS.iter().any(|(_, format)| format == of));
@@ -186,19 +188,10 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<image::ImageFormat, Fault> {
     })
 }
 
-fn decode(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<DynamicImage, Fault> {
-    decoded(path, format, bytes).map(|(image, _)| image)
-}
-
-fn decode_upright(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(DynamicImage, bool), Fault> {
-    let (mut image, orientation) = decoded(path, format, bytes)?;
-    image.apply_orientation(orientation);
-    Ok((image, orientation != Orientation::NoTransforms))
-}
-
-fn decoded(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(DynamicImage, Orientation), Fault> {
+/// The pixels as they are stored, and their orientation. Maps have none.
+fn decode(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(DynamicImage, Orientation), Fault> {
     let failed = |error: ImageError| {
-        // What the header asks for may be more than the decoder counts up to: a byte a pixel is the least.
+        // The header may request more than the decoder counts; one byte per pixel is the least.
         let pixels = |(width, height): (u32, u32)| u64::from(width) * u64::from(height);
         let limit = matches!(error, ImageError::Limits(_));
         if let Some(size) = stated_size(bytes).filter(|size| limit && pixels(*size) > MOST_BYTES) {

@@ -1,4 +1,4 @@
-//! Folders that look like pairs of one's own: two folders, or two sorts of names in one, that are called left and right.
+//! Recognises pairs of images: two folders, or two series of names in one, that are called left and right.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -41,12 +41,7 @@ pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
         .collect();
     let lists = lists(root, &folders);
     let calibration = calibration(root, &folders);
-    let known = |place: Value, of: &str| {
-        let mut params = json!({ "root": root });
-        params
-            .as_object_mut()
-            .into_iter()
-            .for_each(|params| params.extend(place.as_object().cloned().unwrap_or_default()));
+    let known = |mut params: Value, images: &str| {
         let and = match &calibration {
             Some(files) => {
                 params["calibration"] = json!({ "files": files });
@@ -54,7 +49,7 @@ pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
             }
             None => "without a calibration that is known".to_owned(),
         };
-        let mut found = Recognised::new(format!("pairs of images, {of}, {and}"), params);
+        let mut found = Recognised::new(format!("pairs of images, {images}, {and}"), params);
         if calibration.is_none() {
             found.alternatives.push(
                 "calibration: { focal_px: 700, baseline_m: 0.12 }   # yours, of a rectified pair; or { files: [left.yaml, right.yaml] }"
@@ -66,14 +61,14 @@ pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
     let pairs = pairs(&of_images);
     let mut found = Vec::new();
     for (left, right) in &pairs {
-        let mut one = known(json!({ "left": left, "right": right }), &format!("{left} and {right}"));
+        let mut one = known(json!({ "root": root, "left": left, "right": right }), &format!("{left} and {right}"));
         one.alternatives.extend(truths(&folders, &of_images, left, &pairs));
         one.alternatives
             .extend(lists.iter().map(|list| format!("list: {}   # in place of left and right", json!(list))));
         found.push(one);
     }
     if found.is_empty() {
-        found.extend(lists.iter().map(|list| known(json!({ "list": list }), &format!("as {list} says"))));
+        found.extend(lists.iter().map(|list| known(json!({ "root": root, "list": list }), &format!("as {list} says"))));
     }
     found
 }
@@ -121,9 +116,9 @@ fn in_one(files: &[&str]) -> Option<(String, String)> {
     if let [(before, after)] = parts.as_slice() {
         return Some((format!("{before}{a}{after}"), format!("{before}{b}{after}")));
     }
-    let same = |of: &dyn Fn(&(&str, &str)) -> String| {
-        let first = of(parts.first()?);
-        parts.iter().all(|part| of(part) == first).then_some(first)
+    let same = |text: &dyn Fn(&(&str, &str)) -> String| {
+        let first = text(parts.first()?);
+        parts.iter().all(|part| text(part) == first).then_some(first)
     };
     let ending = ending(files)?;
     // A separator that all have belongs to the side's name: `*_left.png`.
@@ -133,14 +128,14 @@ fn in_one(files: &[&str]) -> Option<(String, String)> {
     let first = |part: &(&str, &str)| {
         part.1.chars().next().filter(|c| "_-".contains(*c)).map_or_else(String::new, String::from)
     };
-    let pattern = |side: &str| match (same(&|part| part.0.to_owned()), same(&|part| part.1.to_owned())) {
-        (_, Some(after)) => Some(format!("*{}{side}{after}", same(&last).unwrap_or_default())),
-        (Some(before), None) => Some(format!("{before}{side}{}*.{ending}", same(&first).unwrap_or_default())),
-        (None, None) => {
-            Some(format!("*{}{side}{}*.{ending}", same(&last).unwrap_or_default(), same(&first).unwrap_or_default()))
-        }
+    let (before, after) = (same(&|part| part.0.to_owned()), same(&|part| part.1.to_owned()));
+    let (last, first) = (same(&last).unwrap_or_default(), same(&first).unwrap_or_default());
+    let pattern = |side: &str| match (&before, &after) {
+        (_, Some(after)) => format!("*{last}{side}{after}"),
+        (Some(before), None) => format!("{before}{side}{first}*.{ending}"),
+        (None, None) => format!("*{last}{side}{first}*.{ending}"),
     };
-    Some((pattern(&a)?, pattern(&b)?))
+    Some((pattern(&a), pattern(&b)))
 }
 
 fn truths(
@@ -196,9 +191,9 @@ fn lists(root: &Path, folders: &BTreeMap<String, Vec<String>>) -> Vec<String> {
 }
 
 fn ending(files: &[&str]) -> Option<String> {
-    let of = |file: &&str| file.rsplit_once('.').map(|(_, ending)| ending.to_owned());
-    let first = files.first().and_then(of)?;
-    files.iter().all(|file| of(file).as_ref() == Some(&first)).then_some(first)
+    let ending = |file: &&str| file.rsplit_once('.').map(|(_, ending)| ending.to_owned());
+    let first = files.first().and_then(ending)?;
+    files.iter().all(|file| ending(file).as_ref() == Some(&first)).then_some(first)
 }
 
 fn has_ending(file: &str, endings: &[&str]) -> bool {

@@ -1,4 +1,5 @@
-//! Scenes of Middlebury from 2014 on, and of ETH3D: a calibration text, disparities as PFM, a mask of what both cameras see.
+//! Scenes of Middlebury from 2014 on, and of ETH3D: a calibration text, disparities as PFM, a mask of what both cameras
+//! see.
 
 use std::path::{Path, PathBuf};
 

@@ -134,7 +134,8 @@ fn yaml(text: &str) -> Result<Json, String> {
         Some(rest) => rest.split_once('\n').map_or("", |(_, rest)| rest),
         None => text,
     };
-    // Tags say what the values say themselves. A line stays a line, so that an error's number is right but for the first.
+    // Tags say what the values say themselves. A line stays a line, so that an error's number is right but for the
+    // first.
     let text =
         ["!!opencv-nd-matrix", "!!opencv-matrix"].iter().fold(text.to_owned(), |text, tag| text.replace(tag, ""));
     let options = serde_saphyr::options! {

@@ -1,4 +1,5 @@
-//! OpenCV's `FileStorage` of a stereo calibration, with the names of its samples (intrinsics.yml, extrinsics.yml) and other
+//! OpenCV's `FileStorage` of a stereo calibration, with the names of its samples (intrinsics.yml, extrinsics.yml) and
+//! other
 //! common ones: K1, cameraMatrix1, distCoeffs1.
 
 use depthloom_graphs::Fault;
