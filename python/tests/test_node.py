@@ -138,7 +138,7 @@ def test_what_is_declared_is_kept_and_what_cannot_be_a_node_is_refused() -> None
             def read(self, frame: Any) -> Any:
                 return None
 
-    with pytest.raises(TypeError, match="is no node"):
+    with pytest.raises(TypeError, match="is not a node"):
         declared(len)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Calibration:
-    """A rectified pair's cameras: pixels but for the baseline, which is metres."""
+    """A rectified pair's cameras: pixels, except the baseline, which is in metres."""
 
     width: int
     height: int

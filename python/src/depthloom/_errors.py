@@ -11,11 +11,11 @@ class DepthloomError(Exception):
 
 
 class DepthloomWarning(UserWarning):
-    """What a run had to say that is no error."""
+    """A warning of a run."""
 
 
 class RecordingError(DepthloomError):
-    """A file that is no recording, or of a format that this package does not know."""
+    """A file that is not a recording, or has a format that this package does not know."""
 
 
 class NotRecorded(DepthloomError, KeyError):

@@ -55,7 +55,7 @@ class Frame(Mapping[str, NDArray[Any]]):
         return tuple(what for place in self._places.values() for what in place.commit.failures)
 
     def truth(self, estimate: str) -> NDArray[Any]:
-        """The truth that an estimate is held against: float32 metres (of a disparity pixels), NaN = unknown."""
+        """The ground truth that an estimate is compared with: float32 metres (of a disparity pixels), NaN = unknown."""
         found = self._plan.estimate(estimate, self._runs)
         if found.truth_topic is None:
             raise NotRecorded(f"the truth of `{estimate}` was not recorded: let `record:` keep it, and run the experiment again")

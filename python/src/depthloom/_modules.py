@@ -83,7 +83,7 @@ class Imports:
             self._folders[folder] = _Installed(folder)
         packages = self._folders[folder].packages_of(parts[at + 1].partition(".")[0])
         if not packages:
-            # Nobody says which package it belongs to.
+            # Its package is unknown.
             self._add_module(file)
         for package in packages:
             self._add_package(package)

@@ -101,7 +101,7 @@ def declared(what: Any) -> Declared:
     """What a function or a class was declared to be."""
     found = getattr(what, _MARK, None)
     if not isinstance(found, Declared):
-        raise TypeError(f"{getattr(what, '__name__', what)!r} is no node: put @depthloom.node(inputs=..., outputs=...) before it")
+        raise TypeError(f"{getattr(what, '__name__', what)!r} is not a node: put @depthloom.node(inputs=..., outputs=...) before it")
     return found
 
 

@@ -1,4 +1,4 @@
-"""What a recording says of the plan that made it."""
+"""The plan of a recording."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Estimate:
     stage: str
     #: The topic of its maps; `None` where they were not recorded.
     topic: str | None
-    #: The topic of the truth that it is held against; `None` where it was not recorded.
+    #: The topic of the ground truth that it is compared with; `None` if it was not recorded.
     truth_topic: str | None
     #: How it was scored: preset, bounds, crop, pixel sets, with every default.
     scoring: Mapping[str, Any]
@@ -70,7 +70,7 @@ class Output:
             return name in self.names
         for topic in self.names:
             node = topic.rpartition("/")[0]
-            # A port alone is no name: `depth` is the node, not whatever gives depths.
+            # A port alone is not a name: `depth` is the node, not any port of depths.
             if f"{node}/".endswith(f"/{name}/") or ("/" in name and topic.endswith(f"/{name}")):
                 return True
         return False
@@ -150,7 +150,7 @@ class Plan:
     def _unknown(self, name: str, runs: frozenset[int]) -> str:
         labels = [estimate.label for estimate in self._estimates(runs)]
         topics = [output.topic for output in self.outputs if output.run in runs]
-        # A port alone is no name, but says which topics are meant: `left` those that end in `/left`.
+        # A port alone is not a name, but suggests topics: `left` those that end in `/left`.
         ports = [_end(topic, topics) for topic in topics if topic.rpartition("/")[2] == name]
         ends = [end for topic in topics for end in (topic, _end(topic, topics), topic.rpartition("/")[0].rpartition("/")[2])]
         near = ports[:_NEAR] or get_close_matches(name, dict.fromkeys(labels + ends), n=_NEAR)

@@ -79,12 +79,12 @@ class Recording:
         self._decoders = DecoderFactory()
         with path.open("rb") as file:
             if file.read(len(_MAGIC)) != _MAGIC:
-                raise RecordingError(f"{path} is no recording")
+                raise RecordingError(f"{path} is not a recording")
             indexed = _indexed(file)
             self._index = indexed or self._scanned(file)
             about = self._index.metadata.get("depthloom")
             if about is None:
-                raise RecordingError(f"{path} holds no plan: it is no recording of depthloom, or one that was cut at its beginning")
+                raise RecordingError(f"{path} holds no plan: it is not a recording of depthloom, or one that was cut at its beginning")
             if about.get("format") not in KNOWN_FORMATS:
                 known = ", ".join(KNOWN_FORMATS)
                 raise RecordingError(f"{path} is of format {about.get('format')}; this package knows {known}")
@@ -163,7 +163,7 @@ class Recording:
         schema = index.schemas[index.channels[channel].schema_id]
         decode = self._decoders.decoder_for(MessageEncoding.Protobuf, schema)
         if decode is None:
-            raise RecordingError(f"{self.path}: messages of {schema.name} are no protobuf")
+            raise RecordingError(f"{self.path}: messages of {schema.name} are not protobuf")
         return schema.name, decode
 
     def _scanned(self, file: IO[bytes]) -> _Index:

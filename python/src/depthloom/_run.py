@@ -54,7 +54,7 @@ class Run:
             counted[commit.run] = position + 1
             self._places.append(Place(position, commit))
 
-    # A run goes to other processes as the path that it is: data loaders' workers open it anew.
+    # Other processes, such as workers of data loaders, get the path and open the run again.
     def __reduce__(self) -> tuple[Callable[[StrPath], Run], tuple[str]]:
         return open, (str(self.path),)
 
@@ -75,7 +75,7 @@ class Run:
 
     @property
     def about(self) -> str:
-        """What the experiment says of itself."""
+        """The experiment's description."""
         return self._plan.about
 
     @property
@@ -206,7 +206,7 @@ def open(run: StrPath) -> Run:
     if path.is_dir():
         file = path / RECORDING
         if not file.exists():
-            raise RecordingError(f"{path} is no run's folder: it has no {RECORDING}")
+            raise RecordingError(f"{path} is not a run's folder: it has no {RECORDING}")
         return Run(Recording(file), path)
     in_folder = path.name == RECORDING
     return Run(Recording(path), path.parent if in_folder else None)

@@ -35,7 +35,7 @@ def serve(*nodes: Any) -> None:
     except ImportError as error:
         raise DepthloomError(f"a node in Python needs pyarrow: {_INSTALL}") from error
     if not nodes:
-        raise TypeError("serve() wants the node: depthloom.serve(fuse)")
+        raise TypeError("serve() takes the node: depthloom.serve(fuse)")
     if os.isatty(0):
         raise DepthloomError("this is a node of an experiment: name it under `command`, and `depthloom run` starts it")
     streams = _streams()
