@@ -142,7 +142,7 @@ impl PureNode for Onnx {
         let of_network = count_non_finite(&values);
         let too_large = |error: TooMuch| Fault::new(error.to_string());
         if fitted.pads() {
-            // What was added lies on the other side of the mirror image's: it is taken off before both are joined.
+            // The padding of the mirrored image is on the other side: it is removed before both are joined.
             let maps = values.chunks_exact(size.0 * size.1).map(|map| fitted.map_back(map.to_vec(), size));
             values = maps.collect::<Result<Vec<_>, _>>().map_err(too_large)?.concat();
             size = fitted.from;
@@ -160,7 +160,7 @@ impl PureNode for Onnx {
         if seen > 0 {
             ctx.host.warn_n(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
         }
-        // Infinity would become the cap: what is no number is none, whether or not a map is resized.
+        // Infinity would become the cap: non-finite values are invalid, whether or not a map is resized.
         map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = f32::NAN);
         let full = match fitted.pads() {
             true => map.to_vec(),

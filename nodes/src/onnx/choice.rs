@@ -55,7 +55,7 @@ fn choose() -> Result<Engine, NoEngine> {
     let named = std::env::var_os(VARIABLE).unwrap_or_default();
     match named.to_str() {
         Some("") => runtime::load().or_else(|missing| match missing {
-            // A library asked for by name: another engine in its place would surprise.
+            // A library was named explicitly: another engine would surprise.
             named @ Missing::Named(_) => Err(named.into()),
             Missing::NoneFound(what, refused) => fallback(what, refused),
         }),

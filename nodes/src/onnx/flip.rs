@@ -31,7 +31,7 @@ impl Flip {
         let shares: Vec<f32> = (0..width).map(|column| self.share_of_plain(column, width)).collect();
         for (row, mirrored) in map.chunks_exact_mut(width).zip(of_mirrored.chunks_exact(width)) {
             for ((value, mirrored), share) in row.iter_mut().zip(mirrored.iter().rev()).zip(&shares) {
-                // Where only one of the two is a number, it stands.
+                // If only one of the two is a number, it is used.
                 *value = match (value.is_finite(), mirrored.is_finite()) {
                     (true, true) => share * *value + (1.0 - share) * mirrored,
                     (true, false) => *value,

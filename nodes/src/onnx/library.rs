@@ -25,7 +25,7 @@ pub(crate) fn check(path: &Path) -> Result<(), String> {
     // person
     // said, the system's folders or the environment the person activated: code of theirs.
     let library = unsafe { Library::new(path) }.map_err(|error| {
-        // What the loader has to say stands beneath.
+        // The source has the loader's message.
         let why = error.source().map_or_else(|| error.to_string(), ToString::to_string);
         refused(format!("does not load ({why})"))
     })?;

@@ -28,7 +28,7 @@ pub(crate) enum Missing {
 
 pub(crate) fn load() -> Result<Engine, Missing> {
     if let Some(path) = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()) {
-        // Asked for by name: another one in its place would surprise.
+        // Named explicitly: another one would surprise.
         let named = |what| Missing::Named(format!("ORT_DYLIB_PATH: {what}"));
         let path = std::path::absolute(path).map_err(|error| named(error.to_string()))?;
         if path.is_dir() {
@@ -72,7 +72,7 @@ fn none_found(refused: Vec<String>) -> Missing {
 /// Folders searched when no library is named, each with what led to it.
 pub(crate) fn places() -> Vec<(&'static str, PathBuf)> {
     let variable = |name: &'static str| std::env::var_os(name).unwrap_or_default();
-    // What is no absolute path would be another folder for every working directory.
+    // A relative path would depend on the working directory.
     let loader = if cfg!(target_os = "macos") { "DYLD_LIBRARY_PATH" } else { "LD_LIBRARY_PATH" };
     let of_loader: Vec<PathBuf> = std::env::split_paths(&variable(loader)).filter(|path| path.is_absolute()).collect();
     let system = [

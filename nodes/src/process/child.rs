@@ -229,7 +229,7 @@ impl Running {
     /// Without control characters; `true` if the beginning was dropped.
     fn standard_error(&mut self) -> (String, bool) {
         if let Some(listener) = self.listener.take() {
-            // Somebody who left the group may hold the stream for ever.
+            // A process that left the group may keep the stream open.
             let until = Instant::now() + GRACE;
             while !listener.is_finished() && Instant::now() < until {
                 thread::sleep(Duration::from_millis(1));

@@ -113,7 +113,7 @@ impl ProcessParams {
         let (frame_s, once_s) = (self.timeout_s.unwrap_or(FRAME_S), self.timeout_s.unwrap_or(ONCE_S));
         let program = self.program();
         let mut launch = program.launch(instances, &self.reads, [self.start_timeout_s, frame_s, once_s])?;
-        // Found before any frame: it is asked again where it is started.
+        // Checked before the first frame, and again at each start.
         permission::check(&launch.command_line())?;
         launch.check_program()?;
         if self.imports && program.has_keys() {

@@ -118,7 +118,7 @@ impl StereoOnnx {
                 (None, Some(calibration)) => {
                     let given = f64::from(*value) * scale;
                     let metres = if self.params.output == StereoOutput::Depth { given } else { 1.0 / given };
-                    // What is behind the camera, or nowhere, is no answer.
+                    // Depths that are not positive are invalid.
                     if metres > 0.0 { calibration.disparity_px(metres) as f32 } else { f32::NAN }
                 }
                 (None, None) => f32::NAN,

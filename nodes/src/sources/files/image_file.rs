@@ -173,8 +173,7 @@ const FORMATS: [(&[u8], image::ImageFormat); 10] = [
 ];
 
 fn format_of(path: &Path, bytes: &[u8]) -> Result<image::ImageFormat, Fault> {
-    // What begins as none of them is told of as what its name says, as far as it says: an empty file, a text in place
-    // of an image.
+    // Unknown bytes are reported as what the name says, if it says: an empty file, a text instead of an image.
     let by_content = FORMATS.iter().find(|(begin, _)| bytes.starts_with(begin)).map(|(_, format)| *format);
     let by_name =
         || image::ImageFormat::from_path(path).ok().filter(|of| FORMATS.iter().any(|(_, format)| format == of));
@@ -347,7 +346,7 @@ mod tests {
             assert_eq!(rgb.dimensions(), expected.dimensions(), "{name}");
             let differ = rgb.iter().zip(expected.iter()).filter(|(a, b)| a != b).count();
             assert_eq!(differ, 0, "{name}: samples that are not OpenCV's");
-            // A turned image is not what its file's bytes say to who does not turn it.
+            // The bytes of a turned image show another image to readers that ignore the orientation.
             let is_turned = name.starts_with("orientation_") && !name.starts_with("orientation_1");
             let is_kept = !is_turned && (name.ends_with("jpg") || name.ends_with("png"));
             assert_eq!(found.encoded().is_some(), is_kept, "{name}");

@@ -92,7 +92,7 @@ fn matched(pattern: &str, name: &str) -> Option<Vec<String>> {
     let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
     let (mut p, mut n) = (0, 0);
     let mut open: Vec<(usize, usize)> = Vec::new();
-    // The last star: where it stands, how many places were open with it, and where what it stands for ends.
+    // The last star: its position, the number of open places up to it, and the end of its match.
     let mut star: Option<(usize, usize, usize)> = None;
     loop {
         match pattern.get(p) {
@@ -172,7 +172,7 @@ mod tests {
         {
             assert_eq!(open(pattern, name), None, "{pattern} {name}");
         }
-        // As long as an evening for who tries every way.
+        // Exponential for a matcher that tries every way.
         assert_eq!(open(&"*a".repeat(40), &"a".repeat(39)), None);
     }
 

@@ -101,7 +101,7 @@ fn all_of(files: &[&str]) -> String {
 fn in_one(files: &[&str]) -> Option<(String, String)> {
     let names: BTreeSet<&str> = files.iter().copied().collect();
     let is_there = |name: &str| names.contains(name);
-    // By the sides' names, the files in which they stand: what stands before, and behind.
+    // By the two sides' words: the text before and after the word, of each file.
     let mut by_side: BTreeMap<(String, String), Vec<(&str, &str)>> = BTreeMap::new();
     for file in files {
         for other in sides::others(file) {

@@ -102,7 +102,6 @@ fn words(name: &str) -> Vec<(usize, &str)> {
             start = end;
         }
     }
-    // `image_02`: what numbers a camera may stand behind a separator, which is no word.
     found
 }
 

@@ -32,7 +32,7 @@ pub(super) fn read(files: &[Document<'_>], fisheye: bool) -> Result<CameraPair, 
         let file = with(&MATRICES[side]);
         let Some(k) = file.matrix::<9>(&MATRICES[side])? else {
             let name = MATRICES[side][0];
-            // Nobody knows which of several was to hold it.
+            // Any of several files could have held it.
             let others: Vec<String> =
                 files[1..].iter().map(|file| format!(", nor in {}", file.path().display())).collect();
             let what = format!("there is no camera matrix `{name}`{}", others.concat());
