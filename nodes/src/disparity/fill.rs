@@ -7,7 +7,7 @@ use depthloom_kernels::fill::fill_background;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{changed, invalid};
+use super::map::{changed, invalid};
 
 /// Parameters of `disparity/fill`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]

@@ -7,7 +7,7 @@ use depthloom_kernels::left_right;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{invalid, pruned};
+use super::map::{invalid, pruned};
 use crate::bounds::within;
 use crate::shape::same_size;
 

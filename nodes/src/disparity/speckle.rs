@@ -7,7 +7,7 @@ use depthloom_kernels::sgbm::{SpeckleScratch, filter_speckles};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{invalid, pruned};
+use super::map::{invalid, pruned};
 use crate::bounds::within;
 
 /// Parameters of `disparity/speckle`; the defaults lie in the middle of what OpenCV advises (50 to 200 px, 1 or 2 px).

@@ -7,7 +7,7 @@ use depthloom_kernels::weighted_least_squares::{Guide, Params, Right, Smoother, 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{changed, invalid};
+use super::map::{changed, invalid};
 use crate::bounds::within;
 use crate::shape::same_size;
 use crate::tiles::HostTiles;

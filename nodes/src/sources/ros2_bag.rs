@@ -6,12 +6,11 @@ mod found;
 mod frame;
 mod params;
 mod recognise;
+mod static_transforms;
 
 use std::path::Path;
 
-use depthloom_bags::stamps::seconds;
-use depthloom_bags::transforms::Transforms;
-use depthloom_bags::{Bag, Form, Message};
+use depthloom_bags::{Bag, Message};
 use depthloom_graphs::contracts::{Fact, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Key, Port, Source, SourceKind, SourceOutputs, ValueType};
@@ -19,14 +18,9 @@ use depthloom_graphs::{Context, Fault, Key, Port, Source, SourceKind, SourceOutp
 use self::chosen::Chosen;
 use self::found::MatchedFrames;
 use self::params::{KIND, Ros2BagParams, VERSION};
-use crate::sources::dataset::folders::at_file;
 use crate::sources::dataset::{depth_port, image_port};
 use crate::sources::read_ahead::ReadAhead;
 use crate::sources::ros2_bag::frame::{Messages, Part, Reading};
-
-const TF_STATIC: &str = "/tf_static";
-
-const MOST_TRANSFORMS: usize = 100_000;
 
 pub(crate) struct Ros2Bag {
     bag: Bag,
@@ -135,7 +129,7 @@ impl Ros2Bag {
         }
         let chosen = Chosen::select(&bag, params)?;
         let found = MatchedFrames::find(&bag, &chosen, params)?;
-        let transforms = params.points.is_some().then(|| transforms(&bag)).transpose()?;
+        let transforms = params.points.is_some().then(|| static_transforms::read(&bag)).transpose()?;
         let reading = Reading::new(
             params,
             chosen.0.iter().map(|(part, topic, form)| (*part, topic.name.clone(), *form)),
@@ -185,23 +179,4 @@ impl Source for Ros2Bag {
         let (messages, key) = self.read_ahead.take(position).map_or_else(|| self.messages_of(position), Ok)?;
         Ok(SourceOutputs { outputs: self.reading.values(&messages, ctx)?, key })
     }
-}
-
-fn transforms(bag: &Bag) -> Result<Transforms, Fault> {
-    let mut transforms = Transforms::default();
-    let Ok(topic) = bag.topic(TF_STATIC) else { return Ok(transforms) };
-    let form = Form::of(topic).map_err(|fault| at_file(bag.path(), fault))?;
-    let messages = bag.messages(&[topic])?.remove(0);
-    if messages.len() > MOST_TRANSFORMS {
-        let (path, count) = (bag.path().display(), messages.len());
-        let what = format!("{path} has {count} messages of {TF_STATIC}, and static transforms are few");
-        return Err(Fault::new(what)
-            .remedy("what moves belongs on /tf, and is not read: record /tf_static latched, each transform once"));
-    }
-    for message in &messages {
-        let added = transforms.add(form, &bag.read(message)?);
-        let place = format!("recorded at {}", seconds(message.log_ns));
-        added.map_err(|error| depthloom_bags::message_fault(error, bag.path(), TF_STATIC, &place))?;
-    }
-    Ok(transforms)
 }

@@ -4,7 +4,7 @@ use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, PureNode};
 use depthloom_kernels::bm::{self, BmScratch, Params};
 
-use super::{disparity, matched, pair, refused};
+use super::matcher::{disparity, matched, pair, refused};
 
 pub(crate) struct Bm {
     params: Params,

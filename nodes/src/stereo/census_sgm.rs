@@ -4,7 +4,7 @@ use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, PureNode};
 use depthloom_kernels::census::{self, CensusScratch, Pair, Params};
 
-use super::{disparity, matched, pair, refused, too_large};
+use super::matcher::{disparity, matched, pair, refused, too_large};
 
 pub(crate) struct CensusSgm {
     params: Params,

@@ -6,7 +6,7 @@ use depthloom_kernels::sgbm::{self, Mode, Params, SgbmScratch, View};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{disparity, matched, pair, refused, too_large};
+use super::matcher::{disparity, matched, pair, refused, too_large};
 
 /// OpenCV's parameters of `StereoSGBM`, with the paper's values as defaults.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -183,5 +183,5 @@ fn bands_of_distance_want_a_calibration() {
     let truth = TrueDisparity::from_px_256(&Raster::from_raw(2, 2, truth).unwrap());
     let fault =
         call("score/disparity", &params, &[("estimate", estimate.into()), ("truth", truth.into())]).unwrap_err();
-    assert!(fault.to_string().contains("wants a calibration"), "{fault}");
+    assert!(fault.to_string().contains("needs a calibration"), "{fault}");
 }

@@ -16,6 +16,10 @@ const BASELINE_M: f64 = 0.532_725;
 const WANTED: &str = "a calibration file has two lines, `P_rect_02:` (left) and `P_rect_03:` (right), each with the 12 numbers of \
 `f 0 cx -f*x 0 f cy 0 0 0 1 0`: px, and x, the camera's place to the right, in metres";
 
+const CAMERAS: &str = "calib_cam_to_cam.txt has `S_rect_0x:` (width, height), `R_rect_00:` (9 numbers) and `P_rect_0x:` of both cameras (12 numbers, \
+`f 0 cx -f*x 0 f cy 0 0 0 1 0`: px and metres): take it from the date's calibration zip again";
+const SCANNERS: &str = "calib_velo_to_cam.txt has `R:` (9 numbers) and `T:` (3 numbers, metres): take it from the date's calibration zip again";
+
 /// Width of the rectified image, focal length and principal point (column, row) of the left colour camera, px. Each
 /// recording day has its own width.
 const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
@@ -78,6 +82,45 @@ pub(crate) fn pair(
         return Err(lines.fault(Some(right_line), what));
     }
     Ok(pair)
+}
+
+pub(super) fn day_lines(file: &File) -> Result<NamedLines<'_>, Fault> {
+    NamedLines::parse(&file.path, &file.text(), ':', CAMERAS)
+}
+
+/// A pair's calibration, for images of the size that the file names.
+pub(super) fn of_day(lines: &NamedLines<'_>, cameras: KittiCameras, size: (u32, u32)) -> Result<Calibration, Fault> {
+    let (line, [width, height]) = lines.numbers::<2>(cameras.size())?;
+    if (width, height) != (f64::from(size.0), f64::from(size.1)) {
+        let what = format!("{} says {width}x{height}, and the image is {}x{}", cameras.size(), size.0, size.1);
+        return Err(lines.fault(Some(line), what).remedy("take image and calibration of one date"));
+    }
+    pair(lines, cameras.rectified_projections(), size)
+}
+
+/// From the scanner to the left image: `P_rect R_rect_00 [R|T]`, 3x4, row-major.
+pub(super) fn scanner_projection(
+    lines: &NamedLines<'_>,
+    scanner: &File,
+    cameras: KittiCameras,
+) -> Result<[f64; 12], Fault> {
+    let scanner = NamedLines::parse(&scanner.path, &scanner.text(), ':', SCANNERS)?;
+    let ((_, r), (_, t)) = (scanner.numbers::<9>("R")?, scanner.numbers::<3>("T")?);
+    let (_, rectify) = lines.numbers::<9>("R_rect_00")?;
+    let (_, p) = lines.numbers::<12>(cameras.rectified_projections()[0])?;
+    // Rectified camera coordinates from the scanner's, 4x4 without its last row.
+    let places = || (0..3).flat_map(|row| (0..4).map(move |column| (row, column)));
+    let mut turned = [0.0; 12];
+    for (row, column) in places() {
+        let from_scanner = |k: usize| if column == 3 { t[k] } else { r[3 * k + column] };
+        turned[4 * row + column] = (0..3).map(|k| rectify[3 * row + k] * from_scanner(k)).sum();
+    }
+    let mut projection = [0.0; 12];
+    for (row, column) in places() {
+        let last = if column == 3 { p[4 * row + 3] } else { 0.0 };
+        projection[4 * row + column] = (0..3).map(|k| p[4 * row + k] * turned[4 * k + column]).sum::<f64>() + last;
+    }
+    Ok(projection)
 }
 
 #[cfg(test)]

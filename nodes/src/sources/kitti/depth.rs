@@ -16,7 +16,8 @@ use crate::sources::dataset::folders::{existing_file, existing_folder, existing_
 use crate::sources::dataset::frame_files::{CALIBRATION, Files, LEFT, Part, RIGHT, TRUTH};
 use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, required};
 use crate::sources::images::natural_text;
-use crate::sources::kitti::cameras::{self, KittiCameras};
+use crate::sources::kitti::calibration;
+use crate::sources::kitti::cameras::KittiCameras;
 use crate::sources::kitti::drives::{self, IMAGES};
 use crate::sources::kitti::raw::KittiRaw;
 
@@ -120,8 +121,8 @@ of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
-        let lines = cameras::lines(files.required(CALIBRATION)?)?;
-        let calibration = cameras::calibration(&lines, KittiCameras::Color, size)?;
+        let lines = calibration::day_lines(files.required(CALIBRATION)?)?;
+        let calibration = calibration::of_day(&lines, KittiCameras::Color, size)?;
         let mut outputs = Outputs::one("left", left).with("right", right).with("calibration", calibration);
         if let Some(raw) = files.map_u16(TRUTH, "metres", size)? {
             let metres = filled(size, |out| truth_from_depth_png(&raw, out));

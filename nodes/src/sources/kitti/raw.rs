@@ -16,7 +16,8 @@ use crate::sources::dataset::folders::{existing_file, missing_file, stems};
 use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT};
 use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, calibration_port, depth_port, image_port, required};
 use crate::sources::images::natural_text;
-use crate::sources::kitti::cameras::{self, KittiCameras};
+use crate::sources::kitti::calibration;
+use crate::sources::kitti::cameras::KittiCameras;
 use crate::sources::kitti::drives::{self, Drive, DriveFrame, IMAGES, is_drive};
 use crate::sources::kitti::time::Clock;
 
@@ -170,11 +171,11 @@ as the truth of the Eigen split is exported. A frame without a scan has no truth
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
-        let lines = cameras::lines(files.required(CALIBRATION)?)?;
-        let calibration = cameras::calibration(&lines, self.cameras, size)?;
+        let lines = calibration::day_lines(files.required(CALIBRATION)?)?;
+        let calibration = calibration::of_day(&lines, self.cameras, size)?;
         let mut outputs = Outputs::one("left", left).with("right", right).with("calibration", calibration);
         if let Some(scan) = files.get(SCAN) {
-            let projection = cameras::scanner_projection(&lines, files.required(SCANNER)?, self.cameras)?;
+            let projection = calibration::scanner_projection(&lines, files.required(SCANNER)?, self.cameras)?;
             outputs = outputs.with("depth", depth(scan, &projection, size, self.compat.rule())?);
         }
         Ok(outputs)

@@ -10,7 +10,7 @@ use depthloom_graphs::ErrorMessage;
 use depthloom_graphs::contracts::Recognised;
 use serde_json::json;
 
-use crate::sources::ros2_bag::transforms;
+use crate::sources::ros2_bag::static_transforms;
 
 const OURS: &str = "depthloom";
 
@@ -169,7 +169,7 @@ fn truth(bag: &Bag, topic: &Topic, left: Option<&Left>) -> Option<(&'static str,
     const UNKNOWN: &str = "does it belong to the left image?";
     let form = Form::of(topic).ok()?;
     if form.sort == Sort::PointCloud {
-        let against = match (left, frame_of(bag, topic), transforms(bag)) {
+        let against = match (left, frame_of(bag, topic), static_transforms::read(bag)) {
             (Some(left), Some(frame), Ok(transforms)) => transforms.between(&left.frame, &frame).err(),
             (_, _, Err(fault)) => Some(fault.chain()),
             _ => Some(UNKNOWN.to_owned()),

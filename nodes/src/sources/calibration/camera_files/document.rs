@@ -5,7 +5,7 @@ use std::path::Path;
 use depthloom_graphs::Fault;
 use serde_json::{Map, Value as Json};
 
-use crate::sources::calibration::camera_files::FORMS;
+use crate::sources::calibration::camera_files::camera::FORMS;
 
 /// Bytes.
 const MOST_BYTES: usize = 1 << 20;

@@ -3,8 +3,8 @@
 use depthloom_graphs::Fault;
 use depthloom_kernels::rectify::Camera;
 
+use crate::sources::calibration::camera_files::camera::{CalibratedCamera, CameraPair, FORMS, lens};
 use crate::sources::calibration::camera_files::document::Document;
-use crate::sources::calibration::camera_files::{CalibratedCamera, CameraPair, FORMS, lens};
 
 pub(super) fn is(file: &Document<'_>) -> bool {
     file.has(&["cam0"])

@@ -4,8 +4,10 @@
 
 use depthloom_graphs::Fault;
 
+use crate::sources::calibration::camera_files::camera::{
+    CalibratedCamera, CameraPair, FORMS, camera, lens, matrix, view,
+};
 use crate::sources::calibration::camera_files::document::Document;
-use crate::sources::calibration::camera_files::{CalibratedCamera, CameraPair, FORMS, camera, lens, matrix, view};
 
 const MATRICES: [[&str; 5]; 2] =
     [["M1", "K1", "cameraMatrix1", "camera_matrix_1", "CM1"], ["M2", "K2", "cameraMatrix2", "camera_matrix_2", "CM2"]];

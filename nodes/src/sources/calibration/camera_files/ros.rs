@@ -2,8 +2,8 @@
 
 use depthloom_graphs::Fault;
 
+use crate::sources::calibration::camera_files::camera::{CalibratedCamera, CameraPair, FORMS, camera, lens, view};
 use crate::sources::calibration::camera_files::document::Document;
-use crate::sources::calibration::camera_files::{CalibratedCamera, CameraPair, FORMS, camera, lens, view};
 
 const MATRIX: [&str; 3] = ["camera_matrix", "k", "K"];
 const COEFFICIENTS: [&str; 3] = ["distortion_coefficients", "d", "D"];
