@@ -1,4 +1,4 @@
-//! What the language, the nodes, the runner and the recording agree on.
+//! The contracts between language, nodes, runner and recording.
 
 mod code;
 mod context;

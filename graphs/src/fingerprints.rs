@@ -1,8 +1,8 @@
-//! Recipes with what engines of this machine add to them.
+//! Adds the fingerprints of this machine's engines to the recipes of a plan.
 //!
-//! A plan is made of what is written, so that to look at one opens no library. What decides a node's outputs besides (the version of an engine,
-//! see [`Node::fingerprint`](crate::Node::fingerprint)) is known when the plan is made ready, and enters the recipes of that node and of
-//! every node that reads it, in whichever stage.
+//! Planning opens no library, so what a fingerprint adds (see [`Node::fingerprint`](crate::Node::fingerprint)) is
+//! known only when the plan is made ready. It enters the recipe of the node and of every node that reads it, in any
+//! stage.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Indices: each kind of them is a type of its own, so that the index of a node cannot be used as that of a stage run.
+//! Typed indices, so that the index of a node cannot be used as that of a stage run.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Keys: names of values by what made them, and of contents by their bytes.
+//! Keys: hashes of contents, and of what values are computed from.
 
 use std::fmt;
 

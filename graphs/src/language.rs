@@ -1,7 +1,6 @@
 //! The experiment language: a YAML file to a checked, shared [`Plan`](crate::plan::Plan).
 //!
-//! What a person wrote and what the program decided are two types. On the way, a folder a stage of it, each using those before it:
-//! `text`, `change`, `check`, `plan`. Errors are collected on the way and handed over together.
+//! Each folder uses those before it: `text`, `change`, `check`, `plan`. Errors are collected and reported together.
 
 mod blame;
 mod change;
@@ -15,7 +14,7 @@ mod unused;
 pub(crate) use check::params::changed_since;
 pub use check::schema::schema;
 pub(crate) use check::schema_check::range_text;
-pub(crate) use check::with_schema::is_operational;
+pub(crate) use check::with_schema::{alternatives, has_type, is_operational};
 pub use load::{Environment, Loaded, Options, load};
 pub use text::diagnostics::{Diagnostic, Diagnostics, Related, Severity};
 pub use text::glob::glob;

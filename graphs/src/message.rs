@@ -1,4 +1,4 @@
-//! What went wrong, in words for the person who runs the experiment.
+//! Errors in words, for the person who runs the experiment.
 
 use std::error::Error;
 

@@ -1,6 +1,4 @@
-//! A checked, shared plan: what is to be run, decided.
-//!
-//! What a person wrote is a spec; what follows from it for every variant, with equal nodes shared, is a plan.
+//! A checked, shared plan: what will be run.
 
 use std::path::{Path, PathBuf};
 

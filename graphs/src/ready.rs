@@ -1,4 +1,4 @@
-//! A plan with its sources opened and its nodes built: everything that can be found missing has been found.
+//! A plan with opened sources and built nodes: everything that can be missing has been found.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -6,10 +6,11 @@ use std::path::Path;
 
 use schemars::generate::SchemaSettings;
 use serde_json::Value as Json;
+use serde_path_to_error::Segment;
 
 use crate::contracts::{
-    Fault, Instance, Node, NodeDeclaration, Port, Recognised, Signature, Source, SourceDeclaration, SourceKind, Survey,
-    Upstream,
+    Contract, Fault, Instance, Node, NodeDeclaration, Port, Recognised, Signature, Source, SourceDeclaration,
+    SourceKind, Survey, Upstream,
 };
 use crate::key::Key;
 
@@ -37,7 +38,37 @@ pub struct NodeKind {
     build: fn(&Json) -> Result<Instance, Fault>,
 }
 
+/// What kinds of nodes and of sources have in common.
+#[derive(Clone, Copy)]
+pub(crate) struct KindInfo<'r> {
+    pub(crate) kind: &'static str,
+    /// `None` for a source.
+    pub(crate) contract: Option<Contract>,
+    pub(crate) version: u32,
+    pub(crate) summary: &'static str,
+    pub(crate) doc: &'static str,
+    pub(crate) inputs: &'r [Port],
+    pub(crate) outputs: &'r [Port],
+    pub(crate) own_ports: bool,
+    pub(crate) schema: &'r Json,
+    pub(crate) resolve: fn(&Json) -> Result<Json, ParamError>,
+}
+
+impl KindInfo<'_> {
+    pub(crate) fn contract_name(&self) -> &'static str {
+        self.contract.map_or("source", Contract::name)
+    }
+}
+
 impl NodeKind {
+    pub(crate) const fn info(&self) -> KindInfo<'_> {
+        let NodeDeclaration { kind, version, contract, summary, doc, inputs, outputs } = &self.declaration;
+        let (version, contract, own_ports) = (*version, Some(*contract), self.own_ports);
+        let (inputs, outputs) = (inputs.as_slice(), outputs.as_slice());
+        let (schema, resolve) = (&self.schema, self.resolve);
+        KindInfo { kind, contract, version, summary, doc, inputs, outputs, own_ports, schema, resolve }
+    }
+
     /// The parameters with every default filled in.
     ///
     /// # Errors
@@ -103,6 +134,13 @@ pub struct SourceEntry {
 }
 
 impl SourceEntry {
+    pub(crate) const fn info(&self) -> KindInfo<'_> {
+        let SourceDeclaration { kind, version, summary, doc, outputs } = &self.declaration;
+        let (version, contract, own_ports, inputs, outputs) = (*version, None, false, &[], outputs.as_slice());
+        let (schema, resolve) = (&self.schema, self.resolve);
+        KindInfo { kind, contract, version, summary, doc, inputs, outputs, own_ports, schema, resolve }
+    }
+
     /// The parameters with every default filled in.
     ///
     /// # Errors
@@ -248,6 +286,10 @@ impl Registry {
         self.sources.get(kind)
     }
 
+    pub(crate) fn kind(&self, kind: &str) -> Option<KindInfo<'_>> {
+        self.node_kind(kind).map(NodeKind::info).or_else(|| self.source_kind(kind).map(SourceEntry::info))
+    }
+
     /// All node kinds by name.
     pub fn nodes(&self) -> impl Iterator<Item = &NodeKind> {
         self.nodes.values()
@@ -269,20 +311,17 @@ fn parse<P: serde::de::DeserializeOwned>(resolved: &Json) -> Result<P, Fault> {
         .map_err(|error| Fault::new(format!("parameter `{}`: {}", error.path(), error.inner())))
 }
 
-fn step_of(segment: &serde_path_to_error::Segment) -> String {
-    match segment {
-        serde_path_to_error::Segment::Seq { index } => index.to_string(),
-        other => other.to_string(),
-    }
-}
-
 fn resolve<P: serde::Serialize + serde::de::DeserializeOwned>(
     json: &Json,
     follow: fn(&mut P),
     check: fn(&P) -> Result<(), (&'static str, String)>,
 ) -> Result<Json, ParamError> {
+    let step = |segment: &Segment| match segment {
+        Segment::Seq { index } => index.to_string(),
+        other => other.to_string(),
+    };
     let mut params: P = serde_path_to_error::deserialize(json).map_err(|error| ParamError {
-        path: error.path().iter().map(step_of).filter(|segment| segment != "?").collect(),
+        path: error.path().iter().map(step).filter(|segment| segment != "?").collect(),
         what: error.inner().to_string(),
     })?;
     follow(&mut params);

@@ -1,4 +1,4 @@
-//! Reading what a stranger's experiment names: regular files only, up to a limit. A pipe would block, a device has no end.
+//! Reads regular files up to a limit: opening a pipe would block, and a device may have no end.
 
 use std::fs::{File, Metadata};
 use std::io::{Error, ErrorKind, Read};

@@ -1,8 +1,7 @@
-//! Keys of values: what a value was made by and from, never where or when.
+//! Cache keys of values: computed from what a value was made of, never from where or when.
 //!
-//! A node has one key a frame; each of its output ports derives its own from it, so that two outputs of a node differ.
-//! Inputs are listed in the order of the node's declaration, `None` where a port is unwired or its value absent.
-//! What a node observes of a frame besides its inputs is part of its key on that frame.
+//! A node has one key per frame, from which each output port derives its own. Inputs are in the order of the
+//! declaration, `None` where unwired or absent. What a node observes of a frame is part of its key.
 
 use crate::contracts::Frame;
 use crate::key::{Key, KeyBuilder};

@@ -1,4 +1,4 @@
-//! What flows along the edges of a graph: immutable values, cheap to share.
+//! Immutable values on the edges of a graph, cheap to share.
 
 mod artifact;
 mod calibration;

@@ -214,7 +214,7 @@ fn a_range_with_fewer_numbers_than_steps_says_which_it_takes() {
     let load =
         |axis: &str| taken(&format!("{odd}matrix: {{ {axis} }}\n"), &[], &[]).unwrap_or_else(|said| panic!("{said}"));
     let all = load("compare.blurred.with.size: { from: 2, to: 8, steps: 9 }");
-    assert_eq!(all.plan.variants, ["size=3", "size=5", "size=7"], "odd, as the parameter wants them");
+    assert_eq!(all.plan.variants, ["size=3", "size=5", "size=7"], "odd, as the parameter requires");
     let said = all.warnings.to_string();
     assert!(said.contains("the range of `compare.blurred.with.size` holds 3 odd numbers, not 9"), "{said}");
     assert!(said.contains("it takes `3`, `5`, `7`, each once"), "{said}");
@@ -429,7 +429,7 @@ fn a_parameter_that_follows_others_becomes_its_number_before_all_else() {
     let lefts = alike.runs[0].nodes.iter().filter(|node| node.name == "left");
     assert_eq!(lefts.map(|node| node.variants.clone()).collect::<Vec<_>>(), [[0, 1, 2].map(VariantId)]);
     let said = refused("variants: { wrong: { compare.left.with.p1: atuo }, half: { compare.left.with.p1: 2.5 } }\n");
-    assert!(said.contains("did you mean `auto`?") && said.contains("`p1` wants a whole number, not `2.5`"), "{said}");
+    assert!(said.contains("did you mean `auto`?") && said.contains("`p1` must be a whole number, not `2.5`"), "{said}");
 }
 
 #[test]

@@ -195,5 +195,5 @@ fn null_takes_away_what_is_inherited_and_what_is_there() {
     assert!(said.contains("`lern` is empty") && said.contains("nothing of that name is inherited"), "{said}");
     // A variant changes, and takes nothing away.
     let said = load("extends: base.yaml\nvariants: { plain: { compare.median: null } }\n", &[]).unwrap_err();
-    assert!(said.contains("`median` is empty: a node wants a map"), "{said}");
+    assert!(said.contains("`median` is empty: a node must be a map"), "{said}");
 }

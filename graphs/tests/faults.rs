@@ -124,7 +124,7 @@ fn fault_26_null_means_none_wherever_it_is_written() {
     let recipe = |plan: &Plan| plan.runs[0].nodes.iter().map(|node| node.recipe).collect::<Vec<_>>();
     assert_eq!(recipe(&in_the_file), recipe(&on_the_command_line));
     // What cannot be none is refused alike.
-    let cannot = "`steps` wants a whole number, not nothing";
+    let cannot = "`steps` must be a whole number, not nothing";
     assert!(plan_of(&learning("steps: null", wired, ""), &[]).expect_err("in the file").contains(cannot));
     let set = [("learn.teacher.with.steps", "null")];
     assert!(plan_of(&learning("steps: 5", wired, ""), &set).expect_err("by --set").contains(cannot));

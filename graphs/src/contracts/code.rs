@@ -1,4 +1,4 @@
-//! Files that decide what a program computes.
+//! Files that determine what a program computes.
 
 use std::path::{Component, Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! What a node may ask of whoever runs it.
+//! The runner's services for a running node.
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;

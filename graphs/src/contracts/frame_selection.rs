@@ -1,4 +1,4 @@
-//! Which frames of a source are taken.
+//! Selection of a source's frames.
 
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! Nodes: pure, ordered, once.
+//! Nodes: pure, ordered, aggregate.
 
 use std::sync::Arc;
 

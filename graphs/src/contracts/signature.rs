@@ -1,4 +1,4 @@
-//! What goes in and out of one node, and how it is called.
+//! Contract and ports of one node.
 
 use super::{Contract, Observation, Port};
 

@@ -1,4 +1,4 @@
-//! Sources: where frames come from.
+//! Sources of frames.
 
 use std::path::{Path, PathBuf};
 

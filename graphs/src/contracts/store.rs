@@ -1,4 +1,4 @@
-//! Values looked up by key.
+//! Stored values by cache key.
 
 use super::Fault;
 use crate::{Key, Value};

@@ -1,4 +1,4 @@
-//! The tap: where a run's values go besides to each other. A recording is one.
+//! The tap: a sink of a run's values, for example a recording.
 
 use super::{Frame, Store};
 use crate::ids::{FrameIndex, NodeId, PartId, PortId, RunId};

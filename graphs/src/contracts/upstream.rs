@@ -1,4 +1,4 @@
-//! What a node can know of its inputs before any frame: what gives them.
+//! What a node can know of its inputs before any frame.
 
 use std::path::Path;
 

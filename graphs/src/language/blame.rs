@@ -1,7 +1,7 @@
-//! Errors that an argument of `--set` or `--matrix` leads to and that show elsewhere: they point at the argument.
+//! Moves errors caused by an argument of `--set` or `--matrix` to the argument.
 //!
-//! A new kind, source or size is right where it is written, and wrong with what the file says of other nodes. What is at fault shows
-//! in what is left without it: the experiment is looked at again, each time with one argument less.
+//! A new kind or size is valid itself, but other nodes may not fit. The experiment is checked again without each
+//! argument: an error that disappears is due to it.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -34,7 +34,7 @@ pub(crate) fn pointed(
         }
         let argument = Place::whole(&Arc::new(argument.file()));
         for diagnostic in found.0.iter_mut().filter(|d| shows_elsewhere(d) && !rest.contains(&d.identity())) {
-            let shown = Place { file: Arc::clone(&diagnostic.file), span: diagnostic.span.clone() };
+            let shown = diagnostic.place();
             let label = match std::mem::replace(&mut diagnostic.label, "leads to this".to_owned()) {
                 label if label == Diagnostic::UNLABELLED => "shows here".to_owned(),
                 label => label,

@@ -1,5 +1,4 @@
-//! The document changed: by `--set`, by `variants` and by `matrix`.
-//! From the document to a document for every variant.
+//! Changes the document: by `--set`, by `variants` and by `matrix`. Makes a document for every variant.
 
 pub(crate) mod apply;
 pub(crate) mod matrix;

@@ -1,5 +1,4 @@
-//! One variant's document read into types, and its parameters held against their kinds' schemas.
-//! From the document to a spec.
+//! Reads one variant's document into types, and checks its parameters against the schemas of their kinds.
 
 pub(crate) mod following;
 mod free_numbers;

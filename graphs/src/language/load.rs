@@ -25,10 +25,9 @@ use super::text::environment;
 use super::text::files::Files;
 use super::text::kept;
 use super::text::resolved;
-use super::text::source_file::Place;
 use super::text::tree::Node;
 use super::unused::{Declared, MOST_VALUES};
-use crate::plan::{Factor, Plan, VariantId};
+use crate::plan::{Plan, VariantId};
 use crate::registry::Registry;
 
 /// After errors in so many variants, the others are not checked.
@@ -119,7 +118,7 @@ fn look_at(
     order.extend(set_files.into_iter().chain(only_files));
     let mut diagnostics = report.finish(&order);
     for diagnostic in &mut diagnostics.0 {
-        let place = Place { file: std::sync::Arc::clone(&diagnostic.file), span: diagnostic.span.clone() };
+        let place = diagnostic.place();
         if !place.span.is_empty() {
             diagnostic.key_path = files.key_path(&place).unwrap_or_default();
         }
@@ -190,11 +189,16 @@ fn planned(
     equal_variants(&variants, &shared, report);
     overruled(&names, &shared, report);
     let kept = kept::files(files, &root, &overrides::typed(typed, only.as_ref()), &resolver.anywhere);
+    let has_factors = variants.iter().any(|variant| !variant.factors.is_empty());
     let plan = Plan {
         experiment,
         about,
         variants: names,
-        factors: factors(&variants),
+        factors: if has_factors {
+            variants.iter().map(|variant| variant.factors.clone()).collect()
+        } else {
+            Vec::new()
+        },
         runs,
         record: recording.record,
         written: files.written(),
@@ -202,13 +206,6 @@ fn planned(
     };
     let read = files.paths().chain(resolver.contents.named()).map(Path::to_owned).collect();
     Some(Loaded { plan, warnings: Diagnostics::default(), kept, read })
-}
-
-fn factors(variants: &[Variant]) -> Vec<Vec<Factor>> {
-    if variants.iter().all(|variant| variant.factors.is_empty()) {
-        return Vec::new();
-    }
-    variants.iter().map(|variant| variant.factors.clone()).collect()
 }
 
 fn equal_variants(variants: &[Variant], shared: &Shared<'_>, report: &mut Report) {
@@ -242,13 +239,8 @@ impl Report {
     /// Names the variant of each diagnostic from `first` on, unless its place does.
     fn in_variant(&mut self, first: usize, variant: &Variant) {
         let own = |diagnostic: &Diagnostic| {
-            variant.changes.iter().any(|change| {
-                [&change.place, &change.value.place].iter().any(|place| {
-                    std::sync::Arc::ptr_eq(&place.file, &diagnostic.file)
-                        && place.span.start <= diagnostic.span.start
-                        && diagnostic.span.end <= place.span.end
-                })
-            })
+            let place = diagnostic.place();
+            variant.changes.iter().any(|own| own.place.contains(&place) || own.value.place.contains(&place))
         };
         for diagnostic in self.since(first).filter(|d| d.severity == Severity::Error && !own(d)) {
             diagnostic.message = format!("{} (in variant `{}`)", diagnostic.message, variant.name);

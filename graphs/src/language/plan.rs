@@ -1,5 +1,5 @@
-//! All variants' specs linked against the kinds an engine knows, and shared: equal nodes are one, with one recipe.
-//! From specs to the stage runs of a [`Plan`](crate::plan::Plan).
+//! Links the specs of all variants to kinds, and shares equal nodes: specs to the stage runs of a
+//! [`Plan`](crate::plan::Plan).
 
 pub(crate) mod assemble;
 pub(crate) mod link;

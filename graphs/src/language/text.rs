@@ -1,5 +1,5 @@
-//! What is written: files, trees that remember where every word stands, one document out of `extends`, graph files and the
-//! environment, and what is said of a place in them. Knows no kind.
+//! Text: files, trees with positions, one document out of `extends`, graph files and the environment, and diagnostics.
+//! Knows no kind.
 
 pub(crate) mod diagnostics;
 pub(crate) mod environment;

@@ -1,4 +1,4 @@
-//! What nothing uses: judged over all variants that the file declares. What only those use that are not taken is simply not run.
+//! Reports what nothing uses, over all variants of the file. What only unselected variants use is not reported.
 
 use std::collections::HashSet;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! What a diagram of a plan shows, whatever language draws it: boxes and arrows.
+//! Boxes and arrows of a plan, for all diagram languages.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Plans as nodes and edges in JSON, for programs that draw or look through them.
+//! Plans as nodes and edges in JSON.
 
 use schemars::JsonSchema;
 use serde::Serialize;

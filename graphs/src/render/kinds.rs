@@ -5,7 +5,7 @@ use serde::Serialize;
 use serde_json::Value as Json;
 
 use crate::contracts;
-use crate::registry::Registry;
+use crate::registry::{KindInfo, NodeKind, Registry, SourceEntry};
 
 /// Of `nodes`: all kinds.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
@@ -56,46 +56,31 @@ pub(super) struct Port {
 /// All kinds; the contract of a source is `source`.
 #[must_use]
 pub fn kinds_json(registry: &Registry) -> Nodes {
-    let sources = registry.sources().map(|source| {
-        let declared = &source.declaration;
-        head(declared.kind, "source", declared.version, declared.summary)
-    });
-    let nodes = registry.nodes().map(|node| {
-        let declared = &node.declaration;
-        head(declared.kind, declared.contract.name(), declared.version, declared.summary)
-    });
-    Nodes { kinds: sources.chain(nodes).collect() }
+    let sources = registry.sources().map(SourceEntry::info);
+    let kind = |info: KindInfo<'_>| Kind {
+        kind: info.kind.to_owned(),
+        contract: info.contract_name().to_owned(),
+        version: info.version,
+        summary: info.summary.to_owned(),
+    };
+    Nodes { kinds: sources.chain(registry.nodes().map(NodeKind::info)).map(kind).collect() }
 }
 
-/// Everything about one kind. `None` if there is no such kind.
+/// Everything about one kind; `None` if there is no such kind.
 #[must_use]
 pub fn kind_json(registry: &Registry, kind: &str) -> Option<NodesKind> {
-    let (head, doc, inputs, outputs, schema) = if let Some(node) = registry.node_kind(kind) {
-        let declared = &node.declaration;
-        let head = head(declared.kind, declared.contract.name(), declared.version, declared.summary);
-        (head, declared.doc, &declared.inputs[..], &declared.outputs, &node.schema)
-    } else {
-        let source = registry.source_kind(kind)?;
-        let declared = &source.declaration;
-        let head = head(declared.kind, "source", declared.version, declared.summary);
-        (head, declared.doc, &[][..], &declared.outputs, &source.schema)
-    };
-    let Kind { kind, contract, version, summary } = head;
+    let info = registry.kind(kind)?;
     Some(NodesKind {
-        own_ports: registry.node_kind(&kind).is_some_and(|node| node.own_ports).then_some(true),
-        kind,
-        contract,
-        version,
-        summary,
-        doc: doc.trim().to_owned(),
-        inputs: inputs.iter().map(Port::from).collect(),
-        outputs: outputs.iter().map(Port::from).collect(),
-        parameters: schema.clone(),
+        kind: info.kind.to_owned(),
+        contract: info.contract_name().to_owned(),
+        version: info.version,
+        summary: info.summary.to_owned(),
+        own_ports: info.own_ports.then_some(true),
+        doc: info.doc.trim().to_owned(),
+        inputs: info.inputs.iter().map(Port::from).collect(),
+        outputs: info.outputs.iter().map(Port::from).collect(),
+        parameters: info.schema.clone(),
     })
-}
-
-fn head(kind: &str, contract: &str, version: u32, summary: &str) -> Kind {
-    Kind { kind: kind.to_owned(), contract: contract.to_owned(), version, summary: summary.to_owned() }
 }
 
 impl From<&contracts::Port> for Port {

@@ -1,4 +1,4 @@
-//! Plans as JSON, for programs: everything of them that may be shown.
+//! Plans as JSON, as far as they may be shown.
 
 use schemars::JsonSchema;
 use serde::Serialize;

@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
-use serde_json::{Map, Value as Json};
+use serde_json::Value as Json;
 
 use crate::contracts::{Port, Rate};
-use crate::language::{is_operational, range_text};
+use crate::language::{alternatives, has_type, is_operational, range_text};
 use crate::registry::Registry;
 
 /// All kinds with a sentence each.
@@ -27,27 +27,18 @@ pub fn kinds_index(registry: &Registry) -> String {
 /// Everything about one kind: ports, parameters with type, default and range, docs. `None` if there is no such kind.
 #[must_use]
 pub fn kind_reference(registry: &Registry, kind: &str) -> Option<String> {
-    if let Some(node) = registry.node_kind(kind) {
-        let declaration = &node.declaration;
-        let mut text = format!("# {}\n\n{}\n", declaration.kind, declaration.summary);
-        let _ = writeln!(text, "\n{} node, version {}.", capital(declaration.contract.name()), declaration.version);
-        paragraph(&mut text, declaration.doc);
-        if node.own_ports {
-            paragraph(&mut text, "Which ports a node has follows from its parameters.");
-        }
-        ports(&mut text, "Inputs", &declaration.inputs);
-        files(&mut text, &declaration.inputs);
-        ports(&mut text, "Outputs", &declaration.outputs);
-        parameters(&mut text, &node.schema);
-        return Some(text);
+    let kind = registry.kind(kind)?;
+    let mut text = format!("# {}\n\n{}\n", kind.kind, kind.summary);
+    let what = kind.contract.map_or_else(|| "Source".to_owned(), |own| format!("{} node", capital(own.name())));
+    let _ = writeln!(text, "\n{what}, version {}.", kind.version);
+    paragraph(&mut text, kind.doc);
+    if kind.own_ports {
+        paragraph(&mut text, "Which ports a node has follows from its parameters.");
     }
-    let source = registry.source_kind(kind)?;
-    let declaration = &source.declaration;
-    let mut text = format!("# {}\n\n{}\n", declaration.kind, declaration.summary);
-    let _ = writeln!(text, "\nSource, version {}.", declaration.version);
-    paragraph(&mut text, declaration.doc);
-    ports(&mut text, "Outputs", &declaration.outputs);
-    parameters(&mut text, &source.schema);
+    ports(&mut text, "Inputs", kind.inputs);
+    files(&mut text, kind.inputs);
+    ports(&mut text, "Outputs", kind.outputs);
+    parameters(&mut text, kind.schema);
     Some(text)
 }
 
@@ -145,18 +136,13 @@ fn is_frames(schema: &Json) -> bool {
     schema.get("format").and_then(Json::as_str) == Some("frames") || alternatives(schema).any(is_frames)
 }
 
-fn alternatives(schema: &Json) -> impl Iterator<Item = &Json> {
-    ["anyOf", "oneOf"].into_iter().filter_map(|key| schema.get(key)?.as_array()).flatten()
-}
-
 fn plain(value: &Json) -> String {
     value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned)
 }
 
 fn type_text(schema: &Json) -> String {
     let values = enumeration(schema);
-    let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");
-    let words_alone = alternatives(schema).all(|one| is_null(one) || !enumeration(one).is_empty());
+    let words_alone = alternatives(schema).all(|one| has_type(one, "null") || !enumeration(one).is_empty());
     if !values.is_empty() && words_alone {
         return values.iter().map(|(value, _)| format!("`{value}`")).collect::<Vec<_>>().join(", ");
     }
@@ -170,10 +156,7 @@ fn type_text(schema: &Json) -> String {
     if is_frames(schema) {
         return "`1..=40`, `0..48`, list of indices, or file of ids".to_owned();
     }
-    let several: Vec<String> = alternatives(schema)
-        .filter(|alternative| alternative.get("type").and_then(Json::as_str) != Some("null"))
-        .map(type_text)
-        .collect();
+    let several: Vec<String> = alternatives(schema).filter(|one| !has_type(one, "null")).map(type_text).collect();
     if !several.is_empty() {
         return several.join(" or ");
     }
@@ -207,15 +190,14 @@ fn enumeration(schema: &Json) -> Vec<(String, Option<&str>)> {
     let own = schema.get("enum").and_then(Json::as_array).into_iter().flatten();
     let own = own.filter(|value| !value.is_null()).map(|value| (plain(value), None));
     let constant = schema.get("const").map(|value| (plain(value), description(schema)));
-    let of_each = alternatives(schema).filter(|other| other.get("type").and_then(Json::as_str) != Some("null"));
-    let of_each: Vec<Vec<_>> = of_each.map(enumeration).collect();
+    let of_each: Vec<Vec<_>> = alternatives(schema).filter(|one| !has_type(one, "null")).map(enumeration).collect();
     // Where something else may stand too, the values are not all there is.
     let inner = if of_each.iter().any(Vec::is_empty) { Vec::new() } else { of_each };
     own.chain(constant).chain(inner.into_iter().flatten()).collect()
 }
 
 fn description(schema: &Json) -> Option<&str> {
-    schema.as_object().and_then(|schema: &Map<String, Json>| schema.get("description")).and_then(Json::as_str)
+    schema.get("description").and_then(Json::as_str)
 }
 
 fn meaning(schema: &Json) -> String {

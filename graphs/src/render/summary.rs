@@ -1,4 +1,4 @@
-//! What `depthloom plan` shows: every node, what it is, whom it serves, its recipe.
+//! The output of `depthloom plan`.
 
 use std::fmt::Write as _;
 

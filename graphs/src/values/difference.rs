@@ -1,4 +1,4 @@
-//! Two values of a port, one recorded and one made again: in what they differ.
+//! The difference between a recorded and a recomputed value.
 
 use std::fmt;
 

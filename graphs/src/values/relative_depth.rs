@@ -1,4 +1,4 @@
-//! Depth of networks that give inverse depth up to scale and shift.
+//! Depth maps of networks that estimate inverse depth up to scale and shift.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What the samples of a value must be: one function per type, called wherever values come from outside.
+//! Checks samples of values that come from outside.
 
 use super::{Calibration, Curve, Depth, Disparity, Raster, TrueDisparity, Value, Weight};
 

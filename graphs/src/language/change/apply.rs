@@ -1,10 +1,9 @@
 //! A change to an experiment: a path and a value, as variants, matrices and `--set` write them.
 //!
-//! `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `stage.source`, `stage.score.x`, `sources.name.with.x`; of the
-//! command line alone also `record`, `only`, and `variants.name.` and `matrix.` before one of these.
-//! A map as value is merged by key; anything else, `null` too, stands there as if it had been written there: no cap, an
-//! optional input not wired. On the command line `null` takes away a stage, node, source, variant or axis, as it does in a file that
-//! extends another. A new `kind` drops the old `with`.
+//! `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `stage.source`, `stage.score.x`,
+//! `sources.name.with.x`; on the command line also `record`, `only`, and `variants.name.` and `matrix.` before one of
+//! these. A map is merged by key; any other value, also `null`, replaces the old one. On the command line `null`
+//! removes a stage, node, source, variant or axis. A new `kind` drops the old `with`.
 
 use std::sync::Arc;
 
@@ -13,7 +12,7 @@ use super::path::{self, Scope};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::merge::{Level, merged};
 use crate::language::text::source_file::Place;
-use crate::language::text::tree::{Entry, Node, Tree, entry_mut};
+use crate::language::text::tree::{Entry, Node, Tree};
 
 #[derive(Clone, Debug)]
 pub(crate) struct Change {
@@ -69,23 +68,20 @@ fn can_be_taken_away(keys: &[String]) -> bool {
 
 fn take_away(root: &mut Arc<Node>, keys: &[String]) {
     let Some((last, above)) = keys.split_last() else { return };
-    let mut node = root;
-    for key in above {
-        node = match &mut Arc::make_mut(node).value {
-            Tree::Map(entries) => match entries.iter_mut().find(|entry| entry.key == *key) {
-                Some(entry) => &mut entry.value,
-                None => return,
-            },
-            Tree::List(items) => match key.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
-                Some(item) => item,
-                None => return,
-            },
-            Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => return,
-        };
-    }
-    if let Tree::Map(entries) = &mut Arc::make_mut(node).value {
+    if let Some(node) = at_mut(root, above)
+        && let Tree::Map(entries) = &mut Arc::make_mut(node).value
+    {
         entries.retain(|entry| entry.key != *last);
     }
+}
+
+/// The value at the end of keys and indices, to be changed.
+fn at_mut<'n>(root: &'n mut Arc<Node>, keys: &[String]) -> Option<&'n mut Arc<Node>> {
+    keys.iter().try_fold(root, |node, key| match &mut Arc::make_mut(node).value {
+        Tree::Map(entries) => entries.iter_mut().find(|entry| entry.key == *key).map(|entry| &mut entry.value),
+        Tree::List(items) => items.get_mut(key.parse::<usize>().ok()?),
+        Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => None,
+    })
 }
 
 /// New values of an axis that is written as a map replace its `values`.
@@ -100,13 +96,7 @@ fn values_of_axis(root: &Node, mut keys: Vec<String>, value: &Node) -> Vec<Strin
 }
 
 fn drop_parameters_of_another_kind(root: &mut Arc<Node>, instance: &[String], kind: &Node) {
-    let mut node = root;
-    for key in instance {
-        match entry_mut(node, key) {
-            Some(inner) => node = inner,
-            None => return,
-        }
-    }
+    let Some(node) = at_mut(root, instance) else { return };
     let old = node.get("kind").and_then(|kind| kind.scalar_text());
     if old != kind.scalar_text()
         && let Tree::Map(entries) = &mut Arc::make_mut(node).value
@@ -140,7 +130,7 @@ fn set(node: &mut Arc<Node>, keys: &[String], level: Level, change: &Change) -> 
             let length = items.len();
             match key.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
                 Some(item) => set(item, rest, below, change),
-                None => Err(format!("`{key}` is no index of a list of {length}")),
+                None => Err(format!("`{key}` is not an index of a list of {length}")),
             }
         }
         Tree::Text(from) if level == Level::Estimate => {

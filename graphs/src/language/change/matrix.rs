@@ -17,7 +17,7 @@ use sample::{Method, Sample};
 use super::apply::Change;
 use super::parameter::Parameters;
 use super::path::MATRIX_KEYS;
-use super::variant::{MOST, changes, too_many};
+use super::variant::{MOST, Variant, changes, too_many};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::source_file::Place;
@@ -41,17 +41,13 @@ struct Listed {
     place: Place,
 }
 
-pub(crate) struct Made {
-    pub(crate) name: String,
-    pub(crate) factors: Vec<Factor>,
-    pub(crate) changes: Vec<Change>,
-}
+type Combined = (String, Vec<Factor>, Vec<Change>);
 
 pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Matrix> {
     let Some(entry) = parameters.root.entry("matrix") else { return Vec::new() };
     let wrong = |node: &Node, report: &mut Report| {
-        let what = format!("`matrix` wants a map from paths to lists, not {}", node.describe());
-        report.push(Diagnostic::error(&node.place, what).help("e.g. `matrix: { STAGE.NODE.with.X: [1, 2, 3] }`"));
+        let error = node.not_a("`matrix`", "a map from paths to lists");
+        report.push(error.help("e.g. `matrix: { STAGE.NODE.with.X: [1, 2, 3] }`"));
     };
     let mut matrices = Vec::new();
     match &entry.value.value {
@@ -71,21 +67,22 @@ pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Matr
     matrices
 }
 
-pub(crate) fn made_of(
-    declared: &[&[Change]],
+/// For each variant, the name, factors and changes of its combinations. No axis may be named by a `reserved` word.
+pub(crate) fn combined(
+    declared: &[Variant],
     reserved: &[&str],
     matrices: &[Matrix],
     parameters: &Parameters<'_>,
     report: &mut Report,
-) -> Vec<Vec<Made>> {
+) -> Vec<Vec<Combined>> {
     let mut combinations: Vec<Vec<Combination>> = vec![Vec::new(); declared.len()];
     let count = |combinations: &[Vec<Combination>]| combinations.iter().map(Vec::len).sum::<usize>();
     for matrix in matrices {
         let before = count(&combinations);
         let mut found = vec![false; matrix.excluded.len()];
         let mut nowhere: Vec<&Axis> = matrix.axes.iter().filter(|axis| !axis.when.is_empty()).collect();
-        for (changes, combinations) in declared.iter().zip(&mut combinations) {
-            let own = matrix.combinations(changes, &mut found, parameters, report);
+        for (variant, combinations) in declared.iter().zip(&mut combinations) {
+            let own = matrix.combinations(&variant.changes, &mut found, parameters, report);
             nowhere.retain(|axis| !own.iter().flatten().any(|level| level.axis == axis.key));
             combinations.extend(own);
             if combinations.len() > MOST {
@@ -114,12 +111,12 @@ pub(crate) fn made_of(
     all.sort_unstable();
     all.dedup();
     overridden(combinations.iter().flatten(), report);
-    let made = |combinations: &Vec<Combination>| {
+    let named = |combinations: &Vec<Combination>| {
         let named = naming::named(combinations, &all).into_iter().zip(combinations);
         let changes = |parts: &Combination| parts.iter().flat_map(|part| part.changes.iter().cloned()).collect();
-        named.map(|((name, factors), parts)| Made { name, factors, changes: changes(parts) }).collect()
+        named.map(|((name, factors), parts)| (name, factors, changes(parts))).collect()
     };
-    combinations.iter().map(made).collect()
+    combinations.iter().map(named).collect()
 }
 
 /// Refuses axes that set the same path: the later would override the earlier, and the variant's name would be wrong.
@@ -128,7 +125,7 @@ fn overridden<'c>(combinations: impl Iterator<Item = &'c Combination>, report: &
         let within = |inner: &str, outer: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.starts_with('.'));
         a == b || within(a, b) || within(b, a)
     };
-    let mut told: HashSet<(&str, &str)> = HashSet::new();
+    let mut reported: HashSet<(&str, &str)> = HashSet::new();
     for parts in combinations {
         for (place, later) in parts.iter().enumerate() {
             for earlier in parts[..place].iter().filter(|earlier| earlier.axis != later.axis) {
@@ -136,7 +133,9 @@ fn overridden<'c>(combinations: impl Iterator<Item = &'c Combination>, report: &
                     let same = earlier.changes.iter().find(|other| overlap(&other.path, &change.path))?;
                     Some((change, same))
                 });
-                let Some((change, same)) = both.filter(|_| told.insert((&earlier.axis, &later.axis))) else { continue };
+                let Some((change, same)) = both.filter(|_| reported.insert((&earlier.axis, &later.axis))) else {
+                    continue;
+                };
                 let what = format!(
                     "axis `{}` sets `{}`, and so does axis `{}` before it",
                     later.axis, change.path, earlier.axis
@@ -204,8 +203,8 @@ impl Matrix {
     fn listed(&self, entry: &Entry, report: &mut Report) -> Vec<Listed> {
         let key = &entry.key;
         let Tree::List(items) = &entry.value.value else {
-            let what = format!("`{key}` wants a list of maps from paths to values, not {}", entry.value.describe());
-            report.push(Diagnostic::error(&entry.value.place, what).help("e.g. `- { STAGE.NODE.with.X: 3 }`"));
+            let error = entry.not_a("a list of maps from paths to values");
+            report.push(error.help("e.g. `- { STAGE.NODE.with.X: 3 }`"));
             return Vec::new();
         };
         let mut listed = Vec::with_capacity(items.len());

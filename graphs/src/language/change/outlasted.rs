@@ -1,4 +1,4 @@
-//! `--set` beside variants that set the same: it changes the base, and what a variant sets itself stays. What is so lost is said.
+//! Reports `--set` that has no effect in variants that set the same path themselves.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What an experiment says of a parameter before any variant is looked at: its schema, and the value it has there.
+//! The schema and value of a parameter, before variants are applied.
 
 use std::sync::Arc;
 
@@ -30,11 +30,9 @@ impl<'a> Parameters<'a> {
             }
             ["stages", _, "score", "estimates", _, parameter @ ..] | ["stages", _, "score", parameter @ ..] => {
                 // Of a key that both kinds of score have, both have the same.
-                let kinds =
-                    [score::DEPTH, score::DISPARITY].into_iter().filter_map(|kind| self.registry.node_kind(kind));
-                let mut schemas = kinds.map(|kind| &kind.schema);
-                let has = |schema: &&Json| with_schema::property(schema, parameter.first()?).is_some().then_some(());
-                (schemas.find(|schema| has(schema).is_some())?, parameter)
+                let name = parameter.first()?;
+                let mut schemas = score::kinds(self.registry).map(|kind| &kind.schema);
+                (schemas.find(|schema| with_schema::property(schema, name).is_some())?, parameter)
             }
             _ => return None,
         };

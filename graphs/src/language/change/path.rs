@@ -1,4 +1,4 @@
-//! What a path of a change names in an experiment, and what is said of one that names nothing.
+//! Resolves the path of a change, and explains paths that name nothing.
 
 use std::ops::Range;
 use std::sync::Arc;

@@ -20,6 +20,13 @@ pub(crate) struct Variant {
     pub(crate) factors: Vec<Factor>,
 }
 
+impl Variant {
+    /// The experiment itself.
+    pub(crate) fn unnamed(root: &Node) -> Self {
+        Self { name: String::new(), place: root.place.clone(), changes: Vec::new(), factors: Vec::new() }
+    }
+}
+
 pub(crate) fn too_many(place: &Place, count: usize) -> Diagnostic {
     Diagnostic::error(place, format!("{count} variants: more than {MOST}")).help(
         "`sample: { count: 1000 }` in `matrix` draws some of them; or split the experiment, or `exclude` combinations",
@@ -41,10 +48,7 @@ pub(crate) fn changes(node: &Arc<Node>, what: &str, report: &mut Report) -> Opti
                 .collect(),
         ),
         _ => {
-            let error = Diagnostic::error(
-                &node.place,
-                format!("{what} wants a map from paths to values, not {}", node.describe()),
-            );
+            let error = node.not_a(what, "a map from paths to values");
             report.push(error.help("e.g. `{ STAGE.NODE.with.X: 3 }`; `{}` changes nothing"));
             None
         }

@@ -1,6 +1,5 @@
 //! `variants:` and `matrix:`: the same experiment with something changed; and `only:`, which of them.
 
-use super::apply::Change;
 use super::matrix;
 use super::overrides;
 use super::parameter::Parameters;
@@ -36,8 +35,7 @@ fn chosen(all: Vec<Variant>, only: &Entry, report: &mut Report) -> (Vec<Variant>
     let mut kept = vec![false; all.len()];
     for item in items {
         let Some(pattern) = item.scalar_text() else {
-            let what = format!("`only` wants names of variants, not {}", item.describe());
-            report.push(Diagnostic::error(&item.place, what).help("e.g. `only: [full, \"no_*\"]`"));
+            report.push(item.not_a("`only`", "names of variants").help("e.g. `only: [full, \"no_*\"]`"));
             continue;
         };
         let mut found = false;
@@ -84,46 +82,28 @@ fn all(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Variant> {
     let root = parameters.root;
     let declared = declared(root, report);
     let matrices = matrix::read(parameters, report);
-    let bases: Vec<&[Change]> = match declared.as_slice() {
-        [] => vec![&[]],
-        declared => declared.iter().map(|variant| variant.changes.as_slice()).collect(),
-    };
-    let reserved: &[&str] = if declared.is_empty() { &[] } else { &[Factor::VARIANT] };
-    let made = matrix::made_of(&bases, reserved, &matrices, parameters, report);
-    let count = made.iter().map(Vec::len).sum::<usize>();
-    let place = root.entry("matrix").map_or(&root.place, |entry| &entry.key_place);
+    let place = root.entry("matrix").map_or(&root.place, |entry| &entry.key_place).clone();
+    let has_declared = !declared.is_empty();
+    let bases = if has_declared { declared } else { vec![Variant { place, ..Variant::unnamed(root) }] };
+    let reserved: &[&str] = if has_declared { &[Factor::VARIANT] } else { &[] };
+    let combined = matrix::combined(&bases, reserved, &matrices, parameters, report);
+    let count = combined.iter().map(Vec::len).sum::<usize>();
     if count > MOST {
-        report.push(too_many(place, count));
+        report.push(too_many(root.entry("matrix").map_or(&root.place, |entry| &entry.key_place), count));
     }
     if count == 0 || count > MOST {
-        return match declared.is_empty() {
-            true => vec![Variant {
-                name: String::new(),
-                place: root.place.clone(),
-                changes: Vec::new(),
-                factors: Vec::new(),
-            }],
-            false => declared,
-        };
+        return if has_declared { bases } else { vec![Variant::unnamed(root)] };
     }
     let mut variants = Vec::with_capacity(count);
-    if declared.is_empty() {
-        for made in made.into_iter().flatten() {
-            let matrix::Made { name, factors, changes } = made;
-            variants.push(Variant { name, place: place.clone(), changes, factors });
-        }
-        return variants;
-    }
-    for (variant, made) in declared.iter().zip(made) {
-        for matrix::Made { name, factors, changes } in made {
-            let parts = [variant.name.as_str(), &name];
-            let name = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("+");
-            let own = Factor { axis: Factor::VARIANT.to_owned(), value: variant.name.clone() };
+    for (base, combined) in bases.iter().zip(combined) {
+        let own = has_declared.then(|| Factor { axis: Factor::VARIANT.to_owned(), value: base.name.clone() });
+        for (name, factors, changes) in combined {
+            let parts = [base.name.as_str(), &name];
             variants.push(Variant {
-                name,
-                place: variant.place.clone(),
-                changes: variant.changes.iter().cloned().chain(changes).collect(),
-                factors: std::iter::once(own).chain(factors).collect(),
+                name: parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("+"),
+                place: base.place.clone(),
+                changes: base.changes.iter().cloned().chain(changes).collect(),
+                factors: own.iter().cloned().chain(factors).collect(),
             });
         }
     }
@@ -136,11 +116,8 @@ fn declared(root: &Node, report: &mut Report) -> Vec<Variant> {
         Tree::Map(entries) => entries.as_slice(),
         Tree::Null => &[],
         _ => {
-            let what = format!("`variants` wants a map from names to changes, not {}", entry.value.describe());
-            report.push(
-                Diagnostic::error(&entry.value.place, what)
-                    .help("e.g. `variants: { full: {}, plain: { STAGE.NODE.with.X: 3 } }`"),
-            );
+            let help = "e.g. `variants: { full: {}, plain: { STAGE.NODE.with.X: 3 } }`";
+            report.push(entry.not_a("a map from names to changes").help(help));
             return Vec::new();
         }
     };

@@ -1,4 +1,4 @@
-//! Parameters that follow others unless they are given a value of their own.
+//! Parameters that follow others unless they have their own value.
 
 use serde_json::Value as Json;
 

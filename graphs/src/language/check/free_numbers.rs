@@ -1,4 +1,5 @@
-//! Numbers in parameters that a program reads as it likes. No type says what they must be, so those that would arrive as another value are refused here.
+//! Numbers in free-form parameters of programs. They have no type, so those that would arrive as another value are
+//! refused here.
 
 use serde_json::Value as Json;
 

@@ -1,10 +1,10 @@
-//! Parameters against their kind: the schema first, then the type itself.
+//! Checks parameters: the schema of their kind first, then the type itself.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde_json::Value as Json;
+use serde_json::{Value as Json, json};
 
 use super::following::{self, Following};
 use super::free_numbers;
@@ -19,7 +19,7 @@ use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::paths::Anywhere;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Node, Tree};
-use crate::registry::{NodeKind, ParamError, SourceEntry};
+use crate::registry::{KindInfo, NodeKind, SourceEntry};
 
 #[derive(Debug, PartialEq)]
 pub(crate) struct Parameters {
@@ -60,23 +60,17 @@ impl Contents {
         }
     }
 
-    /// A path that distinguishes nodes of a plan.
-    fn identity_of(&mut self, path: &Path, of: PathOf) -> Json {
+    /// A path's content, or else what `other` makes of the path.
+    fn content_or(&mut self, path: &Path, of: PathOf, other: impl FnOnce(&Path) -> Json) -> Json {
         match self.of_path(path, of) {
-            Some(key) => serde_json::json!({ "content": key.to_string() }),
-            None => serde_json::json!({ "path": path.to_string_lossy() }),
+            Some(key) => json!({ "content": key.to_string() }),
+            None => other(path),
         }
     }
 
     /// A path in a recipe, without its location.
     fn portable_path(&mut self, path: &Path, of: PathOf) -> Json {
-        match self.of_path(path, of) {
-            Some(key) => serde_json::json!({ "content": key.to_string() }),
-            None => {
-                let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
-                serde_json::json!({ "name": name })
-            }
-        }
+        self.content_or(path, of, |path| json!({ "name": path.file_name().map(|name| name.to_string_lossy()) }))
     }
 
     pub(crate) fn named(&self) -> impl Iterator<Item = &Path> {
@@ -119,7 +113,7 @@ type Outputs = Result<Vec<Port>, Fault>;
 
 #[derive(Default)]
 pub(crate) struct Resolver {
-    known: HashMap<(bool, String, String), Arc<Parameters>>,
+    known: HashMap<(&'static str, String), Arc<Parameters>>,
     outputs: HashMap<(&'static str, String), Outputs>,
     /// By kind; and by parameters where it follows from them.
     signatures: HashMap<(&'static str, Option<String>), Arc<Signature>>,
@@ -129,61 +123,20 @@ pub(crate) struct Resolver {
     pub(crate) changed: Vec<Place>,
 }
 
-struct Kind<'a> {
-    name: &'a str,
-    inputs: &'a [Port],
-    schema: &'a Json,
-    resolve: &'a dyn Fn(&Json) -> Result<Json, ParamError>,
-}
-
 impl Resolver {
-    pub(crate) fn node(
-        &mut self,
-        kind: &NodeKind,
-        instance: &Instance,
-        report: &mut Report,
-    ) -> Option<Arc<Parameters>> {
-        let kind = Kind {
-            name: kind.declaration.kind,
-            inputs: &kind.declaration.inputs,
-            schema: &kind.schema,
-            resolve: &|json| kind.resolve(json),
-        };
-        self.resolve(&kind, false, instance, report)
-    }
-
     /// `None` if it follows from invalid parameters.
     pub(crate) fn signature(&mut self, kind: &NodeKind, parameters: Option<&Parameters>) -> Option<Arc<Signature>> {
-        let name = kind.declaration.kind;
-        if let Some(known) = self.signatures.get(&(name, None)) {
-            return Some(Arc::clone(known));
-        }
-        if let Some(fixed) = kind.fixed_signature() {
-            return Some(Arc::clone(self.signatures.entry((name, None)).or_insert_with(|| Arc::new(fixed))));
-        }
-        let resolved = &parameters?.resolved;
-        let known = (name, Some(resolved.to_string()));
+        let resolved = parameters.filter(|_| kind.own_ports).map(|parameters| &parameters.resolved);
+        let known = (kind.declaration.kind, resolved.map(Json::to_string));
         if let Some(known) = self.signatures.get(&known) {
             return Some(Arc::clone(known));
         }
-        let signature = Arc::new(kind.signature(resolved).ok()?);
-        self.signatures.insert(known, Arc::clone(&signature));
-        Some(signature)
-    }
-
-    pub(crate) fn source(
-        &mut self,
-        kind: &SourceEntry,
-        instance: &Instance,
-        report: &mut Report,
-    ) -> Option<Arc<Parameters>> {
-        let kind = Kind {
-            name: kind.declaration.kind,
-            inputs: &[],
-            schema: &kind.schema,
-            resolve: &|json| kind.resolve(json),
+        let signature = match resolved {
+            Some(resolved) => kind.signature(resolved).ok()?,
+            None if kind.own_ports => return None,
+            None => Signature::from(&kind.declaration),
         };
-        self.resolve(&kind, true, instance, report)
+        Some(Arc::clone(self.signatures.entry(known).or_insert(Arc::new(signature))))
     }
 
     pub(crate) fn outputs(
@@ -207,10 +160,9 @@ impl Resolver {
         }
     }
 
-    fn resolve(
+    pub(crate) fn parameters(
         &mut self,
-        kind: &Kind<'_>,
-        is_source: bool,
+        kind: &KindInfo<'_>,
         instance: &Instance,
         report: &mut Report,
     ) -> Option<Arc<Parameters>> {
@@ -223,22 +175,24 @@ impl Resolver {
             free_numbers::check(with, kind.schema, report);
         }
         let hidden = with.map_or_else(Vec::new, |with| variables::hidden(with, kind.schema));
-        let known = (is_source, kind.name.to_owned(), format!("{json} {hidden:?}"));
+        let known = (kind.kind, format!("{json} {hidden:?}"));
         if let Some(known) = self.known.get(&known) {
             return Some(Arc::clone(known));
         }
         let given = json.clone();
         let resolved = checked(kind, json, with, &instance.kind.place, &self.changed, report)?;
-        let decisive = with_schema::decisive(&resolved, kind.schema);
+        let decisive = with_schema::chosen(&resolved, kind.schema, false);
         let contents = &mut self.contents;
         let portable =
             with_schema::with_paths(&decisive, kind.schema, &mut |path, of| contents.portable_path(path, of));
-        let identity = with_schema::with_paths(&decisive, kind.schema, &mut |path, of| contents.identity_of(path, of));
+        let identity = with_schema::with_paths(&decisive, kind.schema, &mut |path, of| {
+            contents.content_or(path, of, |path| json!({ "path": path.to_string_lossy() }))
+        });
         let identity = canonical(&identity);
-        let operational = with_schema::operational(&resolved, kind.schema);
-        let following = following::of(kind.schema, &given, &resolved, kind.resolve);
+        let operational = with_schema::chosen(&resolved, kind.schema, true);
+        let following = following::of(kind.schema, &given, &resolved, &kind.resolve);
         let (shown, mut recorded) = (variables::without(&resolved, &hidden), variables::without(&portable, &hidden));
-        if is_source && !hidden.is_empty() {
+        if kind.contract.is_none() && !hidden.is_empty() {
             // A source has no node hash that would tell two recorded plans apart.
             recorded["variables"] = Key::build("variables").text(&canonical(&portable)).finish().to_string().into();
         }
@@ -250,7 +204,7 @@ impl Resolver {
 
 /// Reports everything wrong with parameters. Invalid ones are removed, so that the rest is checked too.
 fn checked(
-    kind: &Kind<'_>,
+    kind: &KindInfo<'_>,
     mut json: Json,
     with: Option<&Node>,
     at: &Place,
@@ -264,7 +218,7 @@ fn checked(
         let place = place_of(with, &violation.path, violation.at_key).unwrap_or_else(|| at.clone());
         let help = as_input(kind, &violation, &json).or_else(|| as_axis(&violation, &json, &place)).or(violation.help);
         report.push(
-            Diagnostic::error(&place, format!("{} (of `{}`)", violation.what, kind.name))
+            Diagnostic::error(&place, format!("{} (of `{}`)", violation.what, kind.kind))
                 .label(violation.label)
                 .maybe_help(help),
         );
@@ -283,17 +237,17 @@ fn checked(
                 }
                 let place = place_of(with, &error.path, false);
                 let place = culprit(with, &error.what, changed).or(place);
-                let place = place.or_else(|| first_named(with, &error.what));
+                let place = place.or_else(|| named(with, &error.what).next());
                 let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
                 let what = match error.path.last() {
                     // Many say by themselves of which parameter they speak.
                     Some(name) if !error.what.contains(name) => {
-                        format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.name)
+                        format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.kind)
                     }
-                    _ => format!("{} (of `{}`)", error.what, kind.name),
+                    _ => format!("{} (of `{}`)", error.what, kind.kind),
                 };
                 let help = following::cause(kind.schema, &json, &error.path)
-                    .or_else(|| following::others(kind.schema, &json, &error.path, &error.what, kind.resolve));
+                    .or_else(|| following::others(kind.schema, &json, &error.path, &error.what, &kind.resolve));
                 report.push(Diagnostic::error(&place, what).maybe_help(help));
                 sound = false;
                 if !remove(&mut json, &error.path) {
@@ -321,7 +275,7 @@ fn as_axis(violation: &Violation, json: &Json, place: &Place) -> Option<String> 
 }
 
 /// Suggests an input for a parameter with the name of one.
-fn as_input(kind: &Kind<'_>, violation: &Violation, json: &Json) -> Option<String> {
+fn as_input(kind: &KindInfo<'_>, violation: &Violation, json: &Json) -> Option<String> {
     let [name] = violation.path.as_slice() else { return None };
     if !violation.at_key {
         return None;
@@ -337,19 +291,7 @@ fn as_input(kind: &Kind<'_>, violation: &Violation, json: &Json) -> Option<Strin
 
 /// Of the parameters named in a message, the one that the variant changed.
 fn culprit(with: Option<&Node>, message: &str, changed: &[Place]) -> Option<Place> {
-    let of_the_variant = |place: &Place| {
-        changed.iter().any(|change| {
-            Arc::ptr_eq(&change.file, &place.file)
-                && change.span.start <= place.span.start
-                && place.span.end <= change.span.end
-        })
-    };
-    let mut places = named(with, message).filter(|place| of_the_variant(place));
-    places.next()
-}
-
-fn first_named(with: Option<&Node>, message: &str) -> Option<Place> {
-    named(with, message).next()
+    named(with, message).find(|place| changed.iter().any(|change| change.contains(place)))
 }
 
 fn named(with: Option<&Node>, message: &str) -> impl Iterator<Item = Place> {
@@ -357,10 +299,7 @@ fn named(with: Option<&Node>, message: &str) -> impl Iterator<Item = Place> {
         text.split(|c: char| !c.is_alphanumeric() && !matches!(c, '_' | '-')).any(|found| found == word)
     };
     let entries = with.map_or(&[][..], Node::entries);
-    entries
-        .iter()
-        .filter(move |entry| words(message, &entry.key))
-        .map(|entry| if entry.value.is_null() { entry.key_place.clone() } else { entry.value.place.clone() })
+    entries.iter().filter(move |entry| words(message, &entry.key)).map(|entry| entry.value_place().clone())
 }
 
 /// The place of the longest part of a path that is written.

@@ -1,13 +1,13 @@
-//! The JSON Schema of an experiment file, from the registered kinds: editors complete and validate with it.
+//! The JSON Schema of an experiment file, from the registered kinds, for completion and validation in editors.
 //!
-//! It is a little more lenient than [`load`](super::load()): a file that extends another may leave out anything, so nothing but the shape of
-//! what is there can be required; and any scalar may be a `${NAME}`.
+//! It is more lenient than [`load`](super::load()): a file that extends another may leave out anything, and any scalar
+//! may be a `${NAME}`.
 
 use serde_json::{Map, Value as Json, json};
 
 use super::{score, spec};
 use crate::contracts::{Port, Rate};
-use crate::registry::{NodeKind, Registry};
+use crate::registry::{KindInfo, NodeKind, Registry, SourceEntry};
 
 /// `node/output`, `source/output`, `stage.node/output`.
 const REFERENCE: &str = r"^([^./\s]+\.)?[^./\s]+/[^/\s]+$";
@@ -17,18 +17,6 @@ const PATH: &str = r"^[^.]+(\.[^.]+)+$";
 /// The schema, draft 2020-12.
 #[must_use]
 pub fn schema(registry: &Registry) -> Json {
-    let node_kinds = registry.nodes().map(|kind| Kind {
-        name: kind.declaration.kind,
-        summary: kind.declaration.summary,
-        parameters: &kind.schema,
-        inputs: (!kind.own_ports).then_some(&kind.declaration.inputs[..]),
-    });
-    let source_kinds = registry.sources().map(|kind| Kind {
-        name: kind.declaration.kind,
-        summary: kind.declaration.summary,
-        parameters: &kind.schema,
-        inputs: None,
-    });
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "depthloom experiment",
@@ -84,9 +72,9 @@ pub fn schema(registry: &Registry) -> Json {
             },
         },
         "$defs": {
-            "source": source(source_kinds.collect()),
+            "source": source(registry),
             "stage": stage(registry),
-            "node": instance(node_kinds.collect(), "node"),
+            "node": instance(registry.nodes().map(NodeKind::info).collect(), "node"),
             "changes": {
                 "type": ["object", "null"],
                 "description": "Paths and values: `stage.node.with.x`, `stage.node.kind`, `stage.node.inputs.port`, `sources.name.with.x`.",
@@ -176,16 +164,8 @@ fn matrix() -> Json {
     })
 }
 
-struct Kind<'r> {
-    name: &'static str,
-    summary: &'static str,
-    parameters: &'r Json,
-    /// `None` for sources, and where they follow from the parameters.
-    inputs: Option<&'r [Port]>,
-}
-
-fn source(kinds: Vec<Kind<'_>>) -> Json {
-    let mut source = instance(kinds, "source");
+fn source(registry: &Registry) -> Json {
+    let mut source = instance(registry.sources().map(SourceEntry::info).collect(), "source");
     let join = json!({
         "type": "array",
         "minItems": 1,
@@ -198,8 +178,8 @@ fn source(kinds: Vec<Kind<'_>>) -> Json {
     source
 }
 
-fn instance(kinds: Vec<Kind<'_>>, what: &str) -> Json {
-    let names: Vec<&str> = kinds.iter().map(|kind| kind.name).collect();
+fn instance(kinds: Vec<KindInfo<'_>>, what: &str) -> Json {
+    let names: Vec<&str> = kinds.iter().map(|kind| kind.kind).collect();
     let summaries: Vec<&str> = kinds.iter().map(|kind| kind.summary).collect();
     let is_node = what == "node";
     let mut properties = json!({
@@ -221,12 +201,12 @@ fn instance(kinds: Vec<Kind<'_>>, what: &str) -> Json {
         .into_iter()
         .map(|kind| {
             let mut then = Map::new();
-            then.insert("with".to_owned(), parameters(kind.parameters));
-            if let Some(inputs) = kind.inputs {
-                then.insert("inputs".to_owned(), inputs_of(inputs));
+            then.insert("with".to_owned(), parameters(kind.schema));
+            if is_node && !kind.own_ports {
+                then.insert("inputs".to_owned(), inputs_of(kind.inputs));
             }
             json!({
-                "if": { "properties": { "kind": { "const": kind.name } }, "required": ["kind"] },
+                "if": { "properties": { "kind": { "const": kind.kind } }, "required": ["kind"] },
                 "then": { "properties": then },
             })
         })
@@ -292,14 +272,10 @@ fn or_variable(schema: Json) -> Json {
 
 const TRUTH: &str = "The true depth, or of disparities the true disparity.";
 
-fn score_kinds(registry: &Registry) -> impl Iterator<Item = &NodeKind> {
-    [score::DEPTH, score::DISPARITY].into_iter().filter_map(|kind| registry.node_kind(kind))
-}
-
 /// A parameter that differs between the kinds may have either form.
 fn score_parameters(registry: &Registry) -> Map<String, Json> {
     let mut all: Map<String, Json> = Map::new();
-    for kind in score_kinds(registry) {
+    for kind in score::kinds(registry) {
         let schema = parameters(&kind.schema);
         let own = schema.get("properties").and_then(Json::as_object).into_iter().flatten();
         for (name, form) in own {
@@ -316,7 +292,7 @@ fn score_parameters(registry: &Registry) -> Map<String, Json> {
 
 fn score_inputs(registry: &Registry) -> Vec<&Port> {
     let mut inputs: Vec<&Port> = Vec::new();
-    for input in score_kinds(registry).flat_map(|kind| &kind.declaration.inputs).filter(|input| input.optional) {
+    for input in score::kinds(registry).flat_map(|kind| &kind.declaration.inputs).filter(|input| input.optional) {
         if spec::CLUES.contains(&input.name) && !inputs.iter().any(|known| known.name == input.name) {
             inputs.push(input);
         }

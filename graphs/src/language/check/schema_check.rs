@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value as Json};
 
+use super::with_schema::has_type;
 use crate::contracts::FrameSelection;
 use crate::language::text::names;
 use crate::language::text::tree::has_leading_zero;
@@ -156,7 +157,7 @@ fn wrong_type(value: &Json, types: &[&str], path: &[String]) -> Violation {
     };
     violation(
         path,
-        format!("{} wants {wanted}, not {}", subject(path), describe(value)),
+        format!("{} must be {wanted}, not {}", subject(path), describe(value)),
         &format!("not {wanted}"),
         help,
     )
@@ -187,16 +188,16 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
         }
         tried.push((alternative, own));
     }
-    tried.retain(|(alternative, _)| alternative.get("type").and_then(Json::as_str) != Some("null"));
+    tried.retain(|(alternative, _)| !has_type(alternative, "null"));
     // Names of an enumeration, each with its own docs; or words beside other values, of which a text means one.
     let constants: Vec<Json> = tried.iter().flat_map(|(alternative, _)| constants(alternative)).collect();
     let words_alone = tried.iter().all(|(alternative, _)| !self::constants(alternative).is_empty());
     let is_word = |text: &str| names::nearest(text, constants.iter().filter_map(Json::as_str)).is_some();
-    let is_number = |alternative: &Json| alternative.get("type").is_some_and(|of| of == "integer" || of == "number");
+    let is_number = |alternative: &Json| has_type(alternative, "integer") || has_type(alternative, "number");
     let beside_numbers = !words_alone && tried.iter().any(|(alternative, _)| is_number(alternative));
-    let is_list = |alternative: &Json| alternative.get("type").is_some_and(|of| of == "array");
+    let is_list = |alternative: &Json| has_type(alternative, "array");
     let beside_lists = value.is_array() && tried.iter().any(|(alternative, _)| is_list(alternative));
-    let is_map = |alternative: &Json| alternative.get("type").is_some_and(|of| of == "object");
+    let is_map = |alternative: &Json| has_type(alternative, "object");
     if value.is_object() && tried.iter().any(|(alternative, _)| is_map(alternative)) {
         tried.retain(|(alternative, _)| is_map(alternative));
     }
@@ -245,6 +246,13 @@ fn number(value: &Json, schema: &Map<String, Json>, path: &[String], found: &mut
     let Some(number) = value.as_f64() else { return };
     let limit = |key: &str| schema.get(key).and_then(Json::as_f64);
     let bound = |key: &str| schema.get(key).map(ToString::to_string).unwrap_or_default();
+    let nearest = |candidates: [f64; 2]| {
+        let fits = |n: &f64| {
+            limit("minimum").is_none_or(|least| *n >= least) && limit("maximum").is_none_or(|most| *n <= most)
+        };
+        let near: Vec<String> = candidates.into_iter().filter(fits).map(|n| format!("`{n}`")).collect();
+        (!near.is_empty()).then(|| format!("the nearest: {}", near.join(" and ")))
+    };
     // One bound is in the message already.
     let range = range_text(schema).filter(|range| range.contains([',']) || range.contains(" to "));
     let mut out = |what: String| {
@@ -260,28 +268,16 @@ fn number(value: &Json, schema: &Map<String, Json>, path: &[String], found: &mut
         out(format!("{} must be below {}, not {value}", subject(path), bound("exclusiveMaximum")));
     } else if let Some(what) = outside_single_precision(number, schema) {
         out(format!("{} must be {what}, not {number:e}", subject(path)));
-    } else if let Some(step) = limit("multipleOf")
-        && step > 0.0
-    {
+    } else if let Some(step) = limit("multipleOf").filter(|step| *step > 0.0) {
         let ratio = number / step;
         if (ratio - ratio.round()).abs() > 1e-9 * ratio.abs().max(1.0) {
-            let (below, above) = (ratio.floor() * step, ratio.ceil() * step);
-            let fits = |n: f64| limit("minimum").is_none_or(|l| n >= l) && limit("maximum").is_none_or(|m| n <= m);
-            let near: Vec<String> = [below, above].into_iter().filter(|n| fits(*n)).map(|n| format!("`{n}`")).collect();
-            let help = (!near.is_empty()).then(|| format!("the nearest: {}", near.join(" and ")));
             let what = format!("{} must be a multiple of {}, not {value}", subject(path), bound("multipleOf"));
-            found.push(violation(path, what, "no multiple", help));
+            let help = nearest([ratio.floor() * step, ratio.ceil() * step]);
+            found.push(violation(path, what, "not a multiple", help));
         }
-    } else if schema.get("not").is_some_and(is_even)
-        && let Some(number) = value.as_i64().filter(|number| number % 2 == 0)
-    {
-        let fits = |n: &i64| {
-            limit("minimum").is_none_or(|least| *n as f64 >= least)
-                && limit("maximum").is_none_or(|most| *n as f64 <= most)
-        };
-        let near: Vec<String> = [number - 1, number + 1].iter().filter(|n| fits(n)).map(|n| format!("`{n}`")).collect();
+    } else if schema.get("not").is_some_and(is_even) && value.as_i64().is_some_and(|number| number % 2 == 0) {
         let what = format!("{} must be odd, not {value}", subject(path));
-        found.push(violation(path, what, "even", Some(format!("the nearest: {}", near.join(" and ")))));
+        found.push(violation(path, what, "even", nearest([number - 1.0, number + 1.0])));
     }
 }
 
@@ -307,18 +303,15 @@ fn is_even(schema: &Json) -> bool {
 
 pub(crate) fn range_text(schema: &Map<String, Json>) -> Option<String> {
     let text = |key: &str| schema.get(key).filter(|bound| bound.is_number()).map(ToString::to_string);
-    let below = text("maximum").map(|m| (m, true)).or_else(|| text("exclusiveMaximum").map(|m| (m, false)));
-    let above = text("minimum").map(|m| (m, true)).or_else(|| text("exclusiveMinimum").map(|m| (m, false)));
-    let range = match (above, below) {
-        (Some((least, true)), Some((most, true))) => Some(format!("{least} to {most}")),
-        (Some((least, closed)), Some((most, closed_above))) => Some(format!(
-            "{} {least}, {} {most}",
-            if closed { "at least" } else { "above" },
-            if closed_above { "at most" } else { "below" }
-        )),
-        (Some((least, closed)), None) => Some(format!("{} {least}", if closed { "at least" } else { "above" })),
-        (None, Some((most, closed))) => Some(format!("{} {most}", if closed { "at most" } else { "below" })),
-        (None, None) => None,
+    let bound = |key: &str, word: &str| text(key).map(|number| format!("{word} {number}"));
+    let range = match (text("minimum"), text("maximum")) {
+        (Some(least), Some(most)) => Some(format!("{least} to {most}")),
+        _ => {
+            let above = bound("minimum", "at least").or_else(|| bound("exclusiveMinimum", "above"));
+            let below = bound("maximum", "at most").or_else(|| bound("exclusiveMaximum", "below"));
+            let bounds: Vec<String> = above.into_iter().chain(below).collect();
+            (!bounds.is_empty()).then(|| bounds.join(", "))
+        }
     };
     match (range, text("multipleOf")) {
         (Some(range), None) if schema.get("not").is_some_and(is_even) => Some(format!("{range}, odd")),
@@ -332,10 +325,10 @@ fn list(items: &[Json], schema: &Map<String, Json>, path: &mut Vec<String>, foun
     let count = |key: &str| schema.get(key).and_then(Json::as_u64);
     let length = items.len() as u64;
     if let Some(least) = count("minItems").filter(|least| length < *least) {
-        let what = format!("{} wants at least {least} items, not {length}", subject(path));
+        let what = format!("{} must have at least {least} items, not {length}", subject(path));
         found.push(violation(path, what, "too few", None));
     } else if let Some(most) = count("maxItems").filter(|most| length > *most) {
-        let what = format!("{} wants at most {most} items, not {length}", subject(path));
+        let what = format!("{} must have at most {most} items, not {length}", subject(path));
         found.push(violation(path, what, "too many", None));
     }
     let prefix = schema.get("prefixItems").and_then(Json::as_array);
@@ -412,7 +405,7 @@ mod tests {
     fn an_optional_value_complains_as_its_type_does() {
         let schema = json!({ "anyOf": [{ "type": "integer", "minimum": 0 }, { "type": "null" }] });
         assert!(whats(&json!(null), &schema).is_empty());
-        assert_eq!(whats(&json!("x"), &schema), ["the value wants a whole number, not the text `x`"]);
+        assert_eq!(whats(&json!("x"), &schema), ["the value must be a whole number, not the text `x`"]);
         assert_eq!(whats(&json!(-1), &schema), ["the value must be at least 0, not -1"]);
     }
 
@@ -444,7 +437,7 @@ mod tests {
         assert_eq!(misspelt[0].what, "each of `metrics` cannot be the text `abs_rle`");
         assert_eq!(misspelt[0].path, ["metrics", "1"]);
         assert_eq!(misspelt[0].help.as_deref(), Some("did you mean `abs_rel`?"));
-        assert_eq!(found(json!([]))[0].what, "`metrics` wants at least 1 items, not 0");
+        assert_eq!(found(json!([]))[0].what, "`metrics` must have at least 1 items, not 0");
         assert_eq!(found(json!("abs_rel"))[0].help.as_deref(), Some("did you mean the list `[abs_rel]`?"));
         assert_eq!(found(json!("al"))[0].help.as_deref(), Some("did you mean `all`?"));
     }

@@ -1,4 +1,4 @@
-//! `score:` is sugar: each estimate becomes a pure node, `score/depth` or `score/disparity` by what it is.
+//! `score:` is an abbreviation: each estimate becomes a pure node, `score/depth` or `score/disparity`.
 
 use std::sync::Arc;
 
@@ -16,6 +16,11 @@ pub(crate) const DISPARITY: &str = "score/disparity";
 /// No node of a file can have this name.
 pub(crate) fn node_name(estimate: &str) -> String {
     format!("score.{estimate}")
+}
+
+/// The kinds of scores that are registered.
+pub(crate) fn kinds(registry: &Registry) -> impl Iterator<Item = &NodeKind> {
+    [DEPTH, DISPARITY].into_iter().filter_map(|kind| registry.node_kind(kind))
 }
 
 pub(crate) fn is_kind(kind: &str) -> bool {

@@ -1,4 +1,4 @@
-//! What a person wrote, read into types: one variant's experiment, not yet checked against any kind.
+//! One variant's experiment as types, not yet checked against any kind.
 
 use std::sync::Arc;
 
@@ -106,8 +106,7 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
         let entry = root.entry(key)?;
         let text = entry.value.scalar_text();
         if text.is_none() {
-            let what = format!("`{key}` wants text, not {}", entry.value.describe());
-            report.push(Diagnostic::error(&entry.value.place, what));
+            report.push(entry.not_a("text"));
         }
         text
     };
@@ -141,11 +140,10 @@ fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
         return &[];
     };
     if !matches!(&entry.value.value, Tree::Map(entries) if !entries.is_empty()) {
-        let what = match entry.value.value {
-            Tree::Map(_) | Tree::Null => format!("`{key}` is empty"),
-            _ => format!("`{key}` wants a map from names, not {}", entry.value.describe()),
-        };
-        report.push(Diagnostic::error(&entry.key_place, what));
+        report.push(match entry.value.value {
+            Tree::Map(_) | Tree::Null => Diagnostic::error(&entry.key_place, format!("`{key}` is empty")),
+            _ => entry.not_a("a map from names"),
+        });
     }
     entry.value.entries()
 }
@@ -166,14 +164,13 @@ fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
 
 fn is_map(node: &Node, what: &str, example: &str, report: &mut Report) -> bool {
     if !node.is_map() {
-        let error = Diagnostic::error(&node.place, format!("{what} wants a map, not {}", node.describe()));
-        report.push(error.label("not a map").help(format!("e.g. `{example}`")));
+        report.push(node.not_a(what, "a map").label("not a map").help(format!("e.g. `{example}`")));
     }
     node.is_map()
 }
 
 fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
-    let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let name = entry.key();
     let node = &entry.value;
     let mut parts = Vec::new();
     if !map_of(entry, "a source", "{ kind: KIND, with: { ... } }", report) {
@@ -197,7 +194,7 @@ fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
                     }
                 }
                 _ => {
-                    let error = Diagnostic::error(&join.value.place, "`join` wants a list of sources");
+                    let error = Diagnostic::error(&join.value.place, "`join` must be a list of sources");
                     report.push(error.help("e.g. `join: [ { kind: KIND }, { kind: KIND } ]`"));
                 }
             }
@@ -209,7 +206,7 @@ fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
 /// As [`is_map`]; an empty value has no text of its own to underline.
 fn map_of(entry: &Entry, what: &str, example: &str, report: &mut Report) -> bool {
     if entry.value.is_null() {
-        let error = Diagnostic::error(&entry.key_place, format!("`{}` is empty: {what} wants a map", entry.key));
+        let error = Diagnostic::error(&entry.key_place, format!("`{}` is empty: {what} must be a map", entry.key));
         let removal = "`null` takes away what this file inherits by `extends`, and nothing of that name is inherited";
         let help = match matches!(entry.value.place.text(), "null" | "~" | "Null" | "NULL") {
             true => format!("{removal}; e.g. `{example}`"),
@@ -231,9 +228,7 @@ fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Opti
         return None;
     };
     let Some(text) = kind.value.text() else {
-        let what = format!("`kind` wants the name of a kind, not {}", kind.value.describe());
-        let place = if kind.value.is_null() { &kind.key_place } else { &kind.value.place };
-        report.push(Diagnostic::error(place, what));
+        report.push(kind.not_a("the name of a kind"));
         return None;
     };
     let kind = Word { text: text.to_owned(), place: kind.value.place.clone() };
@@ -244,7 +239,7 @@ fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Opti
 }
 
 fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
-    let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let name = entry.key();
     let mut stage = StageSpec { name, source: None, nodes: Vec::new(), score: None };
     if !map_of(entry, "a stage", "{ source: SOURCE, nodes: { ... } }", report) {
         return stage;
@@ -259,11 +254,7 @@ fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
         }
         Some(source) => match source.value.scalar_text() {
             Some(text) => stage.source = Some(Word { text, place: source.value.place.clone() }),
-            None => {
-                let what = format!("`source` wants the name of a source, not {}", source.value.describe());
-                let place = if source.value.is_null() { &source.key_place } else { &source.value.place };
-                report.push(Diagnostic::error(place, what));
-            }
+            None => report.push(source.not_a("the name of a source")),
         },
     }
     if let Some(nodes) = node.entry("nodes").filter(|nodes| !nodes.value.is_null()) {
@@ -282,7 +273,7 @@ fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
 const SCORE_EXAMPLE: &str = "score: { truth: source/depth, estimates: { stereo: depth/depth } }";
 
 fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
-    let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let name = entry.key();
     let mut spec = NodeSpec { name, instance: None, inputs: Vec::new() };
     if !map_of(entry, "a node", "{ kind: KIND, inputs: { ... }, with: { ... } }", report) {
         return spec;
@@ -291,11 +282,8 @@ fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
     spec.instance = instance(&entry.value, &entry.key_place, "node", report);
     if let Some(inputs) = entry.value.entry("inputs").filter(|inputs| !inputs.value.is_null()) {
         is_map(&inputs.value, "`inputs`", "inputs: { image: source/left }", report);
-        let unwired = |entry: &Entry| InputSpec {
-            port: Word { text: entry.key.clone(), place: entry.key_place.clone() },
-            place: entry.key_place.clone(),
-            from: Some(Wired::Nothing),
-        };
+        let unwired =
+            |entry: &Entry| InputSpec { port: entry.key(), place: entry.key_place.clone(), from: Some(Wired::Nothing) };
         for entry in inputs.value.entries().iter().filter(|entry| is_of_node(entry)) {
             let key = &entry.key;
             let error =
@@ -315,7 +303,7 @@ fn is_of_node(entry: &Entry) -> bool {
 }
 
 fn input(entry: &Entry, report: &mut Report) -> InputSpec {
-    let port = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let port = entry.key();
     let node = &entry.value;
     let form = "write `node/output`, `source/output`, `stage.node/output`, or `{ file: PATH }` for a once-value";
     let (from, place) = match &node.value {
@@ -331,10 +319,8 @@ fn input(entry: &Entry, report: &mut Report) -> InputSpec {
             (node.get("file").map(|file| Wired::File(Arc::clone(file))), node.place.clone())
         }
         _ => {
-            let place = if node.is_null() { &entry.key_place } else { &node.place };
-            let what = format!("`{}` wants to know where its value comes from, not {}", entry.key, node.describe());
-            report.push(Diagnostic::error(place, what).help(form));
-            (None, place.clone())
+            report.push(entry.not_a("a reference to an output").help(form));
+            (None, entry.value_place().clone())
         }
     };
     InputSpec { port, place, from }
@@ -380,7 +366,8 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
             }
         }
         Some(estimates) => {
-            let error = Diagnostic::error(&estimates.key_place, "`estimates` wants a map from names to `node/output`");
+            let error =
+                Diagnostic::error(&estimates.key_place, "`estimates` must be a map from names to `node/output`");
             report.push(error.help("e.g. `estimates: { stereo: depth/depth }`"));
         }
         None if !no_estimates => {}
@@ -393,7 +380,7 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
 }
 
 fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
-    let name = Word { text: entry.key.clone(), place: entry.key_place.clone() };
+    let name = entry.key();
     if !entry.value.is_map() {
         let from = Some(input(entry, report));
         return EstimateSpec { name, from, truth: None, clues: Vec::new(), parameters: Vec::new() };

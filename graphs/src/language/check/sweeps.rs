@@ -1,7 +1,7 @@
-//! Where a parameter stays behind others that it could follow.
+//! Warns of a parameter that stays fixed while others that it could follow are swept.
 //!
-//! A node's penalties follow its block. Who sweeps the block and holds the penalties compares blocks at penalties that fit one of them
-//! alone, which the numbers do not show: that is a warning.
+//! A node's penalties follow its block size. A sweep of the block size with fixed penalties compares blocks with
+//! penalties that fit only one of them.
 
 use std::collections::{BTreeMap, HashSet};
 

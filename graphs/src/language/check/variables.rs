@@ -1,8 +1,8 @@
 //! Values of environment variables, which are neither shown nor stored.
 //!
-//! An experiment is shown and recorded with `${NAME}` where a text of it comes from the environment: it may be a token, or say where
-//! on a machine files lie. A number, a truth value, a word of a list or a selection of frames is a setting, which readers of a
-//! recording need, and stays. Node hashes are made of the values themselves, so that no result is reused for another value.
+//! Text from the environment may be a token or a path of this machine, so an experiment is shown and recorded with
+//! `${NAME}`. Numbers, truth values, words of an enumeration and ranges of frames are settings and stay. Node hashes
+//! use the values.
 
 use serde_json::Value as Json;
 

@@ -1,4 +1,4 @@
-//! Parameters read with the schema of their kind: which of them are paths, and which are operational.
+//! Parameters with the schema of their kind: which of them are paths, and which are operational.
 
 use std::path::Path;
 
@@ -103,15 +103,8 @@ pub(crate) fn with_paths(value: &Json, schema: &Json, name: &mut dyn FnMut(&Path
     }
 }
 
-pub(crate) fn decisive(value: &Json, schema: &Json) -> Json {
-    chosen(value, schema, false)
-}
-
-pub(crate) fn operational(value: &Json, schema: &Json) -> Json {
-    chosen(value, schema, true)
-}
-
-fn chosen(value: &Json, schema: &Json, operational: bool) -> Json {
+/// The parameters that are operational, or those that are not; a list is taken as a whole.
+pub(crate) fn chosen(value: &Json, schema: &Json, operational: bool) -> Json {
     let Json::Object(map) = value else { return value.clone() };
     let chosen = map.iter().filter(|(key, _)| property(schema, key).is_some_and(is_operational) == operational);
     Json::Object(chosen.map(|(key, value)| (key.clone(), value.clone())).collect())
@@ -119,24 +112,26 @@ fn chosen(value: &Json, schema: &Json, operational: bool) -> Json {
 
 /// See [`Node::Params`](crate::contracts::Node::Params).
 pub(crate) fn is_operational(schema: &Json) -> bool {
-    part(schema, &|s| s.get(OPERATIONAL).filter(|is| is.as_bool() == Some(true))).is_some()
+    part(schema, &|s| s.get("operational").filter(|is| is.as_bool() == Some(true))).is_some()
 }
-
-const OPERATIONAL: &str = "operational";
 
 /// A part of a schema, or of the first alternative that has it.
 pub(super) fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s Json>) -> Option<&'s Json> {
-    find(schema).or_else(|| {
-        ["anyOf", "oneOf", "allOf"]
-            .iter()
-            .filter_map(|key| schema.get(key)?.as_array())
-            .flatten()
-            .find_map(|alternative| part(alternative, find))
-    })
+    let parts = || alternatives(schema).chain(schema.get("allOf").and_then(Json::as_array).into_iter().flatten());
+    find(schema).or_else(|| parts().find_map(|inner| part(inner, find)))
 }
 
 pub(crate) fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
     part(schema, &|s| s.get("properties")?.get(key)).or_else(|| part(schema, &|s| s.get("additionalProperties")))
+}
+
+pub(crate) fn alternatives(schema: &Json) -> impl Iterator<Item = &Json> {
+    ["anyOf", "oneOf"].into_iter().filter_map(|key| schema.get(key)?.as_array()).flatten()
+}
+
+/// Whether a schema takes values of this type only.
+pub(crate) fn has_type(schema: &Json, name: &str) -> bool {
+    schema.get("type").and_then(Json::as_str) == Some(name)
 }
 
 pub(super) fn has_format(schema: &Json, format: &str) -> bool {

@@ -127,7 +127,7 @@ fn known<'r, 's>(
 ) -> KnownNode<'r, 's> {
     let kind = kind(node, registry, report);
     let parameters =
-        kind.zip(node.instance.as_ref()).and_then(|(kind, instance)| resolver.node(kind, instance, report));
+        kind.zip(node.instance.as_ref()).and_then(|(kind, own)| resolver.parameters(&kind.info(), own, report));
     let signature = kind.and_then(|kind| resolver.signature(kind, parameters.as_deref()));
     KnownNode { name: &node.name.text, kind, parameters, signature }
 }
@@ -170,7 +170,7 @@ fn source(
             sound = false;
             continue;
         };
-        let parameters = resolver.source(kind, part, report);
+        let parameters = resolver.parameters(&kind.info(), part, report);
         // With wrong parameters the outputs are known all the same, unless they follow from these: references to them can be judged.
         let declared = (!kind.declaration.outputs.is_empty()).then(|| kind.declaration.outputs.clone());
         let given = match &parameters {
@@ -245,7 +245,7 @@ fn link_node<'r>(
         let Some((kind, signature)) = known_ports else {
             // Without a signature there are no ports, but whether the reference names something can be said.
             if let Some(Wired::Reference(reference)) = &input.from {
-                reachable.output(reference, report);
+                reachable.find(reference, report);
             }
             continue;
         };

@@ -1,4 +1,4 @@
-//! Which nodes of a variant are of any use: recorded, scored, or read by one that is; and stages that nothing comes of.
+//! Which nodes of a variant are useful: recorded, scored, or read by a useful node; and stages that are not used.
 
 use std::collections::HashSet;
 

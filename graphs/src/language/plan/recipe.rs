@@ -1,10 +1,10 @@
 //! Recipes: `H(kind, version, parameters, recipes of inputs)`.
 //!
-//! What does not change a node's outputs does not enter: its name, its variants, the order of keys, where files lie, which
-//! source feeds it (a source's frame has a key of its own, see [`value_keys`](crate::value_keys)). A parameter that is a path enters by the
-//! content of the file; if it is no file (a folder, or missing), by its last name only, and the kind's fingerprint says the rest,
-//! which enters when the plan is made ready (see [`ready`](crate::ready)): a plan is made of what is written, not of what a machine has.
-//! An unwired optional input does not enter, so that a kind can gain one without a new version.
+//! A recipe does not depend on a node's name, its variants, the order of keys, the location of files, or the source
+//! (whose frames have their own keys, see [`value_keys`](crate::value_keys)). A path counts by the content of its
+//! file; a folder or a missing file by its last name, and by the kind's fingerprint once the plan is
+//! [`ready`](crate::ready). An unwired optional input does not count, so that a kind can gain one without a new
+//! version.
 
 use crate::key::Key;
 

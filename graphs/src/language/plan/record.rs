@@ -1,8 +1,8 @@
-//! `record:`: what is kept of a run.
+//! `record:`: what is kept of a run; by default everything.
 //!
-//! Everything by default. A list of patterns, or `{ topics: [...], every: N, view: false, points: [...] }`. A pattern is written like a reference,
-//! `[stage.]node[/port]`, or like a topic, `/stage[/node[/port]]`; `*` stands for any run of characters, a part left out for
-//! all there are, and `!` at the beginning leaves out what patterns before it took. Scores are always kept.
+//! A list of patterns, or `{ topics: [...], every: N, view: false, points: [...] }`. A pattern is
+//! `[stage.]node[/port]` or `/stage[/node[/port]]`, where `*` stands for any characters and a missing part for all.
+//! `!` in front excludes outputs of earlier patterns. Scores are always kept.
 
 use std::cell::Cell;
 
@@ -28,9 +28,7 @@ struct Pattern {
     text: String,
     place: Place,
     leaves_out: bool,
-    stage: String,
-    node: String,
-    port: String,
+    output: OutputPattern,
     matched: Cell<bool>,
 }
 
@@ -40,7 +38,7 @@ impl Recorded {
         let Some(patterns) = &self.patterns else { return true };
         let mut kept = false;
         for pattern in patterns {
-            if glob(&pattern.stage, stage) && glob(&pattern.node, node) && glob(&pattern.port, port) {
+            if pattern.output.names(stage, node, port) {
                 pattern.matched.set(true);
                 kept = !pattern.leaves_out;
             }
@@ -50,10 +48,12 @@ impl Recorded {
 
     /// Whether a pattern names the stage or a node of it.
     pub(crate) fn asks_for(&self, stage: &str) -> bool {
-        let names = |pattern: &Pattern| (pattern.stage != "*" || pattern.node != "*") && !pattern.leaves_out;
-        self.patterns.iter().flatten().any(|pattern| names(pattern) && glob(&pattern.stage, stage))
+        self.patterns.iter().flatten().any(|Pattern { output, leaves_out, .. }| {
+            (output.stage != "*" || output.node != "*") && !leaves_out && glob(&output.stage, stage)
+        })
     }
 
+    /// Reports patterns that match no output of any variant.
     pub(crate) fn check(&self, variants: &[Linked<'_>], report: &mut Report) {
         self.check_points(variants, report);
         let Some(patterns) = &self.patterns else { return };
@@ -88,25 +88,20 @@ impl Recorded {
             };
             let nodes = topics.iter().filter_map(|topic| Some(topic.split_once('.')?.1));
             let near = names::nearest(&written, topics.iter().map(String::as_str).chain(nodes));
-            let of_outputs = !pattern.text.contains('/') && outputs.iter().any(|output| glob(&pattern.node, output));
-            let help = near.filter(|_| !of_outputs).map_or_else(
-                || {
-                    if of_outputs {
-                        let written = &pattern.node;
-                        return format!("without `/` a pattern names nodes; outputs of any node are `*/{written}`");
-                    }
-                    "patterns are written `stage.node/port`, `node`, `/stage/node/port`, with `*` for anything"
-                        .to_owned()
-                },
-                |near| format!("did you mean `{near}`?"),
-            );
+            let of_outputs =
+                !pattern.text.contains('/') && outputs.iter().any(|output| glob(&pattern.output.node, output));
+            let help = match near {
+                _ if of_outputs => {
+                    format!("without `/` a pattern names nodes; outputs of any node are `*/{}`", pattern.output.node)
+                }
+                Some(near) => format!("did you mean `{near}`?"),
+                None => FORM.to_owned(),
+            };
             let what = format!("`{}` matches nothing that could be recorded", pattern.text);
             report.push(Diagnostic::error(&pattern.place, what).label("matches nothing").help(help));
         }
     }
-}
 
-impl Recorded {
     /// Points need a recorded depth, and the recorded calibration of its source.
     fn check_points(&self, variants: &[Linked<'_>], report: &mut Report) {
         for stage in variants.iter().flat_map(|linked| &linked.stages) {
@@ -123,11 +118,11 @@ impl Recorded {
             for (node, ports) in nodes.chain([("source", Some(source))]) {
                 for pattern in &self.points {
                     let is_meant = |port: &Port| {
-                        let is_named =
-                            glob(&pattern.stage, name) && glob(&pattern.node, node) && glob(&pattern.port, port.name);
-                        is_named && port.value_type == ValueType::Depth && self.keeps(name, node, port.name)
+                        pattern.output.names(name, node, port.name)
+                            && port.value_type == ValueType::Depth
+                            && self.keeps(name, node, port.name)
                     };
-                    let is_unknown = ports.is_none() && glob(&pattern.node, node);
+                    let is_unknown = ports.is_none() && glob(&pattern.output.node, node);
                     if is_unknown || (has_calibration && ports.is_some_and(|ports| ports.iter().any(is_meant))) {
                         pattern.matched.set(true);
                     }
@@ -155,10 +150,9 @@ pub(crate) fn read(root: &Node, report: &mut Report) -> Recorded {
             }
         }
         _ => {
-            let what = format!("`record` wants a list of patterns or a map, not {}", entry.value.describe());
             let help =
                 "e.g. `record: [compare.*/depth]` or `record: { every: 10 }`; without `record` everything is kept";
-            report.push(Diagnostic::error(&entry.value.place, what).help(help));
+            report.push(entry.not_a("a list of patterns or a map").help(help));
         }
     }
     recording
@@ -166,18 +160,19 @@ pub(crate) fn read(root: &Node, report: &mut Report) -> Recorded {
 
 fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
     let node = &entry.value;
-    let mut wrong = |wanted: &str| {
-        let what = format!("`{}` wants {wanted}, not {}", entry.key, node.describe());
-        let place = if node.is_null() { &entry.key_place } else { &node.place };
-        let yes = node.text().is_some_and(is_yaml_1_1_bool) && wanted.contains("true");
-        let help = yes.then(|| "YAML 1.2 knows `true` and `false` only".to_owned());
-        report.push(Diagnostic::error(place, what).maybe_help(help));
+    let mut patterns = || match &node.value {
+        Tree::List(items) => items.iter().filter_map(|item| pattern(item, report)).collect(),
+        _ => {
+            report.push(entry.not_a("a list of patterns"));
+            Vec::new()
+        }
     };
     match (entry.key.as_str(), &node.value) {
-        ("topics", Tree::List(items)) => {
-            recording.patterns = Some(items.iter().filter_map(|item| pattern(item, report)).collect());
+        ("topics", _) => recording.patterns = Some(patterns()),
+        ("points", _) => {
+            recording.points = patterns();
+            recording.record.points = recording.points.iter().map(|pattern| pattern.output.clone()).collect();
         }
-        ("topics", _) => wrong("a list of patterns"),
         ("every", Tree::Number(number)) => match number.as_u64() {
             Some(every) if every >= 1 => recording.record.every = every,
             _ => {
@@ -185,27 +180,22 @@ fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
                 report.push(Diagnostic::error(&node.place, what).help("`every: 10` keeps each tenth frame"));
             }
         },
-        ("every", _) => wrong("a whole number"),
+        ("every", _) => report.push(entry.not_a("a whole number")),
         ("view", Tree::Bool(view)) => recording.record.view = *view,
-        ("view", _) => wrong("`true` or `false`"),
-        ("points", Tree::List(items)) => {
-            recording.points = items.iter().filter_map(|item| pattern(item, report)).collect();
-            let outputs = recording.points.iter().map(|Pattern { stage, node, port, .. }| OutputPattern {
-                stage: stage.clone(),
-                node: node.clone(),
-                port: port.clone(),
-            });
-            recording.record.points = outputs.collect();
+        ("view", _) => {
+            let is_bool = node.text().is_some_and(is_yaml_1_1_bool);
+            let help = is_bool.then(|| "YAML 1.2 knows `true` and `false` only".to_owned());
+            report.push(entry.not_a("`true` or `false`").maybe_help(help));
         }
-        ("points", _) => wrong("a list of patterns"),
         _ => {}
     }
 }
 
+const FORM: &str = "patterns are written `stage.node/port`, `node`, `/stage/node/port`, with `*` for anything";
+
 fn pattern(item: &Node, report: &mut Report) -> Option<Pattern> {
-    let form = "patterns are written `stage.node/port`, `node`, `/stage/node/port`, with `*` for anything";
     let Some(text) = item.text() else {
-        report.push(Diagnostic::error(&item.place, format!("a pattern is text, not {}", item.describe())).help(form));
+        report.push(Diagnostic::error(&item.place, format!("a pattern is text, not {}", item.describe())).help(FORM));
         return None;
     };
     let (leaves_out, bare) = text.strip_prefix('!').map_or((false, text), |bare| (true, bare));
@@ -220,10 +210,11 @@ fn pattern(item: &Node, report: &mut Report) -> Option<Pattern> {
             (stage, node.to_owned(), parts.get(1).map_or_else(all, |port| (*port).to_owned()))
         }
         _ => {
-            report.push(Diagnostic::error(&item.place, format!("`{text}` is no pattern")).help(form));
+            report.push(Diagnostic::error(&item.place, format!("`{text}` is not a pattern")).help(FORM));
             return None;
         }
     };
     let place = item.place.clone();
-    Some(Pattern { text: text.to_owned(), place, leaves_out, stage, node, port, matched: Cell::new(false) })
+    let output = OutputPattern { stage, node, port };
+    Some(Pattern { text: text.to_owned(), place, leaves_out, output, matched: Cell::new(false) })
 }

@@ -1,7 +1,7 @@
-//! Sharing: nodes of equal kind, parameters and inputs are one node, whichever variants they come from.
+//! Sharing: nodes of equal kind, parameters and inputs are one node, across variants.
 //!
-//! Operational parameters do not count: of nodes that differ in them alone, the first in order of variants and file gives its own. Files
-//! count by what is in them.
+//! Operational parameters do not count: the first node in order of variants and file determines them. Files count by
+//! content.
 
 use std::collections::{HashMap, HashSet};
 

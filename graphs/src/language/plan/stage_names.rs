@@ -1,4 +1,4 @@
-//! What references are looked up in: the names of the stages and of what stands in them.
+//! The names of stages and their nodes, in which references are looked up.
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Whether what is given to each node's inputs can be of use to it, as far as kinds know before any frame.
+//! Checks whether each node can use its inputs, as far as kinds know before any frame.
 
 use super::share::SharedRun;
 use crate::contracts::{InputOrigin, Slot, Upstream, UpstreamNode};

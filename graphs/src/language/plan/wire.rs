@@ -19,7 +19,7 @@ pub(crate) struct Reachable<'r, 's, 'n> {
     pub(crate) stage: StageId,
 }
 
-struct Output<'n> {
+pub(crate) struct Output<'n> {
     wire: Wire,
     port: &'n Port,
     stage: StageId,
@@ -36,10 +36,6 @@ impl<'r> Reachable<'r, '_, '_> {
             None => Some(self.stage),
             Some(word) => self.stages.iter().position(|stage| stage.name == word.text).map(StageId),
         }
-    }
-
-    pub(crate) fn output(&self, reference: &Reference, report: &mut Report) {
-        self.find(reference, report);
     }
 
     pub(crate) fn wire(
@@ -96,7 +92,7 @@ impl<'r> Reachable<'r, '_, '_> {
             }
         }
         if wanted != given {
-            let what = format!("input `{name}` wants {wanted}, but `{written}` is {given}");
+            let what = format!("input `{name}` expects {wanted}, but `{written}` is {given}");
             let fitting = self.outputs_fitting(port, node.name);
             let fitting: Vec<&str> = fitting.iter().map(String::as_str).collect();
             let help = (!fitting.is_empty()).then(|| format!("outputs that fit: {}", names::listed(&fitting)));
@@ -105,13 +101,13 @@ impl<'r> Reachable<'r, '_, '_> {
         match (port.rate, output.port.rate) {
             (Rate::Frame, Rate::Once) => {
                 let what = format!(
-                    "input `{name}` wants a value for every frame, but `{written}` is one value for the whole stage"
+                    "input `{name}` expects a value for every frame, but `{written}` is one value for the whole stage"
                 );
                 Some(error(what).label("a once-value"))
             }
             (Rate::Once, Rate::Frame) => {
                 let what = format!(
-                    "input `{name}` wants one value for the whole stage, but `{written}` has one for every frame"
+                    "input `{name}` expects one value for the whole stage, but `{written}` has one for every frame"
                 );
                 let help = format!("an ordered node that collects {given} and finishes with one value goes between");
                 Some(error(what).label("a value a frame").help(help))
@@ -129,7 +125,7 @@ impl<'r> Reachable<'r, '_, '_> {
     }
 
     /// `None` without a report if its node is broken.
-    fn find(&self, reference: &Reference, report: &mut Report) -> Option<Output<'_>> {
+    pub(crate) fn find(&self, reference: &Reference, report: &mut Report) -> Option<Output<'_>> {
         let Some(stage) = self.stage_of(reference) else {
             let word = reference.stage.as_ref()?;
             let known: Vec<&str> = self.stages.iter().map(|stage| stage.name).collect();
@@ -231,16 +227,16 @@ impl<'r> Reachable<'r, '_, '_> {
 
 fn file_wire(port: &Port, file: &Node, resolver: &mut Resolver, report: &mut Report) -> Option<Wire> {
     let Some(text) = file.text() else {
-        report.push(Diagnostic::error(&file.place, format!("`file` wants a path, not {}", file.describe())));
+        report.push(file.not_a("`file`", "a path"));
         return None;
     };
     if port.rate == Rate::Frame {
-        let what = format!("input `{}` wants a value for every frame: only once-values come from files", port.name);
+        let what = format!("input `{}` expects a value for every frame: only once-values come from files", port.name);
         report.push(Diagnostic::error(&file.place, what));
         return None;
     }
     if !port.takes_file() {
-        let what = format!("input `{}` wants {}, which cannot be read from a file", port.name, port.value_type);
+        let what = format!("input `{}` expects {}, which cannot be read from a file", port.name, port.value_type);
         report.push(Diagnostic::error(&file.place, what));
         return None;
     }

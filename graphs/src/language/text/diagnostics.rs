@@ -113,6 +113,10 @@ impl Diagnostic {
         self.file.line_column(self.span.start).1
     }
 
+    pub(crate) fn place(&self) -> Place {
+        Place { file: Arc::clone(&self.file), span: self.span.clone() }
+    }
+
     pub(crate) fn identity(&self) -> Identity {
         (self.severity, self.file.name.clone(), self.span.clone(), self.message.clone())
     }

@@ -1,7 +1,7 @@
-//! `${NAME}` and `${NAME:-default}` in scalars.
+//! `${NAME}` and `${NAME:-default}` in scalars; `$${` stands for `${`.
 //!
-//! Scalars only: keys, anchors and structure never change with the environment. A scalar that holds a variable is typed anew, so
-//! that `cap: ${CAP:-80}` is a number. `$${` stands for a plain `${`.
+//! Keys, anchors and structure never change with the environment. A scalar is typed after substitution: `cap:
+//! ${CAP:-80}` is a number.
 
 use std::ops::Range;
 use std::sync::Arc;

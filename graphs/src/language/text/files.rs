@@ -1,4 +1,4 @@
-//! Reads an experiment with what it extends and the graph files it takes nodes from.
+//! Reads an experiment with the files it extends and its graph files.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -92,13 +92,15 @@ impl<'a> Files<'a> {
     fn extended(&mut self, document: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
         let own = self.with_graphs(document, open, report);
         let Some(entry) = document.entry("extends") else { return own };
-        let base = self.following(&entry.value, "extends", open, report, |files, base, open, report| {
-            Some(files.extended(base, open, report))
-        });
         let own = without(&own, "extends");
-        base.map_or_else(|| Arc::clone(&own), |base| merged(&base, &own, Level::Experiment))
+        let Some((base, inner)) = self.named_file(&entry.value, "extends", open, report) else {
+            self.broken = true;
+            return own;
+        };
+        merged(&self.extended(&base, &inner, report), &own, Level::Experiment)
     }
 
+    /// Replaces `nodes: { graph: file }` of every stage by the nodes of that file.
     fn with_graphs(&mut self, document: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
         let mut new = Arc::clone(document);
         let Some(stages) = document.get("stages") else { return new };
@@ -119,25 +121,10 @@ impl<'a> Files<'a> {
     fn graph(&mut self, nodes: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Arc<Node> {
         let Some(entry) = nodes.entry("graph") else { return Arc::clone(nodes) };
         let own = without(nodes, "graph");
-        let base = self.following(&entry.value, "graph", open, report, |files, document, open, report| {
-            for entry in document.entries().iter().filter(|e| !matches!(e.key.as_str(), "about" | "nodes")) {
-                report.push(
-                    Diagnostic::error(&entry.key_place, format!("unknown key `{}` in a graph file", entry.key))
-                        .help("a graph file holds `nodes:` and, if you like, `about:`"),
-                );
-            }
-            match document.get("nodes") {
-                Some(nodes) => Some(files.graph(nodes, open, report)),
-                None => {
-                    report.push(
-                        Diagnostic::error(&Place::start_of(&document.place.file), "a graph file without `nodes:`")
-                            .help("a graph file holds `nodes:`, written as in a stage"),
-                    );
-                    None
-                }
-            }
-        });
-        let Some(base) = base else { return own };
+        let Some(base) = self.graph_file(&entry.value, open, report) else {
+            self.broken = true;
+            return own;
+        };
         self.put_in = self.put_in.saturating_add(base.size());
         if self.put_in > MOST_PUT_IN {
             let what = format!("graph files put in more than {MOST_PUT_IN} values, counted at every use");
@@ -148,31 +135,36 @@ impl<'a> Files<'a> {
         merged(&base, &own, Level::Nodes)
     }
 
-    fn following<T>(
-        &mut self,
-        name: &Arc<Node>,
-        key: &str,
-        open: &Open<'_>,
-        report: &mut Report,
-        then: impl FnOnce(&mut Self, &Arc<Node>, &Open<'_>, &mut Report) -> Option<T>,
-    ) -> Option<T> {
-        let found = self.named_file(name, key, open, report, then);
-        self.broken |= found.is_none();
-        found
+    /// The nodes of a graph file.
+    fn graph_file(&mut self, name: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Option<Arc<Node>> {
+        let (document, inner) = self.named_file(name, "graph", open, report)?;
+        for entry in document.entries().iter().filter(|e| !matches!(e.key.as_str(), "about" | "nodes")) {
+            report.push(
+                Diagnostic::error(&entry.key_place, format!("unknown key `{}` in a graph file", entry.key))
+                    .help("a graph file holds `nodes:` and, if you like, `about:`"),
+            );
+        }
+        let Some(nodes) = document.get("nodes") else {
+            report.push(
+                Diagnostic::error(&Place::start_of(&document.place.file), "a graph file without `nodes:`")
+                    .help("a graph file holds `nodes:`, written as in a stage"),
+            );
+            return None;
+        };
+        Some(self.graph(nodes, &inner, report))
     }
 
-    fn named_file<T>(
+    /// Reads the file that a scalar names.
+    fn named_file<'o>(
         &mut self,
         name: &Arc<Node>,
         key: &str,
-        open: &Open<'_>,
+        open: &'o Open<'o>,
         report: &mut Report,
-        then: impl FnOnce(&mut Self, &Arc<Node>, &Open<'_>, &mut Report) -> Option<T>,
-    ) -> Option<T> {
+    ) -> Option<(Arc<Node>, Open<'o>)> {
         let name = substitute(name, self.env, report);
         let Some(text) = name.text() else {
-            let what = format!("`{key}` wants the path of a YAML file, not {}", name.describe());
-            report.push(Diagnostic::error(&name.place, what));
+            report.push(name.not_a(&format!("`{key}`"), "the path of a YAML file"));
             return None;
         };
         let folder = match &name.written {
@@ -204,7 +196,7 @@ impl<'a> Files<'a> {
         if let Some(target) = self.read.iter().position(|read| read.path == path) {
             self.named.push((name.place.clone(), target));
         }
-        then(self, &document, &inner, report)
+        Some((document, inner))
     }
 
     fn portable_name(&self, from: &Arc<SourceFile>, text: &str) -> String {

@@ -1,8 +1,8 @@
-//! What a run keeps of its experiment: files that can be checked and run from where they are kept.
+//! The files of an experiment that a run keeps, so that it can be checked and run again.
 //!
-//! The main file is `experiment.yaml`; what it extends or takes nodes from lies in `experiment/`; `experiment.resolved.yaml` is
-//! all of it as one, with `--set`, of which the main file has a comment alone. They stay as they were written but for the paths in them: files that are kept are named by
-//! their new names, and data by a path that starts at the root. What comes out of the environment stays a variable.
+//! `experiment.yaml` is the main file, `experiment/` has those it extends or takes nodes from, and
+//! `experiment.resolved.yaml` is all of it with `--set`. Only paths are rewritten: kept files by their new names, data
+//! by absolute paths. Variables stay variables.
 
 use std::collections::HashSet;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! One document over another: maps merge by key, everything else is replaced; `null` takes away a source, stage, node, variant or axis.
+//! Merges documents: maps by key, everything else is replaced. `null` removes a source, stage, node, variant or axis.
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Names: which are allowed, and which one was probably meant.
+//! Allowed names, and suggestions for misspelt ones.
 
 use super::diagnostics::{Diagnostic, Report};
 use super::source_file::Place;

@@ -1,4 +1,4 @@
-//! YAML text to a tree with places, within limits that hold for a stranger's file.
+//! YAML text to a tree with positions, within limits that make foreign files safe.
 
 use std::fmt;
 use std::sync::Arc;

@@ -1,7 +1,6 @@
-//! Paths in parameters: a relative path starts at the folder of the file it is written in.
+//! Paths in parameters: relative to the folder of their file.
 //!
-//! Two exceptions, where the path stands in no file: what comes out of the environment and what `--set` gives start at the working
-//! directory, as they would in any other command.
+//! Paths from the environment and from `--set` are relative to the working directory, as in any other command.
 
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};

@@ -1,7 +1,7 @@
-//! The experiment as resolved, as YAML text: `extends`, graph files and `--set` applied.
+//! The resolved experiment as YAML: `extends`, graph files and `--set` applied.
 //!
-//! Scalars with `${...}` stay as they were written. So do relative paths in what a recording holds, so that the same experiment on
-//! two machines gives the same text; in what lies beside it they lead to their files from anywhere.
+//! Scalars with `${...}` stay as written. So do relative paths in a recording, which is equal on all machines; next to
+//! a recording they are absolute.
 
 use serde_json::Value as Json;
 

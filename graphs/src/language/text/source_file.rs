@@ -74,6 +74,10 @@ impl Place {
         Self::new(file, &(0..file.text.len()))
     }
 
+    pub(crate) fn contains(&self, inner: &Self) -> bool {
+        Arc::ptr_eq(&self.file, &inner.file) && self.span.start <= inner.span.start && inner.span.end <= self.span.end
+    }
+
     /// The words meant.
     #[must_use]
     pub fn text(&self) -> &str {

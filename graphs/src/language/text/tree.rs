@@ -1,10 +1,12 @@
-//! A YAML document as a tree that knows where each of its words stands.
+//! A YAML document as a tree with positions.
 
 use std::sync::Arc;
 
 use serde_json::{Number, Value as Json};
 
+use super::diagnostics::Diagnostic;
 use super::source_file::Place;
+use super::word::Word;
 
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
@@ -41,6 +43,23 @@ pub(crate) struct Entry {
     pub(crate) key: String,
     pub(crate) key_place: Place,
     pub(crate) value: Arc<Node>,
+}
+
+impl Entry {
+    pub(crate) fn key(&self) -> Word {
+        Word { text: self.key.clone(), place: self.key_place.clone() }
+    }
+
+    /// The place of the value, or of the key if the value is empty.
+    pub(crate) fn value_place(&self) -> &Place {
+        if self.value.is_null() { &self.key_place } else { &self.value.place }
+    }
+
+    /// An error about a value of another type.
+    pub(crate) fn not_a(&self, expected: &str) -> Diagnostic {
+        let what = format!("`{}` must be {expected}, not {}", self.key, self.value.describe());
+        Diagnostic::error(self.value_place(), what)
+    }
 }
 
 impl Node {
@@ -117,6 +136,11 @@ impl Node {
         }
     }
 
+    /// An error about a value of another type.
+    pub(crate) fn not_a(&self, subject: &str, expected: &str) -> Diagnostic {
+        Diagnostic::error(&self.place, format!("{subject} must be {expected}, not {}", self.describe()))
+    }
+
     /// How many values it holds, itself included.
     pub(crate) fn size(&self) -> usize {
         1 + match &self.value {
@@ -128,12 +152,12 @@ impl Node {
 
     pub(crate) fn key_path(&self, place: &Place) -> Option<String> {
         fn walk(node: &Node, place: &Place, keys: &mut Vec<String>) -> bool {
-            let inside = |outer: &Place| outer.span.start <= place.span.start && place.span.end <= outer.span.end;
             match &node.value {
                 Tree::Map(entries) => {
                     for entry in entries {
                         keys.push(entry.key.clone());
-                        if walk(&entry.value, place, keys) || inside(&entry.key_place) || inside(&entry.value.place) {
+                        let is_here = entry.key_place.contains(place) || entry.value.place.contains(place);
+                        if walk(&entry.value, place, keys) || is_here {
                             return true;
                         }
                         keys.pop();
@@ -143,7 +167,7 @@ impl Node {
                 Tree::List(items) => {
                     for (i, item) in items.iter().enumerate() {
                         keys.push(i.to_string());
-                        if walk(item, place, keys) || inside(&item.place) {
+                        if walk(item, place, keys) || item.place.contains(place) {
                             return true;
                         }
                         keys.pop();

@@ -103,9 +103,8 @@ impl Axis {
                 }
             }
             _ => {
-                let what = format!("`{key}` wants a list of values, not {}", node.describe());
-                let help = "write the values in brackets: `[none, minmax]`";
-                report.push(Diagnostic::error(&node.place, what).help(help));
+                let error = node.not_a(&format!("`{key}`"), "a list of values");
+                report.push(error.help("write the values in brackets: `[none, minmax]`"));
                 return None;
             }
         };
@@ -176,8 +175,7 @@ impl Axis {
                 None
             }
             Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => {
-                let what = format!("`{key}` wants a list of values, not {}", node.describe());
-                report.push(Diagnostic::error(&node.place, what).help(FORM));
+                report.push(node.not_a(&format!("`{key}`"), "a list of values").help(FORM));
                 None
             }
         }
@@ -257,9 +255,8 @@ fn paths(entry: &Entry, report: &mut Report) -> Option<Vec<(String, Place)>> {
         items.iter().map(|item| Some((item.text()?.to_owned(), item.place.clone()))).collect();
     let paths = paths.filter(|paths| !paths.is_empty());
     if paths.is_none() {
-        let place = if node.is_null() { &entry.key_place } else { &node.place };
         report.push(
-            Diagnostic::error(place, "`set` wants the paths that take the axis's value")
+            Diagnostic::error(entry.value_place(), "`set` must be the paths that take the axis's value")
                 .help("e.g. `set: [STAGE.LEFT.with.X, STAGE.RIGHT.with.X]`"),
         );
     }
@@ -268,15 +265,11 @@ fn paths(entry: &Entry, report: &mut Report) -> Option<Vec<(String, Place)>> {
 
 fn conditions(entry: &Entry, report: &mut Report) -> Vec<Condition> {
     if !entry.value.is_map() || entry.value.entries().is_empty() {
-        let place = if entry.value.is_null() { &entry.key_place } else { &entry.value.place };
-        let what = match entry.value.is_map() {
-            true => "`when` names no condition".to_owned(),
-            false => format!("`when` wants a map from paths or axes to values, not {}", entry.value.describe()),
+        let error = match entry.value.is_map() {
+            true => Diagnostic::error(&entry.value.place, "`when` names no condition"),
+            false => entry.not_a("a map from paths or axes to values"),
         };
-        report.push(
-            Diagnostic::error(place, what)
-                .help("e.g. `when: { STAGE.NODE.with.mode: hh }`; of several values, `[sgbm, hh]`"),
-        );
+        report.push(error.help("e.g. `when: { STAGE.NODE.with.mode: hh }`; of several values, `[sgbm, hh]`"));
         return Vec::new();
     }
     let condition = |entry: &Entry| Condition {

@@ -1,6 +1,6 @@
 //! `{ from: 2, to: 64, steps: 6, log: true }`: numbers between two ends.
 //!
-//! Numbers are printed as short as their distance allows, and are what is printed: a variant's name says the whole value.
+//! Numbers are rounded to as few digits as their distance allows, so that a variant's name has the whole value.
 
 use std::sync::Arc;
 
@@ -8,6 +8,7 @@ use serde_json::{Number, Value as Json};
 
 use crate::language::check::schema_check::{is_infinite, is_odd};
 use crate::language::check::spec::known_keys;
+use crate::language::check::with_schema::alternatives;
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::tree::{Node, Tree};
@@ -76,9 +77,9 @@ pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: 
         Some((_, Tree::Number(number))) => number.as_f64(),
         Some((end, Tree::Text(text))) => {
             let help = if is_infinite(text) { "numbers are finite" } else { FORM };
-            wrong(end, format!("`{key}` wants a number, not `{text}`"), help)
+            wrong(end, format!("`{key}` must be a number, not `{text}`"), help)
         }
-        Some((end, _)) => wrong(end, format!("`{key}` wants a number, not {}", end.describe()), FORM),
+        Some((end, _)) => wrong(end, format!("`{key}` must be a number, not {}", end.describe()), FORM),
         None => wrong(node, format!("the range of {what} has no `{key}`"), FORM),
     };
     let (from, to) = (end("from"), end("to"));
@@ -91,7 +92,7 @@ pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: 
         None => false,
         Some((_, Tree::Bool(log))) => *log,
         Some((log, _)) => {
-            wrong(log, format!("`log` wants `true` or `false`, not {}", log.describe()), FORM);
+            wrong(log, format!("`log` must be `true` or `false`, not {}", log.describe()), FORM);
             return None;
         }
     };
@@ -134,7 +135,7 @@ pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: 
             Some(Numbers::Steps(values))
         }
         Some((steps, _)) => {
-            wrong(steps, format!("`steps` wants a whole number of 2 to {MOST_STEPS}"), FORM);
+            wrong(steps, format!("`steps` must be a whole number of 2 to {MOST_STEPS}"), FORM);
             None
         }
     }
@@ -184,9 +185,7 @@ impl Range {
         };
         Arc::new(Node::new(Tree::Number(number), self.node.place.clone()))
     }
-}
 
-impl Range {
     pub(super) fn whole_numbers(&self, most: usize) -> Option<Vec<Arc<Node>>> {
         let whole = self.whole?;
         let (first, last) = whole.between(self.from, self.to);
@@ -223,13 +222,10 @@ fn short(value: f64, apart: f64) -> f64 {
 fn takes_whole_numbers(schema: &Json) -> bool {
     fn types<'s>(schema: &'s Json, found: &mut Vec<&'s str>) {
         match schema.get("type") {
-            Some(Json::String(one)) => found.push(one),
             Some(Json::Array(several)) => found.extend(several.iter().filter_map(Json::as_str)),
-            _ => {}
+            one => found.extend(one.and_then(Json::as_str)),
         }
-        for alternatives in ["anyOf", "oneOf"].iter().filter_map(|key| schema.get(key)?.as_array()) {
-            alternatives.iter().for_each(|alternative| types(alternative, found));
-        }
+        alternatives(schema).for_each(|inner| types(inner, found));
     }
     let mut found = Vec::new();
     types(schema, &mut found);

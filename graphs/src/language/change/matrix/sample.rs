@@ -1,6 +1,6 @@
-//! `sample: { method: latin-hypercube, count: 40, seed: 7 }`: some of all combinations, drawn.
+//! `sample: { method: latin-hypercube, count: 40, seed: 7 }`: a random sample of all combinations.
 //!
-//! Every axis has random numbers of its own, of the seed and its place: so one more axis at the end leaves the others' draws alone.
+//! Every axis has its own random numbers, so that one more axis at the end does not change the draws of the others.
 
 use depthloom_random::SplitMix64;
 
@@ -32,9 +32,7 @@ const FORM: &str = "e.g. `sample: { method: latin-hypercube, count: 40, seed: 7 
 pub(super) fn read(entry: &Entry, most: usize, report: &mut Report) -> Option<Sample> {
     let node = &entry.value;
     if !node.is_map() {
-        let what = format!("`sample` wants a map, not {}", node.describe());
-        let place = if node.is_null() { &entry.key_place } else { &node.place };
-        report.push(Diagnostic::error(place, what).help(FORM));
+        report.push(entry.not_a("a map").help(FORM));
         return None;
     }
     known_keys(node, "`sample`", SAMPLE_KEYS, report);
@@ -60,11 +58,11 @@ pub(super) fn read(entry: &Entry, most: usize, report: &mut Report) -> Option<Sa
     let count = whole("count").and_then(|count| usize::try_from(count).ok()).filter(|count| (1..=most).contains(count));
     if count.is_none() {
         let place = node.get("count").map_or(&entry.key_place, |count| &count.place);
-        report.push(Diagnostic::error(place, format!("`count` wants a whole number of 1 to {most}")).help(FORM));
+        report.push(Diagnostic::error(place, format!("`count` must be a whole number of 1 to {most}")).help(FORM));
     }
     let seed = if node.get("seed").is_some() { whole("seed") } else { Some(1) };
     if let (None, Some(written)) = (seed, node.get("seed")) {
-        report.push(Diagnostic::error(&written.place, "`seed` wants a whole number of at least 0").help(FORM));
+        report.push(Diagnostic::error(&written.place, "`seed` must be a whole number of at least 0").help(FORM));
     }
     Some(Sample { method: method?, count: count?, seed: seed?, place: entry.key_place.clone() })
 }
