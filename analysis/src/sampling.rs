@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, Slot, Store, StoredValue, Tap, Warned};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Slot, Store, StoredValue, Tap};
 use depthloom_graphs::plan::{FrameIndex, PartId, Plan, RunId};
 use depthloom_graphs::{Frame, Key, Value};
 use depthloom_recording::RecordedPlan;
@@ -164,7 +164,14 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
         self.tap.write(commit, parts)
     }
 
-    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(
+        &self,
+        run: RunId,
+        slot: Slot,
+        key: &Key,
+        value: &Value,
+        warnings: &[NodeWarning],
+    ) -> Result<(), ErrorMessage> {
         self.tap.once(run, slot, key, value, warnings)
     }
 
@@ -180,8 +187,8 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
         self.tap.written(run)
     }
 
-    fn told(&self, run: RunId) -> Vec<Vec<Warned>> {
-        self.tap.told(run)
+    fn recorded_warnings(&self, run: RunId) -> Vec<Vec<NodeWarning>> {
+        self.tap.recorded_warnings(run)
     }
 
     fn written_aggregate(&self, run: RunId, slot: Slot) -> Option<Key> {

@@ -1,5 +1,24 @@
 //! The contracts between language, nodes, runner and recording.
 
+/// Implements `JsonSchema` by a schema that is written out wherever the type is used.
+macro_rules! inline_schema {
+    ($name:ident, $($schema:tt)+) => {
+        impl ::schemars::JsonSchema for $name {
+            fn schema_name() -> ::std::borrow::Cow<'static, str> {
+                stringify!($name).into()
+            }
+
+            fn inline_schema() -> bool {
+                true
+            }
+
+            fn json_schema(_: &mut ::schemars::SchemaGenerator) -> ::schemars::Schema {
+                ::schemars::json_schema!($($schema)+)
+            }
+        }
+    };
+}
+
 mod code;
 mod context;
 mod declared_ports;
@@ -29,6 +48,6 @@ pub use params::{Argument, Auto, DataPath};
 pub use port::{Contract, Port, Rate};
 pub use signature::Signature;
 pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey};
-pub use store::{Held, Holding, Store};
-pub use tap::{Commit, Failure, Slot, SlotKey, StoredValue, Tap, Warned, stored_values};
+pub use store::{Store, StoredPort, StoredState};
+pub use tap::{Commit, Failure, NodeWarning, Slot, SlotKey, StoredValue, Tap, stored_values};
 pub use upstream::{InputOrigin, Upstream, UpstreamNode};

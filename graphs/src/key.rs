@@ -14,7 +14,6 @@ pub struct Key([u8; 16]);
 
 impl Key {
     /// The key of a content.
-    #[must_use]
     pub fn of_content(bytes: &[u8]) -> Self {
         Self::from_hash(&blake3::hash(bytes))
     }
@@ -30,14 +29,12 @@ impl Key {
     }
 
     /// A hasher for keys made of several parts; `domain` keeps keys of different meaning apart.
-    #[must_use]
     pub fn build(domain: &str) -> KeyBuilder {
         let builder = KeyBuilder(Vec::with_capacity(128));
         builder.number(KEY_VERSION).text(domain)
     }
 
     /// As [`Key::build`], for stored digests that are not cache keys and do not depend on their version.
-    #[must_use]
     pub fn digest(domain: &str) -> KeyBuilder {
         KeyBuilder(Vec::with_capacity(128)).text(domain)
     }
@@ -49,13 +46,11 @@ impl Key {
     }
 
     /// The sixteen bytes.
-    #[must_use]
     pub const fn as_bytes(&self) -> &[u8; 16] {
         &self.0
     }
 
     /// Reads 32 hexadecimal digits.
-    #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         if text.len() != 32 || !text.is_ascii() {
             return None;

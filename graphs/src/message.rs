@@ -17,7 +17,6 @@ pub struct ErrorMessage {
 
 impl ErrorMessage {
     /// A lower-case fragment.
-    #[must_use]
     pub fn new(what: impl Into<String>) -> Self {
         Self { what: what.into(), remedy: None, source: None }
     }
@@ -48,7 +47,6 @@ impl Remedied for ErrorMessage {
 }
 
 /// An error and its causes, joined by colons.
-#[must_use]
 pub fn chain(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut below = error.source();

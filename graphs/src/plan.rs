@@ -69,7 +69,6 @@ pub struct OutputPattern {
 
 impl OutputPattern {
     /// Whether an output matches.
-    #[must_use]
     pub fn names(&self, stage: &str, node: &str, port: &str) -> bool {
         glob(&self.stage, stage) && glob(&self.node, node) && glob(&self.port, port)
     }
@@ -102,7 +101,6 @@ impl StageRun {
     }
 
     /// The output port of a slot.
-    #[must_use]
     pub fn output(&self, slot: Slot) -> &PlannedOutput {
         match slot {
             Slot::Source { port } => &self.source.outputs[port],
@@ -186,7 +184,6 @@ impl PlannedNode {
     }
 
     /// The names of the variants it serves; empty if it serves all.
-    #[must_use]
     pub fn variant_names<'a>(&self, plan: &'a Plan) -> Vec<&'a str> {
         if self.variants.len() == plan.variants.len() {
             return Vec::new();
@@ -208,7 +205,6 @@ pub struct PlannedInput {
 
 impl PlannedInput {
     /// The node that it reads; `None` for the source, a file or an unwired input. `run` is the input's stage run.
-    #[must_use]
     pub const fn node_read(&self, run: RunId) -> Option<NodeRef> {
         match self.from {
             Some(Origin::Here(Slot::Node { node, .. })) => Some(NodeRef { run, node }),

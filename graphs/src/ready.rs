@@ -10,7 +10,7 @@ use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, So
 use crate::fingerprints;
 use crate::key::Key;
 use crate::language::changed_since;
-use crate::plan::{FrameIndex, NodeId, NodeRef, Origin, Plan, PlannedNode, PlannedSource, RunId};
+use crate::plan::{FrameIndex, NodeId, NodeRef, Origin, Plan, PlannedInput, PlannedNode, PlannedSource, RunId};
 use crate::registry::Registry;
 use crate::regular_file;
 use crate::values::{Artifact, Value, ValueType};
@@ -98,7 +98,6 @@ pub enum NotReady {
 
 impl NotReady {
     /// The cause.
-    #[must_use]
     pub const fn fault(&self) -> &Fault {
         match self {
             Self::Source { fault, .. } | Self::Node { fault, .. } | Self::File { fault, .. } => fault,
@@ -141,7 +140,6 @@ impl Ready {
     }
 
     /// A plan whose sources and nodes come from elsewhere; `fingerprints` by node.
-    #[must_use]
     pub fn of(
         mut plan: Plan,
         runs: Vec<ReadyRun>,
@@ -168,7 +166,7 @@ fn builders(plan: &Plan, registry: &Registry) -> BTreeMap<NodeRef, NodeBuilder> 
     for (run, planned) in RunId::enumerate(&plan.runs) {
         for (node, planned) in NodeId::enumerate(&planned.nodes) {
             let Some(kind) = registry.node_kind(&planned.kind) else { continue };
-            let builder = NodeBuilder { build: kind.builder(), params: planned.params.clone() };
+            let builder = NodeBuilder { build: kind.build, params: planned.params.clone() };
             builders.insert(NodeRef { run, node }, builder);
         }
     }
@@ -192,7 +190,7 @@ pub fn build(
         |fault| NotReady::Node { stage: run.stage.clone(), name: node.name.clone(), kind: node.kind.clone(), fault };
     let built =
         registry.node_kind(&node.kind).ok_or_else(|| Fault::new("this engine has no such kind")).and_then(|kind| {
-            let built = (kind.build(&node.params)?, kind.fingerprint(&node.params)?);
+            let built = (kind.build(&node.params)?, (kind.fingerprint)(&node.params)?);
             // The recipe has the contents as they were when the experiment was loaded.
             match changed_since(&node.portable, &node.params, &kind.schema) {
                 None => Ok(built),
@@ -238,11 +236,11 @@ pub fn read_files(stage: &str, node: &PlannedNode, files: &mut BTreeMap<PathBuf,
 
 /// Checks once-values from files before any frame.
 fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf, Value>) -> Result<(), Fault> {
-    let of_file = |from: &Option<Origin>| match from {
+    let value = |input: &PlannedInput| match &input.from {
         Some(Origin::File(path)) => files.get(path).cloned(),
         _ => None,
     };
-    let values: Vec<Option<Value>> = node.inputs.iter().map(|input| of_file(&input.from)).collect();
+    let values: Vec<Option<Value>> = node.inputs.iter().map(value).collect();
     if values.iter().all(Option::is_none) {
         return Ok(());
     }

@@ -33,9 +33,9 @@ pub struct NodeKind {
     pub own_ports: bool,
     resolve: fn(&Json) -> Result<Json, ParamError>,
     signature: fn(&Json) -> Result<Option<Signature>, Fault>,
-    check_inputs: fn(&Json, &Upstream<'_>) -> Result<(), Fault>,
-    fingerprint: fn(&Json) -> Result<Option<Key>, Fault>,
-    build: fn(&Json) -> Result<Instance, Fault>,
+    pub(crate) check_inputs: fn(&Json, &Upstream<'_>) -> Result<(), Fault>,
+    pub(crate) fingerprint: fn(&Json) -> Result<Option<Key>, Fault>,
+    pub(crate) build: fn(&Json) -> Result<Instance, Fault>,
 }
 
 /// What kinds of nodes and of sources have in common.
@@ -83,32 +83,6 @@ impl NodeKind {
     /// If the parameters do not belong to this kind.
     pub fn signature(&self, resolved: &Json) -> Result<Signature, Fault> {
         Ok((self.signature)(resolved)?.unwrap_or_else(|| Signature::from(&self.declaration)))
-    }
-
-    /// The signature of all nodes of this kind; `None` if it follows from the parameters.
-    #[must_use]
-    pub fn fixed_signature(&self) -> Option<Signature> {
-        (!self.own_ports).then(|| Signature::from(&self.declaration))
-    }
-
-    /// See [`Node::check_inputs`].
-    ///
-    /// # Errors
-    /// What does not fit.
-    pub fn check_inputs(&self, resolved: &Json, upstream: &Upstream<'_>) -> Result<(), Fault> {
-        (self.check_inputs)(resolved, upstream)
-    }
-
-    /// See [`Node::fingerprint`].
-    ///
-    /// # Errors
-    /// What is missing.
-    pub fn fingerprint(&self, resolved: &Json) -> Result<Option<Key>, Fault> {
-        (self.fingerprint)(resolved)
-    }
-
-    pub(crate) const fn builder(&self) -> fn(&Json) -> Result<Instance, Fault> {
-        self.build
     }
 
     /// A node ready to run, from resolved parameters.
@@ -166,13 +140,11 @@ impl SourceEntry {
     }
 
     /// See [`SourceKind::survey`]; from resolved parameters.
-    #[must_use]
     pub fn survey(&self, resolved: &Json) -> Survey {
         (self.survey)(resolved)
     }
 
     /// See [`SourceKind::recognise`].
-    #[must_use]
     pub fn recognise(&self, root: &Path) -> Vec<Recognised> {
         (self.recognise)(root)
     }
@@ -275,13 +247,11 @@ impl Registry {
     }
 
     /// The node kind of that name.
-    #[must_use]
     pub fn node_kind(&self, kind: &str) -> Option<&NodeKind> {
         self.nodes.get(kind)
     }
 
     /// The source kind of that name.
-    #[must_use]
     pub fn source_kind(&self, kind: &str) -> Option<&SourceEntry> {
         self.sources.get(kind)
     }

@@ -20,7 +20,7 @@ fn look(path: &Path) -> Result<Metadata, Error> {
         return Err(Error::new(ErrorKind::IsADirectory, "it is a folder"));
     }
     if !metadata.is_file() {
-        return Err(Error::new(ErrorKind::InvalidInput, "it is no regular file"));
+        return Err(Error::new(ErrorKind::InvalidInput, "it is not a regular file"));
     }
     Ok(metadata)
 }
@@ -41,7 +41,7 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     }
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(usize::try_from(metadata.len()).unwrap_or(usize::MAX))?;
-    // It may grow meanwhile; and what lies under `/proc` is longer than it says.
+    // The file may grow, and files in `/proc` are longer than their metadata says.
     File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most { too_large(bytes.len() as u64) } else { Ok(bytes) }
 }
@@ -52,7 +52,6 @@ const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
 pub const LFS_REMEDY: &str = "fetch the file with `git lfs pull` in its repository";
 
 /// Whether the first 16 bytes or more are those of a Git LFS pointer.
-#[must_use]
 pub fn is_lfs_pointer(head: &[u8]) -> bool {
     head.len() >= 16 && head.iter().zip(LFS_POINTER).all(|(a, b)| a == b)
 }

@@ -24,13 +24,11 @@ impl Observed<'_> {
 }
 
 /// The key of one output port, from the key of the node or of the source's frame.
-#[must_use]
 pub fn port(node: &Key, port: &str) -> Key {
     Key::build("port").key(node).text(port).finish()
 }
 
 /// The key of a pure node's values on one frame.
-#[must_use]
 pub fn pure(recipe: &Key, observed: Option<Observed<'_>>, inputs: &[Option<Key>]) -> Key {
     let builder = with_inputs(Key::build("pure").key(recipe), inputs);
     match observed {
@@ -40,20 +38,17 @@ pub fn pure(recipe: &Key, observed: Option<Observed<'_>>, inputs: &[Option<Key>]
 }
 
 /// The key of an ordered node's values on one frame; `previous` is its key on the frame before.
-#[must_use]
 pub fn ordered(recipe: &Key, previous: Option<&Key>, observed: Observed<'_>, inputs: &[Option<Key>]) -> Key {
     let builder = with_inputs(optional(Key::build("ordered").key(recipe), previous), inputs);
     observed.add_to(builder).finish()
 }
 
 /// The key of an ordered node's aggregate values; `last` is its key on the last frame.
-#[must_use]
 pub fn finished(recipe: &Key, last: Option<&Key>) -> Key {
     optional(Key::build("finished").key(recipe), last).finish()
 }
 
 /// The key of an aggregate node's values; inputs by content hash where they are artifacts.
-#[must_use]
 pub fn once(recipe: &Key, inputs: &[Option<Key>]) -> Key {
     with_inputs(Key::build("once").key(recipe), inputs).finish()
 }

@@ -1,7 +1,7 @@
 //! The message that commits a frame of a recording.
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Warned};
+use depthloom_graphs::contracts::{Commit, Failure, NodeWarning, Slot, SlotKey};
 use depthloom_graphs::plan::{NodeId, PortId};
 
 /// `depthloom.Commit`: closes a frame: everything between it and the commit before belongs to the frame.
@@ -127,10 +127,10 @@ impl CommitMessage {
         Some(self.absent.as_ref()?.ports.iter().map(slot).collect())
     }
 
-    pub(crate) fn warnings(&self) -> Vec<Warned> {
+    pub(crate) fn warnings(&self) -> Vec<NodeWarning> {
         let warnings = self.warnings.iter();
         warnings
-            .map(|of| Warned {
+            .map(|of| NodeWarning {
                 node: of.node.map(|node| NodeId(node as usize)),
                 what: of.what.clone(),
                 count: of.count,

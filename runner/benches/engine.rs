@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use crossbeam::channel::{bounded, unbounded};
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Tap, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Tap};
 use depthloom_graphs::values::Calibration;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Outputs, PureNode, Source, SourceOutputs, Value};
 use depthloom_runner::{Audit, Interrupt, Options, Unwatched, run};
@@ -71,7 +71,7 @@ impl Tap for NoTap {
         Ok(())
     }
 
-    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[NodeWarning]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 }

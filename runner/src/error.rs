@@ -104,7 +104,6 @@ impl RunError {
     }
 
     /// Whether frames of the data failed, not the engine, the disk or a training.
-    #[must_use]
     pub const fn is_of_a_frame(&self) -> bool {
         matches!(self, Self::NodeFailed { frame: Some(_), .. } | Self::SourceFailed { .. })
     }

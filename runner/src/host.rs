@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use depthloom_graphs::contracts::Warned;
+use depthloom_graphs::contracts::NodeWarning;
 use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use depthloom_graphs::{Host, Key};
 use depthloom_threads::{Budget, Caught, caught, into_unlocked, locked, resume};
@@ -57,9 +57,9 @@ impl<'a> TaskHost<'a> {
         }
     }
 
-    pub(crate) fn into_warnings(self) -> impl Iterator<Item = Warned> {
+    pub(crate) fn into_warnings(self) -> impl Iterator<Item = NodeWarning> {
         let reported = into_unlocked(self.reported);
-        reported.into_iter().map(move |(what, count)| Warned { node: self.node, what, count })
+        reported.into_iter().map(move |(what, count)| NodeWarning { node: self.node, what, count })
     }
 }
 

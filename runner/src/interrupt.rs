@@ -17,13 +17,11 @@ impl Interrupt {
     }
 
     /// Whether no more frames are admitted.
-    #[must_use]
     pub fn stops_admission(&self) -> bool {
         self.0.load(Ordering::Relaxed) >= 1
     }
 
     /// Whether the run is abandoned.
-    #[must_use]
     pub fn aborts(&self) -> bool {
         self.0.load(Ordering::Relaxed) >= 2
     }

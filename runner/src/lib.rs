@@ -17,7 +17,7 @@
 //! A tap that prints, and a run without nodes:
 //!
 //! ```
-//! use depthloom_graphs::contracts::{Commit, Slot, Tap, ErrorMessage, Warned};
+//! use depthloom_graphs::contracts::{Commit, Slot, Tap, ErrorMessage, NodeWarning};
 //! use depthloom_graphs::plan::{FrameIndex, PartId, Plan, PlannedSource, Record, RunId, StageRun, VariantId};
 //! use depthloom_graphs::ready::{Ready, ReadyRun};
 //! use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutputs, Value};
@@ -54,7 +54,7 @@
 //!         println!("frame {}", commit.frame.id);
 //!         Ok(())
 //!     }
-//!     fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+//!     fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[NodeWarning]) -> Result<(), ErrorMessage> {
 //!         Ok(())
 //!     }
 //! }

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Contract, Slot, Tap, Warned};
+use depthloom_graphs::contracts::{Contract, NodeWarning, Slot, Tap};
 use depthloom_graphs::plan::{NodeId, NodeRef, Plan, PlannedNode, PortId, RunId};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
@@ -53,7 +53,7 @@ struct Done {
     outputs: Result<Vec<Option<Value>>, Fault>,
     /// `None` if the values were stored.
     spent: Option<Spent>,
-    warnings: Vec<Warned>,
+    warnings: Vec<NodeWarning>,
 }
 
 /// The work of a stage run outside frames.
@@ -65,7 +65,7 @@ pub(crate) struct OnceWork<'a, T> {
     pub(crate) waiting: BTreeMap<NodeId, Box<dyn OnceNode>>,
     /// The keys of the nodes with aggregate values.
     pub(crate) keys: BTreeMap<NodeId, Key>,
-    pub(crate) reported: BTreeMap<NodeId, Vec<Warned>>,
+    pub(crate) reported: BTreeMap<NodeId, Vec<NodeWarning>>,
     /// The aggregate nodes that ran: not those whose values come from an equal node.
     pub(crate) ran: BTreeSet<NodeId>,
     /// The nodes whose aggregate values were stored.

@@ -8,7 +8,7 @@ pub(crate) mod kept;
 
 use std::sync::OnceLock;
 
-use depthloom_graphs::contracts::{Contract, Holding, Slot, Store, Tap};
+use depthloom_graphs::contracts::{Contract, Slot, Store, StoredState, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Frame, Host, Key, Port, Rate, Source, Value};
@@ -274,10 +274,10 @@ impl<'a> Reuse<'a> {
 
     fn find(&self, graph: &FrameGraph, step: StepId, key: Key) -> Known {
         let Some(held) = self.store.find(&key) else { return Known::Unknown };
-        let state = |port: &Port| match held.iter().find(|held| held.port == port.name).map(|held| held.is) {
-            Some(Holding::There) => OutputState::Stored,
-            Some(Holding::Nothing) if port.optional => OutputState::Absent,
-            Some(Holding::NotKept) => OutputState::NotStored,
+        let state = |port: &Port| match held.iter().find(|held| held.port == port.name).map(|held| held.state) {
+            Some(StoredState::Stored) => OutputState::Stored,
+            Some(StoredState::Absent) if port.optional => OutputState::Absent,
+            Some(StoredState::NotKept) => OutputState::NotStored,
             // It ran, so it had its required values.
             _ if !port.optional => OutputState::NotStored,
             _ => OutputState::Unknown,
@@ -374,10 +374,10 @@ pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key:
     let value = |port: &str| {
         let held = held.iter().find(|held| held.port == port)?;
         // A damaged value is recomputed.
-        match held.is {
-            Holding::There => store.value(key, port).ok(),
-            Holding::Nothing => Some(None),
-            Holding::NotKept => None,
+        match held.state {
+            StoredState::Stored => store.value(key, port).ok(),
+            StoredState::Absent => Some(None),
+            StoredState::NotKept => None,
         }
     };
     outputs.map(|output| value(output.port.name)).collect()

@@ -11,7 +11,7 @@ mod work;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use depthloom_graphs::contracts::{Tap, Warned};
+use depthloom_graphs::contracts::{NodeWarning, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PlannedNode, RunId, StageRun};
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Outputs, PureNode, Source};
 
@@ -107,7 +107,7 @@ impl<'a, T: Tap> Stage<'a, T> {
 
     /// Reports the warnings of the frames that are already written.
     pub(crate) fn repeat_warnings(&self) {
-        for Warned { node, what, count } in self.context.tap.told(self.run).into_iter().flatten() {
+        for NodeWarning { node, what, count } in self.context.tap.recorded_warnings(self.run).into_iter().flatten() {
             if self.context.warnings.add(self.run, node, &what, count, true) {
                 self.context.observer.warned(self.run, node, &what);
             }

@@ -102,7 +102,6 @@ impl Timing {
     }
 
     /// The median CPU time of the samples, nanoseconds; the lower one of two. `None` without samples.
-    #[must_use]
     pub fn median_cpu_ns(&self) -> Option<u64> {
         let mut times: Vec<u64> = self.samples.iter().map(|sample| sample.cpu_ns).collect();
         times.sort_unstable();

@@ -24,7 +24,6 @@ pub struct Warning {
 
 impl Warning {
     /// Stage run, node, message, and how often.
-    #[must_use]
     pub fn text(&self, plan: &Plan) -> String {
         let run = &plan.runs[self.run];
         let node = self.node.map(|node| &run.nodes[node]);

@@ -7,7 +7,9 @@ use std::collections::HashMap;
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Held, Holding, Slot, Store, Tap, Warned};
+use depthloom_graphs::contracts::{
+    Commit, Contract, ErrorMessage, NodeWarning, Slot, Store, StoredPort, StoredState, Tap,
+};
 use depthloom_graphs::plan::{FrameIndex, PartId, Plan, PlannedOutput, RunId};
 use depthloom_graphs::{Fault, Frame, Key, Remedied, Value};
 use depthloom_runner::{Audit, Cause, Interrupt, Options, RunError, Unwatched, run};
@@ -29,14 +31,14 @@ struct Memory {
 }
 
 impl Store for Memory {
-    fn find(&self, key: &Key) -> Option<Vec<Held>> {
+    fn find(&self, key: &Key) -> Option<Vec<StoredPort>> {
         let ports = self.values.get(key).filter(|_| (self.knows)(key))?;
-        let held = ports.iter().map(|(port, value)| Held {
+        let held = ports.iter().map(|(port, value)| StoredPort {
             port: (*port).to_owned(),
-            is: match value {
-                None => Holding::Nothing,
-                Some(_) if (self.holds)(key, port) => Holding::There,
-                Some(_) => Holding::NotKept,
+            state: match value {
+                None => StoredState::Absent,
+                Some(_) if (self.holds)(key, port) => StoredState::Stored,
+                Some(_) => StoredState::NotKept,
             },
         });
         Some(held.collect())
@@ -149,7 +151,14 @@ impl Tap for Remembering {
         self.notebook.write(commit, parts)
     }
 
-    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warned: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(
+        &self,
+        run: RunId,
+        slot: Slot,
+        key: &Key,
+        value: &Value,
+        warned: &[NodeWarning],
+    ) -> Result<(), ErrorMessage> {
         let values = vec![(*key, self.output(run, slot).port.name, Some(value.clone()))];
         self.remember(Entry { run, once: Some(slot), keys: vec![*key], values });
         self.notebook.once(run, slot, key, value, warned)
@@ -174,7 +183,7 @@ impl Tap for Remembering {
 }
 
 /// Runs a graph: what was written, and why it ended.
-fn told(bench: Bench, tap: &Remembering, workers: usize, keep_going: bool) -> (Vec<String>, Option<String>) {
+fn lines_and_error(bench: Bench, tap: &Remembering, workers: usize, keep_going: bool) -> (Vec<String>, Option<String>) {
     let options = Options { workers, window: Some(4), keep_going, checkpoints: None, audit: Audit::All };
     let result = run(bench.ready(), tap, &options, &Unwatched, &Interrupt::default());
     (tap.notebook.lines(), result.err().map(|error| error.to_string()))
@@ -213,7 +222,7 @@ proptest! {
         let bench = || unrecorded_by(bench(&graph), unrecorded);
         let plan = || bench().plan;
         let first = Remembering::new(graph.parts, every, plan(), None);
-        let expected = told(bench(), &first, 2, graph.keep_going);
+        let expected = lines_and_error(bench(), &first, 2, graph.keep_going);
         let values = values_of(&first.entries());
         for workers in [1, 3] {
             let store = Memory {
@@ -222,7 +231,7 @@ proptest! {
                 knows: Box::new(move |key| draw(seed, key, "") % 8 >= lost.1),
             };
             let tap = Remembering::new(graph.parts, every, plan(), Some(store));
-            let (lines, end) = told(bench(), &tap, workers, graph.keep_going);
+            let (lines, end) = lines_and_error(bench(), &tap, workers, graph.keep_going);
             let differs = lines.iter().zip(&expected.0).find(|(line, other)| line != other);
             prop_assert_eq!(differs, None, "workers {}", workers);
             prop_assert_eq!((lines.len(), &end), (expected.0.len(), &expected.1), "workers {}", workers);
@@ -243,7 +252,7 @@ proptest! {
     ) {
         let bench = || unrecorded_by(bench(&graph), unrecorded);
         let first = Remembering::new(graph.parts, every, bench().plan, None);
-        let (expected, end) = told(bench(), &first, 2, graph.keep_going);
+        let (expected, end) = lines_and_error(bench(), &first, 2, graph.keep_going);
         let mut written = first.entries();
         let cut = cut.index(written.len() + 1);
         written.truncate(cut);
@@ -252,7 +261,7 @@ proptest! {
                 Memory { values: values_of(&written), holds: Box::new(|_, _| true), knows: Box::new(|_| true) };
             let mut tap = Remembering::new(graph.parts, every, bench().plan, Some(store));
             tap.written = written.iter().map(|entry| (entry.run, entry.once, entry.keys.first().copied().unwrap_or(Key::of_content(b"")))).collect();
-            let (lines, ended) = told(bench(), &tap, workers, graph.keep_going);
+            let (lines, ended) = lines_and_error(bench(), &tap, workers, graph.keep_going);
             let differs = lines.iter().zip(&expected[cut..]).find(|(line, other)| line != other);
             prop_assert_eq!(differs, None, "workers {}", workers);
             prop_assert_eq!((lines.len(), &ended), (expected.len() - cut, &end), "workers {}", workers);
@@ -279,7 +288,7 @@ fn chain_of(sums: Toy) -> (Bench, [Toy; 2]) {
 #[test]
 fn an_ordered_node_that_one_late_frame_needs_fires_on_all_before_it() {
     let first = Remembering::new(1, 1, chain().0.plan, None);
-    let expected = told(chain().0, &first, 1, false);
+    let expected = lines_and_error(chain().0, &first, 1, false);
     let values = values_of(&first.entries());
 
     // The store does not know what `mixes` gave on the last frame.
@@ -289,7 +298,7 @@ fn an_ordered_node_that_one_late_frame_needs_fires_on_all_before_it() {
     let store = Memory { values, holds: Box::new(|_, _| true), knows: Box::new(move |key| *key != lost) };
     let tap = Remembering::new(1, 1, chain().0.plan, Some(store));
     let (bench, toys) = chain();
-    assert_eq!(told(bench, &tap, 1, false), expected);
+    assert_eq!(lines_and_error(bench, &tap, 1, false), expected);
     assert_eq!(toys.map(|toy| toy.calls.load(Ordering::Relaxed)), [6, 1], "how often each fired");
 }
 
@@ -301,7 +310,7 @@ fn calls_without_the_last_key(has_sum: bool) -> [u64; 2] {
         (bench, toys)
     };
     let first = Remembering::new(1, 1, chain().0.plan, None);
-    let expected = told(chain().0, &first, 1, false);
+    let expected = lines_and_error(chain().0, &first, 1, false);
     let entries = first.entries();
     let of_frames: Vec<Key> =
         entries.iter().filter(|entry| entry.once.is_none()).flat_map(|entry| entry.keys.clone()).collect();
@@ -309,7 +318,7 @@ fn calls_without_the_last_key(has_sum: bool) -> [u64; 2] {
     let store = Memory { values, holds: Box::new(|_, _| true), knows: Box::new(move |key| of_frames.contains(key)) };
     let tap = Remembering::new(1, 1, chain().0.plan, Some(store));
     let (bench, toys) = chain();
-    assert_eq!(told(bench, &tap, 1, false), expected);
+    assert_eq!(lines_and_error(bench, &tap, 1, false), expected);
     toys.map(|toy| toy.calls.load(Ordering::Relaxed))
 }
 

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, Observation, Slot, Tap, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, NodeWarning, Observation, Slot, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode, RunId, VariantId};
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
@@ -639,7 +639,7 @@ impl Tap for Last {
         Ok(())
     }
 
-    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[NodeWarning]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 }

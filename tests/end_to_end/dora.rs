@@ -216,7 +216,7 @@ fn a_node_by_somebody_else_that_does_not_answer_fails_the_frame_and_one_that_end
         // The frames before it are answered within that time also on a loaded machine.
         ("args: [silent], timeout_s: 15", "dora's node gave nothing at `depth` within 15 s"),
         ("args: [ends]", "dora's node has ended"),
-        ("values: flat, args: [forgets]", "answered at `depth`, and nobody knows for which frame"),
+        ("values: flat, args: [forgets]", "answered at `depth` without naming its frame"),
         (
             "values: flat, args: [negative]",
             "is no depth: -5.0 m at row 0, column 0 (30720 of 30720 pixels are invalid)",

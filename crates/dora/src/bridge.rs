@@ -1,7 +1,7 @@
-//! The way to dora: a process in Python that has dora's own library, and passes messages on.
+//! The connection to dora: a process in Python with dora's own library, which passes messages on.
 //!
-//! dora's library for Rust brings some 450 crates and a network stack along; its protocol to nodes is no promise. Where dora runs there is a Python that can have its
-//! library, and a copy over a pipe is little beside what a node computes. Who prefers the library writes another file like this one.
+//! dora's library for Rust has about 450 crates and a network stack, and its protocol for nodes is not stable. A copy over a pipe is cheap
+//! compared with what a node computes.
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -18,28 +18,27 @@ use serde_json::{Map, Value as Json, json};
 use crate::mailbox::{Arrived, Mailbox};
 
 const PROGRAM: &str = include_str!("bridge.py");
-/// The most bytes of one message: dora refuses more than 64 MiB.
+/// dora refuses messages of more than 64 MiB.
 const MOST: usize = 24 << 20;
-/// The longest head of a message.
 const LONGEST_HEAD: u32 = 16 << 20;
 
-/// How the way to dora is made.
+/// How to reach dora.
 pub struct BridgeStart<'a> {
-    /// The Python that has dora's library.
+    /// A Python with dora's library.
     pub python: &'a str,
     /// The name of the node in the dataflow.
     pub part: &'a str,
-    /// How long dora may take to let the node begin: it waits for all of the dataflow's nodes.
+    /// How long dora may wait for the other nodes of the dataflow.
     pub limit: Duration,
 }
 
-/// The way to dora.
+/// A process with dora's library.
 pub struct Bridge {
-    /// What has come.
+    /// Received messages.
     pub mailbox: Arc<Mailbox>,
     /// The frames of the part's stage, once they are known.
     pub frames: OnceLock<Vec<Frame>>,
-    /// Where messages go; `None` once all is said.
+    /// `None` once closed.
     out: Mutex<Option<BufWriter<ChildStdin>>>,
     child: Child,
 }
@@ -80,7 +79,7 @@ impl Bridge {
             look_for_room().and_then(|()| thread::Builder::new().name("depthloom-dora".to_owned()).spawn(listening));
         started.map_err(|error| CliError::because(ExitCode::Engine, "failed to start a thread", &error))?;
         let Ok(first) = first.recv_timeout(limit) else {
-            // It waits inside of dora's library, and would not see that its input ends.
+            // It waits inside dora's library, and does not notice the end of its input.
             let _ = bridge.child.kill();
             let what = format!("dora did not let node `{part}` begin within {} s", limit.as_secs());
             return Err(CliError::new(ExitCode::Engine, what).remedy(
@@ -105,16 +104,17 @@ impl Bridge {
         Ok(bridge)
     }
 
-    /// Sends the stream of a row, of a frame (with its position) or of none; an empty stream says that there is no value.
+    /// Sends the stream of a row, with its frame and position if it has one. An empty stream means that there is no
+    /// value.
     ///
     /// # Errors
-    /// If the process that reaches dora is gone.
-    pub fn send(&self, output: &str, of: Option<(FrameIndex, &Frame)>, stream: &[u8]) -> Result<(), Fault> {
-        let metadata = of.map(|(position, frame)| metadata_of(position, frame)).unwrap_or_default();
+    /// If the process has ended.
+    pub fn send(&self, output: &str, frame: Option<(FrameIndex, &Frame)>, stream: &[u8]) -> Result<(), Fault> {
+        let metadata = frame.map(|(position, frame)| metadata_of(position, frame)).unwrap_or_default();
         self.send_with(output, metadata, stream, false)
     }
 
-    /// As [`Bridge::send`], with anything beside it; `flat`: the numbers of the column `data` alone.
+    /// As [`Bridge::send`], with metadata; `flat`: only the numbers of the column `data`.
     ///
     /// # Errors
     /// As [`Bridge::send`].
@@ -144,7 +144,7 @@ impl Bridge {
     fn write(&self, head: &Json, body: &[u8]) -> Result<(), Fault> {
         let head = head.to_string();
         let mut out = locked(&self.out);
-        let Some(out) = out.as_mut() else { return Err(Fault::new("all is said already")) };
+        let Some(out) = out.as_mut() else { return Err(Fault::new("the connection is closed")) };
         let mut write = || -> io::Result<()> {
             out.write_all(&(head.len() as u32).to_le_bytes())?;
             out.write_all(&(body.len() as u64).to_le_bytes())?;
@@ -156,7 +156,6 @@ impl Bridge {
     }
 }
 
-/// What the metadata of a message says about its frame.
 pub(crate) fn metadata_of(position: FrameIndex, frame: &Frame) -> Map<String, Json> {
     Map::from_iter([
         ("frame".to_owned(), position.0.into()),
@@ -166,40 +165,39 @@ pub(crate) fn metadata_of(position: FrameIndex, frame: &Frame) -> Map<String, Js
 }
 
 impl Drop for Bridge {
-    /// Lets what was sent last go on its way.
+    /// Lets the last messages be delivered.
     fn drop(&mut self) {
         locked(&self.out).take();
         let _ = self.child.wait();
     }
 }
 
-/// A message as it came over the pipe.
 struct Message {
     head: Map<String, Json>,
     body: Vec<u8>,
 }
 
 fn read(from: &mut impl Read) -> io::Result<Message> {
-    let malformed = || io::Error::new(io::ErrorKind::InvalidData, "what came is no message");
-    let (mut of_head, mut of_body) = ([0; 4], [0; 8]);
-    from.read_exact(&mut of_head)?;
-    from.read_exact(&mut of_body)?;
-    let of_head = u32::from_le_bytes(of_head);
-    if of_head > LONGEST_HEAD {
+    let malformed = || io::Error::new(io::ErrorKind::InvalidData, "the message is malformed");
+    let (mut head_size, mut body_size) = ([0; 4], [0; 8]);
+    from.read_exact(&mut head_size)?;
+    from.read_exact(&mut body_size)?;
+    let head_size = u32::from_le_bytes(head_size);
+    if head_size > LONGEST_HEAD {
         return Err(malformed());
     }
-    let mut head = vec![0; of_head as usize];
+    let mut head = vec![0; head_size as usize];
     from.read_exact(&mut head)?;
-    let of_body = u64::from_le_bytes(of_body);
+    let body_size = u64::from_le_bytes(body_size);
     let mut body = Vec::new();
-    from.take(of_body).read_to_end(&mut body)?;
-    if body.len() as u64 != of_body {
+    from.take(body_size).read_to_end(&mut body)?;
+    if body.len() as u64 != body_size {
         return Err(io::ErrorKind::UnexpectedEof.into());
     }
     Ok(Message { head: serde_json::from_slice(&head).map_err(|_| malformed())?, body })
 }
 
-/// Puts what comes into the mailbox, until nothing comes.
+/// Puts messages into the mailbox until the stream ends.
 fn listen(mut from: BufReader<ChildStdout>, mailbox: &Mailbox) {
     while let Ok(Message { head, body }) = read(&mut from) {
         let text = |name: &str| head.get(name).and_then(Json::as_str).map(str::to_owned);
@@ -211,10 +209,10 @@ fn listen(mut from: BufReader<ChildStdout>, mailbox: &Mailbox) {
         } else if head.contains_key("stop") {
             mailbox.stop();
         } else if let Some(trouble) = text("trouble") {
-            mailbox.end(&format!("dora says: {trouble}"));
+            mailbox.end(&format!("dora reports: {trouble}"));
         } else if head.contains_key("over") {
             mailbox.end("dora has ended the dataflow");
         }
     }
-    mailbox.end("the way to dora has ended");
+    mailbox.end("the connection to dora has ended");
 }

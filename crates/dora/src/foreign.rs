@@ -1,4 +1,4 @@
-//! A part that asks a node of somebody else's: it knows of frames and of what is absent, and the other gets messages and answers them.
+//! A part that calls a third-party node of dora: it knows frames and absent values, the node only gets messages and replies.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
@@ -18,11 +18,11 @@ use image::{GrayImage, RgbImage};
 use serde_json::{Map, Value as Json};
 
 use crate::bridge::{Bridge, metadata_of};
-use crate::layout::{answered, asked};
+use crate::layout::{reply_input, request_output};
 use crate::mailbox::{Arrived, Gone, Mailbox};
 use crate::message::{Row, of_value};
 
-/// The node, as the runner sees it, and what it depends on.
+/// Returns the node with the fingerprint of what its results depend on.
 pub(crate) fn build(
     plan: &Plan,
     node: NodeRef,
@@ -56,13 +56,13 @@ struct Foreign {
     outputs: Vec<Port>,
     values: DoraValues,
     patience: Duration,
-    /// One frame at a time: the positions of the frames that were given up before they were answered.
+    /// Locked per frame. The positions of frames that timed out before their reply.
     turn: Mutex<BTreeSet<u64>>,
 }
 
-/// What a question's maps are, which an answer that passes its metadata on repeats.
+/// The request's maps, which a reply that passes on the metadata repeats.
 #[derive(Default)]
-struct Asked {
+struct Request {
     /// Columns and rows of the first map.
     size: Option<(u32, u32)>,
     encodings: Vec<&'static str>,
@@ -70,26 +70,26 @@ struct Asked {
 
 impl PureNode for Foreign {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let mut given_up = locked(&self.turn);
-        let position = ctx.host.position().ok_or_else(|| Fault::new("it is asked of no frame"))?;
+        let mut timed_out = locked(&self.turn);
+        let position = ctx.host.position().ok_or_else(|| Fault::new("it runs without a frame"))?;
         for port in &self.outputs {
-            if self.bridge.mailbox.holds(&answered(port.name), position) {
+            if self.bridge.mailbox.holds(&reply_input(port.name), position) {
                 let what = format!("dora's node answered at `{}` before it was asked about this frame", port.name);
                 return Err(Fault::new(what)
                     .remedy("let it answer each frame once, when it has been asked at all of its inputs"));
             }
         }
-        let mut asked = Asked::default();
+        let mut request = Request::default();
         for port in &self.inputs {
             let value = inputs.value(port.name);
-            asked.size = asked.size.or_else(|| value.and_then(Value::dimensions));
-            asked.encodings.extend(value.and_then(encoding));
+            request.size = request.size.or_else(|| value.and_then(Value::dimensions));
+            request.encodings.extend(value.and_then(encoding));
             self.ask(port, position, value)?;
         }
         let until = Instant::now() + self.patience;
         let mut outputs = Outputs::none();
         for port in &self.outputs {
-            let arrived = answer(&self.bridge.mailbox, port.name, position, until, &mut given_up, ctx.host)?;
+            let arrived = receive(&self.bridge.mailbox, port.name, position, until, &mut timed_out, ctx.host)?;
             let arrived = arrived.ok_or_else(|| {
                 let seconds = self.patience.as_secs_f64();
                 Fault::new(format!("dora's node gave nothing at `{}` within {seconds} s", port.name))
@@ -98,9 +98,9 @@ impl PureNode for Foreign {
             arrived.check()?;
             let wrong = |what: String| {
                 let (name, value_type) = (port.name, port.value_type);
-                Fault::new(format!("what came from dora at `{name}` is no {value_type}: {what}"))
+                Fault::new(format!("what came from dora at `{name}` is not a valid {value_type}: {what}"))
             };
-            let value = self.value(&arrived, port.value_type, &asked).map_err(wrong)?;
+            let value = self.value(&arrived, port.value_type, &request).map_err(wrong)?;
             value.validate().map_err(wrong)?;
             outputs = outputs.with(port.name, value);
         }
@@ -122,48 +122,48 @@ impl Foreign {
             metadata.insert("encoding".to_owned(), encoding.into());
         }
         let stream = value.map(of_value).unwrap_or_default();
-        self.bridge.send_with(&asked(port.name), metadata, &stream, flat.is_some())
+        self.bridge.send_with(&request_output(port.name), metadata, &stream, flat.is_some())
     }
 
-    fn value(&self, arrived: &Arrived, value_type: ValueType, asked: &Asked) -> Result<Value, String> {
+    fn value(&self, arrived: &Arrived, value_type: ValueType, request: &Request) -> Result<Value, String> {
         if arrived.body.is_empty() {
-            return Err("it is nothing".to_owned());
+            return Err("it has no value".to_owned());
         }
         let row = Row::read(&arrived.body)?;
-        let said = size_said(&arrived.metadata)?;
+        let size = size_of_reply(&arrived.metadata)?;
         if self.values == DoraValues::Struct {
             let value = row.value(value_type)?;
-            return match (said, value.dimensions()) {
+            return match (size, value.dimensions()) {
                 (Some((w, h)), Some((width, height))) if (w, h) != (width, height) => {
                     Err(format!("its metadata says {w}x{h} pixels, and it has {width}x{height}"))
                 }
                 _ => Ok(value),
             };
         }
-        let size = said.or(asked.size).ok_or("it has no `width` and `height`")?;
-        let encoding = encoding_said(&arrived.metadata, value_type, &asked.encodings)?;
-        flat_value(&row.column()?.part("data").ok_or("it is no array of numbers")?, value_type, size, encoding)
+        let size = size.or(request.size).ok_or("it has no `width` and `height`")?;
+        let encoding = encoding_of_reply(&arrived.metadata, value_type, &request.encodings)?;
+        flat_value(&row.column()?.part("data").ok_or("it is not an array of numbers")?, value_type, size, encoding)
     }
 }
 
-/// What is answered at a port for a frame; `None` where nothing is in time. Messages come when they will: only one that says of which frame it is can be
-/// known for its answer.
-fn answer(
+/// The reply at a port for a frame; `None` after the time limit. Replies come in any order, so a reply must name its
+/// frame.
+fn receive(
     mailbox: &Mailbox,
     name: &str,
     position: FrameIndex,
     until: Instant,
-    given_up: &mut BTreeSet<u64>,
+    timed_out: &mut BTreeSet<u64>,
     host: &dyn Host,
 ) -> Result<Option<Arrived>, Fault> {
     let position = position.0 as u64;
     let cancelled = || host.cancelled() || Instant::now() >= until;
-    let twice = || host.info(&format!("dora's node answered a frame twice at `{name}`: the first answer stands"));
+    let twice = || host.info(&format!("dora's node answered a frame twice at `{name}`: the first answer counts"));
     loop {
-        let arrived = match mailbox.take_any(&answered(name), &cancelled) {
+        let arrived = match mailbox.take_any(&reply_input(name), &cancelled) {
             Ok(arrived) => arrived,
             Err(Gone::Cancelled) if !host.cancelled() => {
-                given_up.insert(position);
+                timed_out.insert(position);
                 return Ok(None);
             }
             Err(Gone::Ended(_)) => {
@@ -178,7 +178,7 @@ fn answer(
                 }
                 return Ok(Some(arrived));
             }
-            Some(of) if given_up.contains(&of) => {}
+            Some(of) if timed_out.contains(&of) => {}
             Some(of) if of < position => twice(),
             Some(of) => {
                 return Err(Fault::new(format!(
@@ -186,15 +186,15 @@ fn answer(
                 )));
             }
             None => {
-                return Err(Fault::new(format!("dora's node answered at `{name}`, and nobody knows for which frame"))
+                return Err(Fault::new(format!("dora's node answered at `{name}` without naming its frame"))
                     .remedy("let it pass on the metadata of what it was sent: `node.send_output(name, value, event[\"metadata\"])`"));
             }
         }
     }
 }
 
-/// Columns and rows, as the metadata says them; `None` if it says neither.
-fn size_said(metadata: &Map<String, Json>) -> Result<Option<(u32, u32)>, String> {
+/// Columns and rows from the metadata; `None` if it has neither.
+fn size_of_reply(metadata: &Map<String, Json>) -> Result<Option<(u32, u32)>, String> {
     let side = |name: &str| {
         let side = metadata.get(name).map(|side| (side, side.as_u64().and_then(|side| u32::try_from(side).ok())));
         match side {
@@ -211,7 +211,6 @@ fn size_said(metadata: &Map<String, Json>) -> Result<Option<(u32, u32)>, String>
     }
 }
 
-/// The encodings that maps of a type may have.
 const fn encodings(value_type: ValueType) -> &'static [&'static str] {
     match value_type {
         ValueType::Image => &["rgb8", "bgr8", "mono8"],
@@ -221,8 +220,8 @@ const fn encodings(value_type: ValueType) -> &'static [&'static str] {
     }
 }
 
-/// The encoding, as the metadata says it; empty if it says none, or passes on that of another type of map that it was asked with.
-fn encoding_said<'a>(
+/// The encoding from the metadata; empty if it has none, or passes on one of another type of map that was sent.
+fn encoding_of_reply<'a>(
     metadata: &'a Map<String, Json>,
     value_type: ValueType,
     asked: &[&str],
@@ -236,7 +235,7 @@ fn encoding_said<'a>(
     }
 }
 
-/// What dora's nodes call the numbers of a map.
+/// dora's name for the numbers of a map.
 fn encoding(value: &Value) -> Option<&'static str> {
     match value {
         Value::Image(image) => Some(match image.pixels() {
@@ -249,27 +248,21 @@ fn encoding(value: &Value) -> Option<&'static str> {
     }
 }
 
-/// The numbers of a map as a value.
 fn flat_value(
     data: &View<'_>,
     value_type: ValueType,
     (width, height): (u32, u32),
     encoding: &str,
 ) -> Result<Value, String> {
+    let pixels = width as usize * height as usize;
     let misfit = |count: usize| format!("it has {count} numbers, which is not {width}x{height} pixels");
-    let floats = || -> Result<Raster<f32>, String> {
-        let numbers = data.f32s()?;
-        let count = numbers.len();
-        Raster::from_raw(width, height, numbers)
-            .filter(|_| count == fitting(width, height, 1))
-            .ok_or_else(|| misfit(count))
-    };
+    let floats = || raster(data.f32s()?, pixels, (width, height)).map_err(misfit);
     Ok(match value_type {
         ValueType::Image => {
             let mut bytes = data.u8s()?.to_vec();
             let count = bytes.len();
-            let channels = if count == fitting(width, height, 1) { 1 } else { 3 };
-            if count != fitting(width, height, channels) {
+            let channels = if count == pixels { 1 } else { 3 };
+            if count != pixels * channels {
                 return Err(misfit(count));
             }
             if !encoding.is_empty() && (encoding == "mono8") != (channels == 1) {
@@ -288,18 +281,13 @@ fn flat_value(
             Image::new(pixels.ok_or_else(|| misfit(count))?).into()
         }
         ValueType::Mask => {
-            let set: Vec<u8> = data.u8s()?.iter().map(|&set| if set == 0 { 0 } else { 255 }).collect();
-            let count = set.len();
-            let raster = Raster::from_raw(width, height, set).filter(|_| count == fitting(width, height, 1));
-            Mask { set: raster.ok_or_else(|| misfit(count))? }.into()
+            let set = data.u8s()?.iter().map(|&set| if set == 0 { 0 } else { 255 }).collect();
+            Mask { set: raster(set, pixels, (width, height)).map_err(misfit)? }.into()
         }
         ValueType::Depth if matches!(encoding, "16UC1" | "mono16") => {
-            let millimetres = data.u16s()?;
-            let count = millimetres.len();
-            let metres = millimetres.into_iter().map(|mm| if mm == 0 { f32::NAN } else { f32::from(mm) / 1000.0 });
-            let raster =
-                Raster::from_raw(width, height, metres.collect()).filter(|_| count == fitting(width, height, 1));
-            Depth { metres: raster.ok_or_else(|| misfit(count))? }.into()
+            let metres = |mm| if mm == 0 { f32::NAN } else { f32::from(mm) / 1000.0 };
+            let metres = data.u16s()?.into_iter().map(metres).collect();
+            Depth { metres: raster(metres, pixels, (width, height)).map_err(misfit)? }.into()
         }
         ValueType::Depth => Depth { metres: floats()? }.into(),
         ValueType::Weight => Weight { share: floats()? }.into(),
@@ -308,8 +296,16 @@ fn flat_value(
     })
 }
 
-const fn fitting(width: u32, height: u32, channels: usize) -> usize {
-    width as usize * height as usize * channels
+/// A raster of so many pixels.
+///
+/// # Errors
+/// The number of samples, if it is another one.
+fn raster<T>(samples: Vec<T>, pixels: usize, (width, height): (u32, u32)) -> Result<Raster<T>, usize>
+where
+    image::Luma<T>: image::Pixel<Subpixel = T>,
+{
+    let count = samples.len();
+    Raster::from_raw(width, height, samples).filter(|_| count == pixels).ok_or(count)
 }
 
 #[cfg(test)]
@@ -324,7 +320,7 @@ mod tests {
     use depthloom_runner::Interrupt;
     use serde_json::{Map, Value as Json, json};
 
-    use super::{Arrived, Mailbox, Row, answer, answered, encoding_said, flat_value, of_value, size_said};
+    use super::{Arrived, Mailbox, Row, encoding_of_reply, flat_value, of_value, receive, reply_input, size_of_reply};
 
     fn object(metadata: &Json) -> Map<String, Json> {
         metadata.as_object().cloned().unwrap_or_default()
@@ -354,10 +350,10 @@ mod tests {
     fn taken(messages: &[(Json, &str)]) -> (Result<Option<String>, Fault>, Vec<String>) {
         let mailbox = Mailbox::new(Interrupt::default(), false);
         for (metadata, body) in messages {
-            mailbox.put(Arrived::new(answered("depth"), object(metadata), body.as_bytes().to_vec()));
+            mailbox.put(Arrived::new(reply_input("depth"), object(metadata), body.as_bytes().to_vec()));
         }
         let (host, until) = (Notices::default(), Instant::now() + Duration::from_millis(10));
-        let taken = answer(&mailbox, "depth", FrameIndex(2), until, &mut BTreeSet::from([1]), &host);
+        let taken = receive(&mailbox, "depth", FrameIndex(2), until, &mut BTreeSet::from([1]), &host);
         let body = |arrived: Arrived| String::from_utf8(arrived.body).unwrap();
         (taken.map(|arrived| arrived.map(body)), host.0.into_inner().unwrap())
     }
@@ -383,13 +379,13 @@ mod tests {
         // It may be of any frame: of one that was answered twice, for example.
         for metadata in [json!({}), json!({ "frame": "2" }), json!({ "frame": -1 })] {
             let unnamed = taken(&[(metadata, "two"), (of(2), "two")]).0.unwrap_err().chain();
-            assert!(unnamed.contains("nobody knows for which frame"), "{unnamed}");
+            assert!(unnamed.contains("without naming its frame"), "{unnamed}");
         }
     }
 
     #[test]
     fn a_size_is_two_whole_numbers_or_none() {
-        let said = |metadata: Json| size_said(&object(&metadata));
+        let said = |metadata: Json| size_of_reply(&object(&metadata));
         assert_eq!(said(json!({})), Ok(None));
         assert_eq!(said(json!({ "width": 3, "height": 2 })), Ok(Some((3, 2))));
         assert!(said(json!({ "width": 3 })).unwrap_err().contains("`width` and no `height`"));
@@ -403,9 +399,9 @@ mod tests {
     #[test]
     fn an_encoding_is_one_of_its_type_or_one_that_is_passed_on() {
         let said = |encoding: &str, of: ValueType, asked: &[&str]| {
-            encoding_said(&object(&json!({ "encoding": encoding })), of, asked).map(str::to_owned)
+            encoding_of_reply(&object(&json!({ "encoding": encoding })), of, asked).map(str::to_owned)
         };
-        assert_eq!(encoding_said(&Map::new(), ValueType::Depth, &[]), Ok(""));
+        assert_eq!(encoding_of_reply(&Map::new(), ValueType::Depth, &[]), Ok(""));
         assert_eq!(said("16UC1", ValueType::Depth, &[]).unwrap(), "16UC1");
         // An image went, and a depth comes back with its metadata.
         assert_eq!(said("rgb8", ValueType::Depth, &["rgb8"]).unwrap(), "");

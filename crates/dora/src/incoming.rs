@@ -1,4 +1,4 @@
-//! What comes to a part: frames from data as the recorder lets them in, frames and once-values from other parts.
+//! The inputs of a part: admitted frames of its own data, and frames and aggregate values from other parts.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,7 +13,7 @@ use crate::channel;
 use crate::mailbox::Gone;
 use crate::remedies::{Remedies, keep_remedy};
 
-/// A node that gives what comes at a once-input.
+/// A node that outputs the aggregate value received at an input.
 pub(crate) struct Received {
     pub bridge: Arc<Bridge>,
     pub port: Port,
@@ -23,7 +23,7 @@ pub(crate) struct Received {
 impl OnceNode for Received {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let arrived = self.bridge.mailbox.take(self.port.name, None, &|| ctx.host.cancelled());
-        let value = arrived.map_err(|gone| given_up(&gone, &self.interrupt))?.value(self.port.value_type)?;
+        let value = arrived.map_err(|gone| ended(&gone, &self.interrupt))?.value(self.port.value_type)?;
         Ok(value.map_or_else(Outputs::none, |value| Outputs::one(self.port.name, value)))
     }
 }
@@ -36,8 +36,8 @@ pub(crate) struct Incoming {
     pub interrupt: Interrupt,
 }
 
-/// What a part does whose input ends: nothing more. Why it ended, the recorder hears and tells.
-fn given_up(gone: &Gone, interrupt: &Interrupt) -> Fault {
+/// When its input ends, a part stops. The recorder reports why.
+fn ended(gone: &Gone, interrupt: &Interrupt) -> Fault {
     if matches!(gone, Gone::Ended(_)) {
         while interrupt.raise() < 2 {}
     }
@@ -57,7 +57,7 @@ impl Source for Incoming {
         let mut outputs = Outputs::none();
         for port in &self.ports {
             let arrived = self.bridge.mailbox.take(port.name, Some(position), &|| ctx.host.cancelled());
-            let arrived = arrived.map_err(|gone| given_up(&gone, &self.interrupt))?;
+            let arrived = arrived.map_err(|gone| ended(&gone, &self.interrupt))?;
             if let Some(value) = arrived.value(port.value_type)? {
                 outputs = outputs.with(port.name, value);
             }
@@ -66,18 +66,18 @@ impl Source for Incoming {
     }
 }
 
-/// A source that reads a frame when the recorder has let it in.
+/// A source that reads a frame once the recorder has admitted it.
 pub(crate) struct Admitted {
     pub source: Box<dyn Source>,
     pub bridge: Arc<Bridge>,
-    /// How many frames it may have read by now.
+    /// How many frames are admitted.
     pub so_far: AtomicUsize,
     pub interrupt: Interrupt,
     pub remedies: Arc<Remedies>,
 }
 
 impl Admitted {
-    /// Waits until a frame is let in. Several threads may wait, each for a frame of its own: whoever hears how many are let in says it to the others.
+    /// Waits until a frame is admitted. Several threads may wait: the one that receives the message wakes the others.
     fn wait(&self, position: FrameIndex) -> Result<(), Fault> {
         let is_in = || self.so_far.load(Ordering::SeqCst) > position.0;
         while !is_in() {
@@ -85,7 +85,7 @@ impl Admitted {
             match self.bridge.mailbox.take(channel::ADMITTED, None, &no_longer) {
                 Ok(arrived) => {
                     let count = arrived.json()?.as_u64().and_then(|count| usize::try_from(count).ok());
-                    let count = count.ok_or_else(|| Fault::new("what lets frames in is no number"))?;
+                    let count = count.ok_or_else(|| Fault::new("the number of admitted frames is malformed"))?;
                     self.so_far.fetch_max(count, Ordering::SeqCst);
                     self.bridge.mailbox.wake();
                 }

@@ -11,19 +11,19 @@ use crate::channel;
 
 /// The parts of a plan.
 pub struct Layout {
-    /// The recorder comes last.
+    /// The recorder is the last.
     pub parts: Vec<Part>,
 }
 
 /// A node of the dataflow.
 pub struct Part {
-    /// Its name there.
+    /// Its name.
     pub id: String,
     /// What it does.
     pub role: Role,
-    /// What it gets.
+    /// Its inputs.
     pub inputs: Vec<Link>,
-    /// What it gives.
+    /// Its outputs.
     pub outputs: Vec<String>,
 }
 
@@ -37,23 +37,18 @@ pub enum Role {
     },
     /// A node of a stage run.
     Node(NodeRef),
-    /// A node of dora's, of somebody else, that a part of ours asks.
+    /// A node of a third-party program, which one of our parts calls.
     Foreign(NodeRef),
-    /// Records.
+    /// The recorder.
     Recorder,
 }
 
-/// An input of a part, and where it comes from.
 pub struct Link {
-    /// The input's name.
     pub input: String,
-    /// The part that gives it.
     pub part: String,
-    /// That part's output.
     pub output: String,
 }
 
-/// The recorder's name.
 const RECORDER: &str = "recorder";
 
 impl Part {
@@ -66,23 +61,23 @@ impl Part {
     }
 }
 
-/// The recorder's output that lets frames of a stage run in.
+/// The recorder's output that admits frames of a stage run.
 pub(crate) fn admission(run: RunId) -> String {
     format!("{}.{run}", channel::ADMITTED)
 }
 
-/// The output by which a part asks somebody else's node, and the input by which that answers.
-pub(crate) fn asked(port: &str) -> String {
+/// The output of a request to a third-party node.
+pub(crate) fn request_output(port: &str) -> String {
     format!("ask.{port}")
 }
 
-/// See [`asked`].
-pub(crate) fn answered(port: &str) -> String {
+/// The input of its reply.
+pub(crate) fn reply_input(port: &str) -> String {
     format!("answer.{port}")
 }
 
 impl Layout {
-    /// The parts of a plan, each with a name of its own.
+    /// The parts of a plan.
     pub fn of(plan: &Plan) -> Self {
         let names = Names::of(plan);
         let mut parts = Vec::new();
@@ -119,7 +114,7 @@ impl Layout {
     }
 }
 
-/// What the recorder gets of a part: the values that are recorded, and once-values, whose content enters keys.
+/// The recorder's inputs from a part: recorded values, and aggregate values, whose content enters keys.
 fn recorded(recorder: &mut Part, id: &str, outputs: &[PlannedOutput]) {
     let values = outputs.iter().filter(|of| of.recorded || of.port.rate == Rate::Once).map(|of| of.port.name);
     for output in [channel::READY, channel::REPORT].into_iter().chain(values) {
@@ -153,17 +148,16 @@ fn node_parts(names: &Names, node: NodeRef, planned: &PlannedNode) -> Vec<Part> 
     }
     let mut foreign = Part::new(format!("{id}.dora"), Role::Foreign(node));
     for input in planned.inputs.iter().filter(|input| input.from.is_some()) {
-        part.outputs.push(asked(input.port.name));
-        foreign.gets(input.port.name, id, asked(input.port.name));
+        part.outputs.push(request_output(input.port.name));
+        foreign.gets(input.port.name, id, request_output(input.port.name));
     }
     for output in &planned.outputs {
         foreign.outputs.push(output.port.name.to_owned());
-        part.gets(answered(output.port.name), &foreign.id, output.port.name);
+        part.gets(reply_input(output.port.name), &foreign.id, output.port.name);
     }
     vec![part, foreign]
 }
 
-/// The names of all parts and ports.
 struct Names {
     sources: Vec<String>,
     source_ports: Vec<Vec<&'static str>>,
@@ -195,7 +189,7 @@ impl Names {
     }
 }
 
-/// A name in letters that dora has for names, and that no other part has, nor the part of somebody else behind one (`NAME.dora`).
+/// A unique name with characters that dora allows, and without the ending `.dora` of third-party nodes.
 fn free(taken: &mut BTreeSet<String>, name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() || "_-".contains(c) { c } else { '.' };
     let name: String = name.trim_matches('/').chars().map(plain).collect();
@@ -209,7 +203,7 @@ fn free(taken: &mut BTreeSet<String>, name: &str) -> String {
     free
 }
 
-/// What all parts must agree on: the nodes, their sources and how they are wired, equal on every machine.
+/// A digest of what all parts must agree on: the nodes, their sources and their wiring.
 pub fn print_of(plan: &Plan) -> Key {
     let mut key = Key::build("dora dataflow").text(env!("CARGO_PKG_VERSION"));
     for (at, part) in Layout::of(plan).parts.iter().enumerate() {

@@ -1,14 +1,13 @@
-//! An experiment as a dataflow of dora's: every source, every node and the recording a process of its own, with dora carrying values between them.
+//! An experiment as a dataflow of dora: every source, every node and the recorder is a process, and dora carries the values.
 //!
-//! | part | what it does |
+//! | part | task |
 //! |---|---|
-//! | a source | reads frames as it is told to, and hands out their values |
-//! | a node | gets its inputs, frame by frame, and hands out what it gives |
-//! | a node of somebody else's (kind `dora`) | is asked by a part of ours, which knows of frames and absent values |
-//! | the recorder | runs the whole plan, in which each node gives what its part gave: so order, keys, failures and what is recorded are the runner's, as in a run of one process |
+//! | a source | reads frames when they are admitted, and sends their values |
+//! | a node | receives its inputs frame by frame, and sends its outputs |
+//! | a third-party node (kind `dora`) | is called by one of our parts, which knows frames and absent values |
+//! | the recorder | runs the whole plan with the received values, so order, keys and failures are those of a run in one process |
 //!
-//! Every part runs the runner over its own piece of the plan: what comes is its source, what goes its tap. Frames are let in by the recorder, so that no more of them
-//! are on their way than a queue of dora's holds.
+//! Every part runs the runner over its own piece of the plan. The recorder admits frames, so that no more are in flight than dora's queues hold.
 
 #![forbid(unsafe_code)]
 
@@ -33,18 +32,18 @@ pub use node::run as run_part;
 pub use recorder::prepare;
 pub use written::{Wanted, dataflow, too_large};
 
-/// The outputs and inputs of parts that carry no value of a port.
+/// Inputs and outputs of parts that do not carry values.
 pub mod channel {
-    /// The frames of a stage, once, from its source to its nodes and the recorder.
+    /// The frames of a stage, from its source to its nodes and the recorder.
     pub const FRAMES: &str = "stage.frames";
-    /// How many frames of its stage a source may hand out by now.
+    /// How many frames of its stage a source may read.
     pub const ADMITTED: &str = "stage.admitted";
-    /// That a part can begin, once; or what it lacks.
+    /// Whether a part can start, or what is missing.
     pub const READY: &str = "node.ready";
-    /// The fingerprints of the engines that nodes run in, once all parts can begin: they enter the keys of what fires once.
+    /// The fingerprints of all engines, which enter the keys of aggregate nodes.
     pub const ENGINES: &str = "run.engines";
-    /// What there is to say of a part, of a frame or of once-values besides the values.
+    /// What a part did on a frame, or for its aggregate values.
     pub const REPORT: &str = "node.report";
-    /// All is recorded: every part may go.
+    /// The recording is complete: all parts end.
     pub const END: &str = "run.end";
 }

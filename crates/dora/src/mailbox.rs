@@ -1,4 +1,4 @@
-//! What came and was not taken yet, by input and frame; whoever wants what is not there waits.
+//! Received messages, by input and frame; a thread that needs a missing one waits.
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -14,50 +14,47 @@ use serde_json::{Map, Value as Json};
 use crate::channel;
 use crate::message::Row;
 
-/// How often waiting looks up whether the run was abandoned.
+/// The interval of checks for an abandoned run.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// A message.
 #[derive(Debug)]
 pub struct Arrived {
-    /// Whose it is.
     pub input: String,
-    /// What stands beside the values.
     pub metadata: Map<String, Json>,
-    /// The stream of its row; empty: there is no value.
+    /// The stream of its row; empty if there is no value.
     pub body: Vec<u8>,
-    /// Why it is not a whole message, as a lower-case fragment; `None` if it is one.
+    /// Why it is malformed, as a lower-case fragment.
     pub wrong: Option<String>,
-    /// Whether another message of the same frame came at the same input before this one was taken.
+    /// Whether another message of the same frame came before this one was taken.
     pub is_repeated: bool,
 }
 
 impl Arrived {
-    /// A message that came in one piece, or a piece of one.
+    /// A message or a piece of one.
     pub const fn new(input: String, metadata: Map<String, Json>, body: Vec<u8>) -> Self {
         Self { input, metadata, body, wrong: None, is_repeated: false }
     }
 
-    /// That it is a whole message.
+    /// Fails if it is malformed.
     pub fn check(&self) -> Result<(), Fault> {
-        let wrong = |what: &String| Fault::new(format!("what came at `{}` is no whole message: {what}", self.input));
+        let wrong = |what: &String| Fault::new(format!("what came at `{}` is not a valid message: {what}", self.input));
         self.wrong.as_ref().map_or(Ok(()), |what| Err(wrong(what)))
     }
 
-    /// The value; `None` if it says that there is none.
+    /// `None` if it has no value.
     pub fn value(&self, value_type: ValueType) -> Result<Option<Value>, Fault> {
         self.check()?;
         if self.body.is_empty() {
             return Ok(None);
         }
         let read = Row::read(&self.body).and_then(|row| row.value(value_type));
-        read.map(Some).map_err(|what| Fault::new(format!("what came at `{}` is no {value_type}: {what}", self.input)))
+        read.map(Some)
+            .map_err(|what| Fault::new(format!("what came at `{}` is not a valid {value_type}: {what}", self.input)))
     }
 
-    /// The JSON in its text.
     pub fn json(&self) -> Result<Json, Fault> {
         self.check()?;
-        let wrong = |what: String| Fault::new(format!("what came at `{}` is no report: {what}", self.input));
+        let wrong = |what: String| Fault::new(format!("what came at `{}` is not a report: {what}", self.input));
         let row = Row::read(&self.body).map_err(wrong)?;
         serde_json::from_str(row.text().map_err(wrong)?).map_err(|error| wrong(error.to_string()))
     }
@@ -67,10 +64,9 @@ impl Arrived {
     }
 }
 
-/// Why there is no message to wait for.
 #[derive(Debug)]
 pub enum Gone {
-    /// Nobody wants it any more.
+    /// The wait was cancelled.
     Cancelled,
     /// It will not come; why, as a lower-case fragment.
     Ended(String),
@@ -85,27 +81,27 @@ impl From<Gone> for Fault {
     }
 }
 
+type Messages = BTreeMap<Option<u64>, Arrived>;
+
 #[derive(Default)]
 struct State {
-    /// By input, and by frame; those of no frame under `None`.
-    there: HashMap<String, BTreeMap<Option<u64>, Arrived>>,
-    /// The pieces of what comes in several messages, by input and frame.
+    /// By input and frame; `None` for messages without a frame.
+    there: HashMap<String, Messages>,
+    /// Incomplete messages, by input and frame.
     pieces: HashMap<(String, Option<u64>), Pieces>,
     closed: HashSet<String>,
-    /// Nothing comes any more; why.
+    /// Why no more messages come.
     over: Option<String>,
 }
 
-/// The pieces that have come of one message.
 #[derive(Default)]
 struct Pieces {
-    /// How many there are in all.
     count: u64,
     by_place: BTreeMap<u64, Vec<u8>>,
 }
 
 impl Pieces {
-    /// Adds a piece; the whole message if it was the last one missing. They may come in any order, each once.
+    /// Adds a piece; returns the message if it is complete. Pieces come in any order, each once.
     fn add(&mut self, place: u64, count: u64, body: Vec<u8>) -> Result<Option<Vec<u8>>, String> {
         if self.by_place.is_empty() {
             self.count = count;
@@ -124,18 +120,18 @@ impl Pieces {
     }
 }
 
-/// What came and was not taken yet.
+/// Messages that were not taken yet.
 pub struct Mailbox {
     state: Mutex<State>,
     changed: Condvar,
-    /// Raised when the run is to end.
+    /// Raised when the run must end.
     interrupt: Interrupt,
-    /// Whether the part itself ends the run: then dora's wish to stop is a first interrupt, and the others' is none.
+    /// Whether this part ends the run: then dora's request to stop is a first interrupt. Other parts ignore it.
     is_recorder: bool,
 }
 
 impl Mailbox {
-    /// An empty one.
+    /// An empty mailbox.
     pub fn new(interrupt: Interrupt, is_recorder: bool) -> Self {
         Self { state: Mutex::default(), changed: Condvar::new(), interrupt, is_recorder }
     }
@@ -144,25 +140,25 @@ impl Mailbox {
         locked(&self.state)
     }
 
-    /// Takes in a message.
+    /// Adds a message.
     pub fn put(&self, mut arrived: Arrived) {
         if arrived.input == channel::END {
-            return self.end("the run is over");
+            return self.end("the run has ended");
         }
         let mut state = self.state();
         let at = arrived.number("frame");
         if let (Some(place), Some(count)) = (arrived.number("chunk"), arrived.number("chunks")) {
-            let of = (arrived.input.clone(), at);
-            let pieces = state.pieces.entry(of.clone()).or_default();
+            let id = (arrived.input.clone(), at);
+            let pieces = state.pieces.entry(id.clone()).or_default();
             match pieces.add(place, count, std::mem::take(&mut arrived.body)) {
                 Ok(None) => return,
                 Ok(Some(whole)) => arrived.body = whole,
                 Err(what) => arrived.wrong = Some(what),
             }
-            state.pieces.remove(&of);
+            state.pieces.remove(&id);
         }
         match (state.there.entry(arrived.input.clone()).or_default().entry(at), at) {
-            // The first one stands: whoever takes it is told.
+            // The first one counts, and is marked.
             (Entry::Occupied(mut first), Some(_)) => first.get_mut().is_repeated = true,
             (Entry::Occupied(mut before), None) => {
                 before.insert(arrived);
@@ -174,7 +170,7 @@ impl Mailbox {
         self.changed.notify_all();
     }
 
-    /// An input gives nothing more: its part has ended.
+    /// The part of an input has ended.
     pub fn close(&self, input: String) {
         if input == channel::END {
             return self.end("the recorder has ended");
@@ -183,9 +179,9 @@ impl Mailbox {
         self.changed.notify_all();
     }
 
-    /// Nothing comes any more at any input.
+    /// No more messages come.
     pub fn end(&self, why: &str) {
-        // Of a recorder that was asked to stop what is in flight comes no more, for the others stop, too.
+        // A recorder that stops receives no more frames, since the other parts stop too.
         if !self.is_recorder || self.interrupt.stops_admission() {
             while self.interrupt.raise() < 2 {}
         }
@@ -193,29 +189,23 @@ impl Mailbox {
         self.changed.notify_all();
     }
 
-    /// dora asks to stop.
+    /// dora requests to stop.
     pub fn stop(&self) {
         if self.is_recorder {
             self.interrupt.raise();
         }
     }
 
-    /// Takes the message of a frame (or of none) at an input, when it is there.
+    /// Waits for the message of a frame (or without one) at an input.
     ///
     /// # Errors
-    /// If the run ended, or is cancelled, before it came.
+    /// If the run ends or is cancelled first.
     pub fn take(&self, input: &str, at: Option<FrameIndex>, cancelled: &dyn Fn() -> bool) -> Result<Arrived, Gone> {
         let at = at.map(|at| at.0 as u64);
-        self.wait(cancelled, |state| {
-            let arrived = state.there.get_mut(input).and_then(|there| there.remove(&at));
-            arrived.map_or_else(
-                || if state.closed.contains(input) { Err(part_of(input)) } else { Ok(None) },
-                |it| Ok(Some(it)),
-            )
-        })
+        self.wait(input, cancelled, |there| there.remove(&at))
     }
 
-    /// Waits until there is a message at each input, or the input is closed, but no longer than `until`. Returns the inputs without a message.
+    /// Waits until `until` for a message at each input that is not closed. Returns the inputs without one.
     pub fn without_message<'i>(
         &self,
         inputs: &'i [String],
@@ -239,18 +229,12 @@ impl Mailbox {
         }
     }
 
-    /// Takes whatever comes first at an input.
+    /// Waits for any message at an input.
     ///
     /// # Errors
     /// As [`Mailbox::take`].
     pub fn take_any(&self, input: &str, cancelled: &dyn Fn() -> bool) -> Result<Arrived, Gone> {
-        self.wait(cancelled, |state| {
-            let arrived = state.there.get_mut(input).and_then(BTreeMap::pop_first);
-            arrived.map_or_else(
-                || if state.closed.contains(input) { Err(part_of(input)) } else { Ok(None) },
-                |(_, it)| Ok(Some(it)),
-            )
-        })
+        self.wait(input, cancelled, |there| Some(there.pop_first()?.1))
     }
 
     /// Whether the message of a frame is there.
@@ -258,23 +242,25 @@ impl Mailbox {
         self.state().there.get(input).is_some_and(|there| there.contains_key(&Some(position.0 as u64)))
     }
 
-    /// Lets all who wait look again.
+    /// Wakes all waiting threads.
     pub fn wake(&self) {
         let _state = self.state();
         self.changed.notify_all();
     }
 
-    fn wait<T>(
+    fn wait(
         &self,
+        input: &str,
         cancelled: &dyn Fn() -> bool,
-        mut look: impl FnMut(&mut State) -> Result<Option<T>, String>,
-    ) -> Result<T, Gone> {
+        take: impl Fn(&mut Messages) -> Option<Arrived>,
+    ) -> Result<Arrived, Gone> {
         let mut state = self.state();
         loop {
-            match look(&mut state) {
-                Ok(Some(found)) => return Ok(found),
-                Ok(None) => {}
-                Err(part) => return Err(Gone::Ended(format!("`{part}` ended before it said more"))),
+            if let Some(arrived) = state.there.get_mut(input).and_then(&take) {
+                return Ok(arrived);
+            }
+            if state.closed.contains(input) {
+                return Err(Gone::Ended(format!("`{}` ended before it sent more", part_of(input))));
             }
             if cancelled() {
                 return Err(Gone::Cancelled);
@@ -286,7 +272,7 @@ impl Mailbox {
         }
     }
 
-    /// Waits until the run is over.
+    /// Waits until the run has ended.
     pub fn wait_for_the_end(&self) {
         let mut state = self.state();
         while state.over.is_none() {
@@ -294,7 +280,7 @@ impl Mailbox {
         }
     }
 
-    /// Forgets what came for frames up to one, at some inputs.
+    /// Drops messages of frames up to this one.
     pub fn forget(&self, inputs: &[String], position: FrameIndex) {
         let mut state = self.state();
         for input in inputs {
@@ -305,9 +291,9 @@ impl Mailbox {
     }
 }
 
-/// The part that an input of the recorder is of: `compare.stereo` of `compare.stereo/node.report`.
-fn part_of(input: &str) -> String {
-    input.split_once('/').map_or(input, |(part, _)| part).to_owned()
+/// `compare.stereo` for the recorder's input `compare.stereo/node.report`.
+fn part_of(input: &str) -> &str {
+    input.split_once('/').map_or(input, |(part, _)| part)
 }
 
 #[cfg(test)]
@@ -336,7 +322,7 @@ mod tests {
     const NEVER: &dyn Fn() -> bool = &|| false;
 
     #[test]
-    fn whoever_wants_a_frame_waits_for_it_and_gets_no_other() {
+    fn a_thread_waits_for_its_frame_and_gets_no_other() {
         let mailbox = Arc::new(mailbox(false).0);
         mailbox.put(message("left", &json!({ "frame": 1 }), b"one"));
         let other = Arc::clone(&mailbox);
@@ -435,7 +421,7 @@ mod tests {
         let Err(Gone::Ended(what)) = mailbox.take("look.stereo/node.report", Some(FrameIndex(1)), NEVER) else {
             panic!()
         };
-        assert_eq!(what, "`look.stereo` ended before it said more");
+        assert_eq!(what, "`look.stereo` ended before it sent more");
         assert!(!interrupt.stops_admission());
     }
 

@@ -1,4 +1,5 @@
-//! Values as Arrow arrays of one row, as they stand in a message of dora's: those that processes get (`docs/reference/process-protocol.md`), with what a recording needs besides.
+//! Values as Arrow arrays of one row, as in messages of dora: those of processes (`docs/reference/process-protocol.md`), with what a
+//! recording needs in addition.
 
 use std::sync::Arc;
 
@@ -10,12 +11,11 @@ use depthloom_codecs::messages::ScoreMessage;
 use depthloom_graphs::values::{Encoded, Image, ImageFormat};
 use depthloom_graphs::{Value, ValueType};
 
-/// The one column of a message.
 const COLUMN: &str = "value";
-/// The columns of an image that came from a file: the file's bytes, which a recording keeps as they are, and their format.
+/// Columns of an image from a file: the file's bytes, which a recording keeps, and their format.
 const FILE: &str = "file";
 const FILE_FORMAT: &str = "file_format";
-/// The column of rows of scores: the messages of a recording, each with its length (u32, little endian) before it.
+/// The column of score rows: messages of a recording, each after its length (u32, little endian).
 const ROWS: &str = "rows";
 
 /// The stream of a text: one row of utf8.
@@ -53,7 +53,7 @@ fn stream(field: Field, row: Data<'_>) -> Vec<u8> {
     bytes
 }
 
-/// A row that was read.
+/// A row.
 pub struct Row {
     schema: Schema,
     batch: Batch,
@@ -72,7 +72,7 @@ impl Row {
         Ok(Self { schema, batch })
     }
 
-    /// Its column.
+    /// The column.
     ///
     /// # Errors
     /// If it is null.
@@ -80,7 +80,7 @@ impl Row {
         self.batch.column(&self.schema, COLUMN).ok_or_else(|| "it is null".to_owned())
     }
 
-    /// As a text.
+    /// The text.
     ///
     /// # Errors
     /// If it is not a text.
@@ -88,7 +88,7 @@ impl Row {
         self.column()?.text()
     }
 
-    /// As a value.
+    /// The value.
     ///
     /// # Errors
     /// If it is not a value of that type.

@@ -1,4 +1,4 @@
-//! A part that reads frames, or is a node: the runner over its piece of the plan, whose source is what comes and whose tap is what goes.
+//! A part that reads frames or is a node: runs its piece of the plan, with messages as source and tap.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,10 +19,10 @@ use crate::outgoing::Outgoing;
 use crate::piece::{FrameInput, Piece, node_piece, source_piece};
 use crate::report::{Readiness, engines, frames, frames_text};
 
-/// Runs a part until the run is over. What it fails of, the recorder is told, and tells.
+/// Runs a part until the run ends. Failures are reported to the recorder.
 ///
 /// # Errors
-/// If dora is gone, or the part is the recorder or a foreign node.
+/// If dora is gone, or the part is the recorder or a third-party node.
 pub fn run(
     part: &Part,
     plan: &Plan,
@@ -36,14 +36,14 @@ pub fn run(
         Role::Source { run } => source_piece(plan, run, registry),
         Role::Node(node) => node_piece(plan, node, part, registry, bridge, interrupt),
         Role::Foreign(_) | Role::Recorder => {
-            return Err(CliError::new(ExitCode::Usage, "this is no part of the plan"));
+            return Err(CliError::new(ExitCode::Usage, "this is not a part of the plan"));
         }
     };
     let piece = match made {
         Ok(piece) => piece,
         Err(missing) => {
-            let told = |error: &NotReady| (chain(error), error.fault().remedy_text().map(str::to_owned));
-            let readiness = Readiness { missing: missing.iter().map(told).collect(), ..Readiness::default() };
+            let message = |error: &NotReady| (chain(error), error.fault().remedy_text().map(str::to_owned));
+            let readiness = Readiness { missing: missing.iter().map(message).collect(), ..Readiness::default() };
             bridge.send(channel::READY, None, &of_text(&readiness.text())).map_err(gone)?;
             bridge.mailbox.wait_for_the_end();
             return Ok(ExitCode::Usage);
@@ -54,8 +54,7 @@ pub fn run(
     bridge.send(channel::READY, None, &of_text(&readiness.text())).map_err(gone)?;
     let source: Box<dyn Source> = match source {
         FrameInput::Read(source) => {
-            let told = frames_text(source.frames());
-            bridge.send(channel::FRAMES, None, &of_text(&told)).map_err(gone)?;
+            bridge.send(channel::FRAMES, None, &of_text(&frames_text(source.frames()))).map_err(gone)?;
             let (bridge, interrupt, remedies) = (Arc::clone(bridge), interrupt.clone(), Arc::clone(&remedies));
             Box::new(Admitted { source, bridge, so_far: AtomicUsize::new(0), interrupt, remedies })
         }
@@ -76,7 +75,7 @@ pub fn run(
                 };
                 let engines = engines(&arrived).map_err(gone)?;
                 let whole = Ready::of(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
-                // With it the key of what it gives is the one that a run of one process has: the artefacts it reads enter that by their content.
+                // Its values then have the keys of a run in one process.
                 own.recipe = whole.runs[node.run].nodes[node.node].recipe;
             }
             let (frames, ports) = Default::default();
@@ -106,7 +105,6 @@ pub fn run(
     })
 }
 
-/// Prints the progress of long computations.
 struct ProgressLog<'a> {
     plan: &'a Plan,
 }
@@ -119,7 +117,7 @@ impl ProgressLog<'_> {
 
 impl Observer for ProgressLog<'_> {
     fn progress(&self, _: RunId, node: NodeId, done: u64, total: u64, message: &str) {
-        // Some twenty lines of the longest work.
+        // About twenty lines.
         if done == total || done.is_multiple_of((total / 20).max(1)) {
             say(format_args!("{}: {done}/{total} {message}", self.name(node)));
         }

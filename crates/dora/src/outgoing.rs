@@ -1,10 +1,10 @@
-//! What goes from a part: each value as soon as it is there, and of each frame a report.
+//! The outputs of a part: each value as soon as it is there, and a report per frame.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Tap, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId, StageRun};
 use depthloom_graphs::{Fault, Frame, Key, Rate, Value, chain};
 use depthloom_runner::RunError;
@@ -16,20 +16,20 @@ use crate::message::{of_text, of_value};
 use crate::remedies::Remedies;
 use crate::report::Report;
 
-/// What goes: each value as soon as it is there, and of each frame a report.
+/// Sends each value as soon as it is there, and a report per frame.
 pub(crate) struct Outgoing<'a> {
     bridge: &'a Bridge,
-    /// The outputs with a value for every frame.
+    /// The outputs with a value per frame.
     slots: Vec<(Slot, &'static str)>,
     once: Vec<&'static str>,
     is_source: bool,
     written: AtomicUsize,
-    sent_once: Mutex<(BTreeSet<&'static str>, Vec<Warned>)>,
+    sent_once: Mutex<(BTreeSet<&'static str>, Vec<NodeWarning>)>,
     remedies: Arc<Remedies>,
 }
 
 impl<'a> Outgoing<'a> {
-    /// Of the last node of a piece, or of its source where it has no nodes.
+    /// For the last node of a piece, or for its source if it has no nodes.
     pub(crate) fn new(bridge: &'a Bridge, run: &StageRun, remedies: Arc<Remedies>) -> Self {
         let (mut slots, mut once) = (Vec::new(), Vec::new());
         let is_source = run.nodes.is_empty();
@@ -49,16 +49,11 @@ impl<'a> Outgoing<'a> {
         Self { bridge, slots, once, is_source, written, sent_once, remedies }
     }
 
-    /// Tells how it ended, once there are no more frames.
+    /// Sends how the run ended.
     pub(crate) fn close(&self, ran: &Result<depthloom_runner::Report, RunError>) -> Result<(), Fault> {
-        let report = |position: Option<usize>, report: &Report| {
-            let frame = Frame::at_10_hz("", 0);
-            self.bridge.send(
-                channel::REPORT,
-                position.map(|position| (FrameIndex(position), &frame)),
-                &of_text(&report.text()),
-            )
-        };
+        let frame = Frame::at_10_hz("", 0);
+        let next = Some((FrameIndex(self.written.load(Ordering::SeqCst)), &frame));
+        let report = |position, report: &Report| self.bridge.send(channel::REPORT, position, &of_text(&report.text()));
         match ran {
             Ok(ran) if ran.interrupted => Ok(()),
             Ok(_) => {
@@ -77,11 +72,11 @@ impl<'a> Outgoing<'a> {
             Err(RunError::Aborted) => Ok(()),
             Err(RunError::NodeFailed { frame: None, fault, .. }) => report(None, &Report::failed(fault)),
             Err(RunError::NodeFailed { fault, .. } | RunError::SourceFailed { fault, .. }) => {
-                report(Some(self.written.load(Ordering::SeqCst)), &Report::failed(fault))
+                report(next, &Report::failed(fault))
             }
             Err(error) => {
                 let fault = Fault::new(chain(error));
-                report(Some(self.written.load(Ordering::SeqCst)), &Report::failed(&fault))?;
+                report(next, &Report::failed(&fault))?;
                 report(None, &Report::failed(&fault))
             }
         }
@@ -96,7 +91,7 @@ impl Tap for Outgoing<'_> {
     }
 
     fn part(&self, _: RunId, slot: Slot) -> Option<PartId> {
-        self.slots.iter().position(|(of, _)| *of == slot).map(PartId)
+        self.slots.iter().position(|(own, _)| *own == slot).map(PartId)
     }
 
     fn encode(
@@ -112,9 +107,9 @@ impl Tap for Outgoing<'_> {
 
     fn write(&self, commit: &Commit<'_>, _: Vec<()>) -> Result<(), ErrorMessage> {
         let position = FrameIndex(self.written.fetch_add(1, Ordering::SeqCst));
-        let is_ours = |slot: &Slot| self.slots.iter().find(|(of, _)| of == slot);
+        let is_ours = |slot: &Slot| self.slots.iter().find(|(own, _)| own == slot);
         let absent = commit.absent.iter().filter_map(is_ours).map(|(_, port)| (*port).to_owned()).collect();
-        // Of the source of a node's piece there is nothing to tell but that it was abandoned.
+        // The source of a node's piece only fails if the run is abandoned.
         let own = commit.failures.iter().find(|failure| failure.node.is_some() != self.is_source);
         let own = own.or_else(|| commit.failures.first());
         let remedy = locked(&self.remedies).remove(&position);
@@ -128,7 +123,7 @@ impl Tap for Outgoing<'_> {
         self.bridge.send(channel::REPORT, Some((position, commit.frame)), &stream).map_err(ErrorMessage::from)
     }
 
-    fn once(&self, _: RunId, slot: Slot, _: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, _: RunId, slot: Slot, _: &Key, value: &Value, warnings: &[NodeWarning]) -> Result<(), ErrorMessage> {
         let Slot::Node { port, .. } = slot else { return Ok(()) };
         let Some(name) = self.once_name(port) else { return Ok(()) };
         self.bridge.send(name, None, &of_value(value))?;
@@ -140,7 +135,7 @@ impl Tap for Outgoing<'_> {
 }
 
 impl Outgoing<'_> {
-    /// The once-output of a port, by its index among all of the node's.
+    /// The aggregate output of a port.
     fn once_name(&self, port: PortId) -> Option<&'static str> {
         let before = self.slots.iter().filter(|(slot, _)| matches!(slot, Slot::Node { port: of, .. } if *of < port));
         self.once.get(port.0 - before.count()).copied()

@@ -1,4 +1,4 @@
-//! The piece of the plan that a part runs: its source alone, or one node behind what comes.
+//! The piece of the plan that a part runs: its source, or one node with its inputs.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -27,11 +27,10 @@ pub(crate) enum FrameInput {
     Read(Box<dyn Source>),
     /// From other parts, at these inputs.
     Sent(Vec<Port>),
-    /// It has none.
+    /// It has no frames.
     None,
 }
 
-/// A piece of the plan, ready to run.
 pub(crate) struct Piece {
     pub plan: Plan,
     pub source: FrameInput,
@@ -51,7 +50,6 @@ fn piece_of(plan: &Plan, run: RunId, source: PlannedSource, nodes: Vec<PlannedNo
     }
 }
 
-/// Of a source.
 pub(crate) fn source_piece(plan: &Plan, run: RunId, registry: &Registry) -> Result<Piece, Vec<NotReady>> {
     let planned = &plan.runs[run].source;
     let source = ready::open(planned, registry).map_err(|error| vec![*error])?;
@@ -66,7 +64,6 @@ pub(crate) fn source_piece(plan: &Plan, run: RunId, registry: &Registry) -> Resu
     })
 }
 
-/// Of a node.
 pub(crate) fn node_piece(
     plan: &Plan,
     node: NodeRef,
@@ -130,7 +127,7 @@ fn output_of(port: Port, recorded: bool) -> PlannedOutput {
     PlannedOutput { topic: format!("/{}", port.name), port, aliases: Vec::new(), recorded }
 }
 
-/// A node that gives what comes for a once-input.
+/// A node that outputs a received aggregate value.
 fn aggregate_node(planned: &PlannedNode, input: &PlannedInput, port: &Port) -> PlannedNode {
     PlannedNode {
         name: input.port.name.to_owned(),

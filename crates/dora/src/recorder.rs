@@ -1,4 +1,4 @@
-//! The part that records: the runner over the whole plan, in which each source and node gives what its part gave.
+//! The recorder: runs the whole plan, with remote sources and nodes that return what their parts sent.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -22,12 +22,12 @@ use crate::bridge::Bridge;
 use crate::channel;
 use crate::layout::{Layout, Role, admission};
 use crate::message::of_text;
-use crate::report::{Readiness, Report, engines_text, frames};
+use crate::report::{self, Readiness, Report, engines_text, frames};
 
-/// Waits until every part can begin, and makes a plan of them that the runner runs.
+/// Waits until every part can start, and makes a plan of them for the runner.
 ///
 /// # Errors
-/// All that is missing where the parts are.
+/// All that is missing on the machines of the parts.
 pub fn prepare(
     plan: Plan,
     layout: &Layout,
@@ -40,7 +40,7 @@ pub fn prepare(
         fault @ Fault::Failed(_) => CliError::from_error(ExitCode::Usage, &fault),
     };
     let cancelled = || interrupt.stops_admission();
-    let hear = |id: &str, output: &str| {
+    let receive = |id: &str, output: &str| {
         bridge.mailbox.take(&format!("{id}/{output}"), None, &cancelled).map_err(|why| gone(why.into()))
     };
     wait_for_start(layout, bridge, &cancelled, limit)?;
@@ -50,7 +50,7 @@ pub fn prepare(
         if !matches!(part.role, Role::Source { .. } | Role::Node(_)) {
             continue;
         }
-        let readiness = Readiness::read(&hear(&part.id, channel::READY)?).map_err(gone)?;
+        let readiness: Readiness = report::read(&receive(&part.id, channel::READY)?).map_err(gone)?;
         missing.extend(readiness.missing);
         match part.role {
             Role::Source { run } => warnings[run] = readiness.warnings,
@@ -80,7 +80,7 @@ pub fn prepare(
             bridge: Arc::clone(bridge),
         };
         let source = remote(Role::Source { run }, &planned.source.outputs);
-        let frames = frames(&hear(&source.id, channel::FRAMES)?).map_err(gone)?;
+        let frames = frames(&receive(&source.id, channel::FRAMES)?).map_err(gone)?;
         inputs[run].extend(source.inputs());
         let reports = frames.iter().map(|_| OnceLock::new()).collect();
         let mut nodes = Vec::new();
@@ -108,7 +108,7 @@ pub fn prepare(
     Ok((Ready::of(plan, runs, files, &prints), remote))
 }
 
-/// Waits until every part has said whether it can begin.
+/// Waits until every part has reported whether it can start.
 ///
 /// # Errors
 /// The parts that have not within `limit`.
@@ -140,7 +140,7 @@ struct RemoteNode {
 }
 
 impl RemoteNode {
-    /// The recorder's inputs that are of frames.
+    /// The recorder's inputs that have frames.
     fn inputs(&self) -> Vec<String> {
         let values = self.outputs.iter().map(|output| output.port.name);
         [channel::REPORT].into_iter().chain(values).map(|output| format!("{}/{output}", self.id)).collect()
@@ -148,10 +148,10 @@ impl RemoteNode {
 
     fn report(&self, at: Option<FrameIndex>, cancelled: &dyn Fn() -> bool) -> Result<Report, Fault> {
         let arrived = self.bridge.mailbox.take(&format!("{}/{}", self.id, channel::REPORT), at, cancelled)?;
-        Report::read(&arrived)
+        report::read(&arrived)
     }
 
-    /// What it gave, at the outputs of a rate. Of what is not recorded nobody sees more than that it is there.
+    /// Its values at outputs of this rate. A value that is not recorded is only a placeholder.
     fn outputs(
         &self,
         report: &Report,
@@ -163,11 +163,7 @@ impl RemoteNode {
             ctx.host.warn_n(*count, what);
         }
         if let Some((what, remedy)) = &report.failed {
-            let fault = Fault::new(what);
-            return Err(match remedy {
-                Some(remedy) => fault.remedy(remedy),
-                None => fault,
-            });
+            return Err(failure(what, remedy.as_deref()));
         }
         let mut outputs = Outputs::none();
         for output in self.outputs.iter().filter(|output| output.port.rate == rate) {
@@ -189,7 +185,7 @@ impl RemoteNode {
     }
 
     fn of_frame(&self, ctx: &Context<'_>) -> Result<Outputs, Fault> {
-        let position = ctx.host.position().ok_or_else(|| Fault::new("it is asked of no frame"))?;
+        let position = ctx.host.position().ok_or_else(|| Fault::new("it runs without a frame"))?;
         let report = self.report(Some(position), &|| ctx.host.cancelled())?;
         self.outputs(&report, Rate::Frame, Some(position), ctx)
     }
@@ -200,6 +196,14 @@ impl RemoteNode {
         }
         let report = self.report(None, &|| ctx.host.cancelled())?;
         self.outputs(&report, Rate::Once, None, ctx)
+    }
+}
+
+fn failure(what: &str, remedy: Option<&str>) -> Fault {
+    let fault = Fault::new(what);
+    match remedy {
+        Some(remedy) => fault.remedy(remedy),
+        None => fault,
     }
 }
 
@@ -225,12 +229,11 @@ impl OnceNode for RemoteNode {
     }
 }
 
-/// A source whose frames a part reads.
 struct RemoteSource {
     node: RemoteNode,
     frames: Vec<Frame>,
     warnings: Vec<String>,
-    /// By frame, what the part said of it.
+    /// By frame, the report of the part.
     reports: Vec<OnceLock<Report>>,
     interrupt: Interrupt,
 }
@@ -249,11 +252,10 @@ impl Source for RemoteSource {
             let report = self.node.report(Some(position), &|| self.interrupt.aborts())?;
             let _ = self.reports[position].set(report);
         }
-        // A frame that failed has none, and is not read: then it is said here what it failed of.
+        // A frame that failed has no key, and is not read: the failure is reported here.
         let Some(Report { key, failed, .. }) = self.reports[position].get() else { return Err(Fault::Cancelled) };
         match (key, failed) {
-            (_, Some((what, Some(remedy)))) => Err(Fault::new(what).remedy(remedy)),
-            (_, Some((what, None))) => Err(Fault::new(what)),
+            (_, Some((what, remedy))) => Err(failure(what, remedy.as_deref())),
             (Some(key), None) => Ok(*key),
             (None, None) => Err(Fault::new(format!("`{}` named no key", self.node.id))),
         }
@@ -267,19 +269,19 @@ impl Source for RemoteSource {
     }
 }
 
-/// The parts, told how far the recording is.
+/// Tells the parts how far the recording is.
 pub struct Remote {
     bridge: Arc<Bridge>,
-    /// The recorder's inputs that are of a stage run's frames.
+    /// The recorder's inputs of a stage run's frames.
     inputs: Vec<Vec<String>>,
     retired: Vec<AtomicUsize>,
-    /// How many frames may be on their way.
+    /// The most frames in flight.
     pub window: usize,
 }
 
 impl Remote {
     fn admit(&self, run: RunId, retired: usize) {
-        // If nobody hears it, nothing comes, and that is told.
+        // If the source has ended, its missing frames are reported.
         let _ = self.bridge.send(&admission(run), None, &of_text(&(retired + self.window).to_string()));
     }
 }
@@ -296,7 +298,7 @@ impl Observer for Remote {
     }
 }
 
-/// A value that stands for one that nobody looks at.
+/// A value for an output that is not recorded.
 fn placeholder(value_type: ValueType) -> Value {
     fn one<T>() -> Raster<T>
     where

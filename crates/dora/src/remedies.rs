@@ -1,4 +1,4 @@
-//! What can be done about failures of frames: tombstones do not say it, and the recorder is to tell it.
+//! Remedies for failures of frames, which failure records do not contain but the recorder reports.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -11,14 +11,13 @@ use depthloom_threads::locked;
 /// By frame.
 pub(crate) type Remedies = Mutex<BTreeMap<FrameIndex, String>>;
 
-/// Keeps what a failure says of it.
 pub(crate) fn keep_remedy(remedies: &Remedies, position: Option<FrameIndex>, fault: &Fault) {
     if let (Some(position), Some(remedy)) = (position, fault.remedy_text()) {
         locked(remedies).insert(position, remedy.to_owned());
     }
 }
 
-/// A node that keeps what can be done about its failures.
+/// A node that keeps the remedies of its failures.
 pub(crate) fn guarded(instance: Instance, remedies: &Arc<Remedies>) -> Instance {
     match instance {
         Instance::Pure(node) => Instance::Pure(Box::new(Guarded { node, remedies: Arc::clone(remedies) })),

@@ -1,115 +1,80 @@
-//! What there is to say of a part besides its values: that it can begin, and of each frame and of its once-values what it did.
+//! Messages about a part besides its values: whether it can start, and what it did on each frame. Their text is JSON.
 
 use std::collections::BTreeMap;
 
 use depthloom_graphs::plan::{NodeId, NodeRef, RunId};
 use depthloom_graphs::{Fault, Frame, Key};
-use serde_json::{Value as Json, json};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use crate::mailbox::Arrived;
 
-/// What a part did on a frame, or when it gave its once-values.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// What a part did on a frame, or for its aggregate values.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Report {
-    /// Of a source, the key of what it read.
+    /// The key of a source's frame.
     pub key: Option<Key>,
-    /// The ports that have no value.
+    /// The ports without a value.
     pub absent: Vec<String>,
-    /// What it told of without failing, and of how many things.
+    /// Messages and counts.
     pub warnings: Vec<(String, u64)>,
-    /// What it failed of, and what can be done about it.
+    /// The failure and its remedy.
     pub failed: Option<(String, Option<String>)>,
 }
 
 impl Report {
-    /// That it failed.
     pub(crate) fn failed(fault: &Fault) -> Self {
         Self { failed: Some((fault.chain(), fault.remedy_text().map(str::to_owned))), ..Self::default() }
     }
 
-    /// As a text.
     pub(crate) fn text(&self) -> String {
-        let Self { key, absent, warnings, failed } = self;
-        json!({ "key": key.map(|key| key.to_string()), "absent": absent, "warnings": warnings, "failed": failed })
-            .to_string()
-    }
-
-    /// Reads one.
-    pub(crate) fn read(arrived: &Arrived) -> Result<Self, Fault> {
-        let json = arrived.json()?;
-        let wrong = || Fault::new(format!("what came at `{}` is no report", arrived.input));
-        let of = |name: &str| json.get(name).cloned().unwrap_or_default();
-        let texts = |of: Json| serde_json::from_value(of).map_err(|_| wrong());
-        Ok(Self {
-            key: json.get("key").and_then(Json::as_str).and_then(Key::parse),
-            absent: texts(of("absent"))?,
-            warnings: serde_json::from_value(of("warnings")).map_err(|_| wrong())?,
-            failed: serde_json::from_value(of("failed")).map_err(|_| wrong())?,
-        })
+        json!(self).to_string()
     }
 }
 
-/// That a part can begin, or why not.
-#[derive(Debug, Default)]
+/// Whether a part can start.
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Readiness {
-    /// The fingerprint of the engine that a node runs in, if that decides its results.
+    /// Of the engine, if it decides the results.
     pub fingerprint: Option<Key>,
-    /// What a source has to say of its data.
+    /// Of a source.
     pub warnings: Vec<String>,
-    /// What is missing where it would run, each with its remedy.
+    /// With remedies.
     pub missing: Vec<(String, Option<String>)>,
 }
 
 impl Readiness {
-    /// As a text.
     pub(crate) fn text(&self) -> String {
-        let Self { fingerprint, warnings, missing } = self;
-        let fingerprint = fingerprint.map(|key| key.to_string());
-        json!({ "fingerprint": fingerprint, "warnings": warnings, "missing": missing }).to_string()
+        json!(self).to_string()
     }
+}
 
-    /// Reads one.
-    pub(crate) fn read(arrived: &Arrived) -> Result<Self, Fault> {
-        let json = arrived.json()?;
-        let wrong = |_| Fault::new(format!("what came at `{}` is no report", arrived.input));
-        let of = |name: &str| json.get(name).cloned().unwrap_or_default();
-        Ok(Self {
-            fingerprint: json.get("fingerprint").and_then(Json::as_str).and_then(Key::parse),
-            warnings: serde_json::from_value(of("warnings")).map_err(wrong)?,
-            missing: serde_json::from_value(of("missing")).map_err(wrong)?,
-        })
-    }
+/// Reads a [`Report`] or a [`Readiness`].
+pub(crate) fn read<T: DeserializeOwned>(arrived: &Arrived) -> Result<T, Fault> {
+    serde_json::from_value(arrived.json()?)
+        .map_err(|error| Fault::new(format!("the message at `{}` is malformed", arrived.input)).because(error))
 }
 
 /// Fingerprints by node.
 pub(crate) type Engines = BTreeMap<NodeRef, Key>;
 
-/// Fingerprints as a text.
 pub(crate) fn engines_text(engines: &Engines) -> String {
-    let listed: Vec<_> =
-        engines.iter().map(|(NodeRef { run, node }, key)| json!([run, node, key.to_string()])).collect();
+    let listed: Vec<(RunId, NodeId, &Key)> = engines.iter().map(|(id, key)| (id.run, id.node, key)).collect();
     json!(listed).to_string()
 }
 
-/// Reads them.
 pub(crate) fn engines(arrived: &Arrived) -> Result<Engines, Fault> {
-    let wrong = || Fault::new(format!("what came at `{}` is no list of engines", arrived.input));
-    let listed: Vec<(RunId, NodeId, String)> = serde_json::from_value(arrived.json()?).map_err(|_| wrong())?;
-    listed
-        .into_iter()
-        .map(|(run, node, key)| Ok((NodeRef { run, node }, Key::parse(&key).ok_or_else(wrong)?)))
-        .collect()
+    let listed: Vec<(RunId, NodeId, Key)> = read(arrived)?;
+    Ok(listed.into_iter().map(|(run, node, key)| (NodeRef { run, node }, key)).collect())
 }
 
-/// The frames of a stage as a text.
 pub(crate) fn frames_text(frames: &[Frame]) -> String {
-    let frames: Vec<_> = frames.iter().map(|of| json!([&*of.id, of.index, of.time_ns])).collect();
-    json!(frames).to_string()
+    let listed: Vec<(&str, u64, u64)> = frames.iter().map(|frame| (&*frame.id, frame.index, frame.time_ns)).collect();
+    json!(listed).to_string()
 }
 
-/// Reads them.
 pub(crate) fn frames(arrived: &Arrived) -> Result<Vec<Frame>, Fault> {
-    let wrong = |_| Fault::new(format!("what came at `{}` is no list of frames", arrived.input));
-    let listed: Vec<(String, u64, u64)> = serde_json::from_value(arrived.json()?).map_err(wrong)?;
+    let listed: Vec<(String, u64, u64)> = read(arrived)?;
     Ok(listed.into_iter().map(|(id, index, time_ns)| Frame { id: id.into(), index, time_ns }).collect())
 }

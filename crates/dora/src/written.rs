@@ -12,22 +12,22 @@ use serde_json::Value as Json;
 use crate::channel;
 use crate::layout::{Layout, Part, Role};
 
-/// What a dataflow is written of, besides the plan.
+/// What a dataflow contains besides the plan.
 pub struct Wanted {
     /// This program.
     pub program: String,
-    /// What is given to every part of ours: the words behind `dora-node`, without the part's name.
+    /// Arguments of `dora-node` for all parts, without the part's name.
     pub arguments: Vec<String>,
-    /// How many messages an input may hold.
+    /// The queue size of inputs.
     pub queue: usize,
-    /// Parts by patterns of their names, and the machines they run on.
+    /// Patterns of parts' names, and the machines they run on.
     pub machines: Vec<(String, String)>,
 }
 
 /// Writes a dataflow.
 ///
 /// # Errors
-/// The first pattern of a machine that is no part's.
+/// The first pattern of a machine that matches no part.
 pub fn dataflow(plan: &Plan, layout: &Layout, wanted: &Wanted) -> Result<String, String> {
     if let Some((pattern, _)) =
         wanted.machines.iter().find(|(pattern, _)| layout.parts.iter().all(|part| !glob(pattern, &part.id)))
@@ -45,12 +45,13 @@ pub fn dataflow(plan: &Plan, layout: &Layout, wanted: &Wanted) -> Result<String,
     Ok(text)
 }
 
-/// What dora adds to a node of the dataflow when it writes it out in full, bytes: keys that are null.
+/// Bytes that dora adds per node when it writes out the dataflow: keys that are null.
 const ADDED: usize = 170;
-/// The most bytes of one environment variable on Linux.
+/// The most bytes of an environment variable on Linux.
 const LARGEST_VARIABLE: usize = 128 << 10;
 
-/// A warning if the dataflow is too large for dora, which passes all of it to each node in an environment variable, with the node's own inputs once more.
+/// A warning if the dataflow is too large: dora passes all of it to each node in an environment variable, with the
+/// node's own inputs once more.
 pub fn too_large(dataflow: &str) -> Option<String> {
     let nodes: Vec<&str> = dataflow.split("\n  - id: ").skip(1).collect();
     let largest = nodes.iter().map(|node| node.len()).max().unwrap_or(0);
@@ -66,7 +67,7 @@ pub fn too_large(dataflow: &str) -> Option<String> {
     })
 }
 
-/// A text in YAML: as JSON has it.
+/// JSON text is YAML.
 fn quoted(text: &str) -> Json {
     Json::String(text.to_owned())
 }
@@ -112,7 +113,7 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
         let from = quoted(&format!("{}/{}", link.part, link.output));
         let queue = wanted.queue;
         let input = quoted(&link.input);
-        // Of these comes one message: any queue holds it. In short, for the whole dataflow has to fit into an environment variable.
+        // These carry one message, so any queue is long enough. The short form saves space: the dataflow must fit into an environment variable.
         if [channel::READY, channel::FRAMES, channel::ENGINES, channel::END].contains(&link.output.as_str()) {
             let _ = writeln!(text, "      {input}: {from}");
             continue;
@@ -125,14 +126,14 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
     }
 }
 
-/// A word that names a file, from the root: dora looks for it from the dataflow's folder. Any other as it is.
+/// A word that names a file as an absolute path, since dora resolves it against the dataflow's folder.
 fn whole(word: &Argument) -> String {
     let is_file = word.0.contains(['/', '.']) && Path::new(&word.0).exists();
     let path = is_file.then(|| std::path::absolute(&word.0).ok()).flatten();
     path.and_then(|path| path.into_os_string().into_string().ok()).unwrap_or_else(|| word.0.clone())
 }
 
-/// Words as a shell would be given them, which is how dora reads them.
+/// Words quoted as for a shell, which is how dora reads them.
 fn words<'a>(words: impl Iterator<Item = &'a str>) -> String {
     let quoted = |word: &str| {
         let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
@@ -152,8 +153,8 @@ mod tests {
         let node = |number: usize| format!("  - id: \"look.stereo-{number}\"\n    args: \"{}\"\n", "x".repeat(1000));
         let of = |nodes: usize| format!("nodes:\n{}", (0..nodes).map(node).collect::<String>());
         assert_eq!(super::too_large(&of(90)), None);
-        let told = super::too_large(&of(120)).unwrap_or_default();
-        assert!(told.contains("has 120 nodes") && told.contains("--variant"), "{told}");
+        let warning = super::too_large(&of(120)).unwrap_or_default();
+        assert!(warning.contains("has 120 nodes") && warning.contains("--variant"), "{warning}");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, Slot, Tap, Warned};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, NodeWarning, Slot, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Differs, ValueDifference};
 use depthloom_graphs::{Frame, Key, Value, ValueType};
@@ -297,7 +297,7 @@ impl Tap for Checker {
         Ok(())
     }
 
-    fn once(&self, run: RunId, slot: Slot, _: &Key, value: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, run: RunId, slot: Slot, _: &Key, value: &Value, _: &[NodeWarning]) -> Result<(), ErrorMessage> {
         let Slot::Node { node, port } = slot else { return Ok(()) };
         let Some(Expected::Once { value: recorded }) = &self.nodes[run][node].expected[port] else { return Ok(()) };
         let output = &self.plan.runs[run].nodes[node].outputs[port];

@@ -2,7 +2,6 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
 use super::Fault;
@@ -21,7 +20,6 @@ const MOST_DEPTH: usize = 64;
 
 impl CodePath {
     /// The path or pattern.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -80,19 +78,7 @@ impl CodePath {
     }
 }
 
-impl JsonSchema for CodePath {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "CodePath".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "type": "string", "format": "code" })
-    }
-}
+inline_schema!(CodePath, { "type": "string", "format": "code" });
 
 fn named(path: &Path, what: &str) -> Fault {
     Fault::new(format!("`code` names {}{what}", path.display()))

@@ -97,7 +97,6 @@ pub struct Scratch(HashMap<TypeId, Box<dyn Any + Send>>);
 
 impl Scratch {
     /// Takes the buffer of type `T`, or a fresh one. Put it back after use.
-    #[must_use]
     pub fn take<T: Default + Send + 'static>(&mut self) -> Box<T> {
         self.0.remove(&TypeId::of::<T>()).and_then(|any| any.downcast().ok()).unwrap_or_default()
     }
@@ -118,7 +117,6 @@ pub struct Context<'a> {
 
 impl<'a> Context<'a> {
     /// Puts a context together.
-    #[must_use]
     pub const fn new(host: &'a dyn Host, scratch: &'a mut Scratch) -> Self {
         Self { host, scratch }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::{Contract, Port, Rate, Signature};
@@ -63,7 +63,6 @@ impl DeclaredPorts {
     }
 
     /// The signature of a node of this contract with these ports.
-    #[must_use]
     pub fn signature(&self, contract: Contract) -> Signature {
         Signature { contract, inputs: ports(&self.inputs), outputs: ports(&self.outputs), observes: None }
     }
@@ -95,7 +94,6 @@ pub fn check_name(name: &str) -> Result<(), &'static str> {
 
 impl DeclaredPort {
     /// A port that carries a value for every frame.
-    #[must_use]
     pub const fn frame(value_type: ValueType) -> Self {
         Self { value_type, rate: Rate::Frame, optional: false }
     }
@@ -107,28 +105,19 @@ struct Whole {
     #[serde(rename = "type")]
     value_type: String,
     #[serde(default)]
-    rate: WrittenRate,
+    rate: Rate,
     #[serde(default)]
     optional: bool,
 }
 
-#[derive(Clone, Copy, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum WrittenRate {
-    #[default]
-    Frame,
-    Once,
-}
-
-// As short as it can be said, so that the two ways of writing it are one in plans and keys.
+// In the short form where possible, so that both forms are equal in plans and keys.
 impl Serialize for DeclaredPort {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         if *self == Self::frame(self.value_type) {
             return serializer.serialize_str(self.value_type.name());
         }
-        let rate = if self.rate == Rate::Once { WrittenRate::Once } else { WrittenRate::Frame };
-        let whole = Whole { value_type: self.value_type.name().to_owned(), rate, optional: self.optional };
-        whole.serialize(serializer)
+        let Self { value_type, rate, optional } = *self;
+        Whole { value_type: value_type.name().to_owned(), rate, optional }.serialize(serializer)
     }
 }
 
@@ -141,44 +130,31 @@ impl<'de> Deserialize<'de> for DeclaredPort {
             Whole(Whole),
         }
         let whole = match Written::deserialize(deserializer)? {
-            Written::Type(value_type) => Whole { value_type, rate: WrittenRate::Frame, optional: false },
+            Written::Type(value_type) => Whole { value_type, rate: Rate::Frame, optional: false },
             Written::Whole(whole) => whole,
         };
         let value_type = ValueType::from_name(&whole.value_type)
             .ok_or_else(|| serde::de::Error::custom(format!("there is no type of values `{}`", whole.value_type)))?;
-        let rate = match whole.rate {
-            WrittenRate::Frame => Rate::Frame,
-            WrittenRate::Once => Rate::Once,
-        };
-        Ok(Self { value_type, rate, optional: whole.optional })
+        Ok(Self { value_type, rate: whole.rate, optional: whole.optional })
     }
 }
 
-impl JsonSchema for DeclaredPort {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "DeclaredPort".into()
-    }
+inline_schema!(DeclaredPort, { "anyOf": [
+    { "type": "string", "enum": types(), "description": "The type of its values, one per frame." },
+    {
+        "type": "object",
+        "properties": {
+            "type": { "enum": types(), "description": "The type of its values." },
+            "rate": { "enum": ["frame", "once"], "default": "frame", "description": "A value for every frame, or one for the stage." },
+            "optional": { "type": "boolean", "default": false, "description": "An input that may stay unwired; an output that may be absent on a frame." },
+        },
+        "required": ["type"],
+        "additionalProperties": false,
+    },
+] });
 
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        let types: Vec<&str> = ValueType::ALL.into_iter().map(ValueType::name).collect();
-        json_schema!({ "anyOf": [
-            { "type": "string", "enum": types, "description": "The type of its values, one a frame." },
-            {
-                "type": "object",
-                "properties": {
-                    "type": { "enum": types, "description": "The type of its values." },
-                    "rate": { "enum": ["frame", "once"], "default": "frame", "description": "A value for every frame, or one for the stage." },
-                    "optional": { "type": "boolean", "default": false, "description": "An input that may stay unwired; an output that may be absent on a frame." },
-                },
-                "required": ["type"],
-                "additionalProperties": false,
-            },
-        ] })
-    }
+fn types() -> Vec<&'static str> {
+    ValueType::ALL.into_iter().map(ValueType::name).collect()
 }
 
 #[cfg(test)]
@@ -211,8 +187,8 @@ mod tests {
             json!({ "inputs": { "depth": "depth" }, "outputs": { "model": { "type": "model", "rate": "once" } } }),
         );
         assert_eq!(collects.check(Contract::Ordered), Ok(()));
-        let told = "output `model`: a pure node has no output of `rate: once`".to_owned();
-        assert_eq!(collects.check(Contract::Pure), Err(told));
+        let expected = "output `model`: a pure node has no output of `rate: once`".to_owned();
+        assert_eq!(collects.check(Contract::Pure), Err(expected));
         assert!(collects.check(Contract::Once).is_err());
         for name in ["left", "_x1", "a"] {
             assert_eq!(check_name(name), Ok(()), "{name}");

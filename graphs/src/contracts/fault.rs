@@ -17,7 +17,6 @@ pub enum Fault {
 
 impl Fault {
     /// A failure described by a lower-case fragment.
-    #[must_use]
     pub fn new(what: impl Into<String>) -> Self {
         Self::Failed(ErrorMessage::new(what))
     }
@@ -48,7 +47,6 @@ impl Fault {
     }
 
     /// The remedy, if one is known.
-    #[must_use]
     pub fn remedy_text(&self) -> Option<&str> {
         match self {
             Self::Failed(message) => message.remedy.as_deref(),
@@ -57,7 +55,6 @@ impl Fault {
     }
 
     /// The failure and its causes, joined by colons.
-    #[must_use]
     pub fn chain(&self) -> String {
         chain(self)
     }

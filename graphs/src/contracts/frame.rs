@@ -15,7 +15,6 @@ pub struct Frame {
 
 impl Frame {
     /// A frame of a source without timestamps: index x 100 ms, saturating.
-    #[must_use]
     pub fn at_10_hz(id: impl Into<Arc<str>>, index: u64) -> Self {
         Self { id: id.into(), index, time_ns: index.saturating_mul(100_000_000) }
     }

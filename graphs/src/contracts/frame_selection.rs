@@ -4,7 +4,6 @@ use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
 use super::Fault;
@@ -65,18 +64,15 @@ impl FrameSelection {
     }
 
     /// The frames of `1..=40 available` that do not exist, in words; `ids` as for [`FrameSelection::select`].
-    #[must_use]
     pub fn left_out(&self, ids: &[(u64, &str)]) -> Option<String> {
         let Self::Available(range) = self else { return None };
         let there: Vec<u64> = ids.iter().map(|(index, _)| *index).filter(|index| range.contains(index)).collect();
-        let asked = range.end - range.start;
-        let missing = asked - there.len() as u64;
-        let (first, last) = (there.first()?, there.last()?);
+        let (count, wanted) = (there.len(), range.end - range.start);
+        let missing = wanted - count as u64;
+        let (from, to, first, last) = (range.start, range.end - 1, there.first()?, there.last()?);
         (missing > 0).then(|| {
-            let (from, to) = (range.start, range.end - 1);
-            let count = there.len();
             format!(
-                "of the frames {from} to {to}, {missing} of {asked} are not there: {count} are taken, {first} to {last}"
+                "of the frames {from} to {to}, {missing} of {wanted} do not exist: {count} are used, {first} to {last}"
             )
         })
     }
@@ -140,8 +136,8 @@ fn range(text: &str) -> Result<Option<Range<u64>>, String> {
         (None, None) => return Ok(None),
     };
     let number = |digits: &str| match digits.trim() {
-        "" => Err(format!("`{text}` is no range of frames: it has two ends, as in `1..=40`")),
-        digits => digits.parse::<u64>().map_err(|_| format!("`{digits}` is no frame index")),
+        "" => Err(format!("`{text}` is not a range of frames, which has two ends, as in `1..=40`")),
+        digits => digits.parse::<u64>().map_err(|_| format!("`{digits}` is not a frame index")),
     };
     let (first, last) = (number(first)?, number(last)?);
     let range = first..if closed { last.saturating_add(1) } else { last };
@@ -237,27 +233,13 @@ impl<'de> Deserialize<'de> for FrameSelection {
     }
 }
 
-impl JsonSchema for FrameSelection {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "FrameSelection".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        // Format `frames`: a range, or a path that the language resolves like a DataPath.
-        json_schema!({
-            "anyOf": [
-                { "type": "string", "format": "frames" },
-                { "type": "array", "items": { "type": "integer", "minimum": 0 } },
-                { "type": "integer", "minimum": 0 },
-                { "type": "null" }
-            ]
-        })
-    }
-}
+// Format `frames`: a range, or a path that the language resolves like a DataPath.
+inline_schema!(FrameSelection, { "anyOf": [
+    { "type": "string", "format": "frames" },
+    { "type": "array", "items": { "type": "integer", "minimum": 0 } },
+    { "type": "integer", "minimum": 0 },
+    { "type": "null" }
+] });
 
 #[cfg(test)]
 mod tests {
@@ -295,8 +277,8 @@ mod tests {
         assert_eq!(FrameSelection::Available(4..161).select(&IDS).expect("some are there"), vec![1, 2, 3]);
         assert_eq!(fault(&FrameSelection::Available(100..161)), "no frame is selected (there are 4 frames, 3 to 8)");
         assert_eq!(FrameSelection::parse("available"), Ok(FrameSelection::All));
-        let left_out = FrameSelection::Available(4..161).left_out(&IDS).expect("it is said");
-        assert_eq!(left_out, "of the frames 4 to 160, 154 of 157 are not there: 3 are taken, 4 to 8");
+        let left_out = FrameSelection::Available(4..161).left_out(&IDS).expect("some do not exist");
+        assert_eq!(left_out, "of the frames 4 to 160, 154 of 157 do not exist: 3 are used, 4 to 8");
         assert_eq!(FrameSelection::Available(7..9).left_out(&IDS), None);
         assert_eq!(FrameSelection::All.left_out(&IDS), None);
     }

@@ -22,14 +22,12 @@ impl<'a> Inputs<'a> {
     ///
     /// # Panics
     /// If the two differ in length.
-    #[must_use]
     pub fn new(ports: &'a [Port], values: &'a [Option<Value>]) -> Self {
         assert_eq!(ports.len(), values.len(), "one value slot a port");
         Self { ports, values }
     }
 
     /// The value at a port; `None` if there is no value or no such port.
-    #[must_use]
     pub fn value(&self, port: &str) -> Option<&'a Value> {
         self.values[self.ports.iter().position(|p| p.name == port)?].as_ref()
     }
@@ -61,13 +59,11 @@ pub struct Outputs(Vec<(&'static str, Value)>);
 
 impl Outputs {
     /// No values.
-    #[must_use]
     pub const fn none() -> Self {
         Self(Vec::new())
     }
 
     /// One value.
-    #[must_use]
     pub fn one(port: &'static str, value: impl Into<Value>) -> Self {
         Self(vec![(port, value.into())])
     }

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{Fault, Frame};
@@ -91,20 +90,10 @@ impl<'de> Deserialize<'de> for FramePaths {
     }
 }
 
-impl JsonSchema for FramePaths {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "FramePaths".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        let path = serde_json::json!({ "type": "string", "format": "path" });
-        json_schema!({ "anyOf": [path, { "type": "array", "items": path }] })
-    }
-}
+inline_schema!(FramePaths, { "anyOf": [
+    { "type": "string", "format": "path" },
+    { "type": "array", "items": { "type": "string", "format": "path" } }
+] });
 
 #[cfg(test)]
 mod tests {

@@ -12,25 +12,12 @@ pub struct DataPath(pub PathBuf);
 
 impl DataPath {
     /// The path.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.0
     }
 }
 
-impl JsonSchema for DataPath {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "DataPath".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "type": "string", "format": "path" })
-    }
-}
+inline_schema!(DataPath, { "type": "string", "format": "path" });
 
 /// A word of a command: the program or an argument. A word that begins with `./` or `../`, or has an extension or a
 /// `/` and names a file next to the YAML file, is resolved against that folder.
@@ -40,19 +27,7 @@ impl JsonSchema for DataPath {
 #[serde(transparent)]
 pub struct Argument(pub String);
 
-impl JsonSchema for Argument {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Argument".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "type": "string", "format": "argument" })
-    }
-}
+inline_schema!(Argument, { "type": "string", "format": "argument" });
 
 /// A parameter that follows others unless it has its own value: `auto`, or the value.
 ///

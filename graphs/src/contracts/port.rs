@@ -4,13 +4,16 @@ use std::collections::BTreeSet;
 use std::sync::Mutex;
 
 use depthloom_threads::locked;
+use serde::{Deserialize, Serialize};
 
 use crate::ValueType;
 
 /// How often a port carries a value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Rate {
     /// A value for every frame.
+    #[default]
     Frame,
     /// One value for a whole stage.
     Once,
@@ -69,19 +72,16 @@ pub struct Port {
 
 impl Port {
     /// A required port that carries a value for every frame.
-    #[must_use]
     pub const fn frame(name: &'static str, value_type: ValueType, doc: &'static str) -> Self {
         Self { name, value_type, rate: Rate::Frame, optional: false, doc }
     }
 
     /// A required port that carries one value for the stage.
-    #[must_use]
     pub const fn once(name: &'static str, value_type: ValueType, doc: &'static str) -> Self {
         Self { name, value_type, rate: Rate::Once, optional: false, doc }
     }
 
     /// The text with the lifetime of the program, for ports that a file declares. Equal texts are stored once.
-    #[must_use]
     pub fn intern(text: &str) -> &'static str {
         static INTERNED: Mutex<BTreeSet<&str>> = Mutex::new(BTreeSet::new());
         let mut interned = locked(&INTERNED);
@@ -94,7 +94,6 @@ impl Port {
     }
 
     /// Whether a file can be the value of this input.
-    #[must_use]
     pub fn takes_file(&self) -> bool {
         self.rate == Rate::Once && self.value_type.is_artifact()
     }

@@ -69,7 +69,6 @@ pub struct Survey {
 
 impl Survey {
     /// Data that cannot be opened.
-    #[must_use]
     pub fn failed(fault: Fault) -> Self {
         Self { source: None, faults: vec![fault], facts: Vec::new() }
     }
@@ -97,7 +96,6 @@ pub struct Recognised {
 
 impl Recognised {
     /// What was recognised, and the parameters that make it a source.
-    #[must_use]
     pub fn new(what: impl Into<String>, params: Json) -> Self {
         Self { what: what.into(), params, alternatives: Vec::new() }
     }

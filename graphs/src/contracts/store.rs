@@ -7,7 +7,7 @@ use crate::{Key, Value};
 pub trait Store: Send + Sync {
     /// Which values the store has under a key, without decoding them. `None` if the key is unknown or its values are
     /// damaged.
-    fn find(&self, key: &Key) -> Option<Vec<Held>>;
+    fn find(&self, key: &Key) -> Option<Vec<StoredPort>>;
 
     /// The value of a port; `None` if the port gave none.
     ///
@@ -36,20 +36,20 @@ pub trait Store: Send + Sync {
 
 /// What a store has of an output port. Nothing is known of a port that is not listed: its value must be recomputed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Held {
+pub struct StoredPort {
     /// The output port.
     pub port: String,
     /// Whether it has the value.
-    pub is: Holding,
+    pub state: StoredState,
 }
 
 /// What a store has of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Holding {
+pub enum StoredState {
     /// A value that was not kept.
     NotKept,
     /// The port gave no value.
-    Nothing,
+    Absent,
     /// A stored value.
-    There,
+    Stored,
 }

@@ -41,7 +41,7 @@ pub struct Failure {
 
 /// A warning of a node; see [`Host::warn_n`](super::Host::warn_n).
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Warned {
+pub struct NodeWarning {
     /// Which node of the stage run; `None` for its source.
     pub node: Option<NodeId>,
     /// The message.
@@ -66,7 +66,7 @@ pub struct Commit<'a> {
     /// The outputs without a value although their source or node ran, in plan order.
     pub absent: &'a [Slot],
     /// The warnings, by node index. They are repeated where the values are reused.
-    pub warnings: &'a [Warned],
+    pub warnings: &'a [NodeWarning],
 }
 
 /// A value that is in the tap's store.
@@ -135,7 +135,14 @@ pub trait Tap: Send + Sync {
     ///
     /// # Errors
     /// If the disk refuses.
-    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage>;
+    fn once(
+        &self,
+        run: RunId,
+        slot: Slot,
+        key: &Key,
+        value: &Value,
+        warnings: &[NodeWarning],
+    ) -> Result<(), ErrorMessage>;
 
     /// Whether a slot's value is kept on this frame.
     fn keeps(&self, _run: RunId, _slot: Slot, _position: FrameIndex) -> bool {
@@ -174,7 +181,7 @@ pub trait Tap: Send + Sync {
     }
 
     /// The warnings of the frames that an earlier process has written, one list per frame.
-    fn told(&self, _run: RunId) -> Vec<Vec<Warned>> {
+    fn recorded_warnings(&self, _run: RunId) -> Vec<Vec<NodeWarning>> {
         Vec::new()
     }
 

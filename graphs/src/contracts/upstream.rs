@@ -36,13 +36,11 @@ pub struct UpstreamNode<'a> {
 
 impl<'a> Upstream<'a> {
     /// The wired ports and what gives their values.
-    #[must_use]
     pub fn new(inputs: impl IntoIterator<Item = (&'a Port, InputOrigin<'a>)>) -> Self {
         Self { inputs: inputs.into_iter().map(|(port, origin)| (port.name, origin)).collect() }
     }
 
     /// What gives the value at a port; `None` where nothing is wired.
-    #[must_use]
     pub fn at(&self, port: &str) -> Option<&InputOrigin<'a>> {
         self.inputs.iter().find(|(name, _)| *name == port).map(|(_, origin)| origin)
     }
@@ -50,13 +48,11 @@ impl<'a> Upstream<'a> {
 
 impl UpstreamNode<'_> {
     /// Its parameters, if it is of this kind.
-    #[must_use]
     pub fn params_of<P: DeserializeOwned>(&self, kind: &str) -> Option<P> {
         (self.kind == kind).then(|| P::deserialize(self.params).ok())?
     }
 
     /// Whether something is wired to its input port.
-    #[must_use]
     pub fn is_wired(&self, port: &str) -> bool {
         self.wired.contains(&port)
     }

@@ -52,7 +52,7 @@ pub type Environment<'a> = Box<dyn Fn(&str) -> Option<String> + 'a>;
 
 impl Default for Options<'_> {
     fn default() -> Self {
-        // What is no UTF-8 keeps a sign of it, and is refused where it is used.
+        // A value that is not UTF-8 keeps a replacement character, and is refused where it is used.
         let env = |name: &str| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned());
         Self { set: Vec::new(), matrix: Vec::new(), only: Vec::new(), text: None, env: Box::new(env) }
     }
@@ -165,12 +165,12 @@ fn planned(
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
         let spec = spec::read(&changed, report);
         let link = link::link(&spec, registry, &mut resolver, report);
-        sweeps.look(&spec, |id| link.stages[id.stage].nodes[id.node].parameters.as_deref());
+        sweeps.look(&spec, |id| link.stages[id.stage].nodes[id.node].types.parameters.as_deref());
         linked.push(link);
         if id.0 > 0 {
             report.in_variant(before, variant);
         }
-        // What is wrong in so many variants is wrong in the others too.
+        // The other variants are likely to have the same errors.
         if report.is_full() || id.0 >= ENOUGH_VARIANTS && report.has_errors() {
             return None;
         }

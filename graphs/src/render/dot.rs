@@ -8,7 +8,6 @@ use crate::plan::Plan;
 
 impl Plan {
     /// The plan as a Graphviz digraph, with dashed arrows for once-values.
-    #[must_use]
     pub fn dot(&self) -> String {
         let diagram = diagram::of(self);
         let mut text = String::from("digraph plan {\n  rankdir=LR;\n  node [fontname=\"sans-serif\"];\n");

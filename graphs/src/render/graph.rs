@@ -15,7 +15,7 @@ pub struct Graph {
 }
 
 /// A box.
-#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, JsonSchema, Serialize)]
 pub(super) struct GraphNode {
     id: String,
     /// `source`, `node` or `file`.
@@ -54,7 +54,6 @@ pub(super) struct EdgeEnd {
 
 impl Plan {
     /// The plan as `{ experiment, nodes, edges }`, with the identifiers of the diagrams.
-    #[must_use]
     pub fn graph_json(&self) -> Graph {
         let diagram = diagram::of(self);
         let mut nodes = Vec::new();
@@ -66,11 +65,10 @@ impl Plan {
                     id: source.id.clone(),
                     of: "source".to_owned(),
                     name: run.source.name.clone(),
-                    kind: None,
                     kinds: Some(run.source.parts.iter().map(|part| part.kind.clone()).collect()),
-                    contract: None,
                     stage: Some(run.stage.clone()),
                     variants: Some(self.names(&run.variants)),
+                    ..GraphNode::default()
                 });
             }
             nodes.extend(boxes.zip(&run.nodes).map(|(shown, node)| GraphNode {
@@ -78,21 +76,17 @@ impl Plan {
                 of: "node".to_owned(),
                 name: node.name.clone(),
                 kind: Some(node.kind.clone()),
-                kinds: None,
                 contract: Some(node.contract.name().to_owned()),
                 stage: Some(run.stage.clone()),
                 variants: Some(self.names(&node.variants)),
+                ..GraphNode::default()
             }));
         }
         nodes.extend(diagram.files.iter().map(|file| GraphNode {
             id: file.id.clone(),
             of: "file".to_owned(),
             name: file.lines.concat(),
-            kind: None,
-            kinds: None,
-            contract: None,
-            stage: None,
-            variants: None,
+            ..GraphNode::default()
         }));
         let edge = |edge: &diagram::Edge| Edge {
             from: EdgeEnd { id: edge.from.clone(), port: edge.output.map(ToOwned::to_owned) },

@@ -54,7 +54,6 @@ pub(super) struct Port {
 }
 
 /// All kinds; the contract of a source is `source`.
-#[must_use]
 pub fn kinds_json(registry: &Registry) -> Nodes {
     let sources = registry.sources().map(SourceEntry::info);
     let kind = |info: KindInfo<'_>| Kind {
@@ -67,7 +66,6 @@ pub fn kinds_json(registry: &Registry) -> Nodes {
 }
 
 /// Everything about one kind; `None` if there is no such kind.
-#[must_use]
 pub fn kind_json(registry: &Registry, kind: &str) -> Option<NodesKind> {
     let info = registry.kind(kind)?;
     Some(NodesKind {

@@ -8,7 +8,6 @@ use crate::plan::Plan;
 
 impl Plan {
     /// The plan as a Mermaid flowchart, with dotted arrows for once-values.
-    #[must_use]
     pub fn mermaid(&self) -> String {
         let diagram = diagram::of(self);
         let mut text = String::from("flowchart LR\n");

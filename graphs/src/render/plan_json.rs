@@ -107,7 +107,6 @@ pub(super) struct Estimate {
 
 impl plan::Plan {
     /// The plan as JSON.
-    #[must_use]
     pub fn summary_json(&self) -> Plan {
         let factors = |factors: &Vec<plan::Factor>| {
             factors.iter().map(|factor| (factor.axis.clone(), factor.value.clone())).collect()

@@ -9,7 +9,6 @@ use crate::language::{alternatives, has_type, is_operational, range_text};
 use crate::registry::Registry;
 
 /// All kinds with a sentence each.
-#[must_use]
 pub fn kinds_index(registry: &Registry) -> String {
     let mut text = String::from("# Sources\n\n| kind | what it gives |\n|---|---|\n");
     for kind in registry.sources() {
@@ -25,7 +24,6 @@ pub fn kinds_index(registry: &Registry) -> String {
 }
 
 /// Everything about one kind: ports, parameters with type, default and range, docs. `None` if there is no such kind.
-#[must_use]
 pub fn kind_reference(registry: &Registry, kind: &str) -> Option<String> {
     let kind = registry.kind(kind)?;
     let mut text = format!("# {}\n\n{}\n", kind.kind, kind.summary);
@@ -121,7 +119,7 @@ fn collect(schema: &Json, prefix: &str, rows: &mut Vec<Row>) {
 }
 
 fn range_of(schema: &Json) -> Option<String> {
-    // What it can be is said with its type.
+    // Its type lists the values.
     if is_frames(schema) || schema.get("enum").is_some() {
         return None;
     }
@@ -191,7 +189,7 @@ fn enumeration(schema: &Json) -> Vec<(String, Option<&str>)> {
     let own = own.filter(|value| !value.is_null()).map(|value| (plain(value), None));
     let constant = schema.get("const").map(|value| (plain(value), description(schema)));
     let of_each: Vec<Vec<_>> = alternatives(schema).filter(|one| !has_type(one, "null")).map(enumeration).collect();
-    // Where something else may stand too, the values are not all there is.
+    // The values are incomplete if one of the alternatives is not an enumeration.
     let inner = if of_each.iter().any(Vec::is_empty) { Vec::new() } else { of_each };
     own.chain(constant).chain(inner.into_iter().flatten()).collect()
 }

@@ -8,7 +8,6 @@ use crate::plan::{Origin, Plan, PlannedInput, PlannedNode, StageRun};
 
 impl Plan {
     /// The plan as text: a table of nodes for each stage run, then what is scored.
-    #[must_use]
     pub fn summary_text(&self) -> String {
         let mut text = format!("experiment {}", self.experiment);
         if !self.about.trim().is_empty() {

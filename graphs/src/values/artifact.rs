@@ -22,19 +22,16 @@ impl Artifact {
     pub const SAMPLES: &str = "samples/depthloom";
 
     /// A network in an ONNX file.
-    #[must_use]
     pub fn model(file: impl Into<Arc<[u8]>>) -> Self {
         Self::new(Self::MODEL, file)
     }
 
     /// Training samples as `learn/samples` collects them.
-    #[must_use]
     pub fn samples(bytes: impl Into<Arc<[u8]>>) -> Self {
         Self::new(Self::SAMPLES, bytes)
     }
 
     /// Wraps bytes and hashes them.
-    #[must_use]
     pub fn new(media_type: impl Into<String>, bytes: impl Into<Arc<[u8]>>) -> Self {
         let bytes = bytes.into();
         Self { media_type: media_type.into(), hash: Key::of_content(&bytes), bytes }

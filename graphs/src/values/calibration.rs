@@ -24,19 +24,16 @@ pub struct Calibration {
 
 impl Calibration {
     /// The intrinsic matrix K, 3x3.
-    #[must_use]
     pub const fn k(&self) -> [f64; 9] {
         [self.focal_px, 0.0, self.cx_px, 0.0, self.focal_px, self.cy_px, 0.0, 0.0, 1.0]
     }
 
     /// The projection matrix P of the left camera, 3x4.
-    #[must_use]
     pub const fn p(&self) -> [f64; 12] {
         [self.focal_px, 0.0, self.cx_px, 0.0, 0.0, self.focal_px, self.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0]
     }
 
     /// The projection matrix P of the right camera, 3x4: in the left camera's frame.
-    #[must_use]
     pub const fn p_right(&self) -> [f64; 12] {
         let mut p = self.p();
         p[2] = self.cx_px + self.doffs_px;
@@ -45,20 +42,17 @@ impl Calibration {
     }
 
     /// `f * B`, pixel metres.
-    #[must_use]
     pub const fn focal_baseline_px_m(&self) -> f64 {
         self.focal_px * self.baseline_m
     }
 
     /// The depth of a disparity, metres: `f * B / (d + doffs)`. Infinite or negative for points that are not in front
     /// of the cameras.
-    #[must_use]
     pub const fn depth_m(&self, disparity_px: f64) -> f64 {
         self.focal_baseline_px_m() / (disparity_px + self.doffs_px)
     }
 
     /// The disparity of a depth, pixels: `f * B / Z - doffs`.
-    #[must_use]
     pub const fn disparity_px(&self, depth_m: f64) -> f64 {
         self.focal_baseline_px_m() / depth_m - self.doffs_px
     }

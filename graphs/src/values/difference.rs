@@ -158,14 +158,7 @@ const fn unit(value_type: ValueType) -> &'static str {
     match value_type {
         ValueType::Depth => " m",
         ValueType::Disparity | ValueType::TrueDisparity => " px",
-        ValueType::Image
-        | ValueType::Weight
-        | ValueType::Mask
-        | ValueType::Calibration
-        | ValueType::Scores
-        | ValueType::Samples
-        | ValueType::Model
-        | ValueType::Curve => "",
+        _ => "",
     }
 }
 
@@ -195,10 +188,10 @@ fn pixels<T>(
     recorded: Sized<'_, T>,
     now: Sized<'_, T>,
     tolerance: f64,
-    of: impl Fn(&T) -> Option<f64>,
+    number: impl Fn(&T) -> Option<f64>,
 ) -> ValueDifference {
     let (width, _) = recorded.1;
-    samples(recorded, now, tolerance, of, |at| {
+    samples(recorded, now, tolerance, number, |at| {
         let (x, y) = (at % u64::from(width), at / u64::from(width));
         Place::Pixel(x as u32, y as u32)
     })
@@ -208,7 +201,7 @@ fn samples<T>(
     (recorded, was): Sized<'_, T>,
     (now, is): Sized<'_, T>,
     tolerance: f64,
-    of: impl Fn(&T) -> Option<f64>,
+    number: impl Fn(&T) -> Option<f64>,
     place: impl Fn(u64) -> Place,
 ) -> ValueDifference {
     if was != is || recorded.len() != now.len() {
@@ -217,7 +210,7 @@ fn samples<T>(
     }
     let mut difference = ValueDifference::default();
     for (at, (a, b)) in recorded.iter().zip(now).enumerate() {
-        difference.take(of(a), of(b), tolerance, || place(at as u64));
+        difference.take(number(a), number(b), tolerance, || place(at as u64));
     }
     difference
 }
@@ -225,10 +218,10 @@ fn samples<T>(
 /// Compares the pixels only: the file of an image is not recomputed.
 fn images(recorded: &Image, now: &Image, tolerance: f64) -> ValueDifference {
     let (was, is) = (recorded.dimensions(), now.dimensions());
-    let of = |value: &u8| Some(f64::from(*value));
+    let number = |value: &u8| Some(f64::from(*value));
     match (recorded.pixels(), now.pixels()) {
-        (Pixels::Grey(a), Pixels::Grey(b)) => pixels((a.as_raw(), was), (b.as_raw(), is), tolerance, of),
-        (Pixels::Rgb(a), Pixels::Rgb(b)) => samples((a.as_raw(), was), (b.as_raw(), is), tolerance, of, |at| {
+        (Pixels::Grey(a), Pixels::Grey(b)) => pixels((a.as_raw(), was), (b.as_raw(), is), tolerance, number),
+        (Pixels::Rgb(a), Pixels::Rgb(b)) => samples((a.as_raw(), was), (b.as_raw(), is), tolerance, number, |at| {
             let (pixel, width) = (at / 3, u64::from(was.0));
             Place::Channel((pixel % width) as u32, (pixel / width) as u32, (at % 3) as u8)
         }),
@@ -240,16 +233,15 @@ fn images(recorded: &Image, now: &Image, tolerance: f64) -> ValueDifference {
 type Named = Vec<(String, Option<f64>)>;
 
 fn named(recorded: Named, now: Named, tolerance: f64) -> ValueDifference {
-    let names = |of: &Named| of.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
+    let names = |numbers: &Named| numbers.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
     let (was, is) = (names(&recorded), names(&now));
     if was != is {
-        // The first name that only one of them has says it.
-        let only = |of: &[String], others: &[String]| of.iter().find(|name| !others.contains(name)).cloned();
-        let told = |only: Option<String>, of: &[String]| match only {
-            Some(name) => format!("{name} among {} numbers", of.len()),
-            None => format!("{} numbers", of.len()),
+        // Named by the first name that only one of them has.
+        let text = |names: &[String], others: &[String]| match names.iter().find(|name| !others.contains(name)) {
+            Some(name) => format!("{name} among {} numbers", names.len()),
+            None => format!("{} numbers", names.len()),
         };
-        return ValueDifference::whole(told(only(&was, &is), &was), told(only(&is, &was), &is));
+        return ValueDifference::whole(text(&was, &is), text(&is, &was));
     }
     let mut difference = ValueDifference::default();
     for ((name, a), (_, b)) in recorded.into_iter().zip(now) {
@@ -258,8 +250,8 @@ fn named(recorded: Named, now: Named, tolerance: f64) -> ValueDifference {
     difference
 }
 
-fn coefficients(of: &Calibration) -> Named {
-    let Calibration { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px } = of;
+fn coefficients(calibration: &Calibration) -> Named {
+    let Calibration { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px } = calibration;
     let numbers = [
         ("width", f64::from(*width)),
         ("height", f64::from(*height)),
@@ -272,8 +264,8 @@ fn coefficients(of: &Calibration) -> Named {
     numbers.map(|(name, number)| (name.to_owned(), Some(number))).into()
 }
 
-fn scores(of: &Value) -> Named {
-    let Value::Scores(rows) = of else { return Named::new() };
+fn scores(value: &Value) -> Named {
+    let Value::Scores(rows) = value else { return Named::new() };
     let numbers = rows.iter().flat_map(|row| {
         let pixels = if row.zone.is_empty() { row.set.to_string() } else { format!("{} {}", row.zone, row.set) };
         let counts = [("pixels", row.pixels), ("truth", row.truth), ("answered", row.answered)];
@@ -285,9 +277,9 @@ fn scores(of: &Value) -> Named {
     numbers.collect()
 }
 
-fn points(of: &Curve) -> Named {
+fn points(curve: &Curve) -> Named {
     let number = |number: f64| (!number.is_nan()).then_some(number);
-    let numbers = of.points.iter().flat_map(|point| {
+    let numbers = curve.points.iter().flat_map(|point| {
         let numbers = [
             ("loss", number(point.loss)),
             ("validation", point.validation.and_then(number)),

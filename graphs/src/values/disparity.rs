@@ -13,7 +13,6 @@ pub struct Disparity {
 
 impl Disparity {
     /// The value of invalid pixels.
-    #[must_use]
     pub const fn invalid(&self) -> i32 {
         (self.min_disparity_px - 1) * 16
     }

@@ -15,13 +15,11 @@ pub struct FloatDisparity {
 
 impl FloatDisparity {
     /// Pixels, row-major; NaN = invalid.
-    #[must_use]
     pub const fn px(&self) -> &Raster<f32> {
         &self.px
     }
 
     /// The map rounded to sixteenths of a pixel; what 16 bits cannot hold is invalid.
-    #[must_use]
     pub const fn fixed(&self) -> &Arc<Disparity> {
         &self.fixed
     }

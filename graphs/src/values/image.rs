@@ -52,31 +52,26 @@ pub struct Image {
 
 impl Image {
     /// An image made in memory.
-    #[must_use]
     pub const fn new(pixels: Pixels) -> Self {
         Self { pixels, encoded: None, grey: OnceLock::new() }
     }
 
     /// An image with the bytes of its file, which a recording keeps unchanged.
-    #[must_use]
     pub const fn with_encoded(pixels: Pixels, encoded: Encoded) -> Self {
         Self { pixels, encoded: Some(encoded), grey: OnceLock::new() }
     }
 
     /// The pixels.
-    #[must_use]
     pub const fn pixels(&self) -> &Pixels {
         &self.pixels
     }
 
     /// The file's bytes, if it came from one.
-    #[must_use]
     pub const fn encoded(&self) -> Option<&Encoded> {
         self.encoded.as_ref()
     }
 
     /// Columns and rows.
-    #[must_use]
     pub fn dimensions(&self) -> (u32, u32) {
         match &self.pixels {
             Pixels::Grey(grey) => grey.dimensions(),

@@ -17,7 +17,6 @@ impl Value {
     ///
     /// # Panics
     /// Never: there are as many samples as before.
-    #[must_use]
     pub fn disparity_from_px(mut px: Raster<f32>) -> Self {
         px.iter_mut().filter(|px| !px.is_finite()).for_each(|px| *px = f32::NAN);
         // NaN is never the smaller one.
@@ -42,7 +41,6 @@ impl Value {
     ///
     /// # Panics
     /// Never: there are as many samples as before.
-    #[must_use]
     pub fn disparity_px(&self) -> Option<Raster<f32>> {
         match self {
             Self::FloatDisparity(map) => Some(map.px.clone()),
@@ -60,7 +58,6 @@ impl Value {
     ///
     /// # Panics
     /// If the two have different sizes.
-    #[must_use]
     pub fn depth_from_inverse(depth: Depth, inverse: &[f32]) -> Self {
         let (width, height) = depth.metres.dimensions();
         let hidden = depth.metres.iter().zip(inverse).map(|(&metres, &inverse)| {
@@ -72,7 +69,6 @@ impl Value {
     }
 
     /// Depth with the inverse depth that metres cannot represent.
-    #[must_use]
     pub fn depth_with_hidden_inverse(depth: Depth, inverse: Raster<f32>) -> Self {
         if inverse.iter().all(|value| value.is_nan()) {
             return depth.into();
@@ -81,7 +77,6 @@ impl Value {
     }
 
     /// A depth map as it is scored; `None` for other values.
-    #[must_use]
     pub fn depth_estimate(&self) -> Option<DepthEstimate<'_>> {
         match self {
             Self::Depth(depth) => Some(depth.metres.as_raw().into()),
@@ -93,7 +88,6 @@ impl Value {
     }
 
     /// The metres of a depth map; `None` for other values.
-    #[must_use]
     pub fn metres(&self) -> Option<&Raster<f32>> {
         match self {
             Self::Depth(depth) => Some(&depth.metres),

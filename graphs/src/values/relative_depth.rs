@@ -17,13 +17,11 @@ pub struct RelativeDepth {
 
 impl RelativeDepth {
     /// Metres.
-    #[must_use]
     pub const fn depth(&self) -> &Arc<Depth> {
         &self.depth
     }
 
     /// Inverse depth, 1/m, where it is not the inverse of the metres; NaN elsewhere.
-    #[must_use]
     pub const fn inverse(&self) -> &Raster<f32> {
         &self.inverse
     }

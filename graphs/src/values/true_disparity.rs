@@ -16,7 +16,6 @@ impl TrueDisparity {
     ///
     /// # Panics
     /// Never: there are as many samples as before.
-    #[must_use]
     pub fn from_px_256(px_256: &Raster<u16>) -> Self {
         let px = |&fixed: &u16| if fixed > 0 { f32::from(fixed) / 256.0 } else { f32::NAN };
         let (width, height) = px_256.dimensions();
@@ -25,14 +24,13 @@ impl TrueDisparity {
     }
 
     /// Whether KITTI's fixed point (whole 256ths of a pixel, above 0, in 16 bits) represents all of them exactly.
-    #[must_use]
     pub fn is_px_256(&self) -> bool {
-        // Block by block, so that what does not fit is seen early; without a branch inside, so that a block takes wide instructions.
+        // Block by block, to stop early; without branches within a block (SIMD).
         self.px.chunks(BLOCK).all(|block| {
             let mut wrong = 0;
             for &px in block {
                 let (exact, whole) = (px * 256.0, f32::from_bits(shifted(px)) - WHOLE);
-                // Of NaN no comparison holds.
+                // NaN compares false.
                 let is_between = u32::from(whole > exact) | u32::from(whole < exact);
                 wrong |= is_between | u32::from(exact < 1.0) | u32::from(exact > f32::from(u16::MAX));
             }
@@ -41,7 +39,6 @@ impl TrueDisparity {
     }
 
     /// A disparity in KITTI's fixed point, 1/256 px, 0 = unknown.
-    #[must_use]
     pub const fn to_px_256(px: f32) -> u16 {
         if px.is_nan() { 0 } else { shifted(px) as u16 }
     }
@@ -50,7 +47,6 @@ impl TrueDisparity {
     ///
     /// # Panics
     /// Never: there are as many samples as before.
-    #[must_use]
     pub fn px_256(&self) -> Option<Raster<u16>> {
         let (width, height) = self.px.dimensions();
         let fixed = || self.px.iter().map(|px| Self::to_px_256(*px)).collect();

@@ -18,7 +18,7 @@ impl Value {
             Self::TrueDisparity(disparity) => disparity.validate(),
             Self::Calibration(calibration) => calibration.validate(),
             Self::Curve(curve) => curve.validate(),
-            // Every byte is a valid sample of an image or a mask. Artefacts are checked by those who read them.
+            // Every byte is a valid sample of an image or a mask. Nodes check the artifacts that they read.
             Self::Image(_) | Self::Mask(_) | Self::Scores(_) | Self::Samples(_) | Self::Model(_) => Ok(()),
         }
     }
@@ -26,10 +26,7 @@ impl Value {
 
 impl Depth {
     /// Depths are finite and greater than 0, or NaN.
-    ///
-    /// # Errors
-    /// The first pixel that is not.
-    pub fn validate(&self) -> Result<(), String> {
+    fn validate(&self) -> Result<(), String> {
         let is_invalid = |metres: f32| metres <= 0.0 || metres == f32::INFINITY;
         check_samples(
             &self.metres,
@@ -42,10 +39,7 @@ impl Depth {
 
 impl Weight {
     /// Weights lie in [0, 1]; none is missing.
-    ///
-    /// # Errors
-    /// The first pixel that does not.
-    pub fn validate(&self) -> Result<(), String> {
+    fn validate(&self) -> Result<(), String> {
         let is_invalid = |share: f32| !(0.0..=1.0).contains(&share);
         check_samples(&self.share, "", is_invalid, "a weight must be in [0, 1]; 0 stands for no confidence")
     }
@@ -62,11 +56,8 @@ impl TrueDisparity {
 }
 
 impl Disparity {
-    /// The value for "nothing found" fits into 16 bits, and nothing lies between it and the smallest disparity.
-    ///
-    /// # Errors
-    /// What is wrong.
-    pub fn validate(&self) -> Result<(), String> {
+    /// The invalid value fits 16 bits, and no value is between it and the smallest disparity.
+    fn validate(&self) -> Result<(), String> {
         let missing = i16::try_from(self.invalid());
         let missing = missing
             .map_err(|_| format!("min_disparity is {} px, which must be in [-2047, 2047]", self.min_disparity_px))?;
@@ -80,10 +71,7 @@ impl Disparity {
 
 impl Calibration {
     /// All numbers are finite; image size, focal length and baseline are greater than 0.
-    ///
-    /// # Errors
-    /// The first number that is not.
-    pub fn validate(&self) -> Result<(), String> {
+    fn validate(&self) -> Result<(), String> {
         if self.width == 0 || self.height == 0 {
             return Err(format!("its image size is {}x{}; both must be greater than 0", self.width, self.height));
         }
@@ -106,10 +94,7 @@ impl Calibration {
 
 impl Curve {
     /// Steps ascend.
-    ///
-    /// # Errors
-    /// The first two that do not.
-    pub fn validate(&self) -> Result<(), String> {
+    fn validate(&self) -> Result<(), String> {
         match self.points.windows(2).find(|pair| pair[0].step >= pair[1].step) {
             Some(pair) => Err(format!("step {} comes after step {}; steps must ascend", pair[1].step, pair[0].step)),
             None => Ok(()),

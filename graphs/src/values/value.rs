@@ -59,7 +59,6 @@ impl ValueType {
     }
 
     /// The type of that name.
-    #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|value_type| value_type.name() == name)
     }
@@ -122,26 +121,14 @@ pub enum Value {
 
 impl Value {
     /// The artefact, if it is one.
-    #[must_use]
     pub const fn artifact(&self) -> Option<&Arc<Artifact>> {
         match self {
             Self::Samples(artifact) | Self::Model(artifact) => Some(artifact),
-            Self::Image(_)
-            | Self::Disparity(_)
-            | Self::FloatDisparity(_)
-            | Self::TrueDisparity(_)
-            | Self::Depth(_)
-            | Self::RelativeDepth(_)
-            | Self::Weight(_)
-            | Self::Mask(_)
-            | Self::Calibration(_)
-            | Self::Scores(_)
-            | Self::Curve(_) => None,
+            _ => None,
         }
     }
 
     /// Columns and rows of an image or a map; `None` for other values.
-    #[must_use]
     pub fn dimensions(&self) -> Option<(u32, u32)> {
         Some(match self {
             Self::Image(image) => image.dimensions(),
@@ -157,7 +144,6 @@ impl Value {
     }
 
     /// The type of this value.
-    #[must_use]
     pub const fn value_type(&self) -> ValueType {
         match self {
             Self::Image(_) => ValueType::Image,

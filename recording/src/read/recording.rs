@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::{Failure, Slot, SlotKey, Warned};
+use depthloom_graphs::contracts::{Failure, NodeWarning, Slot, SlotKey};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId};
 use prost::Message;
 
@@ -38,7 +38,7 @@ pub struct RecordedFrame {
     /// What failed on it.
     pub failures: Vec<Failure>,
     /// What was told of on it without failing.
-    pub warnings: Vec<Warned>,
+    pub warnings: Vec<NodeWarning>,
     /// The outputs that gave nothing although their source or node fired; `None` if the recording does not say it.
     pub absent: Option<Vec<Slot>>,
     pub(crate) chunks: Range<usize>,

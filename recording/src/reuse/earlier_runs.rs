@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-use depthloom_graphs::contracts::{Fault, Held, Holding, Store};
+use depthloom_graphs::contracts::{Fault, Store, StoredPort, StoredState};
 use depthloom_graphs::plan::{FrameIndex, Plan, RunId};
 use depthloom_graphs::{Key, Value};
 use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, op};
@@ -121,7 +121,7 @@ impl EarlierRuns {
     pub(crate) fn locate(&self, key: &Key, port: &str) -> Option<(&EarlierRun, KeyedPlace)> {
         let has = |(run, place): &(&EarlierRun, KeyedPlace)| {
             let held = run.recording.held_at(*place);
-            held.iter().any(|held| held.port == port && held.is == Holding::There)
+            held.iter().any(|held| held.port == port && held.state == StoredState::Stored)
         };
         self.located(key).find(has)
     }
@@ -201,11 +201,11 @@ impl Recording {
 }
 
 impl Store for EarlierRuns {
-    fn find(&self, key: &Key) -> Option<Vec<Held>> {
+    fn find(&self, key: &Key) -> Option<Vec<StoredPort>> {
         let mut located = self.located(key);
         let (run, place) = located.next()?;
         let mut held = run.recording.held_at(place);
-        let is_whole = |held: &[Held]| held.iter().all(|held| held.is != Holding::NotKept);
+        let is_whole = |held: &[StoredPort]| held.iter().all(|held| held.state != StoredState::NotKept);
         // What one did not keep another may have.
         for (run, place) in located {
             if is_whole(&held) {
@@ -213,7 +213,7 @@ impl Store for EarlierRuns {
             }
             for other in run.recording.held_at(place) {
                 match held.iter_mut().find(|held| held.port == other.port) {
-                    Some(held) => held.is = held.is.max(other.is),
+                    Some(held) => held.state = held.state.max(other.state),
                     None => held.push(other),
                 }
             }
@@ -235,7 +235,7 @@ impl Store for EarlierRuns {
             // It is known to be nothing, or not known.
             let held = self.find(key).and_then(|held| held.into_iter().find(|held| held.port == port));
             return match held {
-                Some(Held { is: Holding::Nothing, .. }) => Ok(None),
+                Some(StoredPort { state: StoredState::Absent, .. }) => Ok(None),
                 _ => Err(unknown(key)),
             };
         };

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Fault, Held, Holding, Slot, Store};
+use depthloom_graphs::contracts::{Fault, Slot, Store, StoredPort, StoredState};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId};
 use depthloom_graphs::values::Artifact;
 use depthloom_graphs::{Key, Value, ValueType};
@@ -65,7 +65,7 @@ impl Recording {
     }
 
     /// What the recording has of a place, by output port: all ports of a node share its key. See [`Store::find`].
-    pub(crate) fn held_at(&self, place: KeyedPlace) -> Vec<Held> {
+    pub(crate) fn held_at(&self, place: KeyedPlace) -> Vec<StoredPort> {
         match place.values {
             StoredValues::Once { run, node } => self.held_once(run, node),
             StoredValues::Frame { run, position, node } => {
@@ -75,13 +75,13 @@ impl Recording {
                 let gave = |port: PortId| frame.absent.as_ref().map(|absent| !absent.contains(&slot(port)));
                 let of_frames = PortId::enumerate(self.outputs_of(run, node)).filter(|(_, output)| !output.once);
                 let held = of_frames.filter_map(|(port, output)| {
-                    let is = match (self.keeps(output, position), gave(port)) {
-                        (true, _) if is_there(output) => Holding::There,
-                        (true, _) | (false, Some(false)) => Holding::Nothing,
-                        (false, Some(true)) => Holding::NotKept,
+                    let state = match (self.keeps(output, position), gave(port)) {
+                        (true, _) if is_there(output) => StoredState::Stored,
+                        (true, _) | (false, Some(false)) => StoredState::Absent,
+                        (false, Some(true)) => StoredState::NotKept,
                         (false, None) => return None,
                     };
-                    Some(Held { port: output.port.clone(), is })
+                    Some(StoredPort { port: output.port.clone(), state })
                 });
                 held.collect()
             }
@@ -114,7 +114,7 @@ impl Recording {
             }
             StoredValues::Once { run, node } => {
                 let held = self.held_once(run, node).into_iter().find(|held| held.port == port).ok_or_else(missing)?;
-                if held.is == Holding::Nothing {
+                if held.state == StoredState::Absent {
                     return Ok(None);
                 }
                 let of_port = |once: &&RecordedOnce| {
@@ -147,14 +147,14 @@ impl Recording {
         }
     }
 
-    fn held_once(&self, run: RunId, node: NodeId) -> Vec<Held> {
+    fn held_once(&self, run: RunId, node: NodeId) -> Vec<StoredPort> {
         let mut held = Vec::new();
         for (port, output) in PortId::enumerate(self.outputs_of(run, Some(node))) {
             let is_there = self.once_values().iter().any(|once| (once.run, once.node, once.port) == (run, node, port));
             // Of a node's once-values each has a record of its own: one that is not there may have been cut off.
             if output.recorded && output.once && (is_there || *self.condition() == Condition::Whole) {
-                let is = if is_there { Holding::There } else { Holding::Nothing };
-                held.push(Held { port: output.port.clone(), is });
+                let state = if is_there { StoredState::Stored } else { StoredState::Absent };
+                held.push(StoredPort { port: output.port.clone(), state });
             }
         }
         held
@@ -209,7 +209,7 @@ impl Recording {
 }
 
 impl Store for Recording {
-    fn find(&self, key: &Key) -> Option<Vec<Held>> {
+    fn find(&self, key: &Key) -> Option<Vec<StoredPort>> {
         self.place_of(key).map(|place| self.held_at(place))
     }
 

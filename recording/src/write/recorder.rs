@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, Slot, Store, StoredValue, Tap, Warned, stored_values};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Slot, Store, StoredValue, Tap, stored_values};
 use depthloom_graphs::plan::{FrameIndex, NodeRef, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Frame, Key, Value};
@@ -70,7 +70,7 @@ pub struct Recorder {
     written: Vec<usize>,
     once: BTreeMap<(NodeRef, PortId), Key>,
     /// And what it told of, by stage run and frame.
-    told: Vec<Vec<Vec<Warned>>>,
+    told: Vec<Vec<Vec<NodeWarning>>>,
 }
 
 struct State {
@@ -341,7 +341,7 @@ impl Tap for Recorder {
         self.written[run]
     }
 
-    fn told(&self, run: RunId) -> Vec<Vec<Warned>> {
+    fn recorded_warnings(&self, run: RunId) -> Vec<Vec<NodeWarning>> {
         self.told.get(run.0).cloned().unwrap_or_default()
     }
 
@@ -387,7 +387,14 @@ impl Tap for Recorder {
         Ok(())
     }
 
-    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, warnings: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(
+        &self,
+        run: RunId,
+        slot: Slot,
+        key: &Key,
+        value: &Value,
+        warnings: &[NodeWarning],
+    ) -> Result<(), ErrorMessage> {
         let Slot::Node { node, port } = slot else {
             return Err(ErrorMessage::new("a source has no once-values"));
         };

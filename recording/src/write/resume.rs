@@ -7,7 +7,7 @@ use std::path::Path;
 use crc32fast::Hasher;
 use depthloom_codecs::schema::Schema;
 use depthloom_graphs::Frame;
-use depthloom_graphs::contracts::Warned;
+use depthloom_graphs::contracts::NodeWarning;
 use depthloom_graphs::plan::{FrameIndex, NodeRef, Plan, PortId, RunId};
 use depthloom_mcap::records::{Channel, MessageIndex, MessageIndexEntry, Metadata, MetadataIndex, SchemaHeader};
 use depthloom_mcap::{MAGIC_LENGTH, PositionedFile, RecordPlace, Window, op, put, read, read_all};
@@ -181,7 +181,7 @@ pub(crate) struct Resumed {
     /// The time of each stage run's first frame.
     pub(crate) first_ns: Vec<Option<u64>>,
     /// What was told of on the frames it holds, by stage run and frame.
-    pub(crate) told: Vec<Vec<Vec<Warned>>>,
+    pub(crate) told: Vec<Vec<Vec<NodeWarning>>>,
 }
 
 /// Cuts off what was not committed, and goes on behind it. `None` if nothing was committed.

@@ -4,7 +4,7 @@ use crate::digest::digest;
 use crate::fixture::{
     BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
 };
-use depthloom_graphs::contracts::{Failure, Holding, Slot, Store, Tap};
+use depthloom_graphs::contracts::{Failure, Slot, Store, StoredState, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
@@ -57,7 +57,8 @@ fn assert_same(recorded: &Value, read: &Value) {
 
 /// The ports that a recording knows under a key, with their values; without those whose values were not recorded.
 fn stored(recording: &Recording, key: &Key) -> Vec<(String, Option<Value>)> {
-    let known = recording.find(key).expect("the key is known").into_iter().filter(|held| held.is != Holding::NotKept);
+    let known =
+        recording.find(key).expect("the key is known").into_iter().filter(|held| held.state != StoredState::NotKept);
     known.map(|held| (held.port.clone(), recording.value(key, &held.port).expect("it is readable"))).collect()
 }
 

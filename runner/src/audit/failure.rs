@@ -33,7 +33,6 @@ pub enum Cause {
 
 impl AuditFailure {
     /// How to proceed.
-    #[must_use]
     pub fn remedy(&self) -> String {
         let cause = match self.cause {
             Cause::NotDeterministic => {

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::ops::ControlFlow;
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Store, Tap, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Store, Tap};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Origin, PartId, Plan, PlannedOutput, RunId};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Frame, Host, Key, Rate, Source, Value, ValueType, value_keys};
@@ -55,7 +55,7 @@ impl Tap for Preview<'_> {
         Ok(())
     }
 
-    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, _: RunId, _: Slot, _: &Key, _: &Value, _: &[NodeWarning]) -> Result<(), ErrorMessage> {
         Ok(())
     }
 

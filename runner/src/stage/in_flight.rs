@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-use depthloom_graphs::contracts::{ErrorMessage, Warned};
+use depthloom_graphs::contracts::{ErrorMessage, NodeWarning};
 use depthloom_graphs::plan::{FrameIndex, PartId};
 use depthloom_graphs::{Fault, Key, Value};
 use depthloom_threads::locked;
@@ -68,7 +68,7 @@ pub(crate) struct InFlight<P> {
     faults: Mutex<Vec<(StepId, Fault)>>,
     tap_errors: Mutex<Vec<(PartId, ErrorMessage)>>,
     audit_failure: Mutex<Option<Box<AuditFailure>>>,
-    warnings: Mutex<Vec<Warned>>,
+    warnings: Mutex<Vec<NodeWarning>>,
 }
 
 impl<P> InFlight<P> {
@@ -160,12 +160,12 @@ impl<P> InFlight<P> {
         absent
     }
 
-    pub(crate) fn add_warnings(&self, warnings: impl Iterator<Item = Warned>) {
+    pub(crate) fn add_warnings(&self, warnings: impl Iterator<Item = NodeWarning>) {
         locked(&self.warnings).extend(warnings);
     }
 
     /// In the order of the nodes.
-    pub(crate) fn take_warnings(&self) -> Vec<Warned> {
+    pub(crate) fn take_warnings(&self) -> Vec<NodeWarning> {
         let mut warnings = std::mem::take(&mut *locked(&self.warnings));
         warnings.sort();
         warnings

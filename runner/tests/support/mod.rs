@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Slot, Tap, Warned};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Tap};
 use depthloom_graphs::plan::{
     FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, PortId, Record,
     RunId, StageRun, VariantId,
@@ -369,7 +369,7 @@ impl Tap for Notebook {
         Ok(())
     }
 
-    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, _: &[Warned]) -> Result<(), ErrorMessage> {
+    fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, _: &[NodeWarning]) -> Result<(), ErrorMessage> {
         self.lines
             .lock()
             .expect("nobody panics with the lock")

@@ -41,6 +41,12 @@ struct Listed {
     place: Place,
 }
 
+/// A variant that a matrix multiplies.
+struct Base<'a> {
+    changes: &'a [Change],
+    parameters: &'a Parameters<'a>,
+}
+
 type Combined = (String, Vec<Factor>, Vec<Change>);
 
 pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> Vec<Matrix> {
@@ -82,7 +88,8 @@ pub(crate) fn combined(
         let mut found = vec![false; matrix.excluded.len()];
         let mut nowhere: Vec<&Axis> = matrix.axes.iter().filter(|axis| !axis.when.is_empty()).collect();
         for (variant, combinations) in declared.iter().zip(&mut combinations) {
-            let own = matrix.combinations(&variant.changes, &mut found, parameters, report);
+            let base = Base { changes: &variant.changes, parameters };
+            let own = matrix.combinations(&base, &mut found, report);
             nowhere.retain(|axis| !own.iter().flatten().any(|level| level.axis == axis.key));
             combinations.extend(own);
             if combinations.len() > MOST {
@@ -209,20 +216,20 @@ impl Matrix {
         };
         let mut listed = Vec::with_capacity(items.len());
         for item in items {
-            let Some(asked) = changes(item, &format!("`{key}`"), report) else { continue };
-            let parts: Option<Combination> = asked.iter().map(|change| self.part(change, report)).collect();
+            let Some(changes) = changes(item, &format!("`{key}`"), report) else { continue };
+            let parts: Option<Combination> = changes.iter().map(|change| self.part(change, report)).collect();
             listed.extend(parts.map(|parts| Listed { parts, place: item.place.clone() }));
         }
         listed
     }
 
-    fn part(&self, asked: &Change, report: &mut Report) -> Option<Part> {
-        let (key, text) = (&asked.path, value_text(&asked.value));
+    fn part(&self, change: &Change, report: &mut Report) -> Option<Part> {
+        let (key, text) = (&change.path, value_text(&change.value));
         if key.contains('.') {
-            return Some(Arc::new(Level { axis: key.clone(), text, changes: vec![asked.clone()] }));
+            return Some(Arc::new(Level { axis: key.clone(), text, changes: vec![change.clone()] }));
         }
         let Some(axis) = self.axes.iter().find(|axis| axis.key == *key) else {
-            let error = Diagnostic::error(&asked.place, format!("there is no axis `{key}`")).label("names nothing");
+            let error = Diagnostic::error(&change.place, format!("there is no axis `{key}`")).label("names nothing");
             report.push(error.maybe_help(names::suggestion(key, "its axes", &self.keys())));
             return None;
         };
@@ -230,23 +237,17 @@ impl Matrix {
             return Some(Arc::clone(level));
         }
         if axis.paths.is_empty() {
-            report.push(axis.no_value(&text, &asked.value.place));
+            report.push(axis.no_value(&text, &change.value.place));
             return None;
         }
-        Some(Arc::new(axis.level(text, &asked.value)))
+        Some(Arc::new(axis.level(text, &change.value)))
     }
 
     /// `found` marks the entries of `exclude` that matched.
-    fn combinations(
-        &self,
-        of_variant: &[Change],
-        found: &mut [bool],
-        parameters: &Parameters<'_>,
-        report: &mut Report,
-    ) -> Vec<Combination> {
+    fn combinations(&self, base: &Base<'_>, found: &mut [bool], report: &mut Report) -> Vec<Combination> {
         let mut combinations = match &self.sample {
-            Some(sample) => self.drawn(sample, of_variant, parameters, report),
-            None => self.product(&self.axes, of_variant, parameters, report),
+            Some(sample) => self.drawn(sample, base, report),
+            None => self.product(&self.axes, base, report),
         };
         for (excluded, found) in self.excluded.iter().zip(found) {
             let before = combinations.len();
@@ -270,19 +271,13 @@ impl Matrix {
         combinations
     }
 
-    fn product(
-        &self,
-        axes: &[Axis],
-        of_variant: &[Change],
-        parameters: &Parameters<'_>,
-        report: &mut Report,
-    ) -> Vec<Combination> {
+    fn product(&self, axes: &[Axis], base: &Base<'_>, report: &mut Report) -> Vec<Combination> {
         let mut combinations: Vec<Combination> = if axes.is_empty() { Vec::new() } else { vec![Vec::new()] };
         for axis in axes {
             let Values::Listed(levels) = &axis.values else { continue };
             let mut longer = Vec::with_capacity(combinations.len());
             for combination in combinations {
-                if !self.is_there(axis, &combination, of_variant, parameters, report) {
+                if !self.is_there(axis, &combination, base, report) {
                     longer.push(combination);
                     continue;
                 }
@@ -299,34 +294,28 @@ impl Matrix {
     }
 
     /// How many combinations there are; `None` if there are too many to count.
-    fn different(&self, of_variant: &[Change], parameters: &Parameters<'_>, report: &mut Report) -> Option<usize> {
+    fn different(&self, base: &Base<'_>, report: &mut Report) -> Option<usize> {
         let listed: Vec<Axis> = self.axes.iter().map(Axis::listed).collect::<Option<_>>()?;
         let count = listed.iter().fold(1_usize, |count, axis| count.saturating_mul(axis.len()));
-        (count <= MOST).then(|| self.product(&listed, of_variant, parameters, report).len())
+        (count <= MOST).then(|| self.product(&listed, base, report).len())
     }
 
-    fn drawn(
-        &self,
-        sample: &Sample,
-        of_variant: &[Change],
-        parameters: &Parameters<'_>,
-        report: &mut Report,
-    ) -> Vec<Combination> {
+    fn drawn(&self, sample: &Sample, base: &Base<'_>, report: &mut Report) -> Vec<Combination> {
         // Of few combinations the same are drawn again and again.
         let draws = match sample.method {
             Method::LatinHypercube => sample.count,
             Method::Random => sample.count.saturating_mul(100),
         };
         let mut shares: Vec<_> = (0..self.axes.len()).map(|axis| sample.shares(axis)).collect();
-        let most = self.different(of_variant, parameters, report).map_or(sample.count, |all| all.min(sample.count));
+        let most = self.different(base, report).map_or(sample.count, |all| all.min(sample.count));
         let mut seen = HashSet::new();
         let mut combinations = Vec::with_capacity(sample.count);
         for _ in 0..draws {
             let mut combination = Combination::new();
             for (axis, shares) in self.axes.iter().zip(&mut shares) {
-                // Drawn whether it is there or not: so what is drawn for other axes does not hang on it.
+                // Always drawn, so that the draws of other axes do not depend on it.
                 let share = shares.next();
-                if !self.is_there(axis, &combination, of_variant, parameters, report) {
+                if !self.is_there(axis, &combination, base, report) {
                     continue;
                 }
                 combination.push(match &axis.values {
@@ -348,9 +337,11 @@ impl Matrix {
         }
         if combinations.len() < sample.count && !self.axes.is_empty() {
             let what = format!("the sample of {} holds {} different combinations", sample.count, combinations.len());
-            report.push(Diagnostic::warning(&sample.place, what).label("fewer than asked for").help(
-                "its axes have few values: a smaller `count` says so, and without `sample` all combinations are taken",
-            ));
+            report.push(
+                Diagnostic::warning(&sample.place, what)
+                    .label("fewer than requested")
+                    .help("its axes have few values: reduce `count`; without `sample` all combinations are taken"),
+            );
         }
         combinations
     }

@@ -229,7 +229,7 @@ fn checked(
         match (kind.resolve)(&json) {
             Ok(resolved) => return sound.then_some(resolved),
             Err(error) => {
-                // What does not fit only because something was taken out (a missing field, a default that clashes, a map that lacks it) has been reported.
+                // An error that is due to a removed parameter (a missing field, a conflicting default) was reported before.
                 let is_above_taken =
                     !error.path.is_empty() && taken_out.iter().any(|taken| taken.starts_with(&error.path));
                 if is_above_taken || !sound && error.what.starts_with("missing field") {
@@ -240,7 +240,7 @@ fn checked(
                 let place = place.or_else(|| named(with, &error.what).next());
                 let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
                 let what = match error.path.last() {
-                    // Many say by themselves of which parameter they speak.
+                    // Many messages name their parameter.
                     Some(name) if !error.what.contains(name) => {
                         format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.kind)
                     }

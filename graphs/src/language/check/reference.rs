@@ -18,15 +18,15 @@ impl Reference {
             return Err(format!("`{text}` does not say which output: a reference is `node/output`"));
         };
         if text[slash + 1..].contains('/') || text.contains(char::is_whitespace) {
-            return Err(format!("`{text}` is no reference"));
+            return Err(format!("`{text}` is not a reference"));
         }
         let dot = text[..slash].find('.');
         let node = dot.map_or(0, |dot| dot + 1);
         if text[node..slash].contains('.') {
-            return Err(format!("`{text}` is no reference: at most one `.`, between stage and node"));
+            return Err(format!("`{text}` is not a reference: at most one `.`, between stage and node"));
         }
         if node == slash || slash + 1 == text.len() || dot == Some(0) {
-            return Err(format!("`{text}` is no reference: a name is missing"));
+            return Err(format!("`{text}` is not a reference: a name is missing"));
         }
         Ok(Self { stage: dot.map(|dot| word(0, dot)), node: word(node, slash), output: word(slash + 1, text.len()) })
     }

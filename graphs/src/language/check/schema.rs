@@ -15,7 +15,6 @@ const NAME: &str = r"^[^\s./+]+$";
 const PATH: &str = r"^[^.]+(\.[^.]+)+$";
 
 /// The schema, draft 2020-12.
-#[must_use]
 pub fn schema(registry: &Registry) -> Json {
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -111,31 +110,35 @@ fn range() -> Json {
     })
 }
 
+/// An object with the entries of another.
+fn extended(mut base: Json, more: Json) -> Json {
+    if let (Json::Object(base), Json::Object(more)) = (&mut base, more) {
+        base.extend(more);
+    }
+    base
+}
+
 fn matrix() -> Json {
     let values = json!({ "type": "array", "minItems": 1 });
-    let mut axis = range();
-    if let Some(properties) = axis.as_object_mut() {
-        let path = json!({ "type": "string", "pattern": PATH });
-        properties.insert(
-            "set".to_owned(),
-            json!({
+    let path = json!({ "type": "string", "pattern": PATH });
+    let axis = extended(
+        range(),
+        json!({
+            "set": {
                 "description": "The paths that take the value, all of them the same.",
                 "anyOf": [path, { "type": "array", "minItems": 1, "items": path }],
-            }),
-        );
-        properties.insert(
-            "values".to_owned(),
-            json!({
+            },
+            "values": {
                 "description": "A list, a range, or a map from names to changes (with `set`, to values).",
                 "anyOf": [values, { "$ref": "#/$defs/range" }, { "type": "object", "minProperties": 1 }],
-            }),
-        );
-        properties.insert("when".to_owned(), json!({
-            "type": "object",
-            "minProperties": 1,
-            "description": "Where the axis is there: paths or axes above it, each with its value or a list of such.",
-        }));
-    }
+            },
+            "when": {
+                "type": "object",
+                "minProperties": 1,
+                "description": "Where the axis is there: paths or axes above it, each with its value or a list of such.",
+            },
+        }),
+    );
     json!({
         "type": "object",
         "properties": {
@@ -172,9 +175,7 @@ fn source(registry: &Registry) -> Json {
         "items": { "$ref": "#/$defs/source" },
         "description": "Several sources, one after the other.",
     });
-    if let Some(properties) = source.get_mut("properties").and_then(Json::as_object_mut) {
-        properties.insert("join".to_owned(), join);
-    }
+    source["properties"]["join"] = join;
     source
 }
 
@@ -191,11 +192,8 @@ fn instance(kinds: Vec<KindInfo<'_>>, what: &str) -> Json {
         },
         "with": { "type": ["object", "null"], "description": "Parameters." },
     });
-    if is_node && let Some(properties) = properties.as_object_mut() {
-        properties.insert(
-            "inputs".to_owned(),
-            json!({ "type": "object", "description": "Where each input's value comes from." }),
-        );
+    if is_node {
+        properties["inputs"] = json!({ "type": "object", "description": "Where each input's value comes from." });
     }
     let conditions: Vec<Json> = kinds
         .into_iter()

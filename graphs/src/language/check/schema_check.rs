@@ -145,7 +145,7 @@ fn wrong_type(value: &Json, types: &[&str], path: &[String]) -> Violation {
         Json::String(text) if types.contains(&"boolean") && is_yaml_1_1_bool(text) => {
             Some("YAML 1.2 knows `true` and `false` only".to_owned())
         }
-        Json::Null => Some("`null` is no value at all; for its default, leave the parameter out".to_owned()),
+        Json::Null => Some("`null` is not a value; for its default, leave the parameter out".to_owned()),
         Json::Number(_) | Json::Bool(_) if types.contains(&"string") => {
             Some("put it in quotes if text is meant".to_owned())
         }

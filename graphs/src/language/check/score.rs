@@ -66,7 +66,7 @@ pub(crate) fn expanded(
         let mut inputs: Vec<InputSpec> =
             [wired("estimate", &estimate.from), wired("truth", &truth)].into_iter().flatten().collect();
         inputs.extend(estimate.clues.iter().cloned());
-        // What is said for all estimates goes to those whose kind has such an input.
+        // Inputs of all estimates apply to those whose kind has them.
         let takes = |port: &str| own.is_some_and(|own| own.declaration.inputs.iter().any(|input| input.name == port));
         let overridden = |port: &str| estimate.clues.iter().any(|own| own.port.text == port);
         inputs

@@ -349,7 +349,7 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
     let wanted = estimates.is_empty() || !estimates.iter().all(has_own);
     if truth.is_none() && wanted && !misspelt_own_key(&mut parameters, "truth", "`score`", report) {
         let error = Diagnostic::error(&entry.key_place, "`score` has no `truth`");
-        report.push(error.help("name the true depth, e.g. `truth: source/depth`"));
+        report.push(error.help("name the ground truth, e.g. `truth: source/depth`"));
     }
     let clues = clues(&entry.value, report);
     let mut score = ScoreSpec { place: entry.key_place.clone(), truth, clues, parameters, estimates: Vec::new() };

@@ -58,7 +58,7 @@ fn frames_file(node: &Node, text: &str) -> Option<String> {
     match FrameSelection::parse(text) {
         Ok(FrameSelection::File(_)) => Some(path()),
         Err(_) if !text.is_empty() && Path::new(&path()).is_file() => {
-            // Of a form that says so, wherever it is read again.
+            // In a form that is always read as a path.
             let path = path();
             Some(if path.contains('/') { path } else { format!("./{path}") })
         }

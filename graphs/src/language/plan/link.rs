@@ -3,9 +3,9 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::linked::{Linked, LinkedEstimate, LinkedNode, LinkedSource, LinkedStage, Wire};
+use super::linked::{Linked, LinkedEstimate, LinkedNode, LinkedSource, LinkedStage, NodeTypes, Wire};
 use super::order;
-use super::stage_names::{KnownNode, StageNames};
+use super::stage_names::StageNames;
 use super::wire::Reachable;
 use crate::contracts::Port;
 use crate::language::check::params::Resolver;
@@ -15,6 +15,7 @@ use crate::language::check::spec::{InputSpec, NodeSpec, SourceSpec, Spec, StageS
 use crate::language::ids::{StageId, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
+use crate::language::text::word::Word;
 use crate::plan::SourcePart;
 use crate::registry::{NodeKind, Registry};
 use crate::values::ValueType;
@@ -30,20 +31,22 @@ pub(crate) fn link<'r>(
         .iter()
         .map(|spec| (spec.name.text.as_str(), source(spec, registry, resolver, report).map(Arc::new)))
         .collect();
-    let known: Vec<Vec<KnownNode<'r, '_>>> = spec
+    let known: Vec<Vec<(&str, NodeTypes<'r>)>> = spec
         .stages
         .iter()
-        .map(|stage| stage.nodes.iter().map(|node| known(node, registry, resolver, report)).collect())
+        .map(|stage| {
+            stage.nodes.iter().map(|node| (node.name.text.as_str(), types(node, registry, resolver, report))).collect()
+        })
         .collect();
     let scores: Vec<Vec<NodeSpec>> =
         spec.stages.iter().zip(&known).map(|(stage, known)| scores_of(stage, known, &sources, registry)).collect();
     let mut stages: Vec<StageNames<'r, '_>> = Vec::with_capacity(spec.stages.len());
     for ((stage, mut nodes), scores) in spec.stages.iter().zip(known).zip(&scores) {
-        nodes.extend(scores.iter().map(|node| self::known(node, registry, resolver, report)));
+        nodes.extend(scores.iter().map(|node| (node.name.text.as_str(), types(node, registry, resolver, report))));
         stages.push(StageNames {
             name: &stage.name.text,
             source: stage_source(stage, spec, &sources, report),
-            index: StageNodeId::enumerate(&nodes).map(|(id, node)| (node.name, id)).collect(),
+            index: StageNodeId::enumerate(&nodes).map(|(id, (name, _))| (*name, id)).collect(),
             nodes,
         });
     }
@@ -55,7 +58,7 @@ pub(crate) fn link<'r>(
             .iter()
             .chain(scores)
             .zip(&stages[index].nodes)
-            .map(|(node, known)| link_node(node, known, &reachable, resolver, report))
+            .map(|(node, (_, types))| link_node(node, types, &reachable, resolver, report))
             .collect();
         nodes[stage.nodes.len()..].iter_mut().for_each(|node| node.is_score = true);
         let order = order::of(index, &nodes, report);
@@ -74,7 +77,7 @@ pub(crate) fn link<'r>(
 
 fn scores_of(
     stage: &StageSpec,
-    known: &[KnownNode<'_, '_>],
+    known: &[(&str, NodeTypes<'_>)],
     sources: &HashMap<&str, Option<Arc<LinkedSource>>>,
     registry: &Registry,
 ) -> Vec<NodeSpec> {
@@ -85,7 +88,7 @@ fn scores_of(
 fn type_of(
     reference: &Reference,
     stage: &StageSpec,
-    known: &[KnownNode<'_, '_>],
+    known: &[(&str, NodeTypes<'_>)],
     sources: &HashMap<&str, Option<Arc<LinkedSource>>>,
 ) -> Option<ValueType> {
     if reference.stage.as_ref().is_some_and(|named| named.text != stage.name.text) {
@@ -94,7 +97,7 @@ fn type_of(
     let ports: &[Port] = if reference.node.text == "source" {
         &sources.get(stage.source.as_ref()?.text.as_str())?.as_ref()?.outputs
     } else {
-        known.iter().find(|node| node.name == reference.node.text)?.outputs()
+        known.iter().find(|(name, _)| *name == reference.node.text)?.1.outputs()
     };
     ports.iter().find(|port| port.name == reference.output.text).map(|port| port.value_type)
 }
@@ -111,7 +114,7 @@ fn stage_source(
     }
     let known: Vec<&str> = spec.sources.iter().map(|source| source.name.text.as_str()).collect();
     if known.is_empty() {
-        // That there are none has been said.
+        // Reported elsewhere.
         return None;
     }
     let error = Diagnostic::error(&name.place, format!("there is no source `{}`", name.text)).label("names nothing");
@@ -119,33 +122,29 @@ fn stage_source(
     None
 }
 
-fn known<'r, 's>(
-    node: &'s NodeSpec,
-    registry: &'r Registry,
-    resolver: &mut Resolver,
-    report: &mut Report,
-) -> KnownNode<'r, 's> {
-    let kind = kind(node, registry, report);
+fn types<'r>(node: &NodeSpec, registry: &'r Registry, resolver: &mut Resolver, report: &mut Report) -> NodeTypes<'r> {
+    let kind = node.instance.as_ref().and_then(|instance| {
+        let found = registry.node_kind(&instance.kind.text);
+        if found.is_none() && !report.is_full() {
+            let known: Vec<&str> = registry.nodes().map(|kind| kind.declaration.kind).collect();
+            let other = registry.source_kind(&instance.kind.text).map(|_| "is a source: it belongs under `sources:`");
+            report.push(unknown_kind(&instance.kind, "node", &known, other));
+        }
+        found
+    });
     let parameters =
         kind.zip(node.instance.as_ref()).and_then(|(kind, own)| resolver.parameters(&kind.info(), own, report));
     let signature = kind.and_then(|kind| resolver.signature(kind, parameters.as_deref()));
-    KnownNode { name: &node.name.text, kind, parameters, signature }
+    NodeTypes { kind, parameters, signature }
 }
 
-fn kind<'r>(node: &NodeSpec, registry: &'r Registry, report: &mut Report) -> Option<&'r NodeKind> {
-    let word = &node.instance.as_ref()?.kind;
-    let found = registry.node_kind(&word.text);
-    if found.is_none() && !report.is_full() {
-        let known: Vec<&str> = registry.nodes().map(|kind| kind.declaration.kind).collect();
-        let help = if registry.source_kind(&word.text).is_some() {
-            Some(format!("`{}` is a source: it belongs under `sources:`", word.text))
-        } else {
-            names::suggestion(&word.text, "node kinds", &known)
-        };
-        let error = Diagnostic::error(&word.place, format!("there is no node kind `{}`", word.text));
-        report.push(error.label("unknown kind").maybe_help(help));
-    }
-    found
+fn unknown_kind(word: &Word, what: &str, known: &[&str], other: Option<&str>) -> Diagnostic {
+    let help = match other {
+        Some(other) => Some(format!("`{}` {other}", word.text)),
+        None => names::suggestion(&word.text, &format!("{what} kinds"), known),
+    };
+    let error = Diagnostic::error(&word.place, format!("there is no {what} kind `{}`", word.text));
+    error.label("unknown kind").maybe_help(help)
 }
 
 fn source(
@@ -160,18 +159,14 @@ fn source(
     for part in &spec.parts {
         let Some(kind) = registry.source_kind(&part.kind.text) else {
             let known: Vec<&str> = registry.sources().map(|kind| kind.declaration.kind).collect();
-            let help = if registry.node_kind(&part.kind.text).is_some() {
-                Some(format!("`{}` is a node: it belongs under `nodes:` of a stage", part.kind.text))
-            } else {
-                names::suggestion(&part.kind.text, "source kinds", &known)
-            };
-            let error = Diagnostic::error(&part.kind.place, format!("there is no source kind `{}`", part.kind.text));
-            report.push(error.label("unknown kind").maybe_help(help));
+            let is_node = registry.node_kind(&part.kind.text).is_some();
+            let other = is_node.then_some("is a node: it belongs under `nodes:` of a stage");
+            report.push(unknown_kind(&part.kind, "source", &known, other));
             sound = false;
             continue;
         };
         let parameters = resolver.parameters(&kind.info(), part, report);
-        // With wrong parameters the outputs are known all the same, unless they follow from these: references to them can be judged.
+        // Outputs that do not follow from the parameters are known even if these are wrong, so references can be checked.
         let declared = (!kind.declaration.outputs.is_empty()).then(|| kind.declaration.outputs.clone());
         let given = match &parameters {
             Some(parameters) => resolver.outputs(kind, parameters, part, report),
@@ -226,16 +221,16 @@ fn joins(
 
 fn link_node<'r>(
     spec: &NodeSpec,
-    known: &KnownNode<'r, '_>,
+    types: &NodeTypes<'r>,
     reachable: &Reachable<'r, '_, '_>,
     resolver: &mut Resolver,
     report: &mut Report,
 ) -> LinkedNode<'r> {
-    let known_ports = known.kind.zip(known.signature.as_deref());
+    let known_ports = types.kind.zip(types.signature.as_deref());
     let mut wires: Vec<Option<Wire>> = vec![None; known_ports.map_or(0, |(_, signature)| signature.inputs.len())];
     let mut reads = Vec::new();
     for input in &spec.inputs {
-        // Nobody reads so many errors, and looking for nearest names takes its time.
+        // Suggestions take time.
         if report.is_full() {
             break;
         }
@@ -243,7 +238,7 @@ fn link_node<'r>(
             reads.extend(reachable.read(reference).map(|node| (node, input.place.clone())));
         }
         let Some((kind, signature)) = known_ports else {
-            // Without a signature there are no ports, but whether the reference names something can be said.
+            // Without a signature the ports are unknown, but the reference can be checked.
             if let Some(Wired::Reference(reference)) = &input.from {
                 reachable.find(reference, report);
             }
@@ -251,16 +246,17 @@ fn link_node<'r>(
         };
         let ports = &signature.inputs;
         match ports.iter().position(|port| port.name == input.port.text) {
-            Some(port) => wires[port] = reachable.wire(known, signature, &ports[port], input, resolver, report),
+            Some(port) => {
+                let node = (spec.name.text.as_str(), kind);
+                wires[port] = reachable.wire(node, signature, &ports[port], input, resolver, report);
+            }
             None => unknown_input(kind, ports, input, report),
         }
     }
     if let Some((kind, signature)) = known_ports.filter(|_| !report.is_full()) {
         missing_inputs(kind, &signature.inputs, spec, reachable, report);
     }
-    let KnownNode { kind, parameters, signature, .. } = known;
-    let (parameters, signature) = (parameters.clone(), signature.clone());
-    LinkedNode { name: spec.name.clone(), kind: *kind, parameters, signature, wires, reads, is_score: false }
+    LinkedNode { name: spec.name.clone(), types: types.clone(), wires, reads, is_score: false }
 }
 
 fn unknown_input(kind: &NodeKind, ports: &[Port], input: &InputSpec, report: &mut Report) {
@@ -279,13 +275,14 @@ fn missing_inputs(
 ) {
     let unknown = spec.inputs.iter().map(|input| input.port.text.as_str());
     let unknown: Vec<&str> = unknown.filter(|name| !ports.iter().any(|port| port.name == *name)).collect();
-    // A misspelt input has been spoken of, with the name that was meant.
-    let meant = |port: &Port| unknown.iter().any(|written| names::nearest(written, [port.name]).is_some());
+    // A misspelt input was reported with a suggestion.
+    let is_suggested = |port: &Port| unknown.iter().any(|written| names::nearest(written, [port.name]).is_some());
     let written = |input: &InputSpec| !matches!(input.from, Some(Wired::Nothing));
-    let wired =
-        |port: &Port| spec.inputs.iter().any(|input| input.port.text == port.name && written(input)) || meant(port);
+    let wired = |port: &Port| {
+        spec.inputs.iter().any(|input| input.port.text == port.name && written(input)) || is_suggested(port)
+    };
     let missing: Vec<&Port> = ports.iter().filter(|port| !port.optional && !wired(port)).collect();
-    // A score without truth or estimate has been spoken of where it is written.
+    // A score without ground truth or estimate was reported where it is written.
     if missing.is_empty() || score::is_kind(kind.declaration.kind) && spec.name.text.starts_with("score.") {
         return;
     }

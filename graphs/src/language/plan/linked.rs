@@ -36,12 +36,7 @@ pub(crate) struct LinkedSource {
 
 pub(crate) struct LinkedNode<'r> {
     pub(crate) name: Word,
-    /// `None` if its kind is unknown.
-    pub(crate) kind: Option<&'r NodeKind>,
-    /// `None` if they are invalid.
-    pub(crate) parameters: Option<Arc<Parameters>>,
-    /// `None` if the kind is unknown, or if it follows from invalid parameters.
-    pub(crate) signature: Option<Arc<Signature>>,
+    pub(crate) types: NodeTypes<'r>,
     /// By input port; `None` where unwired or wrong.
     pub(crate) wires: Vec<Option<Wire>>,
     /// Also where the wire does not fit.
@@ -49,7 +44,15 @@ pub(crate) struct LinkedNode<'r> {
     pub(crate) is_score: bool,
 }
 
-impl LinkedNode<'_> {
+/// The kind of a node, its parameters and its signature, as far as they are valid.
+#[derive(Clone)]
+pub(crate) struct NodeTypes<'r> {
+    pub(crate) kind: Option<&'r NodeKind>,
+    pub(crate) parameters: Option<Arc<Parameters>>,
+    pub(crate) signature: Option<Arc<Signature>>,
+}
+
+impl NodeTypes<'_> {
     pub(crate) fn outputs(&self) -> &[Port] {
         self.signature.as_ref().map_or(&[], |signature| &signature.outputs)
     }

@@ -13,8 +13,8 @@ pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<StageN
     let mut open = Vec::new();
     for (stage_id, stage) in StageId::enumerate(&linked.stages) {
         for (node_id, node) in StageNodeId::enumerate(&stage.nodes) {
-            let kept = node.signature.as_ref().is_none_or(|signature| {
-                // What gives nothing (a sink) is there for what it does.
+            let kept = node.types.signature.as_ref().is_none_or(|signature| {
+                // A node without outputs (a sink) is used for its effects.
                 let outputs = &signature.outputs;
                 outputs.is_empty() || outputs.iter().any(|o| recording.keeps(&stage.name.text, &node.name.text, o.name))
             });
@@ -52,10 +52,9 @@ pub(crate) fn check_stages(variants: &[Linked<'_>], recording: &Recorded, report
     let Some(first) = variants.first() else { return };
     let scores = |stage: StageId| variants.iter().any(|linked| !linked.stages[stage].estimates.is_empty());
     for (stage_id, stage) in StageId::enumerate(&first.stages) {
-        let mut learns = stage
-            .nodes
-            .iter()
-            .filter_map(|node| node.outputs().iter().find(|port| port.rate == Rate::Once).map(|port| (node, port)));
+        let mut learns = stage.nodes.iter().filter_map(|node| {
+            node.types.outputs().iter().find(|port| port.rate == Rate::Once).map(|port| (node, port))
+        });
         let Some((node, port)) = learns.next_back() else { continue };
         let reads = |linked: &Linked<'_>| {
             let others = StageId::enumerate(&linked.stages).filter(|(other, _)| *other != stage_id);

@@ -63,8 +63,8 @@ impl Recorded {
         for stage in variants.iter().flat_map(|linked| &linked.stages) {
             let source = stage.source.as_ref().map(|source| ("source", source.outputs.as_slice()));
             let nodes = stage.nodes.iter().map(|node| {
-                whole &= node.signature.is_some();
-                (node.name.text.as_str(), node.outputs())
+                whole &= node.types.signature.is_some();
+                (node.name.text.as_str(), node.types.outputs())
             });
             for (node, ports) in source.into_iter().chain(nodes) {
                 for port in ports {
@@ -111,8 +111,8 @@ impl Recorded {
                 .iter()
                 .any(|port| port.value_type == ValueType::Calibration && self.keeps(name, "source", port.name));
             let nodes = stage.nodes.iter().map(|node| {
-                // What a kind that is not known gives is not known either.
-                let outputs = node.signature.as_ref().map(|signature| signature.outputs.as_slice());
+                // Unknown for an unknown kind.
+                let outputs = node.types.signature.as_ref().map(|signature| signature.outputs.as_slice());
                 (node.name.text.as_str(), outputs)
             });
             for (node, ports) in nodes.chain([("source", Some(source))]) {

@@ -114,7 +114,8 @@ impl<'l> Shared<'l> {
         stage: StageId,
         node: &'l LinkedNode<'l>,
     ) -> Option<NodeId> {
-        let (kind, parameters, signature) = (node.kind?, node.parameters.as_deref()?, node.signature.as_deref()?);
+        let (kind, parameters, signature) =
+            (node.types.kind?, node.types.parameters.as_deref()?, node.types.signature.as_deref()?);
         let run = self.placed[variant][stage].run;
         let declaration = &kind.declaration;
         let inputs: Vec<Option<Origin>> =

@@ -18,7 +18,7 @@ pub(crate) fn check(
             let Some(kind) = registry.node_kind(&node.kind) else { continue };
             let wired = node.inputs.iter().filter_map(|input| Some((&input.port, input.from.as_ref()?)));
             let upstream = Upstream::new(wired.map(|(port, from)| (port, origin(runs, run, from))));
-            if let Err(fault) = kind.check_inputs(&node.params, &upstream) {
+            if let Err(fault) = (kind.check_inputs)(&node.params, &upstream) {
                 let variant = match node.variants.first() {
                     Some(&first) if node.variants.len() < variants.len() => {
                         format!(" (in variant `{}`)", variants[first])

@@ -1,7 +1,7 @@
 //! One wire: the output a reference names, and whether it fits the input it is wired to.
 
 use super::linked::Wire;
-use super::stage_names::{KnownNode, StageNames};
+use super::stage_names::StageNames;
 use crate::contracts::{Contract, Port, Rate, Signature};
 use crate::language::check::params::Resolver;
 use crate::language::check::reference::Reference;
@@ -12,6 +12,7 @@ use crate::language::text::names;
 use crate::language::text::paths;
 use crate::language::text::tree::Node;
 use crate::plan::PortId;
+use crate::registry::NodeKind;
 use crate::values::ValueType;
 
 pub(crate) struct Reachable<'r, 's, 'n> {
@@ -40,7 +41,7 @@ impl<'r> Reachable<'r, '_, '_> {
 
     pub(crate) fn wire(
         &self,
-        node: &KnownNode<'_, '_>,
+        node: (&str, &NodeKind),
         signature: &Signature,
         port: &Port,
         input: &InputSpec,
@@ -65,7 +66,7 @@ impl<'r> Reachable<'r, '_, '_> {
 
     fn misfit(
         &self,
-        node: &KnownNode<'_, '_>,
+        node: (&str, &NodeKind),
         signature: &Signature,
         port: &Port,
         input: &InputSpec,
@@ -84,7 +85,7 @@ impl<'r> Reachable<'r, '_, '_> {
                 let help = format!(
                     "compute it in `{own}` too: equal nodes on equal sources cost nothing twice once values are reused"
                 );
-                return Some(error(what).label("a value a frame").help(help));
+                return Some(error(what).label("one value per frame").help(help));
             }
             if output.stage > self.stage {
                 let what = format!("`{written}` is known only after stage `{other}`, which comes after `{own}`");
@@ -93,7 +94,7 @@ impl<'r> Reachable<'r, '_, '_> {
         }
         if wanted != given {
             let what = format!("input `{name}` expects {wanted}, but `{written}` is {given}");
-            let fitting = self.outputs_fitting(port, node.name);
+            let fitting = self.outputs_fitting(port, node.0);
             let fitting: Vec<&str> = fitting.iter().map(String::as_str).collect();
             let help = (!fitting.is_empty()).then(|| format!("outputs that fit: {}", names::listed(&fitting)));
             return Some(error(what).label(format!("{given}, not {wanted}")).maybe_help(help));
@@ -110,13 +111,12 @@ impl<'r> Reachable<'r, '_, '_> {
                     "input `{name}` expects one value for the whole stage, but `{written}` has one for every frame"
                 );
                 let help = format!("an ordered node that collects {given} and finishes with one value goes between");
-                Some(error(what).label("a value a frame").help(help))
+                Some(error(what).label("one value per frame").help(help))
             }
             (Rate::Once, Rate::Once) if output.stage == self.stage && signature.contract != Contract::Once => {
                 let what = format!(
                     "`{written}` is known only after the last frame of stage `{}`, but `{}` works frame by frame",
-                    self.stages[self.stage].name,
-                    node.kind.map_or(node.name, |kind| kind.declaration.kind)
+                    self.stages[self.stage].name, node.1.declaration.kind
                 );
                 Some(error(what).label("not known yet").help("move the node that reads it into a later stage"))
             }
@@ -139,8 +139,8 @@ impl<'r> Reachable<'r, '_, '_> {
         let node = names.node(&reference.node.text);
         let (owner, ports): (String, &[Port]) = match node {
             Some(node) => {
-                let known = &names.nodes[node];
-                let (kind, signature) = (known.kind?, known.signature.as_ref()?);
+                let (_, types) = &names.nodes[node];
+                let (kind, signature) = (types.kind?, types.signature.as_ref()?);
                 (format!("`{}` ({})", reference.node.text, kind.declaration.kind), &signature.outputs)
             }
             None if reference.node.text == "source" => {
@@ -176,7 +176,7 @@ impl<'r> Reachable<'r, '_, '_> {
         let names = &self.stages[stage];
         let what = format!("stage `{}` has no node `{name}`", names.name);
         let mut known: Vec<&str> =
-            names.nodes.iter().map(|node| node.name).filter(|name| !name.contains('.')).collect();
+            names.nodes.iter().map(|(name, _)| *name).filter(|name| !name.contains('.')).collect();
         known.push("source");
         let elsewhere = self.stages[..self.stage.0].iter().find(|earlier| earlier.node(name).is_some());
         let help = match elsewhere {
@@ -206,16 +206,15 @@ impl<'r> Reachable<'r, '_, '_> {
                 let own = source.outputs.iter().filter(|output| fits(output));
                 fitting.extend(own.map(|output| format!("source/{}", output.name)));
             }
-            for known in &stage.nodes {
-                let name = known.name;
+            for &(name, ref types) in &stage.nodes {
                 if name.contains('.') || here && name == node || fitting.len() >= MOST {
                     continue;
                 }
-                let outputs = known.outputs().iter().filter(|output| fits(output));
+                let outputs = types.outputs().iter().filter(|output| fits(output));
                 fitting.extend(outputs.map(|output| format!("{prefix}{name}/{}", output.name)));
             }
         }
-        // The output or node of the very same name first (`left` from `source/left`); a source's depth is the truth, so last.
+        // First the output or node of the same name (`left` from `source/left`); last the source's depth, which is ground truth.
         let truth = |output: &str| port.value_type == ValueType::Depth && output.starts_with("source/");
         let of_that_name = |output: &str| {
             output.ends_with(&format!("/{}", port.name)) || output.starts_with(&format!("{}/", port.name))

@@ -56,7 +56,6 @@ impl Diagnostic {
     pub(crate) const UNLABELLED: &'static str = "here";
 
     /// An error at some words.
-    #[must_use]
     pub fn error(place: &Place, message: impl Into<String>) -> Self {
         Self {
             severity: Severity::Error,
@@ -71,7 +70,6 @@ impl Diagnostic {
     }
 
     /// A warning at some words.
-    #[must_use]
     pub fn warning(place: &Place, message: impl Into<String>) -> Self {
         Self { severity: Severity::Warning, ..Self::error(place, message) }
     }
@@ -102,13 +100,11 @@ impl Diagnostic {
     }
 
     /// The line, from 1.
-    #[must_use]
     pub fn line(&self) -> usize {
         self.file.line_column(self.span.start).0
     }
 
     /// The column in characters, from 1.
-    #[must_use]
     pub fn column(&self) -> usize {
         self.file.line_column(self.span.start).1
     }
@@ -180,13 +176,11 @@ pub struct Diagnostics(pub Vec<Diagnostic>);
 
 impl Diagnostics {
     /// Whether nothing at all is wrong.
-    #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
     /// Whether any of it is an error.
-    #[must_use]
     pub fn has_errors(&self) -> bool {
         self.0.iter().any(|d| d.severity == Severity::Error)
     }

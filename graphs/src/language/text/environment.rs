@@ -66,7 +66,7 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
             Piece::Variable { name, default, range } => match (env(name), default) {
                 (Some(value), _) if value.contains(['\u{fffd}', '\0']) => {
                     let place = node.place.part(text, range.clone());
-                    let what = format!("the environment variable `{name}` holds what is no UTF-8 text");
+                    let what = format!("the environment variable `{name}` is not UTF-8 text");
                     report.push_unknown(Diagnostic::error(&place, what).label("needed here"), &node.place);
                     new.push_str("unset");
                 }
@@ -117,7 +117,7 @@ fn pieces(text: &str) -> Result<Vec<Piece<'_>>, (Range<usize>, String)> {
         };
         let first = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
         if !first || !name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_') {
-            return Err((range, format!("`{name}` is no name of an environment variable")));
+            return Err((range, format!("`{name}` is not a name of an environment variable")));
         }
         if default.is_some_and(|default| default.contains("${")) {
             return Err((range, "a default cannot hold another variable".to_owned()));

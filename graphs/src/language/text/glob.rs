@@ -1,7 +1,6 @@
 //! Patterns with `*`.
 
 /// Whether a text matches a pattern, in which `*` stands for any characters.
-#[must_use]
 pub fn glob(pattern: &str, text: &str) -> bool {
     let Some((first, rest)) = pattern.split_once('*') else { return pattern == text };
     let Some(mut text) = text.strip_prefix(first) else { return false };

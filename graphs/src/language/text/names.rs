@@ -63,9 +63,8 @@ fn allowed(
 }
 
 /// The candidate nearest to what was written, if one is near.
-#[must_use]
 pub fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    // Long input is no misspelling, distances cost the product of the lengths, and a stranger's file may hold many names.
+    // Limits for foreign files: a distance costs the product of the lengths.
     const MOST: usize = 2000;
     if written.len() > 100 {
         return None;

@@ -16,19 +16,16 @@ pub struct SourceFile {
 
 impl SourceFile {
     /// A file of that name and text; relative paths written in it start at `folder`.
-    #[must_use]
     pub fn new(name: impl Into<String>, text: impl Into<String>, folder: impl Into<PathBuf>) -> Self {
         Self { name: name.into(), text: text.into(), folder: folder.into() }
     }
 
     /// Where relative paths written in this file start.
-    #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
     /// The line and column of a byte offset, both counted from 1, columns in characters.
-    #[must_use]
     pub fn line_column(&self, offset: usize) -> (usize, usize) {
         let before = &self.text[..self.boundary(offset)];
         let start = before.rfind('\n').map_or(0, |at| at + 1);
@@ -56,20 +53,17 @@ pub struct Place {
 
 impl Place {
     /// A stretch of a file, cut to the file's size and to whole characters.
-    #[must_use]
     pub fn new(file: &Arc<SourceFile>, span: &Range<usize>) -> Self {
         let start = file.boundary(span.start);
         Self { file: Arc::clone(file), span: start..file.boundary(span.end.max(start)) }
     }
 
     /// The beginning of a file, for what a file lacks as a whole.
-    #[must_use]
     pub fn start_of(file: &Arc<SourceFile>) -> Self {
         Self::new(file, &(0..0))
     }
 
     /// All of a file.
-    #[must_use]
     pub fn whole(file: &Arc<SourceFile>) -> Self {
         Self::new(file, &(0..file.text.len()))
     }
@@ -79,14 +73,12 @@ impl Place {
     }
 
     /// The words meant.
-    #[must_use]
     pub fn text(&self) -> &str {
         self.file.text.get(self.span.clone()).unwrap_or_default()
     }
 
     /// A part of the words, if they are `whole` or its end (`--matrix` adds `matrix.` in front); otherwise all of
     /// them, e.g. of an aliased scalar.
-    #[must_use]
     pub fn part(&self, whole: &str, part: Range<usize>) -> Self {
         let inner = match self.text() {
             text if text == whole => self.span.start,

@@ -74,7 +74,7 @@ impl Axis {
             values: Values::Listed(Vec::new()),
             when: Vec::new(),
         };
-        // A list stands for what it is set at, whatever the key looks like.
+        // The key of a list is the path it is set at.
         if is_path || matches!(node.value, Tree::List(_)) {
             axis.paths.push((key.clone(), place.clone()));
         }

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use super::Matrix;
 use super::axis::{Axis, Combination, Condition, Part, value_text};
+use super::{Base, Matrix};
 use crate::language::change::apply::{self, Change};
 use crate::language::change::parameter::Parameters;
 use crate::language::change::path::{self, Scope};
@@ -19,28 +19,20 @@ impl Matrix {
         &self,
         axis: &Axis,
         combination: &Combination,
-        of_variant: &[Change],
-        parameters: &Parameters<'_>,
+        base: &Base<'_>,
         report: &mut Report,
     ) -> bool {
-        axis.when.iter().all(|condition| self.is_met(condition, combination, of_variant, parameters, report))
+        axis.when.iter().all(|condition| self.is_met(condition, combination, base, report))
     }
 
-    fn is_met(
-        &self,
-        condition: &Condition,
-        combination: &Combination,
-        of_variant: &[Change],
-        parameters: &Parameters<'_>,
-        report: &mut Report,
-    ) -> bool {
+    fn is_met(&self, condition: &Condition, combination: &Combination, base: &Base<'_>, report: &mut Report) -> bool {
         let axis_name = &condition.of;
         if self.axes.iter().any(|axis| axis.key == *axis_name && !axis_name.contains('.')) {
             let is_among = |level: &Part| condition.among.iter().any(|wanted| value_text(wanted) == level.text);
             return combination.iter().any(|level| level.axis == *axis_name && is_among(level));
         }
         let is_among = |value: &serde_json::Value| condition.among.iter().any(|wanted| wanted.to_json() == *value);
-        let changes = || of_variant.iter().chain(combination.iter().flat_map(|level| &level.changes));
+        let changes = || base.changes.iter().chain(combination.iter().flat_map(|level| &level.changes));
         if let Some(change) = changes().rfind(|change| change.path == *axis_name) {
             return is_among(&change.value.to_json());
         }
@@ -53,12 +45,12 @@ impl Matrix {
         };
         let document = if changes().any(touches) {
             let changes: Vec<Change> = changes().cloned().collect();
-            // What is wrong with the changes is said where they are made.
-            apply::apply(parameters.root, &changes, Scope::Variant, &mut Report::default())
+            // Invalid changes are reported elsewhere.
+            apply::apply(base.parameters.root, &changes, Scope::Variant, &mut Report::default())
         } else {
-            Arc::clone(parameters.root)
+            Arc::clone(base.parameters.root)
         };
-        let Some(value) = parameters.value(axis_name, &document) else {
+        let Some(value) = base.parameters.value(axis_name, &document) else {
             let what =
                 format!("nothing says what `{axis_name}` is: no axis above, no variant, not the experiment itself");
             report.push(

@@ -129,7 +129,7 @@ pub(super) fn read(node: &Arc<Node>, what: &str, schema: Option<&Json>, report: 
                 let all: Vec<String> = values.iter().filter_map(|value| value.scalar_text()).collect();
                 let all: Vec<&str> = all.iter().map(String::as_str).collect();
                 let what = format!("the range of {what} holds {} {}, not {steps}", all.len(), whole.describe());
-                let warning = Diagnostic::warning(&written.place, what).label("fewer than asked for");
+                let warning = Diagnostic::warning(&written.place, what).label("fewer than requested");
                 report.push(warning.help(format!("it takes {}, each once", names::listed(&all))));
             }
             Some(Numbers::Steps(values))
