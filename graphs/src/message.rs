@@ -51,7 +51,7 @@ pub fn chain(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut below = error.source();
     while let Some(error) = below {
-        // Some errors repeat their source in their own words.
+        // Some errors end with their source.
         let next = error.to_string();
         if !text.ends_with(&next) {
             text.push_str(": ");

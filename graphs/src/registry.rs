@@ -338,11 +338,11 @@ mod tests {
 
     #[test]
     fn a_kind_registered_twice_is_refused_by_name_and_the_first_is_known() {
-        let told = |registry: &Registry| registry.check().map_err(|clash| clash.to_string());
+        let checked = |registry: &Registry| registry.check().map_err(|clash| clash.to_string());
         let registry = Registry::default().node::<Blur>().node::<Sharpen>().node::<OtherBlur>();
         let here = module_path!();
         let clash = format!("kind `filter/blur` is registered twice: by `{here}::Blur` and by `{here}::OtherBlur`");
-        assert_eq!(told(&registry), Err(clash));
+        assert_eq!(checked(&registry), Err(clash));
         assert_eq!(registry.node_kind("filter/blur").expect("the first stays").declaration.summary, "Blur");
         // A source of a node's name, either way round.
         assert!(Registry::default().node::<Blur>().source::<BlurredRoad>().check().is_err());

@@ -7,7 +7,7 @@ use std::path::Path;
 /// Opens a regular file for reading.
 ///
 /// # Errors
-/// As [`read`], but for any size.
+/// As [`read`], without a limit.
 pub fn open(path: &Path) -> Result<File, Error> {
     look(path)?;
     File::open(path)

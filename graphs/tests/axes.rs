@@ -160,7 +160,7 @@ fn an_axis_that_is_nowhere_there_is_told_of() {
     let of_kind = "variants: { road: {}, kitti: { sources.test.kind: kitti/stereo2015, sources.test.with: { root: data, truth: occ } } }
 matrix: { compare.left.with.block: { values: [3, 7], when: { sources.test.with.truth: occ } } }
 ";
-    assert!(refused(of_kind).contains("nothing says what `sources.test.with.truth` is"), "{}", refused(of_kind));
+    assert!(refused(of_kind).contains("nothing sets `sources.test.with.truth`"), "{}", refused(of_kind));
 }
 
 #[test]
@@ -176,7 +176,7 @@ fn a_condition_looks_at_what_is_above_it_or_written() {
 ";
     assert!(refused(misspelt).contains("did you mean `mode`?"), "{}", refused(misspelt));
     let nowhere = "matrix: { compare.left.with.p1: { values: [100, 400], when: { compare.left.with.colour: red } } }\n";
-    assert!(refused(nowhere).contains("nothing says what `compare.left.with.colour` is"), "{}", refused(nowhere));
+    assert!(refused(nowhere).contains("nothing sets `compare.left.with.colour`"), "{}", refused(nowhere));
 }
 
 #[test]

@@ -4,7 +4,7 @@ mod toys;
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::language::{Options, load};
+use depthloom_graphs::language::{self, Options, load};
 
 /// The arguments that comments of the file give to an option.
 fn arguments(text: &str, option: &str) -> Vec<String> {
@@ -31,8 +31,8 @@ fn printed(path: &Path) -> String {
         Err(diagnostics) => {
             assert!(diagnostics.has_errors());
             for diagnostic in &diagnostics {
-                let text = &diagnostic.file.text;
-                assert!(text.get(diagnostic.span.clone()).is_some(), "spans lie in their file, on whole characters");
+                let language::Place { file, span } = &diagnostic.place;
+                assert!(file.text.get(span.clone()).is_some(), "spans lie in their file, on whole characters");
                 let lower = |text: &str| !text.starts_with(char::is_uppercase);
                 assert!(lower(&diagnostic.message) && lower(&diagnostic.label), "fragments: {}", diagnostic.message);
             }

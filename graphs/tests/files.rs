@@ -33,7 +33,7 @@ fn files_that_cannot_be_read_are_named_with_the_reason() {
 #[test]
 fn a_device_without_an_end_is_not_read() {
     let error = load(Path::new("/dev/zero"), &toys::registry(), &Options::default()).unwrap_err();
-    assert!(error.to_string().contains("it is no regular file"), "{error}");
+    assert!(error.to_string().contains("it is not a regular file"), "{error}");
 }
 
 #[test]

@@ -100,7 +100,7 @@ fn check(text: &str, set: &[(String, String)]) -> Result<(), proptest::test_runn
     if let Err(diagnostics) = load(&path, &toys::registry(), &options) {
         prop_assert!(diagnostics.has_errors());
         for diagnostic in &diagnostics {
-            prop_assert!(diagnostic.file.text.get(diagnostic.span.clone()).is_some(), "{diagnostic:?}");
+            prop_assert!(diagnostic.place.file.text.get(diagnostic.place.span.clone()).is_some(), "{diagnostic:?}");
             prop_assert!(!diagnostic.to_string().is_empty());
         }
     }

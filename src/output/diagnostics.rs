@@ -58,7 +58,8 @@ pub(crate) fn print<'a>(diagnostics: impl IntoIterator<Item = &'a Diagnostic>) {
 }
 
 fn render(diagnostic: &Diagnostic) -> String {
-    let line = diagnostic.file.text.lines().nth(diagnostic.line() - 1).unwrap_or_default();
+    let place = &diagnostic.place;
+    let line = place.file.text.lines().nth(place.line_column().0 - 1).unwrap_or_default();
     if line.len() > LONG_LINE {
         // The plain form shows only the part of the line that matters.
         return visible(&diagnostic.to_string()).into_owned();
@@ -67,31 +68,28 @@ fn render(diagnostic: &Diagnostic) -> String {
         Severity::Error => miette::Severity::Error,
         Severity::Warning => miette::Severity::Warning,
     };
-    let span = diagnostic.span.start..diagnostic.span.end.max(diagnostic.span.start);
+    let span = place.span.start..place.span.end.max(place.span.start);
     let mut shown = MietteDiagnostic::new(visible(&diagnostic.message))
         .with_severity(severity)
         .with_label(LabeledSpan::new_with_span(Some(visible(&diagnostic.label).into_owned()), span));
     let (here, elsewhere): (Vec<_>, Vec<_>) =
-        diagnostic.related.iter().partition(|related| related.file.name == diagnostic.file.name);
+        diagnostic.related.iter().partition(|related| related.place.file.name == place.file.name);
     for related in here {
         let label = visible(&related.label).into_owned();
-        shown = shown.and_label(LabeledSpan::new_with_span(Some(label), related.span.clone()));
+        shown = shown.and_label(LabeledSpan::new_with_span(Some(label), related.place.span.clone()));
     }
     let mut help: Vec<String> = diagnostic.help.iter().cloned().collect();
-    help.extend(elsewhere.iter().map(|related| {
-        let (line, column) = related.file.line_column(related.span.start);
-        format!("{}:{line}:{column}: {}", related.file.name, related.label)
-    }));
+    help.extend(elsewhere.iter().map(|related| format!("{}: {}", related.place, related.label)));
     if !help.is_empty() {
         shown = shown.with_help(visible(&help.join("\n")));
     }
-    let name = on_one_line(&diagnostic.file.name);
-    let source = NamedSource::new(&name, same_length(&diagnostic.file.text).into_owned());
+    let name = on_one_line(&place.file.name);
+    let source = NamedSource::new(&name, same_length(&place.file.text).into_owned());
     let report = miette::Report::new(shown).with_source_code(source);
     let mut text = String::new();
     if handler().render_report(&mut text, report.as_ref()).is_err() {
         // The place alone is better than nothing: rendering only fails on spans outside the file.
-        let (line, column) = (diagnostic.line(), diagnostic.column());
+        let (line, column) = place.line_column();
         text = format!("{name}:{line}:{column}: {}\n", visible(&diagnostic.message));
     }
     text

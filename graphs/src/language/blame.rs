@@ -28,19 +28,18 @@ pub(crate) fn pointed(
             break;
         }
         let rest = errors(&without(index));
-        // An argument that the experiment needs hides errors when it goes, and is not to blame for those.
+        // Without an argument that the experiment needs there are other errors: it is not the cause.
         if !rest.is_subset(&before) {
             continue;
         }
         let argument = Place::whole(&Arc::new(argument.file()));
         for diagnostic in found.0.iter_mut().filter(|d| shows_elsewhere(d) && !rest.contains(&d.identity())) {
-            let shown = diagnostic.place();
+            let shown = std::mem::replace(&mut diagnostic.place, argument.clone());
             let label = match std::mem::replace(&mut diagnostic.label, "leads to this".to_owned()) {
                 label if label == Diagnostic::UNLABELLED => "shows here".to_owned(),
                 label => label,
             };
             *diagnostic = diagnostic.clone().related(&shown, label);
-            (diagnostic.file, diagnostic.span) = (Arc::clone(&argument.file), argument.span.clone());
         }
     }
     found
@@ -51,5 +50,5 @@ fn errors(diagnostics: &Diagnostics) -> HashSet<Identity> {
 }
 
 fn shows_elsewhere(diagnostic: &Diagnostic) -> bool {
-    diagnostic.severity == Severity::Error && !is_argument(&diagnostic.file)
+    diagnostic.severity == Severity::Error && !is_argument(&diagnostic.place.file)
 }

@@ -118,9 +118,8 @@ fn look_at(
     order.extend(set_files.into_iter().chain(only_files));
     let mut diagnostics = report.finish(&order);
     for diagnostic in &mut diagnostics.0 {
-        let place = diagnostic.place();
-        if !place.span.is_empty() {
-            diagnostic.key_path = files.key_path(&place).unwrap_or_default();
+        if !diagnostic.place.span.is_empty() {
+            diagnostic.key_path = files.key_path(&diagnostic.place).unwrap_or_default();
         }
     }
     match planned {
@@ -239,8 +238,8 @@ impl Report {
     /// Names the variant of each diagnostic from `first` on, unless its place does.
     fn in_variant(&mut self, first: usize, variant: &Variant) {
         let own = |diagnostic: &Diagnostic| {
-            let place = diagnostic.place();
-            variant.changes.iter().any(|own| own.place.contains(&place) || own.value.place.contains(&place))
+            let place = &diagnostic.place;
+            variant.changes.iter().any(|own| own.place.contains(place) || own.value.place.contains(place))
         };
         for diagnostic in self.since(first).filter(|d| d.severity == Severity::Error && !own(d)) {
             diagnostic.message = format!("{} (in variant `{}`)", diagnostic.message, variant.name);

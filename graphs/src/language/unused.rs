@@ -37,7 +37,7 @@ impl<'r> Declared<'r> {
         };
         let mut live = useful(taken);
         let mut found = self.found(taken, &live, report.has_errors());
-        // Only what looks unused is a reason to look at those that are not taken.
+        // The other variants are checked only if something looks unused.
         if !found.is_empty() && !self.left_out.is_empty() {
             match self.others() {
                 Some(others) => {
@@ -88,7 +88,7 @@ impl<'r> Declared<'r> {
         }
         let used = |name: &str| {
             let stages = linked.iter().flat_map(|linked| &linked.stages);
-            // A stage whose source is broken may have meant any.
+            // A stage with a broken source may mean any source.
             stages.into_iter().any(|stage| stage.source.as_ref().is_none_or(|source| source.name == name))
         };
         let sources = self.root.get("sources").into_iter().flat_map(|sources| sources.entries());

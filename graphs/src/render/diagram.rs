@@ -52,7 +52,7 @@ impl Diagram {
         let mut arrows: Vec<Arrow> = Vec::new();
         for edge in &self.edges {
             let port = edge.output.unwrap_or(edge.input).to_owned();
-            // The edges to a box stand one after the other.
+            // The edges to a box are consecutive.
             let mut into = arrows.iter_mut().rev().take_while(|arrow| arrow.to == edge.to);
             match into.find(|arrow| arrow.from == edge.from) {
                 Some(arrow) => arrow.ports.push(port),

@@ -1,7 +1,5 @@
 //! Problems as JSON, for programs. Lines and columns count from 1, columns in characters; an end is the place behind the last one.
 
-use std::ops::Range;
-
 use depthloom_graphs::language;
 use depthloom_terminal::{CliError, Problem, help_of};
 use schemars::JsonSchema;
@@ -71,7 +69,7 @@ pub(crate) struct Diagnostic {
 
 impl From<&language::Diagnostic> for Diagnostic {
     fn from(of: &language::Diagnostic) -> Self {
-        let Place { file, line, column, end } = Place::of(&of.file, &of.span);
+        let Place { file, line, column, end } = Place::from(&of.place);
         Self {
             severity: of.severity.into(),
             message: of.message.clone(),
@@ -138,7 +136,7 @@ pub(super) struct Related {
 
 impl From<&language::Related> for Related {
     fn from(of: &language::Related) -> Self {
-        let Place { file, line, column, end } = Place::of(&of.file, &of.span);
+        let Place { file, line, column, end } = Place::from(&of.place);
         Self { message: of.label.clone(), file, line, column, end }
     }
 }
@@ -151,12 +149,11 @@ struct Place {
     end: End,
 }
 
-impl Place {
-    fn of(file: &language::SourceFile, span: &Range<usize>) -> Self {
-        let (line, column) = file.line_column(span.start);
-        let (end_line, end_column) = file.line_column(span.end.max(span.start));
+impl From<&language::Place> for Place {
+    fn from(place: &language::Place) -> Self {
+        let ((line, column), (end_line, end_column)) = (place.line_column(), place.end());
         Self {
-            file: file.name.clone(),
+            file: place.file.name.clone(),
             line: line as u64,
             column: column as u64,
             end: End { line: end_line as u64, column: end_column as u64 },

@@ -2,10 +2,9 @@
 //! at their lines.
 
 use std::fmt::Write as _;
-use std::ops::Range;
 use std::path::{Component, Path};
 
-use depthloom_graphs::language::{Diagnostic, Severity, SourceFile};
+use depthloom_graphs::language::{Diagnostic, Place, Severity, SourceFile};
 use serde_json::{Value as Json, json};
 
 const SCHEMA: &str = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json";
@@ -48,9 +47,10 @@ pub(crate) fn sarif<'a>(experiment: &Path, diagnostics: impl IntoIterator<Item =
 fn result(experiment: &Path, diagnostic: &Diagnostic) -> Json {
     let index = RULES.iter().position(|(severity, ..)| *severity == diagnostic.severity).unwrap_or_default();
     let mut text = diagnostic.message.clone();
-    let mut location = location(experiment, &diagnostic.file, &diagnostic.span);
-    if is_argument(&diagnostic.file) {
-        let _ = write!(text, " (`{} {}`)", diagnostic.file.name, diagnostic.file.text);
+    let mut location = location(experiment, &diagnostic.place);
+    let file = &diagnostic.place.file;
+    if is_argument(file) {
+        let _ = write!(text, " (`{} {}`)", file.name, file.text);
     }
     if let Some(help) = &diagnostic.help {
         let _ = write!(text, "\nhelp: {help}");
@@ -66,7 +66,7 @@ fn result(experiment: &Path, diagnostic: &Diagnostic) -> Json {
         "locations": [location],
     });
     if let Some(related) = &diagnostic.related {
-        let mut location = self::location(experiment, &related.file, &related.span);
+        let mut location = self::location(experiment, &related.place);
         location["message"] = json!({ "text": related.label });
         result["relatedLocations"] = json!([location]);
     }
@@ -79,14 +79,13 @@ fn is_argument(file: &SourceFile) -> bool {
 }
 
 /// A stretch of a file; what was said on the command line belongs to the experiment as a whole.
-fn location(experiment: &Path, file: &SourceFile, span: &Range<usize>) -> Json {
-    if is_argument(file) {
+fn location(experiment: &Path, place: &Place) -> Json {
+    if is_argument(&place.file) {
         return json!({ "physicalLocation": { "artifactLocation": { "uri": uri(experiment) } } });
     }
-    let (line, column) = file.line_column(span.start);
-    let (end_line, end_column) = file.line_column(span.end.max(span.start));
+    let ((line, column), (end_line, end_column)) = (place.line_column(), place.end());
     json!({ "physicalLocation": {
-        "artifactLocation": { "uri": uri(Path::new(&file.name)) },
+        "artifactLocation": { "uri": uri(Path::new(&place.file.name)) },
         "region": { "startLine": line, "startColumn": column, "endLine": end_line, "endColumn": end_column },
     } })
 }

@@ -99,7 +99,7 @@ fn fault_29_and_32_frames_are_counted_as_they_are_selected() {
     let (code, said) = project.run(&main, "run", &more);
     assert_eq!(code, Some(0), "{said}");
     let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(said.contains("of the frames 1 to 7, 5 of 7 are not there: 2 are taken, 1 to 2"), "{said}");
+    assert!(said.contains("of the frames 1 to 7, 5 of 7 do not exist: 2 are used, 1 to 2"), "{said}");
     let scores = read_csv(&project.path("run/scores.csv"));
     assert_eq!(scores.len(), 2, "{scores:?}");
     let distances =

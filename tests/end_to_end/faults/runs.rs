@@ -35,7 +35,7 @@ fn fault_60_pipes_in_place_of_a_runs_files_hold_nobody_up() {
     let listed = json_of(&guarded(&here, &["runs", "--json"]));
     let of = listed["runs"].as_array().expect("runs").iter().find(|run| run["name"] == "pipes").expect("it is listed");
     assert_eq!(of["state"], "unreadable");
-    assert!(of["trouble"].as_str().is_some_and(|trouble| trouble.contains("it is no regular file")), "{of}");
+    assert!(of["trouble"].as_str().is_some_and(|trouble| trouble.contains("it is not a regular file")), "{of}");
     for (arguments, code) in [
         (&["runs", "show", "pipes"][..], 0),
         (&["runs", "prune", "--keep", "1"], 0),

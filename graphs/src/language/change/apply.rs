@@ -45,7 +45,7 @@ pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: 
             drop_parameters_of_another_kind(&mut new, instance, &change.value);
         }
         if scope == Scope::CommandLine && change.value.is_null() && can_be_taken_away(&keys) {
-            // Of all others `located` has said that they are there.
+            // `located` has checked all others.
             if keys[0] == "matrix" && at(&new, &keys).is_none() {
                 let what = format!("`matrix` has no axis `{}` to take away", keys[keys.len() - 1]);
                 report.push(Diagnostic::error(&change.place, what).label("names nothing"));

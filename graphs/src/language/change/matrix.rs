@@ -301,7 +301,7 @@ impl Matrix {
     }
 
     fn drawn(&self, sample: &Sample, base: &Base<'_>, report: &mut Report) -> Vec<Combination> {
-        // Of few combinations the same are drawn again and again.
+        // With few combinations, the same ones are drawn repeatedly.
         let draws = match sample.method {
             Method::LatinHypercube => sample.count,
             Method::Random => sample.count.saturating_mul(100),

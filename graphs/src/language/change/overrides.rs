@@ -46,7 +46,7 @@ pub(crate) fn changes(arguments: &[Argument], report: &mut Report) -> (Vec<Chang
     let mut axes: HashMap<String, (&str, Place)> = HashMap::new();
     for argument in arguments {
         let Argument { option, path, value } = argument;
-        // One file holds the whole argument, and one padded alike the value alone: equal offsets.
+        // The value is parsed from a padded copy of the argument, so that its offsets are those of the argument.
         let file = Arc::new(argument.file());
         let start = path.len() + 1;
         let place = Place::new(&file, &(0..path.len()));
@@ -81,9 +81,9 @@ pub(crate) fn changes(arguments: &[Argument], report: &mut Report) -> (Vec<Chang
             let before = report.len();
             let node = parse::document(&padded, report);
             for diagnostic in report.since(before) {
-                diagnostic.file = Arc::clone(&file);
+                diagnostic.place.file = Arc::clone(&file);
                 if let Some(related) = &mut diagnostic.related {
-                    related.file = Arc::clone(&file);
+                    related.place.file = Arc::clone(&file);
                 }
             }
             node.map(|node| moved(node, &file))

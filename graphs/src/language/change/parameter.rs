@@ -29,7 +29,7 @@ impl<'a> Parameters<'a> {
                 (&self.registry.source_kind(source.get("kind")?.text()?)?.schema, parameter)
             }
             ["stages", _, "score", "estimates", _, parameter @ ..] | ["stages", _, "score", parameter @ ..] => {
-                // Of a key that both kinds of score have, both have the same.
+                // A parameter of both kinds has the same schema in both.
                 let name = parameter.first()?;
                 let mut schemas = score::kinds(self.registry).map(|kind| &kind.schema);
                 (schemas.find(|schema| with_schema::property(schema, name).is_some())?, parameter)

@@ -182,7 +182,6 @@ fn within_matrix<'p>(matrix: Option<&Arc<Node>>, name: &'p str) -> Option<Vec<&'
     if axis_of(name).is_some() {
         return Some(vec![name]);
     }
-    // Of a named axis what follows its name, of a path's what follows the path.
     let (axis, rest) = match name.split_once('.') {
         Some((first, rest)) if first == "sample" || axis_of(first).is_some() => (first, rest),
         _ => name.rsplit_once('.')?,
@@ -194,7 +193,6 @@ fn within_matrix<'p>(matrix: Option<&Arc<Node>>, name: &'p str) -> Option<Vec<&'
     let (key, deeper) = rest.split_once('.').map_or((rest, None), |(key, deeper)| (key, Some(deeper)));
     match &node?.value {
         Tree::Map(_) if AXIS_KEYS.contains(&key) => Some([axis, key].into_iter().chain(deeper).collect()),
-        // An axis that is a list is its values.
         Tree::List(_) if rest == "values" => Some(vec![axis]),
         _ => None,
     }

@@ -16,7 +16,7 @@ pub(crate) fn read(parameters: &Parameters<'_>, report: &mut Report) -> (Vec<Var
     let before = report.len();
     let all = all(parameters, report);
     match parameters.root.entry("only").filter(|only| !only.value.is_null()) {
-        // What is wrong with variants may be why one is not found.
+        // Errors in variants may be the reason why one is not found.
         Some(only) if report.len() == before => chosen(all, only, report),
         _ => (all, Vec::new()),
     }

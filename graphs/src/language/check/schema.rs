@@ -209,7 +209,7 @@ fn instance(kinds: Vec<KindInfo<'_>>, what: &str) -> Json {
             })
         })
         .collect();
-    // `null` takes away one that is inherited.
+    // `null` removes an inherited one.
     json!({ "type": ["object", "null"], "additionalProperties": false, "properties": properties, "allOf": conditions })
 }
 
@@ -258,7 +258,7 @@ fn or_variable(schema: Json) -> Json {
         return Json::Object(inner);
     }
     let mut outer = Map::new();
-    // What editors show stays where they look for it.
+    // Editors read these here.
     for key in ["description", "default"] {
         if let Some(value) = inner.shift_remove(key) {
             outer.insert(key.to_owned(), value);
@@ -268,7 +268,7 @@ fn or_variable(schema: Json) -> Json {
     Json::Object(outer)
 }
 
-const TRUTH: &str = "The true depth, or of disparities the true disparity.";
+const TRUTH: &str = "The ground truth: a depth, or of disparities a disparity.";
 
 /// A parameter that differs between the kinds may have either form.
 fn score_parameters(registry: &Registry) -> Map<String, Json> {

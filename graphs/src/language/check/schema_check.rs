@@ -189,7 +189,7 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
         tried.push((alternative, own));
     }
     tried.retain(|(alternative, _)| !has_type(alternative, "null"));
-    // Names of an enumeration, each with its own docs; or words beside other values, of which a text means one.
+    // Words of an enumeration, or words next to other types of values.
     let constants: Vec<Json> = tried.iter().flat_map(|(alternative, _)| constants(alternative)).collect();
     let words_alone = tried.iter().all(|(alternative, _)| !self::constants(alternative).is_empty());
     let is_word = |text: &str| names::nearest(text, constants.iter().filter_map(Json::as_str)).is_some();
@@ -217,7 +217,7 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
         found.push(wrong);
         return;
     }
-    // The alternative that comes nearest is the one that was meant: the one that goes wrong deepest.
+    // The alternative with the deepest error is the most likely one.
     let depth = |own: &[Violation]| own.iter().map(|v| v.path.len() + usize::from(v.at_key)).min().unwrap_or(0);
     let deepest = tried.iter().map(|(_, own)| depth(own)).max().unwrap_or(0);
     let mut nearest: Vec<_> = tried.into_iter().filter(|(_, own)| depth(own) == deepest).collect();
@@ -350,7 +350,7 @@ fn object(map: &Map<String, Json>, schema: &Map<String, Json>, path: &mut Vec<St
             (Some(schema), _) => check(value, schema, path, found),
             (None, Some(schema @ Json::Object(_))) => check(value, schema, path, found),
             (None, Some(Json::Bool(true))) => {}
-            // A parameter that the type does not know is a misspelt one, whether or not the type denies unknown fields.
+            // An unknown parameter is an error even if the type allows unknown fields.
             (None, closed) if properties.is_some() || closed.is_some() => {
                 let known: Vec<&str> = properties.into_iter().flat_map(Map::keys).map(String::as_str).collect();
                 let help = names::suggestion(key, "parameters", &known);

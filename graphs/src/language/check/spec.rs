@@ -111,10 +111,10 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
         text
     };
     let (name, about) = (text("experiment"), text("about"));
-    // It is shown and recorded.
+    // Shown and recorded with the names of variables.
     let about = root.get("about").and_then(|about| about.text_with_variables()).map(str::to_owned).or(about);
     if root.entry("experiment").is_none() && misspelt(root, "experiment", EXPERIMENT_KEYS) {
-        // Said where its keys are read.
+        // Reported where the keys are read.
     } else if root.entry("experiment").is_none() {
         let place = Place::start_of(&root.place.file);
         report.push(Diagnostic::error(&place, "the experiment has no name").help("begin with `experiment: NAME`"));
@@ -224,7 +224,7 @@ fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Opti
             return None;
         }
         let error = Diagnostic::error(place, format!("this {what} has no `kind`"));
-        report.push(error.help("`kind:` says what it is, e.g. `kind: family/name`; `depthloom nodes` lists all kinds"));
+        report.push(error.help("set its `kind:`, e.g. `kind: family/name`; `depthloom nodes` lists all kinds"));
         return None;
     };
     let Some(text) = kind.value.text() else {
@@ -343,7 +343,7 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
     let missing = |key: &str| entry.value.entry(key).is_none();
     let no_estimates = missing("estimates") && !misspelt_own_key(&mut parameters, "estimates", "`score`", report);
     let truth = entry.value.entry("truth").map(|truth| input(truth, report));
-    // Each estimate may have a truth of its own.
+    // Each estimate may have its own ground truth.
     let has_own = |estimate: &Entry| estimate.value.is_null() || estimate.value.entry("truth").is_some();
     let estimates = entry.value.get("estimates").map_or(&[][..], |estimates| estimates.entries());
     let wanted = estimates.is_empty() || !estimates.iter().all(has_own);
@@ -355,7 +355,7 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
     let mut score = ScoreSpec { place: entry.key_place.clone(), truth, clues, parameters, estimates: Vec::new() };
     match entry.value.entry("estimates") {
         Some(estimates) if matches!(&estimates.value.value, Tree::Map(list) if !list.is_empty()) => {
-            // One that is nothing is not scored: so a variant, or an experiment that extends another, leaves one out.
+            // `null` removes an estimate in a variant or in an experiment that extends another.
             for entry in estimates.value.entries().iter().filter(|entry| !entry.value.is_null()) {
                 names::check(&entry.key, "an estimate", &[], &entry.key_place, report);
                 score.estimates.push(estimate(entry, report));
@@ -390,7 +390,7 @@ fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
     let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| !own(&e.key)).cloned().collect();
     if from.is_none() && !misspelt_own_key(&mut parameters, "from", "an estimate", report) {
         let error = Diagnostic::error(&entry.key_place, format!("estimate `{}` has no `from`", entry.key));
-        report.push(error.help("`from: node/output` says which depth is scored"));
+        report.push(error.help("`from: node/output` names the depth that is scored"));
     }
     let from = from.map(|from| input(from, report));
     let truth = entry.value.entry("truth").map(|truth| input(truth, report));

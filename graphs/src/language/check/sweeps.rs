@@ -14,7 +14,7 @@ use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::source_file::Place;
 
 /// A parameter that could follow others but has its own value.
-struct Held {
+struct OwnValue {
     node: String,
     place: Place,
     own: Vec<Json>,
@@ -25,7 +25,7 @@ struct Held {
 
 #[derive(Default)]
 pub(crate) struct Sweeps {
-    held: BTreeMap<(StageNode, String), Held>,
+    own_values: BTreeMap<(StageNode, String), OwnValue>,
     followed: HashSet<(StageNode, String)>,
 }
 
@@ -43,17 +43,17 @@ impl Sweeps {
                         continue;
                     }
                     let Some(written) = with.and_then(|with| with.entry(name)) else { continue };
-                    let held = self.held.entry((id, name.clone())).or_insert_with(|| Held {
+                    let value = self.own_values.entry((id, name.clone())).or_insert_with(|| OwnValue {
                         node: node.name.text.clone(),
                         place: written.key_place.clone(),
                         own: Vec::new(),
                         auto: Vec::new(),
                         follows: following.follows.iter().map(|(name, _)| (name.clone(), Vec::new())).collect(),
                     });
-                    once(&mut held.own, &parameters.resolved[name.as_str()]);
-                    once(&mut held.auto, &following.auto);
-                    for ((_, values), (_, value)) in held.follows.iter_mut().zip(&following.follows) {
-                        once(values, value);
+                    once(&mut value.own, &parameters.resolved[name.as_str()]);
+                    once(&mut value.auto, &following.auto);
+                    for ((_, values), (_, followed)) in value.follows.iter_mut().zip(&following.follows) {
+                        once(values, followed);
                     }
                 }
             }
@@ -62,19 +62,20 @@ impl Sweeps {
 
     /// A parameter with several values of its own is swept deliberately.
     pub(crate) fn report(self, report: &mut Report) {
-        let Self { held, followed } = self;
-        for (key, held) in held.into_iter().filter(|(_, held)| held.own.len() == 1 && held.auto.len() > 1) {
+        let Self { own_values, followed } = self;
+        for (key, value) in own_values.into_iter().filter(|(_, value)| value.own.len() == 1 && value.auto.len() > 1) {
             let label = match followed.contains(&key) {
                 true => "the same in all variants that set it",
                 false => "the same in all variants",
             };
             let (_, name) = key;
-            let swept = held.follows.iter().filter(|(_, values)| values.len() > 1);
+            let swept = value.follows.iter().filter(|(_, values)| values.len() > 1);
             let swept: Vec<String> =
                 swept.map(|(name, values)| format!("`{name}`, which it would follow, is {}", listed(values))).collect();
-            let what = format!("`{name}` of node `{}` stays {} while {}", held.node, held.own[0], swept.join(" and "));
-            let help = format!("`{name}: auto`, its default, would be {}", listed(&held.auto));
-            report.push(Diagnostic::warning(&held.place, what).label(label).help(help));
+            let what =
+                format!("`{name}` of node `{}` stays {} while {}", value.node, value.own[0], swept.join(" and "));
+            let help = format!("`{name}: auto`, its default, would be {}", listed(&value.auto));
+            report.push(Diagnostic::warning(&value.place, what).label(label).help(help));
         }
     }
 }

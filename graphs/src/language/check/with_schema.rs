@@ -25,7 +25,7 @@ pub(crate) fn parameters(node: &Node, schema: &Json, anywhere: &mut Anywhere) ->
         Tree::Text(text) if has_format(schema, "argument") && is_file_argument(node, text) => {
             anywhere.add(node, text);
             let path = located(node, text).to_string_lossy().into_owned();
-            // A program without a folder before it would be looked for along the PATH.
+            // A program without a folder would be searched along the PATH.
             Json::String(if text.starts_with("./") && !path.contains('/') { format!("./{path}") } else { path })
         }
         Tree::Number(_) | Tree::Bool(_) | Tree::Null => match &node.written {

@@ -15,7 +15,7 @@ pub(crate) enum InputRecipe<'a> {
 }
 
 pub(crate) fn of(kind: &str, version: u32, portable: &str, inputs: &[(&'static str, InputRecipe<'_>)]) -> Key {
-    // The zero says that no engine has part in it.
+    // 0: without an engine.
     let mut builder = Key::build("recipe").text(kind).number(u64::from(version)).text(portable).number(0);
     let mut inputs: Vec<_> = inputs.iter().collect();
     inputs.sort_by_key(|(port, _)| *port);

@@ -22,10 +22,8 @@ pub(crate) type Identity = (Severity, String, Range<usize>, String);
 /// Another place that belongs to a diagnostic.
 #[derive(Clone, Debug)]
 pub struct Related {
-    /// The file.
-    pub file: Arc<SourceFile>,
-    /// Byte offsets.
-    pub span: Range<usize>,
+    /// Where it is.
+    pub place: Place,
     /// What is there.
     pub label: String,
 }
@@ -35,10 +33,8 @@ pub struct Related {
 pub struct Diagnostic {
     /// How bad it is.
     pub severity: Severity,
-    /// The file it stands in.
-    pub file: Arc<SourceFile>,
-    /// The words at fault, as byte offsets into the file's text.
-    pub span: Range<usize>,
+    /// The words at fault.
+    pub place: Place,
     /// What to show at those words.
     pub label: String,
     /// What is wrong: a lower-case fragment.
@@ -52,15 +48,14 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
-    /// What is said at the words at fault where there is nothing else to say.
+    /// The label of the words at fault if there is no other.
     pub(crate) const UNLABELLED: &'static str = "here";
 
     /// An error at some words.
     pub fn error(place: &Place, message: impl Into<String>) -> Self {
         Self {
             severity: Severity::Error,
-            file: Arc::clone(&place.file),
-            span: place.span.clone(),
+            place: place.clone(),
             label: Self::UNLABELLED.to_owned(),
             message: message.into(),
             help: None,
@@ -95,26 +90,11 @@ impl Diagnostic {
     /// Points at another place as well.
     #[must_use]
     pub fn related(self, place: &Place, label: impl Into<String>) -> Self {
-        let related = Related { file: Arc::clone(&place.file), span: place.span.clone(), label: label.into() };
-        Self { related: Some(related), ..self }
-    }
-
-    /// The line, from 1.
-    pub fn line(&self) -> usize {
-        self.file.line_column(self.span.start).0
-    }
-
-    /// The column in characters, from 1.
-    pub fn column(&self) -> usize {
-        self.file.line_column(self.span.start).1
-    }
-
-    pub(crate) fn place(&self) -> Place {
-        Place { file: Arc::clone(&self.file), span: self.span.clone() }
+        Self { related: Some(Related { place: place.clone(), label: label.into() }), ..self }
     }
 
     pub(crate) fn identity(&self) -> Identity {
-        (self.severity, self.file.name.clone(), self.span.clone(), self.message.clone())
+        (self.severity, self.place.file.name.clone(), self.place.span.clone(), self.message.clone())
     }
 }
 
@@ -125,12 +105,11 @@ impl fmt::Display for Diagnostic {
             Severity::Error => "error",
             Severity::Warning => "warning",
         };
-        writeln!(f, "{}:{}:{}: {severity}: {}", self.file.name, self.line(), self.column(), self.message)?;
-        f.write_str(&excerpt(&self.file, &self.span, &self.label))?;
+        writeln!(f, "{}: {severity}: {}", self.place, self.message)?;
+        f.write_str(&excerpt(&self.place, &self.label))?;
         if let Some(related) = &self.related {
-            let (line, column) = related.file.line_column(related.span.start);
-            writeln!(f, "  {}:{line}:{column}:", related.file.name)?;
-            f.write_str(&excerpt(&related.file, &related.span, &related.label))?;
+            writeln!(f, "  {}:", related.place)?;
+            f.write_str(&excerpt(&related.place, &related.label))?;
         }
         if !self.key_path.is_empty() {
             writeln!(f, "  key: {}", self.key_path)?;
@@ -145,7 +124,8 @@ impl fmt::Display for Diagnostic {
 const WIDEST: usize = 200;
 
 /// The line in which a span starts, underlined; only a part of a very long line.
-fn excerpt(file: &SourceFile, span: &Range<usize>, label: &str) -> String {
+fn excerpt(place: &Place, label: &str) -> String {
+    let Place { file, span } = place;
     let (number, column) = file.line_column(span.start);
     let start = file.boundary(span.start);
     let line_start = file.text[..start].rfind('\n').map_or(0, |at| at + 1);
@@ -228,8 +208,8 @@ const MOST: usize = 100;
 impl Report {
     /// Ignores duplicates and diagnostics about unknown values.
     pub(crate) fn push(&mut self, diagnostic: Diagnostic) {
-        let is_of = |words: &Place| words.span == diagnostic.span && Arc::ptr_eq(&words.file, &diagnostic.file);
-        if self.unknown.iter().any(is_of) {
+        let is_same = |words: &Place| words.span == diagnostic.place.span && words.is_in(&diagnostic.place.file);
+        if self.unknown.iter().any(is_same) {
             return;
         }
         if !self.is_full() && self.seen.insert(diagnostic.identity()) {
@@ -261,8 +241,8 @@ impl Report {
 
     /// Sorted by file (in the order of `files`) and line.
     pub(crate) fn finish(mut self, files: &[Arc<SourceFile>]) -> Diagnostics {
-        let rank = |d: &Diagnostic| files.iter().position(|f| Arc::ptr_eq(f, &d.file)).unwrap_or(files.len());
-        self.list.sort_by_key(|d| (rank(d), d.span.start, d.span.end));
+        let rank = |d: &Diagnostic| files.iter().position(|f| d.place.is_in(f)).unwrap_or(files.len());
+        self.list.sort_by_key(|d| (rank(d), d.place.span.start, d.place.span.end));
         Diagnostics(self.list)
     }
 }

@@ -188,7 +188,7 @@ impl<'a> Files<'a> {
             return None;
         }
         let portable = match name.text_with_variables() {
-            // The variable by its name: a recording has this one.
+            // Recordings have the name of the variable.
             Some(written) => self.portable_name(&name.place.file, &written.replace("${", "").replace('}', "")),
             None => self.portable_name(&name.place.file, text),
         };
@@ -202,7 +202,7 @@ impl<'a> Files<'a> {
     fn portable_name(&self, from: &Arc<SourceFile>, text: &str) -> String {
         let from = self.read.iter().find(|read| Arc::ptr_eq(&read.file, from));
         let folder = from.map_or("", |read| read.portable.rsplit_once('/').map_or("", |(folder, _)| folder));
-        // A name in a recording, which leads nowhere: links do not matter.
+        // Only a name in a recording, so links do not matter.
         normalized(&Path::new(folder).join(text), |_| true).to_string_lossy().replace('\\', "/")
     }
 

@@ -36,7 +36,6 @@ pub(crate) fn files(
         for (place, text) in anywhere.iter().filter(|(place, _)| here(place)) {
             edits.extend(replaced(place, text));
         }
-        // From the end, so that what is still to be replaced stays where it is.
         edits.sort_unstable_by_key(|(range, _)| std::cmp::Reverse(range.start));
         edits.dedup_by_key(|(range, _)| range.start);
         let mut text = file.text.clone();

@@ -48,7 +48,7 @@ impl Level {
 
 pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<Node> {
     let (Tree::Map(old), Tree::Map(new)) = (&base.value, &over.value) else { return Arc::clone(over) };
-    if level == Level::Instance && starts_afresh(base, over) {
+    if level == Level::Instance && replaces_base(base, over) {
         return Arc::clone(over);
     }
     let mut entries = old.clone();
@@ -74,7 +74,7 @@ pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<No
 }
 
 /// Parameters and ports of another kind do not apply.
-fn starts_afresh(base: &Node, over: &Node) -> bool {
+fn replaces_base(base: &Node, over: &Node) -> bool {
     let identity = |node: &Node| (node.get("kind").and_then(|kind| kind.scalar_text()), node.get("join").is_some());
     let (old, new) = (identity(base), identity(over));
     (new.0.is_some() && new.0 != old.0) || (new.1 && !old.1) || (new.0.is_some() && old.1)

@@ -78,8 +78,8 @@ fn first_of(node: &Node, key: &str, again: &Place) -> Option<Place> {
         }
         Tree::Null | Tree::Bool(_) | Tree::Number(_) | Tree::Text(_) => None,
     };
-    // In a block, equal keys stand under each other; in `{ }`, in what is written between the braces.
-    let column = |place: &Place| place.file.line_column(place.span.start).1;
+    // In a block, duplicate keys have the same column; in `{ }`, they are between the same braces.
+    let column = |place: &Place| place.line_column().1;
     let flow = node.place.text().starts_with('{') && {
         let between = again.file.text.get(node.place.span.end..again.span.start).unwrap_or_default();
         let mut open = 0_i32;
@@ -113,7 +113,7 @@ fn options(duplicate_keys: DuplicateKeyPolicy) -> serde_saphyr::Options {
             max_anchors: 10_000,
             max_recorded_anchor_events: 2 * MOST_VALUES,
             max_documents: 1,
-            // A few anchors used often (a shared `with`, say) are what anchors are for.
+            // A few anchors may be used often, e.g. a shared `with`.
             enforce_alias_anchor_ratio: false,
         },
         alias_limits: serde_saphyr::alias_limits! {
@@ -288,7 +288,7 @@ fn placed(raw: Spanned<Raw>, file: &Arc<SourceFile>) -> Node {
     let value = match raw.value {
         Raw::Null => Tree::Null,
         Raw::Bool(value) => Tree::Bool(value),
-        // Octal to some, decimal to others; in a text, not to be lost.
+        // Ambiguous: octal or decimal. Kept as text.
         Raw::Number(_) if has_leading_zero(place.text()) => Tree::Text(place.text().to_owned()),
         Raw::Number(value) => Tree::Number(value),
         Raw::Text(value) => Tree::Text(value),

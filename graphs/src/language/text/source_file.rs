@@ -1,5 +1,6 @@
 //! Files as read, and places in them.
 
+use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -68,8 +69,22 @@ impl Place {
         Self::new(file, &(0..file.text.len()))
     }
 
+    pub(crate) fn is_in(&self, file: &Arc<SourceFile>) -> bool {
+        Arc::ptr_eq(&self.file, file)
+    }
+
     pub(crate) fn contains(&self, inner: &Self) -> bool {
-        Arc::ptr_eq(&self.file, &inner.file) && self.span.start <= inner.span.start && inner.span.end <= self.span.end
+        self.is_in(&inner.file) && self.span.start <= inner.span.start && inner.span.end <= self.span.end
+    }
+
+    /// The line and column of its first character, as in [`SourceFile::line_column`].
+    pub fn line_column(&self) -> (usize, usize) {
+        self.file.line_column(self.span.start)
+    }
+
+    /// The line and column after its last character.
+    pub fn end(&self) -> (usize, usize) {
+        self.file.line_column(self.span.end.max(self.span.start))
     }
 
     /// The words meant.
@@ -92,5 +107,13 @@ impl Place {
             _ => return self.clone(),
         };
         Self::new(&self.file, &(inner + part.start..inner + part.end))
+    }
+}
+
+/// `file:line:column`.
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (line, column) = self.line_column();
+        write!(f, "{}:{line}:{column}", self.file.name)
     }
 }

@@ -51,8 +51,7 @@ impl Matrix {
             Arc::clone(base.parameters.root)
         };
         let Some(value) = base.parameters.value(axis_name, &document) else {
-            let what =
-                format!("nothing says what `{axis_name}` is: no axis above, no variant, not the experiment itself");
+            let what = format!("nothing sets `{axis_name}`: no axis above, no variant, not the experiment itself");
             report.push(
                 Diagnostic::error(&condition.place, what).label("has no value").help("write it where it is defined"),
             );
@@ -110,7 +109,7 @@ impl Matrix {
     fn never_has(&self, path: &str, wanted: &Node, parameters: &Parameters<'_>) -> Option<Diagnostic> {
         let (instance, name) = path.rsplit_once('.')?;
         let (instance, _) = instance.split_once(".with").unwrap_or((instance, ""));
-        // Of another kind it may be another parameter.
+        // With another kind, it may be another parameter.
         let kind = format!("{instance}.kind");
         let variants = parameters.root.get("variants").map_or(&[][..], |variants| variants.entries());
         let mut changed = variants.iter().flat_map(|variant| variant.value.entries()).map(|entry| &entry.key);

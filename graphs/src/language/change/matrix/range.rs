@@ -25,11 +25,11 @@ pub(super) struct Range {
     node: Arc<Node>,
 }
 
-/// The numbers `of * n + more`.
+/// The numbers `step * n + offset`.
 #[derive(Clone, Copy)]
 struct Whole {
-    of: f64,
-    more: f64,
+    step: f64,
+    offset: f64,
 }
 
 impl Whole {
@@ -38,25 +38,25 @@ impl Whole {
             return None;
         }
         if is_odd(schema) {
-            return Some(Self { of: 2.0, more: 1.0 });
+            return Some(Self { step: 2.0, offset: 1.0 });
         }
-        let of = schema.get("multipleOf").and_then(Json::as_f64);
-        Some(Self { of: of.filter(|of| *of >= 1.0).unwrap_or(1.0), more: 0.0 })
+        let step = schema.get("multipleOf").and_then(Json::as_f64).filter(|step| *step >= 1.0);
+        Some(Self { step: step.unwrap_or(1.0), offset: 0.0 })
     }
 
     /// The least and the greatest `n` between two ends.
     fn between(self, from: f64, to: f64) -> (f64, f64) {
-        (((from - self.more) / self.of).ceil(), ((to - self.more) / self.of).floor())
+        (((from - self.offset) / self.step).ceil(), ((to - self.offset) / self.step).floor())
     }
 
     fn at(self, times: f64) -> f64 {
-        self.of * times + self.more
+        self.step * times + self.offset
     }
 
     fn describe(self) -> String {
         match self {
-            Self { more, .. } if more > 0.0 => "odd numbers".to_owned(),
-            Self { of, .. } if of > 1.0 => format!("multiples of {of}"),
+            Self { offset, .. } if offset > 0.0 => "odd numbers".to_owned(),
+            Self { step, .. } if step > 1.0 => format!("multiples of {step}"),
             Self { .. } => "whole numbers".to_owned(),
         }
     }
@@ -148,7 +148,7 @@ impl Range {
     /// The number at a share of the way, 0 to 1, when `parts` of the way are distinguished.
     pub(super) fn at(&self, share: f64, parts: f64) -> Arc<Node> {
         let (from, to) = (self.from, self.to);
-        // `libm`, since the system's functions differ in last bits between machines.
+        // `libm` gives the same bits on all machines.
         let ratio = match to / from {
             _ if !self.log => 0.0,
             ratio if ratio.is_finite() => libm::log(ratio),
@@ -165,11 +165,11 @@ impl Range {
         let value = match self.whole {
             Some(whole) => {
                 let (least, most) = whole.between(from, to);
-                whole.at(((value - whole.more) / whole.of).round().clamp(least, most))
+                whole.at(((value - whole.offset) / whole.step).round().clamp(least, most))
             }
             None if share <= 0.0 || share >= 1.0 => value,
             None => {
-                // Of very unequal neighbours the smaller one keeps a digit, too.
+                // With large ratios, the smaller neighbour keeps a digit.
                 let apart = if self.log { value * libm::expm1(ratio / parts).min(100.0) } else { (to - from) / parts };
                 short(value, apart)
             }
@@ -203,7 +203,7 @@ impl Range {
     }
 }
 
-/// Rounds to so many decimals that two numbers `apart` differ by about 100 units of the last.
+/// Rounds so that two numbers `apart` differ by about 100 units of the last decimal.
 fn short(value: f64, apart: f64) -> f64 {
     let mut decimals = 0;
     let mut unit = 1.0;
@@ -212,7 +212,7 @@ fn short(value: f64, apart: f64) -> f64 {
         decimals += 1;
     }
     if unit * 100.0 > apart {
-        // So far below 1 it is digits that are counted, not decimals.
+        // Far below 1, significant digits count instead of decimals.
         let digits = 2 + (0..15).take_while(|&power| value.abs() > apart * 10_f64.powi(power)).count();
         return format!("{value:.digits$e}").parse().unwrap_or(value);
     }
