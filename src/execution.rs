@@ -8,7 +8,7 @@ mod programs;
 use std::path::Path;
 use std::sync::Arc;
 
-use depthloom_analysis::{Prepared, ReportOptions, SAMPLES, SamplingTap, Summary, plan_key};
+use depthloom_analysis::{Prepared, ReportOptions, SAMPLES, SampleSink, Summary, plan_key};
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
@@ -218,15 +218,16 @@ fn record<'a>(
         print_warnings(args, &[format!("recomputed what {partial} had after byte {offset}: {what}")]);
     }
     let progress = Progress::new(plan, is_silent(args));
-    // What is wrong with the scores the report says when the frames are safe.
-    let sampling = SamplingTap::new(&recorder, plan, partial, &report_options(args), stopped).ok();
+    // If that fails, the report says why, when the frames are stored.
+    let samples_in_memory = report_options(args).samples_in_memory;
+    let sample_sink = SampleSink::new(&recorder, plan, partial, samples_in_memory, stopped).ok();
     let watch = Both(&progress, remote.map_or(&Unwatched, |remote| remote.observer));
-    let ran = match &sampling {
-        Some(sampling) => depthloom_runner::run(ready, sampling, options, &watch, interrupt),
+    let ran = match &sample_sink {
+        Some(sink) => depthloom_runner::run(ready, sink, options, &watch, interrupt),
         None => depthloom_runner::run(ready, &recorder, options, &watch, interrupt),
     };
     let printed = write_printed(folder);
-    let sampled = sampling.and_then(SamplingTap::finish);
+    let samples = sample_sink.and_then(SampleSink::finish);
     // Whatever happened, what was recorded is closed properly: a run that failed keeps the frames before the failure.
     let finished = match &ran {
         Ok(ran) if !ran.interrupted => recorder.finish(&[]),
@@ -253,7 +254,7 @@ fn record<'a>(
     if let (Some(text), false) = (reused.text(), is_silent(args)) {
         say(text);
     }
-    let prepared = Prepared { sampled, reports: reuse::reports(&earlier, options.audit) };
+    let prepared = Prepared { samples, reports: reuse::reports(&earlier, options.audit) };
     Ok(Recorded { failed, warnings, checkpoints: ran.checkpoints, reused: reused.output(), prepared, has_printed })
 }
 

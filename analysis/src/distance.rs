@@ -1,58 +1,136 @@
-//! Absolute error against true distance: the paper's figure, as numbers.
+//! Absolute error against true distance, per metre: counts and percentiles of the errors, by the [query engine](crate::query).
 //!
-//! Per estimator, the samples are the scored pixels with an answer, of all frames: the truth `t`, and `e = |y - t|` of the
-//! estimate as it is scored (median scaled if asked for, clamped). Per metre `floor(t)` of true distance: how many there are,
-//! and the percentiles 5, 25, 50, 75 and 95 of `e` by linear interpolation (numpy's default).
-//!
-//! An estimator that answers the easy pixels only would win against one that answers all. So the same is taken once more over
-//! the **shared** pixels: those that every estimator with the same truth and settings answered, on frames that all of them have.
-//!
-//! Of estimates that have not changed since an earlier run the bins are those of [its report](EarlierBins).
-//!
-//! The percentiles are exact, and memory is bounded whatever the number of frames: [`Samples`] says how.
+//! Two pixel sets: those for which an estimator is valid, and the *shared* ones, for which all estimators with the same ground truth and settings
+//! are. An estimator that is valid on easy pixels only would win on its own set.
 
 mod earlier;
-mod in_memory;
 mod inputs;
+mod maps;
 mod sample;
 mod samples;
 mod selection;
+mod sink;
 mod sorting;
 mod spill;
-mod spread;
+mod unchanged;
 
-use earlier::ORIGIN;
-pub(crate) use earlier::{EarlierBins, Origin};
-pub(crate) use inputs::{Input, inputs};
-pub(crate) use samples::{FARTHEST_M, FrameSamples, Samples};
-pub use spread::{DistanceBin, PERCENTILES, Spread};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 
+use depthloom_graphs::plan::RunId;
+use depthloom_recording::{RecordedPlan, Recording};
 use depthloom_scores::PixelSet;
 
+use self::earlier::{ORIGIN, Origin};
+use self::maps::Taken;
+use self::samples::Samples;
+pub use self::sink::{RecordedSamples, SampleSink};
+use crate::error::AnalysisError;
 use crate::estimators::{Estimator, estimator_columns};
-use crate::tables::{COMMON, Cells, Column, Rows, Table};
+use crate::files::Output;
+use crate::tables::{COMMON, Cells, Column, RowKey, RowKeys, Rows, Table, key_columns};
 
-/// What a row is of, `bin_from_m, bin_to_m, count, error_p5_m ... error_p95_m`: estimator by estimator, first on the pixels that each answered
-/// (`set` is `answered`), then on those that all answered (`common`). `origin` goes into the metadata.
-pub(crate) fn table_of_bins(bins: &[DistanceBin], estimators: &[Estimator], origin: &Origin) -> Table {
-    let mut rows: Vec<(&Estimator, &str, u32, Spread)> = Vec::new();
-    for of_one in bins.chunk_by(|a, b| a.estimator == b.estimator) {
-        let row = |bin: &DistanceBin, set, spread| (&estimators[bin.estimator], set, bin.bin_m, spread);
-        rows.extend(of_one.iter().map(|bin| row(bin, PixelSet::Answered.name(), bin.answered)));
-        rows.extend(of_one.iter().filter_map(|bin| Some(row(bin, COMMON, bin.shared?))));
+/// The percentiles that are computed.
+pub const PERCENTILES: [u32; 5] = [5, 25, 50, 75, 95];
+/// Pixels from this true distance on are left out, metres: counting takes memory for every metre up to the farthest.
+pub(crate) const FARTHEST_M: u32 = 4096;
+
+/// Absolute errors of an estimator in one metre of true distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DistanceBin {
+    /// Index of the estimator.
+    pub estimator: usize,
+    /// The bin holds true distances from this many metres up to, not including, one metre more.
+    pub bin_m: u32,
+    /// Over all pixels for which the estimator is valid.
+    pub answered: Spread,
+    /// Over those for which all that it is compared with are valid too; `None` if there is none.
+    pub shared: Option<Spread>,
+}
+
+/// The distribution of absolute errors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// The number of pixels, at least one.
+    pub count: u64,
+    /// The [`PERCENTILES`] of the absolute error, metres.
+    pub percentiles_m: [f64; 5],
+}
+
+/// Error against distance, and how many true distances are in each metre.
+pub(crate) struct Distances {
+    /// By estimator, then by metre.
+    pub(crate) bins: Vec<DistanceBin>,
+    /// By estimator: how many pixels were left out because they are beyond [`FARTHEST_M`].
+    pub(crate) beyond: Vec<u64>,
+    /// Scored pixels with ground truth by stage run and metre, over the frames whose values were recorded; each ground truth counts once.
+    truth: BTreeMap<(RunId, u32), u64>,
+}
+
+/// Computes the error against distance of a recording, and its table. The maps of frames with `recorded` samples are not read. The bins of equal
+/// maps come from one of the `reports` of earlier runs, given by their folders.
+pub(crate) fn distances(
+    recording: &Recording,
+    estimators: &[Estimator],
+    samples_in_memory: usize,
+    recorded: Option<RecordedSamples<'_>>,
+    reports: &[PathBuf],
+    output: Output<'_>,
+) -> Result<(Distances, Table), AnalysisError> {
+    let inputs = inputs::inputs(recording, estimators)?;
+    let distances = match unchanged::distances(recording, estimators, &inputs, reports, samples_in_memory, output)? {
+        Some(distances) => distances,
+        None => {
+            let none = || Taken::none_yet(Samples::new(estimators.len(), samples_in_memory, output));
+            let taken = recorded.map_or_else(none, |recorded| recorded.0);
+            maps::distances(recording, estimators, |_| true, output, taken)?
+        }
+    };
+    let origin = Origin::new(&distances.bins, &inputs, &distances.beyond);
+    let table = distances.table(estimators, &origin);
+    Ok((distances, table))
+}
+
+impl Distances {
+    /// Pixels with ground truth by metre, over all stages.
+    pub(crate) fn truth_of_all(&self) -> BTreeMap<u32, u64> {
+        let mut all = BTreeMap::new();
+        self.truth.iter().for_each(|((_, metre), count)| *all.entry(*metre).or_default() += count);
+        all
     }
-    let cells = Rows(&rows);
-    let mut columns = estimator_columns(&rows, |(estimator, set, ..)| (*estimator, *set), None);
-    columns.extend(bin_columns(rows.iter().map(|(_, _, metre, _)| *metre)));
-    columns.push(cells.count("count", |(.., spread)| spread.count).unit("pixels"));
-    columns.extend(PERCENTILES.into_iter().enumerate().map(|(i, percentile)| {
-        cells.number(format!("error_p{percentile}_m"), |(.., spread)| spread.percentiles_m[i]).unit("m")
-    }));
-    Table { metadata: vec![(ORIGIN, origin.json())], ..Table::new(columns) }
+
+    /// The table `true_distances.csv`.
+    pub(crate) fn table_of_truth(&self, plan: &RecordedPlan) -> Table {
+        let keys = RowKeys::new(plan);
+        let key = |run: RunId| keys.of_those(&plan.runs[run].stage, &plan.runs[run].variants);
+        let rows: Vec<(RowKey, u64)> = self.truth.iter().map(|((run, _), count)| (key(*run), *count)).collect();
+        let mut columns = key_columns(&rows, |(key, _)| key, Vec::new());
+        columns.extend(bin_columns(self.truth.keys().map(|(_, metre)| *metre)));
+        columns.push(Rows(&rows).count("count", |(_, count)| *count).unit("pixels"));
+        Table::new(columns)
+    }
+
+    /// The table `error_vs_distance`: estimator by estimator, first on the pixels for which each is valid (`answered`), then on the shared ones.
+    fn table(&self, estimators: &[Estimator], origin: &Origin) -> Table {
+        let mut rows: Vec<(&Estimator, &str, u32, Spread)> = Vec::new();
+        for bins in self.bins.chunk_by(|a, b| a.estimator == b.estimator) {
+            let row = |bin: &DistanceBin, set, spread| (&estimators[bin.estimator], set, bin.bin_m, spread);
+            rows.extend(bins.iter().map(|bin| row(bin, PixelSet::Answered.name(), bin.answered)));
+            rows.extend(bins.iter().filter_map(|bin| Some(row(bin, COMMON, bin.shared?))));
+        }
+        let cells = Rows(&rows);
+        let mut columns = estimator_columns(&rows, |(estimator, set, ..)| (*estimator, *set), None);
+        columns.extend(bin_columns(rows.iter().map(|(_, _, metre, _)| *metre)));
+        columns.push(cells.count("count", |(.., spread)| spread.count).unit("pixels"));
+        columns.extend(PERCENTILES.into_iter().enumerate().map(|(i, percentile)| {
+            cells.number(format!("error_p{percentile}_m"), |(.., spread)| spread.percentiles_m[i]).unit("m")
+        }));
+        Table { metadata: vec![(ORIGIN, origin.json())], ..Table::new(columns) }
+    }
 }
 
 /// The edges of bins of a metre of true distance: from the first up to, not including, the second.
-pub(crate) fn bin_columns(metres: impl Iterator<Item = u32> + Clone) -> [Column; 2] {
+fn bin_columns(metres: impl Iterator<Item = u32> + Clone) -> [Column; 2] {
     let column = |name: &str, metres| Column::new(name, Cells::Metres(metres)).unit("m");
     [column("bin_from_m", metres.clone().collect()), column("bin_to_m", metres.map(|metre| metre + 1).collect())]
 }

@@ -21,11 +21,11 @@ use depthloom_scores::PixelSet;
 
 use self::asked::Watch;
 use self::scores::with_scores;
-use crate::analyse::{Bins, Gross, Inquiry, SampleSet, Unit, is_any};
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::Estimator;
 use crate::input::frame_choice::FrameChoice;
+use crate::query::{Bins, Gross, Inquiry, SampleSet, Unit, is_any};
 use crate::statistics::Resampling;
 use crate::tables::RowKey;
 

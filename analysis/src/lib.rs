@@ -6,7 +6,6 @@
 //! have a figure and a table of their own.
 
 mod ablation;
-mod analyse;
 mod compare;
 mod curves;
 mod distance;
@@ -18,29 +17,26 @@ mod figures;
 mod files;
 mod input;
 mod page;
-mod percentiles;
+mod query;
 mod reading;
 mod report;
 mod rows;
 mod samples;
-mod sampling;
 mod scores;
 mod statistics;
 mod tables;
 mod timings;
-mod unchanged;
 
 pub use ablation::{
     BestValue, BoardRun, Costs, Question, Ranking, Selection, TableRow, answer, best_value, leaderboard,
 };
-pub use analyse::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
 pub use compare::{
     CompareOptions, ComparedRun, Comparison, ComparisonOutput, DistanceComparison, DistanceComparisonOutput, Side,
     compare, compare_by_distance, names,
 };
 pub use curves::CurveEnd;
 pub use depthloom_scores::{Mean, Metric, PixelSet};
-pub use distance::{DistanceBin, PERCENTILES, Spread};
+pub use distance::{DistanceBin, PERCENTILES, RecordedSamples, SampleSink, Spread};
 pub use error::AnalysisError;
 pub use estimators::Estimator;
 pub use explain::{Explain, Fact, ScoredFrame, WorstFrame, explain};
@@ -49,10 +45,10 @@ pub use input::condition::{DamagedPlace, RecordingCondition, StageFrames};
 pub use input::frame_choice::FrameChoice;
 pub use input::paper::paper_scores;
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
+pub use query::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
 pub use rows::{TopicRows, curve_rows, topic_rows};
 pub use samples::{SAMPLES, SamplesWritten, write_samples};
-pub use sampling::{Sampled, SamplingTap};
 pub use scores::FrameScore;
 pub use statistics::{Interval, IntervalMethod, Resampling};
 pub use tables::{

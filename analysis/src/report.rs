@@ -9,7 +9,7 @@ use depthloom_recording::Recording;
 
 use crate::ablation::{Ablation, Ranking, ScoreTable, Selection, TableRow, source_of};
 use crate::curves::{CurveEnd, LearningCurve, figure as figure_of, learning_curves, table_of_points};
-use crate::distance::{DistanceBin, FARTHEST_M, Origin, inputs, table_of_bins};
+use crate::distance::{DistanceBin, Distances, FARTHEST_M, RecordedSamples, distances};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::figure::{Figure, render};
@@ -17,12 +17,10 @@ use crate::files::Output;
 use crate::input::condition::{self, Findings, RecordingCondition};
 use crate::input::maps::{not_recorded, sparsely_kept};
 use crate::input::unscored::Unscored;
-use crate::reading::{self, Distances};
-use crate::sampling::Sampled;
+use crate::reading;
 use crate::scores::{incomplete_frames, table_of_scores};
 use crate::statistics::Resampling;
 use crate::tables::{Table, plan_key};
-use crate::unchanged;
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;
@@ -45,8 +43,8 @@ pub struct ReportOptions {
     pub intervals: Option<Resampling>,
     /// Whether bytes are checked, too, that no number comes from.
     pub check_every_byte: bool,
-    /// How many samples of the error against distance are held in memory at most: 4 to 8 bytes each. What is more lies in a
-    /// temporary file meanwhile; the numbers are the same to the bit.
+    /// How many samples of the error against distance are held in memory at most, of 4 to 8 bytes. More are in a temporary file; the numbers
+    /// are the same to the bit.
     pub samples_in_memory: usize,
 }
 
@@ -122,7 +120,7 @@ pub fn report(
 #[derive(Default)]
 pub struct Prepared<'a> {
     /// Samples that were taken while frames were recorded.
-    pub sampled: Option<Sampled<'a>>,
+    pub samples: Option<RecordedSamples<'a>>,
     /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is taken from their reports.
     pub reports: Vec<PathBuf>,
 }
@@ -278,19 +276,13 @@ fn write_distances(
     estimators: &[Estimator],
     options: &ReportOptions,
     output: Output<'_>,
-    Prepared { sampled, reports }: Prepared<'_>,
+    Prepared { samples, reports }: Prepared<'_>,
 ) -> Result<Distances, AnalysisError> {
-    let inputs = inputs(recording, estimators)?;
     let in_memory = options.samples_in_memory;
-    let distances = match unchanged::distances(recording, estimators, &inputs, &reports, in_memory, output)? {
-        Some(distances) => distances,
-        None => reading::distances(recording, estimators, in_memory, output, sampled.map(|sampled| sampled.0))?,
-    };
+    let (distances, table) = distances(recording, estimators, in_memory, samples, &reports, output)?;
     if distances.bins.is_empty() {
         return Ok(distances);
     }
-    let origin = Origin::new(&distances.bins, &inputs, &distances.beyond);
-    let table = table_of_bins(&distances.bins, estimators, &origin);
     output.write_table("error_vs_distance", &plan_key(recording.plan()), &table)?;
     output.write_csv("true_distances.csv", &distances.table_of_truth(recording.plan()))?;
     let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth_of_all() };

@@ -8,7 +8,7 @@ use polars::prelude::{ParallelStrategy, ParquetReader, PolarsResult, SerReader a
 use serde::{Deserialize, Serialize};
 
 use super::inputs::Input;
-use super::spread::{DistanceBin, PERCENTILES, Spread};
+use super::{DistanceBin, PERCENTILES, Spread};
 use crate::error::caught;
 
 /// The name under which [`Origin`] is stored in the metadata of the table.
@@ -16,7 +16,7 @@ pub(super) const ORIGIN: &str = "depthloom.computed_from";
 
 /// What the rows of `error_vs_distance.parquet` were computed from.
 #[derive(Debug, PartialEq, Deserialize, Serialize)]
-pub(crate) struct Origin {
+pub(super) struct Origin {
     /// In the order of the rows. Each estimator has one row per bin of the pixels that it answered, then one per bin of the pixels that all answered.
     estimators: Vec<EstimatorOrigin>,
     /// A checksum of the above and of the rows.
@@ -38,7 +38,7 @@ struct EstimatorOrigin {
 
 impl Origin {
     /// The origin of the bins. `beyond` is, by estimator, the number of pixels that were left out.
-    pub(crate) fn new(bins: &[DistanceBin], inputs: &[Option<Input>], beyond: &[u64]) -> Self {
+    pub(super) fn new(bins: &[DistanceBin], inputs: &[Option<Input>], beyond: &[u64]) -> Self {
         let estimators = bins.chunk_by(|a, b| a.estimator == b.estimator).map(|bins| {
             let index = bins[0].estimator;
             let input = inputs[index];
@@ -82,7 +82,7 @@ fn checksum(estimators: &[EstimatorOrigin], bins: &[DistanceBin]) -> Key {
 
 /// The bins of an earlier report.
 #[derive(Debug)]
-pub(crate) struct EarlierBins {
+pub(super) struct EarlierBins {
     estimators: Vec<EarlierEstimator>,
 }
 
@@ -96,7 +96,7 @@ struct EarlierEstimator {
 
 impl EarlierBins {
     /// Reads `error_vs_distance.parquet` in a run's folder. `None` if the file is missing or damaged, or an earlier version wrote it.
-    pub(crate) fn read(folder: &Path) -> Option<Self> {
+    pub(super) fn read(folder: &Path) -> Option<Self> {
         // polars panics on some damaged files.
         caught(|| Ok(Self::read_sound(folder))).ok().flatten()
     }
@@ -138,7 +138,7 @@ impl EarlierBins {
 
     /// Finds estimators of the report by the keys of their inputs: by key, the index of the estimator. All of them are in one group of the report,
     /// the group with the most matches.
-    pub(crate) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
+    pub(super) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
         let of_group = |group: usize| -> Vec<Option<usize>> {
             let with = |key: Key| {
                 self.estimators.iter().position(|of| of.origin.group == group && of.origin.input == Some(key))
@@ -152,18 +152,18 @@ impl EarlierBins {
     }
 
     /// Whether every pixel that an estimator of the report answered was answered by its whole group.
-    pub(crate) fn answers_only_shared(&self, estimator: usize) -> bool {
+    pub(super) fn answers_only_shared(&self, estimator: usize) -> bool {
         let count = |bin: &DistanceBin| bin.shared.map_or(0, |shared| shared.count);
         self.estimators[estimator].bins.iter().all(|bin| bin.answered.count == count(bin))
     }
 
     /// The bins of an estimator of the report, with the index that the estimator has today.
-    pub(crate) fn bins(&self, estimator: usize, index: usize) -> impl Iterator<Item = DistanceBin> {
+    pub(super) fn bins(&self, estimator: usize, index: usize) -> impl Iterator<Item = DistanceBin> {
         self.estimators[estimator].bins.iter().map(move |bin| DistanceBin { estimator: index, ..*bin })
     }
 
     /// The number of pixels of an estimator of the report that were left out because they are too far.
-    pub(crate) fn beyond(&self, estimator: usize) -> u64 {
+    pub(super) fn beyond(&self, estimator: usize) -> u64 {
         self.estimators[estimator].origin.beyond
     }
 }

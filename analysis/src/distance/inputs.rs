@@ -16,15 +16,15 @@ const VERSION: u64 = 1;
 
 /// What the bins of an estimator are computed from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Input {
+pub(super) struct Input {
     /// The number of its group. Estimators of a group have the same truth and the same settings, and share pixels.
-    pub(crate) group: usize,
+    pub(super) group: usize,
     /// A key of the settings, and of truth and estimate on every frame. `None` if a map is missing on a frame.
-    pub(crate) key: Option<Key>,
+    pub(super) key: Option<Key>,
 }
 
 /// By estimator: what its bins are computed from. `None` for an estimator without recorded maps.
-pub(crate) fn inputs(recording: &Recording, estimators: &[Estimator]) -> Result<Vec<Option<Input>>, AnalysisError> {
+pub(super) fn inputs(recording: &Recording, estimators: &[Estimator]) -> Result<Vec<Option<Input>>, AnalysisError> {
     let mut groups: Vec<(RunId, &str, String)> = Vec::new();
     let mut inputs = Vec::with_capacity(estimators.len());
     let mut digests: BTreeMap<(RunId, &str), Vec<Option<Key>>> = BTreeMap::new();

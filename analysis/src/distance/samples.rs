@@ -7,23 +7,19 @@ use std::thread;
 use depthloom_scores::ScoredPixels;
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
-use super::sample::{Which, sample};
+use super::sample::sample;
 use super::spill::Spill;
-use super::spread::{DistanceBin, Spread};
-use super::{in_memory, selection, sorting};
+use super::{DistanceBin, FARTHEST_M, Spread};
+use super::{selection, sorting};
 use crate::error::AnalysisError;
 use crate::files::Output;
-
-/// True distances from here on are left out, metres: counting takes room for every metre up to the farthest.
-pub(crate) const FARTHEST_M: u32 = 4096;
 
 /// Collects the samples of all estimators, with no more than a given number of them in memory.
 ///
 /// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
-/// file](Spill), from which as many metres as fit are read back at a time and [sorted](super::sorting); one metre of which more
-/// than `at_most` were taken is found [by counting](super::selection): exact, and with memory that depends on neither frames nor
-/// pixels. If all fit, [polars takes them](super::in_memory). All ways give the same bits.
-pub(crate) struct Samples<'a> {
+/// file](Spill), from which as many metres as fit are read back at a time. A metre with more samples than `at_most` is [counted](super::selection):
+/// exact, and with memory that depends on neither frames nor pixels. All ways give the same bits.
+pub(super) struct Samples<'a> {
     output: Output<'a>,
     /// By estimator and metre of true distance.
     held: Vec<Vec<Vec<u32>>>,
@@ -36,7 +32,7 @@ pub(crate) struct Samples<'a> {
 
 /// The samples of one frame, put together on any thread.
 #[derive(Default)]
-pub(crate) struct FrameSamples(Vec<OfEstimator>);
+pub(super) struct FrameSamples(Vec<OfEstimator>);
 
 /// The samples of an estimator on a frame.
 struct OfEstimator {
@@ -51,7 +47,7 @@ struct OfEstimator {
 impl FrameSamples {
     /// Adds the answered pixels of an estimate, of which these are the [errors](ScoredPixels::absolute_errors); `shared` says of each scored pixel
     /// whether all that are compared answered it. The pixels are [by metre](ScoredPixels::by_metre).
-    pub(crate) fn add(&mut self, estimator: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
+    pub(super) fn add(&mut self, estimator: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
         let mut samples = vec![0; errors_m.len()];
         let (mut ends, mut beyond, mut kept) = (Vec::new(), 0, 0);
         for (metre, range) in pixels.metres() {
@@ -73,12 +69,12 @@ impl FrameSamples {
 
 impl<'a> Samples<'a> {
     /// Samples of so many estimators, at most `at_most` of them in memory.
-    pub(crate) fn new(estimators: usize, at_most: usize, output: Output<'a>) -> Self {
+    pub(super) fn new(estimators: usize, at_most: usize, output: Output<'a>) -> Self {
         Self { output, held: vec![Vec::new(); estimators], beyond: vec![0; estimators], count: 0, at_most, spill: None }
     }
 
     /// Takes the samples of a frame.
-    pub(crate) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
+    pub(super) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
         for OfEstimator { estimator, samples, ends, beyond } in frame.0 {
             let bins = &mut self.held[estimator];
             self.count += samples.len();
@@ -96,12 +92,12 @@ impl<'a> Samples<'a> {
     }
 
     /// By estimator: how many samples were left out, since their true distance is too far.
-    pub(crate) fn beyond(&self) -> &[u64] {
+    pub(super) fn beyond(&self) -> &[u64] {
         &self.beyond
     }
 
     /// The percentiles, estimator by estimator, nearest bin first.
-    pub(crate) fn percentiles(mut self) -> Result<Vec<DistanceBin>, AnalysisError> {
+    pub(super) fn percentiles(mut self) -> Result<Vec<DistanceBin>, AnalysisError> {
         if self.spill.is_some() {
             self.spill()?;
         }
@@ -110,7 +106,7 @@ impl<'a> Samples<'a> {
             self.output.go_on()?;
             let spreads = match &self.spill {
                 Some(spill) => self.of_spill(spill, estimator)?,
-                None => of_memory(&std::mem::take(&mut self.held[estimator]))?,
+                None => of_metres(std::mem::take(&mut self.held[estimator])),
             };
             for (bin_m, [answered, shared]) in (0..).zip(spreads) {
                 bins.extend(answered.map(|answered| DistanceBin { estimator, bin_m, answered, shared }));
@@ -178,15 +174,6 @@ fn of_metres(held: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
         metre.1 = sorting::spreads(std::mem::take(&mut metre.0));
     });
     metres.into_iter().map(|metre| into_unlocked(metre).1).collect()
-}
-
-/// How samples in memory spread, by metre.
-fn of_memory(held: &[Vec<u32>]) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
-    let spreads = |which| in_memory::spreads(which, held).map_err(AnalysisError::compute("the percentiles"));
-    let answered = spreads(Which::Answered)?;
-    let all_are_shared = held.iter().flatten().all(|sample| Which::Shared.has(*sample));
-    let shared = if all_are_shared { answered.clone() } else { spreads(Which::Shared)? };
-    Ok(answered.into_iter().zip(shared).map(|(answered, shared)| [answered, shared]).collect())
 }
 
 #[cfg(test)]

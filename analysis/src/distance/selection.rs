@@ -1,12 +1,12 @@
-//! Percentiles of samples of one metre that do not fit in memory: exact, [by counting](crate::percentiles).
+//! Percentiles of samples of one metre that do not fit in memory: exact, [by counting](crate::query).
 
 use super::sample::{Which, error_bits, error_from_bits};
-use super::spread::{PERCENTILES, Spread};
+use super::{PERCENTILES, Spread};
 use crate::error::AnalysisError;
-use crate::percentiles::{OUTSIDE, Pass, Room, Tally, Trial, percentiles};
+use crate::query::{Memory, OUTSIDE, Pass, Tally, percentiles};
 
 /// Counters and samples held: little beside the samples that did not fit.
-const ROOM: Room = Room { counters: 1 << 16, gathered: 1 << 16 };
+const MEMORY: Memory = Memory { samples: 1 << 16, counters: 1 << 16 };
 /// The groups that are counted.
 const WHICHES: [Which; 2] = [Which::Answered, Which::Shared];
 
@@ -16,7 +16,7 @@ pub(super) fn spreads(
     visit: impl Fn(&mut dyn FnMut(&[u32])) -> Result<(), AnalysisError>,
 ) -> Result<[Option<Spread>; 2], AnalysisError> {
     let scan = |pass: &Pass| {
-        let mut tally = Tally::of(pass);
+        let mut tally = Tally::new(pass);
         let (mut errors, mut groups) = (Vec::new(), Vec::new());
         visit(&mut |samples| {
             errors.clear();
@@ -24,12 +24,12 @@ pub(super) fn spreads(
             for (group, which) in (0..).zip(WHICHES) {
                 groups.clear();
                 groups.extend(samples.iter().map(|sample| if which.has(*sample) { group } else { OUTSIDE }));
-                tally.take(pass, 0, &groups, &errors);
+                tally.add(pass, |group| group, &groups, &errors);
             }
         })?;
         Ok(vec![tally])
     };
-    let found = percentiles(WHICHES.len(), &PERCENTILES.map(f64::from), ROOM, Trial::None, scan)?;
+    let found = percentiles(WHICHES.len(), &PERCENTILES.map(f64::from), MEMORY, scan)?;
     let spread = |group: usize| {
         let of = &found[group];
         let percentiles_m = of.values.as_slice().try_into().ok()?;

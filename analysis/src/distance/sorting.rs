@@ -1,8 +1,10 @@
 //! Percentiles of the samples of one metre that were read back from a spill: by counting, and by bringing the few that are asked for to their places.
 
+use depthloom_scores::quantile::{between, position};
+
 use super::sample::{Which, error_bits, error_from_bits};
-use super::spread::{PERCENTILES, Spread};
-use crate::percentiles::{between, position};
+use super::{PERCENTILES, Spread};
+use crate::query::place;
 
 /// How the samples of a metre spread: all that were answered, and those that are shared.
 pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
@@ -16,18 +18,18 @@ pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
 fn spread(samples: &mut [u32]) -> Option<Spread> {
     let last = samples.len().checked_sub(1)?;
     let count = samples.len() as u64;
-    let below = PERCENTILES.map(|percentile| position(f64::from(percentile), count).0 as usize);
+    let below = PERCENTILES.map(|percentile| position(f64::from(percentile) / 100.0, count).0 as usize);
     let mut ranks: Vec<usize> = below.into_iter().flat_map(|below| [below, (below + 1).min(last)]).collect();
     // Of few samples the neighbours of one percentile are those of the next, too.
     ranks.sort_unstable();
     let found = at_ranks(samples, &ranks);
     let percentiles_m = PERCENTILES.map(|percentile| {
-        let (below, share) = position(f64::from(percentile), count);
+        let (below, share) = position(f64::from(percentile) / 100.0, count);
         let error = |rank: usize| {
             let place = ranks.binary_search(&rank).expect("every rank asked for is among them");
             error_from_bits(error_bits(found[place]))
         };
-        between(error(below as usize), error((below as usize + 1).min(last)), share)
+        between(error(below as usize).into(), error((below as usize + 1).min(last)).into(), share)
     });
     Some(Spread { count, percentiles_m })
 }
@@ -78,24 +80,15 @@ fn at_ranks(samples: &mut [u32], ranks: &[usize]) -> Vec<u32> {
     ranks.iter().zip(of_ranks).map(|(rank, number)| classes[number].1[rank - classes[number].0]).collect()
 }
 
-/// Brings what has these ranks among samples that begin at rank `first` to where sorting would; the ranks ascend.
-///
-/// Sorting all would take three times as long.
-fn place(samples: &mut [u32], first: usize, ranks: &[usize]) {
-    let Some(&rank) = ranks.get(ranks.len() / 2) else { return };
-    let (below, _, above) = samples.select_nth_unstable(rank - first);
-    place(below, first, &ranks[..ranks.partition_point(|of| *of < rank)]);
-    place(above, rank + 1, &ranks[ranks.partition_point(|of| *of <= rank)..]);
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::in_memory;
+    use depthloom_scores::quantile::quantile;
+
     use super::super::sample::sample;
     use super::*;
 
     #[test]
-    fn placing_gives_the_bits_that_polars_gives() {
+    fn placing_gives_the_bits_that_sorting_gives() {
         let some: Vec<u32> = (0..40).map(|i| sample((i * i % 17) as f32 * 0.3, i % 3 != 0)).collect();
         let alone = vec![sample(0.5, false)];
         let many = (0..10_007_u64).map(|i| sample((i * i % 7919) as f32 * 0.01, i % 5 != 0)).collect();
@@ -106,9 +99,14 @@ mod tests {
         let far = far.collect();
         let alike = vec![sample(2.0, true); 10_000];
         for samples in [some, alone, few, many, far, alike, Vec::new()] {
-            let held = [samples.clone()];
-            let polars = [Which::Answered, Which::Shared].map(|which| in_memory::spreads(which, &held).unwrap()[0]);
-            assert_eq!(spreads(samples), polars);
+            let sorted = [Which::Answered, Which::Shared].map(|which| {
+                let of_which = samples.iter().filter(|sample| which.has(**sample));
+                let mut errors_m: Vec<f32> = of_which.map(|sample| error_from_bits(error_bits(*sample))).collect();
+                errors_m.sort_by(f32::total_cmp);
+                let percentiles_m = PERCENTILES.map(|percentile| quantile(&errors_m, f64::from(percentile) / 100.0));
+                (!errors_m.is_empty()).then_some(Spread { count: errors_m.len() as u64, percentiles_m })
+            });
+            assert_eq!(spreads(samples), sorted);
         }
     }
 }

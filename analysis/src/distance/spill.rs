@@ -4,8 +4,9 @@
 //! was written where is remembered here, so that a file that gives back less than was put into it is an error.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Write as _};
 use std::ops::Range;
+use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
 use crate::error::AnalysisError;
@@ -58,9 +59,14 @@ impl Spill {
         of.stretches.push(Stretch { start: self.end, metres: bins.len() });
         of.counts.resize(of.counts.len().max(bins.len()), 0);
         of.counts.iter_mut().zip(bins).for_each(|(count, bin)| *count += bin.len() as u64);
-        let length = write(&mut self.file, self.end, bins).map_err(AnalysisError::write(&temporary(&self.folder)))?;
-        self.end += length;
-        Ok(())
+        let mut file = BufWriter::with_capacity(4 * BATCH, &self.file);
+        let counts: Vec<u32> = bins.iter().map(|bin| bin.len() as u32).collect();
+        for numbers in std::iter::once(&counts).chain(bins) {
+            let written = file.write_all(bytemuck::cast_slice(numbers));
+            written.map_err(AnalysisError::write(&temporary(&self.folder)))?;
+            self.end += 4 * numbers.len() as u64;
+        }
+        file.flush().map_err(AnalysisError::write(&temporary(&self.folder)))
     }
 
     /// Calls `f(metre, samples)` for all samples of an estimator in some metres, a batch at a time.
@@ -71,28 +77,22 @@ impl Spill {
         f: &mut Visitor<'_>,
     ) -> Result<(), AnalysisError> {
         let failed = |source: io::Error| AnalysisError::read(&temporary(&self.folder))(source);
-        let (mut bytes, mut samples) = (Vec::new(), Vec::with_capacity(BATCH));
+        let (mut counts, mut samples) = (Vec::new(), vec![0_u32; BATCH]);
         let mut seen = vec![0; metres.len()];
         for stretch in &self.by_estimator[estimator].stretches {
-            let mut file = &self.file;
-            file.seek(SeekFrom::Start(stretch.start)).map_err(failed)?;
-            bytes.resize(4 * stretch.metres, 0);
-            file.read_exact(&mut bytes).map_err(failed)?;
-            let counts: Vec<u64> = numbers(&bytes).map(u64::from).collect();
-            let before: u64 = counts.iter().take(metres.start).sum();
-            file.seek(SeekFrom::Current(4 * before as i64)).map_err(failed)?;
-            bytes.resize(4 * BATCH, 0);
+            counts.resize(stretch.metres, 0_u32);
+            self.file.read_exact_at(bytemuck::cast_slice_mut(&mut counts), stretch.start).map_err(failed)?;
+            let before: u64 = counts.iter().take(metres.start).map(|count| u64::from(*count)).sum();
+            let mut at = stretch.start + 4 * (stretch.metres as u64 + before);
             for (metre, &count) in counts.iter().enumerate().take(metres.end).skip(metres.start) {
-                seen[metre - metres.start] += count;
+                seen[metre - metres.start] += u64::from(count);
                 let mut left = count as usize;
                 while left > 0 {
-                    let batch = left.min(BATCH);
-                    let bytes = &mut bytes[..4 * batch];
-                    file.read_exact(bytes).map_err(failed)?;
-                    samples.clear();
-                    samples.extend(numbers(bytes));
-                    f(metre, &samples)?;
-                    left -= batch;
+                    let batch = &mut samples[..left.min(BATCH)];
+                    self.file.read_exact_at(bytemuck::cast_slice_mut(batch), at).map_err(failed)?;
+                    f(metre, batch)?;
+                    left -= batch.len();
+                    at += 4 * batch.len() as u64;
                 }
             }
         }
@@ -101,26 +101,6 @@ impl Spill {
         }
         Ok(())
     }
-}
-
-/// Writes a stretch; gives the bytes written.
-fn write(file: &mut File, at: u64, bins: &[Vec<u32>]) -> io::Result<u64> {
-    file.seek(SeekFrom::Start(at))?;
-    let mut file = BufWriter::with_capacity(4 * BATCH, file);
-    let counts: Vec<u32> = bins.iter().map(|bin| bin.len() as u32).collect();
-    let mut length = 0;
-    for numbers in std::iter::once(&counts).chain(bins) {
-        for number in numbers {
-            file.write_all(&number.to_le_bytes())?;
-        }
-        length += 4 * numbers.len() as u64;
-    }
-    file.flush()?;
-    Ok(length)
-}
-
-fn numbers(bytes: &[u8]) -> impl Iterator<Item = u32> {
-    bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes))
 }
 
 /// What messages call the file.
@@ -157,8 +137,7 @@ mod tests {
         assert!(matches!(error, AnalysisError::Read { .. }), "{error}");
         assert_eq!(all(0, 0..3).unwrap().len(), 4, "what is whole can be read");
         // A disk that gives back other bytes.
-        (&spill.file).seek(SeekFrom::Start(0)).unwrap();
-        (&spill.file).write_all(&[1]).unwrap();
+        spill.file.write_all_at(&[1], 0).unwrap();
         let error = all(0, 0..3).unwrap_err();
         assert!(error.to_string().starts_with("failed to read"), "{error}");
     }

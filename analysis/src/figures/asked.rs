@@ -3,8 +3,8 @@
 use depthloom_figures::{Place, distinct};
 
 use super::{FigureRequest, FigureRun};
-use crate::analyse::{Inquiry, SampleSet, Unit, answered};
 use crate::error::AnalysisError;
+use crate::query::{Inquiry, SampleSet, Unit, answered};
 use crate::tables::Table;
 
 /// The bins of an estimate over a pixel set.

@@ -7,10 +7,10 @@ use depthloom_figures::{
 use depthloom_graphs::counted;
 
 use super::{Figure, FigureRequest, FigureRun};
-use crate::analyse::is_any;
 use crate::compare::{CompareOptions, ComparedRun, DistancePair, DistanceRow, Side, Statistic, compare_by_distance};
 use crate::error::{AnalysisError, listed};
 use crate::estimators::{Estimator, estimators, names_of};
+use crate::query::is_any;
 
 const BAND_OPACITY: f64 = 0.28;
 const HANDOVER: Stroke = Stroke::new(BLACK, 0.8).dashed(&[3.0, 1.5]);

@@ -5,8 +5,8 @@ use depthloom_graphs::counted;
 
 use super::asked::{Errors, Watch, ask};
 use super::{Figure, FigureRequest, FigureRun};
-use crate::analyse::{Bins, By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
+use crate::query::{Bins, By, Inquiry, SampleSet, Unit};
 
 /// The bins of a histogram by default, which have one ratio, and the per cent of an estimate's pixels whose errors are below the first and the last.
 const BINS: u32 = 40;

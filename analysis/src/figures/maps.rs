@@ -11,6 +11,7 @@ use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use depthloom_graphs::values::Raster;
 use depthloom_graphs::{Value, ValueType};
 use depthloom_recording::{RecordedPlan, Recording};
+use depthloom_scores::quantile::quantile;
 use depthloom_scores::{Align, Settings};
 
 use super::{Figure, FigureRequest, FigureRun};
@@ -286,7 +287,7 @@ impl Table {
         all.sort_by(f32::total_cmp);
         let at = |place: usize| all.get(place).map(|value| f64::from(*value));
         let last = all.len().saturating_sub(1);
-        let median = at(last / 2).zip(at(all.len() / 2)).map(|(one, other)| 0.5 * (one + other));
+        let median = (!all.is_empty()).then(|| quantile(&all, 0.5));
         self.keys.iter_mut().zip([frame, name]).for_each(|(column, key)| column.push(Some(key.to_owned())));
         self.pixels.push(Some(all.len() as u64));
         self.numbers.iter_mut().zip([at(0), median, at(last)]).for_each(|(column, number)| column.push(number));

@@ -5,8 +5,8 @@ use depthloom_figures::{Bin, Scale, Spread, SpreadFigure};
 use super::asked::{ErrorBin, Errors, Watch, ask};
 use super::errors::{about, label, what};
 use super::{Figure, FigureKind, FigureRequest, FigureRun};
-use crate::analyse::{Bins, By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
+use crate::query::{Bins, By, Inquiry, SampleSet, Unit};
 
 pub(super) fn spreads(
     runs: &[FigureRun<'_>],

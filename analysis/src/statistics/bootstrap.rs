@@ -8,6 +8,8 @@ use std::thread;
 use depthloom_random::SplitMix64;
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
+use depthloom_scores::quantile::quantile;
+
 use super::normal;
 use crate::error::AnalysisError;
 
@@ -167,7 +169,7 @@ impl Resampling {
         }
         replicates.sort_by(f64::total_cmp);
         let alpha = (1.0 - self.confidence) / 2.0;
-        Some(Interval { low: percentile(&replicates, alpha), high: percentile(&replicates, 1.0 - alpha) })
+        Some(Interval { low: quantile(&replicates, alpha), high: quantile(&replicates, 1.0 - alpha) })
     }
 
     fn interval(&self, frames: usize, number: &Statistic<'_>, mut replicates: Vec<f64>) -> Option<Interval> {
@@ -195,7 +197,7 @@ impl Resampling {
                 shares(alpha, whole, &replicates, &left_out)?
             }
         };
-        Some(Interval { low: percentile(&replicates, low), high: percentile(&replicates, high) })
+        Some(Interval { low: quantile(&replicates, low), high: quantile(&replicates, high) })
     }
 }
 
@@ -220,12 +222,4 @@ fn shares(alpha: f64, whole: f64, replicates: &[f64], left_out: &[f64]) -> Optio
     let z = normal::quantile(alpha);
     let (low, high) = (share(z), share(-z));
     (low.is_finite() && high.is_finite() && bias.is_finite()).then_some((low, high))
-}
-
-/// Linearly interpolated, NumPy's default.
-fn percentile(sorted: &[f64], share: f64) -> f64 {
-    let place = share * (sorted.len() - 1) as f64;
-    let below = (place.floor() as usize).min(sorted.len() - 1);
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + (sorted[above] - sorted[below]) * (place - below as f64)
 }

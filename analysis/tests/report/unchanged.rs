@@ -53,7 +53,7 @@ impl Runs {
         let recording = recording(&run);
         let reports = [vec![self.earlier()], Vec::new()].map(|reports| {
             let out = tempfile::tempdir().unwrap();
-            let prepared = Prepared { sampled: None, reports };
+            let prepared = Prepared { samples: None, reports };
             report_with(&recording, out.path(), &ReportOptions::default(), prepared, &|| false).unwrap();
             files(out.path())
         });

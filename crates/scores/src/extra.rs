@@ -2,7 +2,7 @@
 
 use crate::Metric;
 use crate::ln::ln;
-use crate::pixels::median;
+use crate::quantile::median;
 
 /// The sums over some pixels, added in their order.
 #[derive(Clone, Debug, Default)]

@@ -22,6 +22,7 @@ mod metric;
 mod params;
 mod pixels;
 mod preset;
+pub mod quantile;
 mod row;
 mod score;
 mod settings;

@@ -1,8 +1,8 @@
 //! Which pixels of a frame are scored.
 
-use std::cmp::Ordering;
 use std::ops::Range;
 
+use crate::quantile::median;
 use crate::{Align, Settings};
 
 /// The pixels of a frame whose truth is scored: found once, used for every estimate of the frame.
@@ -338,18 +338,6 @@ fn scaled_and_shifted(
     }
 }
 
-/// The median, as numpy's: the mean of the middle two of an even number.
-pub(crate) fn median<T: Copy + Into<f64>>(values: &mut [T], order: impl Fn(&T, &T) -> Ordering) -> Option<f64> {
-    if values.is_empty() {
-        return None;
-    }
-    let middle = values.len() / 2;
-    let even = values.len().is_multiple_of(2);
-    let (below, &mut upper, _) = values.select_nth_unstable_by(middle, &order);
-    let lower = below.iter().copied().max_by(&order).filter(|_| even);
-    Some(lower.map_or(upper.into(), |lower| f64::midpoint(lower.into(), upper.into())))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -380,15 +368,6 @@ mod tests {
         let metres: Vec<_> = pixels.metres().collect();
         assert_eq!(metres, [(1, 0..1), (3, 1..4), (9, 4..5), (70, 5..6), (60, 6..7)]);
         assert!(ScoredPixels::default().by_metre(50).is_empty());
-    }
-
-    #[test]
-    fn median_is_numpys() {
-        let median = |values: &mut [f32]| median(values, f32::total_cmp);
-        assert_eq!(median(&mut []), None);
-        assert_eq!(median(&mut [3.0]), Some(3.0));
-        assert_eq!(median(&mut [4.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median(&mut [4.0, 1.0, 2.0, 8.0]), Some(3.0));
     }
 
     #[test]

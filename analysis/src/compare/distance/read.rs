@@ -1,12 +1,11 @@
 //! The pixels of a pair, by distance and frame, out of samples.
 
+use depthloom_scores::quantile::{median, quantile};
 use polars::frame::DataFrame;
-use polars::prelude::{DataType, PolarsResult};
 
 use super::Median;
-use crate::analyse::{Bins, Edges};
 use crate::error::AnalysisError;
-use crate::percentiles::OUTSIDE;
+use crate::query::{Bins, Edges, OUTSIDE, numbers};
 use crate::samples::{DescribedEstimator, Part, SamplesFile};
 
 /// What both have answered.
@@ -128,8 +127,10 @@ pub(super) fn pixels(
         for of in &mut bin.frames {
             let (own, others) = rest.split_at(of.count as usize);
             rest = others;
-            of.medians = [0, 1]
-                .map(|side| Median::new(own.iter().map(|(errors, _)| (errors[side], 0)).collect(), 1).value(&[1.0]));
+            of.medians = [0, 1].map(|side| {
+                let mut errors: Vec<f32> = own.iter().map(|(errors, _)| errors[side]).collect();
+                median(&mut errors, f32::total_cmp).unwrap_or(f64::NAN)
+            });
         }
     }
     found.bins = of_bins;
@@ -161,7 +162,7 @@ fn both(
         file.read(parts[side], &["x", "y", "truth_m", &of.column])
     };
     let tables = [read(0)?, read(1)?];
-    let column = |side: usize, name: &str| values(&tables[side], name).map_err(computed());
+    let column = |side: usize, name: &str| numbers(&tables[side], name).map_err(computed());
     let place = |side: usize| -> Result<_, AnalysisError> {
         Ok((column(side, "x")?, column(side, "y")?, column(side, "truth_m")?))
     };
@@ -172,12 +173,6 @@ fn both(
     let (first, second) = (column(0, &sides[0].1.column)?, column(1, &sides[1].1.column)?);
     let pixels = one.2.into_iter().zip(first.into_iter().zip(second)).map(|(truth, (one, two))| [truth, one, two]);
     Ok(Some(pixels.filter(|pixel| pixel.iter().all(|of| of.is_finite())).collect()))
-}
-
-/// A column's numbers; NaN where it has none.
-fn values(table: &DataFrame, name: &str) -> PolarsResult<Vec<f32>> {
-    let column = table.column(name)?.cast(&DataType::Float32)?;
-    Ok(column.f32()?.iter().map(|number| number.unwrap_or(f32::NAN)).collect())
 }
 
 /// The edges of bins over distances.
@@ -192,11 +187,6 @@ fn edges(bins: &Bins, truths: impl Iterator<Item = f32>) -> Result<Edges, Analys
         Bins::Quantile(count) => *count,
         _ => 1,
     };
-    let at = |edge: u32| {
-        let place = f64::from(edge) / f64::from(count) * (sorted.len() - 1) as f64;
-        let (below, above) = (place.floor() as usize, place.ceil() as usize);
-        let (lower, upper) = (f64::from(sorted[below]), f64::from(sorted[above]));
-        lower + (upper - lower) * (place - place.floor())
-    };
+    let at = |edge: u32| quantile(&sorted, f64::from(edge) / f64::from(count));
     Ok(Edges::new((0..=count).map(at).collect(), true))
 }

@@ -1,24 +1,24 @@
 //! One inquiry of one population: the samples of a stage that were scored in one way, over one set of pixels, by one column.
 
-use std::num::NonZero;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::thread;
 
-use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
+use depthloom_threads::{into_unlocked, locked};
 use polars::frame::DataFrame;
 use polars::prelude::PolarsResult;
 
 use super::bins::{Bins, Edges};
 use super::numbers::numbers;
-use super::sums::{self, PartSums, Sums};
+use super::percentiles::{Memory, OUTSIDE, Percentiles, Tally, percentiles};
+use super::scan::{scan, threads};
+use super::sums::{self, BinSums, PartSums, Sums};
 use super::{By, Inquiry, SampleSet, Unit};
-use crate::error::{AnalysisError, caught};
-use crate::percentiles::{OUTSIDE, Pass, Percentiles, Room, Tally, Trial, percentiles};
+use crate::error::AnalysisError;
 use crate::samples::{DescribedEstimator, Part, SamplesFile};
 
-/// Every so many-th part is tried first.
-const TRIED: usize = 10;
+/// Samples that are held in memory at most, and counters where there are more samples.
+const SAMPLES: usize = 1 << 27;
+const COUNTERS: usize = 1 << 26;
 
 /// What is asked of which samples.
 pub(super) struct Job<'a> {
@@ -27,8 +27,8 @@ pub(super) struct Job<'a> {
     pub(super) parts: Vec<&'a Part>,
     /// All that are compared.
     pub(super) estimators: Vec<&'a DescribedEstimator>,
-    /// Those of them that are told of.
-    pub(super) told: Vec<usize>,
+    /// Those of them that are reported.
+    pub(super) reported: Vec<usize>,
     /// The column that samples are put into bins by; `None`: a bin a frame.
     pub(super) by: Option<String>,
     pub(super) set: SampleSet,
@@ -54,11 +54,11 @@ pub(super) struct FoundRow {
     pub(super) bin: usize,
     /// Scored pixels in it; of the common set, those that are common.
     pub(super) pixels: u64,
-    /// By estimator told of: what adds up, and the percentiles where it has samples.
-    pub(super) of: Vec<(Sums, Option<Vec<f64>>)>,
+    /// By reported estimator: the sums, and the percentiles where it has samples.
+    pub(super) estimators: Vec<(Sums, Option<Vec<f64>>)>,
 }
 
-/// A part, read: its rows' bins, and by estimator told of the errors, NaN where it has no answer.
+/// A part: its rows' bins, and by reported estimator the errors, NaN where it has no estimate.
 struct Read {
     bins: Vec<u32>,
     errors: Vec<Vec<f32>>,
@@ -88,47 +88,36 @@ impl Job<'_> {
             FoundBins::Edges(edges) => edges.len(),
             FoundBins::Frames(frames) => frames.len(),
         };
-        let of_parts: Vec<Mutex<Option<DataFrame>>> = self.parts.iter().map(|_| Mutex::new(None)).collect();
+        let sums: Vec<Mutex<Vec<(usize, BinSums)>>> = self.parts.iter().map(|_| Mutex::default()).collect();
         let done = AtomicU64::new(0);
-        let all: Vec<usize> = (0..self.parts.len()).collect();
-        // Of many parts some are tried first, from all over the file; they say nothing of the others' frames.
-        let some: Vec<usize> = all.iter().copied().step_by(TRIED).collect();
-        let trial = match all.len() >= 3 * TRIED && self.by.is_some() {
-            true => {
-                Trial::Some(self.samples() as f64 / some.iter().map(|part| self.parts[*part].rows as f64).sum::<f64>())
-            }
-            false => Trial::None,
-        };
-        let scan = |pass: &Pass| {
-            self.scan(
-                if pass.is_trial() { &some } else { &all },
+        let groups = self.reported.len() * count;
+        let found = percentiles(groups, &inquiry.percentiles, memory(), |pass| {
+            scan(
+                self.parts.len(),
                 stop,
-                || Tally::of(pass),
+                || Tally::new(pass),
                 |tally, place| {
-                    let (Read { bins, errors }, sums) = self.read(place, &bins, inquiry, pass.is_first())?;
-                    for (told, errors) in errors.iter().enumerate() {
-                        tally.take(pass, told * count, &bins, errors);
+                    let (Read { bins, errors }, of_part) = self.read(place, &bins, inquiry, pass.is_first())?;
+                    for (reported, errors) in errors.iter().enumerate() {
+                        tally.add(pass, |bin| reported * count + bin, &bins, errors);
                     }
-                    if let Some(sums) = sums {
-                        let table = sums.table().map_err(AnalysisError::compute("sums of samples"))?;
-                        *locked(&of_parts[place]) = Some(table);
+                    if let Some(of_part) = of_part {
+                        *locked(&sums[place]) = of_part.bins();
                         let rows = self.parts[place].rows as u64;
                         progress(done.fetch_add(rows, Ordering::Relaxed) + rows);
                     }
                     Ok(())
                 },
             )
-        };
-        let room = Room::for_threads(threads());
-        let found = percentiles(self.told.len() * count, &inquiry.percentiles, room, trial, scan)?;
-        let of_group = |group: usize| (found[group].count > 0).then(|| found[group].values.clone());
-        let parts = of_parts.into_iter().filter_map(into_unlocked);
-        let sums = sums::of_all(parts.collect(), self.told.len()).map_err(AnalysisError::compute("sums of samples"))?;
-        let rows = sums.into_iter().map(|sums| {
-            let bin = sums.bin as usize;
-            let of = sums.of.into_iter().enumerate().map(|(told, of)| (of, of_group(told * count + bin)));
-            FoundRow { bin, pixels: sums.pixels, of: of.collect() }
-        });
+        })?;
+        let values = |group: usize| (found[group].count > 0).then(|| found[group].values.clone());
+        let rows = sums::total(sums.into_iter().map(into_unlocked)).into_iter().map(
+            |(bin, BinSums { pixels, estimators })| {
+                let of_estimators =
+                    estimators.into_iter().enumerate().map(|(reported, sums)| (sums, values(reported * count + bin)));
+                FoundRow { bin, pixels, estimators: of_estimators.collect() }
+            },
+        );
         let rows = rows.collect();
         Ok(Found { bins, rows })
     }
@@ -156,21 +145,20 @@ impl Job<'_> {
             let table = self.file.read(self.parts[place], &columns)?;
             binned(&table, column, inquiry).map_err(AnalysisError::compute("bins"))
         };
-        let all: Vec<usize> = (0..self.parts.len()).collect();
         let nothing = || {
             let what = format!("no sample has a value in the column `{column}`");
             AnalysisError::asked(what, "ask for another --by".to_owned())
         };
         if let Bins::Quantile(count) = bins {
             let shares: Vec<f64> = (0..=count).map(|edge| 100.0 * f64::from(edge) / f64::from(count)).collect();
-            let found = percentiles(1, &shares, Room::for_threads(threads()), Trial::None, |pass| {
-                self.scan(
-                    &all,
+            let found = percentiles(1, &shares, memory(), |pass| {
+                scan(
+                    self.parts.len(),
                     stop,
-                    || Tally::of(pass),
+                    || Tally::new(pass),
                     |tally, place| {
                         let values = values(place)?;
-                        tally.take(pass, 0, &vec![0; values.len()], &values);
+                        tally.add(pass, |_| 0, &vec![0; values.len()], &values);
                         Ok(())
                     },
                 )
@@ -182,8 +170,8 @@ impl Job<'_> {
         }
         let is_log = inquiry.by == By::Error && matches!(bins, Bins::Log(_));
         // NaN is neither less nor more than anything.
-        let ends = self.scan(
-            &all,
+        let ends = scan(
+            self.parts.len(),
             stop,
             || (f32::INFINITY, f32::NEG_INFINITY),
             |(least, most), place| {
@@ -205,17 +193,17 @@ impl Job<'_> {
         Ok(edges.expect("bins that are no quantiles have edges"))
     }
 
-    /// Reads a part; what adds up of it, too, where that `is_asked`.
+    /// Reads a part, and computes its sums where wanted.
     fn read(
         &self,
         place: usize,
         bins: &FoundBins,
         inquiry: &Inquiry,
-        is_asked: bool,
+        with_sums: bool,
     ) -> Result<(Read, Option<PartSums>), AnalysisError> {
         let part = self.parts[place];
         let compared: Vec<usize> = match self.set {
-            SampleSet::Answered => self.told.clone(),
+            SampleSet::Answered => self.reported.clone(),
             SampleSet::Common => (0..self.estimators.len()).collect(),
         };
         let mut columns: Vec<&str> = vec!["truth_m"];
@@ -230,65 +218,25 @@ impl Job<'_> {
                 (FoundBins::Edges(edges), Some(column)) => (edges.bins(&binned(&table, column, inquiry)?), edges.len()),
                 _ => (vec![place as u32; table.height()], self.parts.len()),
             };
-            let mut errors = self.told.iter().map(|of| column(*of)).collect::<PolarsResult<Vec<Vec<f32>>>>()?;
+            let mut errors = self.reported.iter().map(|of| column(*of)).collect::<PolarsResult<Vec<Vec<f32>>>>()?;
             if self.set == SampleSet::Common {
                 errors.iter().for_each(|estimates| leave_out(&mut bins, estimates));
-                for of in compared.iter().filter(|of| !self.told.contains(of)) {
+                for of in compared.iter().filter(|of| !self.reported.contains(of)) {
                     leave_out(&mut bins, &column(*of)?);
                 }
             }
             let truth = numbers(&table, "truth_m")?;
             let mut sums = PartSums::new(&bins, count);
             for estimates in &mut errors {
-                if is_asked {
+                if with_sums {
                     sums.add(&bins, &truth, estimates, inquiry.unit, inquiry.gross);
                 } else {
                     to_errors(estimates, &truth, inquiry.unit);
                 }
             }
-            Ok((Read { bins, errors }, is_asked.then_some(sums)))
+            Ok((Read { bins, errors }, with_sums.then_some(sums)))
         };
         prepared().map_err(AnalysisError::compute("errors of samples"))
-    }
-
-    /// Calls `take` for each of some parts, on all cores, each with what `make` made for its thread; gives these.
-    fn scan<T: Send>(
-        &self,
-        parts: &[usize],
-        stop: &(dyn Fn() -> bool + Sync),
-        make: impl Fn() -> T + Sync,
-        take: impl Fn(&mut T, usize) -> Result<(), AnalysisError> + Sync,
-    ) -> Result<Vec<T>, AnalysisError> {
-        let idle: Mutex<Vec<T>> = Mutex::new(Vec::new());
-        let failed: Mutex<Option<(usize, AnalysisError)>> = Mutex::new(None);
-        let budget = Budget::new(threads());
-        let _own = budget.permit();
-        budget.run(parts.len(), &|tile| {
-            let place = parts[tile];
-            if locked(&failed).is_some() {
-                return;
-            }
-            let taken = caught(|| {
-                if stop() {
-                    return Err(AnalysisError::Stopped);
-                }
-                let own = locked(&idle).pop();
-                let mut own = own.unwrap_or_else(&make);
-                take(&mut own, place)?;
-                locked(&idle).push(own);
-                Ok(())
-            });
-            if let Err(error) = taken {
-                let mut failed = locked(&failed);
-                if failed.as_ref().is_none_or(|(at, _)| place < *at) {
-                    *failed = Some((place, error));
-                }
-            }
-        });
-        match into_unlocked(failed) {
-            Some((_, error)) => Err(error),
-            None => Ok(into_unlocked(idle)),
-        }
     }
 }
 
@@ -320,6 +268,6 @@ fn to_errors(estimates: &mut [f32], truth: &[f32], unit: Unit) {
     }
 }
 
-fn threads() -> usize {
-    thread::available_parallelism().map_or(1, NonZero::get)
+fn memory() -> Memory {
+    Memory { samples: SAMPLES / threads(), counters: COUNTERS / threads() }
 }

@@ -1,12 +1,15 @@
 //! Errors against anything: distance, weight, row, frame, or a column of one's own choice, as queries over [samples](crate::samples).
 //!
-//! Polars reads the file and puts row groups together; within one, [sums](sums) and [percentiles by counting](crate::percentiles) are loops of our own, which a
-//! benchmark compares with polars'. Both go through the file a row group at a time, so that memory depends on neither frames nor pixels.
+//! polars reads the file; [sums](sums) and [percentiles](percentiles) are loops of our own, which a benchmark compares with polars'. Both go through
+//! the file a row group at a time, so that memory depends on neither frames nor pixels. The [error against distance](crate::distance) of a
+//! report takes its percentiles from here.
 
 mod bins;
 mod job;
 mod numbers;
+mod percentiles;
 mod rows;
+mod scan;
 mod sums;
 
 use std::path::{Path, PathBuf};
@@ -17,6 +20,9 @@ use clap::ValueEnum;
 use depthloom_graphs::Key;
 use depthloom_graphs::key::KeyBuilder;
 use depthloom_graphs::language::glob;
+pub(crate) use numbers::numbers;
+pub(crate) use percentiles::{Memory, OUTSIDE, Pass, Tally, percentiles, place};
+pub(crate) use scan::scan;
 
 use crate::error::{AnalysisError, caught};
 use crate::samples::{Described, DescribedEstimator, Part, SamplesFile};
@@ -156,7 +162,7 @@ impl Gross {
         limit.ok_or_else(|| format!("`{text}` is no limit: give metres (`3m`) or a share of the distance (`25%`)"))
     }
 
-    fn told(self) -> String {
+    fn words(self) -> String {
         match self {
             Self::Metres(limit) => format!("beyond {limit} m"),
             Self::OfTruth(limit) => format!("beyond {} % of the true distance", 100.0 * limit),
@@ -258,7 +264,7 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
                     file,
                     parts: parts.clone(),
                     estimators: estimators.clone(),
-                    told: places.clone(),
+                    reported: places.clone(),
                     by: column.clone(),
                     set,
                 });

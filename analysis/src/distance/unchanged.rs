@@ -5,11 +5,14 @@ use std::path::PathBuf;
 
 use depthloom_recording::Recording;
 
-use crate::distance::{DistanceBin, EarlierBins, Input};
+use super::earlier::EarlierBins;
+use super::inputs::Input;
+use super::maps::{self, Taken};
+use super::samples::Samples;
+use super::{DistanceBin, Distances};
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
 use crate::files::Output;
-use crate::reading::{Distances, distances_of_some};
 
 /// The error against distance, if an earlier report has most of it. Only maps that changed are read, and those of one estimator per group as a check. The
 /// result equals that of reading all maps.
@@ -18,7 +21,7 @@ use crate::reading::{Distances, distances_of_some};
 /// every answered pixel is shared, usually the stereo matcher. This estimator is computed again, together with all that changed. If its bins are
 /// equal to those of the report, then the shared pixels have not changed, and neither have the bins of the unchanged estimators. If they
 /// differ, or the report has no such estimator, all maps must be read, and the result is `None`.
-pub(crate) fn distances(
+pub(super) fn distances(
     recording: &Recording,
     estimators: &[Estimator],
     inputs: &[Option<Input>],
@@ -26,30 +29,27 @@ pub(crate) fn distances(
     samples_in_memory: usize,
     output: Output<'_>,
 ) -> Result<Option<Distances>, AnalysisError> {
-    let earlier = reports.iter().filter_map(|folder| EarlierBins::read(folder));
-    let Some((earlier, Reused { read, checked, taken })) = earlier
-        .map(|earlier| {
-            let reused = Reused::new(&earlier, inputs);
-            (earlier, reused)
-        })
-        .max_by_key(|(_, reused)| reused.taken.len())
-        .filter(|(_, reused)| !reused.taken.is_empty())
-    else {
-        return Ok(None);
+    let earlier = reports.iter().filter_map(|folder| EarlierBins::read(folder)).map(|earlier| {
+        let reused = Reused::new(&earlier, inputs);
+        (earlier, reused)
+    });
+    let best = earlier.max_by_key(|(_, reused)| reused.unread.len());
+    let Some((earlier, reused)) = best.filter(|(_, reused)| !reused.unread.is_empty()) else { return Ok(None) };
+    let taken = Taken::none_yet(Samples::new(estimators.len(), samples_in_memory, output));
+    let mut distances = maps::distances(recording, estimators, |index| reused.read.contains(&index), output, taken)?;
+    let is_unchanged = |(index, in_report): &(usize, usize)| {
+        let bins = distances.bins.iter().filter(|bin| bin.estimator == *index);
+        bins.copied().eq(earlier.bins(*in_report, *index))
     };
-    let mut found = distances_of_some(recording, estimators, |index| read.contains(&index), samples_in_memory, output)?;
-    let is_unchanged = |(index, of): &(usize, usize)| {
-        found.bins.iter().filter(|bin| bin.estimator == *index).copied().eq(earlier.bins(*of, *index))
-    };
-    if !checked.iter().all(is_unchanged) {
+    if !reused.checked.iter().all(is_unchanged) {
         return Ok(None);
     }
-    for (index, of) in taken {
-        found.bins.extend(earlier.bins(of, index));
-        found.beyond[index] = earlier.beyond(of);
+    for (index, in_report) in reused.unread {
+        distances.bins.extend(earlier.bins(in_report, index));
+        distances.beyond[index] = earlier.beyond(in_report);
     }
-    found.bins.sort_by_key(|bin: &DistanceBin| (bin.estimator, bin.bin_m));
-    Ok(Some(found))
+    distances.bins.sort_by_key(|bin: &DistanceBin| (bin.estimator, bin.bin_m));
+    Ok(Some(distances))
 }
 
 /// What is reused of an earlier report. Estimators are given by index, in pairs together with their index in the report.
@@ -58,13 +58,13 @@ struct Reused {
     read: BTreeSet<usize>,
     /// Those of them whose bins are compared with the report.
     checked: Vec<(usize, usize)>,
-    /// The estimators whose bins are reused.
-    taken: Vec<(usize, usize)>,
+    /// The estimators whose bins are reused, and whose maps are not read.
+    unread: Vec<(usize, usize)>,
 }
 
 impl Reused {
     fn new(earlier: &EarlierBins, inputs: &[Option<Input>]) -> Self {
-        let mut reused = Self { read: BTreeSet::new(), checked: Vec::new(), taken: Vec::new() };
+        let mut reused = Self { read: BTreeSet::new(), checked: Vec::new(), unread: Vec::new() };
         let groups: BTreeSet<usize> = inputs.iter().flatten().map(|input| input.group).collect();
         for group in groups {
             let members: Vec<usize> =
@@ -79,7 +79,7 @@ impl Reused {
             let changed = members.iter().zip(&matches).filter(|(_, of)| of.is_none()).map(|(index, _)| *index);
             reused.read.extend(changed.chain([check.0]));
             reused.checked.push(check);
-            reused.taken.extend(known().filter(|known| *known != check));
+            reused.unread.extend(known().filter(|known| *known != check));
         }
         reused
     }

@@ -1,4 +1,4 @@
-//! Samples taken while their maps are at hand: what a run records, its report need not read back.
+//! A sink of a run that takes samples while their maps are in memory, so that the report need not read them.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -11,95 +11,93 @@ use depthloom_graphs::{Frame, Key, Value};
 use depthloom_recording::RecordedPlan;
 use depthloom_threads::{into_unlocked, locked};
 
-use crate::distance::Samples;
+use super::maps::{Maps, Taken};
+use super::samples::Samples;
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::files::Output;
-use crate::reading::{Maps, Taken};
-use crate::report::ReportOptions;
 
-/// Hands all values on to a tap, and takes the samples of those maps that the error against distance is made of.
+/// Passes all values on to a sink, and takes samples of the maps that the error against distance is computed from.
 ///
-/// A frame whose maps do not all come as values, since an earlier run has them, is left to be read.
-pub struct SamplingTap<'t, 'a, T> {
+/// A frame with maps that an earlier run has stored, and that are not decoded, is left to be read.
+pub struct SampleSink<'t, 'a, T> {
     tap: &'t T,
     estimators: Vec<Estimator>,
     /// By stage run.
-    runs: Vec<SampledRun>,
+    runs: Vec<StageSlots>,
     /// By stage run and position: frames of which parts are missing.
     pending: Mutex<HashMap<(RunId, FrameIndex), Pending>>,
     taken: Mutex<Taken<'a>>,
-    /// Whether something went wrong: then the report reads everything, and says what.
+    /// Whether something failed: then the report reads everything, and says what.
     is_broken: AtomicBool,
 }
 
-/// The samples of frames that were recorded; what [`report_with`](crate::report_with) need not read.
-pub struct Sampled<'a>(pub(crate) Taken<'a>);
+/// The samples of frames that were recorded, which a report need not read.
+pub struct RecordedSamples<'a>(pub(super) Taken<'a>);
 
-struct SampledRun {
+struct StageSlots {
     maps: Maps,
-    /// The places of the maps' topics.
+    /// By slot, the place of its topic among those of the maps.
     places: BTreeMap<Slot, usize>,
 }
 
-/// A frame on its way.
+/// A frame of which not all parts are encoded.
 struct Pending {
     /// By topic.
     values: Vec<Option<Value>>,
     parts_left: usize,
-    /// Whether a value is in the store alone.
+    /// Whether a value is stored and not decoded.
     is_partial: bool,
 }
 
-impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
-    /// Takes samples of what a run of this plan hands to a tap. What does not fit in memory lies on the disk of `folder`.
+impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
+    /// Samples that memory does not hold are in a temporary file in `folder`.
     ///
     /// # Errors
-    /// As [`report`](crate::report) of its recording.
+    /// As [`report`](crate::report) of the recording.
     pub fn new(
         tap: &'t T,
         plan: &Plan,
         folder: &'a Path,
-        options: &ReportOptions,
+        samples_in_memory: usize,
         stop: &'a (dyn Fn() -> bool + Sync),
     ) -> Result<Self, AnalysisError> {
         let plan = RecordedPlan::read_back(plan).map_err(AnalysisError::content)?;
         let estimators = estimators(&plan)?;
         let runs = RunId::all(plan.runs.len()).map(|run| {
-            let maps = Maps::new(run, &estimators);
+            let maps = Maps::new(run, &estimators, |_| true);
             let place = |topic: &str| maps.topics.iter().position(|known| known == topic);
             let places = plan.outputs(run).filter_map(|(slot, output)| Some((slot, place(&output.topic)?))).collect();
-            SampledRun { maps, places }
+            StageSlots { maps, places }
         });
         let runs = runs.collect();
-        let samples = Samples::new(estimators.len(), options.samples_in_memory, Output { folder, stop });
+        let samples = Samples::new(estimators.len(), samples_in_memory, Output { folder, stop });
         let taken = Mutex::new(Taken::none_yet(samples));
-        let (pending, is_broken) = (Mutex::default(), AtomicBool::new(false));
-        Ok(Self { tap, estimators, runs, pending, taken, is_broken })
+        Ok(Self { tap, estimators, runs, pending: Mutex::default(), taken, is_broken: AtomicBool::new(false) })
     }
 
-    /// The samples; `None` if something went wrong.
+    /// The samples; `None` if something failed.
     #[must_use]
-    pub fn finish(self) -> Option<Sampled<'a>> {
+    pub fn finish(self) -> Option<RecordedSamples<'a>> {
         let taken = into_unlocked(self.taken);
-        (!self.is_broken.into_inner()).then_some(Sampled(taken))
+        (!self.is_broken.into_inner()).then_some(RecordedSamples(taken))
     }
 
-    /// Takes note of a part's values; with the last part, of the frame's samples.
-    fn note<'v>(&self, run: RunId, position: FrameIndex, values: impl Iterator<Item = (Slot, Option<&'v Value>)>) {
-        let of_run = &self.runs[run];
-        if of_run.places.is_empty() || self.is_broken.load(Ordering::Relaxed) {
+    /// Keeps a part's values; after the last part of a frame, takes its samples.
+    fn keep<'v>(&self, run: RunId, position: FrameIndex, values: impl Iterator<Item = (Slot, Option<&'v Value>)>) {
+        let StageSlots { maps, places } = &self.runs[run];
+        if places.is_empty() || self.is_broken.load(Ordering::Relaxed) {
             return;
         }
         let complete = {
             let mut pending = locked(&self.pending);
             let frame = pending.entry((run, position)).or_insert_with(|| Pending {
-                values: vec![None; of_run.maps.topics.len()],
+                values: vec![None; maps.topics.len()],
                 parts_left: self.tap.parts(run),
                 is_partial: false,
             });
             for (slot, value) in values.filter(|(slot, _)| self.tap.keeps(run, *slot, position)) {
-                if let Some(place) = of_run.places.get(&slot) {
+                if let Some(place) = places.get(&slot) {
                     frame.values[*place] = value.cloned();
                     frame.is_partial |= value.is_none();
                 }
@@ -110,7 +108,7 @@ impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
         let Some(Pending { values, is_partial: false, .. }) = complete else { return };
         let took = caught(|| {
             let mut truth = BTreeMap::new();
-            let samples = of_run.maps.samples(&self.estimators, &values, &mut truth)?;
+            let samples = maps.samples(&self.estimators, &values, &mut truth)?;
             let mut taken = locked(&self.taken);
             taken.samples.take(samples)?;
             truth.into_iter().for_each(|(metre, count)| *taken.truth.entry(metre).or_default() += count);
@@ -123,7 +121,7 @@ impl<'t, 'a, T: Tap> SamplingTap<'t, 'a, T> {
     }
 }
 
-impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
+impl<T: Tap> Tap for SampleSink<'_, '_, T> {
     type Part = T::Part;
 
     fn parts(&self, run: RunId) -> usize {
@@ -142,7 +140,7 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
         values: &[(Slot, Value)],
     ) -> Result<Self::Part, ErrorMessage> {
         let encoded = self.tap.encode(run, frame, part, values)?;
-        self.note(run, frame.0, values.iter().map(|(slot, value)| (*slot, Some(value))));
+        self.keep(run, frame.0, values.iter().map(|(slot, value)| (*slot, Some(value))));
         Ok(encoded)
     }
 
@@ -156,7 +154,7 @@ impl<T: Tap> Tap for SamplingTap<'_, '_, T> {
     ) -> Result<Self::Part, ErrorMessage> {
         let encoded = self.tap.encode_stored(run, frame, part, values, stored)?;
         let stored = stored.iter().map(|stored| (stored.slot, stored.value.as_ref()));
-        self.note(run, frame.0, values.iter().map(|(slot, value)| (*slot, Some(value))).chain(stored));
+        self.keep(run, frame.0, values.iter().map(|(slot, value)| (*slot, Some(value))).chain(stored));
         Ok(encoded)
     }
 

@@ -1,8 +1,8 @@
 //! What was found, as a table: a row a bin and estimator.
 
 use super::job::{Found, FoundBins, FoundRow, Job};
+use super::sums::Sums;
 use super::{By, Inquiry, SampleSet, Unit};
-use crate::analyse::sums::Sums;
 use crate::samples::DescribedEstimator;
 use crate::tables::{Cells, Column, DIMENSIONLESS, Level, Rows, Table};
 
@@ -10,18 +10,18 @@ use crate::tables::{Cells, Column, DIMENSIONLESS, Level, Rows, Table};
 struct Row<'a> {
     job: &'a Job<'a>,
     found: &'a Found,
-    of: &'a FoundRow,
-    /// Its place among those told of.
-    told: usize,
+    row: &'a FoundRow,
+    /// The place of its estimator among those that are reported.
+    reported: usize,
 }
 
 impl Row<'_> {
     fn estimator(&self) -> &DescribedEstimator {
-        self.job.estimators[self.job.told[self.told]]
+        self.job.estimators[self.job.reported[self.reported]]
     }
 
     fn sums(&self) -> Sums {
-        self.of.of[self.told].0
+        self.row.estimators[self.reported].0
     }
 
     /// A mean over the answered pixels.
@@ -37,8 +37,8 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         .iter()
         .zip(found)
         .flat_map(|(job, found)| {
-            let of_bins = move |told| found.rows.iter().map(move |of| Row { job, found, of, told });
-            (0..job.told.len()).flat_map(of_bins)
+            let of_bins = move |reported| found.rows.iter().map(move |row| Row { job, found, row, reported });
+            (0..job.reported.len()).flat_map(of_bins)
         })
         .collect();
 
@@ -75,7 +75,7 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         columns.push(Column::levels(&axis.column, levels, |_| axis.is_numeric).axis().in_files());
     }
     columns.extend(of_bins(&rows, inquiry));
-    columns.push(cells.count("pixels", |row| row.of.pixels).unit("pixels"));
+    columns.push(cells.count("pixels", |row| row.row.pixels).unit("pixels"));
     columns.push(cells.count("count", |row| row.sums().count).unit("pixels"));
     let (prefix, suffix) = match inquiry.unit {
         Unit::Metres => ("", "_m"),
@@ -84,7 +84,8 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
     let unit = if inquiry.unit == Unit::Metres { "m" } else { DIMENSIONLESS };
     for (place, percentile) in inquiry.percentiles.iter().enumerate() {
         let name = format!("{prefix}error_p{percentile}{suffix}");
-        columns.push(cells.number(name, |row| row.of.of[row.told].1.as_ref().map(|of| of[place])).unit(unit));
+        columns
+            .push(cells.number(name, |row| row.row.estimators[row.reported].1.as_ref().map(|of| of[place])).unit(unit));
     }
     columns.extend([
         cells.number(format!("{prefix}error_mean{suffix}"), |row| row.mean(row.sums().absolute)).unit(unit),
@@ -94,7 +95,7 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
     ]);
 
     // A gap where another estimator, set or run begins.
-    let begins = |pair: &[Row<'_>]| !std::ptr::eq(pair[0].job, pair[1].job) || pair[0].told != pair[1].told;
+    let begins = |pair: &[Row<'_>]| !std::ptr::eq(pair[0].job, pair[1].job) || pair[0].reported != pair[1].reported;
     let gaps = rows.windows(2).enumerate().filter(|(_, pair)| begins(pair)).map(|(at, _)| at + 1).collect();
     let error = match inquiry.unit {
         Unit::Metres => "absolute error, metres",
@@ -106,7 +107,7 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         _ => "",
     };
     Table {
-        about: format!("{error}, by {}{pixels}; gross: {}", by(inquiry), inquiry.gross.told()),
+        about: format!("{error}, by {}{pixels}; gross: {}", by(inquiry), inquiry.gross.words()),
         label: "errors".to_owned(),
         gaps,
         ..Table::new(columns)
@@ -131,7 +132,7 @@ fn by(inquiry: &Inquiry) -> String {
 fn of_bins(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<Column> {
     if inquiry.by == By::Frame {
         let frame = |row: &Row<'_>| match &row.found.bins {
-            FoundBins::Frames(frames) => frames.get(row.of.bin).cloned(),
+            FoundBins::Frames(frames) => frames.get(row.row.bin).cloned(),
             FoundBins::Edges(_) => None,
         };
         let cells = Rows(rows);
@@ -146,7 +147,7 @@ fn of_bins(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<Column> {
     };
     let edge = |name: &str, of: &dyn Fn((f64, f64)) -> f64| {
         let of_row = |row: &Row<'_>| match &row.found.bins {
-            FoundBins::Edges(edges) => Some(of(edges.of(row.of.bin))),
+            FoundBins::Edges(edges) => Some(of(edges.of(row.row.bin))),
             FoundBins::Frames(_) => None,
         };
         let name = unit.map_or(name.to_owned(), |unit| format!("{name}_{unit}"));

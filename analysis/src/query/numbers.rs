@@ -6,7 +6,7 @@ use polars::frame::DataFrame;
 use polars::prelude::{DataType, PolarsResult};
 
 /// A column's numbers; NaN where it has none.
-pub(super) fn numbers(table: &DataFrame, column: &str) -> PolarsResult<Vec<f32>> {
+pub(crate) fn numbers(table: &DataFrame, column: &str) -> PolarsResult<Vec<f32>> {
     let column = table.column(column)?;
     let cast = if column.dtype() == &DataType::Float32 { column.clone() } else { column.cast(&DataType::Float32)? };
     let mut all = Vec::with_capacity(column.len());

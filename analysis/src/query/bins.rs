@@ -1,7 +1,7 @@
 //! Bins of a number that every sample has: their edges, and which a number falls into.
 
+use super::percentiles::OUTSIDE;
 use crate::error::AnalysisError;
-use crate::percentiles::OUTSIDE;
 
 /// So many bins at most.
 const MOST: usize = 20_000;

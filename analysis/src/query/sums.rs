@@ -1,0 +1,131 @@
+//! Counts, means and shares by bin.
+//!
+//! A loop over plain numbers: with a lazy polars query, and columns read through its iterators, queries took twice the CPU time
+//! (`bench/analysis.sh`). The sums of parts are added in the order of the parts, so that the result does not depend on which thread was first.
+
+use std::collections::BTreeMap;
+
+use super::{Gross, Unit};
+
+/// The sums of a part.
+pub(super) struct PartSums {
+    /// By bin, and last of the rows that are in none.
+    pixels: Vec<u64>,
+    /// By estimator the same.
+    estimators: Vec<Vec<Sums>>,
+}
+
+impl PartSums {
+    /// Of rows that are in these bins, of so many.
+    pub(super) fn new(bins: &[u32], count: usize) -> Self {
+        let mut pixels = vec![0; count + 1];
+        bins.iter().for_each(|bin| pixels[(*bin as usize).min(count)] += 1);
+        Self { pixels, estimators: Vec::new() }
+    }
+
+    /// Adds the next estimator's rows. Its estimates, NaN where it has none, become its absolute errors.
+    pub(super) fn add(&mut self, bins: &[u32], truth_m: &[f32], estimates: &mut [f32], unit: Unit, gross: Gross) {
+        let rows = bins.iter().zip(truth_m).zip(estimates);
+        let mut sums = vec![Sums::default(); self.pixels.len()];
+        match (unit, gross) {
+            (Unit::Metres, Gross::Metres(limit)) => add_rows(&mut sums, rows, |error, _| error, |_| limit),
+            (Unit::Metres, Gross::OfTruth(limit)) => add_rows(&mut sums, rows, |error, _| error, |truth| limit * truth),
+            (Unit::OfTruth, Gross::Metres(limit)) => {
+                add_rows(&mut sums, rows, |error, truth| error / truth, |truth| limit / truth);
+            }
+            (Unit::OfTruth, Gross::OfTruth(limit)) => {
+                add_rows(&mut sums, rows, |error, truth| error / truth, |_| limit);
+            }
+        }
+        self.estimators.push(sums);
+    }
+
+    /// The bins that have a pixel, in order.
+    pub(super) fn bins(self) -> Vec<(usize, BinSums)> {
+        let (_outside, bins) = self.pixels.split_last().expect("there is one more than bins");
+        let of_bin = |(bin, pixels): (usize, &u64)| {
+            let estimators = self.estimators.iter().map(|sums| sums[bin]).collect();
+            (*pixels > 0).then_some((bin, BinSums { pixels: *pixels, estimators }))
+        };
+        bins.iter().enumerate().filter_map(of_bin).collect()
+    }
+}
+
+/// Adds rows: bin, truth and estimate, which becomes the absolute error. `error` converts an error in metres to the unit, `limit` is the least
+/// gross error.
+fn add_rows<'a>(
+    sums: &mut [Sums],
+    rows: impl Iterator<Item = ((&'a u32, &'a f32), &'a mut f32)>,
+    error: impl Fn(f64, f64) -> f64,
+    limit: impl Fn(f64) -> f64,
+) {
+    let last = sums.len() - 1;
+    for ((bin, truth), estimate) in rows {
+        let truth = f64::from(*truth);
+        let error = error(f64::from(*estimate) - truth, truth);
+        let size = error.abs();
+        *estimate = size as f32;
+        // A row without an estimate adds zeros: a branch for one row in ten is predicted wrong too often.
+        let is_valid = !error.is_nan();
+        let (error, size) = if is_valid { (error, size) } else { (0.0, 0.0) };
+        let sums = &mut sums[(*bin as usize).min(last)];
+        sums.count += u64::from(is_valid);
+        sums.absolute += size;
+        sums.signed += error;
+        sums.squared += error * error;
+        sums.gross += u64::from(size > limit(truth));
+    }
+}
+
+/// The sums of a bin.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct BinSums {
+    pub(super) pixels: u64,
+    /// By estimator.
+    pub(super) estimators: Vec<Sums>,
+}
+
+/// The sums of an estimator in a bin.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Sums {
+    pub(super) count: u64,
+    pub(super) absolute: f64,
+    pub(super) signed: f64,
+    pub(super) squared: f64,
+    pub(super) gross: u64,
+    /// What rounding added to the three sums of numbers.
+    excess: [f64; 3],
+}
+
+impl Sums {
+    /// Adds the sums of another part, with Kahan's compensation.
+    fn add(&mut self, other: &Self) {
+        self.count += other.count;
+        self.gross += other.gross;
+        let sums = [&mut self.absolute, &mut self.signed, &mut self.squared];
+        let others = [other.absolute, other.signed, other.squared];
+        for ((sum, excess), other) in sums.into_iter().zip(&mut self.excess).zip(others) {
+            let more = other - *excess;
+            let new = *sum + more;
+            *excess = (new - *sum) - more;
+            *sum = new;
+        }
+    }
+}
+
+/// By bin: the sums of all parts.
+pub(super) fn total(parts: impl Iterator<Item = Vec<(usize, BinSums)>>) -> BTreeMap<usize, BinSums> {
+    let mut total: BTreeMap<usize, BinSums> = BTreeMap::new();
+    for (bin, sums) in parts.flatten() {
+        match total.get_mut(&bin) {
+            Some(all) => {
+                all.pixels += sums.pixels;
+                all.estimators.iter_mut().zip(&sums.estimators).for_each(|(all, sums)| all.add(sums));
+            }
+            None => {
+                total.insert(bin, sums);
+            }
+        }
+    }
+    total
+}
