@@ -7,7 +7,6 @@ mod distance;
 mod frames;
 mod limit;
 mod output;
-mod parameters;
 mod side;
 mod table;
 
@@ -18,7 +17,6 @@ use depthloom_scores::PixelSet;
 pub use distance::{DistanceComparison, DistanceComparisonOutput, compare_by_distance};
 pub(crate) use distance::{DistancePair, DistanceRow, Statistic};
 pub use output::ComparisonOutput;
-pub(crate) use parameters::parameter_changes;
 pub use side::{Side, names};
 pub use table::Comparison;
 

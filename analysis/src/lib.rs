@@ -12,20 +12,16 @@ mod distance;
 mod error;
 mod estimators;
 mod explain;
-mod figure;
 mod figures;
 mod files;
 mod input;
 mod page;
 mod query;
-mod reading;
 mod report;
-mod rows;
 mod samples;
 mod scores;
 mod statistics;
 mod tables;
-mod timings;
 
 pub use ablation::{
     BestValue, BoardRun, Costs, Question, Ranking, Selection, TableRow, answer, best_value, leaderboard,
@@ -44,10 +40,11 @@ pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, fi
 pub use input::condition::{DamagedPlace, RecordingCondition, StageFrames};
 pub use input::frame_choice::FrameChoice;
 pub use input::paper::paper_scores;
+pub use input::rows::{TopicRows, curve_rows, topic_rows};
+pub use input::timings::{Timing, read_timings, timings_table, write_timings};
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
 pub use query::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
-pub use rows::{TopicRows, curve_rows, topic_rows};
 pub use samples::{SAMPLES, SamplesWritten, write_samples};
 pub use scores::FrameScore;
 pub use statistics::{Interval, IntervalMethod, Resampling};
@@ -55,7 +52,6 @@ pub use tables::{
     COMMON, KEY_COLUMNS, Level, RowKey, RowKeys, TABLE_FORMAT, TABLE_MARK, Table, TableOutput, Typesetting, plan_key,
     variant_of,
 };
-pub use timings::{Timing, read_timings, timings_table, write_timings};
 
 /// All scores there are, of any family, in the order of every table.
 pub fn metrics() -> impl Iterator<Item = &'static Metric> {

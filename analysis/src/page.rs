@@ -14,10 +14,10 @@ use crate::ablation::{Ablation, source_of};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::estimators;
 use crate::files::Output;
+use crate::input::reading;
+use crate::input::timings::Timing;
 use crate::input::warnings::warnings;
-use crate::reading;
 use crate::report::Summary;
-use crate::timings::Timing;
 
 pub use page::PAGE_MARK;
 

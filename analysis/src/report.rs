@@ -1,5 +1,7 @@
 //! Everything a run's folder says of its recording.
 
+mod figure;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -12,15 +14,16 @@ use crate::curves::{CurveEnd, LearningCurve, figure as figure_of, learning_curve
 use crate::distance::{DistanceBin, Distances, FARTHEST_M, RecordedSamples, distances};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
-use crate::figure::{Figure, render};
 use crate::files::Output;
 use crate::input::condition::{self, Findings, RecordingCondition};
 use crate::input::maps::{not_recorded, sparsely_kept};
+use crate::input::reading;
 use crate::input::unscored::Unscored;
-use crate::reading;
 use crate::scores::{incomplete_frames, table_of_scores};
 use crate::statistics::Resampling;
 use crate::tables::{Table, plan_key};
+
+use figure::{Figure, render};
 
 /// Columns of text of a terminal's table.
 const TERMINAL_WIDTH: usize = 110;

@@ -12,7 +12,7 @@ use super::{Ablation, Costs, Ranking, ScoreTable, Selection, effects, zones};
 use crate::error::{AnalysisError, caught};
 use crate::estimators::{Estimator, estimators};
 use crate::input::condition;
-use crate::reading;
+use crate::input::reading;
 use crate::scores::{FrameScore, incomplete_frames};
 use crate::statistics::Resampling;
 use crate::tables::Table;

@@ -5,8 +5,8 @@ use std::collections::{HashMap, HashSet};
 use depthloom_recording::{RecordedPlan, RecordedRun};
 
 use crate::estimators::Estimator;
+use crate::input::timings::Timing;
 use crate::tables::RowKeys;
-use crate::timings::Timing;
 
 /// The processor time of a run's nodes.
 ///

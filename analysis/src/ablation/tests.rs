@@ -9,8 +9,8 @@ use serde_json::{Value as Json, json};
 
 use super::*;
 use crate::estimators::estimators;
+use crate::input::timings::Timing;
 use crate::tables::RowKey;
-use crate::timings::Timing;
 
 /// A recorded output that is there for every frame.
 pub(super) fn output(port: &str, kind: &str, topic: &str) -> Json {

@@ -8,7 +8,7 @@ use serde_json::Value as Json;
 
 use super::contrast::Verdicts;
 use super::limit::JudgedLimit;
-use super::parameters::Changed;
+use crate::input::parameters::Changed;
 use crate::statistics::Resampling;
 use crate::tables::JsonRow;
 

@@ -15,10 +15,10 @@ use crate::distance::{DistanceBin, Spread};
 use crate::error::AnalysisError;
 use crate::estimators::Estimator;
 use crate::input::paper::paper_scores;
+use crate::input::timings::Timing;
 use crate::report::Found;
 use crate::scores::FrameScore;
 use crate::tables::{RowKeys, plan_key, variant_of};
-use crate::timings::Timing;
 
 /// So many failures are told one by one.
 const MOST_FAILURES: usize = 200;

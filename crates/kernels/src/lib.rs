@@ -44,27 +44,18 @@
 //! `RUSTFLAGS=-Zsanitizer=address cargo +nightly test --release --target x86_64-unknown-linux-gnu -p depthloom-kernels --lib
 //! --test sgbm_paths --test census_paths` (four minutes on two cores).
 
-pub mod bm;
-pub mod census;
-pub mod confidence;
-pub mod convolve;
-pub mod depth;
-pub mod edges;
-pub mod fill;
+mod filter;
 pub mod float_differences;
-pub mod fuse;
-mod gaussian;
-pub mod grey;
-pub mod left_right;
-pub mod median;
+mod fusion;
+mod image;
 pub mod memory;
-pub mod params;
 mod raster;
-pub mod rectify;
-pub mod resize;
-pub mod scale;
-pub mod sgbm;
 pub mod simd;
+mod stereo;
 pub mod tiles;
 pub mod velodyne;
-pub mod weighted_least_squares;
+
+pub use filter::{convolve, edges, median};
+pub use fusion::{confidence, fuse, scale};
+pub use image::{grey, resize};
+pub use stereo::{bm, census, depth, fill, left_right, params, rectify, sgbm, weighted_least_squares};

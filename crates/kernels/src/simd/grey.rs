@@ -9,7 +9,7 @@ use std::arch::x86_64::{
 
 const ROUND: usize = 16;
 
-/// Grey of as many leading pixels as whole rounds make (see [`crate::grey`]); returns how many these are.
+/// Grey of as many leading pixels as whole rounds make (see [`crate::image::grey`]); returns how many these are.
 #[target_feature(enable = "avx2")]
 pub(super) fn grey_avx2(rgb: &[u8], out: &mut [u8]) -> usize {
     // A load takes four pixels and four bytes more.

@@ -3,7 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::params::{ParamError, check_disparities, check_not_negative, check_percentage, check_side, unanswered};
+use crate::stereo::params::{
+    ParamError, check_disparities, check_not_negative, check_percentage, check_side, unanswered,
+};
 
 /// Which directions are summed, under OpenCV's names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]

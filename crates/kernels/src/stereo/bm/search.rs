@@ -83,7 +83,7 @@ impl Search {
 #[cfg(test)]
 mod tests {
     use super::Search;
-    use crate::bm::Params;
+    use crate::stereo::bm::Params;
 
     #[test]
     fn columns_without_partner_are_not_searched() {

@@ -3,9 +3,9 @@
 use super::aggregate::border;
 use super::answers::{AnswerSlots, Answers};
 use super::lanes::{COMPARED, Lanes};
-use crate::sgbm::Mode;
-use crate::sgbm::choice::Choice;
-use crate::sgbm::search::Search;
+use crate::stereo::sgbm::Mode;
+use crate::stereo::sgbm::choice::Choice;
+use crate::stereo::sgbm::search::Search;
 
 pub(super) struct Decide<'a> {
     pub search: &'a Search,

@@ -99,8 +99,8 @@ impl<F: Feature> Pass for FeatureRow<'_, F> {
 #[cfg(test)]
 mod tests {
     use super::{Feature, FeatureRow, comparisons};
-    use crate::census::Census;
     use crate::simd::Pass;
+    use crate::stereo::census::Census;
 
     #[test]
     fn features_have_their_number_of_bits() {

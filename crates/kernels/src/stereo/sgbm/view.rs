@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::memory::TooMuch;
-use crate::params::ParamError;
+use crate::stereo::params::ParamError;
 
 /// An 8-bit image, rows without gaps.
 #[derive(Clone, Copy, Debug)]

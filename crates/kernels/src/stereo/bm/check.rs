@@ -50,8 +50,8 @@ impl RightView {
 #[cfg(test)]
 mod tests {
     use super::RightView;
-    use crate::bm::Params;
-    use crate::bm::search::Search;
+    use crate::stereo::bm::Params;
+    use crate::stereo::bm::search::Search;
 
     #[test]
     fn of_two_pixels_with_one_partner_the_cheaper_stays() {

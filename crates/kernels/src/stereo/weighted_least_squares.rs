@@ -62,7 +62,7 @@ pub struct Guide<'a> {
 /// The right image's disparity, which says how far the left one's is to be trusted.
 #[derive(Clone, Copy, Debug)]
 pub struct Right<'a> {
-    /// Its pixels, 1/16 px, the negatives of the left map's (as in [`crate::left_right`]).
+    /// Its pixels, 1/16 px, the negatives of the left map's (as in [`crate::stereo::left_right`]).
     pub disparity: &'a [i16],
     /// What its unanswered pixels hold.
     pub invalid: i16,

@@ -7,10 +7,10 @@ use super::aggregate::{self, Aggregate};
 use super::costs::{self, CostRow, Slide};
 use super::decide::{self, Decide};
 use super::lanes::{Lanes, Portable};
-use crate::median::integer::median3_row;
-use crate::sgbm::prefilter::Planes;
-use crate::sgbm::search::Search;
-use crate::sgbm::view::View;
+use crate::filter::median::integer::median3_row;
+use crate::stereo::sgbm::prefilter::Planes;
+use crate::stereo::sgbm::search::Search;
+use crate::stereo::sgbm::view::View;
 
 /// One instruction set's kernels, for one number of disparities.
 ///
@@ -88,4 +88,4 @@ macro_rules! compiled {
 
 compiled!(portable, super::Portable);
 #[cfg(target_arch = "x86_64")]
-compiled!(avx2, crate::sgbm::fast::avx2::Avx2, "avx2");
+compiled!(avx2, crate::stereo::sgbm::fast::avx2::Avx2, "avx2");

@@ -22,10 +22,10 @@ use super::decide::{Decide, total_len};
 use super::kernels::Kernels;
 use super::shared::{Costs, Shared};
 use crate::memory::TooMuch;
-use crate::sgbm::Mode;
-use crate::sgbm::prefilter::Planes;
-use crate::sgbm::search::{Search, Stripe};
-use crate::sgbm::view::View;
+use crate::stereo::sgbm::Mode;
+use crate::stereo::sgbm::prefilter::Planes;
+use crate::stereo::sgbm::search::{Search, Stripe};
+use crate::stereo::sgbm::view::View;
 use crate::tiles::Tiles;
 
 /// Rows in a band. More are fewer rounds and fewer triangles; fewer are less that leaves the cache.

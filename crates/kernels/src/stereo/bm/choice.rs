@@ -48,8 +48,8 @@ pub(super) fn refined<S: Sum>(search: &Search, block: &[S], best: usize) -> i16 
 #[cfg(test)]
 mod tests {
     use super::{first_of, is_rivalled, refined};
-    use crate::bm::Params;
-    use crate::bm::search::Search;
+    use crate::stereo::bm::Params;
+    use crate::stereo::bm::search::Search;
 
     fn search(uniqueness: i32) -> Search {
         Search::new(&Params { disparities: 32, uniqueness, block: 5, ..Params::default() }, 100, 50).unwrap()

@@ -8,7 +8,7 @@
 
 use super::lanes::Lanes;
 use super::shared::Shared;
-use crate::sgbm::search::Search;
+use crate::stereo::sgbm::search::Search;
 
 /// Where a slot keeps its smallest cost plus P2, after its costs.
 const DELTA: usize = 8;

@@ -11,7 +11,7 @@ use super::choice::{Choice, RowChoice};
 use super::plain_cost::CostRows;
 use super::search::{Search, Stripe};
 use super::view::View;
-use crate::median::integer::{median3_row, rows_around};
+use crate::filter::median::integer::{median3_row, rows_around};
 
 /// Matches two images, up to and including the median; shapes and parameters are checked by the caller.
 pub(super) fn compute(search: &Search, block: i32, left: &View<'_>, right: &View<'_>, out: &mut [i16]) {

@@ -10,10 +10,10 @@ use super::choice::{first_of, is_rivalled, refined};
 use super::search::Search;
 use super::sums::{Pair, Sum, accumulate, advance, fit_16_bits, shift, widen};
 use super::{Params, prefilter};
-use crate::params::ParamError;
 use crate::raster::check;
-use crate::sgbm::{SpeckleScratch, filter_speckles};
 use crate::simd::{Level, Pass};
+use crate::stereo::params::ParamError;
+use crate::stereo::sgbm::{SpeckleScratch, filter_speckles};
 use crate::tiles::Tiles;
 
 /// Why no disparities were computed.
@@ -311,9 +311,9 @@ mod tests {
     use proptest::{prop_assert_eq, prop_oneof};
 
     use super::{BmScratch, Error, compute, compute_at};
-    use crate::bm::search::Search;
-    use crate::bm::{Params, Prefilter};
     use crate::simd::every_level;
+    use crate::stereo::bm::search::Search;
+    use crate::stereo::bm::{Params, Prefilter};
     use crate::tiles::Serial;
 
     /// A right image of noise and a left one that shows it shifted.

@@ -1,7 +1,7 @@
 //! From raw maps to answers: medians, and the left-right check.
 
 use super::choice::NONE;
-use crate::median::integer::{median3_row, rows_around};
+use crate::filter::median::integer::{median3_row, rows_around};
 use crate::simd::Pass;
 
 /// The left and the right raw map, 1/16 and whole px above the smallest disparity.

@@ -1,7 +1,7 @@
 //! The answers of one row: sub-pixel positions and the left-right check, for whole rows at once.
 
-use crate::sgbm::choice::Choice;
-use crate::sgbm::search::Search;
+use crate::stereo::sgbm::choice::Choice;
+use crate::stereo::sgbm::search::Search;
 
 /// Marks a column without answer.
 const NONE: i16 = i16::MIN;

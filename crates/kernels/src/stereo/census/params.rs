@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::memory::TooMuch;
-use crate::params::{ParamError, check_disparities, check_percentage, unanswered};
+use crate::stereo::params::{ParamError, check_disparities, check_percentage, unanswered};
 
 /// Which comparisons in the 9x7 window around a pixel make its feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]

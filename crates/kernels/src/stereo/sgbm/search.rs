@@ -114,7 +114,7 @@ pub(super) struct Stripe {
 #[cfg(test)]
 mod tests {
     use super::{Search, Stripe};
-    use crate::sgbm::{Mode, Params};
+    use crate::stereo::sgbm::{Mode, Params};
 
     #[test]
     fn columns_that_have_no_partner_are_not_searched() {

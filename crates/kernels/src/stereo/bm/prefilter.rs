@@ -129,8 +129,8 @@ fn add(sums: &mut [i32], row: &[u8]) {
 #[cfg(test)]
 mod tests {
     use super::{Image, normalized_response, rows};
-    use crate::bm::{Params, Prefilter};
     use crate::simd::every_level;
+    use crate::stereo::bm::{Params, Prefilter};
 
     #[test]
     fn rows_filtered_apart_are_those_of_the_whole() {

@@ -9,7 +9,7 @@ const NAMED: usize = 3;
 
 /// Where two sides differ by themselves, not for what they read.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Changed {
+pub(crate) struct Changed {
     #[serde(flatten)]
     change: Change,
     /// `stage.node`, with its variants where it does not serve all; or the source of a stage.
@@ -30,7 +30,7 @@ enum Change {
 
 impl Changed {
     /// In a line.
-    pub(super) fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         match &self.change {
             Change::Difference(difference) => format!("{}  {difference}", self.node),
             Change::New => format!("{}  is new", self.node),
@@ -53,7 +53,7 @@ pub(crate) fn parameter_changes(
 }
 
 /// What differs between two plans, or a variant of each.
-pub(super) fn changed(
+pub(crate) fn changed(
     before: (&RecordedPlan, Option<VariantId>),
     after: (&RecordedPlan, Option<VariantId>),
 ) -> Vec<Changed> {

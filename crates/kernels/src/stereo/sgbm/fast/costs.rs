@@ -1,8 +1,8 @@
 //! One row of pixel costs, summed over the block's width; and block costs from the rows that enter and leave.
 
 use super::lanes::{Lanes, WIDEST};
-use crate::sgbm::prefilter::Plane;
-use crate::sgbm::search::Search;
+use crate::stereo::sgbm::prefilter::Plane;
+use crate::stereo::sgbm::search::Search;
 
 pub(super) struct CostRow<'a> {
     pub search: &'a Search,

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::params::{ParamError, check_disparities, check_not_negative, check_side, unanswered};
+use crate::stereo::params::{ParamError, check_disparities, check_not_negative, check_side, unanswered};
 
 /// What is matched instead of brightness, under OpenCV's names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]

@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::fusion::scale::extent_at;
 use crate::raster::check_same;
-use crate::scale::extent_at;
 use crate::simd::{Level, Pass};
 
 /// How the two are weighed where stereo answered; mono stands everywhere else.

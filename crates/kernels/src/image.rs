@@ -1,0 +1,4 @@
+//! Images before anything is estimated: grey and size.
+
+pub mod grey;
+pub mod resize;
