@@ -1,6 +1,8 @@
-//! Is it really better? Scores of runs, variants or estimates, paired over frames: differences with their intervals, tests, wins and losses.
+//! Is it really better? Scores of runs, variants or estimates, paired over frames: differences with their intervals,
+//! tests, wins and losses.
 //!
-//! Frames are the sample: two frames of a street are less alike than two pixels of a frame, so that frames are resampled and ranked, never pixels.
+//! Frames are the sample: two frames of a street are less alike than two pixels of a frame, so that frames are
+//! resampled and ranked, never pixels.
 
 mod contrast;
 mod distance;
@@ -90,11 +92,12 @@ struct Pair<'a> {
     paired: Paired<'a>,
 }
 
-/// Compares sides with the first, or with a baseline, from scores that were recorded; no map is read, but for the pixels that all answered.
+/// Compares sides with the first, or with a baseline, from scores that were recorded; no map is read, but for the
+/// pixels that all answered.
 ///
 /// # Errors
-/// If a recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if what was asked for is not there, or has no frame in
-/// common; [`AnalysisError::Stopped`] once `stop` says so.
+/// If a recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if what was asked for is
+/// not there, or has no frame in common; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn compare(
     runs: &[ComparedRun<'_>],
     sides: &[Side],

@@ -1,9 +1,9 @@
 //! Recordings to percentiles, tables and plots, with polars.
 //!
 //! Reports are made [from a recording](report()), so that a question thought of tomorrow needs no second run. What
-//! flows: a recording's plan names the [estimators](Estimator); their recorded [scores](FrameScore) make `scores.csv` and, as the
-//! mean over frames, the [table](Table); their recorded maps make the [error against distance](DistanceBin) and its figure. The learning curves of what was trained
-//! have a figure and a table of their own.
+//! flows: a recording's plan names the [estimators](Estimator); their recorded [scores](FrameScore) make `scores.csv`
+//! and, as the mean over frames, the [table](Table); their recorded maps make the [error against distance](DistanceBin)
+//! and its figure. The learning curves of what was trained have a figure and a table of their own.
 
 mod ablation;
 mod compare;

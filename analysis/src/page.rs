@@ -42,11 +42,12 @@ pub struct PageWritten {
     pub bytes: u64,
 }
 
-/// Writes [`PAGE`] into `folder`, of a recording whose [report](crate::report()) said `summary`. Equal recordings and surroundings give equal
-/// bytes; memory depends on neither the number of frames nor on that of maps.
+/// Writes [`PAGE`] into `folder`, of a recording whose [report](crate::report()) said `summary`. Equal recordings and
+/// surroundings give equal bytes; memory depends on neither the number of frames nor on that of maps.
 ///
 /// # Errors
-/// If the recording cannot be read or the page not be written; [`AnalysisError::Stopped`] once `stop` says so. Maps whose bytes are damaged are left out.
+/// If the recording cannot be read or the page not be written; [`AnalysisError::Stopped`] once `stop` says so. Maps
+/// whose bytes are damaged are left out.
 pub fn write_page(
     recording: &Recording,
     folder: &Path,

@@ -46,14 +46,14 @@ pub struct ReportOptions {
     pub intervals: Option<Resampling>,
     /// Whether bytes are checked, too, that no number comes from.
     pub check_every_byte: bool,
-    /// How many samples of the error against distance are held in memory at most, of 4 to 8 bytes. More are in a temporary file; the numbers
-    /// are the same to the bit.
+    /// How many samples of the error against distance are held in memory at most, of 4 to 8 bytes. More are in a
+    /// temporary file; the numbers are the same to the bit.
     pub samples_in_memory: usize,
 }
 
 impl Default for ReportOptions {
-    /// Without the paper's numbers; what is read is checked; 8 MiB of samples at worst: few, so that memory is the same from the first
-    /// hundred frames on (beyond, a file costs about as much time).
+    /// Without the paper's numbers; what is read is checked; 8 MiB of samples at worst: few, so that memory is the same
+    /// from the first hundred frames on (beyond, a file costs about as much time).
     fn default() -> Self {
         Self { paper: false, intervals: None, check_every_byte: false, samples_in_memory: 1 << 20 }
     }
@@ -78,7 +78,8 @@ pub struct Summary {
     pub scored: bool,
     /// Whether there is a mean to show: whether there are `table.*`.
     pub table: bool,
-    /// Whether frames were scored, and not one pixel of them counted: the truth and the score's limits do not go together.
+    /// Whether frames were scored, and not one pixel of them counted: the truth and the score's limits do not go
+    /// together.
     pub no_pixel_counted: bool,
     /// Whether maps were kept to compare: whether there are `error_vs_distance.*` and `true_distances.csv`.
     pub distances: bool,
@@ -100,12 +101,12 @@ pub(crate) struct Found {
     pub(crate) curves: Vec<LearningCurve>,
 }
 
-/// Analyses a recording and writes into `folder`: if something was scored, `scores.{csv,parquet}` and `table.{csv,md,tex,parquet}`; if its
-/// maps were kept, `error_vs_distance.{csv,parquet,svg}` and `true_distances.csv`; if something learned,
-/// `learning_curves.{csv,parquet,svg}`.
+/// Analyses a recording and writes into `folder`: if something was scored, `scores.{csv,parquet}` and
+/// `table.{csv,md,tex,parquet}`; if its maps were kept, `error_vs_distance.{csv,parquet,svg}` and `true_distances.csv`;
+/// if something learned, `learning_curves.{csv,parquet,svg}`.
 ///
-/// Every file is written under another name first and renamed once it is on the disk. Equal recordings give equal files. `stop`
-/// is asked between frames and between files, on several threads.
+/// Every file is written under another name first and renamed once it is on the disk. Equal recordings give equal
+/// files. `stop` is asked between frames and between files, on several threads.
 ///
 /// # Errors
 /// If the recording cannot be read, or is damaged where a number would come from, or a file cannot be written;
@@ -124,7 +125,8 @@ pub fn report(
 pub struct Prepared<'a> {
     /// Samples that were taken while frames were recorded.
     pub samples: Option<RecordedSamples<'a>>,
-    /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is taken from their reports.
+    /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is taken from
+    /// their reports.
     pub reports: Vec<PathBuf>,
 }
 

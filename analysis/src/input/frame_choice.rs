@@ -7,8 +7,8 @@ use depthloom_recording::RecordedFrame;
 
 use crate::error::AnalysisError;
 
-/// Frames as a command line names them: `3`, `3,7`, `0..4`, `1..=40`, ids (`000150_10`), or a file with an id per line. A number is the frame's own, as in
-/// `frames:` of a source.
+/// Frames as a command line names them: `3`, `3,7`, `0..4`, `1..=40`, ids (`000150_10`), or a file with an id per line.
+/// A number is the frame's own, as in `frames:` of a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FrameChoice {
     /// By number, or by a file of ids.

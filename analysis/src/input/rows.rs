@@ -22,11 +22,12 @@ pub struct TopicRows {
     pub damaged: Vec<RecordingError>,
 }
 
-/// The rows that a topic of a stage run has on some of its frames: of scores a row a pixel set and zone, of calibrations one.
+/// The rows that a topic of a stage run has on some of its frames: of scores a row a pixel set and zone, of
+/// calibrations one.
 ///
-/// Columns are `position` (of the frame in its stage), `frame`, and what a row holds: of scores `set, zone, pixels, truth, answered`,
-/// the scores in the catalogue's order (null where no pixel counted; `zone` is null of the whole image), `density`; of calibrations `width, height` and `focal_px, cx_px, cy_px,
-/// baseline_m`.
+/// Columns are `position` (of the frame in its stage), `frame`, and what a row holds: of scores
+/// `set, zone, pixels, truth, answered`, the scores in the catalogue's order (null where no pixel counted; `zone` is
+/// null of the whole image), `density`; of calibrations `width, height` and `focal_px, cx_px, cy_px, baseline_m`.
 ///
 /// # Errors
 /// If the recording cannot be read; [`AnalysisError::Stopped`] once `stop` says so.

@@ -27,8 +27,8 @@ pub struct Timing {
     pub median_cpu_ns: Option<u64>,
 }
 
-/// Writes timings of a run whose plan has this key to a Parquet file, a row each: what it is of, with `node` and `phase`; `frames, cpu_ns,
-/// wall_ns, median_cpu_ns`.
+/// Writes timings of a run whose plan has this key to a Parquet file, a row each: what it is of, with `node` and
+/// `phase`; `frames, cpu_ns, wall_ns, median_cpu_ns`.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -83,8 +83,8 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
     caught(|| read().map_err(AnalysisError::compute(format!("timings from {}", path.display()))))
 }
 
-/// A run's timings as aligned text: core-milliseconds per frame by node and phase, and their share of the whole; then what was
-/// done once.
+/// A run's timings as aligned text: core-milliseconds per frame by node and phase, and their share of the whole; then
+/// what was done once.
 ///
 /// # Errors
 /// If the file cannot be read or holds something else.

@@ -1,4 +1,5 @@
-//! What nodes and sources told of without failing, as the recording keeps it: a calibration that was assumed, a frame that was left out.
+//! What nodes and sources told of without failing, as the recording keeps it: a calibration that was assumed, a frame
+//! that was left out.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +7,8 @@ use depthloom_graphs::counted;
 use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_recording::{RecordedRun, Recording};
 
-/// All of it, in words, each once with how many things in all and on how many frames; of these stage runs alone, where some are named.
+/// All of it, in words, each once with how many things in all and on how many frames; of these stage runs alone, where
+/// some are named.
 pub(crate) fn warnings(recording: &Recording, run: Option<RunId>) -> Vec<String> {
     let plan = recording.plan();
     // By name and what was told: how many things in all, and on how many frames.

@@ -1,7 +1,8 @@
-//! The figure of a report: the absolute error against the true distance, a panel per variant, and the histogram of true distances.
+//! The figure of a report: the absolute error against the true distance, a panel per variant, and the histogram of true
+//! distances.
 //!
-//! Like is compared with like: lines and bands are over the pixels that are valid in all estimates. A dashed line is the median over all valid
-//! pixels of an estimate, where there are more. How it is drawn: [`SpreadFigure`].
+//! Like is compared with like: lines and bands are over the pixels that are valid in all estimates. A dashed line is
+//! the median over all valid pixels of an estimate, where there are more. How it is drawn: [`SpreadFigure`].
 
 use depthloom_graphs::plan::RunId;
 use std::collections::BTreeMap;

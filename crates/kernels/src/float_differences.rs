@@ -1,7 +1,7 @@
 //! Floats as the differences of their bits, by class.
 //!
-//! The bits of each sample, taken as a number, less those of the sample before it (of the first: less zero), modulo 2^32 and with the sign brought into
-//! the lowest bit (`d << 1 ^ d >> 31`), are of one of four classes:
+//! The bits of each sample, taken as a number, less those of the sample before it (of the first: less zero), modulo
+//! 2^32 and with the sign brought into the lowest bit (`d << 1 ^ d >> 31`), are of one of four classes:
 //!
 //! | class | difference | kept of it |
 //! |---|---|---|

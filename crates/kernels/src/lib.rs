@@ -1,7 +1,7 @@
 //! Pixel kernels: slices in, slices out.
 //!
-//! Rasters are row-major slices; the caller owns every output. A kernel panics if a slice does not have the size that the
-//! other arguments announce. Depth is in metres, `f32`, NaN where there is no
+//! Rasters are row-major slices; the caller owns every output. A kernel panics if a slice does not have the size that
+//! the other arguments announce. Depth is in metres, `f32`, NaN where there is no
 //! answer.
 //!
 //! ```
@@ -30,14 +30,15 @@
 //! ```
 //!
 //! # Vectors
-//! Most loops are plain Rust, compiled once for each instruction set ([`simd`]). Where vectors are named (`simd::Block`, `simd::Lanes`,
-//! `Lanes` of `sgbm`, `simd::grey`, `simd::differences`, `simd::differences_avx2`), one convention holds:
+//! Most loops are plain Rust, compiled once for each instruction set ([`simd`]). Where vectors are named
+//! (`simd::Block`, `simd::Lanes`, `Lanes` of `sgbm`, `simd::grey`, `simd::differences`, `simd::differences_avx2`), one
+//! convention holds:
 //!
-//! - A vector is a type that is named only in code compiled for its instruction set, which only a level runs that was found on the
-//!   machine. So its arithmetic is safe to call, and each body's `unsafe` says no more than that.
-//! - Loading and storing take either an array by reference, as long as the vector, and are safe; or a pointer, and are `unsafe`: the
-//!   caller vouches for as many samples, and names the check. Neither needs alignment. Pointers are for loops
-//!   whose positions are checked once for all (`convolve`, `sgbm`).
+//! - A vector is a type that is named only in code compiled for its instruction set, which only a level runs that was
+//!   found on the machine. So its arithmetic is safe to call, and each body's `unsafe` says no more than that.
+//! - Loading and storing take either an array by reference, as long as the vector, and are safe; or a pointer, and are
+//!   `unsafe`: the caller vouches for as many samples, and names the check. Neither needs alignment. Pointers are for
+//!   loops whose positions are checked once for all (`convolve`, `sgbm`).
 //! - Beside it stands a twin of plain Rust, and tests compare the bits.
 //!
 //! `unsafe` is in the SIMD modules and where tiles are lent to threads. Under AddressSanitizer:

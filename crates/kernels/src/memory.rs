@@ -1,11 +1,12 @@
 //! Memory that parameters and files ask for: bounded, and a refusal is an error.
 //!
-//! An allocation that fails ends the process. So where a size is made of more than the image at hand (a disparity range, a network's word), it is
-//! compared with [`MOST_BYTES`] first, and then allocated by a call that can fail.
+//! An allocation that fails ends the process. So where a size is made of more than the image at hand (a disparity
+//! range, a network's word), it is compared with [`MOST_BYTES`] first, and then allocated by a call that can fail.
 
 use std::fmt;
 
-/// The most memory that one call is given at once, bytes: twice what semi-global matching of a 4K pair over 256 disparities takes.
+/// The most memory that one call is given at once, bytes: twice what semi-global matching of a 4K pair over 256
+/// disparities takes.
 pub const MOST_BYTES: u64 = 8 << 30;
 
 /// More memory than there is for one call.

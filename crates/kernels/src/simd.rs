@@ -1,13 +1,13 @@
 //! The one place where a kernel meets the instruction set.
 //!
 //! A kernel's inner loops are a [`Pass`]: safe Rust that the compiler vectorises. [`Level::run`] holds that same source
-//! compiled for every machine, for AVX2 and for AVX-512, and picks one at run time. Sums that must stay in registers are a
-//! [`BlockPass`] or a [`LanesPass`], with the registers named; `sgbm` compiles its own passes over vectors of 16-bit costs, and picks
-//! by whether the level has AVX2. Rust neither reorders nor contracts floating-point operations, so all of them give the same bits, on any
-//! machine; `every_level` and the tests of [`Path`]s prove it.
+//! compiled for every machine, for AVX2 and for AVX-512, and picks one at run time. Sums that must stay in registers
+//! are a [`BlockPass`] or a [`LanesPass`], with the registers named; `sgbm` compiles its own passes over vectors of
+//! 16-bit costs, and picks by whether the level has AVX2. Rust neither reorders nor contracts floating-point
+//! operations, so all of them give the same bits, on any machine; `every_level` and the tests of [`Path`]s prove it.
 //!
-//! Nothing else asks the machine what it can do. A [`Level`] is made by [`Level::available`] alone, so who holds one has seen its
-//! features; vectors are named only inside of passes that a level runs.
+//! Nothing else asks the machine what it can do. A [`Level`] is made by [`Level::available`] alone, so who holds one
+//! has seen its features; vectors are named only inside of passes that a level runs.
 #![expect(unsafe_code, reason = "calls functions compiled for instruction sets that were found at run time")]
 
 mod block;
@@ -77,8 +77,8 @@ impl Level {
 
     /// The widest instruction set of this machine.
     ///
-    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`, `avx512`) holds it down for all kernels, for measuring:
-    /// the results are the same. Any other value leaves it as it is.
+    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`, `avx512`) holds it down for all kernels,
+    /// for measuring: the results are the same. Any other value leaves it as it is.
     #[must_use]
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();

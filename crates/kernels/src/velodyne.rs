@@ -6,17 +6,18 @@ pub enum Rule {
     /// Points in front of the camera, at the nearest pixel (half to even); the nearest point wins a pixel.
     #[default]
     Nearest,
-    /// As monodepth2's `generate_depth_map`: points with x >= 0 of the scanner, one pixel less than the nearest in row and column. Of the
-    /// points that have one number `row * (width - 1) + column - 1` (which the last column shares with the first of the row below) the
-    /// nearest wins the first one's pixel; a pixel keeps the last point elsewhere. Negative depths are none.
+    /// As monodepth2's `generate_depth_map`: points with x >= 0 of the scanner, one pixel less than the nearest in row
+    /// and column. Of the points that have one number `row * (width - 1) + column - 1` (which the last column shares
+    /// with the first of the row below) the nearest wins the first one's pixel; a pixel keeps the last point elsewhere.
+    /// Negative depths are none.
     Monodepth2 {
         /// Depth is the scanner's x, not the camera's z.
         scanner_depth: bool,
     },
 }
 
-/// Depth in metres of points (x forward, y left, z up, reflectance), through the 3x4 projection, row-major, from the scanner to the image;
-/// NaN where no point is.
+/// Depth in metres of points (x forward, y left, z up, reflectance), through the 3x4 projection, row-major, from the
+/// scanner to the image; NaN where no point is.
 ///
 /// # Panics
 /// If `out` is not `width * height` long.

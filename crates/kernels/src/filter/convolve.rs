@@ -1,10 +1,11 @@
 //! Convolutions of networks, forward and backward, one image at a time.
 //!
-//! Two shapes that learning spends its time in: [`Same`] (odd kernel, stride 1, size kept) and [`Double`] (4x4 transposed,
-//! stride 2, size doubled), as PyTorch defines them, bias and ReLU included. Images are f32, channels x height x width.
-//! A call works on one thread; a batch is spread by giving each thread its images and its [`ConvolutionScratch`].
-//! A gradient of weights is one image's share: the caller adds the shares in the order of the images, so that no result
-//! depends on the number of threads. Fused multiply-adds give the same bits on every instruction set.
+//! Two shapes that learning spends its time in: [`Same`] (odd kernel, stride 1, size kept) and [`Double`] (4x4
+//! transposed, stride 2, size doubled), as PyTorch defines them, bias and ReLU included. Images are f32, channels x
+//! height x width. A call works on one thread; a batch is spread by giving each thread its images and its
+//! [`ConvolutionScratch`]. A gradient of weights is one image's share: the caller adds the shares in the order of the
+//! images, so that no result depends on the number of threads. Fused multiply-adds give the same bits on every
+//! instruction set.
 //!
 //! ```
 //! use depthloom_kernels::convolve::{Activation, Convolution, ConvolutionScratch, Same};
@@ -32,7 +33,8 @@ use crate::simd::Level;
 use planes::Planes;
 use product::Product;
 
-/// A convolution of one image, channels x height x width. Methods panic if a slice is not of the length that the sizes say.
+/// A convolution of one image, channels x height x width. Methods panic if a slice is not of the length that the sizes
+/// say.
 pub trait Convolution: Copy + Debug + Sync + Sized + 'static {
     /// Weights as the inner loops read them, packed once for all images of a batch.
     type Weights: Sync;

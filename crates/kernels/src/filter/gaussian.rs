@@ -1,8 +1,8 @@
 //! Gaussian blur of masks, separable, in `f32`, with OpenCV's kernel and border.
 //!
-//! The image is blurred in strips of columns ([`strips`]): along the rows into a scratch strip that stays in cache, from
-//! there down the columns. Along the rows, a mask costs by its set pixels only ([`lines`]). Each output is a sum in one
-//! fixed order, without FMA, on every instruction set.
+//! The image is blurred in strips of columns ([`strips`]): along the rows into a scratch strip that stays in cache,
+//! from there down the columns. Along the rows, a mask costs by its set pixels only ([`lines`]). Each output is a sum
+//! in one fixed order, without FMA, on every instruction set.
 
 mod lines;
 mod strips;

@@ -3,7 +3,8 @@
 use crate::filter::gaussian::blur_mask_at;
 use crate::simd::{Level, Pass};
 
-/// `W_c` of an edge map (see [`crate::filter::edges`]): the map, blurred with a Gaussian of `sigma_px`, divided by its maximum.
+/// `W_c` of an edge map (see [`crate::filter::edges`]): the map, blurred with a Gaussian of `sigma_px`, divided by its
+/// maximum.
 ///
 /// Any value of `mask` but 0 is an edge. An image without edges has no confidence anywhere: zeros.
 ///

@@ -46,8 +46,8 @@ impl Pass for FindExtent<'_> {
 /// Min-max scaling: `min_s + (max_s - min_s) * (mono - min_m) / (max_m - min_m)`, the extent of stereo taken over the
 /// pixels it answered.
 ///
-/// Mono's extent is taken over its own answers; a pixel without one stays without. Where stereo answered nowhere there is nothing to scale
-/// by: mono stays as it is. A mono estimate that is the same
+/// Mono's extent is taken over its own answers; a pixel without one stays without. Where stereo answered nowhere there
+/// is nothing to scale by: mono stays as it is. A mono estimate that is the same
 /// everywhere has no extent: no answer (NaN) anywhere, as in the oracle.
 pub fn minmax(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
     minmax_at(Level::best(), mono, stereo, out);

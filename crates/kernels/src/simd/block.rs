@@ -1,7 +1,7 @@
 //! Sixty-four floats in vector registers.
 //!
-//! For sums that must stay in registers over a long loop: whether the compiler keeps an array there hangs on details far
-//! away from the loop, so here the vectors are named.
+//! For sums that must stay in registers over a long loop: whether the compiler keeps an array there hangs on details
+//! far away from the loop, so here the vectors are named.
 #![expect(unsafe_code, reason = "vector instructions, inside functions compiled for them")]
 
 pub(crate) const BLOCK: usize = 64;

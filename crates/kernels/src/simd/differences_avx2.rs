@@ -1,4 +1,5 @@
-//! Samples from the differences of their bits, four at a time. A byte of classes selects a shuffle that moves the stored bytes to their places.
+//! Samples from the differences of their bits, four at a time. A byte of classes selects a shuffle that moves the
+//! stored bytes to their places.
 #![expect(unsafe_code, reason = "vector loads and stores")]
 
 use std::arch::x86_64::{

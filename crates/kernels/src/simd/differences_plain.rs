@@ -44,7 +44,8 @@ impl Pass for Apart<'_> {
             for (classes, four) in into.iter_mut().zip(differences.as_chunks::<4>().0) {
                 *classes = 0;
                 for (place, &difference) in four.iter().enumerate() {
-                    // Without a branch, since none could be foreseen: each is written where the next is to stand, which moves on if it is kept.
+                    // Without a branch, since none could be foreseen: each is written where the next is to stand, which
+                    // moves on if it is kept.
                     let above = (difference >> 16) as u16;
                     let (is_some, is_long, is_high) =
                         (u8::from(difference != 0), u8::from(above != 0), u8::from(above >= HIGH));

@@ -1,23 +1,24 @@
 //! OpenCV's `StereoBM`: block matching by sums of absolute differences, the same answer bit for bit.
 //!
-//! Both images are prefiltered (horizontal Sobel or local contrast), absolute differences are summed over a square block,
-//! and the smallest sum wins; texture and uniqueness checks, a parabola of absolute values for the fraction, the left-right
-//! check, the speckle filter (Konolige, *Small Vision Systems*, 1997; `modules/stereo/src/stereobm.cpp` of OpenCV 5).
-//! Disparities are fixed point, 1/16 px in an `i16`.
+//! Both images are prefiltered (horizontal Sobel or local contrast), absolute differences are summed over a square
+//! block, and the smallest sum wins; texture and uniqueness checks, a parabola of absolute values for the fraction, the
+//! left-right check, the speckle filter (Konolige, *Small Vision Systems*, 1997; `modules/stereo/src/stereobm.cpp` of
+//! OpenCV 5). Disparities are fixed point, 1/16 px in an `i16`.
 //!
 //! What OpenCV does and one would not expect is kept, since its answers are the reference:
 //!
 //! - Only pixels whose whole block lies inside the left image, and inside the right one at the largest disparity, are
-//!   answered. With a positive smallest disparity OpenCV also searches that many columns beyond the right border and writes
-//!   what it finds to the start of the next row; it clears these again, except in the first row below the last answered one.
+//!   answered. With a positive smallest disparity OpenCV also searches that many columns beyond the right border and
+//!   writes what it finds to the start of the next row; it clears these again, except in the first row below the last
+//!   answered one.
 //! - An image of odd height loses its last row in the x-Sobel prefilter.
 //! - The speckle filter's range is taken in 1/16 px, not in pixels as in `StereoSGBM`.
 //!
-//! Where OpenCV reads memory that it never wrote, or that is not its own, there is nothing to keep, and what its documentation
-//! says is done instead: with `prefilter_cap` above 31 or `block` above 21 it sums in 32 bits but hands these sums to the
-//! left-right check as if they had 16 (here the check compares the sums themselves); a window of
-//! [`Prefilter::NormalizedResponse`] more than twice as high as the image, or with 51, 53 or 73 to 89 px (here borders repeat
-//! and responses are clipped as with any other).
+//! Where OpenCV reads memory that it never wrote, or that is not its own, there is nothing to keep, and what its
+//! documentation says is done instead: with `prefilter_cap` above 31 or `block` above 21 it sums in 32 bits but hands
+//! these sums to the left-right check as if they had 16 (here the check compares the sums themselves); a window of
+//! [`Prefilter::NormalizedResponse`] more than twice as high as the image, or with 51, 53 or 73 to 89 px (here borders
+//! repeat and responses are clipped as with any other).
 //!
 //! ```
 //! use depthloom_kernels::bm::{Params, BmScratch, compute};

@@ -34,7 +34,8 @@ fn capped(depth: f32, cap: f32) -> f32 {
     if depth > cap { cap } else { depth }
 }
 
-/// `f * B / (d + doffs)` of OpenCV's fixed-point disparity (1/16 px), capped at `cap_metres`; NaN where `d` or `d + doffs` is not above 0.
+/// `f * B / (d + doffs)` of OpenCV's fixed-point disparity (1/16 px), capped at `cap_metres`; NaN where `d` or
+/// `d + doffs` is not above 0.
 ///
 /// `cap_metres` of `f32::INFINITY` caps nothing.
 pub fn depth_from_disparity(disparity: &[i16], pair: Geometry, cap_metres: f32, out: &mut [f32]) {

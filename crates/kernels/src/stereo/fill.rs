@@ -1,13 +1,15 @@
 //! Filling of unanswered pixels from the background beside them, as KITTI's evaluation does before it counts errors.
 //!
-//! Source: `DisparityImage::interpolateBackground` of KITTI's stereo and scene flow development kits (`io_disp.h`, Geiger).
+//! Source: `DisparityImage::interpolateBackground` of KITTI's stereo and scene flow development kits (`io_disp.h`,
+//! Geiger).
 
 /// Fills, in place, unanswered pixels: what is hidden in the other image belongs to what lies behind.
 ///
 /// In every row a run of `invalid` pixels takes the smaller of the disparities at its two ends; at the image's border,
-/// the one there is. Then, in every column, what is still unanswered above the first and below the last answer takes that
-/// answer. Rows without any answer between others stay as they are: the development kit leaves them too. Rows are `width`
-/// long. Runs of more than `longest` pixels stay; the development kit has no such limit (`usize::MAX`). `invalid` equals itself: it is not NaN.
+/// the one there is. Then, in every column, what is still unanswered above the first and below the last answer takes
+/// that answer. Rows without any answer between others stay as they are: the development kit leaves them too. Rows are
+/// `width` long. Runs of more than `longest` pixels stay; the development kit has no such limit (`usize::MAX`).
+/// `invalid` equals itself: it is not NaN.
 ///
 /// # Panics
 /// If `width` does not divide the map's size.

@@ -1,16 +1,17 @@
 //! The left-right check of two disparity maps: each image's pixels must choose each other.
 //!
-//! Hirschmueller (*Stereo Processing by Semiglobal Matching and Mutual Information*, 2008, section 2.3) keeps the disparity
-//! of a pixel where the other image's disparity at its partner differs by at most 1 px; so do ELAS and MC-CNN.
+//! Hirschmueller (*Stereo Processing by Semiglobal Matching and Mutual Information*, 2008, section 2.3) keeps the
+//! disparity of a pixel where the other image's disparity at its partner differs by at most 1 px; so do ELAS and
+//! MC-CNN.
 
 /// Takes back, in place, answers of the left image that the right image does not confirm.
 ///
 /// Both maps are fixed point, 1/16 px, rows `width` long, unanswered pixels holding their map's `invalid`. A left pixel
 /// `x` of disparity `d` has its partner at `x - d`; the right map holds `x_right - x_left`, which is `-d`, as a matcher
 /// gives it that is handed the images in exchange and searches `-(smallest + count) + 1 .. -smallest`
-/// (`cv::ximgproc::createRightMatcher`). Partners between two pixels are rounded down and up, and one of both is enough,
-/// as in `cv::validateDisparity`. An answer stays if its partner lies in the image, has an answer, and the two differ by
-/// at most `max_difference` (1/16 px).
+/// (`cv::ximgproc::createRightMatcher`). Partners between two pixels are rounded down and up, and one of both is
+/// enough, as in `cv::validateDisparity`. An answer stays if its partner lies in the image, has an answer, and the two
+/// differ by at most `max_difference` (1/16 px).
 ///
 /// # Panics
 /// If the maps differ in size or `width` does not divide it.
@@ -40,8 +41,8 @@ mod tests {
 
     #[test]
     fn only_pixels_that_choose_each_other_stay() {
-        // An object of disparity 2 (columns 4..6) before a background of 0: what it hides of the background in the right
-        // image, columns 2..4 on the left, has partners that show the object.
+        // An object of disparity 2 (columns 4..6) before a background of 0: what it hides of the background in the
+        // right image, columns 2..4 on the left, has partners that show the object.
         let mut left = [0, 0, 0, 0, 32, 32, 0, 0];
         let right = [0, 0, -32, -32, 0, 0, 0, 0];
         check(&mut left, &right, 8, (-16, -1000), 16);

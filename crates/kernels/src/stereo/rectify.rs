@@ -1,7 +1,9 @@
-//! Rectification of stereo pairs: lens distortion and the rotation between two cameras taken out of their images, as OpenCV does it
-//! (`stereoRectify`, `initUndistortRectifyMap`, `fisheye::initUndistortRectifyMap` and `remap` with `INTER_LINEAR`).
+//! Rectification of stereo pairs: lens distortion and the rotation between two cameras taken out of their images, as
+//! OpenCV does it (`stereoRectify`, `initUndistortRectifyMap`, `fisheye::initUndistortRectifyMap` and `remap` with
+//! `INTER_LINEAR`).
 //!
-//! Pixels have integer coordinates at their centres: (0, 0) is the middle of the first one. A camera looks along z, x is to the right, y down.
+//! Pixels have integer coordinates at their centres: (0, 0) is the middle of the first one. A camera looks along z, x
+//! is to the right, y down.
 
 mod camera;
 mod map;

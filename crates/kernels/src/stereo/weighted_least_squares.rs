@@ -2,14 +2,14 @@
 //!
 //! Min et al. (*Fast Global Image Smoothing Based on Weighted Least Squares*, IEEE TIP 2014) minimise
 //! `sum (u - f)^2 + lambda sum w(p, q) (u_p - u_q)^2` over neighbours `p`, `q`, whose affinity `w` falls with their
-//! difference in colour, by solving rows and columns in turn ([`passes`]), each a tridiagonal system, with a `lambda` that
-//! shrinks from one iteration to the next. As OpenCV's `cv::ximgproc::DisparityWLSFilter` does, the disparities times
-//! their confidence ([`confidence`]) and the confidences are smoothed alike, and the one divided by the other: what has
-//! no confidence says nothing, and takes the answers that reach it without crossing an edge.
+//! difference in colour, by solving rows and columns in turn ([`passes`]), each a tridiagonal system, with a `lambda`
+//! that shrinks from one iteration to the next. As OpenCV's `cv::ximgproc::DisparityWLSFilter` does, the disparities
+//! times their confidence ([`confidence`]) and the confidences are smoothed alike, and the one divided by the other:
+//! what has no confidence says nothing, and takes the answers that reach it without crossing an edge.
 //!
-//! Floating-point operations are associated as OpenCV's, on x86-64 with one thread, are: at a `lambda` of 8000 the systems
-//! are so stiff that the rounding of the last bit shows in sixteenths of a pixel. The same bits come out of every
-//! instruction set and any number of threads.
+//! Floating-point operations are associated as OpenCV's, on x86-64 with one thread, are: at a `lambda` of 8000 the
+//! systems are so stiff that the rounding of the last bit shows in sixteenths of a pixel. The same bits come out of
+//! every instruction set and any number of threads.
 
 mod confidence;
 mod passes;
@@ -68,7 +68,8 @@ pub struct Right<'a> {
     pub invalid: i16,
     /// Where the two views differ by this much or more, the confidence is 0 (`LRCthresh`), 1/16 px.
     pub max_difference: i32,
-    /// Half the side, rounded down, of the window whose variance lowers the confidence (`depthDiscontinuityRadius`), px.
+    /// Half the side, rounded down, of the window whose variance lowers the confidence (`depthDiscontinuityRadius`),
+    /// px.
     pub radius: usize,
 }
 
@@ -115,12 +116,12 @@ impl Smoother {
 
     /// Smooths a map in place.
     ///
-    /// Disparities are 1/16 px, unanswered pixels hold `invalid`. The smoothing spans the smallest rectangle that holds all
-    /// answers (OpenCV's region of interest, for a matcher without checks); outside, nothing is answered. Confidence is 0
-    /// where `map` has no answer, elsewhere 1, or what [`Right`] says. Inside the rectangle a pixel is answered by those it
-    /// is connected to; only if all they have is next to no confidence, it has no answer. With `fill` off, pixels without
-    /// answer stay so. Results are rounded to the nearest sixteenth, ties to even; one that would be `invalid` is a
-    /// sixteenth more.
+    /// Disparities are 1/16 px, unanswered pixels hold `invalid`. The smoothing spans the smallest rectangle that holds
+    /// all answers (OpenCV's region of interest, for a matcher without checks); outside, nothing is answered.
+    /// Confidence is 0 where `map` has no answer, elsewhere 1, or what [`Right`] says. Inside the rectangle a pixel is
+    /// answered by those it is connected to; only if all they have is next to no confidence, it has no answer. With
+    /// `fill` off, pixels without answer stay so. Results are rounded to the nearest sixteenth, ties to even; one that
+    /// would be `invalid` is a sixteenth more.
     ///
     /// # Panics
     /// If the sizes do not agree or `guide` has neither 1 nor 3 channels.

@@ -10,12 +10,14 @@ const TAPS: usize = KERNEL * KERNEL;
 /// For each parity of an output row (or column): the kernel's rows that reach it, and the input rows they come from,
 /// counted from the row above.
 const REACH: [[(usize, usize); 2]; 2] = [[(1, 1), (3, 0)], [(0, 2), (2, 1)]];
-/// For each row of the kernel: the parity of the output rows it reaches, and how far down they are, counted from the row above.
+/// For each row of the kernel: the parity of the output rows it reaches, and how far down they are, counted from the
+/// row above.
 const ORIGIN: [(usize, usize); KERNEL] = [(1, 0), (0, 1), (1, 1), (0, 2)];
 
 /// A transposed convolution, PyTorch's `conv_transpose2d(kernel 4, stride=2, padding=1)`: twice the rows and columns.
 ///
-/// Weights are inputs x outputs x 4 x 4. The outputs of even and odd rows and columns are four convolutions with 2x2 of the taps each.
+/// Weights are inputs x outputs x 4 x 4. The outputs of even and odd rows and columns are four convolutions with 2x2 of
+/// the taps each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Double {
     /// Channels in.

@@ -21,7 +21,8 @@ impl Planes {
         self.width + self.pad
     }
 
-    /// Samples that a sum over the image runs through: its rows with the zeros between them, rounded up to whole vectors.
+    /// Samples that a sum over the image runs through: its rows with the zeros between them, rounded up to whole
+    /// vectors.
     pub(super) const fn columns(&self) -> usize {
         (self.height * self.row()).next_multiple_of(LANES)
     }

@@ -1,7 +1,7 @@
 //! Sums of products over shifted rows: the two loops that all convolutions of a network consist of.
 //!
-//! An image whose rows are separated by zeros is one long line, and a convolution's tap is that line shifted. So neither
-//! columns of patches (im2col) nor a transform are needed: the operands are read where they lie.
+//! An image whose rows are separated by zeros is one long line, and a convolution's tap is that line shifted. So
+//! neither columns of patches (im2col) nor a transform are needed: the operands are read where they lie.
 #![expect(unsafe_code, reason = "vector loads and stores at positions that were checked once for the whole loop")]
 
 use crate::simd::{LANES, Lanes, LanesPass, Level};
@@ -104,8 +104,8 @@ impl LanesPass for Product<'_> {
 /// `R` rows of `C` times [`LANES`] sums, kept in registers.
 ///
 /// # Safety
-/// `weights` has `R` floats for each offset; `source` can be read for `C * LANES` floats after each offset; `out` can be
-/// written for as many in each of `R` rows.
+/// `weights` has `R` floats for each offset; `source` can be read for `C * LANES` floats after each offset; `out` can
+/// be written for as many in each of `R` rows.
 #[inline(always)]
 unsafe fn tile<L: Lanes, const R: usize, const C: usize>(
     weights: *const f32,

@@ -5,8 +5,8 @@ use super::product::{Dots, Product, pack};
 use super::{Activation, Convolution, ConvolutionScratch, Gradients};
 use crate::simd::Level;
 
-/// A convolution `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])` with zero padding that keeps the size: PyTorch's
-/// `conv2d(stride=1, padding=k/2)`. Weights are outputs x inputs x kernel x kernel.
+/// A convolution `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])` with zero padding that keeps the size:
+/// PyTorch's `conv2d(stride=1, padding=k/2)`. Weights are outputs x inputs x kernel x kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Same {
     /// Channels in.

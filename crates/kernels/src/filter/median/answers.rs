@@ -6,9 +6,10 @@ use crate::simd::{Level, Pass};
 
 /// [`median3`] over the answered (finite) pixels of every window.
 ///
-/// A pixel that answered gets the median of the answers around it (of an even number the mean of the middle two, as NumPy's `nanmedian`);
-/// one that did not gets it if more than half of its window answered, and else stays without (NaN). So a gap neither grows over answers
-/// nor draws them to itself. Where all is answered this is [`median3`], in its time.
+/// A pixel that answered gets the median of the answers around it (of an even number the mean of the middle two, as
+/// NumPy's `nanmedian`); one that did not gets it if more than half of its window answered, and else stays without
+/// (NaN). So a gap neither grows over answers nor draws them to itself. Where all is answered this is [`median3`], in
+/// its time.
 pub fn median3_of_answers(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
     median3(input, width, height, out);
     mend::<1>(input, width, height, out);

@@ -24,7 +24,8 @@ pub(crate) fn rows_around<T>(map: &[T], width: usize, y: usize) -> [&[T]; 3] {
     [y.saturating_sub(1), y, (y + 1).min(last)].map(|y| &map[y * width..][..width])
 }
 
-/// The middle of: the largest of the three columns' smallest, the middle of their middles, the smallest of their largest.
+/// The middle of: the largest of the three columns' smallest, the middle of their middles, the smallest of their
+/// largest.
 #[inline(always)]
 fn median9<T: Ord + Copy>([a, b, c]: [[T; 3]; 3]) -> T {
     let [a, b, c] = [0, 1, 2].map(|x| sorted3([a[x], b[x], c[x]]));

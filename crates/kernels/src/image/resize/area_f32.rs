@@ -6,8 +6,8 @@ use crate::raster::check;
 
 /// Shrinks a map by area: each output pixel is the mean over its cell, as OpenCV's `resize(..., INTER_AREA)` of floats.
 ///
-/// The same numbers up to rounding: OpenCV adds up in other orders, depending on the machine. Here each row of a cell is added up from
-/// the left, then the rows from the top, on every machine alike.
+/// The same numbers up to rounding: OpenCV adds up in other orders, depending on the machine. Here each row of a cell
+/// is added up from the left, then the rows from the top, on every machine alike.
 ///
 /// # Panics
 /// If a slice does not have the announced size, the output is empty, or it is larger than the input along either axis.

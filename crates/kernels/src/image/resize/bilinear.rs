@@ -6,8 +6,8 @@ use crate::simd::{Level, Pass};
 
 /// Resizes a map of floats with half-pixel centres: OpenCV's `resize(..., INTER_LINEAR)`.
 ///
-/// Beyond the outermost centres the outermost sample repeats. Positions are exact (`f64`), as in OpenCV's x86 packages, which
-/// leave this to Intel's IPP; OpenCV's own code rounds positions to `f32`, a few 1e-8 of the image's width.
+/// Beyond the outermost centres the outermost sample repeats. Positions are exact (`f64`), as in OpenCV's x86 packages,
+/// which leave this to Intel's IPP; OpenCV's own code rounds positions to `f32`, a few 1e-8 of the image's width.
 ///
 /// # Panics
 /// If a slice does not have the announced size, or one map is empty and the other is not.

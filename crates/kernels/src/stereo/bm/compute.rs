@@ -82,7 +82,8 @@ struct Sums<S> {
 /// Least rows of a band. Its first row costs as much as half a block of others.
 const BAND: usize = 32;
 
-/// Disparities of `left`'s pixels in 1/16 px, [`Params::invalid`] where there is no answer; grey images, spread over `tiles`.
+/// Disparities of `left`'s pixels in 1/16 px, [`Params::invalid`] where there is no answer; grey images, spread over
+/// `tiles`.
 ///
 /// # Errors
 /// Parameters that OpenCV refuses ([`Params::check`]), and an image no larger than the block.

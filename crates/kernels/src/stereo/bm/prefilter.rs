@@ -83,7 +83,8 @@ impl Pass for XSobel<'_> {
 
 /// A pixel with its four neighbours (weights 4 and 1), against the mean of the window; borders repeat.
 ///
-/// OpenCV clips by a table that ends at 5 times 256; the rounded scales of windows of 51, 53 and 73 to 89 px can leave it.
+/// OpenCV clips by a table that ends at 5 times 256; the rounded scales of windows of 51, 53 and 73 to 89 px can leave
+/// it.
 fn normalized_response(image: &Image<'_>, rows: Range<usize>, radius: usize, cap: i32, out: &mut [u8]) {
     let side = 2 * radius + 1;
     let eighth = (side * side / 8) as i32;

@@ -41,7 +41,8 @@ fn disparity(key: u32) -> usize {
     (key & 255) as usize
 }
 
-/// The answer of column `x` in 1/16 px above the smallest disparity, from its summed costs; the right image's pixels learn of them.
+/// The answer of column `x` in 1/16 px above the smallest disparity, from its summed costs; the right image's pixels
+/// learn of them.
 #[inline(always)]
 pub(super) fn choose(x: usize, sums: &[u16], demands: Demands, right: &mut RightBest) -> u16 {
     let right = &mut right.keys[right.width - 1 - x..][..sums.len()];

@@ -1,8 +1,8 @@
 //! The entry: the frame's stages, and how they are spread over tiles.
 //!
 //! Two sweeps, one down and one up, each sum half of the paths. Each first stores its sums for the half of the image
-//! where it begins; in the half where it ends it meets the other's sums, adds its own, and chooses. So no row's sums are
-//! written more than twice, and two threads can sweep at a time; transform and checks are spread further.
+//! where it begins; in the half where it ends it meets the other's sums, adds its own, and chooses. So no row's sums
+//! are written more than twice, and two threads can sweep at a time; transform and checks are spread further.
 
 use super::choice::{Demands, RightBest, choose};
 use super::features::{Feature, FeatureRow, comparisons};
@@ -60,7 +60,8 @@ struct Sweep<F> {
 /// Memory: 2 bytes for each pixel and disparity.
 ///
 /// # Errors
-/// A parameter out of its range ([`Params::check`]), and more memory than there is for one call ([`memory::MOST_BYTES`]).
+/// A parameter out of its range ([`Params::check`]), and more memory than there is for one call
+/// ([`memory::MOST_BYTES`]).
 ///
 /// # Panics
 /// If an image or `out` has another size than announced, or the images have no pixels.

@@ -1,8 +1,9 @@
 //! Path aggregation (Hirschmueller 2008): one sweep over the image takes the paths that come with it.
 //!
 //! A sweep goes row by row, downwards in the order of columns or upwards against it, and takes the vertical, the
-//! horizontal and, of eight paths, the two diagonal ones that come from rows it has seen. The upward sweep is the downward one on the
-//! image turned by 180 degrees, and is written as that: positions below count in the sweep's own order.
+//! horizontal and, of eight paths, the two diagonal ones that come from rows it has seen. The upward sweep is the
+//! downward one on the image turned by 180 degrees, and is written as that: positions below count in the sweep's own
+//! order.
 
 use super::costs::{Candidates, hamming};
 use super::features::Feature;
@@ -52,8 +53,8 @@ impl PathCosts {
 
 /// Equation 13 of Hirschmueller 2008, whose smallest cost at the pixel before is `before`; returns the new smallest.
 ///
-/// In bytes this is exact. The smallest cost of a path's pixel is at most a match's, since staying is free; so what lies
-/// `p2` above is below 255, as are all costs, and a difference that saturates is more than `p2`.
+/// In bytes this is exact. The smallest cost of a path's pixel is at most a match's, since staying is free; so what
+/// lies `p2` above is below 255, as are all costs, and a difference that saturates is more than `p2`.
 #[inline(always)]
 fn advance<const N: usize>(
     entry: &mut [u8],

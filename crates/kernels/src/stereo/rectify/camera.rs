@@ -3,11 +3,11 @@
 /// How a lens moves the point (x, y) = (X / Z, Y / Z) of its image plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {
-    /// Brown and Conrady's polynomial with a rational radial part, coefficients in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6. ROS'
-    /// `plumb_bob` has the first five, its `rational_polynomial` all; no distortion is zeros.
+    /// Brown and Conrady's polynomial with a rational radial part, coefficients in OpenCV's order: k1 k2 p1 p2 k3 k4 k5
+    /// k6. ROS' `plumb_bob` has the first five, its `rational_polynomial` all; no distortion is zeros.
     Polynomial([f64; 8]),
-    /// Kannala and Brandt's: the angle to the axis, `theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)`, is the distance from the
-    /// centre. OpenCV's `fisheye`, ROS' and Kalibr's `equidistant`.
+    /// Kannala and Brandt's: the angle to the axis, `theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)`, is
+    /// the distance from the centre. OpenCV's `fisheye`, ROS' and Kalibr's `equidistant`.
     Equidistant([f64; 4]),
 }
 

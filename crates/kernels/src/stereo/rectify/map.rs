@@ -53,7 +53,8 @@ impl Map {
     /// The map of a camera to a view of (width, height): OpenCV's `initUndistortRectifyMap`.
     #[must_use]
     pub fn new(camera: &Camera, view: &View, (width, height): (u32, u32), interpolation: Interpolation) -> Self {
-        // Of a rotation that a file gives in few digits the inverse is not the transpose, and OpenCV inverts the product.
+        // Of a rotation that a file gives in few digits the inverse is not the transpose, and OpenCV inverts the
+        // product.
         let projection =
             [[view.focal_px[0], 0.0, view.centre_px[0]], [0.0, view.focal_px[1], view.centre_px[1]], [0.0, 0.0, 1.0]];
         let back = inverse(&product(&projection, &view.rotation));

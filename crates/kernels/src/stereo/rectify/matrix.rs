@@ -57,7 +57,8 @@ pub(super) fn rotation_about(vector: [f64; 3]) -> Matrix {
     })
 }
 
-/// The vector of a rotation: the inverse of [`rotation_about`]. A very small rotation is zero, as in OpenCV's `Rodrigues`.
+/// The vector of a rotation: the inverse of [`rotation_about`]. A very small rotation is zero, as in OpenCV's
+/// `Rodrigues`.
 pub(super) fn vector_of(rotation: &Matrix) -> [f64; 3] {
     let r = nearest_rotation(rotation);
     let twice_sine = [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]];
@@ -70,7 +71,8 @@ pub(super) fn vector_of(rotation: &Matrix) -> [f64; 3] {
     twice_sine.map(|component| component * scale)
 }
 
-/// The vector of half a turn, whose axis is the column space of `R + I`, with the signs that OpenCV's `Rodrigues` takes.
+/// The vector of half a turn, whose axis is the column space of `R + I`, with the signs that OpenCV's `Rodrigues`
+/// takes.
 fn half_turn(r: &Matrix) -> [f64; 3] {
     let side = |k: usize| (0.5 * (r[k][k] + 1.0)).max(0.0).sqrt();
     let signed = |size: f64, of: f64| if of < 0.0 { -size } else { size };
@@ -82,7 +84,8 @@ fn half_turn(r: &Matrix) -> [f64; 3] {
     axis.map(|component| component * core::f64::consts::PI / norm(axis))
 }
 
-/// The rotation nearest to a matrix that nearly is one: what a file's few digits leave of it (its polar factor, by Newton's iteration).
+/// The rotation nearest to a matrix that nearly is one: what a file's few digits leave of it (its polar factor, by
+/// Newton's iteration).
 fn nearest_rotation(matrix: &Matrix) -> Matrix {
     let mut r = *matrix;
     for _ in 0..8 {

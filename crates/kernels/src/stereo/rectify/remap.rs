@@ -4,8 +4,8 @@ use super::map::{Map, Places, STEPS};
 use crate::raster::check;
 use crate::simd::{Level, Pass};
 
-/// An image of (width, height) with `CHANNELS` interleaved samples a pixel, seen through a map: linear between four pixels; what lies outside
-/// counts as black. OpenCV's `remap` with `INTER_LINEAR` and `BORDER_CONSTANT`.
+/// An image of (width, height) with `CHANNELS` interleaved samples a pixel, seen through a map: linear between four
+/// pixels; what lies outside counts as black. OpenCV's `remap` with `INTER_LINEAR` and `BORDER_CONSTANT`.
 pub fn remap<const CHANNELS: usize>(image: &[u8], (width, height): (usize, usize), map: &Map, out: &mut [u8]) {
     remap_at::<CHANNELS>(Level::best(), image, (width, height), map, out);
 }
@@ -100,7 +100,8 @@ impl<const CHANNELS: usize> Pass for Floats<'_, CHANNELS> {
                     // Saturates: what lies nowhere is far outside.
                     let towards_zero = place[axis] as i32;
                     *whole = towards_zero.saturating_sub(i32::from(place[axis] < towards_zero as f32));
-                    // Of what is far outside nothing but black is mixed, whatever the share; a share that is no number would make it white.
+                    // Of what is far outside nothing but black is mixed, whatever the share; a share that is no number
+                    // would make it white.
                     let over = place[axis] - *whole as f32;
                     *share = if (0.0..1.0).contains(&over) { over } else { 0.0 };
                 }

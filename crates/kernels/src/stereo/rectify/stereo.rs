@@ -9,17 +9,19 @@ use super::matrix::{Matrix, cross, norm, product, rotation_about, times, transpo
 pub struct Rectified {
     /// Left and right view, of one focal length and one principal point.
     pub views: [View; 2],
-    /// The right camera's place in the left one's frame, along rows (1: of OpenCV's `P2[0,3] = f * x`), in the translation's unit: negative
-    /// where it is to the right.
+    /// The right camera's place in the left one's frame, along rows (1: of OpenCV's `P2[0,3] = f * x`), in the
+    /// translation's unit: negative where it is to the right.
     pub translation: f64,
 }
 
-/// The rectification of two cameras, the right one of which sees a point of the left one's frame at `rotation * point + translation`: OpenCV's
-/// `stereoRectify` with `CALIB_ZERO_DISPARITY`, for images of (width, height) of both. `alpha` between 0 (no pixel without an image) and 1 (all
-/// pixels of both images are kept); `None` leaves the focal length as it is. Where both lenses are equidistant it is `fisheye::stereoRectify`, with
-/// `alpha` as its `balance`, 0 if `None`.
+/// The rectification of two cameras, the right one of which sees a point of the left one's frame at
+/// `rotation * point + translation`: OpenCV's `stereoRectify` with `CALIB_ZERO_DISPARITY`, for images of (width,
+/// height) of both. `alpha` between 0 (no pixel without an image) and 1 (all pixels of both images are kept); `None`
+/// leaves the focal length as it is. Where both lenses are equidistant it is `fisheye::stereoRectify`, with `alpha` as
+/// its `balance`, 0 if `None`.
 ///
-/// `None` if the lenses are of two kinds, a point of an equidistant lens lies behind it, or the cameras stand one above the other or in one place.
+/// `None` if the lenses are of two kinds, a point of an equidistant lens lies behind it, or the cameras stand one above
+/// the other or in one place.
 #[must_use]
 pub fn stereo_rectify(
     cameras: [&Camera; 2],
@@ -111,8 +113,8 @@ fn scale(cameras: [&Camera; 2], views: &[View; 2], size: [f64; 2], alpha: f64) -
     Some(inner * (1.0 - alpha) + outer * alpha)
 }
 
-/// The views of equidistant lenses: of each the middles of the image's sides decide, `balance` between 0 (as large as it has to be to lose them) and 1 (they
-/// all stay).
+/// The views of equidistant lenses: of each the middles of the image's sides decide, `balance` between 0 (as large as
+/// it has to be to lose them) and 1 (they all stay).
 fn equidistant(
     cameras: [&Camera; 2],
     turned: &[Matrix; 2],

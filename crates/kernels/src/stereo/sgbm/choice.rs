@@ -99,8 +99,8 @@ impl RowChoice {
     /// The left-right check, made against the winners seen from the right image; a finished row.
     pub(super) fn check(&self, search: &Search, row: &mut [i16]) {
         let invalid = search.invalid;
-        // A partner that no pixel chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a minimum
-        // disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.
+        // A partner that no pixel chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a
+        // minimum disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.
         let disagrees = |x: usize, d: i32| {
             let partner = x as i32 - d;
             usize::try_from(partner).ok().and_then(|p| self.right_disparity.get(p)).is_some_and(|&other| {

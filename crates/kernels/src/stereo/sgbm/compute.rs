@@ -20,8 +20,8 @@ pub struct SgbmScratch {
 /// for this machine ([`Path::best`]), spread over `tiles`.
 ///
 /// # Errors
-/// Parameters or shapes that OpenCV refuses or does not document ([`Params::check`]), an `out` of another size, and more memory
-/// than there is for one call ([`MOST_BYTES`](crate::memory::MOST_BYTES)).
+/// Parameters or shapes that OpenCV refuses or does not document ([`Params::check`]), an `out` of another size, and
+/// more memory than there is for one call ([`MOST_BYTES`](crate::memory::MOST_BYTES)).
 pub fn compute(
     left: &View<'_>,
     right: &View<'_>,

@@ -1,8 +1,9 @@
-//! The fast implementations: costs of 16 candidates at a time, bands of rows that stay in cache, pieces for all threads.
+//! The fast implementations: costs of 16 candidates at a time, bands of rows that stay in cache, pieces for all
+//! threads.
 //!
-//! They rely on 16-bit costs that never saturate ([`fits`]), so that sums may be taken in any order; what could saturate
-//! goes to the plain twin. Only the sum over the directions may reach 32767, where adding numbers that are not negative
-//! gives the same in any order.
+//! They rely on 16-bit costs that never saturate ([`fits`]), so that sums may be taken in any order; what could
+//! saturate goes to the plain twin. Only the sum over the directions may reach 32767, where adding numbers that are not
+//! negative gives the same in any order.
 //!
 //! # Roofline
 //!
@@ -28,10 +29,10 @@
 //! | `3way` | 17.7 | 50.1 | 2.8 |
 //! | `hh4` | 32.5 | 136.9 | 4.2 |
 //!
-//! So `sgbm` runs at 40 % of that roof. What is above it: the minimum over disparities that each pixel of a path along the
-//! row waits for (two rows at a time share the wait), reads across cache lines, decisions that are scalar by nature
-//! (about a tenth). With two threads on two idle cores a frame took 12.7 ms in `sgbm` (19.7 with one), 12.2 in `3way`, 25
-//! in `hh4`. Memory is no bound but in `hh` and `hh4`, which write and read 57 MB of costs and 57 MB of sums:
+//! So `sgbm` runs at 40 % of that roof. What is above it: the minimum over disparities that each pixel of a path along
+//! the row waits for (two rows at a time share the wait), reads across cache lines, decisions that are scalar by nature
+//! (about a tenth). With two threads on two idle cores a frame took 12.7 ms in `sgbm` (19.7 with one), 12.2 in `3way`,
+//! 25 in `hh4`. Memory is no bound but in `hh` and `hh4`, which write and read 57 MB of costs and 57 MB of sums:
 //! at the 20 GB/s this machine gave, 11 ms. A band's costs, sums and row sums take some 12 MB and stay in the
 //! last-level cache (80 GB/s); a tile's paths, 18 kB, in the first-level one.
 //!

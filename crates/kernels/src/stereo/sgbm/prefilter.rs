@@ -69,7 +69,8 @@ impl Planes {
     }
 }
 
-/// x-Sobel of the inner columns as OpenCV's table has it: clipped to `-clip..=clip`, shifted by `clip`, cut to eight bits.
+/// x-Sobel of the inner columns as OpenCV's table has it: clipped to `-clip..=clip`, shifted by `clip`, cut to eight
+/// bits.
 #[inline(always)]
 fn sobel_row<const CHANNELS: usize>(out: &mut [u8], above: &[u8], row: &[u8], below: &[u8], clip: i32) {
     // No response exceeds 1020: 16 bits do, and the compiler makes vectors of them.

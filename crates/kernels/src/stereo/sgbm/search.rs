@@ -57,8 +57,8 @@ impl Search {
         }
     }
 
-    /// The least width OpenCV accepts. `sgbm` and `hh` ask for more than half a block beyond the largest disparity, `3way`
-    /// for one searched column; `hh4` takes anything, and where nothing can be searched nothing is answered.
+    /// The least width OpenCV accepts. `sgbm` and `hh` ask for more than half a block beyond the largest disparity,
+    /// `3way` for one searched column; `hh4` takes anything, and where nothing can be searched nothing is answered.
     pub(super) fn least_width(&self) -> i64 {
         let end = i64::from(self.min_disparity) + self.disparities as i64;
         match self.mode {

@@ -23,8 +23,8 @@ struct Run {
 /// The run of a pixel without answer.
 const NONE: u32 = u32::MAX;
 
-/// Sets to `invalid` every pixel of a 4-connected region of at most `window` pixels, where neighbours belong together if
-/// they differ by at most `range` (same unit as the map) and neither is `invalid`. Rows are `width` long.
+/// Sets to `invalid` every pixel of a 4-connected region of at most `window` pixels, where neighbours belong together
+/// if they differ by at most `range` (same unit as the map) and neither is `invalid`. Rows are `width` long.
 ///
 /// # Panics
 /// If the map has 2^32 pixels or more.

@@ -1,8 +1,8 @@
 //! The tridiagonal systems of rows and columns, solved by elimination without pivots.
 //!
 //! A row of `n` pixels `f` with affinities `w` between neighbours becomes the `u` of
-//! `(1 + l w[k-1] + l w[k]) u[k] - l w[k-1] u[k-1] - l w[k] u[k+1] = f[k]`. Rows are solved sixteen at a time, columns in
-//! strips, so that vectors hold systems that do not depend on each other. Planes that share the affinities share the
+//! `(1 + l w[k-1] + l w[k]) u[k] - l w[k-1] u[k-1] - l w[k] u[k+1] = f[k]`. Rows are solved sixteen at a time, columns
+//! in strips, so that vectors hold systems that do not depend on each other. Planes that share the affinities share the
 //! elimination.
 
 use depthloom_threads::locked;

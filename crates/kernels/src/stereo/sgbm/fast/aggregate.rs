@@ -1,10 +1,10 @@
 //! The directions that come from the row before.
 //!
-//! Each direction keeps one slot a path, updated in place: a path that runs straight down stays in its column's slot, one
-//! that runs diagonally stays in the slot of its diagonal. Slots are rings over the diagonals alive at once.
-//! A slot holds the `d` costs of the path's last pixel, then as much padding as keeps vectors aligned, 16 values or more: the first and last are the borders
-//! that stand beyond the disparities (of this slot's end and of the next slot's beginning), one in between is the
-//! smallest cost plus P2.
+//! Each direction keeps one slot a path, updated in place: a path that runs straight down stays in its column's slot,
+//! one that runs diagonally stays in the slot of its diagonal. Slots are rings over the diagonals alive at once.
+//! A slot holds the `d` costs of the path's last pixel, then as much padding as keeps vectors aligned, 16 values or
+//! more: the first and last are the borders that stand beyond the disparities (of this slot's end and of the next
+//! slot's beginning), one in between is the smallest cost plus P2.
 
 use super::lanes::Lanes;
 use super::shared::Shared;
@@ -61,7 +61,8 @@ impl<'a> Slots<'a> {
         };
         if columns.contains(&x) {
             let start = LEAD + self.index(x, i) * self.stride;
-            // SAFETY: the slot up to its smallest cost belongs to this column, hence to whoever aggregates paths through it.
+            // SAFETY: the slot up to its smallest cost belongs to this column, hence to whoever aggregates paths
+            // through it.
             reset(search, unsafe { self.memory.write(start..start + search.disparities + DELTA + 1) });
         }
     }
@@ -107,8 +108,8 @@ const SLIDE: u8 = 2;
 /// Aggregates costs along the paths through a part of a row.
 ///
 /// # Safety
-/// The instruction set of `L` must be present; the pointers hold the costs and sums of the columns; nobody else uses the
-/// sums, the costs if they are made, or the columns' slots.
+/// The instruction set of `L` must be present; the pointers hold the costs and sums of the columns; nobody else uses
+/// the sums, the costs if they are made, or the columns' slots.
 #[inline(always)]
 pub(super) unsafe fn aggregate<L: Lanes, const N: usize>(m: &Aggregate<'_>) {
     // SAFETY: as the caller vouches.

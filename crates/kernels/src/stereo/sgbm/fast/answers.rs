@@ -20,9 +20,9 @@ pub(super) struct Answers {
     before: Vec<i16>,
     here: Vec<i16>,
     after: Vec<i16>,
-    /// For each column of the right image its cheapest partner: cost in the upper half, 4095 - index in the lower, 0 for
-    /// none. OpenCV goes from right to left and lets only a smaller cost replace one: of equal costs the larger index
-    /// stays, so that it is the smallest key that wins.
+    /// For each column of the right image its cheapest partner: cost in the upper half, 4095 - index in the lower, 0
+    /// for none. OpenCV goes from right to left and lets only a smaller cost replace one: of equal costs the larger
+    /// index stays, so that it is the smallest key that wins.
     partners: Vec<i32>,
     /// For each column of the right image the smallest and largest disparity, px, that agree with its partner; with a
     /// margin.
@@ -139,8 +139,8 @@ impl Answers {
         let Search { min_disparity, disp12_max_diff, .. } = *search;
         // More than any two 16-bit numbers differ.
         let reach = disp12_max_diff.min(1 << 20);
-        // A partner that no pixel chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a minimum
-        // disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.
+        // A partner that no pixel chose holds the invalid mark, which is in 1/16 px but compared as pixels: with a
+        // minimum disparity of 2 and more it passes for a disparity. OpenCV does that; so do we.
         let nobody = i32::from(search.invalid);
         let around = |seen: i32| [(seen - reach).max(-0x8000) as i16, (seen + reach).min(0x7fff) as i16];
         let nobody = if nobody >= min_disparity { around(nobody) } else { ALL };

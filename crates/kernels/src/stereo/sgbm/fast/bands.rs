@@ -2,13 +2,14 @@
 //!
 //! A band goes through two rounds, and the pieces of a round run in any order on any number of threads:
 //!
-//! 1. *Columns*. Each tile of columns makes its block costs and aggregates path costs down its rows. A diagonal path needs the
-//!    neighbouring column of the row before, so that a tile loses one column at each inner side with every row: it does a
-//!    *trapezoid*. The *triangle* that two neighbours lost between them is done by the later of the two.
-//! 2. *Rows*: the directions along the row, and the decision; and the row sums of the next band's costs, smaller pieces that
-//!    fill what is left of the round.
+//! 1. *Columns*. Each tile of columns makes its block costs and aggregates path costs down its rows. A diagonal path
+//!    needs the neighbouring column of the row before, so that a tile loses one column at each inner side with every
+//!    row: it does a *trapezoid*. The *triangle* that two neighbours lost between them is done by the later of the two.
+//! 2. *Rows*: the directions along the row, and the decision; and the row sums of the next band's costs, smaller pieces
+//!    that fill what is left of the round.
 //!
-//! `hh` and `hh4` go over the image twice, and keep costs and sums of the whole image in between; the others hold a band.
+//! `hh` and `hh4` go over the image twice, and keep costs and sums of the whole image in between; the others hold a
+//! band.
 
 use depthloom_threads::locked;
 use std::ops::Range;
@@ -179,8 +180,8 @@ impl<'a> Frame<'a> {
         band * BAND..((band + 1) * BAND).min(self.height())
     }
 
-    /// The rows of the image whose row sums a band is the first to need; none where the sweep finds the costs made, and beyond
-    /// the last band.
+    /// The rows of the image whose row sums a band is the first to need; none where the sweep finds the costs made, and
+    /// beyond the last band.
     fn summed_for(&self, sweep: &Sweep<'_>, band: usize) -> Range<usize> {
         let end_of = |bands: usize| {
             let end = if bands == 0 { 0 } else { (bands * BAND).min(self.height()) + self.search.radius };
@@ -226,8 +227,8 @@ impl<'a> Frame<'a> {
         let RowScratch { left, right, pixel, .. } = &mut *scratch;
         let pixel = pixel.at_least(pixel_len(self.search));
         let start = self.sums_at(k);
-        // SAFETY: each row of a round writes its own part of the ring, of which nothing is read in this round: trapezoids,
-        // which read it, have rounds of their own. The table's maker found the instruction set.
+        // SAFETY: each row of a round writes its own part of the ring, of which nothing is read in this round:
+        // trapezoids, which read it, have rounds of their own. The table's maker found the instruction set.
         unsafe {
             let sums = self.sums.write(start..start + self.search.row_len());
             (self.kernels.planes)(left, self.search, self.left, k, false);
@@ -275,7 +276,8 @@ impl<'a> Frame<'a> {
         if sweep.upwards { self.height() - 1 - i } else { i }
     }
 
-    /// Aggregates costs along the paths through some columns of the `i`-th row of the sweep, making their block costs on the way or not.
+    /// Aggregates costs along the paths through some columns of the `i`-th row of the sweep, making their block costs
+    /// on the way or not.
     fn aggregate(&self, sweep: &Sweep<'_>, i: usize, columns: Range<usize>, slides: bool) {
         let d = self.search.disparities;
         let len = self.search.row_len();
@@ -302,9 +304,10 @@ impl<'a> Frame<'a> {
             },
             sum: if sweep.last { band } else { self.sum.at(y * len + first) },
         };
-        // SAFETY: columns of a row belong to one trapezoid or triangle; so do their slots: a diagonal leaves its tile for
-        // the triangle beside it, never for another tile, and triangles come when both tiles are done (see the module's
-        // description). Costs of the columns were made by this tile, or by those beside the triangle. The table's maker found the instruction set.
+        // SAFETY: columns of a row belong to one trapezoid or triangle; so do their slots: a diagonal leaves its tile
+        // for the triangle beside it, never for another tile, and triangles come when both tiles are done (see the
+        // module's description). Costs of the columns were made by this tile, or by those beside the triangle. The
+        // table's maker found the instruction set.
         unsafe { (self.kernels.aggregate)(&part) }
     }
 
@@ -329,8 +332,8 @@ impl<'a> Frame<'a> {
         let d = self.search.disparities;
         let part = |row: usize| row + columns.start * d..row + columns.end * d;
         let (enters, leaves) = self.sliding(y);
-        // SAFETY: only this tile touches these columns of the costs in this round; the sums are read by all and written in
-        // other rounds. The table's maker found the instruction set.
+        // SAFETY: only this tile touches these columns of the costs in this round; the sums are read by all and written
+        // in other rounds. The table's maker found the instruction set.
         unsafe {
             (self.kernels.slide)(&mut Slide {
                 cost: self.cost.write(part(self.cost_at(y))),
@@ -379,8 +382,8 @@ impl<'a> Frame<'a> {
             let RowScratch { total, answers, .. } = &mut **scratch;
             let room = total_len(self.search);
             let total = total.at_least(room);
-            // SAFETY: each row of this round has its own scratch, its own sums and its own row of the output; costs are only
-            // read.
+            // SAFETY: each row of this round has its own scratch, its own sums and its own row of the output; costs are
+            // only read.
             decided.push(unsafe {
                 Decide {
                     search: self.search,

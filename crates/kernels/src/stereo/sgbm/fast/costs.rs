@@ -46,8 +46,8 @@ struct Pixels<'a> {
     n: usize,
 }
 
-/// How pixel costs are kept. (A trait, not closures: only functions can be told to become part of their caller, and code
-/// outside a function compiled for an instruction set does not use it.)
+/// How pixel costs are kept. (A trait, not closures: only functions can be told to become part of their caller, and
+/// code outside a function compiled for an instruction set does not use it.)
 trait Kept<L: Lanes> {
     /// Computes column `x`.
     ///

@@ -23,8 +23,8 @@ pub(super) fn total_len(search: &Search) -> usize {
     search.disparities.next_multiple_of(COMPARED)
 }
 
-/// Leads the paths to the right and to the left, and decides every column, of two rows at once: each pixel waits for its
-/// neighbour's minimum, and the other row fills the wait.
+/// Leads the paths to the right and to the left, and decides every column, of two rows at once: each pixel waits for
+/// its neighbour's minimum, and the other row fills the wait.
 ///
 /// # Safety
 /// The instruction set of `L` must be present.
@@ -166,7 +166,8 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
     }
 }
 
-/// Leads a path on by one pixel, and adds its costs to the sums. Returns their minimum, and if `LEAST` that of the sums.
+/// Leads a path on by one pixel, and adds its costs to the sums. Returns their minimum, and if `LEAST` that of the
+/// sums.
 ///
 /// # Safety
 /// As [`decide`]; the pointers hold the pixel's block costs and sums, and room for the new sums.
@@ -206,7 +207,8 @@ unsafe fn advance<L: Lanes, const LEAST: bool>(
     }
 }
 
-/// The best candidate, if it is unique enough. `padded` holds the sums, and saturated values up to a multiple of what is compared at once.
+/// The best candidate, if it is unique enough. `padded` holds the sums, and saturated values up to a multiple of what
+/// is compared at once.
 ///
 /// # Safety
 /// As [`decide`].

@@ -1,7 +1,7 @@
 //! What the fast kernels need of an instruction set: vectors of 16-bit lanes, and of twice as many bytes.
 //!
-//! The kernels are written once over [`Lanes`]. [`Portable`] is plain Rust: it runs on every machine and under Miri, and
-//! the compiler vectorises most of it; [`super::avx2::Avx2`] names the instructions.
+//! The kernels are written once over [`Lanes`]. [`Portable`] is plain Rust: it runs on every machine and under Miri,
+//! and the compiler vectorises most of it; [`super::avx2::Avx2`] names the instructions.
 
 pub(super) const COMPARED: usize = 32;
 
@@ -13,8 +13,8 @@ const BYTES: usize = 32;
 
 /// The operations of an instruction set.
 ///
-/// An implementation is named only in functions that [`super::kernels`] compiled for the instruction set, and a level that was found
-/// picks these: so arithmetic is safe to call.
+/// An implementation is named only in functions that [`super::kernels`] compiled for the instruction set, and a level
+/// that was found picks these: so arithmetic is safe to call.
 pub(super) trait Lanes: Copy + 'static {
     /// `LANES` times `i16`.
     type V: Copy;
