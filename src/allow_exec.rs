@@ -1,4 +1,5 @@
-//! Whether this experiment may start programs: because the person says so now, or said so of this file in a configuration of their own.
+//! Whether this experiment may start programs: because the person says so now, or said so of this file in a
+//! configuration of their own.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -18,8 +19,8 @@ struct Config {
     allow_exec: Vec<PathBuf>,
 }
 
-/// Gives permission, if there is one: to whatever the command makes ready after this. A file that is listed gives it to what it holds:
-/// `loaded` must be that.
+/// Gives permission, if there is one: to whatever the command makes ready after this. A file that is listed gives it to
+/// what it holds: `loaded` must be that.
 ///
 /// # Errors
 /// If the configuration cannot be read.
@@ -45,7 +46,8 @@ fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, CliError> {
     let Some(file) = file() else { return Ok(false) };
     let text = match std::fs::read_to_string(&file) {
         Ok(text) => text,
-        // Without one nothing is permitted. Nor with one that is not for us: the home folder of whoever started this, as of a service's user.
+        // Without one nothing is permitted. Nor with one that is not for us: the home folder of whoever started this,
+        // as of a service's user.
         Err(error)
             if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::PermissionDenied) =>
         {
@@ -77,8 +79,8 @@ fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, CliError> {
     Ok(is_listed && holds(experiment, &real, loaded))
 }
 
-/// Whether the experiment that was loaded by one path is what the files hold that its real path leads to. When it was loaded, the path
-/// may have led to another file.
+/// Whether the experiment that was loaded by one path is what the files hold that its real path leads to. When it was
+/// loaded, the path may have led to another file.
 fn holds(experiment: &Path, real: &Path, loaded: &Loaded) -> bool {
     let (folder, real_folder) = (experiment.parent().unwrap_or(Path::new("")), real.parent().unwrap_or(Path::new("/")));
     let mut files = loaded.read.iter().zip(&loaded.plan.written).enumerate();

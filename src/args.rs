@@ -86,15 +86,18 @@ pub(crate) enum Command {
     Report(ReportArgs),
     /// Ask a run's scores: variants sorted, the effect of each axis, the best in each zone, error against time.
     Table(TableArgs),
-    /// Ask whether it is really better: runs, variants or estimators over the same frames, with intervals, tests and limits for CI.
+    /// Ask whether it is really better: runs, variants or estimators over the same frames, with intervals, tests and
+    /// limits for CI.
     Compare(CompareArgs),
     /// Say where a number of a table comes from: formula, pixels, frames, source, and the paper's convention beside it.
     Explain(ExplainArgs),
-    /// Errors of scored pixels against distance, weight, image row, frame or anything else recorded: percentiles, means, gross errors.
+    /// Errors of scored pixels against distance, weight, image row, frame or anything else recorded: percentiles,
+    /// means, gross errors.
     Analyse(AnalyseArgs),
-    /// Write a row a scored pixel to `samples.parquet`: truth, every estimator, every recorded weight.
+    /// Write one row per scored pixel to `samples.parquet`: truth, every estimator, every recorded weight.
     Samples(SamplesArgs),
-    /// Draw a figure for a paper, as SVG, PNG or PDF: error against distance, differences, histograms, scores by frame or parameter, frames.
+    /// Draw a figure for a paper, as SVG, PNG or PDF: error against distance, differences, histograms, scores by frame
+    /// or parameter, frames.
     Figure(FigureArgs),
     /// Write recorded values as files that other programs read: PNG, NPY, PFM, PLY, PCD, ONNX, Parquet.
     Export(ExportArgs),
@@ -106,16 +109,19 @@ pub(crate) enum Command {
     Replay(ReplayArgs),
     /// Make a finished recording of one that was not finished, for readers that need one; `run` goes on by itself.
     Recover(RecoverArgs),
-    /// List the runs in a folder, newest first, with size, state and best score; show one, say why two differ, remove some.
+    /// List the runs in a folder, newest first, with size, state and best score; show one, say why two differ, remove
+    /// some.
     Runs(RunsArgs),
     /// List the kinds of nodes and sources, or explain one.
     Nodes(NodesArgs),
     /// Show what an ONNX file takes, gives and costs, and print the lines that put it into an experiment.
     Onnx(OnnxArgs),
-    /// Print the experiment as a dataflow of dora's, every node a process of its own, on one machine or several; `dora run` runs it.
+    /// Print the experiment as a dataflow of dora's, every node a process of its own, on one machine or several; `dora
+    /// run` runs it.
     ///
-    /// It takes the options of `run`, for the node that records. Here `--workers` is how many threads each node has (one; all cores for what fires once), `--window` how many frames are on their way at
-    /// most (8), and nothing is taken from earlier runs.
+    /// It takes the options of `run`, for the node that records. Here `--workers` is how many threads each node has
+    /// (one; all cores for what fires once), `--window` how many frames are on their way at most (8), and nothing is
+    /// taken from earlier runs.
     Dora(DoraArgs),
     /// Be a node of such a dataflow; dora calls this.
     #[command(hide = true)]

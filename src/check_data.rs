@@ -1,4 +1,5 @@
-//! `depthloom check --data`: what is wrong with the data of an experiment, all of it in one pass, before an hour is computed on them.
+//! `depthloom check --data`: what is wrong with the data of an experiment, all of it in one pass, before an hour is
+//! computed on them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -38,7 +39,8 @@ pub(crate) struct FrameFault {
     frame: Option<String>,
     what: String,
     remedy: Option<String>,
-    /// What it is about, where values contradict each other: the same of two frames may be told in other words, of other files.
+    /// What it is about, where values contradict each other: the same of two frames may be told in other words, of
+    /// other files.
     kind: Option<(&'static str, &'static str)>,
 }
 
@@ -218,7 +220,8 @@ fn frame_faults(
     contradictions.collect()
 }
 
-/// The file that a port's value was most probably read from: that of the part with its name, of a truth that which is no image and no calibration.
+/// The file that a port's value was most probably read from: that of the part with its name, of a truth that which is
+/// no image and no calibration.
 pub(crate) fn file_of<'f>(port: &str, files: &'f [(&'static str, PathBuf)]) -> Option<&'f PathBuf> {
     let part = |name: &str| files.iter().find(|(part, _)| *part == name).map(|(_, path)| path);
     part(port)
@@ -293,7 +296,8 @@ impl From<&FrameFault> for DataFault {
     }
 }
 
-/// How the command ends where something is wrong: every fault, its remedy where it is said first; what all frames share once.
+/// How the command ends where something is wrong: every fault, its remedy where it is said first; what all frames share
+/// once.
 pub(crate) fn stop(walked: &[Walked]) -> Option<CliError> {
     let count: usize = walked.iter().map(|of| of.faults.len()).sum();
     if count == 0 {

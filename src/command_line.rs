@@ -62,7 +62,8 @@ pub(crate) fn parse(registry: &Registry) -> Result<Cli, clap::Error> {
     Cli::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
 }
 
-/// Suggests the nearest command, if one is near: clap goes by how many letters stand about where they should, and takes `rnu` for `runs`.
+/// Suggests the nearest command, if one is near: clap goes by how many letters stand about where they should, and takes
+/// `rnu` for `runs`.
 fn with_nearest_command(mut error: clap::Error, command: &clap::Command) -> clap::Error {
     if error.kind() == ErrorKind::InvalidSubcommand
         && let Some(ContextValue::String(written)) = error.get(ContextKind::InvalidSubcommand)

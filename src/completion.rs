@@ -1,5 +1,5 @@
-//! What a shell offers when somebody presses Tab: its script runs this program, which answers from the grammar, the kinds of its
-//! registry, and the files that are there.
+//! What a shell offers when somebody presses Tab: its script runs this program, which answers from the grammar, the
+//! kinds of its registry, and the files that are there.
 
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
@@ -14,7 +14,8 @@ use depthloom_recording::{RecordedPlan, Recording};
 use depthloom_runs::recording_of;
 use depthloom_terminal::{CliError, ExitCode};
 
-/// The environment variable by which a shell's script asks; not `COMPLETE`, which somebody may have set for something else.
+/// The environment variable by which a shell's script asks; not `COMPLETE`, which somebody may have set for something
+/// else.
 pub(crate) const VARIABLE: &str = "DEPTHLOOM_COMPLETE";
 
 /// Set if a shell's script asks: clap removes the variable before it builds the command.
@@ -71,7 +72,8 @@ pub(crate) fn columns() -> Vec<CompletionCandidate> {
 
 const OF_EXPERIMENTS: [&str; 5] = ["run", "check", "plan", "graph", "dora"];
 
-/// Adds what the experiment or the run on the command line has, where a shell's script asks for it: `--set` paths, variants, topics.
+/// Adds what the experiment or the run on the command line has, where a shell's script asks for it: `--set` paths,
+/// variants, topics.
 pub(crate) fn with_contents(command: clap::Command, registry: &Registry) -> clap::Command {
     if IS_SHELL.get().is_none() {
         return command;

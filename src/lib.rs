@@ -1,7 +1,8 @@
 //! depthloom: declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
 //!
-//! This crate is the command line, as a library: a program of one's own adds node and source kinds to the [`registry()`] and hands it to
-//! [`main()`]. It then has every command, with its own kinds in schema, reference, checks and completion:
+//! This crate is the command line, as a library: a program of one's own adds node and source kinds to the
+//! [`registry()`] and hands it to [`main()`]. It then has every command, with its own kinds in schema, reference,
+//! checks and completion:
 //!
 //! ```no_run
 //! use std::process::ExitCode;
@@ -50,7 +51,8 @@ pub fn registry() -> Registry {
     depthloom_learning::register(depthloom_nodes::registry()).source::<depthloom_recording::Mcap>()
 }
 
-/// The whole program: reads the process's arguments, does what they ask for with the kinds of `registry`, and tells how it ended.
+/// The whole program: reads the process's arguments, does what they ask for with the kinds of `registry`, and tells how
+/// it ended.
 ///
 /// A kind that `registry` holds twice is refused before anything else, with exit code 2.
 ///
@@ -75,8 +77,8 @@ pub fn main(registry: Registry) -> std::process::ExitCode {
 
 /// Makes the stack of this thread as large as the program needs it.
 ///
-/// The stack of a process's first thread grows on demand: where the system refuses memory at such a moment, it ends the process with SIGSEGV.
-/// A thread with a stack of its own would be one more than some systems allow.
+/// The stack of a process's first thread grows on demand: where the system refuses memory at such a moment, it ends the
+/// process with SIGSEGV. A thread with a stack of its own would be one more than some systems allow.
 #[inline(never)]
 fn grow_stack() {
     std::hint::black_box(std::mem::MaybeUninit::<[u8; STACK_BYTES]>::uninit());

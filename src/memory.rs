@@ -1,8 +1,8 @@
 //! Memory that the system refuses ends the program with an error, not with an abort.
 //!
-//! Where a file or a parameter decides how much is asked for, the asking may be refused and the caller is told. Everywhere else Rust's
-//! collections cannot be refused: the standard library aborts. Here the program says what it lacked and leaves with the engine's
-//! exit code; frames that were written are readable, as after a kill.
+//! Where a file or a parameter decides how much is asked for, the asking may be refused and the caller is told.
+//! Everywhere else Rust's collections cannot be refused: the standard library aborts. Here the program says what it
+//! lacked and leaves with the engine's exit code; frames that were written are readable, as after a kill.
 #![expect(unsafe_code, reason = "the interface of allocators is unsafe; every call goes on to the system's")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -15,7 +15,8 @@ use crate::signals;
 /// From this size on the caller is told, bytes: so much is asked for in a way that may be refused.
 const TOLD: usize = 64 << 20;
 
-/// The system's allocator. If the system refuses an allocation below 64 MiB, the program prints an error and exits with the code 1.
+/// The system's allocator. If the system refuses an allocation below 64 MiB, the program prints an error and exits with
+/// the code 1.
 ///
 /// A program sets it with `#[global_allocator]`; this library does not.
 #[derive(Debug)]

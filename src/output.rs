@@ -1,7 +1,8 @@
 //! What commands print with `--json`: a struct with a name and a version.
 //!
-//! The types that commands fill define the outputs. Tests compare the schemas in `docs/schemas` with these types, and what commands print with the
-//! schemas. The version is raised when a key goes or changes its meaning, not when there is a new key.
+//! The types that commands fill define the outputs. Tests compare the schemas in `docs/schemas` with these types, and
+//! what commands print with the schemas. The version is raised when a key goes or changes its meaning, not when there
+//! is a new key.
 
 pub(crate) mod delivery;
 pub(crate) mod diagnostics;

@@ -1,7 +1,7 @@
 //! A panic ends the program, on whatever thread it happens.
 //!
-//! The runner catches panics of nodes and tells them as faults. Those of its own threads and of learning's reach whoever waits
-//! for them. A thread that a library started may leave others waiting for ever for what it was to give.
+//! The runner catches panics of nodes and tells them as faults. Those of its own threads and of learning's reach
+//! whoever waits for them. A thread that a library started may leave others waiting for ever for what it was to give.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
@@ -16,7 +16,8 @@ const WATCHED: [&str; 2] = ["main", "depthloom-"];
 const REMEDY: &str =
     "if the system refuses threads or files, raise its limits (`ulimit -u`, `ulimit -n`); else please report this";
 
-/// Runs the program; a panic that nobody else finds is an error of the engine, told to programs as well where they asked for JSON.
+/// Runs the program; a panic that nobody else finds is an error of the engine, told to programs as well where they
+/// asked for JSON.
 pub(crate) fn watched(
     as_json: bool,
     program: impl FnOnce() -> Result<ExitCode, CliError>,

@@ -1,8 +1,8 @@
 //! Who asks a run to end: Ctrl-C, a scheduler, a terminal that closes.
 //!
-//! The first signal lets the frames in flight finish, learning put down a checkpoint, and the analysis stop; the second abandons
-//! the frames in flight; the third ends the process, should all else hang. What was ignored when the program began stays
-//! ignored: that is how `nohup` and a shell's background jobs ask for it.
+//! The first signal lets the frames in flight finish, learning put down a checkpoint, and the analysis stop; the second
+//! abandons the frames in flight; the third ends the process, should all else hang. What was ignored when the program
+//! began stays ignored: that is how `nohup` and a shell's background jobs ask for it.
 
 use depthloom_runner::Interrupt;
 use depthloom_terminal::{CliError, ExitCode, say};
@@ -17,7 +17,8 @@ pub(crate) fn listen(stopping: &'static str) -> Result<Interrupt, CliError> {
     Ok(interrupt)
 }
 
-/// Lets a write beyond the limit of file sizes (`ulimit -f`) fail as one on a full disk does; by default it kills the process.
+/// Lets a write beyond the limit of file sizes (`ulimit -f`) fail as one on a full disk does; by default it kills the
+/// process.
 pub(crate) fn outlive_file_size_limit() {
     system::outlive_file_size_limit();
 }
@@ -62,8 +63,8 @@ mod system {
         depthloom_threads::look_for_room().and_then(|()| thread.spawn(hear)).map(drop)
     }
 
-    /// Whether a signal was ignored when the program began. Where the system does not tell (no `/proc`), a hangup is taken to be:
-    /// a run that `nohup` did not protect then ends by it, and keeps its frames.
+    /// Whether a signal was ignored when the program began. Where the system does not tell (no `/proc`), a hangup is
+    /// taken to be: a run that `nohup` did not protect then ends by it, and keeps its frames.
     fn is_ignored(signal: c_int) -> bool {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

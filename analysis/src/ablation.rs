@@ -1,4 +1,5 @@
-//! Variants side by side: a row an estimator, its factors in columns, so that many can be sorted, ranked and asked what did it.
+//! Variants side by side: a row an estimator, its factors in columns, so that many can be sorted, ranked and asked what
+//! did it.
 
 mod adjusted;
 mod answer;
@@ -51,9 +52,11 @@ use crate::tables::COMMON;
 /// What of a recording's scores a table is of.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
-    /// Whether scores are taken again from recorded maps, of those true pixels alone that all selected estimates answered.
+    /// Whether scores are taken again from recorded maps, of those true pixels alone that all selected estimates
+    /// answered.
     pub common: bool,
-    /// The pixel set; `None`: of each estimate every true pixel, or where it was not scored on those, what it was scored on.
+    /// The pixel set; `None`: of each estimate every true pixel, or where it was not scored on those, what it was
+    /// scored on.
     pub set: Option<PixelSet>,
     /// Whether depths are there besides where disparities alone have the pixel set.
     pub with_depths: bool,
@@ -63,7 +66,8 @@ pub struct Selection {
     pub frames: Option<FrameSelection>,
     /// What a data set's value is taken over; `None`: what the experiment says.
     pub mean: Option<Mean>,
-    /// A pattern of estimators' labels or names, in which `*` stands for any run of characters, or several with commas between; `None`: all.
+    /// A pattern of estimators' labels or names, in which `*` stands for any run of characters, or several with commas
+    /// between; `None`: all.
     pub estimators: Option<String>,
 }
 
@@ -132,8 +136,8 @@ pub(crate) struct Row {
     /// By metric of the ablation.
     pub(crate) values: Vec<Option<f64>>,
     pub(crate) core_ms: Option<f64>,
-    /// Rows of one number may be compared: they are over the same pixels of the same frames, scored in the same way. But for scores
-    /// that are [`over answers alone`](Self::over_answers).
+    /// Rows of one number may be compared: they are over the same pixels of the same frames, scored in the same way.
+    /// But for scores that are [`over answers alone`](Self::over_answers).
     pub(crate) comparable: Option<usize>,
     /// By metric of the ablation: whether it leaves out pixels of the row that were not answered.
     pub(crate) over_answers: Vec<bool>,
@@ -166,7 +170,8 @@ impl Row {
 }
 
 impl<'a> Ablation<'a> {
-    /// What was scored on the frames that all estimators of their stage have; `source(run, position)` is the key of a frame's source values.
+    /// What was scored on the frames that all estimators of their stage have; `source(run, position)` is the key of a
+    /// frame's source values.
     pub(crate) fn new(
         plan: &'a RecordedPlan,
         estimators: &'a [Estimator],
@@ -285,7 +290,8 @@ impl<'a> Ablation<'a> {
         }
     }
 
-    /// A metric of a row as a function of how often each frame counts, with the number of frames that have it; of no metric, NaN.
+    /// A metric of a row as a function of how often each frame counts, with the number of frames that have it; of no
+    /// metric, NaN.
     fn statistic(&self, row: &Row, metric: Option<usize>, zone: &'a str) -> (usize, Box<Statistic<'_>>) {
         let settings = self.estimator(row).settings.unwrap_or_default();
         let frames = self.frames(row.estimator, row.set, zone).iter().map(|score| &score.row);
@@ -434,8 +440,8 @@ impl<'a> Ablation<'a> {
     }
 }
 
-/// The pixels that an estimator's scores are taken over: those that are asked for, or every true pixel where that was scored. A depth is never filled: where
-/// that is asked for, and depths too, theirs are as if nothing was.
+/// The pixels that an estimator's scores are taken over: those that are asked for, or every true pixel where that was
+/// scored. A depth is never filled: where that is asked for, and depths too, theirs are as if nothing was.
 fn set_of(estimator: &Estimator, selection: &Selection) -> Option<PixelSet> {
     let is_other_kind = selection.set == Some(PixelSet::Filled) && estimator.family == Family::Depth;
     match selection.set {
@@ -444,7 +450,8 @@ fn set_of(estimator: &Estimator, selection: &Selection) -> Option<PixelSet> {
     }
 }
 
-/// The axes of an experiment, and by estimator its levels. Where variants have no factors, they are one axis themselves.
+/// The axes of an experiment, and by estimator its levels. Where variants have no factors, they are one axis
+/// themselves.
 fn axes(plan: &RecordedPlan, estimators: &[Estimator]) -> (Vec<Axis>, Vec<Vec<Option<usize>>>) {
     let mut axes: Vec<Axis> = Vec::new();
     let mut level = |axis: &str, value: &str| {

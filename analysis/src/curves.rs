@@ -72,8 +72,8 @@ pub(crate) fn figure(curves: &[LearningCurve]) -> String {
     depthloom_figures::Sheet { title: "Learning curves".to_owned(), ..sheet }.drawing().unwrap_or_default().svg()
 }
 
-/// The table `learning_curves.csv` holds: what a row is of, `step, loss, validation, learning_rate`; a validation that was not measured is
-/// null.
+/// The table `learning_curves.csv` holds: what a row is of, `step, loss, validation, learning_rate`; a validation that
+/// was not measured is null.
 pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Table {
     let points: Vec<(&LearningCurve, &CurvePoint)> =
         curves.iter().flat_map(|curve| curve.curve.points.iter().map(move |point| (curve, point))).collect();

@@ -1,7 +1,8 @@
-//! Absolute error against true distance, per metre: counts and percentiles of the errors, by the [query engine](crate::query).
+//! Absolute error against true distance, per metre: counts and percentiles of the errors, by the [query
+//! engine](crate::query).
 //!
-//! Two pixel sets: those for which an estimator is valid, and the *shared* ones, for which all estimators with the same ground truth and settings
-//! are. An estimator that is valid on easy pixels only would win on its own set.
+//! Two pixel sets: those for which an estimator is valid, and the *shared* ones, for which all estimators with the same
+//! ground truth and settings are. An estimator that is valid on easy pixels only would win on its own set.
 
 mod earlier;
 mod inputs;
@@ -63,12 +64,13 @@ pub(crate) struct Distances {
     pub(crate) bins: Vec<DistanceBin>,
     /// By estimator: how many pixels were left out because they are beyond [`FARTHEST_M`].
     pub(crate) beyond: Vec<u64>,
-    /// Scored pixels with ground truth by stage run and metre, over the frames whose values were recorded; each ground truth counts once.
+    /// Scored pixels with ground truth by stage run and metre, over the frames whose values were recorded; each ground
+    /// truth counts once.
     truth: BTreeMap<(RunId, u32), u64>,
 }
 
-/// Computes the error against distance of a recording, and its table. The maps of frames with `recorded` samples are not read. The bins of equal
-/// maps come from one of the `reports` of earlier runs, given by their folders.
+/// Computes the error against distance of a recording, and its table. The maps of frames with `recorded` samples are
+/// not read. The bins of equal maps come from one of the `reports` of earlier runs, given by their folders.
 pub(crate) fn distances(
     recording: &Recording,
     estimators: &[Estimator],
@@ -110,7 +112,8 @@ impl Distances {
         Table::new(columns)
     }
 
-    /// The table `error_vs_distance`: estimator by estimator, first on the pixels for which each is valid (`answered`), then on the shared ones.
+    /// The table `error_vs_distance`: estimator by estimator, first on the pixels for which each is valid (`answered`),
+    /// then on the shared ones.
     fn table(&self, estimators: &[Estimator], origin: &Origin) -> Table {
         let mut rows: Vec<(&Estimator, &str, u32, Spread)> = Vec::new();
         for bins in self.bins.chunk_by(|a, b| a.estimator == b.estimator) {

@@ -64,10 +64,12 @@ impl Estimator {
     }
 }
 
-/// The estimators of a recording: those that all variants share first, then variant by variant in the order of the file.
+/// The estimators of a recording: those that all variants share first, then variant by variant in the order of the
+/// file.
 ///
 /// # Errors
-/// If a score node's parameters are not those of a kind `score/*` this version knows, or something in the plan points outside it.
+/// If a score node's parameters are not those of a kind `score/*` this version knows, or something in the plan points
+/// outside it.
 pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, AnalysisError> {
     let all = || {
         RunId::enumerate(&plan.runs).flat_map(|(r, run)| run.estimates.iter().map(move |estimate| (r, run, estimate)))
@@ -163,7 +165,8 @@ pub(crate) fn each_names_one(patterns: &str, estimators: &[Estimator]) -> Result
     }
 }
 
-/// `preset paper`, `preset paper with max_m 50 and crop garg`: what is set beside the preset, but for what says which rows there are.
+/// `preset paper`, `preset paper with max_m 50 and crop garg`: what is set beside the preset, but for what says which
+/// rows there are.
 fn preset(params: &serde_json::Value) -> String {
     const ROWS: [&str; 5] = ["preset", "sets", "metrics", "zones", "mean"];
     let set = params.as_object().into_iter().flatten();

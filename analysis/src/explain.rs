@@ -82,8 +82,8 @@ pub struct WorstFrame {
 /// Explains a score of an estimator, from a recording's scores alone: no map is read.
 ///
 /// # Errors
-/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if there is no such score, estimator or zone;
-/// [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if there is no such
+/// score, estimator or zone; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn explain(
     recording: &Recording,
     metric: &str,
@@ -264,7 +264,8 @@ fn facts(
     if truth > 0 {
         let share = 100.0 * answered as f64 / truth as f64;
         let pooled = format!("{answered} of {truth} true pixels ({share:.2} %)");
-        // The table's density is a mean over frames, which is not the share of all pixels where frames have more or fewer of them.
+        // The table's density is a mean over frames, which is not the share of all pixels where frames have more or
+        // fewer of them.
         let of_frames =
             average(scores.iter().filter(|of| of.row.truth > 0).map(|of| of.row.answered as f64 / of.row.truth as f64));
         let of_frames =

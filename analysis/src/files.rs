@@ -54,7 +54,8 @@ impl Output<'_> {
         self.write_table_in_parts(name, run, || std::iter::once(table))
     }
 
-    /// Writes a table as CSV and as Parquet that `parts` makes from top to bottom, one or more; memory holds one of them at a time.
+    /// Writes a table as CSV and as Parquet that `parts` makes from top to bottom, one or more; memory holds one of
+    /// them at a time.
     pub(crate) fn write_table_in_parts<T: AsRef<Table>, I: Iterator<Item = T>>(
         &self,
         name: &str,

@@ -1,8 +1,9 @@
-//! Errors against anything: distance, weight, row, frame, or a column of one's own choice, as queries over [samples](crate::samples).
+//! Errors against anything: distance, weight, row, frame, or a column of one's own choice, as queries over
+//! [samples](crate::samples).
 //!
-//! polars reads the file; [sums](sums) and [percentiles](percentiles) are loops of our own, which a benchmark compares with polars'. Both go through
-//! the file a row group at a time, so that memory depends on neither frames nor pixels. The [error against distance](crate::distance) of a
-//! report takes its percentiles from here.
+//! polars reads the file; [sums](sums) and [percentiles](percentiles) are loops of our own, which a benchmark compares
+//! with polars'. Both go through the file a row group at a time, so that memory depends on neither frames nor pixels.
+//! The [error against distance](crate::distance) of a report takes its percentiles from here.
 
 mod bins;
 mod job;
@@ -39,7 +40,8 @@ pub struct Inquiry {
     pub bins: Option<Bins>,
     /// Which percentiles, from 0 to 100.
     pub percentiles: Vec<f64>,
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, and commas stand between several.
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, and commas stand between
+    /// several.
     pub estimators: Option<String>,
     /// Only what these variants have, and what all share.
     pub variants: Option<String>,
@@ -54,8 +56,8 @@ pub struct Inquiry {
 }
 
 impl Default for Inquiry {
-    /// By distance, a metre a bin; the five percentiles of the paper's figure, over what each estimator answered, in metres; a quarter of the
-    /// distance is gross.
+    /// By distance, a metre a bin; the five percentiles of the paper's figure, over what each estimator answered, in
+    /// metres; a quarter of the distance is gross.
     fn default() -> Self {
         Self {
             by: By::Distance,
@@ -170,11 +172,12 @@ impl Gross {
     }
 }
 
-/// Answers an inquiry about files of samples, each with its run's name; gives the key of the run's plan, too, or one of all. `progress` is called with the samples read so far and all that will be.
+/// Answers an inquiry about files of samples, each with its run's name; gives the key of the run's plan, too, or one of
+/// all. `progress` is called with the samples read so far and all that will be.
 ///
 /// # Errors
-/// [`AnalysisError::Request`] if it names what is not there, or a file is none of samples; if a file cannot be read; [`AnalysisError::Stopped`] once `stop`
-/// says so.
+/// [`AnalysisError::Request`] if it names what is not there, or a file is none of samples; if a file cannot be read;
+/// [`AnalysisError::Stopped`] once `stop` says so.
 pub fn analyse(
     files: &[(String, PathBuf)],
     inquiry: &Inquiry,
@@ -279,8 +282,8 @@ pub(crate) fn is_any(patterns: &str, texts: &[&str]) -> bool {
     patterns.split(',').any(|pattern| texts.iter().any(|text| glob(pattern.trim(), text)))
 }
 
-/// The column that an estimator's samples are put into bins by; of frames there is none (`Some(None)`), and an estimator without a weight is left
-/// out (`None`).
+/// The column that an estimator's samples are put into bins by; of frames there is none (`Some(None)`), and an
+/// estimator without a weight is left out (`None`).
 fn column_of(
     by: &By,
     estimator: &DescribedEstimator,

@@ -1,7 +1,7 @@
-//! `samples.parquet`: a row a scored pixel, a column an estimator; what every question about errors is asked of.
+//! `samples.parquet`: one row per scored pixel, a column an estimator; what every question about errors is asked of.
 //!
-//! One file, zstd. A row group is one frame scored in one way, so that a file of any size is written and read a part at a time: frames in order,
-//! stage run by stage run. Its columns:
+//! One file, zstd. A row group is one frame scored in one way, so that a file of any size is written and read a part at
+//! a time: frames in order, stage run by stage run. Its columns:
 //!
 //! | column | type | what it is |
 //! |---|---|---|

@@ -58,9 +58,9 @@ pub(crate) fn metrics_of<'e>(estimators: impl IntoIterator<Item = &'e Estimator>
     metrics
 }
 
-/// The table `scores.csv` holds: what a row is of, with its `zone` (null: the whole image), `position` and `frame`; `pixels`, the scores that
-/// were asked for, `density`; a score of no pixel is null. No two rows have the same stage, variant, estimator, set, zone and position,
-/// whatever frames are called.
+/// The table `scores.csv` holds: what a row is of, with its `zone` (null: the whole image), `position` and `frame`;
+/// `pixels`, the scores that were asked for, `density`; a score of no pixel is null. No two rows have the same stage,
+/// variant, estimator, set, zone and position, whatever frames are called.
 pub(crate) fn table_of_scores(scores: &[FrameScore], estimators: &[Estimator]) -> Table {
     let rows = Rows(scores);
     let zone = rows.text("zone", |score| Some(&score.row.zone).filter(|zone| !zone.is_empty()));
@@ -91,7 +91,8 @@ pub(crate) fn of_complete_frames<'a>(scores: &'a [FrameScore], estimators: &[Est
     scores.iter().filter(is_whole).collect()
 }
 
-/// What is to be said of frames that not all means are over, although nothing failed on them: an estimate is missing there.
+/// What is to be said of frames that not all means are over, although nothing failed on them: an estimate is missing
+/// there.
 pub(crate) fn incomplete_frames(recording: &Recording, estimators: &[Estimator], scores: &[FrameScore]) -> Vec<String> {
     let mut scored: HashMap<(RunId, FrameIndex), HashSet<usize>> = HashMap::new();
     for score in scores {

@@ -1,7 +1,7 @@
 //! How sure a number is: intervals by resampling frames, tests of paired differences.
 //!
-//! Plain arithmetic and `libm` alone, sums in the order of frames, every resample with random numbers of its own: the same bits with any number of
-//! threads on any machine. Held to SciPy (`tests/fixtures/golden/statistics.json`).
+//! Plain arithmetic and `libm` alone, sums in the order of frames, every resample with random numbers of its own: the
+//! same bits with any number of threads on any machine. Held to SciPy (`tests/fixtures/golden/statistics.json`).
 
 mod bootstrap;
 mod holm;

@@ -1,7 +1,7 @@
 //! Tables: columns of text and numbers, with one renderer per format.
 //!
-//! Files (CSV, Parquet, JSON) have all rows below each other, and all digits. Text (terminal, Markdown, LaTeX) has the columns that a reader
-//! needs, either oriented in the same way or with a line per column.
+//! Files (CSV, Parquet, JSON) have all rows below each other, and all digits. Text (terminal, Markdown, LaTeX) has the
+//! columns that a reader needs, either oriented in the same way or with a line per column.
 
 pub(crate) mod best;
 mod column;
@@ -50,7 +50,8 @@ pub(crate) enum Orientation {
     /// A line per row.
     #[default]
     Rows,
-    /// A line per metric, as in Table I of the paper: the key columns are the headings, two of which stand above each other.
+    /// A line per metric, as in Table I of the paper: the key columns are the headings, two of which stand above each
+    /// other.
     Metrics,
 }
 

@@ -43,7 +43,8 @@ fn printed(path: &Path) -> String {
 
 #[test]
 fn every_broken_file_says_what_is_wrong_and_where() {
-    // Relative, so that messages name files alike on every machine. It is the only test of this program, so no other one sees the change.
+    // Relative, so that messages name files alike on every machine. It is the only test of this program, so no other
+    // one sees the change.
     std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).expect("the workspace is there");
     let folder = Path::new("tests/broken");
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)

@@ -1,4 +1,5 @@
-//! Faults found in released versions, each named `fault_<number>_<what holds now>`; what they print is in `tests/broken/`.
+//! Faults found in released versions, each named `fault_<number>_<what holds now>`; what they print is in
+//! `tests/broken/`.
 
 mod toys;
 

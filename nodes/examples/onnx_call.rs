@@ -1,7 +1,9 @@
-//! Runs a network by a node `onnx` on images named on standard input, and prints how many milliseconds each call took. `bench/onnx.sh` drives it.
+//! Runs a network by a node `onnx` on images named on standard input, and prints how many milliseconds each call took.
+//! `bench/onnx.sh` drives it.
 //!
-//! `onnx_call MODEL THREADS` prints the engine (`ONNX Runtime 1.31.1`). A line of standard input is `IN OUT WIDTH HEIGHT`: a file of the image's 8-bit RGB samples,
-//! and the file that the map is to be written to, as little-endian f32. The map is a depth of a thousand times the network's output: a depth must be above 0.
+//! `onnx_call MODEL THREADS` prints the engine (`ONNX Runtime 1.31.1`). A line of standard input is `IN OUT WIDTH
+//! HEIGHT`: a file of the image's 8-bit RGB samples, and the file that the map is to be written to, as little-endian
+//! f32. The map is a depth of a thousand times the network's output: a depth must be above 0.
 
 use std::error::Error;
 use std::io::{BufRead, Write};

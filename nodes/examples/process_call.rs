@@ -1,4 +1,5 @@
-//! How long a call of a node `process` takes: `process_call PYTHON SCRIPT FUNCTION ROUNDS`, of three maps of KITTI's size in and one out.
+//! How long a call of a node `process` takes: `process_call PYTHON SCRIPT FUNCTION ROUNDS`, of three maps of KITTI's
+//! size in and one out.
 //!
 //! Prints the median and the quartiles in milliseconds.
 

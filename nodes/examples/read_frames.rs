@@ -1,4 +1,5 @@
-//! Reads every frame of a source as a run does (its key, then its values), on some threads at once; for `bench/reading.sh`.
+//! Reads every frame of a source as a run does (its key, then its values), on some threads at once; for
+//! `bench/reading.sh`.
 //!
 //!     read_frames KIND 'PARAMS AS JSON'
 //!

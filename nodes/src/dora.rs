@@ -21,8 +21,8 @@ pub enum DoraValues {
     /// As the structs of the process protocol: one row, with its width and height.
     #[default]
     Struct,
-    /// As nodes of dora's pass images on: the numbers of the pixels alone, with `width`, `height` and `encoding` in the metadata (`rgb8`, `bgr8`, `mono8`; `32FC1`, or
-    /// `16UC1` for depths in millimetres).
+    /// As nodes of dora's pass images on: the numbers of the pixels alone, with `width`, `height` and `encoding` in the
+    /// metadata (`rgb8`, `bgr8`, `mono8`; `32FC1`, or `16UC1` for depths in millimetres).
     Flat,
 }
 
@@ -30,7 +30,8 @@ pub enum DoraValues {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DoraParams {
-    /// What dora starts, its `path`: a program, or a file in Python. A file that stands beside the YAML file is that one.
+    /// What dora starts, its `path`: a program, or a file in Python. A file that stands beside the YAML file is that
+    /// one.
     pub path: Argument,
     /// Its arguments, `[--model, small]`. Of those that name a file beside the YAML file it is that one.
     pub args: Vec<Argument>,
@@ -38,11 +39,13 @@ pub struct DoraParams {
     pub build: Option<String>,
     /// Variables of its environment.
     pub env: BTreeMap<String, String>,
-    /// Its ports: `{ inputs: { image: image }, outputs: { depth: depth } }`. They are its inputs and outputs in the dataflow; it answers every frame at every output.
+    /// Its ports: `{ inputs: { image: image }, outputs: { depth: depth } }`. They are its inputs and outputs in the
+    /// dataflow; it answers every frame at every output.
     pub ports: DeclaredPorts,
     /// How values cross.
     pub values: DoraValues,
-    /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken again.
+    /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken
+    /// again.
     pub version: Option<u32>,
     /// What decides its results, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`).
     pub code: Vec<CodePath>,

@@ -69,7 +69,7 @@ def test_a_name_that_is_none_is_told_with_the_nearest(table1: depthloom.Run) -> 
     with pytest.raises(KeyError, match="did you mean `000004_10`"):
         table1.frames["00004_10"]
     assert frame.get("nothing") is None
-    with pytest.raises(depthloom.NotRecorded, match="no map"):
+    with pytest.raises(depthloom.NotRecorded, match="not a map"):
         frame["compare/source/calibration"]
 
 

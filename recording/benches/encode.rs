@@ -1,7 +1,7 @@
 //! What recording a KITTI-sized frame costs: encoding part by part, and writing.
 //!
-//! The maps are made to compress as those of real frames do: piecewise smooth disparities with noise, depths of them, sparse
-//! truth, and noisy floats.
+//! The maps are made to compress as those of real frames do: piecewise smooth disparities with noise, depths of them,
+//! sparse truth, and noisy floats.
 
 use std::hint::black_box;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Checksums over what MCAP itself leaves unchecked.
 //!
-//! Every metadata record holds a checksum over itself. It and every commit record hold the CRC-32 of all bytes before them, so that
-//! a file without an end is checked, byte for byte, up to the last of them.
+//! Every metadata record holds a checksum over itself. It and every commit record hold the CRC-32 of all bytes before
+//! them, so that a file without an end is checked, byte for byte, up to the last of them.
 
 use std::collections::BTreeMap;
 

@@ -6,8 +6,8 @@ use depthloom_graphs::plan::{NodeId, PortId};
 
 /// `depthloom.Commit`: closes a frame: everything between it and the commit before belongs to the frame.
 ///
-/// The CRC-32 is of all bytes of the file before the chunk of this record, so that an unfinished file is checked up to it.
-/// A node that is neither under `keys` nor under `failures` did not run on the frame.
+/// The CRC-32 is of all bytes of the file before the chunk of this record, so that an unfinished file is checked up to
+/// it. A node that is neither under `keys` nor under `failures` did not run on the frame.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(crate) struct CommitMessage {
     #[prost(uint32, tag = "1")]

@@ -7,8 +7,8 @@ use std::fmt;
 pub enum Condition {
     /// Its writer finished it, and all that was read of it is what was written.
     Whole,
-    /// Its writer did not finish it: it was killed or still writes, or it says that its run was interrupted or failed. Every
-    /// frame that was committed is there.
+    /// Its writer did not finish it: it was killed or still writes, or it says that its run was interrupted or failed.
+    /// Every frame that was committed is there.
     Unfinished {
         /// How many bytes stand behind the last of them, and belong to no frame.
         rest_bytes: u64,

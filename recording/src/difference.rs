@@ -1,7 +1,7 @@
 //! What differs between two plans, and so why their values do: which parameter, version, input or file of which node.
 //!
-//! Nodes that have one recipe compute the same from equal inputs, whatever they are called and wherever they stand. Of the others it is said
-//! what a person would change to make them equal.
+//! Nodes that have one recipe compute the same from equal inputs, whatever they are called and wherever they stand. Of
+//! the others it is said what a person would change to make them equal.
 
 use std::fmt;
 
@@ -21,7 +21,8 @@ pub struct NodePair {
     pub stage: String,
     /// Its name in the experiment.
     pub name: String,
-    /// The variants of the later plan that it is of, of a node that is gone those of the earlier; none where there are no variants.
+    /// The variants of the later plan that it is of, of a node that is gone those of the earlier; none where there are
+    /// no variants.
     pub variants: Vec<String>,
     /// The node in the earlier plan; `None` if it has no such node.
     pub before: Option<NodeRef>,
@@ -74,8 +75,8 @@ pub enum PlanDifference {
         /// The node, and its output.
         from: String,
     },
-    /// Nothing that a plan says differs: it is the content of these input files, or, where there are none, the engine that computes the node,
-    /// what its program imports, or a variable of the environment.
+    /// Nothing that a plan says differs: it is the content of these input files, or, where there are none, the engine
+    /// that computes the node, what its program imports, or a variable of the environment.
     Unseen {
         /// The names of the files.
         files: Vec<String>,
@@ -105,8 +106,8 @@ impl PlanDifference {
 
 /// The nodes of two plans side by side: those of the later in their order, then those that only the earlier has.
 ///
-/// A node's counterpart is that of its name in its stage and variant; where no variant has the same name, one of the same recipe, or the
-/// first of the name.
+/// A node's counterpart is that of its name in its stage and variant; where no variant has the same name, one of the
+/// same recipe, or the first of the name.
 #[must_use]
 pub fn node_pairs(before: &RecordedPlan, after: &RecordedPlan) -> Vec<NodePair> {
     let mut pairs: Vec<NodePair> = Vec::new();

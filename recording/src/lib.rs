@@ -23,11 +23,12 @@
 //!     Ok(answered)
 //! }
 //! ```
-//! A reader takes any topics of a stage run and gives a value for each. It reads and decompresses no other chunk. A [`Recording`] is `Sync` and reads by
-//! position, and holds only the index in memory.
+//! A reader takes any topics of a stage run and gives a value for each. It reads and decompresses no other chunk. A
+//! [`Recording`] is `Sync` and reads by position, and holds only the index in memory.
 //!
-//! [`EarlierRuns`] makes a store of recordings. A [`Recorder`] that has one gets keys instead of values ([`Recorder::with_earlier`]), and copies chunks of the
-//! same key and labels. [`Recorder::resume`] continues an unfinished file after its last commit, with the bytes of an uninterrupted run.
+//! [`EarlierRuns`] makes a store of recordings. A [`Recorder`] that has one gets keys instead of values
+//! ([`Recorder::with_earlier`]), and copies chunks of the same key and labels. [`Recorder::resume`] continues an
+//! unfinished file after its last commit, with the bytes of an uninterrupted run.
 //!
 //! `docs/reference/recording-format.md` describes the format.
 
@@ -66,17 +67,19 @@ pub use write::resume::{Recovered, recover};
 
 /// The version of what a recording holds, and how it is stored.
 pub(crate) const FORMAT: &str = "5";
-/// The versions that are read. In version 2 values share chunks, and maps of floats are images. In both 2 and 4, values that depthloom 0.1 copied from
-/// an earlier run may be those of another variant: they can be looked at, and are never reused.
+/// The versions that are read. In version 2 values share chunks, and maps of floats are images. In both 2 and 4, values
+/// that depthloom 0.1 copied from an earlier run may be those of another variant: they can be looked at, and are never
+/// reused.
 pub(crate) const KNOWN_FORMATS: [&str; 3] = ["2", "4", FORMAT];
-/// The most a chunk may hold, uncompressed: protobuf messages end there, and no frame of a camera comes near. Writer and reader
-/// keep to the same number.
+/// The most a chunk may hold, uncompressed: protobuf messages end there, and no frame of a camera comes near. Writer
+/// and reader keep to the same number.
 pub(crate) const LARGEST_CHUNK: u64 = 1 << 31;
 /// The most bytes of a chunk's body before its records.
 pub(crate) const LONGEST_CHUNK_HEADER: u64 = 40 + "zstd".len() as u64;
 /// The metadata record that holds format, plan and aliases.
 pub(crate) const PLAN_METADATA: &str = "depthloom";
-/// The metadata records that say which attachment holds which once-value: the topic follows, for viewers know a record by its name.
+/// The metadata records that say which attachment holds which once-value: the topic follows, for viewers know a record
+/// by its name.
 pub(crate) const ONCE_METADATA: &str = "depthloom.once";
 /// The metadata record of a run that ended before its end.
 pub(crate) const ENDED_METADATA: &str = "depthloom.ended";

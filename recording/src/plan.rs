@@ -22,10 +22,12 @@ pub struct RecordedPlan {
     pub about: String,
     /// The variants' names, in the order of the file; one empty name if it declared none.
     pub variants: Vec<String>,
-    /// By variant, the values that the axes of the experiment's `matrix` had in it, in the order of its name; empty without a matrix.
+    /// By variant, the values that the axes of the experiment's `matrix` had in it, in the order of its name; empty
+    /// without a matrix.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub factors: Vec<Vec<Factor>>,
-    /// Of how many frames of a stage run the first has its values kept (in 0.1.0: those whose index is a multiple of it).
+    /// Of how many frames of a stage run the first has its values kept (in 0.1.0: those whose index is a multiple of
+    /// it).
     pub every: u64,
     /// Whether maps were also kept as pictures, for looking at.
     pub view: bool,

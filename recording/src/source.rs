@@ -32,10 +32,12 @@ pub struct McapParams {
     pub stage: Option<String>,
     /// Whose values, of nodes that differ between the variants recorded. Without it, such nodes have no outputs here.
     pub variant: Option<String>,
-    /// What it gives: the outputs of the recorded source by their names (`left`), those of nodes with the node's (`stereo.disparity`); `*` stands
-    /// for any run of characters. By default all that the recorded source gave: then it stands for that source, with the same keys.
+    /// What it gives: the outputs of the recorded source by their names (`left`), those of nodes with the node's
+    /// (`stereo.disparity`); `*` stands for any run of characters. By default all that the recorded source gave: then
+    /// it stands for that source, with the same keys.
     pub outputs: Vec<String>,
-    /// Which frames, by the index they had: `1..=40`, `0..48`, `[3, 7]` or a file of ids. By default (`available`) all whose values are recorded.
+    /// Which frames, by the index they had: `1..=40`, `0..48`, `[3, 7]` or a file of ids. By default (`available`) all
+    /// whose values are recorded.
     pub frames: FrameSelection,
 }
 

@@ -1,7 +1,8 @@
 //! The engine's own cost: nodes that do nothing, beside a bare crossbeam channel.
 //!
-//! `cargo bench -p depthloom-runner --bench engine`. An element is a task of the engine, a message of a channel. What costs is
-//! processor time, of all threads together: unlike the time on the wall it says the same on a machine that has other work.
+//! `cargo bench -p depthloom-runner --bench engine`. An element is a task of the engine, a message of a channel. What
+//! costs is processor time, of all threads together: unlike the time on the wall it says the same on a machine that has
+//! other work.
 
 #[path = "../tests/support/mod.rs"]
 mod support;

@@ -1,8 +1,8 @@
 //! The audit of reuse: recomputes a sample of the reused values and compares them bit for bit.
 //!
-//! It finds what a cache key cannot observe: undeclared files of a program, an implementation that changed under the same version, chance. Most
-//! of the sample is taken before the stage's first frame, so that a wrong value fails a run early. Nodes without reused values on those frames
-//! are sampled after the last frame.
+//! It finds what a cache key cannot observe: undeclared files of a program, an implementation that changed under the
+//! same version, chance. Most of the sample is taken before the stage's first frame, so that a wrong value fails a run
+//! early. Nodes without reused values on those frames are sampled after the last frame.
 
 pub(crate) mod comparison;
 pub(crate) mod failure;

@@ -11,9 +11,9 @@ use depthloom_threads::locked;
 
 /// The checkpoints of a run, by the key of the values they lead to.
 ///
-/// A system lock next to each file keeps other processes away, and disappears with a killed process. Locks are held to the end of the run:
-/// if it ends early, the next run needs the checkpoints of finished nodes too. After a complete run call [`Checkpoints::remove`]; a drop keeps
-/// the files.
+/// A system lock next to each file keeps other processes away, and disappears with a killed process. Locks are held to
+/// the end of the run: if it ends early, the next run needs the checkpoints of finished nodes too. After a complete run
+/// call [`Checkpoints::remove`]; a drop keeps the files.
 #[derive(Clone, Debug, Default)]
 pub struct Checkpoints(Arc<Shared>);
 
@@ -81,7 +81,8 @@ impl Drop for Shared {
         let Some(folder) = &self.folder else { return };
         let locks = self.locks.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
         for key in locks.keys() {
-            // Removed while it is locked: a process that opened it before notices that the name is gone, and creates another.
+            // Removed while it is locked: a process that opened it before notices that the name is gone, and creates
+            // another.
             let _ = fs::remove_file(lock_of(folder, key));
         }
         if !locks.is_empty() {

@@ -1,12 +1,13 @@
 //! Executes a plan: admission, workers, tap.
 //!
-//! A stage run is a frame-synchronous dataflow: a node runs on frame k when its inputs for k are there, whatever other frames do. Atomic
-//! counters count what a step waits for. Ready steps are in crossbeam queues, one per frame in flight, and workers take the oldest frame first.
-//! The only back-pressure is admission: frame k is admitted when k < oldest unwritten frame + window. No task waits for another, so there is no
-//! deadlock. A value is dropped after its last use.
+//! A stage run is a frame-synchronous dataflow: a node runs on frame k when its inputs for k are there, whatever other
+//! frames do. Atomic counters count what a step waits for. Ready steps are in crossbeam queues, one per frame in
+//! flight, and workers take the oldest frame first. The only back-pressure is admission: frame k is admitted when k <
+//! oldest unwritten frame + window. No task waits for another, so there is no deadlock. A value is dropped after its
+//! last use.
 //!
-//! Results do not depend on the number of workers, nor on the window, to the bit. Of several failures, the one of the lowest frame, and there of
-//! the lowest plan position, is reported; exactly the frames before it are written.
+//! Results do not depend on the number of workers, nor on the window, to the bit. Of several failures, the one of the
+//! lowest frame, and there of the lowest plan position, is reported; exactly the frames before it are written.
 //!
 //! | thread | task |
 //! |---|---|
@@ -47,7 +48,13 @@
 //!     fn part(&self, _run: RunId, _slot: Slot) -> Option<PartId> {
 //!         None
 //!     }
-//!     fn encode(&self, _: RunId, _: (FrameIndex, &Frame), _: PartId, _: &[(Slot, Value)]) -> Result<(), ErrorMessage> {
+//!     fn encode(
+//!         &self,
+//!         _: RunId,
+//!         _: (FrameIndex, &Frame),
+//!         _: PartId,
+//!         _: &[(Slot, Value)],
+//!     ) -> Result<(), ErrorMessage> {
 //!         Ok(())
 //!     }
 //!     fn write(&self, commit: &Commit<'_>, _parts: Vec<()>) -> Result<(), ErrorMessage> {

@@ -223,8 +223,8 @@ impl<T: Tap> OnceWork<'_, T> {
         Ok(())
     }
 
-    /// Recomputes the reused values of aggregate nodes, but only if all reused values are audited: a training may take hours.
-    /// Returns how many were compared.
+    /// Recomputes the reused values of aggregate nodes, but only if all reused values are audited: a training may take
+    /// hours. Returns how many were compared.
     pub(crate) fn audit(
         &self,
         builders: &BTreeMap<NodeRef, NodeBuilder>,

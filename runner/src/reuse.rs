@@ -1,7 +1,8 @@
 //! Which steps run, and which values are reused: decided by cache keys before anything is computed.
 //!
-//! Before the frames of a stage run, their keys are derived once from the keys of the source. An ordered node with all its values in the store
-//! does not run at all. When a frame is admitted, its keys are derived again: a step runs if its values are neither stored nor derivable.
+//! Before the frames of a stage run, their keys are derived once from the keys of the source. An ordered node with all
+//! its values in the store does not run at all. When a frame is admitted, its keys are derived again: a step runs if
+//! its values are neither stored nor derivable.
 
 pub(crate) mod foresee;
 pub(crate) mod kept;
@@ -176,8 +177,8 @@ impl<'a> Reuse<'a> {
         }
     }
 
-    /// Whether another ordered node has to run on some frame, for a value that was not kept: then it runs on all, since its state depends
-    /// on the frames before.
+    /// Whether another ordered node has to run on some frame, for a value that was not kept: then it runs on all, since
+    /// its state depends on the frames before.
     fn runs_on_some_frame<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, keys: &[Option<Key>]) -> bool {
         let has_outputs = |node: &NodeId| !graph.producers[StepId::of_node(*node)].outputs.is_empty();
         let idle: Vec<NodeId> =
@@ -383,8 +384,8 @@ pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key:
     outputs.map(|output| value(output.port.name)).collect()
 }
 
-/// The keys of all frames of a source, on all workers, which also looks them up in the store. `None` for a frame that cannot be read,
-/// which is reported when it is read.
+/// The keys of all frames of a source, on all workers, which also looks them up in the store. `None` for a frame that
+/// cannot be read, which is reported when it is read.
 fn source_keys(source: &dyn Source, store: &dyn Store, host: &dyn Host) -> Vec<Option<Key>> {
     let keys: Vec<OnceLock<Key>> = source.frames().iter().map(|_| OnceLock::new()).collect();
     host.tiles(keys.len(), &|frame| {

@@ -135,7 +135,8 @@ impl<'a, T: Tap> Stage<'a, T> {
 
     /// Whether a failure of this step ends the stage.
     ///
-    /// With `keep_going` only that of an ordered node with aggregate outputs does: it cannot finish, and other nodes need its values.
+    /// With `keep_going` only that of an ordered node with aggregate outputs does: it cannot finish, and other nodes
+    /// need its values.
     pub(crate) fn is_fatal(&self, step: StepId) -> bool {
         let has_aggregates = |node: NodeId| {
             let planned = &self.plan.nodes[node];

@@ -1,5 +1,5 @@
-//! A run that takes from a store what it has gives what a run without one gives, whatever the store has forgotten; and a run that is
-//! taken up writes what was still to be written.
+//! A run that takes from a store what it has gives what a run without one gives, whatever the store has forgotten; and
+//! a run that is taken up writes what was still to be written.
 
 mod support;
 
@@ -302,7 +302,8 @@ fn an_ordered_node_that_one_late_frame_needs_fires_on_all_before_it() {
     assert_eq!(toys.map(|toy| toy.calls.load(Ordering::Relaxed)), [6, 1], "how often each fired");
 }
 
-/// Runs the chain twice, the second time with a store that does not know the node after its last frame. Returns how often each node fired.
+/// Runs the chain twice, the second time with a store that does not know the node after its last frame. Returns how
+/// often each node fired.
 fn calls_without_the_last_key(has_sum: bool) -> [u64; 2] {
     let chain = || {
         let (mut bench, toys) = chain_of(Toy { has_no_sum: !has_sum, ..Toy::salted(2) });
@@ -329,7 +330,8 @@ fn an_ordered_node_without_aggregate_outputs_is_known_by_its_frames() {
     assert_eq!(calls_without_the_last_key(true), [6, 0]);
 }
 
-/// Runs a chain of which node `b` computes with a constant: a second time with another constant, over the values of the first run.
+/// Runs a chain of which node `b` computes with a constant: a second time with another constant, over the values of the
+/// first run.
 fn rerun_with_another_constant(contract: Contract, holds: Box<Holds>, audit: Audit) -> Result<(), RunError> {
     let bench = |constant: u64| {
         let mut bench = Bench::new(&["full"]);

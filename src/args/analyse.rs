@@ -42,13 +42,14 @@ pub(crate) struct AnalyseArgs {
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
-    /// What pixels are put into bins by: `distance` (the truth), `estimate` (the answer), `error` (its absolute error, with --relative its relative error), `weight` (the one recorded for a variant), `row`,
-    /// `column`, `frame` (a bin a frame), or a column of the samples by its name, e.g. `full/weight.weight`.
+    /// What pixels are put into bins by: `distance` (the truth), `estimate` (the answer), `error` (its absolute error,
+    /// with --relative its relative error), `weight` (the one recorded for a variant), `row`, `column`, `frame` (a bin
+    /// a frame), or a column of the samples by its name, e.g. `full/weight.weight`.
     #[arg(long, value_name = "WHAT", default_value = "distance")]
     pub by: String,
 
-    /// The bins: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`. By default a metre wide of distances, tenths of
-    /// weights, twenty of anything else.
+    /// The bins: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`. By default a metre wide of
+    /// distances, tenths of weights, twenty of anything else.
     #[arg(long, value_name = "BINS", value_parser = Bins::parse)]
     pub bins: Option<Bins>,
 
@@ -56,7 +57,8 @@ pub(crate) struct AnalyseArgs {
     #[arg(long, value_name = "P,...", value_delimiter = ',', default_value = "5,25,50,75,95")]
     pub percentiles: Vec<f64>,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between: `fused`, `stereo,no_*/mono`.
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between:
+    /// `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 

@@ -46,7 +46,8 @@ pub(super) fn parse_confidence(text: &str) -> Result<f64, String> {
 /// What errors are compared by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum CompareBy {
-    /// The true distance: absolute errors of the pixels that both answered, bin by bin, and where one should hand over to the other.
+    /// The true distance: absolute errors of the pixels that both answered, bin by bin, and where one should hand over
+    /// to the other.
     Distance,
 }
 
@@ -60,41 +61,46 @@ pub(crate) enum CompareBy {
     "compare A:full/fused B:fused --set answered --json" => "for programs",
 ])]
 pub(crate) struct CompareArgs {
-    /// What is compared, the first being what the others are held against: runs (folders, recordings, beginnings of names, `@latest`); or a run, and
-    /// variants or estimators of it (`full`, `full/fused`, `'*/fused'`); or `RUN:NAME`, of several runs. A run alone: all of its variants, or where it
-    /// has none, estimators.
+    /// What is compared, the first being what the others are held against: runs (folders, recordings, beginnings of
+    /// names, `@latest`); or a run, and variants or estimators of it (`full`, `full/fused`, `'*/fused'`); or
+    /// `RUN:NAME`, of several runs. A run alone: all of its variants, or where it has none, estimators.
     #[arg(required = true, value_name = "RUN|NAME", add = ArgValueCompleter::new(runs))]
     pub sides: Vec<PathBuf>,
 
-    /// What the others are held against, in place of the first: a side, or `best`, the one with the best value of the first score.
+    /// What the others are held against, in place of the first: a side, or `best`, the one with the best value of the
+    /// first score.
     #[arg(long, value_name = "SIDE")]
     pub baseline: Option<String>,
 
     #[command(flatten)]
     pub pixels: ScoresArgs,
 
-    /// In place of scores the absolute error, by the true distance: mean and median of each bin, and the distance at which one of the two should hand
-    /// over to the other.
+    /// In place of scores the absolute error, by the true distance: mean and median of each bin, and the distance at
+    /// which one of the two should hand over to the other.
     #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["scores", "fail_if", "zone", "mean", "frames"])]
     pub by: Option<CompareBy>,
 
-    /// The bins of `--by distance`: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`; by default five metres wide.
+    /// The bins of `--by distance`: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`; by default
+    /// five metres wide.
     #[arg(long, value_name = "BINS", value_parser = Bins::parse, requires = "by")]
     pub bins: Option<Bins>,
 
-    /// Only these scores, with commas between; by default all that both have. Tests are corrected for as many as are shown.
+    /// Only these scores, with commas between; by default all that both have. Tests are corrected for as many as are
+    /// shown.
     #[arg(long, value_name = "SCORE,...", value_delimiter = ',', add = ArgValueCandidates::new(metrics))]
     pub scores: Vec<String>,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between: `fused`, `stereo,no_*/mono`.
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between:
+    /// `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 
     #[command(flatten)]
     pub intervals: IntervalArgs,
 
-    /// End with exit code 3 if this is so, e.g. `fused.abs_rel > +1%`, `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`: a change in per cent of the baseline's value
-    /// or in the score's unit, of the estimates of that name, or of all. `density` is the share of valid pixels. Can be given several times.
+    /// End with exit code 3 if this is so, e.g. `fused.abs_rel > +1%`, `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`: a change
+    /// in per cent of the baseline's value or in the score's unit, of the estimates of that name, or of all. `density`
+    /// is the share of valid pixels. Can be given several times.
     #[arg(long, value_name = "LIMIT")]
     pub fail_if: Vec<String>,
 

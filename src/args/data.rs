@@ -18,7 +18,8 @@ pub(crate) struct DataArgs {
     #[arg(add = ArgValueCompleter::new(folders()))]
     pub root: PathBuf,
 
-    /// Write a contact sheet (PNG): left images of frames from all over the data set, and their truth, red near and blue far.
+    /// Write a contact sheet (PNG): left images of frames from all over the data set, and their truth, red near and
+    /// blue far.
     #[arg(long, value_name = "FILE")]
     pub sheet: Option<PathBuf>,
 

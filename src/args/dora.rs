@@ -19,11 +19,13 @@ pub(crate) struct DoraArgs {
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     pub python: String,
 
-    /// How long every node of the dataflow may take to start, seconds. Then the dataflow ends with an error that names those that did not.
+    /// How long every node of the dataflow may take to start, seconds. Then the dataflow ends with an error that names
+    /// those that did not.
     #[arg(long, value_name = "SECONDS", default_value_t = 120, value_parser = clap::value_parser!(u64).range(1..))]
     pub start_timeout: u64,
 
-    /// Where nodes run, by their names in the dataflow: `--machine '*.mono=jetson'`, for dora's daemon of that name. May be repeated; of several that fit the last counts.
+    /// Where nodes run, by their names in the dataflow: `--machine '*.mono=jetson'`, for dora's daemon of that name.
+    /// May be repeated; of several that fit the last counts.
     #[arg(long = "machine", value_name = "NODE=MACHINE", value_parser = parse_machine)]
     pub machines: Vec<(String, String)>,
 }

@@ -15,22 +15,22 @@ pub(crate) struct ExperimentArgs {
     #[arg(add = ArgValueCompleter::new(experiments()))]
     pub experiment: PathBuf,
 
-    /// Set something in the experiment before its variants do: `compare.mono.with.cap=50`. Goes before the file and its defaults; a
-    /// variant that sets the same keeps its own value, which is said, and where all do, it is an error. `variants.NAME.` in front sets it
-    /// there: `variants.full.compare.mono.with.cap=50`, `matrix.` an axis or sample: `matrix.AXIS.values=[3,5]`, `matrix.AXIS.to=20`,
-    /// `matrix.sample.count=100`. `null` takes away a stage, node, source, variant or axis: `variants.NAME=null`. May be repeated; is
-    /// recorded.
+    /// Change the experiment before its variants do: `compare.mono.with.cap=50`. It takes precedence over the file,
+    /// what the file extends, and defaults. A variant that sets the same path keeps its value: a warning if some
+    /// variants do, an error if all do. `variants.full.compare.mono.with.cap=50` changes one variant;
+    /// `matrix.AXIS.values=[3,5]`, `matrix.AXIS.to=20` and `matrix.sample.count=100` change an axis or the sample.
+    /// `null` removes a stage, node, source, variant or axis: `variants.NAME=null`. May be repeated; is recorded.
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, String)>,
 
-    /// Run one variant of each value: `--matrix compare.stereo.with.block=[3,5,9]`, or of a range: `{from: 0, to: 20, steps: 3}`. Several
-    /// are every combination. An axis that the experiment's `matrix` has takes these values instead. May be repeated, of each path once;
-    /// is recorded.
+    /// Run one variant of each value: `--matrix compare.stereo.with.block=[3,5,9]`, or of a range: `{from: 0, to: 20,
+    /// steps: 3}`. Several are every combination. An axis that the experiment's `matrix` has takes these values
+    /// instead. May be repeated, of each path once; is recorded.
     #[arg(long, value_name = "PATH=[VALUES]", value_parser = parse_matrix)]
     pub matrix: Vec<(String, String)>,
 
-    /// Of the variants take those that are so called; `*` stands for any run of characters: `--variant full --variant 'no_*'`. May be
-    /// repeated; is recorded.
+    /// Of the variants take those that are so called; `*` stands for any run of characters: `--variant full --variant
+    /// 'no_*'`. May be repeated; is recorded.
     #[arg(long = "variant", value_name = "NAME")]
     pub variants: Vec<String>,
 }
@@ -38,8 +38,8 @@ pub(crate) struct ExperimentArgs {
 /// Whether programs may be started.
 #[derive(Clone, Copy, Debug, Default, Args)]
 pub(crate) struct ExecArgs {
-    /// Let the experiment start the programs that it names (`process`, `process/source`); without it, it starts none. An experiment whose file
-    /// is listed under `allow_exec` in ~/.config/depthloom/config.yaml needs it not.
+    /// Let the experiment start the programs that it names (`process`, `process/source`); without it, it starts none.
+    /// An experiment whose file is listed under `allow_exec` in ~/.config/depthloom/config.yaml needs it not.
     #[arg(long)]
     pub allow_exec: bool,
 }
@@ -62,8 +62,9 @@ pub(crate) struct CheckArgs {
     #[arg(long, conflicts_with = "json")]
     pub sarif: bool,
 
-    /// Look at the data as well: every frame of every source is read and nothing is computed. Missing and unreadable files, sizes that differ inside a pair,
-    /// a calibration that contradicts the images, left and right exchanged, truth of another unit: each is told with its file.
+    /// Look at the data as well: every frame of every source is read and nothing is computed. Missing and unreadable
+    /// files, sizes that differ inside a pair, a calibration that contradicts the images, left and right exchanged,
+    /// truth of another unit: each is told with its file.
     #[arg(long, conflicts_with = "sarif")]
     pub data: bool,
 
@@ -78,14 +79,14 @@ pub(crate) struct CheckArgs {
 #[derive(Debug, Args)]
 #[command(after_help = examples![
     "plan experiments/table1.yaml" => "stereo is run once for all variants",
-    "plan first.yaml --reuse --set look.stereo.with.block=7" => "what a run would take from earlier ones",
+    "plan first.yaml --reuse --set compare.stereo.with.block=7" => "what a run would reuse",
 ])]
 pub(crate) struct PlanArgs {
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
-    /// Say of every node on how many frames it would run and on how many its values would be taken from earlier runs, and why not from
-    /// all. Opens sources and engines, as `run` does.
+    /// Say of every node on how many frames it would run and on how many its values would be taken from earlier runs,
+    /// and why not from all. Opens sources and engines, as `run` does.
     #[arg(long)]
     pub reuse: bool,
 

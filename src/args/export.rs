@@ -36,21 +36,24 @@ pub(crate) struct ExportArgs {
     #[command(flatten)]
     pub run: RunArg,
 
-    /// What to export: topics as `info` lists them (`/look/depth/depth`), or by their end or node (`depth/depth`, `depth`); of the source also by the output
-    /// alone (`calibration`), where no node has that name. `*` stands for any run of characters. Without one, all.
+    /// What to export: topics as `info` lists them (`/look/depth/depth`), or by their end or node (`depth/depth`,
+    /// `depth`); of the source also by the output alone (`calibration`), where no node has that name. `*` stands for
+    /// any run of characters. Without one, all.
     #[arg(value_name = "TOPIC")]
     pub topics: Vec<String>,
 
-    /// The folder to write: `DIR/<topic>/<frame>.<format>`, and `DIR/<topic>.<format>` of what there is once. Each file is whole or not there.
+    /// The folder to write: `DIR/<topic>/<frame>.<format>`, and `DIR/<topic>.<format>` of what there is once. Each file
+    /// is whole or not there.
     #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: PathBuf,
 
-    /// The formats, with commas between; each topic is written in those of them that it has. Without it: png, of networks onnx, of
-    /// rows parquet.
+    /// The formats, with commas between; each topic is written in those of them that it has. Without it: png, of
+    /// networks onnx, of rows parquet.
     #[arg(long, value_enum, value_name = "FORMAT,...", value_delimiter = ',')]
     pub format: Vec<ExportFormat>,
 
-    /// The frames: numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with a frame id per line. Without it, all.
+    /// The frames: numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with a frame id per line.
+    /// Without it, all.
     #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
     pub frames: Option<FrameChoice>,
 
@@ -58,8 +61,9 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_enum, value_name = "COLOURS")]
     pub colormap: Option<ColoursOption>,
 
-    /// What the first and the last colour stand for, `80..0` the other way round; by default `0..80` m, `0..128` px, weights `0..1`. Of
-    /// point clouds the points in this range of depth are written; by default all that are not at a depth where a node capped them.
+    /// What the first and the last colour stand for, `80..0` the other way round; by default `0..80` m, `0..128` px,
+    /// weights `0..1`. Of point clouds the points in this range of depth are written; by default all that are not at a
+    /// depth where a node capped them.
     #[arg(long, value_name = "FROM..TO", value_parser = parse_range, allow_hyphen_values = true)]
     pub range: Option<(f64, f64)>,
 

@@ -47,8 +47,8 @@ impl LayoutOption {
     "figure RUN panels --frames 0,3 --out frames.png --data frames.csv" => "frames as the paper shows them",
 ])]
 pub(crate) struct FigureArgs {
-    /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`. Several for `error-vs-distance`, `histogram`, `cdf` and
-    /// `reliability`.
+    /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`. Several for
+    /// `error-vs-distance`, `histogram`, `cdf` and `reliability`.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
@@ -84,16 +84,16 @@ pub(crate) struct FigureArgs {
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     pub title: String,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between: `stereo,full/fused`. Of
-    /// `difference` two: the second is held against the first.
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between:
+    /// `stereo,full/fused`. Of `difference` two: the second is held against the first.
     #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 
     #[command(flatten)]
     pub part: PartArgs,
 
-    /// Over which pixels: of errors `common` (which all answered) or `answered`, by default both where there is room for both; of scores those that were
-    /// scored.
+    /// Over which pixels: of errors `common` (which all answered) or `answered`, by default both where there is room
+    /// for both; of scores those that were scored.
     #[arg(long, value_enum, value_name = "SET")]
     pub set: Option<SetOption>,
 
@@ -129,8 +129,8 @@ pub(crate) struct FigureArgs {
     #[arg(long, value_name = "AXIS,...", value_delimiter = ',')]
     pub axes: Vec<String>,
 
-    /// The frames of `panels`, as `export` takes them: numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with a frame id per line. By
-    /// default five, evenly apart.
+    /// The frames of `panels`, as `export` takes them: numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a
+    /// text file with a frame id per line. By default five, evenly apart.
     #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
     pub frames: Option<FrameChoice>,
 

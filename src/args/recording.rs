@@ -55,19 +55,20 @@ pub(crate) struct ReplayArgs {
     #[command(flatten)]
     pub run: RunArg,
 
-    /// Compare the values of every node with those recorded: where they differ, tell the first and the worst difference. Every node gets its
-    /// recorded inputs, so that it is the node that changed which differs, and none behind it.
+    /// Compare the values of every node with those recorded: where they differ, tell the first and the worst
+    /// difference. Every node gets its recorded inputs, so that it is the node that changed which differs, and none
+    /// behind it.
     #[arg(long, required = true)]
     pub check: bool,
 
-    /// Only these nodes, by name or with their stage; `*` stands for any run of characters: `fused`, `compare.stereo`, `learn.*`. A node that
-    /// is named and cannot be made again is an error.
+    /// Only these nodes, by name or with their stage; `*` stands for any run of characters: `fused`, `compare.stereo`,
+    /// `learn.*`. A node that is named and cannot be made again is an error.
     #[arg(value_name = "NODE")]
     pub nodes: Vec<String>,
 
-    /// How far numbers may be apart and still count as equal, in the unit of their values; by default not by one bit. Of one type of values:
-    /// `depth=0.001` (metres), `disparity=0.0625` (pixels), `weight`, `image`, `scores`, ...; or of all: `1e-6`. An answer and none are never equal.
-    /// May be repeated.
+    /// How far numbers may be apart and still count as equal, in the unit of their values; by default not by one bit.
+    /// Of one type of values: `depth=0.001` (metres), `disparity=0.0625` (pixels), `weight`, `image`, `scores`, ...; or
+    /// of all: `1e-6`. An answer and none are never equal. May be repeated.
     #[arg(long, value_name = "[TYPE=]MOST", value_parser = Tolerance::parse)]
     pub tolerance: Vec<Tolerance>,
 

@@ -29,13 +29,14 @@ pub(crate) struct RunArgs {
     #[arg(long)]
     pub overwrite: bool,
 
-    /// Make everything anew: take nothing from earlier runs, and do not go on with one that did not come to its end. So does
-    /// DEPTHLOOM_FRESH=1 in the environment.
+    /// Make everything anew: take nothing from earlier runs, and do not go on with one that did not come to its end. So
+    /// does DEPTHLOOM_FRESH=1 in the environment.
     #[arg(long)]
     pub fresh: bool,
 
-    /// Recompute reused values and compare them: `sample` (default) recomputes one frame in fifty and at least one value of every reused node, `all` every
-    /// reused value, trained networks included, `none` nothing. A difference fails the run.
+    /// Recompute reused values and compare them: `sample` (default) recomputes one frame in fifty and at least one
+    /// value of every reused node, `all` every reused value, trained networks included, `none` nothing. A difference
+    /// fails the run.
     #[arg(
         long,
         value_enum,
@@ -61,8 +62,8 @@ pub(crate) struct RunArgs {
     #[command(flatten)]
     pub exec: ExecArgs,
 
-    /// Continue after a frame failed: what depends on it is left out, and means are taken over the frames common to all. An ordered node that failed is not
-    /// run on later frames; one with aggregate outputs ends the run.
+    /// Continue after a frame failed: what depends on it is left out, and means are taken over the frames common to
+    /// all. An ordered node that failed is not run on later frames; one with aggregate outputs ends the run.
     #[arg(long)]
     pub keep_going: bool,
 
@@ -70,7 +71,7 @@ pub(crate) struct RunArgs {
     #[arg(long)]
     pub paper: bool,
 
-    /// Write `samples.parquet`, too: a row a scored pixel, for `depthloom analyse` and for programs.
+    /// Write `samples.parquet`, too: one row per scored pixel, for `depthloom analyse` and for programs.
     #[arg(long)]
     pub samples: bool,
 
@@ -117,8 +118,8 @@ impl RunArgs {
 /// What becomes of `report.html`.
 #[derive(Debug, Args)]
 pub(crate) struct PageArgs {
-    /// Leave out `report.html`: table, figures, pictures of frames and the plan on one page, for a browser. It has at most 40 MB: of long runs
-    /// fewer frames (200) and smaller pictures, of many variants the best, and says so.
+    /// Leave out `report.html`: table, figures, pictures of frames and the plan on one page, for a browser. It has at
+    /// most 40 MB: of long runs fewer frames (200) and smaller pictures, of many variants the best, and says so.
     #[arg(long)]
     pub no_page: bool,
 
@@ -144,8 +145,8 @@ pub(crate) struct ReportArgs {
     #[arg(long)]
     pub paper: bool,
 
-    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap, 100,000 resamples); 95 %, or so
-    /// many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
+    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap,
+    /// 100,000 resamples); 95 %, or so many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence)]
     pub ci: Option<f64>,
 

@@ -44,17 +44,19 @@ pub(crate) enum RunsCommand {
     List,
     /// Show a run: what it is of, what became of it, how it was made, and its files.
     Show(ShowArgs),
-    /// Say why two runs differ: what was set otherwise, and by parameter, version, input or file which nodes are others.
+    /// Say why two runs differ: what was set otherwise, and by parameter, version, input or file which nodes are
+    /// others.
     Why(WhyArgs),
     /// Remove runs that are over. Asks nothing: of several all are removed, or none if one may not be.
     Rm(RmArgs),
-    /// Remove runs by age, size or number. A run that goes on, holds anything else, or is named by the experiment of one that stays, is kept.
+    /// Remove runs by age, size or number. A run that goes on, holds anything else, or is named by the experiment of
+    /// one that stays, is kept.
     Prune(PruneArgs),
 }
 
 #[derive(Debug, Args)]
 #[command(after_help = examples![
-    "runs rm look.partial" => "what a run left that ended before it was whole",
+    "runs rm look.partial" => "the files of an interrupted run",
     "runs rm table1/2026-11-20 table1/2026-11-21" => "several",
 ])]
 pub(crate) struct RmArgs {

@@ -77,7 +77,8 @@ pub(crate) struct ScoresArgs {
     #[arg(long, value_name = "FRAMES", value_parser = parse_frames)]
     pub frames: Option<FrameSelection>,
 
-    /// What a score of all frames is taken over; by default what the experiment says, which is frames where it says nothing.
+    /// What a score of all frames is taken over; by default what the experiment says, which is frames where it says
+    /// nothing.
     #[arg(long, value_enum)]
     pub mean: Option<MeanOption>,
 }
@@ -129,20 +130,21 @@ impl TypesettingArgs {
     "table RUN --top 8 --format latex --out variants.tex" => "for a paper",
 ])]
 pub(crate) struct TableArgs {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`. Of several runs one table, with the settings in which
-    /// they differ.
+    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`. Of several runs one table,
+    /// with the settings in which they differ.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
     #[command(flatten)]
     pub scores: ScoresArgs,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between: `fused`, `stereo,no_*/mono`.
+    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between:
+    /// `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
     pub estimators: Option<String>,
 
-    /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, numbers by size and words in the
-    /// file's order; by default `abs_rel`, or the first error that was scored.
+    /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, numbers by size and words in
+    /// the file's order; by default `abs_rel`, or the first error that was scored.
     #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns))]
     pub sort: Option<String>,
 
@@ -154,11 +156,12 @@ pub(crate) struct TableArgs {
     #[arg(long, value_enum, default_value = "variant")]
     pub rows: RowsOption,
 
-    /// The columns behind the axes, with commas between: scores, `density` (the share of true pixels that were answered), `ms`
-    /// (core-milliseconds a frame: the processor time of all nodes that the estimate is computed from, as if it had been run alone; a
-    /// node that several share counts for each; without reading, scoring, recording and learning), `frames`, `pixels`. Scores of depths and of
-    /// disparities stand in one row where the depth is made of the disparity by `depth/from-disparity`; `disparity_density`, `disparity_frames` and
-    /// `disparity_pixels` are then the disparity's.
+    /// The columns behind the axes, with commas between: scores, `density` (the share of true pixels that were
+    /// answered), `ms` (core-milliseconds a frame: the processor time of all nodes that the estimate is computed from,
+    /// as if it had been run alone; a node that several share counts for each; without reading, scoring, recording and
+    /// learning), `frames`, `pixels`. Scores of depths and of disparities stand in one row where the depth is made of
+    /// the disparity by `depth/from-disparity`; `disparity_density`, `disparity_frames` and `disparity_pixels` are then
+    /// the disparity's.
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
     pub columns: Vec<String>,
 
@@ -166,8 +169,8 @@ pub(crate) struct TableArgs {
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
     pub pareto: Vec<String>,
 
-    /// Show what each axis did to a score or to `ms`: the mean of all rows with a level, and the share of the variance between rows that the axis
-    /// explains alone (eta squared); what is left are interactions of axes.
+    /// Show what each axis did to a score or to `ms`: the mean of all rows with a level, and the share of the variance
+    /// between rows that the axis explains alone (eta squared); what is left are interactions of axes.
     #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns), conflicts_with_all = ["best_per_zone", "sort", "top", "columns", "pareto", "rows"])]
     pub effects: Option<String>,
 
@@ -175,8 +178,8 @@ pub(crate) struct TableArgs {
     #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(columns), conflicts_with_all = ["zone", "sort", "top", "columns", "pareto", "rows"])]
     pub best_per_zone: Option<String>,
 
-    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap); 95 %, or so
-    /// many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
+    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap); 95
+    /// %, or so many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence, conflicts_with_all = ["effects", "best_per_zone"])]
     pub ci: Option<f64>,
 

@@ -64,7 +64,8 @@ pub(super) fn make_folder(
     }
 }
 
-/// Writes the experiment's files beside the recording, so that they can be checked and run from there, and lists what the run reads.
+/// Writes the experiment's files beside the recording, so that they can be checked and run from there, and lists what
+/// the run reads.
 fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathBuf]) -> Result<(), CliError> {
     let before = |stop| CliError { exit: ExitCode::Usage, ..stop };
     // Of a run that comes to its end it says more.
@@ -89,7 +90,8 @@ pub(super) struct Reusable {
 }
 
 impl Reusable {
-    /// Sets the recording of an interrupted process aside if this run would record something else: its data, programs or engines changed.
+    /// Sets the recording of an interrupted process aside if this run would record something else: its data, programs
+    /// or engines changed.
     pub(super) fn verified(
         self,
         args: &RunArgs,

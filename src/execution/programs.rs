@@ -7,7 +7,8 @@ use depthloom_terminal::CliError;
 /// The file in the run's folder for what programs wrote to standard error.
 pub(super) const PRINTED: &str = "programs.log";
 
-/// Writes what programs printed; returns whether there is any, and warnings about programs that failed after their last reply.
+/// Writes what programs printed; returns whether there is any, and warnings about programs that failed after their last
+/// reply.
 pub(super) fn write_printed(folder: &RunFolder) -> Result<(bool, Vec<String>), CliError> {
     let ended = process::take_ended();
     let text = process::printed_text(&ended);

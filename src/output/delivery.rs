@@ -36,7 +36,8 @@ impl<'a> Delivery<'a> {
         Ok(Self { format, out })
     }
 
-    /// Prints a table, or writes it to the file, as JSON of type `T`; `run` is the key of the plan it is of, `recordings` are those.
+    /// Prints a table, or writes it to the file, as JSON of type `T`; `run` is the key of the plan it is of,
+    /// `recordings` are those.
     pub(crate) fn answer<T: CommandOutput + From<TableOutput>>(
         &self,
         table: &Table,
@@ -130,7 +131,8 @@ fn write(out: &Path, bytes: &[u8]) -> io::Result<()> {
     if is_stream(out) { fs::write(out, bytes) } else { depthloom_durable::write(out, bytes) }
 }
 
-/// Whether a path leads to a pipe or device, or to where the system names this process' own streams (`/dev/stdout`, `/dev/fd/3`).
+/// Whether a path leads to a pipe or device, or to where the system names this process' own streams (`/dev/stdout`,
+/// `/dev/fd/3`).
 fn is_stream(out: &Path) -> bool {
     ["/dev", "/proc"].iter().any(|folder| out.starts_with(folder))
         || fs::metadata(out).is_ok_and(|there| !there.is_file() && !there.is_dir())

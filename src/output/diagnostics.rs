@@ -1,4 +1,5 @@
-//! How problems are shown: miette's underlined source for a file's errors, two lines for everything else; to programs as JSON.
+//! How problems are shown: miette's underlined source for a file's errors, two lines for everything else; to programs
+//! as JSON.
 
 mod json;
 mod sarif;
@@ -37,7 +38,8 @@ fn handler() -> GraphicalReportHandler {
     GraphicalReportHandler::new_themed(theme)
         .with_width(width)
         .with_links(false)
-        // Between words alone: a kind's name (`disparity/left-right`) has hyphens and slashes, and is copied as a whole.
+        // Between words alone: a kind's name (`disparity/left-right`) has hyphens and slashes, and is copied as a
+        // whole.
         .with_word_separator(textwrap::WordSeparator::AsciiSpace)
         .with_word_splitter(textwrap::WordSplitter::NoHyphenation)
 }

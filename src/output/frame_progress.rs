@@ -1,4 +1,5 @@
-//! How far a walk over a data set is: a bar on a terminal, a line now and then otherwise, nothing when asked to be quiet.
+//! How far a walk over a data set is: a bar on a terminal, a line now and then otherwise, nothing when asked to be
+//! quiet.
 
 use std::io::IsTerminal;
 use std::sync::Mutex;

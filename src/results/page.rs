@@ -41,7 +41,8 @@ pub(crate) fn write(
     })
 }
 
-/// What lies beside a recording and says where it was made: as far as it is there, and was known before the page was made.
+/// What lies beside a recording and says where it was made: as far as it is there, and was known before the page was
+/// made.
 pub(crate) fn surroundings(folder: &Path) -> Surroundings {
     let mut environment = environment::read(folder);
     if let Some(entries) = environment.as_object_mut() {

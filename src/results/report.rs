@@ -71,11 +71,11 @@ pub(crate) fn analyse(
 
 pub(crate) fn summary(report: &Summary, folder: &Path) -> String {
     let files = [
-        (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (for Rerun and Foxglove, too)"),
+        (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (MCAP viewers open it, too)"),
         (report.scored, "scores per frame", "scores.{csv,parquet}"),
         (report.table, "this table", "table.{csv,md,tex,parquet}"),
         (report.distances, "error against distance", "error_vs_distance.{csv,parquet,svg}"),
-        (folder.join(SAMPLES).is_file(), "a row a scored pixel", "samples.parquet (`depthloom analyse` asks it)"),
+        (folder.join(SAMPLES).is_file(), "one row per scored pixel", "samples.parquet (`depthloom analyse` reads it)"),
         (report.learning_curves > 0, "learning curves", "learning_curves.{csv,parquet,svg}"),
         (folder.join(PAGE).is_file(), "all of it on one page", "report.html (`depthloom report RUN --open`)"),
         (folder.join(MODELS).is_dir(), "learnt models", "models/<stage>.<node>.onnx"),

@@ -96,7 +96,8 @@ impl Running {
         }
     }
 
-    /// Waits for a moment of the child's life: until `come` says so, it has ended, or its time is over. Whether it came.
+    /// Waits for a moment of the child's life: until `come` says so, it has ended, or its time is over. Whether it
+    /// came.
     pub(crate) fn until(&mut self, mut come: impl FnMut(&Self) -> bool) -> bool {
         loop {
             if come(self) {

@@ -1,4 +1,5 @@
-//! What the cases stand on: small experiments, what the undisturbed program makes of them, and its every shorter answer.
+//! What the cases stand on: small experiments, what the undisturbed program makes of them, and its every shorter
+//! answer.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -1,7 +1,8 @@
 //! Spoilt images and calibrations of a data set in KITTI's layout.
 //!
-//! A PNG has checksums: a flipped bit or a cut is an error, or changes no table. Of an image of another size or kind the program must decide
-//! itself: an error, or a whole answer. JPEGs and calibrations have no checksum, so that only panics, hangs and errors without a word count.
+//! A PNG has checksums: a flipped bit or a cut is an error, or changes no table. Of an image of another size or kind
+//! the program must decide itself: an error, or a whole answer. JPEGs and calibrations have no checksum, so that only
+//! panics, hangs and errors without a word count.
 
 use std::fs;
 use std::io::Cursor;

@@ -1,7 +1,7 @@
 //! `kill -9` at a random moment.
 //!
-//! What is left is the beginning of the recording that the whole run writes, byte for byte; a report of it gives the table of its
-//! whole frames and says that it is unfinished; the same run begun again ends with the same bytes.
+//! What is left is the beginning of the recording that the whole run writes, byte for byte; a report of it gives the
+//! table of its whole frames and says that it is unfinished; the same run begun again ends with the same bytes.
 
 use crate::answer::{Answer, files};
 use crate::case::Case;

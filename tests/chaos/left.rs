@@ -1,5 +1,5 @@
-//! What a run left that was ended before its end: readable to its last whole frame, and the same run begun again ends as if nothing
-//! had been.
+//! What a run left that was ended before its end: readable to its last whole frame, and the same run begun again ends
+//! as if nothing had been.
 
 use std::fs;
 use std::path::{Path, PathBuf};

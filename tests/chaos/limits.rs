@@ -1,7 +1,8 @@
 //! Too little of something: memory, threads, descriptors, file size, disk.
 //!
-//! The whole answer, or an error with a message, and then what is left is readable and the same run begun again, with enough,
-//! ends with the same bytes. A file that grows too large may also end the program by the system's own signal (XFSZ).
+//! The whole answer, or an error with a message, and then what is left is readable and the same run begun again, with
+//! enough, ends with the same bytes. A file that grows too large may also end the program by the system's own signal
+//! (XFSZ).
 
 use std::ffi::OsString;
 use std::fs;
@@ -116,7 +117,8 @@ fn check(case: &mut Case<'_>, by: &[String]) -> Verdict {
     })
 }
 
-/// Where not even the system's loader or shell had enough, or the file size ended the program, there is nothing of ours to judge.
+/// Where not even the system's loader or shell had enough, or the file size ended the program, there is nothing of ours
+/// to judge.
 fn not_started(ended: &Ended) -> Option<Verdict> {
     let by_others = ["error while loading shared libraries", "prlimit:", "setpriv:", "sh: "];
     let others = by_others.iter().any(|text| ended.stderr.contains(text));

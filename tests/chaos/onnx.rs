@@ -1,8 +1,9 @@
 //! Spoilt networks.
 //!
-//! An ONNX file has no checksum: one with another weight is another network, whose answer nobody knows. So a spoilt file may give any whole answer
-//! or an error; a panic, a hang or an error without a word is a fault. Where it is certain that a network gives NaN or infinity, exit 0 must
-//! come with a word about it. What can be seen before any frame (no ONNX, a wrong shape or type) must end with exit 2.
+//! An ONNX file has no checksum: one with another weight is another network, whose answer nobody knows. So a spoilt
+//! file may give any whole answer or an error; a panic, a hang or an error without a word is a fault. Where it is
+//! certain that a network gives NaN or infinity, exit 0 must come with a word about it. What can be seen before any
+//! frame (no ONNX, a wrong shape or type) must end with exit 2.
 
 use std::path::PathBuf;
 

@@ -1,7 +1,8 @@
 //! INT, TERM and HUP, once, twice or thrice, in every phase of a run.
 //!
-//! Exit 0 is the whole answer. Anything else is 130, or the signal itself before the program listens; then what is left is readable and the
-//! same run begun again ends with the same bytes. A signal that was ignored when the program began stays ignored.
+//! Exit 0 is the whole answer. Anything else is 130, or the signal itself before the program listens; then what is left
+//! is readable and the same run begun again ends with the same bytes. A signal that was ignored when the program began
+//! stays ignored.
 
 use std::io::{Read, Write};
 use std::time::Duration;

@@ -1,7 +1,8 @@
 //! Closed, full and forsaken streams; files that are none; names that are no text.
 //!
-//! What stands in files is whole whatever becomes of standard output and error. Only what could not be printed to a full standard output may
-//! give another exit code than 0; nobody can read a message that went to a broken standard error, so none is asked for.
+//! What stands in files is whole whatever becomes of standard output and error. Only what could not be printed to a
+//! full standard output may give another exit code than 0; nobody can read a message that went to a broken standard
+//! error, so none is asked for.
 
 use std::ffi::OsStr;
 use std::fs;

@@ -1,7 +1,7 @@
 //! Recordings that are cut.
 //!
-//! What a cut leaves is reported up to its last whole frame, and it is said that the file is cut. An error is right only where not
-//! even the plan is left, or where a program that reads whole files of that length refuses it, too.
+//! What a cut leaves is reported up to its last whole frame, and it is said that the file is cut. An error is right
+//! only where not even the plan is left, or where a program that reads whole files of that length refuses it, too.
 
 use crate::answer::Answer;
 use crate::case::Case;

@@ -32,8 +32,8 @@ const OWN_FAULT: [i32; 7] = [4, 5, 6, 7, 8, 11, 31];
 /// The exit codes that `depthloom --help` lists.
 const KNOWN: [i32; 5] = [0, 1, 2, 3, 130];
 
-/// What is said when there is no memory for what a thread needs before a line of ours runs in it: by glibc, which ends the program, and
-/// by the panics of Rust's own start of a thread.
+/// What is said when there is no memory for what a thread needs before a line of ours runs in it: by glibc, which ends
+/// the program, and by the panics of Rust's own start of a thread.
 const BY_A_THREADS_START: [&str; 4] = [
     "Fatal glibc error",
     "cannot allocate memory for thread-local data",

@@ -3,8 +3,8 @@
 //! - `neutral`: edits that mean nothing in YAML (comments, empty lines, line ends, quotes) leave the plan as it was.
 //! - `broken`: edits that no reading can make right are an error of `check`, `plan`, `graph` and `run`, with exit 2.
 //! - `hostile`: anything in any place: an error or an answer, and all four of one mind whether the file is right.
-//! - `values`: hostile values under known parameters, run with bounded memory. Whoever asks for much may wait long: a run that
-//!   goes on is asked to stop, and only one that does not is a hang.
+//! - `values`: hostile values under known parameters, run with bounded memory. Whoever asks for much may wait long: a
+//!   run that goes on is asked to stop, and only one that does not is a hang.
 
 use std::fs;
 use std::time::Duration;

@@ -1,6 +1,8 @@
-//! ARCHITECTURE.md against the manifests and the files: its table of crates, its arrows, the paths that it names, its size.
+//! ARCHITECTURE.md against the manifests and the files: its table of crates, its arrows, the paths that it names, its
+//! size; and the width of comments.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value as Json;
@@ -102,4 +104,37 @@ fn every_path_that_the_page_names_exists_and_the_page_is_short() {
     let missing: Vec<&&str> = paths.iter().filter(|path| !workspace().join(path).exists()).collect();
     assert!(missing.is_empty(), "{missing:?}");
     assert!(text.len() <= 12_000, "{} bytes", text.len());
+}
+
+/// Files of Rust below `folder`, without build output and hidden folders.
+fn rust_files(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder that can be read") {
+        let path = entry.expect("an entry that can be read").path();
+        let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+        if path.is_dir() && name != "target" && !name.starts_with('.') {
+            rust_files(&path, files);
+        } else if name.ends_with(".rs") {
+            files.push(path);
+        }
+    }
+}
+
+#[test]
+fn comments_of_rust_files_have_at_most_120_columns() {
+    let mut files = Vec::new();
+    rust_files(workspace(), &mut files);
+    assert!(files.len() > 500, "{} files", files.len());
+    let mut wide = Vec::new();
+    for file in &files {
+        let text = std::fs::read_to_string(file).expect("a file that can be read");
+        for (line, line_text) in text.lines().enumerate() {
+            // Rows of tables cannot be wrapped.
+            let text = line_text.trim_start_matches([' ', '/', '!']);
+            let is_comment = line_text.trim_start().starts_with("//");
+            if is_comment && !text.starts_with('|') && line_text.chars().count() > 120 {
+                wide.push(format!("{}:{}", file.display(), line + 1));
+            }
+        }
+    }
+    assert!(wide.is_empty(), "{} comments are wider:\n{}", wide.len(), wide.join("\n"));
 }

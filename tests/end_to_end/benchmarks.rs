@@ -53,7 +53,8 @@ const SCRIPTS: [Script; 11] = [
     ),
 ];
 
-/// The environment of Python packages that a script takes, if it needs one. `None`, and the script is skipped, where something is absent.
+/// The environment of Python packages that a script takes, if it needs one. `None`, and the script is skipped, where
+/// something is absent.
 fn needs(test: &str, need: Need) -> Option<Option<PathBuf>> {
     let venv = |python: PathBuf| python.ancestors().nth(2).map(ToOwned::to_owned);
     match need {

@@ -1,4 +1,5 @@
-//! Broken experiment files: each has a snapshot of what the program prints. Those of the language itself, without our kinds, are one folder above.
+//! Broken experiment files: each has a snapshot of what the program prints. Those of the language itself, without our
+//! kinds, are one folder above.
 
 use crate::support::{depthloom, workspace};
 

@@ -34,7 +34,8 @@ fn ends(command: &mut Command, code: i32) -> Output {
     output
 }
 
-/// An experiment with an error that a character of several bytes stands before, one whose cause is elsewhere, and a warning.
+/// An experiment with an error that a character of several bytes stands before, one whose cause is elsewhere, and a
+/// warning.
 fn broken(folder: &Path) -> PathBuf {
     let file = folder.join("broken.yaml");
     let broken = "experiment: broken
@@ -190,7 +191,8 @@ fn kinds_are_told_to_programs() {
     for name in names {
         let kind = json(&succeed(depthloom().args(["nodes", name, "--json"])));
         assert_eq!(kind["kind"], name);
-        // What a recording gives is declared by the recording; what nodes and sources of one's own give, by the experiment.
+        // What a recording gives is declared by the recording; what nodes and sources of one's own give, by the
+        // experiment.
         let is_open = ["mcap", "process/source"].contains(&name) || kind["own_ports"] == true;
         assert!(kind["outputs"].as_array().is_some_and(|outputs| is_open || !outputs.is_empty()), "{kind}");
         assert!(kind["parameters"].is_object(), "{kind}");

@@ -65,7 +65,8 @@ impl Rig {
         depthloom().arg("check").arg(self.path("own.yaml")).arg("--data").args(arguments).output().expect("it runs")
     }
 
-    /// What was printed, with the folder called ROOT. Without the progress that a run of more than five seconds prints: `own: 3/4 frames, 0 faults`.
+    /// What was printed, with the folder called ROOT. Without the progress that a run of more than five seconds prints:
+    /// `own: 3/4 frames, 0 faults`.
     fn said(&self, bytes: &[u8]) -> String {
         let text = String::from_utf8_lossy(bytes).replace(&self.folder.path().display().to_string(), "ROOT");
         let is_progress = |line: &str| {
@@ -96,7 +97,8 @@ fn right_data_are_told_to_be_right() {
 fn every_fault_of_the_data_is_told_in_one_pass() {
     let rig = Rig::new();
     let pairs = |file: &str| rig.path("pairs").join(file);
-    // 0: no right image. 1: cut off, both. 2: sizes differ. 3: exchanged. 4: truth of another scale. 5: truth of 8 bits.
+    // 0: no right image. 1: cut off, both. 2: sizes differ. 3: exchanged. 4: truth of another scale. 5: truth of 8
+    // bits.
     fs::remove_file(pairs("cam1/0.png")).expect("removed");
     for side in ["cam0", "cam1"] {
         let file = pairs(&format!("{side}/1.png"));
@@ -160,7 +162,8 @@ fn every_independent_fault_of_a_frame_and_of_an_opening_is_told_in_one_pass() {
         let bytes = fs::read(pairs(file)).expect("read");
         fs::write(pairs(file), &bytes[..bytes.len() / 2]).expect("written");
     };
-    // 0: no right image, and left cut off. 1: left cut off, and the truth too. 2: sizes differ, and the truth has 8 bits.
+    // 0: no right image, and left cut off. 1: left cut off, and the truth too. 2: sizes differ, and the truth has 8
+    // bits.
     fs::remove_file(pairs("cam1/0.png")).expect("removed");
     ["cam0/0.png", "cam0/1.png", "truth/1.png"].iter().for_each(|file| halve(file));
     save(image::open(pairs("cam1/2.png")).expect("an image").crop_imm(0, 0, 400, 144), &pairs("cam1/2.png"));

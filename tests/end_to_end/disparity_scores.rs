@@ -50,7 +50,8 @@ fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
         let wrong = d1(answered) * number(answered, "pixels") + number(all, "pixels") - number(answered, "pixels");
         assert!((d1(all) * number(all, "pixels") - wrong).abs() < 1e-6);
     }
-    // Of depths over all pixels and disparities filled there is one row, and where several are comparable the best are marked in every form.
+    // Of depths over all pixels and disparities filled there is one row, and where several are comparable the best are
+    // marked in every form.
     let ask = |arguments: &[&str]| {
         let output = succeed(depthloom().arg("table").arg(&run).args(arguments));
         String::from_utf8(output.stdout).expect("UTF-8")

@@ -1,4 +1,5 @@
-//! Experiments as dataflows of dora's: the same bytes as a run of one process, nodes of somebody else's, and what becomes of parts that end.
+//! Experiments as dataflows of dora's: the same bytes as a run of one process, nodes of somebody else's, and what
+//! becomes of parts that end.
 //!
 //! `dora` and its library for Python come from PyPI (`tests/python/requirements-dora.txt`).
 
@@ -59,7 +60,8 @@ impl Flow {
         command
     }
 
-    /// Runs the dataflow. dora 1.1 leaves, once in many on a loaded machine, a node waiting at the start: then it is ended and begun anew, three times.
+    /// Runs the dataflow. dora 1.1 leaves, once in many on a loaded machine, a node waiting at the start: then it is
+    /// ended and begun anew, three times.
     fn ran(&self) -> Output {
         for attempt in 0.. {
             let log = fs::File::create(self.path("log")).expect("a log");
@@ -122,7 +124,8 @@ fn plain(printed: &[u8]) -> String {
     plain
 }
 
-/// Small frames, a stage that learns, and one that compares; with files' bytes in images, values that are absent, and once-values.
+/// Small frames, a stage that learns, and one that compares; with files' bytes in images, values that are absent, and
+/// once-values.
 const LEARNS: &str = "
 experiment: own
 sources:
@@ -219,7 +222,7 @@ fn a_node_by_somebody_else_that_does_not_answer_fails_the_frame_and_one_that_end
         ("values: flat, args: [forgets]", "answered at `depth` without naming its frame"),
         (
             "values: flat, args: [negative]",
-            "is no depth: -5.0 m at row 0, column 0 (30720 of 30720 pixels are invalid)",
+            "is not a valid depth: -5.0 m at row 0, column 0 (30720 of 30720 pixels are invalid)",
         ),
     ];
     for (more, told) in cases {

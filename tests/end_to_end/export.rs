@@ -87,7 +87,8 @@ fn what_is_exported_is_what_was_recorded() {
     let mut check = Command::new(python);
     check.arg(workspace().join("tests/python/check_export.py")).arg(look.path("run/recording.mcap"));
     let counts: Json = serde_json::from_slice(&succeed(check.arg(look.path("all"))).stdout).expect("JSON");
-    // Two frames of: two images; three masks or maps of them; of numbers three depths, a weight, two true disparities and one of stereo.
+    // Two frames of: two images; three masks or maps of them; of numbers three depths, a weight, two true disparities
+    // and one of stereo.
     let maps = 2 * (3 + 1 + 2 + 1);
     let clouds = 2 * (3 + 2 + 1);
     let images = counts["npy"].as_u64().expect("a count") - maps;

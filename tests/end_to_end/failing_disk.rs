@@ -1,4 +1,5 @@
-//! A disk that fails while a recording is written, or taken up: the run goes on when it can be written again, and ends with the same bytes.
+//! A disk that fails while a recording is written, or taken up: the run goes on when it can be written again, and ends
+//! with the same bytes.
 
 use std::fs::File;
 use std::io::{self, ErrorKind};

@@ -1,4 +1,5 @@
-//! `figure`: every kind as SVG, PNG and PDF of the size that was asked for, with the numbers of `analyse`, `compare` and the tables.
+//! `figure`: every kind as SVG, PNG and PDF of the size that was asked for, with the numbers of `analyse`, `compare`
+//! and the tables.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,7 +9,8 @@ use serde_json::Value as Json;
 use crate::learning::learn;
 use crate::support::{depthloom, full, number, python, read_csv, succeed, workspace};
 
-/// Stereo, mono and their fusion in two variants of a parameter each of two axes, on small frames, beside a stage that learns.
+/// Stereo, mono and their fusion in two variants of a parameter each of two axes, on small frames, beside a stage that
+/// learns.
 const EXPERIMENT: &str = "experiment: drawn
 sources:
   train: { kind: synthetic/road, with: { frames: 0..5, width: 320, height: 96, seed: 4 } }

@@ -1,4 +1,5 @@
-//! A whole run on rendered frames, against NumPy's scores and percentiles: what a bare clone holds us against (`tests/fixtures/make.py`).
+//! A whole run on rendered frames, against NumPy's scores and percentiles: what a bare clone holds us against
+//! (`tests/fixtures/make.py`).
 
 use crate::golden::{assert_percentiles_agree, assert_scores_agree};
 use crate::support::{depthloom, succeed, workspace};

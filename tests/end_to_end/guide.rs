@@ -1,7 +1,8 @@
-//! The guide (`docs/`): its commands are run and their outputs compared, its links lead somewhere, its reference is what the program says, and it is a book.
+//! The guide (`docs/`): its commands are run and their outputs compared, its links lead somewhere, its reference is
+//! what the program says, and it is a book.
 //!
-//! How a page says what is run, with what, and what comes of it: CONTRIBUTING.md, "The guide". `DEPTHLOOM_WRITE_GUIDE=1` writes what is generated: the
-//! reference, and the outputs that the pages show in whole.
+//! How a page says what is run, with what, and what comes of it: CONTRIBUTING.md, "The guide".
+//! `DEPTHLOOM_WRITE_GUIDE=1` writes what is generated: the reference, and the outputs that the pages show in whole.
 
 mod links;
 mod page;

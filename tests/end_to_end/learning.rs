@@ -114,7 +114,8 @@ fn the_network_is_the_same_with_one_and_eight_workers() {
     assert!(runs[0] == runs[1], "networks with 1 and 8 workers differ");
 }
 
-/// The step of the checkpoint in a folder, if there is one: it begins as a `.safetensors` file, with the progress as JSON in its header.
+/// The step of the checkpoint in a folder, if there is one: it begins as a `.safetensors` file, with the progress as
+/// JSON in its header.
 pub(crate) fn step(checkpoints: &Path) -> Option<u64> {
     let mut files = std::fs::read_dir(checkpoints).ok()?.flatten().map(|entry| entry.path());
     let path = files.find(|path| path.extension().is_some_and(|extension| extension == "checkpoint"))?;
@@ -126,9 +127,11 @@ pub(crate) fn step(checkpoints: &Path) -> Option<u64> {
     progress["step"].as_u64()
 }
 
-/// Runs until a checkpoint of at least this step is there, then kills it. The step it was killed at; it never falls below `from`.
+/// Runs until a checkpoint of at least this step is there, then kills it. The step it was killed at; it never falls
+/// below `from`.
 ///
-/// On a loaded machine the kill may come after the end of the run, which takes the checkpoint with it: then it is repeated, from the first step.
+/// On a loaded machine the kill may come after the end of the run, which takes the checkpoint with it: then it is
+/// repeated, from the first step.
 pub(crate) fn run_and_kill(experiment: &Path, out: &Path, from: u64, at: u64) -> u64 {
     let attempts = (0..20).map(|attempt| if attempt == 0 { from } else { 0 });
     let killed = attempts.into_iter().find_map(|from| killed_at(experiment, out, from, at));

@@ -10,7 +10,8 @@ use depthloom_test_needs::{Rerun, lichtblick, rerun};
 use crate::reuse::experiment;
 use crate::support::{depthloom, skipped, succeed, workspace};
 
-/// A recording of each kind: a complete run's, one that took from another, one taken up after its end was cut off, one recovered.
+/// A recording of each kind: a complete run's, one that took from another, one taken up after its end was cut off, one
+/// recovered.
 fn recordings(folder: &Path) -> Vec<PathBuf> {
     let experiment = experiment(folder);
     let at = |name: &str| folder.join("shelf").join(name);
@@ -36,13 +37,15 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
     vec![complete, reused, resumed, recovered]
 }
 
-/// What it says of a machine without a graphics card: that it draws slowly, and that a picture was not drawn in time, which is of no recording.
+/// What it says of a machine without a graphics card: that it draws slowly, and that a picture was not drawn in time,
+/// which is of no recording.
 const SLOW: [&str; 2] = ["Software rasterizer", "PollError"];
 
 /// What Rerun ends with where it finds no driver that it can draw with.
 const NO_GRAPHICS: [&str; 2] = ["No graphics adapter was found", "Failed to get render context"];
 
-/// How long a viewer is waited for, and how often it is begun anew: where a slow machine did not draw its picture in time, that never comes.
+/// How long a viewer is waited for, and how often it is begun anew: where a slow machine did not draw its picture in
+/// time, that never comes.
 const PATIENCE: Duration = Duration::from_secs(150);
 const ATTEMPTS: usize = 3;
 

@@ -1,6 +1,7 @@
 //! The program as a person uses it: the binary against real frames, oracles, faults, and itself.
 //!
-//! Tests that need `../shared` (real frames, golden results) or a Python environment print `SKIPPED <test>: why` where it is absent.
+//! Tests that need `../shared` (real frames, golden results) or a Python environment print `SKIPPED <test>: why` where
+//! it is absent.
 
 mod analyse;
 mod architecture;

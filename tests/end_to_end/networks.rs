@@ -33,7 +33,8 @@ stages:
     path
 }
 
-/// The binary on a machine with nothing: no Python, no environment, a working folder without a Python environment above it.
+/// The binary on a machine with nothing: no Python, no environment, a working folder without a Python environment above
+/// it.
 fn bare() -> Command {
     let mut command = depthloom();
     command.current_dir("/").env_clear().env("PATH", "").env("NO_COLOR", "1").env("DEPTHLOOM_FRESH", "1");

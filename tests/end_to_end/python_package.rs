@@ -1,4 +1,5 @@
-//! The package `python/`: typed, tested by tests of its own, bit for bit what our own reader gives; its notebook; the README's lines.
+//! The package `python/`: typed, tested by tests of its own, bit for bit what our own reader gives; its notebook; the
+//! README's lines.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::path::Path;
@@ -116,8 +117,8 @@ fn the_package_reads_every_map_bit_for_bit() {
     ];
     let set = set.iter().flat_map(|set| ["--set", set]);
     succeed(depthloom().args(["run", "--no-page", "experiments/table1.yaml", "--quiet", "--out"]).arg(&out).args(set));
-    // `learn`: a pair, two truths, a mask, stereo, edges. `compare`: a pair, two truths, two true disparities, two masks, stereo,
-    // depth, weight, mono, and of the variants three scalings, four fusions, four filters.
+    // `learn`: a pair, two truths, a mask, stereo, edges. `compare`: a pair, two truths, two true disparities, two
+    // masks, stereo, depth, weight, mono, and of the variants three scalings, four fusions, four filters.
     assert_eq!(assert_same_maps(&python, &out), 2 * 7 + 2 * 23);
     // Images in their files' own bytes, and KITTI's truth.
     succeed(depthloom().args(["synth", "--frames", "2", "--width", "320", "--height", "96", "--quiet"]).arg(&data));
@@ -169,7 +170,8 @@ fn the_notebook_prints_what_it_shows() {
     succeed(command(&python, &["tests/python/run_notebook.py"]).arg(docs.join("python.ipynb")));
 }
 
-/// Where a stream is cut into chunks depends on time alone: on a loaded machine the text of one `print` comes in several.
+/// Where a stream is cut into chunks depends on time alone: on a loaded machine the text of one `print` comes in
+/// several.
 #[test]
 fn the_notebook_test_compares_the_text_of_streams_and_not_their_chunks() {
     const TEST: &str = "the_notebook_test_compares_the_text_of_streams_and_not_their_chunks";

@@ -1,4 +1,5 @@
-//! Nodes made again from a recording: equal where nothing changed, and where something did, it is that node which is told.
+//! Nodes made again from a recording: equal where nothing changed, and where something did, it is that node which is
+//! told.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! Equal recordings are equal reports, whatever the number of cores, and whoever else reports: analysis reads frames on all cores,
-//! samples come in any order, and what memory does not hold goes through files.
+//! Equal recordings are equal reports, whatever the number of cores, and whoever else reports: analysis reads frames on
+//! all cores, samples come in any order, and what memory does not hold goes through files.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -10,7 +10,8 @@ use depthloom_test_needs::is_full;
 
 use crate::support::{depthloom, number, read_csv, skipped, succeed};
 
-/// More samples of the error against distance than memory holds (2^20, `analysis/src/report.rs`): of every pixel of the road, whose plane is the truth.
+/// More samples of the error against distance than memory holds (2^20, `analysis/src/report.rs`): of every pixel of the
+/// road, whose plane is the truth.
 const DENSE: &str = "experiment: dense
 sources: { street: { kind: synthetic/road, with: { frames: 0..20, width: 320, height: 96 } } }
 stages:
@@ -68,7 +69,8 @@ fn assert_equal(ours: &BTreeMap<OsString, Vec<u8>>, theirs: &BTreeMap<OsString, 
     }
 }
 
-/// What a run samples while it records is what a report of its recording finds, though some frames or values were not at hand.
+/// What a run samples while it records is what a report of its recording finds, though some frames or values were not
+/// at hand.
 #[test]
 fn a_run_and_a_report_of_its_recording_give_the_same_files() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,5 @@
-//! The reproducers of the review of 2026-11-23: what was silently wrong equals the result of a fresh run now, or is refused with a reason.
+//! The reproducers of the review of 2026-11-23: what was silently wrong equals the result of a fresh run now, or is
+//! refused with a reason.
 
 mod exchange;
 mod keys;

@@ -9,7 +9,8 @@ use depthloom_test_needs::is_full;
 use crate::reuse::experiment;
 use crate::support::{depthloom, full, succeed};
 
-/// At how many places a recording is cut, and how many runs are killed or fail: `DEPTHLOOM_KILLS`, or few enough for every day.
+/// At how many places a recording is cut, and how many runs are killed or fail: `DEPTHLOOM_KILLS`, or few enough for
+/// every day.
 pub(crate) fn kills() -> u64 {
     let default = if is_full() { 20 } else { 5 };
     std::env::var("DEPTHLOOM_KILLS").map_or(default, |kills| kills.parse().expect("DEPTHLOOM_KILLS is a number"))

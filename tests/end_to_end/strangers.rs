@@ -176,7 +176,8 @@ fn fault_13_the_question_for_permission_shows_what_would_be_started() {
     assert!(said.contains(r#"it would start `"rm -rf ~\u{1b}[2K\rerror: node"#), "{said}");
 }
 
-/// A run whose recording has the values of one experiment under the keys of another: as somebody makes it who means harm.
+/// A run whose recording has the values of one experiment under the keys of another: as somebody makes it who means
+/// harm.
 fn forge(experiment: &Path, folder: &Path) {
     let registry = depthloom::registry();
     let ready = |set: &[(String, String)]| {
@@ -208,7 +209,8 @@ fn suspicion_g_wrong_values_under_right_keys_are_never_reused_in_silence() {
     let mut run = depthloom();
     run.args(["run", "--no-page"]).arg(&experiment).arg("--out").arg(&out).env_remove("DEPTHLOOM_FRESH");
     let output = run.current_dir(folder.path()).output().expect("started");
-    // Of what is reused a sample is recomputed: wrong values fail the run, which names the recording that they are from.
+    // Of what is reused a sample is recomputed: wrong values fail the run, which names the recording that they are
+    // from.
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success(), "{said}");
     assert!(said.contains("a reused value is not what") && said.contains("forged"), "{said}");

@@ -22,7 +22,8 @@ pub(crate) fn depthloom() -> Command {
 pub(crate) fn succeed(command: &mut Command) -> Output {
     let output = loop {
         match command.output() {
-            // A binary that was just copied: another test's child, begun meanwhile, holds it open for writing until it is itself.
+            // A binary that was just copied: another test's child, begun meanwhile, holds it open for writing until it
+            // is itself.
             Err(error) if error.kind() == std::io::ErrorKind::ExecutableFileBusy => std::thread::yield_now(),
             output => break output.expect("the binary starts"),
         }
@@ -50,7 +51,8 @@ pub(crate) fn read_csv(path: &Path) -> Vec<Row> {
         .collect()
 }
 
-/// What people call the estimator of a row of ours, and the oracle its own: `variant/estimator`, without a variant where all share it.
+/// What people call the estimator of a row of ours, and the oracle its own: `variant/estimator`, without a variant
+/// where all share it.
 pub(crate) fn label(row: &Row) -> String {
     match row.get("variant").map(String::as_str) {
         None | Some("") => row["estimator"].clone(),

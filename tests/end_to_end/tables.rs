@@ -90,7 +90,8 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
         assert!(number(row, "ms") > number(of(&label(row).replace("/smooth", "/raw")), "ms"));
     }
 
-    // No row of the front is dominated, and every other row is, by a row of the front. Times that differ by 5 % or less are equal, as the table says.
+    // No row of the front is dominated, and every other row is, by a row of the front. Times that differ by 5 % or less
+    // are equal, as the table says.
     let front = text(&ask(&run, &["--pareto", "abs_rel,ms", "--format", "csv"]));
     let named = |line: &str| line.split(',').skip(1).take(2).collect::<Vec<_>>().join("/");
     let front: Vec<String> = front.lines().skip(1).map(named).collect();
@@ -234,7 +235,8 @@ fn every_format_is_what_it_says_and_latex_compiles() {
     }
 }
 
-/// Where one estimate is dense, what both answered is what the other answered: its scores are those over its own pixels.
+/// Where one estimate is dense, what both answered is what the other answered: its scores are those over its own
+/// pixels.
 #[test]
 fn what_all_answered_is_scored_from_recorded_maps() {
     let experiment = "experiment: common

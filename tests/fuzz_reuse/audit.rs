@@ -1,4 +1,5 @@
-//! What no key can know: the audit of reused values finds it. Each case makes a run, changes something behind the keys' back, and runs again.
+//! What no key can know: the audit of reused values finds it. Each case makes a run, changes something behind the keys'
+//! back, and runs again.
 
 use std::ffi::OsString;
 use std::fs;
@@ -11,7 +12,8 @@ use depthloom::graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, P
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The variable by which this test program is depthloom with one more kind, and its value the constant in that kind's code.
+/// The variable by which this test program is depthloom with one more kind, and its value the constant in that kind's
+/// code.
 pub(crate) const FACTOR: &str = "DEPTHLOOM_TEST_FACTOR";
 
 /// Parameters of `test/scale`.
@@ -118,7 +120,8 @@ stages:
         assert!(output.status.success(), "{out}: {}", errors(&output));
     }
 
-    /// Runs again after something changed: the audit fails the run and names the node; without it, nothing is noticed; with `--fresh` the run succeeds.
+    /// Runs again after something changed: the audit fails the run and names the node; without it, nothing is noticed;
+    /// with `--fresh` the run succeeds.
     fn assert_found(&self, what: &str, factor: Option<&str>, node: &str) {
         for audit in [&[][..], &["--audit", "sample"], &["--audit", "all"]] {
             let output = self.run("runs/again", factor, audit);
@@ -206,7 +209,8 @@ fn nothing(binary: &Path) {
     }
 }
 
-/// One bit of a stored value changes, and the checksum of its chunk with it: the checksum of its frame finds that. If this is adjusted too, the audit does.
+/// One bit of a stored value changes, and the checksum of its chunk with it: the checksum of its frame finds that. If
+/// this is adjusted too, the audit does.
 fn chunk(binary: &Path) {
     for with_frames in [false, true] {
         // Of the exact depth, which has no gaps: noise is stored as it is.
@@ -244,7 +248,8 @@ fn records(bytes: &[u8], mut place: usize, end: usize) -> Vec<(u8, std::ops::Ran
     found
 }
 
-/// Changes the values of a topic; the checksums of chunks are adjusted, and with the topic of commits those of frames, too.
+/// Changes the values of a topic; the checksums of chunks are adjusted, and with the topic of commits those of frames,
+/// too.
 fn corrupt(bytes: &mut [u8], topic: &str, commits: Option<&str>) {
     let original = bytes.to_vec();
     let number = |bytes: &[u8], place: usize| {

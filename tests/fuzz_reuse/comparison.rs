@@ -12,7 +12,8 @@ const MAY_DIFFER: [&str; 2] = ["environment.json", "timings.parquet"];
 pub(crate) enum Equality {
     /// Every byte of every file.
     Bytes,
-    /// Every value and every table. Of a program with neither `version` nor `code` each run makes up keys, which recordings and Parquet files contain.
+    /// Every value and every table. Of a program with neither `version` nor `code` each run makes up keys, which
+    /// recordings and Parquet files contain.
     Values,
 }
 

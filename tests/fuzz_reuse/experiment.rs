@@ -1,4 +1,5 @@
-//! An experiment as data: what refers to a source, a node or a port does so by a number, so that names can change independently.
+//! An experiment as data: what refers to a source, a node or a port does so by a number, so that names can change
+//! independently.
 
 use std::collections::BTreeSet;
 
@@ -171,7 +172,8 @@ impl Experiment {
         found
     }
 
-    /// All values of a type that an input of a node in a stage may be connected to; `avoid`: the node itself, which nothing may read that it depends on.
+    /// All values of a type that an input of a node in a stage may be connected to; `avoid`: the node itself, which
+    /// nothing may read that it depends on.
     pub(crate) fn values(&self, stage: usize, of: Type, contract: Contract, avoid: Option<Id>) -> Vec<Input> {
         let of_source = || {
             let source = self.source(self.stages[stage].source)?;
@@ -216,7 +218,8 @@ impl Experiment {
         let sources: BTreeSet<Id> = self.sources.iter().map(|source| source.id).collect();
         self.stages.retain(|stage| sources.contains(&stage.source) && !stage.nodes.is_empty());
         let before = self.clone();
-        // What a node of a stage may read: the source's ports, per-frame values of the stage and aggregate values of it and of earlier stages.
+        // What a node of a stage may read: the source's ports, per-frame values of the stage and aggregate values of it
+        // and of earlier stages.
         let reads = |stage: usize, of: Option<&Node>, input: &Input| match input {
             Input::File(_) => true,
             Input::Source(port) => before

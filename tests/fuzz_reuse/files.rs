@@ -1,4 +1,5 @@
-//! The input files of a sequence: images, ground truth, networks, texts that programs read. A file is a description, so that a step can be printed.
+//! The input files of a sequence: images, ground truth, networks, texts that programs read. A file is a description, so
+//! that a step can be printed.
 
 use std::collections::BTreeMap;
 use std::fmt;

@@ -1,17 +1,22 @@
-//! Whatever was run before and however the experiment was edited since: a run that reuses earlier results writes the bytes of one with `--fresh`.
+//! Whatever was run before and however the experiment was edited since: a run that reuses earlier results writes the
+//! bytes of one with `--fresh`.
 //!
 //! ```sh
-//! cargo test --release --test fuzz_reuse                                                            # 300 sequences
-//! DEPTHLOOM_FUZZ_REUSE=20000 cargo test --release --test fuzz_reuse                                 # as many as you like, on all cores
-//! DEPTHLOOM_FUZZ_REUSE_SEED=17 DEPTHLOOM_FUZZ_REUSE=1 cargo test --release --test fuzz_reuse        # one of them again
+//! # 300 sequences
+//! cargo test --release --test fuzz_reuse
+//! # as many as you like, on all cores
+//! DEPTHLOOM_FUZZ_REUSE=20000 cargo test --release --test fuzz_reuse
+//! # one of them again
+//! DEPTHLOOM_FUZZ_REUSE_SEED=17 DEPTHLOOM_FUZZ_REUSE=1 cargo test --release --test fuzz_reuse
 //! ```
 //!
-//! A sequence is a function of its seed: a random experiment over all kinds that need no data set (`kinds.rs`, `generate.rs`), and two to four runs of it
-//! with random edits in between (`edits.rs`): of parameters, inputs, names, order, variants, sources, files, environment, record settings, arguments. Runs are also
-//! interrupted: a recording is cut at any byte, or the process is killed, and the run is resumed, with and without further edits (`sequence.rs`).
-//! Each run with reuse is compared with a fresh run of the same state (`running.rs`, `comparison.rs`): exit codes and all files but `environment.json` and
-//! `timings.parquet`. A sequence that fails is made smaller (`minimise.rs`) and printed with its seed, its edits and its experiment files; its folder is kept
-//! in `target/tmp/fuzz_reuse`.
+//! A sequence is a function of its seed: a random experiment over all kinds that need no data set (`kinds.rs`,
+//! `generate.rs`), and two to four runs of it with random edits in between (`edits.rs`): of parameters, inputs, names,
+//! order, variants, sources, files, environment, record settings, arguments. Runs are also interrupted: a recording is
+//! cut at any byte, or the process is killed, and the run is resumed, with and without further edits (`sequence.rs`).
+//! Each run with reuse is compared with a fresh run of the same state (`running.rs`, `comparison.rs`): exit codes and
+//! all files but `environment.json` and `timings.parquet`. A sequence that fails is made smaller (`minimise.rs`) and
+//! printed with its seed, its edits and its experiment files; its folder is kept in `target/tmp/fuzz_reuse`.
 //!
 //! Where a run is killed depends on the machine; that is the only thing that does.
 

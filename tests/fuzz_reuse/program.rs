@@ -1,7 +1,9 @@
-//! The program behind the `process` nodes and the `process/source` of random experiments: this test program itself, which starts fast.
+//! The program behind the `process` nodes and the `process/source` of random experiments: this test program itself,
+//! which starts fast.
 //!
-//! What it returns depends on everything that it may know: parameters, the variable `GAIN`, its arguments, the content of the files that `params.read` lists and `params.reads` names for a frame,
-//! its inputs and, in an ordered node, id, index and time of this frame and of all before. So a cached value is wrong as soon as its key lacks one of them.
+//! What it returns depends on everything that it may know: parameters, the variable `GAIN`, its arguments, the content
+//! of the files that `params.read` lists and `params.reads` names for a frame, its inputs and, in an ordered node, id,
+//! index and time of this frame and of all before. So a cached value is wrong as soon as its key lacks one of them.
 
 use std::hash::Hasher as _;
 use std::io;

@@ -93,7 +93,8 @@ impl Runner {
     pub(crate) fn run(&self, sequence: &Sequence) -> Result<Statistics, Failure> {
         let _ = fs::remove_dir_all(&self.folder);
         fs::create_dir_all(&self.folder).expect("a folder for the sequence can be made");
-        // Found by its name in the PATH: the file of a program that is named by its path is part of keys, and this one is large.
+        // Found by its name in the PATH: the file of a program that is named by its path is part of keys, and this one
+        // is large.
         fs::create_dir(self.folder.join(PROGRAMS)).expect("a folder can be made");
         std::os::unix::fs::symlink(&self.program, self.folder.join(PROGRAMS).join(PROGRAM))
             .expect("a link can be made");
@@ -159,7 +160,8 @@ impl Runner {
         comparison::difference(&self.folder.join(out), &self.folder.join(fresh_out), equality).map_or(Ok(()), Err)
     }
 
-    /// Runs a step; if a partial run of another state is refused, again with `--overwrite`. Also returns whether it was.
+    /// Runs a step; if a partial run of another state is refused, again with `--overwrite`. Also returns whether it
+    /// was.
     fn run_to(&self, step: &Step, out: &str, is_edited: bool) -> Result<(Ended, bool), String> {
         let had_partial = self.partial(step).exists();
         let ended = self.wait(self.start(&step.state, out, &[], "reuse"), "reuse")?;

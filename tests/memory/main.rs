@@ -1,7 +1,7 @@
 //! Memory is bounded by the window and not by the number of frames, and each training sample is stored once.
 //!
-//! What is measured are allocated bytes, counted by the allocator of this program, which is also the program under test: unlike resident
-//! memory they do not depend on what else the machine does.
+//! What is measured are allocated bytes, counted by the allocator of this program, which is also the program under
+//! test: unlike resident memory they do not depend on what else the machine does.
 //!
 //! ```sh
 //! DEPTHLOOM_FULL_TESTS=1 cargo test --release --test memory
@@ -48,8 +48,9 @@ fn peak_bytes(experiment: &Path, source: &str, frames: u32) -> f64 {
     std::fs::read_to_string(peak).expect("the peak").parse().expect("a number")
 }
 
-/// For each frame a run keeps the places of its chunks, its rows of metrics and its keys. One map of 320 x 96 numbers of 4 bytes has 123 kB.
-/// What is kept does not depend on the size of the images; small ones show it in a fifth of the time.
+/// For each frame a run keeps the places of its chunks, its rows of metrics and its keys. One map of 320 x 96 numbers
+/// of 4 bytes has 123 kB. What is kept does not depend on the size of the images; small ones show it in a fifth of the
+/// time.
 fn a_run_keeps_less_than_a_tenth_of_a_map_per_frame(folder: &Path) {
     let experiment = folder.join("small.yaml");
     // No training: its memory would hide what the frames need.

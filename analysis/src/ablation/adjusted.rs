@@ -1,9 +1,10 @@
 //! Means by the level of an axis as they would be if every level stood beside the other axes' levels as all rows do.
 //!
-//! Where an ablation leaves combinations out, a level's plain mean is over other settings than that of its neighbour, and compares these. Rows are
-//! therefore described by least squares as a sum of one number a level of every axis (main effects, no interactions); the *adjusted mean* of a level is
-//! the mean of what this description gives of all rows, were they of that level (least-squares means weighted by the rows there are: Searle, Speed and
-//! Milliken 1980, `weights = "proportional"` of R's `emmeans`). In a full design it is the plain mean.
+//! Where an ablation leaves combinations out, a level's plain mean is over other settings than that of its neighbour,
+//! and compares these. Rows are therefore described by least squares as a sum of one number a level of every axis (main
+//! effects, no interactions); the *adjusted mean* of a level is the mean of what this description gives of all rows,
+//! were they of that level (least-squares means weighted by the rows there are: Searle, Speed and Milliken 1980,
+//! `weights = "proportional"` of R's `emmeans`). In a full design it is the plain mean.
 
 use super::factor::{Factor, are_orthogonal};
 
@@ -31,7 +32,8 @@ pub(crate) fn level_means(values: &[f64], focus: &Factor, others: &[&Factor]) ->
     let focus = among(focus);
     let varies = |factor: &Factor| {
         let levels = present(factor).len();
-        // An axis that not all of these rows have hangs on another one; and one with a level of its own for every row explains anything.
+        // An axis that not all of these rows have hangs on another one; and one with a level of its own for every row
+        // explains anything.
         factor.of_row.iter().all(Option::is_some) && levels > 1 && levels < rows.len()
     };
     let others: Vec<Factor> = others.iter().map(|factor| among(factor)).filter(varies).collect();
@@ -55,7 +57,8 @@ fn present(factor: &Factor) -> Vec<usize> {
     levels
 }
 
-/// By level of the axis, its number of the least-squares description, less that of the first; `None` where the others explain a level.
+/// By level of the axis, its number of the least-squares description, less that of the first; `None` where the others
+/// explain a level.
 fn effects_of(values: &[f64], focus: &Factor, levels: &[usize], others: &[Factor]) -> Option<Vec<Option<f64>>> {
     let column = |factor: &Factor, level: usize| -> Vec<f64> {
         factor.of_row.iter().map(|of| f64::from(u8::from(*of == Some(level)))).collect()
@@ -116,8 +119,9 @@ mod tests {
         Factor { levels: 1 + of_row.iter().flatten().max().unwrap(), of_row }
     }
 
-    /// Thirteen of eighteen combinations of three axes. NumPy 2.4: with `X = np.c_[np.ones(13), dummies(focus), *map(dummies, others)]` and
-    /// `beta = np.linalg.lstsq(X, v)[0]`, the mean of `X_level @ beta`, `X_level` being X with all rows of that level.
+    /// Thirteen of eighteen combinations of three axes. NumPy 2.4: with `X = np.c_[np.ones(13), dummies(focus),
+    /// *map(dummies, others)]` and `beta = np.linalg.lstsq(X, v)[0]`, the mean of `X_level @ beta`, `X_level` being
+    /// X with all rows of that level.
     #[test]
     fn means_of_a_design_with_holes_are_numpys() {
         let rows = [

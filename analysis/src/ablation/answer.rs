@@ -30,11 +30,12 @@ pub enum Question {
     Scores(Option<Resampling>),
 }
 
-/// Answers a question from a recording's scores alone: no map is read. `costs` are those of its run, where they are known.
+/// Answers a question from a recording's scores alone: no map is read. `costs` are those of its run, where they are
+/// known.
 ///
 /// # Errors
-/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if the question names what is not there;
-/// [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if the question names
+/// what is not there; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn answer(
     recording: &Recording,
     costs: Option<&Costs>,

@@ -7,8 +7,8 @@ use depthloom_scores::{Mean, PixelSet, Settings};
 use crate::estimators::Estimator;
 use crate::scores::FrameScore;
 
-/// What equal scores can be compared by: they are over as many pixels of the same frames, by source and id, with the same ground truth, scored and
-/// averaged in the same way.
+/// What equal scores can be compared by: they are over as many pixels of the same frames, by source and id, with the
+/// same ground truth, scored and averaged in the same way.
 #[derive(PartialEq)]
 struct Comparability<'a> {
     settings: (&'a Option<Settings>, Mean),
@@ -22,8 +22,8 @@ struct Comparability<'a> {
 pub(super) struct Classes<'a>(Vec<Comparability<'a>>);
 
 impl<'a> Classes<'a> {
-    /// The class of an estimator's scores on one pixel set of one zone; `None` of those over the pixels that each estimate made valid, which are its
-    /// own. `source(run, position)` is the key of a frame's source values.
+    /// The class of an estimator's scores on one pixel set of one zone; `None` of those over the pixels that each
+    /// estimate made valid, which are its own. `source(run, position)` is the key of a frame's source values.
     pub(super) fn class(
         &mut self,
         estimator: &'a Estimator,

@@ -10,9 +10,9 @@ use crate::tables::RowKeys;
 
 /// The processor time of a run's nodes.
 ///
-/// An estimate's core-milliseconds a frame are the sum, over all nodes of its stage that it is computed from, of their mean processor
-/// time a frame: what it would cost had it been run alone. A node that several share counts for each of them whole. Reading, scoring and
-/// recording are not in it, nor what is done once (learning).
+/// An estimate's core-milliseconds a frame are the sum, over all nodes of its stage that it is computed from, of their
+/// mean processor time a frame: what it would cost had it been run alone. A node that several share counts for each of
+/// them whole. Reading, scoring and recording are not in it, nor what is done once (learning).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Costs {
     /// Core-milliseconds a frame by stage, variant and node, as timings have them.
@@ -31,7 +31,8 @@ impl Costs {
         Self { ms: ms.collect() }
     }
 
-    /// By estimator; `None` where it is not known what was scored, or a node it comes from has no time: its values were there before.
+    /// By estimator; `None` where it is not known what was scored, or a node it comes from has no time: its values were
+    /// there before.
     pub(crate) fn core_ms(&self, plan: &RecordedPlan, estimators: &[Estimator]) -> Vec<Option<f64>> {
         let (leads, graphs) = (RowKeys::new(plan), plan.runs.iter().map(Graph::new).collect::<Vec<Graph<'_>>>());
         estimators.iter().map(|estimator| self.of(&leads, &graphs, estimator)).collect()

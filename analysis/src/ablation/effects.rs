@@ -40,8 +40,8 @@ struct Line {
     has_gap: bool,
 }
 
-/// What each axis did to a score or a cost: of each level how many rows, their mean and how far that is from the mean of all rows with the
-/// axis; of each axis its share of the variance, the largest first.
+/// What each axis did to a score or a cost: of each level how many rows, their mean and how far that is from the mean
+/// of all rows with the axis; of each axis its share of the variance, the largest first.
 pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, of: &str) -> Result<Table, AnalysisError> {
     let column = ablation.goal_measure(of, "effects are")?;
     let all = ablation.rows(selection)?;

@@ -9,8 +9,9 @@ pub(crate) struct Factor {
     pub(crate) of_row: Vec<Option<usize>>,
 }
 
-/// Whether each level of one meets the levels of the other in the same proportions, in the rows that have both; and where either has
-/// rows that the other has not, whether one of them has its levels there in the proportions that it has over all.
+/// Whether each level of one meets the levels of the other in the same proportions, in the rows that have both; and
+/// where either has rows that the other has not, whether one of them has its levels there in the proportions that it
+/// has over all.
 pub(super) fn are_orthogonal(a: &Factor, b: &Factor) -> bool {
     let (mut of_a, mut of_b) = (vec![0; a.levels], vec![0; b.levels]);
     let (mut all_a, mut all_b) = (vec![0; a.levels], vec![0; b.levels]);

@@ -23,7 +23,8 @@ impl Better {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Goal {
     pub(crate) better: Better,
-    /// Values that differ by no more than this share of the smaller one are equal: 0 of what is exact, more of what is measured.
+    /// Values that differ by no more than this share of the smaller one are equal: 0 of what is exact, more of what is
+    /// measured.
     pub(crate) noise: f64,
 }
 
@@ -34,8 +35,9 @@ impl Goal {
     }
 }
 
-/// The rows that no row of the front dominates, in their order. One dominates another if it is nowhere worse and somewhere better; equal rows
-/// dominate neither, of those that differ by noise alone the better one stays. A row that lacks one of the values is not on the front and dominates none.
+/// The rows that no row of the front dominates, in their order. One dominates another if it is nowhere worse and
+/// somewhere better; equal rows dominate neither, of those that differ by noise alone the better one stays. A row that
+/// lacks one of the values is not on the front and dominates none.
 pub(crate) fn front(rows: &[Vec<Option<f64>>], goals: &[Goal]) -> Vec<usize> {
     let whole = |row: &[Option<f64>]| row.iter().copied().collect::<Option<Vec<f64>>>();
     let whole = |row: &Vec<Option<f64>>| whole(row).filter(|row| row.iter().all(|value| value.is_finite()));
@@ -45,8 +47,8 @@ pub(crate) fn front(rows: &[Vec<Option<f64>>], goals: &[Goal]) -> Vec<usize> {
         !pairs().any(|((a, b), goal)| goal.is_better(*b, *a))
             && pairs().any(|((a, b), goal)| goal.better.is_better(*a, *b))
     };
-    // Exact values first, best first: what dominates a row comes before it, and stays itself unless it is dominated. Otherwise a chain of rows, each
-    // as fast as the next but for noise, would remove all but the first.
+    // Exact values first, best first: what dominates a row comes before it, and stays itself unless it is dominated.
+    // Otherwise a chain of rows, each as fast as the next but for noise, would remove all but the first.
     let order_of = |a: &[f64], b: &[f64]| {
         let pairs = |is_exact: bool| {
             let all = a.iter().zip(b).zip(goals).filter(move |(_, goal)| (goal.noise == 0.0) == is_exact);
@@ -108,8 +110,8 @@ mod tests {
     const MORE: Goal = Goal { better: Better::More, noise: 0.0 };
     const MEASURED: Goal = Goal { better: Better::Less, noise: 0.05 };
 
-    /// By hand: 0.10 in 100 ms; 0.11 in 99.6 ms is as fast and worse; 0.12 in 96 is as fast as the first; 0.13 in 90 is 11 % faster than it; 0.14 in 86.5
-    /// is as fast as that; 0.10 in 103 ms is as good and as fast as the first.
+    /// By hand: 0.10 in 100 ms; 0.11 in 99.6 ms is as fast and worse; 0.12 in 96 is as fast as the first; 0.13 in 90 is
+    /// 11 % faster than it; 0.14 in 86.5 is as fast as that; 0.10 in 103 ms is as good and as fast as the first.
     #[test]
     fn what_is_faster_by_noise_alone_is_not_on_the_front_and_what_is_faster_by_more_is() {
         let points = rows(&[(0.10, 100.0), (0.11, 99.6), (0.12, 96.0), (0.13, 90.0), (0.14, 86.5), (0.10, 103.0)]);
@@ -135,7 +137,8 @@ mod tests {
         assert_eq!(front(&points, &[LESS, LESS]), [0, 1]);
     }
 
-    /// Against the definition written as a sort: by the first value, a point is on the front if its second is below all before it.
+    /// Against the definition written as a sort: by the first value, a point is on the front if its second is below all
+    /// before it.
     #[test]
     fn a_thousand_points_are_as_a_sweep_finds_them() {
         let mut state = 1_u64;

@@ -29,8 +29,8 @@ pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimators: &'a [Estimator
     estimators.iter().map(of).collect()
 }
 
-/// The rows, of which one of a depth and one of its disparity, of the same variant and stage, become one where the depth stands. Where there are
-/// several of either it is not known which go together: they stay rows of their own.
+/// The rows, of which one of a depth and one of its disparity, of the same variant and stage, become one where the
+/// depth stands. Where there are several of either it is not known which go together: they stay rows of their own.
 pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
     /// Rows of depths, and of disparities.
     type Both = [Vec<usize>; 2];

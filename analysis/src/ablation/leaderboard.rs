@@ -211,7 +211,8 @@ impl<'a> Board<'a> {
         Ok(column.metric(self.metrics[place]).marked(order.iter().map(|&place| best[place]).collect()))
     }
 
-    /// The parameters in which the entries differ: `stage.node.parameter`, and its value by entry; `None` where variants that share an entry do not agree.
+    /// The parameters in which the entries differ: `stage.node.parameter`, and its value by entry; `None` where
+    /// variants that share an entry do not agree.
     fn settings(&self, entries: &[&Entry]) -> Vec<(String, Vec<Option<String>>)> {
         let text = |value: Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
         let variants = |entry: &Entry| -> Vec<Option<VariantId>> {

@@ -21,12 +21,13 @@ pub(super) const TIMING_NOISE: f64 = 0.05;
 /// A table with a row an estimator, or a depth and the disparity it was computed from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ranking {
-    /// What to sort by: a score or a column of numbers, best first; or an axis, numbers by size, others in the file's order. `None`: by the first error that was
-    /// shown and that a row has, `abs_rel` before others.
+    /// What to sort by: a score or a column of numbers, best first; or an axis, numbers by size, others in the file's
+    /// order. `None`: by the first error that was shown and that a row has, `abs_rel` before others.
     pub sort: Option<String>,
     /// How many rows are shown at most.
     pub top: Option<usize>,
-    /// The columns behind the axes; empty: all scores, `density` where not every pixel was answered, and `ms` where it is known.
+    /// The columns behind the axes; empty: all scores, `density` where not every pixel was answered, and `ms` where it
+    /// is known.
     pub columns: Vec<String>,
     /// Columns on whose Pareto front the rows are to be; empty: all rows.
     pub pareto: Vec<String>,
@@ -142,8 +143,8 @@ impl Ranking {
         Selection { with_depths, ..selection.clone() }
     }
 
-    /// The rows that have to do with the scores that are asked for, and how many others were left out: where those are of depths and of
-    /// disparities, a row of both where one was made of the other.
+    /// The rows that have to do with the scores that are asked for, and how many others were left out: where those are
+    /// of depths and of disparities, a row of both where one was made of the other.
     pub(super) fn rows(&self, ablation: &Ablation<'_>, rows: Vec<Row>) -> Result<(Vec<Row>, usize), AnalysisError> {
         let named = self.columns.iter().chain(&self.sort).chain(&self.pareto);
         let named = named.map(|name| ablation.measure(name)).collect::<Result<Vec<Measure>, _>>()?;
@@ -168,7 +169,8 @@ impl Ranking {
         Ok((rows, left_out))
     }
 
-    /// What rows are sorted by where nobody says: the first score that is shown and that a row has, `abs_rel` before others where all are shown.
+    /// What rows are sorted by where nobody says: the first score that is shown and that a row has, `abs_rel` before
+    /// others where all are shown.
     fn sort_of_itself(&self, ablation: &Ablation<'_>, rows: &[Row]) -> Result<Measure, AnalysisError> {
         let asked = self.columns.iter().map(|name| ablation.measure(name)).collect::<Result<Vec<_>, _>>()?;
         let has_value = |column: &Measure| rows.iter().any(|row| ablation.number(row, *column).is_some());
@@ -224,8 +226,8 @@ impl Ranking {
     }
 }
 
-/// The columns that say what shown rows are: those that every table begins with. Text shows the axes on which `rows` differ and the estimator's
-/// name where there are several; where that does not tell rows apart, stage and variant too.
+/// The columns that say what shown rows are: those that every table begins with. Text shows the axes on which `rows`
+/// differ and the estimator's name where there are several; where that does not tell rows apart, stage and variant too.
 pub(super) fn keys(ablation: &Ablation<'_>, selection: &Selection, rows: &[Row], shown: &[&Row]) -> Vec<Column> {
     let differ = |text: &dyn Fn(&Row) -> Option<String>| rows.iter().any(|row| text(row) != text(&rows[0]));
     let lead = |row: &Row| &ablation.estimator(row).lead;

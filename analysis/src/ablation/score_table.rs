@@ -17,7 +17,8 @@ use crate::tables::{
     Cells, Column, DIMENSIONLESS, JsonRow, KEY_COLUMNS, Orientation, RowKey, Rows, Table, key_columns, unit_of,
 };
 
-/// The value of every metric over the frames that have scores of all estimators of their stage run, a row per estimator and pixel set.
+/// The value of every metric over the frames that have scores of all estimators of their stage run, a row per estimator
+/// and pixel set.
 ///
 /// A frame on which a metric has no pixel adds nothing to that metric's mean.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,7 +71,8 @@ pub struct TableRow {
     estimator: String,
     /// The pixels: `all`, `answered` or `filled`.
     set: &'static str,
-    // Keys are in the order of the columns of the file, in which `frames` is between the scores and the paper's numbers.
+    // Keys are in the order of the columns of the file, in which `frames` is between the scores and the paper's
+    // numbers.
     #[serde(flatten)]
     axes_and_scores: JsonRow,
     frames: u64,
@@ -136,8 +138,8 @@ impl ScoreTable {
         Ok(Self { rows: rows.collect(), metrics, intervals, with_paper, zone: zone.to_owned(), label })
     }
 
-    /// The table in any format. Its files have a row per estimator and pixel set: the key columns, the metrics, `frames`, the paper's numbers as
-    /// `paper_a1 ...` where they are wanted, `density`.
+    /// The table in any format. Its files have a row per estimator and pixel set: the key columns, the metrics,
+    /// `frames`, the paper's numbers as `paper_a1 ...` where they are wanted, `density`.
     pub(crate) fn table(&self) -> Table {
         let rows = Rows(&self.rows);
         let own = vec![rows.key("estimator", |row| &row.estimator), rows.key("set", |row| row.set.name())];

@@ -14,8 +14,9 @@ use crate::scores::FrameScore;
 /// Maps of one frame that are held at once.
 const AT_ONCE: usize = 16;
 
-/// The selected estimators of depth, and their scores on the frames whose maps were recorded: those that were taken of them, of the true pixels that
-/// all estimators of the same truth and settings answered. What aligns an estimate is fitted on these pixels.
+/// The selected estimators of depth, and their scores on the frames whose maps were recorded: those that were taken of
+/// them, of the true pixels that all estimators of the same truth and settings answered. What aligns an estimate is
+/// fitted on these pixels.
 ///
 /// Of a row, `truth` counts all true pixels and `answered` those that all answered.
 pub(crate) fn shared_scores(

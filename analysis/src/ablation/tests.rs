@@ -26,7 +26,8 @@ pub(super) fn node(kind: &str, name: &str, inputs: &[(&str, &str)], output: &Jso
     })
 }
 
-/// Variants of `block` (3, 9) and `mode` (hh, sgbm) with an estimate each, and one that all share; the source's depth is the truth.
+/// Variants of `block` (3, 9) and `mode` (hh, sgbm) with an estimate each, and one that all share; the source's depth
+/// is the truth.
 fn plan() -> RecordedPlan {
     let params = json!({ "preset": "paper", "sets": ["answered", "all"], "max_m": null });
     let node = |name: &str, inputs: &[(&str, &str)], output: &Json, variants: &Json| {
@@ -89,8 +90,8 @@ fn score(position: usize, estimator: usize, zone: &str, pixels: u64, abs_rel: f6
     })
 }
 
-/// Of two frames, the second with three times as many pixels: by estimator (`stereo`, then the variants) the error of the first; that of
-/// the second is 0.1 more. Near, the order of variants is the other way round.
+/// Of two frames, the second with three times as many pixels: by estimator (`stereo`, then the variants) the error of
+/// the first; that of the second is 0.1 more. Near, the order of variants is the other way round.
 fn scores() -> Vec<FrameScore> {
     let mut scores = Vec::new();
     for (position, (pixels, more)) in [(100, 0.0), (300, 0.1)].into_iter().enumerate() {
@@ -230,8 +231,9 @@ fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for() {
     assert!((value(Some(Mean::Pixels)) - 0.175).abs() < 1e-12);
 }
 
-/// By hand: the variants' means are 0.15, 0.25, 0.35, 0.65, of them the mean is 0.35; squares (4 + 1 + 0 + 9) / 100. `block` has means 0.2
-/// and 0.5, its share 4 * 0.15^2 / 0.14 = 9 / 14; `mode` 0.25 and 0.45, 4 / 14; what is left 1 / 14.
+/// By hand: the variants' means are 0.15, 0.25, 0.35 and 0.65, their mean is 0.35; squares (4 + 1 + 0 + 9) / 100.
+/// `block` has means 0.2 and 0.5, its share is 4 * 0.15^2 / 0.14 = 9 / 14; `mode` has 0.25 and 0.45, 4 / 14; 1 / 14
+/// remains.
 #[test]
 fn the_effect_of_each_axis_is_told_with_what_is_left() {
     let grid = ask(|ablation| effects::table(ablation, &Selection::default(), "abs_rel")).unwrap();

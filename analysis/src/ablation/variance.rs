@@ -1,13 +1,15 @@
 //! What each axis did to a metric: marginal means, and shares of the variance.
 //!
-//! The rows of an ablation are a factorial design without repetition: a number a combination of levels. A level's *marginal mean* is
-//! the mean of all rows that have it, [adjusted](super::adjusted) where combinations were left out. An axis' *share* is eta squared of its main effect,
-//! `sum over levels of n (mean of the level - mean)^2 / sum over rows of (value - mean)^2`
-//! (Fisher 1925; Cohen 1973): how much of the rows' spread is explained by knowing that one axis. Where every two axes are
-//! orthogonal, shares add up and what they leave is the interactions'; where they are not, shares overlap.
+//! The rows of an ablation are a factorial design without repetition: a number a combination of levels. A level's
+//! *marginal mean* is the mean of all rows that have it, [adjusted](super::adjusted) where combinations were left
+//! out. An axis' *share* is eta squared of its main effect, `sum over levels of n (mean of the level - mean)^2 /
+//! sum over rows of (value - mean)^2` (Fisher 1925; Cohen 1973): how much of the rows' spread is explained by
+//! knowing that one axis. Where every two axes are orthogonal, shares add up and what they leave is the
+//! interactions'; where they are not, shares overlap.
 //!
-//! An axis that only some rows have is nested in others: its effect is taken among those rows, from their own mean, so that what made it be
-//! there is not counted as its own; its share is of the variance between all rows like every other.
+//! An axis that only some rows have is nested in others: its effect is taken among those rows, from their own mean, so
+//! that what made it be there is not counted as its own; its share is of the variance between all rows like every
+//! other.
 
 use super::adjusted::{LevelMeans, level_means};
 use super::factor::{Factor, are_orthogonal, is_full};
@@ -25,15 +27,16 @@ pub(crate) struct Effects {
     pub(crate) is_orthogonal: bool,
     /// The share that no main effect explains: the interactions'; `None` where shares overlap, or rows do not differ.
     pub(crate) left: Option<f64>,
-    /// By two factors, the share that is their interaction's alone, largest first; empty unless every combination of all levels is there
-    /// as often as every other.
+    /// By two factors, the share that is their interaction's alone, largest first; empty unless every combination of
+    /// all levels is there as often as every other.
     pub(crate) pairs: Vec<(usize, usize, f64)>,
 }
 
 /// What one axis explains.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MainEffect {
-    /// By level: how many rows, and their mean, adjusted where levels are not over the same settings of other axes; `None` where there are none.
+    /// By level: how many rows, and their mean, adjusted where levels are not over the same settings of other axes;
+    /// `None` where there are none.
     pub(crate) levels: Vec<(usize, Option<f64>)>,
     /// How the means were found.
     pub(crate) means: MeansOf,
@@ -54,7 +57,8 @@ pub(crate) enum MeansOf {
     Confounded,
 }
 
-/// The effects of factors on the values of rows; `values` are finite, at least one, and each factor has a level for one of them or more.
+/// The effects of factors on the values of rows; `values` are finite, at least one, and each factor has a level for one
+/// of them or more.
 pub(crate) fn effects(values: &[f64], factors: &[Factor]) -> Effects {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -148,8 +152,9 @@ mod tests {
         effects.factors[factor].share.unwrap()
     }
 
-    /// By hand: values 1, 2, 3, 6 have mean 3 and squares 4 + 1 + 0 + 9 = 14. The first axis' means are 1.5 and 4.5, its sum of squares
-    /// 2 (1.5^2 + 1.5^2) = 9; the second's 2 and 4, 2 (1 + 1) = 4; the interaction has what is left, 1.
+    /// By hand: values 1, 2, 3, 6 have mean 3 and squares 4 + 1 + 0 + 9 = 14. The first axis' means are 1.5 and
+    /// 4.5, its sum of squares 2 (1.5^2 + 1.5^2) = 9; the second's 2 and 4, 2 (1 + 1) = 4; the interaction has what
+    /// is left, 1.
     #[test]
     fn two_by_two_is_as_by_hand() {
         let effects = effects(&[1.0, 2.0, 3.0, 6.0], &[factor(&[0, 0, 1, 1]), factor(&[0, 1, 0, 1])]);
@@ -194,8 +199,9 @@ mod tests {
         }
     }
 
-    /// By hand: of rows (0, 0): 1, (0, 1): 2, (1, 1): 6 the mean is 3, and the squares are 4 + 1 + 9 = 14. The first axis' means are
-    /// 1.5 and 6: 2 * 1.5^2 + 3^2 = 13.5; the second's 1 and 4: 2^2 + 2 * 1^2 = 6. They overlap: 19.5 of 14.
+    /// By hand: of rows (0, 0): 1, (0, 1): 2, (1, 1): 6 the mean is 3, and the squares are 4 + 1 + 9 = 14. The first
+    /// axis' means are 1.5 and 6: 2 * 1.5^2 + 3^2 = 13.5; the second's 1 and 4: 2^2 + 2 * 1^2 = 6. They overlap: 19.5
+    /// of 14.
     #[test]
     fn shares_of_a_design_with_a_hole_overlap_and_nothing_is_left_to_say() {
         let effects = effects(&[1.0, 2.0, 6.0], &[factor(&[0, 0, 1]), factor(&[0, 1, 1])]);
@@ -205,8 +211,9 @@ mod tests {
         assert_eq!((effects.left, effects.pairs.len()), (None, 0));
     }
 
-    /// By hand: `a` has means 2 (of 1, 3) and 6 (of 5, 7), a sum of squares of 4 * 2^2 = 16 of 20. `b` is there where `a` is 1: among 5 and 7
-    /// it explains 1 + 1 = 2 of 20, from their own mean 6. What is left, 2, is between the rows of the first level.
+    /// By hand: `a` has means 2 (of 1, 3) and 6 (of 5, 7), a sum of squares of 4 * 2^2 = 16 of 20. `b` is there where
+    /// `a` is 1: among 5 and 7 it explains 1 + 1 = 2 of 20, from their own mean 6. What is left, 2, is between the rows
+    /// of the first level.
     #[test]
     fn an_axis_that_some_rows_have_is_told_among_those_and_takes_nothing_from_the_axis_it_hangs_on() {
         let effects = effects(&[1.0, 3.0, 5.0, 7.0], &[factor(&[0, 0, 1, 1]), nested(&[None, None, Some(0), Some(1)])]);
@@ -225,7 +232,8 @@ mod tests {
         assert!(effects.pairs.is_empty());
     }
 
-    /// Half of a 2^3 design, in which the third axis is the interaction of the other two: orthogonal, but no interaction can be told.
+    /// Half of a 2^3 design, in which the third axis is the interaction of the other two: orthogonal, but no
+    /// interaction can be told.
     #[test]
     fn half_a_design_tells_no_interactions() {
         let axes = [factor(&[0, 0, 1, 1]), factor(&[0, 1, 0, 1]), factor(&[0, 1, 1, 0])];

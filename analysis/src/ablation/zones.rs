@@ -8,7 +8,8 @@ use super::{Ablation, Row, Selection};
 use crate::error::{AnalysisError, listed};
 use crate::tables::{Rows, Table};
 
-/// Of the whole image and of each zone, which row is best, and what the row that is best over the whole image has there.
+/// Of the whole image and of each zone, which row is best, and what the row that is best over the whole image has
+/// there.
 pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Table, AnalysisError> {
     let column = ablation.measure(metric)?;
     let Some(metric) = column.metric() else {

@@ -31,7 +31,8 @@ pub(super) struct Contrast {
     pub(super) is_identical: bool,
     /// The test's probability, corrected for all tests of the comparison.
     pub(super) p_holm: Option<f64>,
-    /// A digest of the score and of its values on each frame of both sides: of variants that share their estimates it is one test.
+    /// A digest of the score and of its values on each frame of both sides: of variants that share their estimates it
+    /// is one test.
     tested: Key,
     pub(super) verdict: Verdict,
 }
@@ -91,7 +92,8 @@ impl Contrast {
         }
     }
 
-    /// Both must say so: the test, which asks on how many frames and by how much one is ahead, and the interval, which is of the value in the table.
+    /// Both must say so: the test, which asks on how many frames and by how much one is ahead, and the interval, which
+    /// is of the value in the table.
     fn judged(&self, level: f64) -> Verdict {
         let (Some(p), Some(Interval { low, high })) = (self.p_holm, self.interval) else { return Verdict::Unclear };
         let is_sure = p < level && (low > 0.0 || high < 0.0);
@@ -167,14 +169,16 @@ pub(super) fn tests(contrasts: &[Contrast]) -> usize {
     tested.map(|of| of.tested).collect::<BTreeSet<Key>>().len()
 }
 
-/// The smallest corrected probability that as many tests of as many frames could have, were each difference of one sign; `None` without tests.
+/// The smallest corrected probability that as many tests of as many frames could have, were each difference of one
+/// sign; `None` without tests.
 pub(super) fn smallest_reachable(contrasts: &[Contrast]) -> Option<f64> {
     let most = contrasts.iter().filter(|of| of.p_holm.is_some()).map(|of| of.frames).max()?;
     let of_one_sign: Vec<f64> = (1..=most).map(|frame| frame as f64).collect();
     Some((SignedRank::of(&of_one_sign)?.p * tests(contrasts) as f64).min(1.0))
 }
 
-/// A score of a pair on the frames that both have it on; `None` if there is no such frame, or a data set's value does not follow from frames'.
+/// A score of a pair on the frames that both have it on; `None` if there is no such frame, or a data set's value does
+/// not follow from frames'.
 fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) -> Option<Sample> {
     let frames = pair.paired.frames.iter().map(|(one, two)| (&one.row, &two.row));
     let both = |(one, two): (&ScoreRow, &ScoreRow)| Some((one.get(metric)?, two.get(metric)?));

@@ -1,8 +1,8 @@
-//! Where is it better? Absolute errors of pairs by true distance, on the pixels that both answered, paired over frames; and the distance at which
-//! one of the two should hand over to the other.
+//! Where is it better? Absolute errors of pairs by true distance, on the pixels that both answered, paired over frames;
+//! and the distance at which one of the two should hand over to the other.
 //!
-//! A bin's mean and median are over all its pixels, as `analyse --set common` has them. Frames are the sample: they are drawn again for intervals,
-//! with all their pixels, and tests are of frames' own means and medians.
+//! A bin's mean and median are over all its pixels, as `analyse --set common` has them. Frames are the sample: they are
+//! drawn again for intervals, with all their pixels, and tests are of frames' own means and medians.
 
 mod handover;
 mod median;
@@ -103,8 +103,8 @@ impl DistanceRow {
 /// Compares sides with the first, or with a baseline, by true distance; `samples` are the runs' files of samples.
 ///
 /// # Errors
-/// If a recording or samples cannot be read; [`AnalysisError::Request`] if what was asked for is not there, or has no pixel in common;
-/// [`AnalysisError::Stopped`] once `stop` says so.
+/// If a recording or samples cannot be read; [`AnalysisError::Request`] if what was asked for is not there, or has no
+/// pixel in common; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn compare_by_distance(
     runs: &[ComparedRun<'_>],
     samples: &[PathBuf],

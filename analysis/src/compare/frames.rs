@@ -49,8 +49,9 @@ impl ScoredBy<'_> {
 }
 
 impl<'a> Paired<'a> {
-    /// Frames of one run by their places; else those of one id, of stages of one name. Where an id repeats, frames of equal source values go
-    /// together before others, the first before the second. Stages of two names have only frames of equal source values in common.
+    /// Frames of one run by their places; else those of one id, of stages of one name. Where an id repeats, frames of
+    /// equal source values go together before others, the first before the second. Stages of two names have only frames
+    /// of equal source values in common.
     pub(super) fn of(baseline: &ScoredBy<'a>, other: &ScoredBy<'a>) -> Self {
         let (is_run, is_stage) = (baseline.is_of_run(other), baseline.stage() == other.stage());
         let mut left: BTreeMap<&str, Vec<&'a FrameScore>> = BTreeMap::new();

@@ -199,7 +199,8 @@ pub(super) fn judged(
     Ok(judged)
 }
 
-/// The shares of valid pixels of the baseline and of the other, over the frames of both; `None` if the recording does not say.
+/// The shares of valid pixels of the baseline and of the other, over the frames of both; `None` if the recording does
+/// not say.
 fn densities(pair: &Pair<'_>, options: &CompareOptions) -> Option<(f64, f64)> {
     let rows = pair.paired.frames.iter().map(|(one, two)| (&one.row, &two.row));
     let both: Vec<_> = rows.filter(|(one, two)| one.density().is_some() && two.density().is_some()).collect();

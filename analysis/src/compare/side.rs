@@ -16,7 +16,8 @@ const BEST: &str = "best";
 pub struct Side {
     /// Its place among the runs.
     pub run: usize,
-    /// A variant, an estimator's label, or a pattern of either in which `*` stands for any run of characters; `None`: the whole run.
+    /// A variant, an estimator's label, or a pattern of either in which `*` stands for any run of characters; `None`:
+    /// the whole run.
     pub name: Option<String>,
 }
 

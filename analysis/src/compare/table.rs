@@ -311,8 +311,8 @@ fn distinct(texts: impl IntoIterator<Item = String>) -> Vec<String> {
 }
 
 impl Comparison {
-    /// As aligned text, with how limits are kept and the parameters that differ behind; in blocks below each other where it is wider than
-    /// `width` columns of text.
+    /// As aligned text, with how limits are kept and the parameters that differ behind; in blocks below each other
+    /// where it is wider than `width` columns of text.
     #[must_use]
     pub fn terminal(&self, width: usize) -> String {
         let mut text = self.table.terminal(width);

@@ -17,7 +17,8 @@ pub(super) const ORIGIN: &str = "depthloom.computed_from";
 /// What the rows of `error_vs_distance.parquet` were computed from.
 #[derive(Debug, PartialEq, Deserialize, Serialize)]
 pub(super) struct Origin {
-    /// In the order of the rows. Each estimator has one row per bin of the pixels that it answered, then one per bin of the pixels that all answered.
+    /// In the order of the rows. Each estimator has one row per bin of the pixels that it answered, then one per bin of
+    /// the pixels that all answered.
     estimators: Vec<EstimatorOrigin>,
     /// A checksum of the above and of the rows.
     rows: Key,
@@ -95,7 +96,8 @@ struct EarlierEstimator {
 }
 
 impl EarlierBins {
-    /// Reads `error_vs_distance.parquet` in a run's folder. `None` if the file is missing or damaged, or an earlier version wrote it.
+    /// Reads `error_vs_distance.parquet` in a run's folder. `None` if the file is missing or damaged, or an earlier
+    /// version wrote it.
     pub(super) fn read(folder: &Path) -> Option<Self> {
         // polars panics on some damaged files.
         caught(|| Ok(Self::read_sound(folder))).ok().flatten()
@@ -136,8 +138,8 @@ impl EarlierBins {
         rows.is_empty().then_some(bins_of)
     }
 
-    /// Finds estimators of the report by the keys of their inputs: by key, the index of the estimator. All of them are in one group of the report,
-    /// the group with the most matches.
+    /// Finds estimators of the report by the keys of their inputs: by key, the index of the estimator. All of them are
+    /// in one group of the report, the group with the most matches.
     pub(super) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
         let of_group = |group: usize| -> Vec<Option<usize>> {
             let with = |key: Key| {

@@ -16,8 +16,8 @@ use crate::estimators::{Compared, Estimator};
 use crate::files::Output;
 use crate::query::scan;
 
-/// The error against distance of those estimators for whose index `is_wanted` returns true. All cores read maps, one frame each, except those of
-/// frames that are in `taken`.
+/// The error against distance of those estimators for whose index `is_wanted` returns true. All cores read maps, one
+/// frame each, except those of frames that are in `taken`.
 pub(super) fn distances(
     recording: &Recording,
     estimators: &[Estimator],

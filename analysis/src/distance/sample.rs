@@ -1,7 +1,7 @@
 //! A sample: the bits of an error, and whether all that are compared answered its pixel.
 
-/// The lowest bit of a sample, which says: not all that are compared answered this pixel. The error's bits stand above it, so that
-/// samples sort as their errors do; an error's own sign is never needed.
+/// The lowest bit of a sample, which says: not all that are compared answered this pixel. The error's bits stand above
+/// it, so that samples sort as their errors do; an error's own sign is never needed.
 const ALONE: u32 = 1;
 
 /// An error of zero or more as an integer that sorts as it does.

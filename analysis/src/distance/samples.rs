@@ -17,8 +17,9 @@ use crate::files::Output;
 /// Collects the samples of all estimators, with no more than a given number of them in memory.
 ///
 /// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
-/// file](Spill), from which as many metres as fit are read back at a time. A metre with more samples than `at_most` is [counted](super::selection):
-/// exact, and with memory that depends on neither frames nor pixels. All ways give the same bits.
+/// file](Spill), from which as many metres as fit are read back at a time. A metre with more samples than `at_most` is
+/// [counted](super::selection): exact, and with memory that depends on neither frames nor pixels. All ways give the
+/// same bits.
 pub(super) struct Samples<'a> {
     output: Output<'a>,
     /// By estimator and metre of true distance.
@@ -45,8 +46,9 @@ struct OfEstimator {
 }
 
 impl FrameSamples {
-    /// Adds the answered pixels of an estimate, of which these are the [errors](ScoredPixels::absolute_errors); `shared` says of each scored pixel
-    /// whether all that are compared answered it. The pixels are [by metre](ScoredPixels::by_metre).
+    /// Adds the answered pixels of an estimate, of which these are the [errors](ScoredPixels::absolute_errors);
+    /// `shared` says of each scored pixel whether all that are compared answered it. The pixels are [by
+    /// metre](ScoredPixels::by_metre).
     pub(super) fn add(&mut self, estimator: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
         let mut samples = vec![0; errors_m.len()];
         let (mut ends, mut beyond, mut kept) = (Vec::new(), 0, 0);

@@ -10,8 +10,8 @@ const MEMORY: Memory = Memory { samples: 1 << 16, counters: 1 << 16 };
 /// The groups that are counted.
 const WHICHES: [Which; 2] = [Which::Answered, Which::Shared];
 
-/// How the errors of a metre spread, all that were answered and those that are shared. `visit(f)` calls `f(samples)` for all
-/// samples, and does so again when asked again.
+/// How the errors of a metre spread, all that were answered and those that are shared. `visit(f)` calls `f(samples)`
+/// for all samples, and does so again when asked again.
 pub(super) fn spreads(
     visit: impl Fn(&mut dyn FnMut(&[u32])) -> Result<(), AnalysisError>,
 ) -> Result<[Option<Spread>; 2], AnalysisError> {

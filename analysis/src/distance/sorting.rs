@@ -1,4 +1,5 @@
-//! Percentiles of the samples of one metre that were read back from a spill: by counting, and by bringing the few that are asked for to their places.
+//! Percentiles of the samples of one metre that were read back from a spill: by counting, and by bringing the few that
+//! are asked for to their places.
 
 use depthloom_scores::quantile::{between, position};
 
@@ -39,8 +40,8 @@ const CLASSES: usize = 4096;
 
 /// What has these ranks among samples; the ranks ascend.
 ///
-/// Samples are counted by classes of their size first, and only those of a class that has a rank are brought to their places: three passes
-/// over memory, where each rank by itself takes two.
+/// Samples are counted by classes of their size first, and only those of a class that has a rank are brought to their
+/// places: three passes over memory, where each rank by itself takes two.
 fn at_ranks(samples: &mut [u32], ranks: &[usize]) -> Vec<u32> {
     if samples.len() < CLASSES {
         place(samples, 0, ranks);

@@ -1,7 +1,8 @@
 //! Samples that no longer fit in memory: a temporary file without a name.
 //!
-//! It belongs to this process alone and goes with it, however that ends: nobody else's samples get in, and nothing is left. What
-//! was written where is remembered here, so that a file that gives back less than was put into it is an error.
+//! It belongs to this process alone and goes with it, however that ends: nobody else's samples get in, and nothing is
+//! left. What was written where is remembered here, so that a file that gives back less than was put into it is an
+//! error.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write as _};

@@ -14,13 +14,14 @@ use crate::error::AnalysisError;
 use crate::estimators::Estimator;
 use crate::files::Output;
 
-/// The error against distance, if an earlier report has most of it. Only maps that changed are read, and those of one estimator per group as a check. The
-/// result equals that of reading all maps.
+/// The error against distance, if an earlier report has most of it. Only maps that changed are read, and those of one
+/// estimator per group as a check. The result equals that of reading all maps.
 ///
-/// The bins of an estimator depend on its own maps and on the pixels that its whole group answered. A report often has an estimator of which
-/// every answered pixel is shared, usually the stereo matcher. This estimator is computed again, together with all that changed. If its bins are
-/// equal to those of the report, then the shared pixels have not changed, and neither have the bins of the unchanged estimators. If they
-/// differ, or the report has no such estimator, all maps must be read, and the result is `None`.
+/// The bins of an estimator depend on its own maps and on the pixels that its whole group answered. A report often has
+/// an estimator of which every answered pixel is shared, usually the stereo matcher. This estimator is computed again,
+/// together with all that changed. If its bins are equal to those of the report, then the shared pixels have not
+/// changed, and neither have the bins of the unchanged estimators. If they differ, or the report has no such estimator,
+/// all maps must be read, and the result is `None`.
 pub(super) fn distances(
     recording: &Recording,
     estimators: &[Estimator],
@@ -52,7 +53,8 @@ pub(super) fn distances(
     Ok(Some(distances))
 }
 
-/// What is reused of an earlier report. Estimators are given by index, in pairs together with their index in the report.
+/// What is reused of an earlier report. Estimators are given by index, in pairs together with their index in the
+/// report.
 struct Reused {
     /// The estimators whose maps are read.
     read: BTreeSet<usize>,

@@ -76,8 +76,8 @@ pub(crate) struct Findings {
     pub(crate) is_damaged: bool,
 }
 
-/// In what condition the recording is; `damage` is what was found in it beside what was read, and `has_numbers`, whether the report has
-/// any.
+/// In what condition the recording is; `damage` is what was found in it beside what was read, and `has_numbers`,
+/// whether the report has any.
 pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bool) -> Findings {
     let plan = recording.plan();
     let frames: Vec<usize> = RunId::all(plan.runs.len()).map(|run| recording.frames(run).len()).collect();
@@ -118,7 +118,8 @@ pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bo
     Findings { recording, notes, is_damaged }
 }
 
-/// Of each stage run that has no frames that it has none, and of one that has fewer than another of the same source how many.
+/// Of each stage run that has no frames that it has none, and of one that has fewer than another of the same source how
+/// many.
 fn without_frames(plan: &RecordedPlan, frames: &[usize], ends_early: bool) -> Vec<String> {
     let mut notes = Vec::new();
     for (run, &count) in plan.runs.iter().zip(frames) {

@@ -18,7 +18,8 @@ const MOST_CURVES: usize = 24;
 const MOST_PICTURED: usize = 12;
 /// So many maps a stage run has.
 const MOST_LAYERS: usize = 32;
-/// So many frames all stage runs that scored something have together, and so many those that scored nothing; each of these few.
+/// So many frames all stage runs that scored something have together, and so many those that scored nothing; each of
+/// these few.
 const MOST_FRAMES: usize = 200;
 const MOST_UNSCORED: usize = 40;
 const FEW: usize = 10;
@@ -27,7 +28,8 @@ const MOST_POINTS: usize = 1000;
 /// So many of the worst and of the best frames of an estimator have pictures in any case.
 const EXTREMES: usize = 3;
 
-/// The estimators with curves: all, or those that all variants share and the best of the others by the table's first score.
+/// The estimators with curves: all, or those that all variants share and the best of the others by the table's first
+/// score.
 pub(super) fn estimators_shown(estimators: &[Estimator], table: Option<&ScoreTable>) -> Vec<usize> {
     best(estimators, table, &(0..estimators.len()).collect::<Vec<_>>(), MOST_CURVES)
 }

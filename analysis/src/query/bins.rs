@@ -22,7 +22,8 @@ pub enum Bins {
 }
 
 impl Bins {
-    /// Reads `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`; `linear`, `log` and `quantile` alone are these numbers of them.
+    /// Reads `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`; `linear`, `log` and `quantile`
+    /// alone are these numbers of them.
     ///
     /// # Errors
     /// What is wrong, in words.

@@ -1,4 +1,5 @@
-//! One inquiry of one population: the samples of a stage that were scored in one way, over one set of pixels, by one column.
+//! One inquiry of one population: the samples of a stage that were scored in one way, over one set of pixels, by one
+//! column.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};

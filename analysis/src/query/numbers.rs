@@ -1,6 +1,7 @@
 //! Columns of samples as plain numbers.
 //!
-//! Polars keeps beside a column's numbers a bit for each that says whether it is one. Its own iterators ask that bit by bit; here eight rows take one byte.
+//! Polars keeps beside a column's numbers a bit for each that says whether it is one. Its own iterators ask that bit by
+//! bit; here eight rows take one byte.
 
 use polars::frame::DataFrame;
 use polars::prelude::{DataType, PolarsResult};

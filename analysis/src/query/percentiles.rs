@@ -1,8 +1,9 @@
 //! Exact percentiles of many groups of samples at once, in bounded memory.
 //!
-//! A sample is not negative, so its bits sort as it does: an integer of 31 bits. A pass over the samples gathers them, and percentiles are
-//! selected from what it gathered. Once more samples arrive than memory holds, the pass counts them by their upper bits instead: the counts say in
-//! which cell each wanted order statistic is, and the next pass gathers (or counts on) in these cells alone.
+//! A sample is not negative, so its bits sort as it does: an integer of 31 bits. A pass over the samples gathers them,
+//! and percentiles are selected from what it gathered. Once more samples arrive than memory holds, the pass counts them
+//! by their upper bits instead: the counts say in which cell each wanted order statistic is, and the next pass gathers
+//! (or counts on) in these cells alone.
 //!
 //! polars' quantiles hold and sort all samples of a group (`bench/analysis.sh` measures both).
 
@@ -35,7 +36,8 @@ pub(crate) struct Percentiles {
 
 /// Computes the percentiles (0 to 100) of every group.
 ///
-/// `scan(pass)` calls [`Tally::add`] for all samples, on any threads, and returns the threads' tallies; it is called once per pass.
+/// `scan(pass)` calls [`Tally::add`] for all samples, on any threads, and returns the threads' tallies; it is called
+/// once per pass.
 ///
 /// # Errors
 /// Those of `scan`.
@@ -117,7 +119,8 @@ fn select(mut cells: Vec<Vec<u32>>, wanted: &mut [Wanted]) {
     }
 }
 
-/// Moves the samples of these ascending ranks to where sorting would, in a third of its time; the first sample has the rank `first`.
+/// Moves the samples of these ascending ranks to where sorting would, in a third of its time; the first sample has the
+/// rank `first`.
 pub(crate) fn place(samples: &mut [u32], first: usize, ranks: &[usize]) {
     let Some(&rank) = ranks.get(ranks.len() / 2) else { return };
     let (below, _, above) = samples.select_nth_unstable(rank - first);
@@ -127,7 +130,8 @@ pub(crate) fn place(samples: &mut [u32], first: usize, ranks: &[usize]) {
 
 /// A pass over the samples.
 pub(crate) struct Pass {
-    /// By how many bits earlier passes split cells, and for each part the number of its cell from 1; 0 if it holds no wanted order statistic.
+    /// By how many bits earlier passes split cells, and for each part the number of its cell from 1; 0 if it holds no
+    /// wanted order statistic.
     levels: Vec<(u32, Vec<u32>)>,
     /// Bits that are not known yet.
     left: u32,

@@ -8,7 +8,8 @@ use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
 use crate::error::{AnalysisError, caught};
 
-/// Calls `take` for each of so many parts, on all cores, with a value that `make` made for its thread; returns these values.
+/// Calls `take` for each of so many parts, on all cores, with a value that `make` made for its thread; returns these
+/// values.
 ///
 /// # Errors
 /// Of the first part that failed; [`AnalysisError::Stopped`] once `stop` returns true.

@@ -1,7 +1,8 @@
 //! Counts, means and shares by bin.
 //!
-//! A loop over plain numbers: with a lazy polars query, and columns read through its iterators, queries took twice the CPU time
-//! (`bench/analysis.sh`). The sums of parts are added in the order of the parts, so that the result does not depend on which thread was first.
+//! A loop over plain numbers: with a lazy polars query, and columns read through its iterators, queries took twice the
+//! CPU time (`bench/analysis.sh`). The sums of parts are added in the order of the parts, so that the result does not
+//! depend on which thread was first.
 
 use std::collections::BTreeMap;
 
@@ -51,8 +52,8 @@ impl PartSums {
     }
 }
 
-/// Adds rows: bin, truth and estimate, which becomes the absolute error. `error` converts an error in metres to the unit, `limit` is the least
-/// gross error.
+/// Adds rows: bin, truth and estimate, which becomes the absolute error. `error` converts an error in metres to the
+/// unit, `limit` is the least gross error.
 fn add_rows<'a>(
     sums: &mut [Sums],
     rows: impl Iterator<Item = ((&'a u32, &'a f32), &'a mut f32)>,

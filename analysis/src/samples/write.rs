@@ -93,14 +93,14 @@ impl<'a> OfRun<'a> {
     }
 }
 
-/// Writes the samples of all recorded maps to a file, which is whole or not there. `progress` is called with frames done and all there are;
-/// `stop` is asked between frames.
+/// Writes the samples of all recorded maps to a file, which is whole or not there. `progress` is called with frames
+/// done and all there are; `stop` is asked between frames.
 ///
 /// A few frames are held in memory at a time, whatever their number. Equal recordings give equal files.
 ///
 /// # Errors
-/// If the recording cannot be read, or nothing in it was scored with its maps kept ([`AnalysisError::Request`], with what `record:` would have to name);
-/// if the file cannot be written; [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read, or nothing in it was scored with its maps kept ([`AnalysisError::Request`], with
+/// what `record:` would have to name); if the file cannot be written; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn write_samples(
     recording: &Recording,
     file: &Path,
@@ -229,7 +229,8 @@ impl Frames<'_> {
         Ok(())
     }
 
-    /// The rows of a frame that is scored in one way; `None` if it has none, unless a table `even_if_empty` is asked for.
+    /// The rows of a frame that is scored in one way; `None` if it has none, unless a table `even_if_empty` is asked
+    /// for.
     fn rows(
         &self,
         of_run: &OfRun<'_>,

@@ -72,8 +72,8 @@ pub struct Interval {
 }
 
 impl Resampling {
-    /// How often frames are resampled for intervals of scores: of 10,000, the ends of intervals of few, skewed scores lie up to a tenth of the
-    /// interval's width apart from one seed to another; of so many, a third of that.
+    /// How often frames are resampled for intervals of scores: of 10,000, the ends of intervals of few, skewed scores
+    /// lie up to a tenth of the interval's width apart from one seed to another; of so many, a third of that.
     pub const OF_SCORES: u32 = 100_000;
     /// How often for errors by distance, each of which is a sum or median over pixels.
     pub const OF_ERRORS: u32 = 10_000;
@@ -109,8 +109,8 @@ impl Resampling {
         Ok(intervals)
     }
 
-    /// The intervals of numbers of `frames` frames; `None` where there are fewer than two, or the resamples say nothing: some are no numbers, or
-    /// none lies on one side of the number.
+    /// The intervals of numbers of `frames` frames; `None` where there are fewer than two, or the resamples say
+    /// nothing: some are no numbers, or none lies on one side of the number.
     pub(crate) fn intervals(
         &self,
         frames: usize,
@@ -201,7 +201,8 @@ impl Resampling {
     }
 }
 
-/// Of which shares of the sorted resamples the ends of a BCa interval are percentiles (Efron and Tibshirani 1993, 14.9 to 14.15).
+/// Of which shares of the sorted resamples the ends of a BCa interval are percentiles (Efron and Tibshirani 1993, 14.9
+/// to 14.15).
 fn shares(alpha: f64, whole: f64, replicates: &[f64], left_out: &[f64]) -> Option<(f64, f64)> {
     let (below, up_to) = (replicates.partition_point(|of| *of < whole), replicates.partition_point(|of| *of <= whole));
     let bias = normal::quantile((below + up_to) as f64 / (2 * replicates.len()) as f64);

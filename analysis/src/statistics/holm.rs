@@ -1,7 +1,7 @@
 //! Several tests at once.
 
-/// Holm's correction (1979): probabilities that, held against one level, make a wrong rejection among all of them no likelier than that level,
-/// however they depend on each other.
+/// Holm's correction (1979): probabilities that, held against one level, make a wrong rejection among all of them no
+/// likelier than that level, however they depend on each other.
 pub(crate) fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
     order.sort_by(|&a, &b| p[a].total_cmp(&p[b]));

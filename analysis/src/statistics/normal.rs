@@ -7,7 +7,8 @@ pub(super) fn cdf(z: f64) -> f64 {
     0.5 * libm::erfc(-z * FRAC_1_SQRT_2)
 }
 
-/// The value that is not exceeded with probability `p`, to 16 digits: algorithm AS 241, PPND16 (Wichura 1988). Of 0 and 1 it is infinite.
+/// The value that is not exceeded with probability `p`, to 16 digits: algorithm AS 241, PPND16 (Wichura 1988). Of 0 and
+/// 1 it is infinite.
 pub(super) fn quantile(p: f64) -> f64 {
     const A: [f64; 8] = [
         3.387_132_872_796_366_6,

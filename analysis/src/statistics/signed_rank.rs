@@ -2,7 +2,8 @@
 
 use super::normal;
 
-/// Up to so many differences the distribution is taken exactly where no two are alike and none is zero; `scipy.stats.wilcoxon` has the same limits.
+/// Up to so many differences the distribution is taken exactly where no two are alike and none is zero;
+/// `scipy.stats.wilcoxon` has the same limits.
 const EXACT: usize = 50;
 /// And up to so many where some are: of all ways to give them signs.
 const ALL_SIGNS: usize = 13;
@@ -38,8 +39,8 @@ impl Distribution {
 }
 
 impl SignedRank {
-    /// Of differences, zeros left out: as `scipy.stats.wilcoxon(differences)` of SciPy 1.17. `None` of none; where all are zero nothing speaks against
-    /// it, and `p` is 1 (SciPy says so of up to 13).
+    /// Of differences, zeros left out: as `scipy.stats.wilcoxon(differences)` of SciPy 1.17. `None` of none; where all
+    /// are zero nothing speaks against it, and `p` is 1 (SciPy says so of up to 13).
     pub(crate) fn of(differences: &[f64]) -> Option<Self> {
         let mut by_size: Vec<f64> = differences.iter().copied().filter(|of| *of != 0.0).collect();
         if differences.is_empty() || by_size.iter().any(|of| of.is_nan()) {
@@ -78,7 +79,8 @@ impl SignedRank {
     }
 }
 
-/// The share of all ways to give ranks signs whose positive ones sum to at most `sum`, or to at least that, whichever is less, twice.
+/// The share of all ways to give ranks signs whose positive ones sum to at most `sum`, or to at least that, whichever
+/// is less, twice.
 fn two_sided(ranks: &[usize], sum: usize) -> f64 {
     let all: usize = ranks.iter().sum();
     // How many ways lead to each sum: no more than 2^50, so each is whole.

@@ -82,8 +82,8 @@ fn intervals_are_scipys_on_the_same_resamples() {
     }
 }
 
-/// SciPy 1.17, of eleven skewed frames with three seeds: `bootstrap((x,), np.mean, n_resamples=1_000_000, method="BCa")` is 0.10173 to 0.19255. Of 10,000
-/// resamples its upper end is from 0.1900 to 0.1946 with five seeds.
+/// SciPy 1.17, of eleven skewed frames with three seeds: `bootstrap((x,), np.mean, n_resamples=1_000_000,
+/// method="BCa")` is 0.10173 to 0.19255. Of 10,000 resamples its upper end is from 0.1900 to 0.1946 with five seeds.
 #[test]
 fn seeds_do_not_move_the_ends_of_an_interval() {
     let frames = [0.081, 0.093, 0.102, 0.117, 0.095, 0.21, 0.088, 0.31, 0.104, 0.099, 0.126];

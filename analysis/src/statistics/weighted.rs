@@ -2,7 +2,8 @@
 
 use depthloom_scores::{Mean, Metric, Pooling, ScaleInvariant, ScoreRow, Settings};
 
-/// A score of all frames, of which each may count any number of times: none, as the jackknife leaves one out, or several, as a resample has it.
+/// A score of all frames, of which each may count any number of times: none, as the jackknife leaves one out, or
+/// several, as a resample has it.
 #[derive(Clone, Debug)]
 pub(crate) struct Weighted {
     form: Form,
@@ -20,7 +21,8 @@ enum Form {
 }
 
 impl Weighted {
-    /// Of frames that all have the score; `None` where a data set's value does not follow from theirs, as a median over pixels does not.
+    /// Of frames that all have the score; `None` where a data set's value does not follow from theirs, as a median over
+    /// pixels does not.
     pub(crate) fn of<'a>(
         metric: &Metric,
         mean: Mean,
@@ -54,7 +56,8 @@ impl Weighted {
         Some(Self { form, terms })
     }
 
-    /// Of those frames that have the score, and how many these are; `None` as of [`Weighted::of`], and where none has it.
+    /// Of those frames that have the score, and how many these are; `None` as of [`Weighted::of`], and where none has
+    /// it.
     pub(crate) fn of_those_that_have_it<'a>(
         metric: &Metric,
         mean: Mean,

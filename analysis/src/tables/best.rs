@@ -1,8 +1,9 @@
 //! Which values are best: one rule for tables in every format, pages and figures.
 //!
-//! A value competes with those of its class: over as many pixels of the same frames, of the same ground truth, scored in the same way. The best of a
-//! class of two or more is marked, and what equals it. What was within a factor of 1.25^3 of the ground truth nowhere, or is valid nowhere, is
-//! never best: `silog` would prefer an estimate that is missing everywhere, for a missing pixel counts as one constant, and a constant has the spread
+//! A value competes with those of its class: over as many pixels of the same frames, of the same ground truth,
+//! scored in the same way. The best of a class of two or more is marked, and what equals it. What was within a
+//! factor of 1.25^3 of the ground truth nowhere, or is valid nowhere, is never best: `silog` would prefer an
+//! estimate that is missing everywhere, for a missing pixel counts as one constant, and a constant has the spread
 //! of the ground truth and no error of its own.
 
 use std::collections::HashMap;

@@ -150,7 +150,8 @@ impl Column {
         }
     }
 
-    /// A column that says what a row is by values of axes; `is_number(row)` says whether all values of the row's axis are numbers.
+    /// A column that says what a row is by values of axes; `is_number(row)` says whether all values of the row's axis
+    /// are numbers.
     pub(crate) fn levels(
         name: impl Into<String>,
         cells: impl IntoIterator<Item = Option<String>>,

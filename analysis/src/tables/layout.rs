@@ -133,8 +133,8 @@ impl Table {
     }
 }
 
-/// The columns in blocks no wider than `room`: the keys in each, and as many of the others as fit. Columns that join each other or share a heading
-/// stay together if they fit in a block; `width` is that of some such columns.
+/// The columns in blocks no wider than `room`: the keys in each, and as many of the others as fit. Columns that join
+/// each other or share a heading stay together if they fit in a block; `width` is that of some such columns.
 pub(super) fn blocks(
     columns: &[TextColumn],
     room: usize,

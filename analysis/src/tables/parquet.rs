@@ -1,8 +1,10 @@
-//! A table as a Parquet file, whose metadata has: `depthloom.format` (the version of these columns), `depthloom.table` (which table it is),
-//! `depthloom.run` (the [key](crate::plan_key) of the run's plan) and `depthloom.units` (a JSON object, column to unit).
+//! A table as a Parquet file, whose metadata has: `depthloom.format` (the version of these columns), `depthloom.table`
+//! (which table it is), `depthloom.run` (the [key](crate::plan_key) of the run's plan) and `depthloom.units` (a JSON
+//! object, column to unit).
 //!
-//! polars writes and reads Parquet, and is kept from starting threads for it: a table is small, and where a system gives no more
-//! threads, polars' pools panic, or wait for ever for threads that never came. Its CSV writer cannot be kept from it.
+//! polars writes and reads Parquet, and is kept from starting threads for it: a table is small, and where a system
+//! gives no more threads, polars' pools panic, or wait for ever for threads that never came. Its CSV writer cannot be
+//! kept from it.
 
 use std::str::FromStr;
 
@@ -26,7 +28,8 @@ pub const TABLE_FORMAT: u32 = 1;
 pub const TABLE_MARK: &str = "depthloom.format";
 
 impl Table {
-    /// The bytes of a Parquet file with the columns of [`Table::csv`]: the table `name`, of a run whose plan has this key.
+    /// The bytes of a Parquet file with the columns of [`Table::csv`]: the table `name`, of a run whose plan has this
+    /// key.
     ///
     /// # Errors
     /// If polars fails.
@@ -85,8 +88,8 @@ fn parsed<T: FromStr>(levels: &[Option<Value>]) -> Vec<Option<T>> {
     levels.iter().map(|level| level.as_ref().and_then(|level| level.text.parse().ok())).collect()
 }
 
-/// The bytes of a Parquet file of a table that `parts` makes, from top to bottom and twice: memory holds one of its parts, a row group each, and
-/// these bytes. There is at least one; all have the same columns.
+/// The bytes of a Parquet file of a table that `parts` makes, from top to bottom and twice: memory holds one of its
+/// parts, a row group each, and these bytes. There is at least one; all have the same columns.
 pub(crate) fn parquet_of_parts<T: AsRef<Table>, I: Iterator<Item = T>>(
     parts: impl Fn() -> I,
     name: &str,
@@ -126,7 +129,8 @@ impl AsRef<Self> for Table {
 
 /// The metadata of a Parquet file, with an Arrow schema in which texts are `large_utf8`.
 ///
-/// The schema that polars writes unless it is given one says `string_view`, which readers older than 2024 refuse (pyarrow 14: "Unrecognized type: 24").
+/// The schema that polars writes unless it is given one says `string_view`, which readers older than 2024 refuse
+/// (pyarrow 14: "Unrecognized type: 24").
 pub(crate) fn with_arrow_schema(mut metadata: Vec<(String, String)>, schema: &Schema) -> KeyValueMetadata {
     let arrow = schema_to_metadata_key(&schema.to_arrow(CompatLevel::oldest()));
     metadata.insert(0, (arrow.key, arrow.value.unwrap_or_default()));

@@ -1,8 +1,8 @@
 //! Row keys: the columns that every table begins with.
 //!
-//! `stage` and `variant`; then what the row is of: `estimator` and `set` of scores and errors, `node` of time and learning; then a column an
-//! axis of the experiment's matrix. A `variant` is null where all variants share the row. Tables, figures and comparisons take
-//! these columns from here, so that programs can join one to another by them.
+//! `stage` and `variant`; then what the row is of: `estimator` and `set` of scores and errors, `node` of time and
+//! learning; then a column an axis of the experiment's matrix. A `variant` is null where all variants share the row.
+//! Tables, figures and comparisons take these columns from here, so that programs can join one to another by them.
 
 use depthloom_graphs::Key;
 use depthloom_graphs::plan::VariantId;
@@ -18,8 +18,8 @@ pub const KEY_COLUMNS: [&str; 4] = ["stage", "variant", "estimator", "set"];
 /// The pixels that all estimators of one truth and one way to be scored answered, as `set` calls them.
 pub const COMMON: &str = "common";
 
-/// The other columns of tables besides metrics: an axis of the matrix has another name. [`Table::parquet`](super::Table::parquet) checks in tests that
-/// none is missing.
+/// The other columns of tables besides metrics: an axis of the matrix has another name.
+/// [`Table::parquet`](super::Table::parquet) checks in tests that none is missing.
 const RESERVED: &str = "axis baseline baseline_m best_overall bias_m bin_from bin_from_m bin_from_px bin_to bin_to_m bin_to_px change count cpu_ns density \
     difference difference_high difference_high_m difference_low difference_low_m difference_m disparity_density disparity_frames \
     disparity_pixels frame frames gross_share learning_rate level loss losses mean median_cpu_ns ms node p p_from p_holm phase pixels \
@@ -45,7 +45,8 @@ pub struct Level {
     pub axis: String,
     /// Its column: called as the axis, or `axis.<axis>` where tables have another column of that name.
     pub column: String,
-    /// The value as the experiment writes it; `None` where the variant does not have the axis, or not all variants that share the row agree.
+    /// The value as the experiment writes it; `None` where the variant does not have the axis, or not all variants that
+    /// share the row agree.
     pub value: Option<String>,
     /// Whether all values of the axis are numbers.
     pub is_numeric: bool,
@@ -123,7 +124,8 @@ pub(crate) fn key_columns<'r, R>(rows: &'r [R], key: impl Fn(&'r R) -> &'r RowKe
     columns
 }
 
-/// The key of a run's plan: that of equal experiments, whatever machine ran them. Parquet files have it in their metadata.
+/// The key of a run's plan: that of equal experiments, whatever machine ran them. Parquet files have it in their
+/// metadata.
 #[must_use]
 #[expect(clippy::missing_panics_doc, reason = "whatever a plan holds is JSON")]
 pub fn plan_key(plan: &RecordedPlan) -> Key {

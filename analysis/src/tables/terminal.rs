@@ -9,7 +9,8 @@ use super::layout::{TextColumn, are_together, blocks};
 const LONGEST: usize = 40;
 
 impl Table {
-    /// As aligned text, the best marked by `*`; where it is wider than `width` columns of text, in blocks below each other.
+    /// As aligned text, the best marked by `*`; where it is wider than `width` columns of text, in blocks below each
+    /// other.
     #[must_use]
     pub fn terminal(&self, width: usize) -> String {
         let marks = self.marks().map_or_else(String::new, |marks| format!("; * {marks}"));

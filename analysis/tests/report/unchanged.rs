@@ -115,7 +115,8 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// The checksum: by estimator what its rows were computed from; then by estimator and bin the metre, whether it has shared pixels, and of all and of the shared pixels their number and errors.
+/// The checksum: by estimator what its rows were computed from; then by estimator and bin the metre, whether it has
+/// shared pixels, and of all and of the shared pixels their number and errors.
 fn checksum(origin: &Json, table: &DataFrame) -> Key {
     let bins = table.column("bin_from_m").unwrap().u32().unwrap();
     let counts = table.column("count").unwrap().u64().unwrap();
@@ -227,7 +228,8 @@ fn an_earlier_report_that_is_damaged_is_not_used() {
     runs.assert_as_fresh(&plan, |[_, a, ..]| scaled(a));
 }
 
-/// Estimates of one truth with several bounds: the pixels of all of them are counted in `true_distances.csv`, whichever is read first.
+/// Estimates of one truth with several bounds: the pixels of all of them are counted in `true_distances.csv`, whichever
+/// is read first.
 #[test]
 fn bounds_of_single_estimates_count_their_pixels() {
     for estimator in ["a/mono", "b/mono", "stereo"] {

@@ -159,7 +159,8 @@ impl Bag {
         if bytes.starts_with(&ZSTD) { self.unpacked(&bytes).map(Into::into) } else { Ok(bytes.into()) }
     }
 
-    /// The first bytes of messages, at most `most` each; `None` where messages were compressed one by one: see [`Bag::read`].
+    /// The first bytes of messages, at most `most` each; `None` where messages were compressed one by one: see
+    /// [`Bag::read`].
     pub fn heads(&self, messages: &[Message], most: usize) -> Result<Vec<Option<Vec<u8>>>, Fault> {
         let threads = std::thread::available_parallelism().map_or(1, Into::into);
         let budget = Budget::new(threads);
@@ -221,7 +222,8 @@ impl Bag {
         self.files.push(storage);
     }
 
-    /// The files of a bag: those that its metadata names; without metadata, those in the folder, if they are of one bag.
+    /// The files of a bag: those that its metadata names; without metadata, those in the folder, if they are of one
+    /// bag.
     fn files_of(&mut self, path: &Path) -> Result<Vec<PathBuf>, Fault> {
         if path.file_name().is_some_and(|name| name == metadata::NAME)
             && let Some(folder) = path.parent()

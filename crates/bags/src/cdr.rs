@@ -1,7 +1,8 @@
 //! CDR, as ROS 2 writes its messages: XCDR version 1, of either byte order (OMG DDS-XTypes 1.3, 7.4; RTPS 2.5, 10).
 //!
-//! A reader of our own: the published ones decode through serde into values of their own, an image's bytes copied, and trust the lengths they meet. Here
-//! bytes and texts are borrowed from the message, and no length is believed before the bytes are there.
+//! A reader of our own: the published ones decode through serde into values of their own, an image's bytes copied, and
+//! trust the lengths they meet. Here bytes and texts are borrowed from the message, and no length is believed before
+//! the bytes are there.
 
 use depthloom_graphs::ErrorMessage;
 
@@ -123,7 +124,8 @@ impl<'a> Cdr<'a> {
 mod tests {
     use super::Cdr;
 
-    /// `uint8 a`, `string s`, `float64 x`, `sequence<octet> d`, as the rules say: a number lies at a multiple of its size.
+    /// `uint8 a`, `string s`, `float64 x`, `sequence<octet> d`, as the rules say: a number lies at a multiple of its
+    /// size.
     fn message(big: bool) -> Vec<u8> {
         let order = |mut bytes: Vec<u8>| {
             if big {

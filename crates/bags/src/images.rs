@@ -1,5 +1,6 @@
 //! Images: `sensor_msgs/msg/Image` and `CompressedImage`, `foxglove.RawImage` and `foxglove.CompressedImage`.
-//! <https://docs.ros.org/en/rolling/p/sensor_msgs/>, <https://docs.foxglove.dev/docs/visualization/message-schemas/raw-image>
+//! <https://docs.ros.org/en/rolling/p/sensor_msgs/>,
+//! <https://docs.foxglove.dev/docs/visualization/message-schemas/raw-image>
 
 use depthloom_codecs::wire_format::{Content, Fields};
 use depthloom_graphs::ErrorMessage;
@@ -34,8 +35,8 @@ impl Brightest {
         samples.iter().max().copied().map(Self)
     }
 
-    /// A warning, if all samples fit in 12 bits: a camera of 10 or 12 bits has most likely stored them unshifted, and of the upper 8 of 16 bits at most
-    /// 16 levels differ.
+    /// A warning, if all samples fit in 12 bits: a camera of 10 or 12 bits has most likely stored them unshifted, and
+    /// of the upper 8 of 16 bits at most 16 levels differ.
     #[must_use]
     pub const fn warning(self, bits: Option<u32>) -> Option<&'static str> {
         match (self.0, bits) {
@@ -214,8 +215,9 @@ impl<'a> RawImage<'a> {
         Ok(Some(rgb))
     }
 
-    /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, or of the lowest `bits`; transparency is dropped. A sensor's
-    /// mosaic and YUV become the colours that OpenCV's `cvtColor` gives. Beside it how bright a 16-bit image is.
+    /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, or of the lowest `bits`;
+    /// transparency is dropped. A sensor's mosaic and YUV become the colours that OpenCV's `cvtColor` gives. Beside it
+    /// how bright a 16-bit image is.
     pub fn pixels(&self, bits: Option<u32>) -> Result<(Pixels, Option<Brightest>), ErrorMessage> {
         let size = (self.width, self.height);
         let grey = |samples| Pixels::Grey(GrayImage::from_raw(size.0, size.1, samples).expect("a byte a pixel"));
@@ -279,8 +281,8 @@ impl<'a> RawImage<'a> {
         shallow.map(|pixels| (pixels, None))
     }
 
-    /// Depths in metres, NaN where none is known (0, or no finite positive number). A unit is so many metres; by default a millimetre of
-    /// `16UC1`, a metre of `32FC1`, as REP 118 has it.
+    /// Depths in metres, NaN where none is known (0, or no finite positive number). A unit is so many metres; by
+    /// default a millimetre of `16UC1`, a metre of `32FC1`, as REP 118 has it.
     pub fn depths(&self, unit_m: Option<f64>) -> Result<Raster<f32>, ErrorMessage> {
         let metres: Vec<f32> = match self.encoding {
             "16UC1" | "mono16" => {
@@ -337,8 +339,8 @@ impl DepthCoding {
 }
 
 impl<'a> CompressedImage<'a> {
-    /// The image file of a camera, and whether its red and blue are exchanged: `image_transport` passes an image to OpenCV's encoder,
-    /// which takes the first sample as blue, and writes the order of the samples after `compressed`.
+    /// The image file of a camera, and whether its red and blue are exchanged: `image_transport` passes an image to
+    /// OpenCV's encoder, which takes the first sample as blue, and writes the order of the samples after `compressed`.
     pub fn camera(&self) -> Result<(&'a [u8], bool), ErrorMessage> {
         let (encoding, how) = self.format.split_once(';').unwrap_or(("", self.format));
         if how.contains("compressedDepth") {

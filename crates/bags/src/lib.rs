@@ -1,8 +1,10 @@
-//! ROS 2 bags and other MCAP files: their messages by topic, and the content of messages of cameras, scanners and transforms.
+//! ROS 2 bags and other MCAP files: their messages by topic, and the content of messages of cameras, scanners and
+//! transforms.
 //!
-//! A [`Bag`] is one file or several, in MCAP or in rosbag2's SQLite storage. Opening it reads its index, [`Bag::messages`] lists what a topic holds, and
-//! any thread reads any message at any time. The content of a message is decoded by [`images`], [`camera`], [`points`] and [`transforms`], out of CDR
-//! or protobuf bytes that may be anything: every length is checked before anything is allocated.
+//! A [`Bag`] is one file or several, in MCAP or in rosbag2's SQLite storage. Opening it reads its index,
+//! [`Bag::messages`] lists what a topic holds, and any thread reads any message at any time. The content of a message
+//! is decoded by [`images`], [`camera`], [`points`] and [`transforms`], out of CDR or protobuf bytes that may be
+//! anything: every length is checked before anything is allocated.
 //!
 //! ```no_run
 //! use depthloom_bags::{Bag, Form};

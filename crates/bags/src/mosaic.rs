@@ -31,8 +31,8 @@ impl Mosaic {
         Some(Self { red, bytes })
     }
 
-    /// Red, green and blue of each pixel, row by row, from one sample per pixel. The missing two are means of the nearest samples, rounded half up; the
-    /// outermost rows and columns repeat their inner neighbours.
+    /// Red, green and blue of each pixel, row by row, from one sample per pixel. The missing two are means of the
+    /// nearest samples, rounded half up; the outermost rows and columns repeat their inner neighbours.
     pub(crate) fn colours(self, samples: &[u16], width: u32, height: u32) -> Result<Vec<u16>, ErrorMessage> {
         if width < 3 || height < 3 {
             return Err(ErrorMessage::new(format!(

@@ -3,7 +3,8 @@
 /// In a gap longer than this many usual ones messages are missing.
 const LONG: f64 = 1.5;
 
-/// If gaps differ by more than this share of the usual one, the sender has no fixed rate, and missing messages cannot be counted.
+/// If gaps differ by more than this share of the usual one, the sender has no fixed rate, and missing messages cannot
+/// be counted.
 const EVEN: f64 = 0.5;
 
 /// How evenly messages come.

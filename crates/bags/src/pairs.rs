@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
-/// The pairs of two ascending lists of times that are no further apart than the tolerance, each time once, in time order.
+/// The pairs of two ascending lists of times that are no further apart than the tolerance, each time once, in time
+/// order.
 ///
-/// Two times are a pair if neither has a nearer partner. What is left over between pairs is paired among itself, again and again until nothing is
-/// left within the tolerance.
+/// Two times are a pair if neither has a nearer partner. What is left over between pairs is paired among itself, again
+/// and again until nothing is left within the tolerance.
 #[must_use]
 pub fn pairs(left: &[u64], right: &[u64], tolerance_ns: u64) -> Vec<(usize, usize)> {
     let mut found = Vec::with_capacity(left.len().min(right.len()));

@@ -15,7 +15,8 @@ pub struct Stamped {
     pub message: Message,
 }
 
-/// Messages by the time of their headers, of one time the one recorded first; and how many repeat another's time, which are left out.
+/// Messages by the time of their headers, of one time the one recorded first; and how many repeat another's time, which
+/// are left out.
 ///
 /// Only their first bytes are read; of MCAP's compressed chunks all before them is decompressed, on all cores.
 pub fn by_header(bag: &Bag, topic: &Topic, form: Form, messages: &[Message]) -> Result<(Vec<Stamped>, usize), Fault> {

@@ -51,7 +51,8 @@ pub fn left_of<'a>(bag: &'a Bag, right: &Topic) -> Option<&'a Topic> {
     bag.topics().iter().find(is_left)
 }
 
-/// The stereo pairs that there are by name. Where some are rectified, these; of one image in several transports the uncompressed one.
+/// The stereo pairs that there are by name. Where some are rectified, these; of one image in several transports the
+/// uncompressed one.
 #[must_use]
 pub fn stereo_pairs(bag: &Bag) -> Vec<(&Topic, &Topic)> {
     let is_image = |topic: &&Topic| Form::sort_of(topic).is_some_and(Sort::is_image);
@@ -69,7 +70,8 @@ pub fn stereo_pairs(bag: &Bag) -> Vec<(&Topic, &Topic)> {
     pairs
 }
 
-/// The topic of the camera that an image is of: `camera_info` beside it, or the only one of cameras in its folder or below it.
+/// The topic of the camera that an image is of: `camera_info` beside it, or the only one of cameras in its folder or
+/// below it.
 #[must_use]
 pub fn camera_of<'a>(bag: &'a Bag, image: &Topic) -> Option<&'a Topic> {
     let name = base(&image.name);

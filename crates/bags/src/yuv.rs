@@ -1,4 +1,5 @@
-//! Brightness and colour difference (`uyvy`, `yuyv`, `nv21`) as red, green and blue: ITU-R BT.601 with footroom, in the fixed point of OpenCV's `cvtColor`.
+//! Brightness and colour difference (`uyvy`, `yuyv`, `nv21`) as red, green and blue: ITU-R BT.601 with footroom, in the
+//! fixed point of OpenCV's `cvtColor`.
 //! <https://docs.opencv.org/4.x/de/d25/imgproc_color_conversions.html#color_convert_rgb_yuv_42x>
 
 const SHIFT: u32 = 20;

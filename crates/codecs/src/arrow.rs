@@ -1,14 +1,14 @@
 //! Values as Arrow record batches, and streams of these, for programs in other languages.
 //!
-//! A column is the value of a port: a struct of `width`, `height` and `data`, a list of numbers, row by row, so that Arrow's libraries, and NumPy on top of
-//! them, read the pixels without a copy. A batch has one row.
+//! A column is the value of a port: a struct of `width`, `height` and `data`, a list of numbers, row by row, so that
+//! Arrow's libraries, and NumPy on top of them, read the pixels without a copy. A batch has one row.
 //!
-//! This is the part of Arrow's IPC format that such streams take (little endian, V5; no dictionaries, no compression), and it reads what others write of it:
-//! lengths and offsets are checked before they are followed.
+//! This is the part of Arrow's IPC format that such streams take (little endian, V5; no dictionaries, no compression),
+//! and it reads what others write of it: lengths and offsets are checked before they are followed.
 //!
 //! `arrow-ipc` 60.1 takes half the lines and the same CPU time (tried on calls with KITTI images). It adds nine crates,
-//! about 90 s of CPU time to build, and `arrow-array` enables other features of `chrono` and `ahash`, so that polars and
-//! burn are compiled again.
+//! about 90 s of CPU time to build, and `arrow-array` enables other features of `chrono` and `ahash`, so that polars
+//! and burn are compiled again.
 //!
 //! ```
 //! use depthloom_codecs::arrow::{self, Schema, StreamReader};
@@ -24,7 +24,8 @@
 //! let mut reader = StreamReader::new(&stream[..]);
 //! let schema = reader.schema()?.unwrap();
 //! let batch = reader.batch(&schema)?.unwrap();
-//! let Ok(Value::Depth(depth)) = arrow::value(ValueType::Depth, &batch.column(&schema, "depth").unwrap()) else { panic!() };
+//! let column = batch.column(&schema, "depth").unwrap();
+//! let Ok(Value::Depth(depth)) = arrow::value(ValueType::Depth, &column) else { panic!() };
 //! assert_eq!(depth.metres[(0, 0)].0, [3.5]);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

@@ -1,4 +1,5 @@
-//! zstd, each time in a context of its own, so that what it did before cannot matter; without memory an error, not a panic.
+//! zstd, each time in a context of its own, so that what it did before cannot matter; without memory an error, not a
+//! panic.
 
 use std::io;
 

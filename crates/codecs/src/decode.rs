@@ -299,7 +299,8 @@ mod tests {
         assert_eq!(recorded(&apart), recorded(&one) + 10);
     }
 
-    /// The bytes of a row as recordings of before have them, written by prost: frame, set, pixels, then doubles 4 to 11.
+    /// The bytes of a row as recordings of before have them, written by prost: frame, set, pixels, then doubles 4
+    /// to 11.
     #[test]
     fn rows_of_before_are_read() {
         let mut message = b"\x0a\x01f\x12\x03all\x18\x07".to_vec();

@@ -31,8 +31,8 @@ enum Samples<'a> {
     U8(&'a [u8]),
     /// True disparities, as 256ths of a pixel.
     TrueDisparities(&'a [f32]),
-    /// Fixed-point disparities, counted from the one that means that nothing was found: that is recorded as zero and all others
-    /// above it, since no viewer knows 16 bits with a sign.
+    /// Fixed-point disparities, counted from the one that means that nothing was found: that is recorded as zero and
+    /// all others above it, since no viewer knows 16 bits with a sign.
     Disparities(&'a [i16], i16),
 }
 
@@ -50,8 +50,8 @@ struct RawImage<'a> {
 /// a `depthloom.FloatMap`; other rasters a `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
 ///
 /// # Errors
-/// If the value is of another type (scores and curves are one message per row ([`messages`](crate::messages)), samples and models none), or
-/// if 16 bits do not hold its disparities.
+/// If the value is of another type (scores and curves are one message per row ([`messages`](crate::messages)), samples
+/// and models none), or if 16 bits do not hold its disparities.
 pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema, String> {
     match value {
         Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
@@ -233,7 +233,8 @@ fn put_samples<T: Copy, const N: usize>(out: &mut Vec<u8>, samples: &[T], bytes:
     }
 }
 
-/// Appends the calibration of a pair's reference camera, or of its right one: the same, a baseline to the right, with its own principal point.
+/// Appends the calibration of a pair's reference camera, or of its right one: the same, a baseline to the right, with
+/// its own principal point.
 pub fn put_camera(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration, is_right: bool) {
     let p = if is_right { calibration.p_right() } else { calibration.p() };
     let mut k = calibration.k();
@@ -259,7 +260,8 @@ pub fn put_camera(out: &mut Vec<u8>, stamp: Stamp<'_>, calibration: &Calibration
     }
 }
 
-/// Appends a `foxglove.PointCloud`: x, y and z as floats, red, green, blue and alpha as bytes; white where there are no colours.
+/// Appends a `foxglove.PointCloud`: x, y and z as floats, red, green, blue and alpha as bytes; white where there are no
+/// colours.
 pub fn put_points(out: &mut Vec<u8>, stamp: Stamp<'_>, cloud: &Cloud) {
     let field = |name: &str, offset, kind: NumericType| PackedElementField {
         name: name.to_owned(),
@@ -289,7 +291,8 @@ pub fn put_points(out: &mut Vec<u8>, stamp: Stamp<'_>, cloud: &Cloud) {
     out.extend_from_slice(&message.encode_to_vec());
 }
 
-/// Appends the pose of the stamp's frame in another: its origin there, metres, and its rotation, a quaternion (x, y, z, w).
+/// Appends the pose of the stamp's frame in another: its origin there, metres, and its rotation, a quaternion (x, y, z,
+/// w).
 pub fn put_transform(out: &mut Vec<u8>, stamp: Stamp<'_>, parent: &str, origin_m: [f64; 3], rotation: [f64; 4]) {
     let [x, y, z] = origin_m;
     let translation = Some(Vector3 { x, y, z });

@@ -1,4 +1,5 @@
-//! Values as files that other programs read: images and maps as PNG, NPY and PFM, point clouds as PLY and PCD. Bytes, no file.
+//! Values as files that other programs read: images and maps as PNG, NPY and PFM, point clouds as PLY and PCD. Bytes,
+//! no file.
 //!
 //! | value | [`png`] | [`npy`] | [`pfm`] |
 //! |---|---|---|---|

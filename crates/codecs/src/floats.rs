@@ -1,9 +1,10 @@
 //! Maps of floats in fewer bytes, bit for bit.
 //!
-//! `depthloom.FloatMap` holds its samples row by row, either as they are (`data`) or as the differences of their bits: neighbours are often equal, and more often
-//! alike in sign, exponent and first digits, while the last two bytes of a computed number are noise that nothing makes smaller. The bits of each
-//! sample, taken as a number, less those of the sample before it (of the first: less zero), modulo 2^32 and with the sign brought into the lowest
-//! bit (`d << 1 ^ d >> 31`), are of one of four classes:
+//! `depthloom.FloatMap` holds its samples row by row, either as they are (`data`) or as the differences of their
+//! bits: neighbours are often equal, and more often alike in sign, exponent and first digits, while the last two
+//! bytes of a computed number are noise that nothing makes smaller. The bits of each sample, taken as a number,
+//! less those of the sample before it (of the first: less zero), modulo 2^32 and with the sign brought into the
+//! lowest bit (`d << 1 ^ d >> 31`), are of one of four classes:
 //!
 //! | class | difference | kept of it |
 //! |---|---|---|
@@ -12,8 +13,9 @@
 //! | 2 | below 2^20 | these, and four bits more in `codes` |
 //! | 3 | any other | these, and its high 16 bits in `codes` |
 //!
-//! `codes` is a zstd frame of the classes, two bits each, four a byte, the first lowest; behind them of the four bits of all samples of class 2, two a
-//! byte, the first lower; and behind these of the high 16 bits of all samples of class 3, first the lower bytes of all, then the upper. `lows` are little-endian.
+//! `codes` is a zstd frame of the classes, two bits each, four a byte, the first lowest; behind them of the four bits
+//! of all samples of class 2, two a byte, the first lower; and behind these of the high 16 bits of all samples of class
+//! 3, first the lower bytes of all, then the upper. `lows` are little-endian.
 
 use std::io;
 

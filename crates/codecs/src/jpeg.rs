@@ -1,6 +1,8 @@
-//! JPEG files as libjpeg-turbo decodes them with its defaults (integer DCT, smooth upsampling of colour), bit by bit: OpenCV and Pillow use it.
+//! JPEG files as libjpeg-turbo decodes them with its defaults (integer DCT, smooth upsampling of colour), bit by bit:
+//! OpenCV and Pillow use it.
 //!
-//! The decoder of the crate `image` rounds its DCT, upsampling and colours otherwise: its samples differ by up to 3, and so do disparities of them.
+//! The decoder of the crate `image` rounds its DCT, upsampling and colours otherwise: its samples differ by up to 3,
+//! and so do disparities of them.
 
 use depthloom_graphs::values::Pixels;
 use image::{GrayImage, RgbImage};
@@ -15,7 +17,8 @@ const END_OF_IMAGE: [u8; 2] = [0xff, 0xd9];
 /// The pixels of a JPEG file of one or three components; `None` for a file of others (CMYK) or of more than 8 bits.
 ///
 /// # Errors
-/// What is wrong with the file, as a lower-case fragment. A truncated file is an error, other than with libjpeg-turbo, which fills it with grey.
+/// What is wrong with the file, as a lower-case fragment. A truncated file is an error, other than with libjpeg-turbo,
+/// which fills it with grey.
 pub fn decode(file: &[u8]) -> Result<Option<Pixels>, String> {
     // Within a scan these bytes do not occur: where the last scan has no end, the file is cut off.
     let last = |marker: [u8; 2]| file.windows(2).rposition(|bytes| *bytes == marker);

@@ -1,6 +1,8 @@
 //! Values as protobuf messages and back, and as the [`files`] of other programs: bytes, no file.
 //!
-//! A recording is one consumer; a live view, a process and a bridge encode values as a recording does: `foxglove.*` messages that any viewer of these reads, and depthloom's own for maps of floats, scores, learning curves and commits.
+//! A recording is one consumer; a live view, a process and a bridge encode values as a recording does: `foxglove.*`
+//! messages that any viewer of these reads, and depthloom's own for maps of floats, scores, learning curves and
+//! commits.
 //!
 //! ```
 //! use depthloom_codecs::{decode, encode};

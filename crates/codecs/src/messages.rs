@@ -7,9 +7,9 @@ use crate::wire_format::{Content, Fields, put_bytes, put_number, put_varint};
 
 /// `depthloom.Score`: one row of scores.
 ///
-/// Fields `frame` 1, `set` 2, `pixels` 3, `zone` 12 (empty: the whole image), `truth` 13, `answered` 14, `log_mean` 15, and the
-/// [catalogue](Metric)'s, as optional doubles: a metric that was not requested, or of no pixel, is absent. Older recordings
-/// hold the first eight scores and none of 12 to 15.
+/// Fields `frame` 1, `set` 2, `pixels` 3, `zone` 12 (empty: the whole image), `truth` 13, `answered` 14, `log_mean` 15,
+/// and the [catalogue](Metric)'s, as optional doubles: a metric that was not requested, or of no pixel, is absent.
+/// Older recordings hold the first eight scores and none of 12 to 15.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScoreMessage {
     /// The frame's id.
@@ -78,8 +78,8 @@ impl ScoreMessage {
 
 /// `depthloom.CurvePoint`: one point of a learning curve.
 ///
-/// Loss and learning rate are always there: the presence is declared because zero, which an undeclared field leaves out, would
-/// come back without its sign.
+/// Loss and learning rate are always there: the presence is declared because zero, which an undeclared field leaves
+/// out, would come back without its sign.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct CurvePointMessage {
     /// Field `step`.

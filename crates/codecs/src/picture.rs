@@ -1,7 +1,8 @@
 //! Maps as small pictures to look at, which any viewer draws right without a setting.
 //!
-//! A picture is a PNG of indexed colours, of every second pixel and row; black = no answer. Colours follow ratios, not differences: what is twice as far
-//! is as many colours away, near as well as far, and all pictures share the scale, so that a depth and the disparity it was made of look alike.
+//! A picture is a PNG of indexed colours, of every second pixel and row; black = no answer. Colours follow ratios, not
+//! differences: what is twice as far is as many colours away, near as well as far, and all pictures share the scale, so
+//! that a depth and the disparity it was made of look alike.
 
 use std::borrow::Cow;
 
@@ -18,7 +19,8 @@ const LEVELS: u8 = 63;
 /// What is as near or nearer has the last colour, what is as far or farther the first, metres.
 const NEAR_M: f32 = 1.0;
 const FAR_M: f32 = 100.0;
-/// The same of disparities, pixels: as far as the depths where focal length times baseline is 400 px m, as KITTI's nearly is.
+/// The same of disparities, pixels: as far as the depths where focal length times baseline is 400 px m, as KITTI's
+/// nearly is.
 const FAR_PX: f32 = 4.0;
 const NEAR_PX: f32 = 400.0;
 
@@ -70,8 +72,8 @@ pub fn picture(value: &Value) -> Option<Vec<u8>> {
 
 /// Ratios to levels from 1 to [`LEVELS`].
 ///
-/// The bits of a positive float grow with it, and grow alike from each power of two to the next: between these a straight line stands for
-/// the logarithm, which is exact on every machine, and at most a twelfth of an octave off.
+/// The bits of a positive float grow with it, and grow alike from each power of two to the next: between these a
+/// straight line stands for the logarithm, which is exact on every machine, and at most a twelfth of an octave off.
 struct Scale {
     from: i32,
     span: i32,
@@ -85,7 +87,8 @@ impl Scale {
         Self { from, span: to - from, per_step: (LEVELS - 1) as f32 / (to - from) as f32 }
     }
 
-    /// The level of a number; one that is not positive has the lowest. Plain arithmetic alone, so that a row is done in vectors.
+    /// The level of a number; one that is not positive has the lowest. Plain arithmetic alone, so that a row is done in
+    /// vectors.
     fn level(&self, number: f32) -> u8 {
         // All bits of a negative number, read as a signed one, are below those of a positive.
         let above = (number.to_bits() as i32).max(self.from) - self.from;
@@ -93,7 +96,8 @@ impl Scale {
     }
 }
 
-/// The nearest whole number of one from 0 to 255. Above 2^23 a float's last bits count ones; a cast, which must ask for NaN and bounds, would leave the vectors.
+/// The nearest whole number of one from 0 to 255. Above 2^23 a float's last bits count ones; a cast, which must ask for
+/// NaN and bounds, would leave the vectors.
 fn rounded(number: f32) -> u8 {
     (number + 8_388_608.0).to_bits() as u8
 }

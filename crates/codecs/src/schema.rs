@@ -1,8 +1,9 @@
 //! The schemas of a recording: Foxglove's, with whole descriptor sets, and depthloom's own three.
 //!
-//! Foxglove's `RawImage` and `CameraCalibration` get fields beyond Foxglove's own, declared in the descriptor that the recording carries and
-//! skipped by readers that do not know them: the smallest disparity searched, without which a fixed-point map cannot be read back, and the pair's
-//! baseline, which `P` holds only as a rounded product, with what the right camera's principal point lies apart, which only its own `P` holds.
+//! Foxglove's `RawImage` and `CameraCalibration` get fields beyond Foxglove's own, declared in the descriptor that the
+//! recording carries and skipped by readers that do not know them: the smallest disparity searched, without which a
+//! fixed-point map cannot be read back, and the pair's baseline, which `P` holds only as a rounded product, with what
+//! the right camera's principal point lies apart, which only its own `P` holds.
 
 use std::sync::OnceLock;
 
@@ -17,7 +18,8 @@ use prost_types::{
 
 use crate::messages::{ANSWERED, LOG_MEAN, TRUTH, ZONE};
 
-/// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only, whose numbers count from a pixel below it.
+/// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only, whose numbers count from a pixel
+/// below it.
 pub(crate) const MIN_DISPARITY_PX: u32 = 1001;
 /// `CameraCalibration`: the distance between the two cameras' centres, metres.
 pub const BASELINE_M: u32 = 1001;

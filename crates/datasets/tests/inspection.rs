@@ -1,4 +1,5 @@
-//! What a frame's images, calibration and truth say of each other: nothing of right data, and the mistake of wrong ones.
+//! What a frame's images, calibration and truth say of each other: nothing of right data, and the mistake of wrong
+//! ones.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
 
 use depthloom_graphs::plan::FrameIndex;
@@ -231,7 +232,8 @@ fn real_frames_of_the_other_unit_or_of_two_scenes_are_found_out() {
             told += usize::from(!found.is_empty());
             scenes += usize::from(found.iter().any(|of| of.what.contains("do not show the same")));
         }
-        // Streets can be alike enough to pass for one scene: what real pairs never meet, a few shuffled ones do not meet either.
+        // Streets can be alike enough to pass for one scene: what real pairs never meet, a few shuffled ones do not
+        // meet either.
         let count = frames.len();
         let numbers = format!("{kind}: {units}, {told} and {scenes} of {count}");
         assert!(10 * units >= 9 * count && 10 * told >= 7 * count && 10 * scenes >= 6 * count, "{numbers}");

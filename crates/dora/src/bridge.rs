@@ -1,7 +1,7 @@
 //! The connection to dora: a process in Python with dora's own library, which passes messages on.
 //!
-//! dora's library for Rust has about 450 crates and a network stack, and its protocol for nodes is not stable. A copy over a pipe is cheap
-//! compared with what a node computes.
+//! dora's library for Rust has about 450 crates and a network stack, and its protocol for nodes is not stable. A copy
+//! over a pipe is cheap compared with what a node computes.
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};

@@ -1,4 +1,5 @@
-//! A part that calls a third-party node of dora: it knows frames and absent values, the node only gets messages and replies.
+//! A part that calls a third-party node of dora: it knows frames and absent values, the node only gets messages and
+//! replies.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
@@ -346,7 +347,8 @@ mod tests {
         }
     }
 
-    /// What is taken for the answer on frame 2, and what is told, where these messages have come, and frame 1 was given up.
+    /// What is taken for the answer on frame 2, and what is told, where these messages have come, and frame 1 was given
+    /// up.
     fn taken(messages: &[(Json, &str)]) -> (Result<Option<String>, Fault>, Vec<String>) {
         let mailbox = Mailbox::new(Interrupt::default(), false);
         for (metadata, body) in messages {

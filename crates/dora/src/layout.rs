@@ -173,7 +173,8 @@ impl Names {
         for run in &plan.runs {
             sources.push(free(&mut taken, &format!("{}/source", run.prefix)));
             let named = run.nodes.iter().map(|node| {
-                // `/compare/no_scaling/fused` of its topics, which variants that do not share it have each of their own.
+                // `/compare/no_scaling/fused` of its topics, which variants that do not share it have each of their
+                // own.
                 let topic = node.outputs.first().and_then(|output| output.topic.rsplit_once('/'));
                 let name = topic.map_or_else(|| format!("{}/{}", run.prefix, node.name), |(node, _)| node.to_owned());
                 free(&mut taken, &name)

@@ -1,4 +1,5 @@
-//! An experiment as a dataflow of dora: every source, every node and the recorder is a process, and dora carries the values.
+//! An experiment as a dataflow of dora: every source, every node and the recorder is a process, and dora carries the
+//! values.
 //!
 //! | part | task |
 //! |---|---|
@@ -7,7 +8,8 @@
 //! | a third-party node (kind `dora`) | is called by one of our parts, which knows frames and absent values |
 //! | the recorder | runs the whole plan with the received values, so order, keys and failures are those of a run in one process |
 //!
-//! Every part runs the runner over its own piece of the plan. The recorder admits frames, so that no more are in flight than dora's queues hold.
+//! Every part runs the runner over its own piece of the plan. The recorder admits frames, so that no more are in flight
+//! than dora's queues hold.
 
 #![forbid(unsafe_code)]
 

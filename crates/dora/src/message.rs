@@ -1,5 +1,5 @@
-//! Values as Arrow arrays of one row, as in messages of dora: those of processes (`docs/reference/process-protocol.md`), with what a
-//! recording needs in addition.
+//! Values as Arrow arrays of one row, as in messages of dora: those of processes
+//! (`docs/reference/process-protocol.md`), with what a recording needs in addition.
 
 use std::sync::Arc;
 

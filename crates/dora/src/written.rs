@@ -113,7 +113,8 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
         let from = quoted(&format!("{}/{}", link.part, link.output));
         let queue = wanted.queue;
         let input = quoted(&link.input);
-        // These carry one message, so any queue is long enough. The short form saves space: the dataflow must fit into an environment variable.
+        // These carry one message, so any queue is long enough. The short form saves space: the dataflow must fit into
+        // an environment variable.
         if [channel::READY, channel::FRAMES, channel::ENGINES, channel::END].contains(&link.output.as_str()) {
             let _ = writeln!(text, "      {input}: {from}");
             continue;

@@ -1,11 +1,12 @@
 //! Files that are complete or not there, also after a power cut, and that never go where a link leads.
 //!
-//! A file is written under a temporary name in its own folder, synchronised, renamed, and the folder synchronised: POSIX promises
-//! that a rename replaces a name at once, and nothing of the order in which content and names reach the disk.
+//! A file is written under a temporary name in its own folder, synchronised, renamed, and the folder synchronised:
+//! POSIX promises that a rename replaces a name at once, and nothing of the order in which content and names reach the
+//! disk.
 //!
-//! A folder may come from a stranger, with links, pipes and devices under names that depthloom is known to use. So a temporary file has
-//! a random name and is created here or not at all, a rename replaces a link instead of following it, and what is opened
-//! to be locked or continued is a regular file that was reached without a link.
+//! A folder may come from a stranger, with links, pipes and devices under names that depthloom is known to use. So a
+//! temporary file has a random name and is created here or not at all, a rename replaces a link instead of following
+//! it, and what is opened to be locked or continued is a regular file that was reached without a link.
 
 mod names;
 mod open;
@@ -25,13 +26,13 @@ pub const PARTIAL: &str = "partial";
 
 /// Writes a file with `write`, in place of whatever has its name once all of it is on the disk.
 ///
-/// On an error the file under the final name is what it was, and nothing half-written stays beside it. Several may write one
-/// file at a time, in one process or in several: each writes a file of its own, and the last to end has the name. A link of
-/// that name is replaced, not followed.
+/// On an error the file under the final name is what it was, and nothing half-written stays beside it. Several may
+/// write one file at a time, in one process or in several: each writes a file of its own, and the last to end has the
+/// name. A link of that name is replaced, not followed.
 ///
 /// # Errors
-/// What `write` gave, or what creating, synchronising or renaming the file gave; [`io::ErrorKind::InvalidInput`] if a pipe, a socket
-/// or a device has the name.
+/// What `write` gave, or what creating, synchronising or renaming the file gave; [`io::ErrorKind::InvalidInput`] if a
+/// pipe, a socket or a device has the name.
 pub fn write_with<E: From<io::Error>>(path: &Path, write: impl FnOnce(&mut File) -> Result<(), E>) -> Result<(), E> {
     open::refuse_special(path)?;
     let (temporary, mut file) = create_temporary(path)?;
@@ -46,7 +47,8 @@ pub fn write_with<E: From<io::Error>>(path: &Path, write: impl FnOnce(&mut File)
     written
 }
 
-/// A new empty file beside `path`, locked: the lock tells its writer from one that was killed, see [`remove_abandoned`].
+/// A new empty file beside `path`, locked: the lock tells its writer from one that was killed, see
+/// [`remove_abandoned`].
 fn create_temporary(path: &Path) -> io::Result<(PathBuf, File)> {
     const ATTEMPTS: usize = 100;
     for _ in 0..ATTEMPTS {
@@ -141,7 +143,8 @@ fn parent(path: &Path) -> &Path {
     }
 }
 
-/// `<path>.partial`: the name that a run's folder has until it is complete. Whoever continues one checks first whose it is.
+/// `<path>.partial`: the name that a run's folder has until it is complete. Whoever continues one checks first whose it
+/// is.
 #[must_use]
 pub fn partial_name(path: &Path) -> PathBuf {
     let mut name = path.file_name().map(OsString::from).unwrap_or_default();

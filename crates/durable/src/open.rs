@@ -1,4 +1,5 @@
-//! Opening and creating what may lie in a stranger's folder: never through a link, and nothing but regular files and real folders.
+//! Opening and creating what may lie in a stranger's folder: never through a link, and nothing but regular files and
+//! real folders.
 
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -33,10 +34,12 @@ pub(crate) fn refuse_special(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Opens a regular file for reading and writing, without following a link and without waiting for the other end of a pipe.
+/// Opens a regular file for reading and writing, without following a link and without waiting for the other end of a
+/// pipe.
 ///
 /// # Errors
-/// [`io::ErrorKind::InvalidInput`] if it is a pipe, a socket or a device; what the system gave, such as `ELOOP` for a link.
+/// [`io::ErrorKind::InvalidInput`] if it is a pipe, a socket or a device; what the system gave, such as `ELOOP` for a
+/// link.
 pub fn open_regular(path: &Path) -> io::Result<File> {
     regular(File::options().read(true).write(true), path)
 }

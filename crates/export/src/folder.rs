@@ -87,7 +87,8 @@ impl Folder {
         })
     }
 
-    /// Writes a file, whole or not at all, in folders below that are made on the way; a link on the way is not followed.
+    /// Writes a file, whole or not at all, in folders below that are made on the way; a link on the way is not
+    /// followed.
     ///
     /// # Errors
     /// If it cannot be written.

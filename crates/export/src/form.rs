@@ -123,8 +123,8 @@ impl Form {
     }
 }
 
-/// What colours stand for where no range is asked for: the same in all frames and runs, so that they can be compared. `None` for
-/// what has no colours.
+/// What colours stand for where no range is asked for: the same in all frames and runs, so that they can be compared.
+/// `None` for what has no colours.
 const fn usual_range(value_type: ValueType) -> Option<(f64, f64)> {
     match value_type {
         ValueType::Depth => Some((0.0, 80.0)),

@@ -14,12 +14,13 @@ use depthloom_runs::file_name;
 pub struct Frames {
     /// Their positions in the run, ascending.
     pub positions: Vec<FrameIndex>,
-    /// By position, what a frame's files are called, whichever others are exported: its id, with its position behind it where an
-    /// earlier frame of the run has the same.
+    /// By position, what a frame's files are called, whichever others are exported: its id, with its position behind it
+    /// where an earlier frame of the run has the same.
     pub names: Vec<String>,
 }
 
-/// The frames of each stage run that `choice` takes among those of `runs`, all of them without one. A frame that none of these runs has is an error.
+/// The frames of each stage run that `choice` takes among those of `runs`, all of them without one. A frame that none
+/// of these runs has is an error.
 ///
 /// # Errors
 /// If `choice` names a frame that none of these runs has.

@@ -1,5 +1,5 @@
-//! Values of a recording as files that other programs read: `<out>/<topic>/<frame>.<ending>`, and what there is once a stage, or a row a
-//! frame, as `<out>/<topic>.<ending>`.
+//! Values of a recording as files that other programs read: `<out>/<topic>/<frame>.<ending>`, and what there is once a
+//! stage, or a row a frame, as `<out>/<topic>.<ending>`.
 
 #![forbid(unsafe_code)]
 

@@ -25,7 +25,8 @@ struct Series<'a> {
     /// Depths at which there are no points: caps, beyond which everything is seen as a wall.
     caps_m: Vec<f32>,
     files: AtomicU64,
-    /// How many of the files have another ending than the form's: JPEG files of images, which are written as they were recorded.
+    /// How many of the files have another ending than the form's: JPEG files of images, which are written as they were
+    /// recorded.
     jpegs: AtomicU64,
     clipped: AtomicU64,
 }
@@ -105,8 +106,8 @@ impl<'a> Maps<'a> {
         self.groups.iter().map(|group| self.frames[group.run].positions.len() as u64).sum()
     }
 
-    /// Writes them, on `threads` threads, until `stop`; calls `done` after each of the [work](Maps::work). What is damaged is left out,
-    /// and returned.
+    /// Writes them, on `threads` threads, until `stop`; calls `done` after each of the [work](Maps::work). What is
+    /// damaged is left out, and returned.
     ///
     /// # Errors
     /// If a file cannot be written or a value is none of its type. Files that were written are whole.
@@ -214,7 +215,8 @@ impl<'a> Maps<'a> {
     }
 }
 
-/// The caps of depth that the values of a topic went through: the parameter `cap` of its node, and of the nodes before it.
+/// The caps of depth that the values of a topic went through: the parameter `cap` of its node, and of the nodes before
+/// it.
 fn caps<'a>(run: &'a RecordedRun, topic: &'a str, seen: &mut HashSet<&'a str>, found: &mut Vec<f32>) {
     if !seen.insert(topic) {
         return;

@@ -45,10 +45,12 @@ impl Chosen<'_> {
     }
 }
 
-/// The topics that `patterns` name, all of them if there are none, in those of `formats` that they have, or in their usual one.
+/// The topics that `patterns` name, all of them if there are none, in those of `formats` that they have, or in their
+/// usual one.
 ///
-/// A pattern names a topic (`/look/depth/depth`), or by its end the topic or its node: `depth/depth`, `depth`; `*` stands for any run of
-/// characters. An output of the source is named by itself, too (`calibration`), where no node has that name.
+/// A pattern names a topic (`/look/depth/depth`), or by its end the topic or its node: `depth/depth`, `depth`; `*`
+/// stands for any run of characters. An output of the source is named by itself, too (`calibration`), where no node has
+/// that name.
 ///
 /// # Errors
 /// If a pattern names nothing, or nothing that was recorded and has one of the formats.
@@ -134,7 +136,8 @@ impl<'a> Output<'a> {
     }
 }
 
-/// A pattern, with `source/` before it where it is an output of the source and names nothing otherwise: `calibration` is `source/calibration`.
+/// A pattern, with `source/` before it where it is an output of the source and names nothing otherwise: `calibration`
+/// is `source/calibration`.
 fn of_source(pattern: &str, outputs: &[Output<'_>]) -> String {
     let names_any = |pattern: &str| outputs.iter().any(|output| output.name_by(pattern).is_some());
     let in_source = format!("source/{pattern}");

@@ -1,4 +1,5 @@
-//! Writes the seeds of all targets where cargo-fuzz looks for them: `cargo run --release -p depthloom-fuzz --example seeds -- crates/fuzz/fuzz/corpus`.
+//! Writes the seeds of all targets where cargo-fuzz looks for them: `cargo run --release -p depthloom-fuzz --example
+//! seeds -- crates/fuzz/fuzz/corpus`.
 
 use std::path::Path;
 

@@ -1,9 +1,9 @@
 //! Every parser of untrusted bytes, as a function of bytes.
 //!
-//! A [`Target`] is a file that a user may give to depthloom, with valid other files where it needs some. Whatever its bytes
-//! are, it is read or refused with a message. Targets use public interfaces: a file of a data set is opened, keyed and read
-//! through its source as the runner does it. `tests/parsers.rs` runs all targets over their seeds, over earlier findings
-//! (`found/`) and over mutations of both; `fuzz/` passes them to cargo-fuzz.
+//! A [`Target`] is a file that a user may give to depthloom, with valid other files where it needs some. Whatever its
+//! bytes are, it is read or refused with a message. Targets use public interfaces: a file of a data set is opened,
+//! keyed and read through its source as the runner does it. `tests/parsers.rs` runs all targets over their seeds, over
+//! earlier findings (`found/`) and over mutations of both; `fuzz/` passes them to cargo-fuzz.
 
 mod arrow;
 mod bags;

@@ -1,6 +1,7 @@
 //! Whatever a stranger's file holds, it is read or refused in words, in bounded memory: no panic, no abort.
 //!
-//! `DEPTHLOOM_FUZZ=100000` mutates as often, `DEPTHLOOM_FUZZ_TARGET=kitti_scan` that target alone; whichever input fails is written to a file, which belongs into `found/` then.
+//! `DEPTHLOOM_FUZZ=100000` mutates as often, `DEPTHLOOM_FUZZ_TARGET=kitti_scan` that target alone; whichever input
+//! fails is written to a file, which belongs into `found/` then.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -18,7 +19,8 @@ fn default_mutations() -> usize {
     if is_full() { 300 } else { 100 }
 }
 
-/// Runs a test's body in a process of its own that may not take more memory: an allocation beyond ends it, and the test with it.
+/// Runs a test's body in a process of its own that may not take more memory: an allocation beyond ends it, and the test
+/// with it.
 fn bounded(test: &str, body: impl FnOnce()) {
     const INSIDE: &str = "DEPTHLOOM_FUZZ_INSIDE";
     if !cfg!(unix) || std::env::var_os(INSIDE).is_some() {

@@ -1,8 +1,8 @@
 //! Block matching at KITTI's size: two blocks, the best implementation of this machine, one thread and two.
 //!
-//! `cargo bench -p depthloom-kernels --bench bm`. The images are random texture, the right one shifted: the work does not
-//! depend on what they show. `DEPTHLOOM_SIMD` holds the instruction set down; `bench/stereo.sh` compares with OpenCV on real
-//! frames.
+//! `cargo bench -p depthloom-kernels --bench bm`. The images are random texture, the right one shifted: the work does
+//! not depend on what they show. `DEPTHLOOM_SIMD` holds the instruction set down; `bench/stereo.sh` compares with
+//! OpenCV on real frames.
 
 use std::hint::black_box;
 

@@ -1,7 +1,8 @@
-//! Census stereo at KITTI's size: features, paths, disparities, every implementation of this machine, one thread and two.
+//! Census stereo at KITTI's size: features, paths, disparities, every implementation of this machine, one thread and
+//! two.
 //!
-//! `cargo bench -p depthloom-kernels --bench census`. The images are random texture, the right one shifted: the work does not
-//! depend on what they show.
+//! `cargo bench -p depthloom-kernels --bench census`. The images are random texture, the right one shifted: the work
+//! does not depend on what they show.
 
 use std::hint::black_box;
 

@@ -1,7 +1,8 @@
 //! Convolutions of the default network's levels, forward and backward, one image, one thread.
 //!
-//! `cargo bench -p depthloom-kernels --bench convolve`. Throughput counts multiply-adds (the backward pass has twice those of the
-//! forward pass): divide by the clock and by the lanes of a fused multiply-add to see how far from the roofline they are.
+//! `cargo bench -p depthloom-kernels --bench convolve`. Throughput counts multiply-adds (the backward pass has twice
+//! those of the forward pass): divide by the clock and by the lanes of a fused multiply-add to see how far from the
+//! roofline they are.
 
 use std::hint::black_box;
 

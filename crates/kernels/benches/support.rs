@@ -1,5 +1,5 @@
-//! What the benchmarks of all matchers have in common: KITTI's size and images of random texture, for the work does not depend on
-//! what they show.
+//! What the benchmarks of all matchers have in common: KITTI's size and images of random texture, for the work does not
+//! depend on what they show.
 
 pub(crate) const WIDTH: usize = 1242;
 pub(crate) const HEIGHT: usize = 375;

@@ -1,12 +1,12 @@
-//! Matches and filters raw images named on standard input, one job a line, and prints the milliseconds each took, or why
-//! it was refused. What `tests/bm_against_opencv.py` and `tests/bm_filters_against_references.py` drive.
+//! Matches and filters raw images named on standard input, one job a line, and prints the milliseconds each took, or
+//! why it was refused. What `tests/bm_against_opencv.py` and `tests/bm_filters_against_references.py` drive.
 //!
 //! `bm LEFT RIGHT OUT WIDTH HEIGHT THREADS` and then `preFilterType preFilterSize preFilterCap blockSize minDisparity
 //! numDisparities textureThreshold uniquenessRatio speckleWindowSize speckleRange disp12MaxDiff`. Images are raw bytes,
 //! disparities raw little-endian 16 bits.
 //!
-//! `fill IN OUT WIDTH INVALID LONGEST`, `speckle IN OUT WIDTH INVALID WINDOW RANGE` and `left-right LEFT RIGHT OUT WIDTH
-//! INVALID_LEFT INVALID_RIGHT MAX_DIFFERENCE` filter such disparities.
+//! `fill IN OUT WIDTH INVALID LONGEST`, `speckle IN OUT WIDTH INVALID WINDOW RANGE` and `left-right LEFT RIGHT OUT
+//! WIDTH INVALID_LEFT INVALID_RIGHT MAX_DIFFERENCE` filter such disparities.
 
 use std::io::{BufRead, Write};
 use std::time::Instant;

@@ -1,10 +1,10 @@
-//! Matches raw grey images named on standard input by census costs, one job a line, and prints the milliseconds each took,
-//! or why it was refused.
+//! Matches raw grey images named on standard input by census costs, one job a line, and prints the milliseconds each
+//! took, or why it was refused.
 //!
 //! A line: `LEFT RIGHT OUT WIDTH HEIGHT CENSUS PATHS LEVEL THREADS`, then `min_disparity disparities p1 p2 uniqueness
-//! subpixel lr_max_diff`. Images are raw bytes, the output raw little-endian 16-bit disparities (`-`: none written); CENSUS is
-//! `symmetric`, `full` or `off-axis`, PATHS 4 or 8, LEVEL `best` or the name of an instruction set (`portable`, ...), subpixel 0
-//! or 1. What `tests/census_against_numpy.py` drives.
+//! subpixel lr_max_diff`. Images are raw bytes, the output raw little-endian 16-bit disparities (`-`: none written);
+//! CENSUS is `symmetric`, `full` or `off-axis`, PATHS 4 or 8, LEVEL `best` or the name of an instruction set
+//! (`portable`, ...), subpixel 0 or 1. What `tests/census_against_numpy.py` drives.
 
 use std::io::{BufRead, Write};
 use std::time::Instant;

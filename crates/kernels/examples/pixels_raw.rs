@@ -1,7 +1,8 @@
 //! Runs pixel kernels on raw files, for comparison with other implementations (`tests/pixels_against_opencv.py`).
 //!
-//! One job a line on standard input: `KERNEL WIDTH HEIGHT OUT_WIDTH OUT_HEIGHT PARAMETER IN OUT`. Samples are little-endian;
-//! `OUT_WIDTH`, `OUT_HEIGHT` and `PARAMETER` are ignored where a kernel has none. Prints `done` after each job.
+//! One job a line on standard input: `KERNEL WIDTH HEIGHT OUT_WIDTH OUT_HEIGHT PARAMETER IN OUT`. Samples are
+//! little-endian; `OUT_WIDTH`, `OUT_HEIGHT` and `PARAMETER` are ignored where a kernel has none. Prints `done` after
+//! each job.
 
 use std::io::{BufRead, Write};
 

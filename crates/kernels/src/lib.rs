@@ -42,8 +42,8 @@
 //! - Beside it stands a twin of plain Rust, and tests compare the bits.
 //!
 //! `unsafe` is in the SIMD modules and where tiles are lent to threads. Under AddressSanitizer:
-//! `RUSTFLAGS=-Zsanitizer=address cargo +nightly test --release --target x86_64-unknown-linux-gnu -p depthloom-kernels --lib
-//! --test sgbm_paths --test census_paths` (four minutes on two cores).
+//! `RUSTFLAGS=-Zsanitizer=address cargo +nightly test --release --target x86_64-unknown-linux-gnu -p
+//! depthloom-kernels --lib --test sgbm_paths --test census_paths` (four minutes on two cores).
 
 mod filter;
 pub mod float_differences;

@@ -1,4 +1,5 @@
-//! The 36 disparity maps of OpenCV 5.0 in `../shared/oracle/golden/sgbm`: every pixel equal, on the fastest path; in the full suite on every path.
+//! The 36 disparity maps of OpenCV 5.0 in `../shared/oracle/golden/sgbm`: every pixel equal, on the fastest path; in
+//! the full suite on every path.
 
 use depthloom_kernels::sgbm::{Mode, Params, Path, SgbmScratch, View, compute_on};
 use depthloom_kernels::tiles::Serial;

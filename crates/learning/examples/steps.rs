@@ -1,4 +1,5 @@
-//! How long a training step takes: `steps NETWORK STEPS BATCH THREADS` prints milliseconds a step, after as many steps to warm up.
+//! How long a training step takes: `steps NETWORK STEPS BATCH THREADS` prints milliseconds a step, after as many steps
+//! to warm up.
 //!
 //! Used by `bench/learning.sh`, which runs a peer on the same network and batch in turn.
 

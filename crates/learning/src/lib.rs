@@ -1,14 +1,16 @@
 //! Self-supervised training of monocular networks: samples, networks, training, ONNX export.
 //!
-//! A stage collects confident stereo (`samples`: the kind `learn/samples`); an aggregate node trains a network with it (`ssl`: `learn/ssl`)
-//! and writes an ONNX file (`onnx`) that `mono/onnx` runs. Each network is described once, for training and for export (`networks`).
+//! A stage collects confident stereo (`samples`: the kind `learn/samples`); an aggregate node trains a network with it
+//! (`ssl`: `learn/ssl`) and writes an ONNX file (`onnx`) that `mono/onnx` runs. Each network is described once, for
+//! training and for export (`networks`).
 //!
-//! - burn computes gradients and holds Adam. CPU time goes to operations of our own under burn's extension mechanism (`ops`). Their kernels
-//!   read images as lines with zeros between rows, so that a convolution is a sum of shifted lines (`crates/kernels/src/filter/convolve`).
-//! - The same bits with any number of workers and after any kill: randomness is a function of seed and step, gradients are added in the order of
-//!   the images, and the pool of threads is no wider than the run's workers.
-//! - A checkpoint is a file with a checksum. The runner names it by the key of the values that it leads to, and locks it: a second process trains
-//!   without a checkpoint. The file is removed when the whole run is stored.
+//! - burn computes gradients and holds Adam. CPU time goes to operations of our own under burn's extension mechanism
+//!   (`ops`). Their kernels read images as lines with zeros between rows, so that a convolution is a sum of shifted
+//!   lines (`crates/kernels/src/filter/convolve`).
+//! - The same bits with any number of workers and after any kill: randomness is a function of seed and step, gradients
+//!   are added in the order of the images, and the pool of threads is no wider than the run's workers.
+//! - A checkpoint is a file with a checksum. The runner names it by the key of the values that it leads to, and locks
+//!   it: a second process trains without a checkpoint. The file is removed when the whole run is stored.
 //!
 //! All of it is reached through the kinds that [`register()`] adds:
 //!

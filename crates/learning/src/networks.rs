@@ -1,7 +1,7 @@
 //! Networks, one file each, described once for learning, for counting parameters and for ONNX.
 //!
-//! A network is a function from a [`Builder`]'s image to its map. What a builder makes of a layer differs: [`layout`] lists
-//! parameters, [`forward`](forward()) computes, [`export`](export()) writes ONNX.
+//! A network is a function from a [`Builder`]'s image to its map. What a builder makes of a layer differs: [`layout`]
+//! lists parameters, [`forward`](forward()) computes, [`export`](export()) writes ONNX.
 
 mod eigen_coarse;
 mod export;
@@ -67,7 +67,8 @@ impl Network {
         }
     }
 
-    /// A size of images that shows its parameters, where they are the same for every size; `None` of a network with dense layers.
+    /// A size of images that shows its parameters, where they are the same for every size; `None` of a network with
+    /// dense layers.
     pub(crate) const fn any_size(self) -> Option<Size> {
         match self {
             Self::UnetLite | Self::FcnLite | Self::FcnVgg16 => Some(Size { width: 32, height: 32 }),

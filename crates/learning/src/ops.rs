@@ -1,9 +1,9 @@
 //! Convolutions and pooling for the training library, faster on a CPU than its own.
 //!
-//! burn's CPU back end computes the gradient of a convolution by another, strided convolution, which takes most of a training
-//! step. Its extension mechanism lets an operation bring its own gradient: here are those that networks spend their time in, on
-//! top of `depthloom_kernels::convolve`, bias and ReLU included. On other back ends (a GPU) the library's own operations run.
-//! What is tested: equal to the library's own operations, forward and backward (`tests`).
+//! burn's CPU back end computes the gradient of a convolution by another, strided convolution, which takes most of a
+//! training step. Its extension mechanism lets an operation bring its own gradient: here are those that networks spend
+//! their time in, on top of `depthloom_kernels::convolve`, bias and ReLU included. On other back ends (a GPU) the
+//! library's own operations run. What is tested: equal to the library's own operations, forward and backward (`tests`).
 
 mod batch;
 mod convolution;

@@ -76,7 +76,8 @@ impl<'a> Chunk<'a> {
         Ok(records)
     }
 
-    /// The first `most` bytes of the messages at these places in its records, ascending; no more is decompressed than to the last.
+    /// The first `most` bytes of the messages at these places in its records, ascending; no more is decompressed than
+    /// to the last.
     pub fn heads(&self, offsets: &[u64], most: usize) -> Result<Vec<Vec<u8>>, FileError> {
         const BEFORE: usize = (RECORD_HEADER + MESSAGE_HEADER) as usize;
         let mut reader = self.decompressed()?;

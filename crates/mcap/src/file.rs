@@ -54,7 +54,8 @@ impl PositionedFile {
         self.read_exact(&mut buffer[start..], offset)
     }
 
-    /// The length of a range that the file has: lengths in a damaged file can be anything, so this comes before any allocation.
+    /// The length of a range that the file has: lengths in a damaged file can be anything, so this comes before any
+    /// allocation.
     fn checked(&self, offset: u64, length: u64) -> Result<usize, FileError> {
         let end = offset.checked_add(length).filter(|end| *end <= self.size);
         end.and_then(|_| usize::try_from(length).ok()).ok_or_else(|| {

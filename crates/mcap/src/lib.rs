@@ -1,7 +1,8 @@
 //! MCAP as a container: files read by position, records, chunks and summaries. <https://mcap.dev/spec>
 //!
-//! The crate `mcap` has the types of records, and how each is read and written. This one reads them from files that may be damaged, unfinished or
-//! hostile: every length is compared with the bytes that are there before anything is allocated, and every error names the file and the byte.
+//! The crate `mcap` has the types of records, and how each is read and written. This one reads them from files that may
+//! be damaged, unfinished or hostile: every length is compared with the bytes that are there before anything is
+//! allocated, and every error names the file and the byte.
 #![forbid(unsafe_code)]
 #![expect(clippy::missing_errors_doc, reason = "`FileError` lists what can go wrong")]
 

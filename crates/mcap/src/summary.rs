@@ -46,8 +46,8 @@ pub fn file_end(file: &PositionedFile) -> Result<Option<FileEnd>, FileError> {
     Ok(Some(FileEnd { offset, footer, has_magic: magic == MAGIC }))
 }
 
-/// Passes the records of a summary from `start` to `end` to `each`: offset, opcode, body. They are read some at a time: of a long recording they have
-/// many megabytes.
+/// Passes the records of a summary from `start` to `end` to `each`: offset, opcode, body. They are read some at a time:
+/// of a long recording they have many megabytes.
 pub fn each_summary_record<E: From<FileError>>(
     file: &PositionedFile,
     (start, end): (u64, u64),

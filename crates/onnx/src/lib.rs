@@ -1,8 +1,9 @@
-//! The part of `onnx.proto` that networks are written, read and described with: messages, fields and numbers of the public schema (onnx/onnx.proto3).
+//! The part of `onnx.proto` that networks are written, read and described with: messages, fields and numbers of the
+//! public schema (onnx/onnx.proto3).
 //!
-//! Fields that are not named here are skipped in reading. The schema has two forms, of which proto2 tells an absent number from a zero;
-//! attributes and dimensions are written so that a zero is there in both. Tensors are a parameter: [`TensorProto`] with its elements, or
-//! [`TensorHead`], which skips them.
+//! Fields that are not named here are skipped in reading. The schema has two forms, of which proto2 tells an absent
+//! number from a zero; attributes and dimensions are written so that a zero is there in both. Tensors are a parameter:
+//! [`TensorProto`] with its elements, or [`TensorHead`], which skips them.
 #![forbid(unsafe_code)]
 #![expect(missing_docs, reason = "the schema describes its messages and fields")]
 

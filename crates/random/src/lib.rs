@@ -1,7 +1,8 @@
 //! Random numbers that are the same everywhere and always.
 //!
-//! SplitMix64 (Steele, Lea, Flood 2014): a state of 64 bits, so that any step of a training begins its own sequence and a resumed
-//! one needs no state from before; and its finaliser alone, a hash, so that each pixel of each frame has its own number.
+//! SplitMix64 (Steele, Lea, Flood 2014): a state of 64 bits, so that any step of a training begins its own sequence and
+//! a resumed one needs no state from before; and its finaliser alone, a hash, so that each pixel of each frame has its
+//! own number.
 //!
 //! ```
 //! use depthloom_random::{SplitMix64, mix};

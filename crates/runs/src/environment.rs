@@ -55,7 +55,8 @@ pub fn read(run: &Path) -> Json {
     serde_json::from_slice(&bytes).unwrap_or_default()
 }
 
-/// The files and folders that a run reads, as `environment.json` holds them: where they lie, whatever variables and links led there.
+/// The files and folders that a run reads, as `environment.json` holds them: where they lie, whatever variables and
+/// links led there.
 pub fn reads(read: &[PathBuf]) -> Vec<String> {
     let mut lie: Vec<PathBuf> = read.iter().filter_map(|path| std::fs::canonicalize(path).ok()).collect();
     lie.sort();

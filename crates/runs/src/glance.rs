@@ -1,4 +1,5 @@
-//! What can be said of a run at a glance: what its recording's summary tells, how much room it takes, and its best score.
+//! What can be said of a run at a glance: what its recording's summary tells, how much room it takes, and its best
+//! score.
 
 use depthloom_graphs::plan::RunId;
 use std::fs;

@@ -45,7 +45,8 @@ pub fn names(recording: &Recording) -> Vec<(&RecordedOnce, String)> {
     recording.once_values().iter().filter(is_model).map(named).collect()
 }
 
-/// `<stage>.<node>`, with the first of its variants where it does not serve them all, and its port unless that is `model`.
+/// `<stage>.<node>`, with the first of its variants where it does not serve them all, and its port unless that is
+/// `model`.
 fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
     let Some(run) = plan.runs.get(value.run.0) else { return "model".to_owned() };
     let Some(node) = run.nodes.get(value.node.0) else { return run.stage.clone() };

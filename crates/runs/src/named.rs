@@ -13,8 +13,8 @@ const LATEST: &str = "@latest";
 /// How many runs are told where one is wanted.
 const TOLD: usize = 4;
 
-/// The run that `run` names: a file or folder that is there; `@latest`, or `EXPERIMENT/@latest`; the beginning of a name in the folder of runs, or of
-/// the last part of one, if no other run's begins so.
+/// The run that `run` names: a file or folder that is there; `@latest`, or `EXPERIMENT/@latest`; the beginning of a
+/// name in the folder of runs, or of the last part of one, if no other run's begins so.
 ///
 /// What names none stays as it is: who opens it says what is wrong with it.
 ///
@@ -24,10 +24,12 @@ pub fn named(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
     find(run, folder, by_beginning)
 }
 
-/// As [`named`], but a name is given in full: for commands that remove runs. Once a run is gone, the beginning of its name may be another's.
+/// As [`named`], but a name is given in full: for commands that remove runs. Once a run is gone, the beginning of its
+/// name may be another's.
 ///
 /// # Errors
-/// As [`named`], if `run` is only the beginning of a name, and if it is the name of a run here and of another one in `folder`.
+/// As [`named`], if `run` is only the beginning of a name, and if it is the name of a run here and of another one in
+/// `folder`.
 pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
     if let Some(other) = namesake(run, folder) {
         let what = format!("`{}` names two runs: one here, and one in {}", run.display(), folder.display());
@@ -74,7 +76,7 @@ fn latest(runs: &[FoundRun], of: &str, folder: &Path) -> Result<PathBuf, CliErro
         let of = if of.is_empty() { String::new() } else { format!(" of `{}`", of.trim_end_matches('/')) };
         let stop = CliError::new(ExitCode::Usage, format!("no run{of} in {} has finished", folder.display()));
         match of_these().next_back() {
-            Some(run) => stop.remedy(format!("one goes on, or ended before it was whole: {}", run.name)),
+            Some(run) => stop.remedy(format!("one is running, or was interrupted: {}", run.name)),
             None => stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its path"),
         }
     })
@@ -158,7 +160,7 @@ mod tests {
         let several = of("table1").unwrap_err();
         assert!(several.message.what.starts_with("`table1` names 2 runs in "), "{}", several.message.what);
         assert!(several.message.remedy.unwrap().contains("table1/2026-11-22T10-00-00Z, table1/2026-11-21T10-00-00Z"));
-        assert!(of("later/@latest").unwrap_err().message.what.starts_with("there is no run of `later` in "));
+        assert!(of("later/@latest").unwrap_err().message.what.starts_with("no run of `later` in "));
         // What is none is told by who opens it, and what is there under that name is meant.
         assert_eq!(of("none").unwrap(), PathBuf::from("none"));
         let here = folder.path().join("first");

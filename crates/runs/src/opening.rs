@@ -16,7 +16,8 @@ use crate::named::named;
 
 const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";
 
-/// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to do with it.
+/// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to
+/// do with it.
 ///
 /// # Errors
 /// If no recording has this name, or several have.
@@ -66,7 +67,8 @@ pub fn recording_in(folder: &Path, run: &Path, command: &str) -> Result<PathBuf,
     })
 }
 
-/// The run with this file that would have this name, were it whole: `<run>.partial`, or that of a run which `run` is a file of.
+/// The run with this file that would have this name, were it whole: `<run>.partial`, or that of a run which `run` is a
+/// file of.
 #[must_use]
 pub fn partial_with(run: &Path, file: &str) -> Option<PathBuf> {
     let of = |run: &Path| {
@@ -81,7 +83,7 @@ pub fn partial_with(run: &Path, file: &str) -> Option<PathBuf> {
 pub fn remedy_of_partial(partial: &Path, command: &str) -> String {
     let partial = partial.display();
     format!(
-        "{partial} is there: a run that goes on, or ended before it was whole; `depthloom {command} {partial}` reads what there is of it"
+        "{partial} exists: a run that is running, or was interrupted; `depthloom {command} {partial}` reads its complete frames"
     )
 }
 
@@ -106,7 +108,8 @@ pub fn is_recording(path: &Path) -> bool {
     read.is_ok() && start == *b"\x89MCAP0\r\n"
 }
 
-/// The exit code of a command that read these recordings: [`ExitCode::FrameFailures`] if one of them is damaged, with a warning.
+/// The exit code of a command that read these recordings: [`ExitCode::FrameFailures`] if one of them is damaged, with a
+/// warning.
 pub fn end<'a>(recordings: impl IntoIterator<Item = &'a Recording>) -> ExitCode {
     let mut exit = ExitCode::Success;
     for recording in recordings {

@@ -1,9 +1,11 @@
 //! Names of files made of texts that somebody else chose.
 
-/// The longest name without its ending, bytes: every file system takes it, with what stands behind it until it is whole.
+/// The longest name without its ending, bytes: every file system takes it, with what stands behind it until it is
+/// whole.
 const LONGEST: usize = 200;
 
-/// What of a text every file system takes as a name: another character stands as `_`, and so do points alone, which would be another folder.
+/// What of a text every file system takes as a name: another character stands as `_`, and so do points alone, which
+/// would be another folder.
 pub fn file_name(text: &str) -> String {
     let is_plain = |c: char| c.is_alphanumeric() || "-_.=,+".contains(c);
     let is_name = text.contains(|c: char| c != '.');

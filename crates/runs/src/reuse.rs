@@ -18,8 +18,8 @@ use crate::files::{FOLDER, OUTDATED, RECORDING};
 use crate::found::{all, in_folder};
 use crate::run_folder::RunFolder;
 
-/// The recordings that a run may reuse, the newest first: those of its own folder, of the runs beside it, and of those under `runs/`.
-/// None with `--fresh`.
+/// The recordings that a run may reuse, the newest first: those of its own folder, of the runs beside it, and of those
+/// under `runs/`. None with `--fresh`.
 pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierRuns {
     let mut recordings = Vec::new();
     if !is_fresh {
@@ -61,7 +61,8 @@ impl KeptValues for RecordedKeys<'_> {
     }
 }
 
-/// Why what an interrupted run recorded is not what this run would record; `None` if it is, and the run can resume after it.
+/// Why what an interrupted run recorded is not what this run would record; `None` if it is, and the run can resume
+/// after it.
 ///
 /// # Errors
 /// If today's keys cannot be computed.
@@ -100,8 +101,8 @@ pub fn frames(recording: &Recording) -> u64 {
     RunId::all(recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
 }
 
-/// The folders of the runs whose values were reused: this run's report can reuse parts of theirs. Empty if everything that is reused is computed
-/// again.
+/// The folders of the runs whose values were reused: this run's report can reuse parts of theirs. Empty if everything
+/// that is reused is computed again.
 pub fn reports(earlier: &EarlierRuns, audit: Audit) -> Vec<PathBuf> {
     match audit {
         Audit::All => Vec::new(),

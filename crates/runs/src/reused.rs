@@ -28,7 +28,8 @@ pub(crate) fn warning(recording: &Recording, run: &Path) -> Option<String> {
 /// A node as timings name it: stage, variant and name.
 type NodeName = (String, Option<String>, String);
 
-/// Whether a node has values on more frames than it ran on; of an aggregate node, whether it has values and did not run.
+/// Whether a node has values on more frames than it ran on; of an aggregate node, whether it has values and did not
+/// run.
 fn has_reused(recording: &Recording, timings: &[Timing]) -> bool {
     let plan = recording.plan();
     let leads = RowKeys::new(plan);

@@ -1,7 +1,7 @@
 //! A run's folder: written as `<out>.partial`, renamed when whole, and replaced by nobody but who was asked to.
 //!
-//! Under the final name there is a whole run or none at every moment: an old one goes aside before the new one takes its name,
-//! and is removed after.
+//! Under the final name there is a whole run or none at every moment: an old one goes aside before the new one takes
+//! its name, and is removed after.
 
 mod contents;
 mod lock;
@@ -52,9 +52,9 @@ pub enum PartialContent {
 impl RunFolder {
     /// Makes `<out>.partial`.
     ///
-    /// What stands under either name is somebody's results: it is replaced only when asked for, and only a run that is over and
-    /// holds none of the files and folders `read`. A partial folder with nothing in it is what a run left that ended as it began; of
-    /// one with something in it `begun` says what this run makes of it.
+    /// What stands under either name is somebody's results: it is replaced only when asked for, and only a run that is
+    /// over and holds none of the files and folders `read`. A partial folder with nothing in it is what a run left that
+    /// ended as it began; of one with something in it `begun` says what this run makes of it.
     ///
     /// # Errors
     /// If something that must not be replaced has either name, another process writes there, or the system refuses.
@@ -145,7 +145,8 @@ impl RunFolder {
         match Lock::mark(&partial) {
             Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced, goes_on: false }),
             Err(error) => {
-                // Not with all it holds: that takes a descriptor, which there may not be, and what is in it now is not ours.
+                // Not with all it holds: that takes a descriptor, which there may not be, and what is in it now is not
+                // ours.
                 let _ = fs::remove_dir(&partial);
                 let intent = format_args!("failed to mark {}", partial.display());
                 Err(match error {
@@ -309,7 +310,7 @@ fn no_run(path: &Path, what: &str) -> CliError {
 
 fn exists(path: &Path) -> CliError {
     let is_partial = path.extension().is_some_and(|extension| extension == depthloom_durable::PARTIAL);
-    let what = if is_partial { ": a run that goes on, or ended before it was whole" } else { "" };
+    let what = if is_partial { ": a run that is running, or was interrupted" } else { "" };
     CliError::usage(
         format!("{} exists already{what}", path.display()),
         "choose another --out, or replace it with --overwrite",

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 /// A crop, given as shares of the image's height and width; each bound is the product with the size in f64, truncated.
 ///
-/// Garg: rows .40810811 to .99189189, columns .03594771 to .96405229; the usual one since monodepth. Eigen: rows .3324324 to .91351351,
-/// columns .0359477 to .96405229.
+/// Garg: rows .40810811 to .99189189, columns .03594771 to .96405229; the usual one since monodepth. Eigen: rows
+/// .3324324 to .91351351, columns .0359477 to .96405229.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(description = "The part of the image that is scored.")]
@@ -52,7 +52,8 @@ mod tests {
     #[test]
     fn garg_and_eigen_crops_of_a_kitti_image_are_those_of_the_literature() {
         // Rows 153..371 and columns 44..1197 of 375x1242 are the numbers published with monodepth. The Eigen bounds are
-        // numpy's: np.array([.3324324*375, .91351351*375, .0359477*1242, .96405229*1242]).astype(int) = [124, 342, 44, 1197].
+        // numpy's: np.array([.3324324*375, .91351351*375, .0359477*1242, .96405229*1242]).astype(int) = [124, 342, 44,
+        // 1197].
         assert_eq!(Crop::Garg.window(1242, 375), Window { rows: 153..371, columns: 44..1197 });
         assert_eq!(Crop::Eigen.window(1242, 375), Window { rows: 124..342, columns: 44..1197 });
         assert_eq!(Crop::None.window(1242, 375), Window { rows: 0..375, columns: 0..1242 });

@@ -1,7 +1,8 @@
 //! Scores of one estimated disparity on one frame: those of the KITTI and Middlebury stereo benchmarks.
 //!
-//! Estimates and ground truth are f32, compared in f64: differences of whole 1/16 px and 1/256 px are exact, and so is their comparison with a
-//! threshold. Errors are added up in the order of pixels; those of such disparities add up exactly.
+//! Estimates and ground truth are f32, compared in f64: differences of whole 1/16 px and 1/256 px are exact, and so is
+//! their comparison with a threshold. Errors are added up in the order of pixels; those of such disparities add up
+//! exactly.
 
 use crate::zones::{Clues, ZoneParams};
 use crate::{DISPARITY, Metric, PixelSet, ScoreRow};
@@ -30,7 +31,8 @@ pub struct DisparityMaps<'a> {
     pub filled: Option<&'a [f32]>,
     /// The truth, px; NaN: unknown.
     pub truth: &'a [f32],
-    /// Focal length times baseline, px m: distance is this over the disparity and `doffs_px`. Asked for by bands of distance.
+    /// Focal length times baseline, px m: distance is this over the disparity and `doffs_px`. Asked for by bands of
+    /// distance.
     pub focal_baseline_px_m: Option<f64>,
     /// How much farther right the right camera's principal point lies, px.
     pub doffs_px: f64,
@@ -70,7 +72,8 @@ impl DisparityScores {
         self.sets.contains(&PixelSet::Filled)
     }
 
-    /// The scores of an estimate against the truth: of the whole image, then zone by zone, each a row a pixel set, in the order asked for.
+    /// The scores of an estimate against the truth: of the whole image, then zone by zone, each a row a pixel set, in
+    /// the order asked for.
     ///
     /// # Panics
     /// If a map is of another size than it says, or one that is asked for is absent.
@@ -148,7 +151,8 @@ mod tests {
         };
         let rows = scores(ZoneParams::default()).rows(&maps, &Clues::default());
         let all = ["epe", "bad_0.5", "bad_1", "bad_2", "bad_3", "bad_4", "d1"];
-        // 0.5 px is not above 0.5, 4 px not above 4; 4 px are exactly 5 % of 80, and 5 px exactly 5 % of 100: no outliers.
+        // 0.5 px is not above 0.5, 4 px not above 4; 4 px are exactly 5 % of 80, and 5 px exactly 5 % of 100: no
+        // outliers.
         assert_eq!(of(&rows[0], &all), [9.5 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0, 0.0]);
         // Filled, the fourth is 10 px, of 20: off by half.
         assert_eq!(of(&rows[1], &all), [19.5 / 4.0, 0.75, 0.75, 0.75, 0.75, 0.5, 0.25]);
@@ -174,7 +178,8 @@ mod tests {
         assert_eq!(of(&rows[0], &["bad_3", "d1"]), [0.75, 0.5]);
     }
 
-    /// NumPy: `e = abs(np.float32([20.53, 20.47, 20.5, 23.03]) - 20); (e > .5).mean(), e.mean()`; in whole sixteenths the first two are 0.5 px off.
+    /// NumPy: `e = abs(np.float32([20.53, 20.47, 20.5, 23.03]) - 20); (e > .5).mean(), e.mean()`; in whole sixteenths
+    /// the first two are 0.5 px off.
     #[test]
     fn disparities_are_not_rounded() {
         let maps = DisparityMaps {

@@ -1,7 +1,7 @@
 //! The formulas of scores: slices in, a row out; no polars, no I/O.
 //!
-//! They stand once, here, and serve the node `score/depth` and the analysis of recordings alike. All arithmetic is f64 with a
-//! fixed order of additions and [our own logarithm](ln), so that equal maps give equal bits on every machine.
+//! They stand once, here, and serve the node `score/depth` and the analysis of recordings alike. All arithmetic is f64
+//! with a fixed order of additions and [our own logarithm](ln), so that equal maps give equal bits on every machine.
 //!
 //! ```
 //! use depthloom_scores::{PixelSet, Preset, score};

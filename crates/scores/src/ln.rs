@@ -1,13 +1,13 @@
 //! A natural logarithm of plain arithmetic.
 //!
-//! The system's differs in the last bit between machines (it picks instructions by the CPU), and it cannot be vectorised; scores
-//! are recorded, and recordings of equal runs are equal files.
+//! The system's differs in the last bit between machines (it picks instructions by the CPU), and it cannot be
+//! vectorised; scores are recorded, and recordings of equal runs are equal files.
 
-/// `ln x` of a positive, finite, normal `x`, to 2 units in the last place of a result that is not close to zero, and to 4e-17
-/// absolutely close to it.
+/// `ln x` of a positive, finite, normal `x`, to 2 units in the last place of a result that is not close to zero, and to
+/// 4e-17 absolutely close to it.
 ///
-/// `x = 2^k m` with `m` in `[sqrt(1/2), sqrt 2)`, `ln x = k ln 2 + 2 artanh s` with `s = (m - 1) / (m + 1)`, `|s| <= 0.1716`;
-/// the series of artanh is cut where its next term is below 3e-18 of the first.
+/// `x = 2^k m` with `m` in `[sqrt(1/2), sqrt 2)`, `ln x = k ln 2 + 2 artanh s` with `s = (m - 1) / (m + 1)`, `|s|
+/// <= 0.1716`; the series of artanh is cut where its next term is below 3e-18 of the first.
 #[inline]
 pub(crate) fn ln(x: f64) -> f64 {
     /// The bits of `sqrt(1/2)`.

@@ -1,6 +1,7 @@
 //! The catalogue of scores: the one place that names, formats and explains them.
 //!
-//! Headers of tables, columns of `scores.csv`, fields of the recorded message and the docs of the kinds `score/*` come from here.
+//! Headers of tables, columns of `scores.csv`, fields of the recorded message and the docs of the kinds `score/*` come
+//! from here.
 
 use std::fmt;
 
@@ -26,8 +27,8 @@ pub struct Metric {
     pub more_is_better: bool,
     /// How many decimals are worth showing.
     pub decimals: usize,
-    /// What it is, over the `N` pixels that count: `y` the answer and `t` the truth in metres, `e = ln y - ln t`; of disparities `d` the
-    /// answer and `t` the truth in pixels.
+    /// What it is, over the `N` pixels that count: `y` the answer and `t` the truth in metres, `e = ln y - ln t`; of
+    /// disparities `d` the answer and `t` the truth in pixels.
     pub formula: &'static str,
     /// Who says so.
     pub source: &'static str,
@@ -42,7 +43,8 @@ pub struct Metric {
 pub enum Pooling {
     /// Of means over the pixels that counted: `sum(n x) / sum(n)`.
     Mean,
-    /// Of means over the answers alone, also where a missing answer counts elsewhere: the same with the answers' number.
+    /// Of means over the answers alone, also where a missing answer counts elsewhere: the same with the answers'
+    /// number.
     MeanOfAnswers,
     /// Of roots of means: `sqrt(sum(n x^2) / sum(n))`.
     RootMeanSquare,
@@ -125,7 +127,8 @@ impl Metric {
         all().find(|metric| metric.field == field)
     }
 
-    /// The name of its field in the recorded message: as [`name`](Self::name), with `_` for what protobuf's names cannot have.
+    /// The name of its field in the recorded message: as [`name`](Self::name), with `_` for what protobuf's names
+    /// cannot have.
     #[must_use]
     pub fn field_name(&self) -> String {
         self.name.replace('.', "_")
@@ -147,7 +150,8 @@ impl Metric {
         }
     }
 
-    /// How many pixels of a row it is over: where a missing answer has no error that could be added, those that were answered.
+    /// How many pixels of a row it is over: where a missing answer has no error that could be added, those that were
+    /// answered.
     #[must_use]
     pub fn pixels(&self, row: &ScoreRow) -> u64 {
         match (self.pooling, row.set) {
@@ -156,7 +160,8 @@ impl Metric {
         }
     }
 
-    /// A data set's value over the pixels of all frames: `None` if no pixel counted, or if it does not follow from the frames' values.
+    /// A data set's value over the pixels of all frames: `None` if no pixel counted, or if it does not follow from the
+    /// frames' values.
     #[must_use]
     pub fn pooled<'a>(&self, rows: impl IntoIterator<Item = &'a ScoreRow>, settings: &Settings) -> Option<f64> {
         let (mut count, mut sum, mut log_mean, mut spread) = (0.0, 0.0, 0.0, 0.0);

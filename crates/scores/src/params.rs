@@ -8,7 +8,8 @@ use crate::{
     Settings, SquaredRelative, ZoneParams,
 };
 
-/// How depths are scored, in an experiment and in a recording's plan: a preset, and what differs from it. Parameters of `score/depth`.
+/// How depths are scored, in an experiment and in a recording's plan: a preset, and what differs from it. Parameters of
+/// `score/depth`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ScoreParams {
@@ -30,12 +31,14 @@ pub struct ScoreParams {
     /// Truth below this is scored, and answers above are lowered to it, metres; `null`: the preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub max_m: Option<f64>,
-    /// What a missing answer counts as in the set `all`, metres, as it is: also where it is below `min_m`; `null`: the preset's.
+    /// What a missing answer counts as in the set `all`, metres, as it is: also where it is below `min_m`; `null`: the
+    /// preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub missing_m: Option<f64>,
     /// The part of the image that is scored: `none`, `garg` or `eigen`; `null`: the preset's.
     pub crop: Option<Crop>,
-    /// What is done to answers that know no scale, frame by frame: `none`, `median` or `scale-and-shift`; `null`: the preset's.
+    /// What is done to answers that know no scale, frame by frame: `none`, `median` or `scale-and-shift`; `null`: the
+    /// preset's.
     pub align: Option<Align>,
     /// What `align` was called before: `true` is `align: median`, `false` is `align: none`.
     pub median_scaling: Option<bool>,
@@ -90,7 +93,8 @@ impl ScoreParams {
         self.scores().map(drop)
     }
 
-    /// Whether all that is asked for can have a value. An experiment that asks for more is refused; a recording of one can be read.
+    /// Whether all that is asked for can have a value. An experiment that asks for more is refused; a recording of one
+    /// can be read.
     ///
     /// # Errors
     /// The parameter at fault, by its name, and why.
@@ -144,15 +148,15 @@ impl ScoreParams {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DisparityScoreParams {
-    /// The pixel sets, a row each: `all` (a missing answer is wrong), `answered`, and `filled` (every true pixel, after the KITTI devkit's
-    /// interpolation of what was not answered).
+    /// The pixel sets, a row each: `all` (a missing answer is wrong), `answered`, and `filled` (every true pixel, after
+    /// the KITTI devkit's interpolation of what was not answered).
     #[schemars(length(min = 1))]
     pub sets: Vec<PixelSet>,
     /// Which scores are taken: a list of names, or `all`; `null`: all.
     #[schemars(schema_with = "disparity_metrics")]
     pub metrics: Option<MetricNames>,
-    /// What a data set's value is: the mean over `frames` of their values, or taken over all `pixels` of all frames, as KITTI stereo 2015
-    /// does for D1.
+    /// What a data set's value is: the mean over `frames` of their values, or taken over all `pixels` of all frames, as
+    /// KITTI stereo 2015 does for D1.
     pub mean: Mean,
     /// Parts of the image that are scored on their own, beside the whole.
     pub zones: ZoneParams,

@@ -46,8 +46,8 @@ impl ScoredPixels {
         Self { at, truth_m: truths, of: truth_m.len() }
     }
 
-    /// The same pixels by whole metres of their truth, within a metre as they were; what is `farthest_m` away or farther comes last,
-    /// as one metre. For what depends on no order: sums do, in their last bits.
+    /// The same pixels by whole metres of their truth, within a metre as they were; what is `farthest_m` away or
+    /// farther comes last, as one metre. For what depends on no order: sums do, in their last bits.
     #[must_use]
     pub fn by_metre(&self, farthest_m: u32) -> Self {
         let metre = |t: f32| (t as u32).min(farthest_m) as usize;
@@ -100,8 +100,8 @@ impl ScoredPixels {
         Self { at, truth_m, of: self.of }
     }
 
-    /// Calls `valid(t, y)` for every scored pixel with an estimate, in order: the truth, and the estimate as it is scored
-    /// (aligned, clamped), both in metres; and `missing(t)` for every one without.
+    /// Calls `valid(t, y)` for every scored pixel with an estimate, in order: the truth, and the estimate as it is
+    /// scored (aligned, clamped), both in metres; and `missing(t)` for every one without.
     ///
     /// # Panics
     /// If the estimate is of another size than the truth.
@@ -139,8 +139,8 @@ impl ScoredPixels {
         }
     }
 
-    /// The absolute errors `|y - t|` of the estimate as it is scored (aligned, clamped) at all scored pixels, in order, metres; NaN where it is
-    /// missing. An `f32` holds them to 6e-8 of themselves, 5 micrometres at 80 m.
+    /// The absolute errors `|y - t|` of the estimate as it is scored (aligned, clamped) at all scored pixels, in order,
+    /// metres; NaN where it is missing. An `f32` holds them to 6e-8 of themselves, 5 micrometres at 80 m.
     ///
     /// # Panics
     /// If the estimate is of another size than the truth.
@@ -197,7 +197,8 @@ impl ScoredPixels {
         }
     }
 
-    /// `median(truth) / median(estimate)` over the scored pixels with an estimate; 1 where there is none, or the median is zero.
+    /// `median(truth) / median(estimate)` over the scored pixels with an estimate; 1 where there is none, or the median
+    /// is zero.
     fn median_factor(&self, estimate_m: &[f32]) -> f64 {
         let pairs = self.at.iter().zip(&self.truth_m).map(|(&at, &t)| (t, estimate_m[at as usize]));
         let (mut ts, mut ys): (Vec<f32>, Vec<f32>) = pairs.filter(|(_, y)| y.is_finite()).unzip();
@@ -205,7 +206,8 @@ impl ScoredPixels {
         if y > 0.0 { t / y } else { 1.0 }
     }
 
-    /// Least squares of `s/y + b` against `1/t`; nothing is changed where all estimates are alike, for any `s` would do.
+    /// Least squares of `s/y + b` against `1/t`; nothing is changed where all estimates are alike, for any `s` would
+    /// do.
     fn inverse_fit(&self, estimate: DepthEstimate<'_>, min_m: f64) -> Alignment {
         let pairs = || {
             let all = self.at.iter().zip(&self.truth_m);
@@ -238,8 +240,9 @@ impl ScoredPixels {
 pub struct DepthEstimate<'a> {
     /// Metres; NaN or infinite: missing.
     pub metres: &'a [f32],
-    /// The output of a network of inverse depth up to scale and shift, 1/m, where it is not the inverse of `metres`: where that is capped, or the
-    /// output is zero or negative. NaN at other pixels. An alignment in inverse depth takes it; nothing else does.
+    /// The output of a network of inverse depth up to scale and shift, 1/m, where it is not the inverse of `metres`:
+    /// where that is capped, or the output is zero or negative. NaN at other pixels. An alignment in inverse depth
+    /// takes it; nothing else does.
     pub inverse: Option<&'a [f32]>,
 }
 
@@ -319,8 +322,8 @@ fn scaled(estimate: DepthEstimate<'_>, factor: f64, settings: &Settings) -> impl
     }
 }
 
-/// An estimate of which the inverse is scaled and shifted, clamped, by pixel; what is then at infinity or behind it is farthest. NaN where it is
-/// missing.
+/// An estimate of which the inverse is scaled and shifted, clamped, by pixel; what is then at infinity or behind it is
+/// farthest. NaN where it is missing.
 fn scaled_and_shifted(
     estimate: DepthEstimate<'_>,
     scale: f64,

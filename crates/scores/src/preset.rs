@@ -17,23 +17,27 @@ use crate::{Align, Crop, ScaleInvariant, Settings, SquaredRelative};
 /// | `sq_rel` | `mean((y-t)^2/t)`, m | `mean((y-t)^2/t)`, m | `mean((y-t)^2/t^2)` |
 /// | `silog` | `1/2N sum(e - mean e)^2` | as `paper` | `100 sqrt(1/N sum(e - mean e)^2)` |
 ///
-/// The other six scores are the same formulas everywhere. A data set's value is the unweighted mean over frames of each.
+/// The other six scores are the same formulas everywhere. A data set's value is the unweighted mean over frames of
+/// each.
 ///
-/// What Table I leaves open follows from its numbers: a missing answer counts as 1e-4 m, truth stops at 80 m, `silog` is half the
-/// variance of the log error. `monodepth2` is that project's `evaluate_depth.py`: median scaling is its default for networks taught by
-/// video; a network taught by stereo switches it off (`align: none`); it has dense estimates only and no `silog`: both
-/// are as in `paper`. The kit of `kitti-depth` (2017) fills holes of an estimate before scoring; here they stay holes and count as
-/// 1e-4 m in `all`: put a filling node before the score to have its numbers.
+/// What Table I leaves open follows from its numbers: a missing answer counts as 1e-4 m, truth stops at 80 m, `silog`
+/// is half the variance of the log error. `monodepth2` is that project's `evaluate_depth.py`: median scaling is its
+/// default for networks taught by video; a network taught by stereo switches it off (`align: none`); it has dense
+/// estimates only and no `silog`: both are as in `paper`. The kit of `kitti-depth` (2017) fills holes of an estimate
+/// before scoring; here they stay holes and count as 1e-4 m in `all`: put a filling node before the score to have its
+/// numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(description = "Named settings.")]
 pub enum Preset {
-    /// Table I of Martins et al. 2018: truth in 0.001 to 80 m, a missing answer counts as 0.0001 m, `silog` is half the variance.
+    /// Table I of Martins et al. 2018: truth in 0.001 to 80 m, a missing answer counts as 0.0001 m, `silog` is half the
+    /// variance.
     #[default]
     Paper,
     /// monodepth2 on the Eigen split: Garg crop, median scaling.
     Monodepth2,
-    /// The KITTI depth development kit: no cap below 256 m, `sq_rel` over the squared truth, `silog` a deviation times 100.
+    /// The KITTI depth development kit: no cap below 256 m, `sq_rel` over the squared truth, `silog` a deviation
+    /// times 100.
     KittiDepth,
 }
 

@@ -2,7 +2,8 @@
 
 use std::cmp::Ordering;
 
-/// Where the quantile of a share (0 to 1) is among `count` sorted numbers, at least one: the rank below it, and how far it is from there to the next.
+/// Where the quantile of a share (0 to 1) is among `count` sorted numbers, at least one: the rank below it, and how far
+/// it is from there to the next.
 #[must_use]
 pub fn position(share: f64, count: u64) -> (u64, f64) {
     let exact = share * (count - 1) as f64;

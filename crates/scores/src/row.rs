@@ -60,7 +60,8 @@ pub struct ScoreRow {
     pub truth: u64,
     /// Of these, how many the estimate answered; 0 in a recording that does not say.
     pub answered: u64,
-    /// Mean of the log error: with it `silog` can be pooled over frames. `None` where no pixel counted or no logarithm was taken.
+    /// Mean of the log error: with it `silog` can be pooled over frames. `None` where no pixel counted or no logarithm
+    /// was taken.
     pub log_mean: Option<f64>,
     /// Those asked for, in the catalogue's order; without those that are no number, for no pixel counted.
     pub scores: Vec<(&'static Metric, f64)>,

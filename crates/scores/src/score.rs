@@ -18,7 +18,8 @@ pub struct DepthScores {
 }
 
 impl DepthScores {
-    /// The scores of an estimate against the truth: of the whole image, then zone by zone, each a row a pixel set, in the order asked for.
+    /// The scores of an estimate against the truth: of the whole image, then zone by zone, each a row a pixel set, in
+    /// the order asked for.
     ///
     /// Maps as those of [`score`]. What aligns an estimate is fitted once, over the whole image.
     ///
@@ -105,8 +106,8 @@ impl DepthScores {
 
 /// The scores of Table I of an estimate against the truth, one row a pixel set, in the order of `sets`.
 ///
-/// Both maps are row-major metres, `width * height` pixels. An estimate has no answer where it is NaN or infinite; the truth is
-/// unknown where it is NaN. A row in which no pixel counts has no scores. The formulas are those of the
+/// Both maps are row-major metres, `width * height` pixels. An estimate has no answer where it is NaN or infinite; the
+/// truth is unknown where it is NaN. A row in which no pixel counts has no scores. The formulas are those of the
 /// [catalogue](crate::DEPTH) and [`Settings`].
 ///
 /// # Panics

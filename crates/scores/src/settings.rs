@@ -5,11 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::Crop;
 
-/// How scores are taken: which pixels count, what happens to the estimate before, and which of two formulas of one name.
+/// How scores are taken: which pixels count, what happens to the estimate before, and which of two formulas of one
+/// name.
 ///
 /// In this order: the truth is masked by `min_m < t < max_m`, both strict, and by the crop; the answered estimates are
-/// aligned if asked for; they are clamped to `[min_m, max_m]` last. A pixel without an answer then counts as `missing_m`, as it
-/// is, in the set `all`, and not at all in the set `answered`.
+/// aligned if asked for; they are clamped to `[min_m, max_m]` last. A pixel without an answer then counts as
+/// `missing_m`, as it is, in the set `all`, and not at all in the set `answered`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Truth above this is scored, and estimates below are raised to it; metres.
@@ -28,8 +29,8 @@ pub struct Settings {
     pub silog: ScaleInvariant,
 }
 
-/// What is done, frame by frame, to estimates that know no scale, before they are clamped: what follows is fitted over the scored pixels
-/// with an answer, of the whole image.
+/// What is done, frame by frame, to estimates that know no scale, before they are clamped: what follows is fitted over
+/// the scored pixels with an answer, of the whole image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(description = "What is done to estimates that know no scale, frame by frame.")]
@@ -39,8 +40,8 @@ pub enum Align {
     None,
     /// Multiplied by `median(truth) / median(estimate)` (Zhou et al. 2017, monodepth2).
     Median,
-    /// `1/y` becomes `s/y + b`, with the `s` and `b` of least squares against `1/t`, as MiDaS does in inverse depth (Ranftl et al.
-    /// 2020). What comes out at infinity or beyond is as far as `max_m`.
+    /// `1/y` becomes `s/y + b`, with the `s` and `b` of least squares against `1/t`, as MiDaS does in inverse depth
+    /// (Ranftl et al. 2020). What comes out at infinity or beyond is as far as `max_m`.
     ScaleAndShift,
 }
 
@@ -56,8 +57,8 @@ impl Align {
     }
 }
 
-/// The two formulas that go by "squared relative difference": the first is Eigen's, monodepth's and nearly all papers'; the second the KITTI
-/// depth devkit's.
+/// The two formulas that go by "squared relative difference": the first is Eigen's, monodepth's and nearly all papers';
+/// the second the KITTI depth devkit's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(description = "What `sq_rel` is.")]
@@ -69,8 +70,8 @@ pub enum SquaredRelative {
     ByTruthSquared,
 }
 
-/// The two formulas that go by "scale-invariant log error", with `e = ln y - ln t`: half the variance, as in Table I of Martins et al. 2018; and
-/// that of the KITTI depth leaderboard and BTS.
+/// The two formulas that go by "scale-invariant log error", with `e = ln y - ln t`: half the variance, as in Table I of
+/// Martins et al. 2018; and that of the KITTI depth leaderboard and BTS.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(description = "What `silog` is, with `e = ln y - ln t`.")]

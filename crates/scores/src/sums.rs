@@ -87,7 +87,8 @@ impl Sums {
             let relative = difference / t;
             let e = ln(y / t);
             *log = e;
-            // `max(y/t, t/y) < 1.25^k` without divisions; the powers are exact in binary, so for f32 maps it is the same answer.
+            // `max(y/t, t/y) < 1.25^k` without divisions; the powers are exact in binary, so for f32 maps it is the
+            // same answer.
             for (count, limit) in within.iter_mut().zip([1.25, 1.5625, 1.953_125]) {
                 count[lane] += u64::from(y < limit * t) & u64::from(t < limit * y);
             }

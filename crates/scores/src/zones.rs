@@ -10,22 +10,24 @@ use serde::{Deserialize, Serialize};
 #[serde(default, deny_unknown_fields)]
 #[schemars(inline)]
 pub struct ZoneParams {
-    /// Bounds of bands of true distance, metres, ascending: `[0, 10, 20, 30, 50, 80]` gives the zones `0..10` to `50..80`, each with its
-    /// lower bound and without its upper one.
+    /// Bounds of bands of true distance, metres, ascending: `[0, 10, 20, 30, 50, 80]` gives the zones `0..10` to
+    /// `50..80`, each with its lower bound and without its upper one.
     #[schemars(inner(range(min = 0)))]
     pub distance_m: Vec<f64>,
     /// Into how many bands of rows the image is cut, top first: 3 gives `row_1_of_3` to `row_3_of_3`; 0: none.
     #[schemars(range(max = 64))]
     pub rows: u32,
-    /// Into how many bands of columns the image is cut, left first: 3 gives `column_1_of_3` to `column_3_of_3`; 0: none.
+    /// Into how many bands of columns the image is cut, left first: 3 gives `column_1_of_3` to `column_3_of_3`; 0:
+    /// none.
     #[schemars(range(max = 64))]
     pub columns: u32,
-    /// The zone `edges`, where `image` is wired: pixels whose grey changes by more than this, grey levels per pixel (the 3x3 Sobel
-    /// gradient's length, divided by 8: 12.5 is 100 in OpenCV's units).
+    /// The zone `edges`, where `image` is wired: pixels whose grey changes by more than this, grey levels per pixel
+    /// (the 3x3 Sobel gradient's length, divided by 8: 12.5 is 100 in OpenCV's units).
     #[schemars(range(min = 0))]
     pub edge_gradient: f64,
-    /// The zone `textureless`, where `image` is wired: pixels around which grey changes along the row by less than this, grey levels per
-    /// pixel (root of the mean square of the central difference over 3x3 pixels: 2 is the threshold 4 of Scharstein and Szeliski 2002).
+    /// The zone `textureless`, where `image` is wired: pixels around which grey changes along the row by less than
+    /// this, grey levels per pixel (root of the mean square of the central difference over 3x3 pixels: 2 is the
+    /// threshold 4 of Scharstein and Szeliski 2002).
     #[schemars(range(min = 0))]
     pub flat_gradient: f64,
 }
@@ -214,7 +216,8 @@ mod tests {
         let zones = ZoneParams::default().of_frame(width, height, &clues);
         let edges: Vec<bool> = (0..width).map(|at| named(&zones, "edges").has(at + width, 1.0)).collect();
         let flat: Vec<bool> = (0..width).map(|at| named(&zones, "textureless").has(at + width, 1.0)).collect();
-        // Sobel's dx is 4 * 40 beside the step, which is 20 levels per pixel; the 3x3 window reaches one column farther.
+        // Sobel's dx is 4 * 40 beside the step, which is 20 levels per pixel; the 3x3 window reaches one column
+        // farther.
         assert_eq!(edges, [false, false, false, true, true, false, false, false, false]);
         assert_eq!(flat, [true, true, false, false, false, false, true, true, true]);
         assert!(named(&zones, "occluded").has(0, 1.0) && !named(&zones, "visible").has(0, 1.0));

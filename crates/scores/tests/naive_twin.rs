@@ -1,4 +1,5 @@
-//! The scores against a twin that follows the oracle line by line: whole vectors, divisions, the system's logarithm, two passes.
+//! The scores against a twin that follows the oracle line by line: whole vectors, divisions, the system's logarithm,
+//! two passes.
 
 use depthloom_scores::{
     Align, Crop, Family, PixelSet, Preset, ScaleInvariant, ScoreRow, Settings, SquaredRelative, score,

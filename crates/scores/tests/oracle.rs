@@ -6,9 +6,9 @@ use std::path::Path;
 use depthloom_scores::{PixelSet, Preset, score};
 use depthloom_test_needs::shared;
 
-/// Two sets on eight pixels. The expectations are `oracle.py`'s `score` (NumPy) on the same eight pairs; those of `kitti-depth`
-/// are NumPy's `((y - t)**2 / t**2).mean()` and `100 * (np.log(y) - np.log(t)).std()` with `y = clip(y, 1e-3, 256)`, 1e-4 where
-/// it is NaN.
+/// Two sets on eight pixels. The expectations are `oracle.py`'s `score` (NumPy) on the same eight pairs; those of
+/// `kitti-depth` are NumPy's `((y - t)**2 / t**2).mean()` and `100 * (np.log(y) - np.log(t)).std()` with `y = clip(y,
+/// 1e-3, 256)`, 1e-4 where it is NaN.
 #[test]
 fn eight_pixels_score_as_with_numpy() {
     let truth = [5.0, 12.5, f32::NAN, 33.25, 79.5, 80.0, 0.5, 20.0];
@@ -75,8 +75,8 @@ fn focal_times_baseline(width: usize) -> f32 {
     (focal_px * 0.532_725_f64) as f32
 }
 
-/// The golden disparities are exact (16-bit fixed point), so stereo's golden scores follow from them to the last digits. The
-/// golden depth maps are rounded to 1/256 m: their scores follow to about that.
+/// The golden disparities are exact (16-bit fixed point), so stereo's golden scores follow from them to the last
+/// digits. The golden depth maps are rounded to 1/256 m: their scores follow to about that.
 #[test]
 fn golden_maps_score_as_the_oracle_scored_them() {
     let Some(shared) = shared("golden_maps_score_as_the_oracle_scored_them") else { return };

@@ -1,7 +1,7 @@
 //! What is printed for a person and for a program, on streams that may be closed or full.
 //!
-//! What is printed comes in part from experiments, file names, recordings and programs of strangers. All of it goes through this module,
-//! which leaves no character in it that a terminal obeys; see [`visible`].
+//! What is printed comes in part from experiments, file names, recordings and programs of strangers. All of it goes
+//! through this module, which leaves no character in it that a terminal obeys; see [`visible`].
 
 mod visible;
 
@@ -13,7 +13,8 @@ pub use visible::{on_one_line, same_length, visible};
 
 use crate::error::{CliError, ExitCode};
 
-/// Prints a line to standard error. A reader that went away or a full disk behind it costs no result: then nobody reads it.
+/// Prints a line to standard error. A reader that went away or a full disk behind it costs no result: then nobody reads
+/// it.
 pub fn say(line: impl Display) {
     tell(format_args!("{line}\n"));
 }
@@ -59,7 +60,8 @@ pub fn print_json(value: &serde_json::Value) -> Result<(), CliError> {
     print_quoted(&format!("{value:#}\n"))
 }
 
-/// Prints JSON, or YAML in which every text of a stranger is quoted as JSON: what a terminal would obey is escaped, and stays the same text.
+/// Prints JSON, or YAML in which every text of a stranger is quoted as JSON: what a terminal would obey is escaped, and
+/// stays the same text.
 ///
 /// # Errors
 /// If standard output cannot be written; not if its reader went away.
@@ -67,8 +69,8 @@ pub fn print_quoted(text: &str) -> Result<(), CliError> {
     print_bytes(visible::in_quotes(text).as_bytes())
 }
 
-/// Prints a line that ends in a path. On a terminal it is [visible()]; otherwise its bytes are as they are: a program that reads it finds
-/// the file.
+/// Prints a line that ends in a path. On a terminal it is [visible()]; otherwise its bytes are as they are: a program
+/// that reads it finds the file.
 ///
 /// # Errors
 /// If standard output cannot be written; not if its reader went away.

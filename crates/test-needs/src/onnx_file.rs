@@ -1,4 +1,5 @@
-//! Tiny ONNX files, written field by field from the public protobuf schema, so that tests of networks need no file beside the project.
+//! Tiny ONNX files, written field by field from the public protobuf schema, so that tests of networks need no file
+//! beside the project.
 
 /// A protobuf message in the making.
 #[derive(Default)]

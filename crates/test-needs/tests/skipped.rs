@@ -1,4 +1,5 @@
-//! The last test program of `cargo test --workspace`: counts what the others skipped, and writes it to `target/skipped.txt`.
+//! The last test program of `cargo test --workspace`: counts what the others skipped, and writes it to
+//! `target/skipped.txt`.
 
 use std::fmt::Write;
 

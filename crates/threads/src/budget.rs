@@ -6,7 +6,8 @@ use std::sync::{Condvar, Mutex, PoisonError};
 
 use crossbeam::utils::{Backoff, CachePadded};
 
-/// The permits to work, as many as threads may work at once. A worker without a task gives its permit back; a thread that helps with tiles takes one.
+/// The permits to work, as many as threads may work at once. A worker without a task gives its permit back; a thread
+/// that helps with tiles takes one.
 ///
 /// Workers that have nothing to do sleep here. The protocol is the usual one of two flags: a thread that brings work
 /// makes it visible and then looks for sleepers; one that goes to sleep registers and then looks for work. So one of

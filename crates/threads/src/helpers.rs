@@ -20,12 +20,12 @@ impl Tiles for Budget {
 }
 
 impl Budget {
-    /// Runs `f(0)`, ..., `f(n - 1)`, each once, begun in ascending order; returns when all are done. The caller, who has a permit,
-    /// works; helpers are threads started for the call, one for every permit that is free, so that tiles never take a core
-    /// from other work. `helping` runs on each of these threads around its work, which it must call.
+    /// Runs `f(0)`, ..., `f(n - 1)`, each once, begun in ascending order; returns when all are done. The caller, who
+    /// has a permit, works; helpers are threads started for the call, one for every permit that is free, so that tiles
+    /// never take a core from other work. `helping` runs on each of these threads around its work, which it must call.
     ///
-    /// A started thread costs tens of microseconds, which is little beside the milliseconds that tiles are for, and it may
-    /// borrow the caller's data without any `unsafe`.
+    /// A started thread costs tens of microseconds, which is little beside the milliseconds that tiles are for, and it
+    /// may borrow the caller's data without any `unsafe`.
     ///
     /// # Panics
     /// If a tile panics; which panic is reported, and how many other tiles still run, is not specified.

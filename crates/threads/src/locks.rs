@@ -1,7 +1,7 @@
 //! Mutexes that are usable after a panic.
 //!
-//! A panic of a thread is caught and reported where its work is waited for. What it left behind a lock is used as it is: waiters that
-//! panic, too, would only hide the first panic.
+//! A panic of a thread is caught and reported where its work is waited for. What it left behind a lock is used as it
+//! is: waiters that panic, too, would only hide the first panic.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -19,8 +19,9 @@ pub struct Caught(pub String);
 /// # Errors
 /// The panic, if there was one.
 ///
-/// The message would otherwise go to the standard error of a program that may be drawing progress bars there, and once more
-/// in the error. So the first call wraps the process's panic hook: panics inside `caught` are kept, all others go the old way.
+/// The message would otherwise go to the standard error of a program that may be drawing progress bars there, and once
+/// more in the error. So the first call wraps the process's panic hook: panics inside `caught` are kept, all others go
+/// the old way.
 pub fn caught<R>(f: impl FnOnce() -> R) -> Result<R, Caught> {
     static WRAPPED: Once = Once::new();
     WRAPPED.call_once(|| {
@@ -34,7 +35,8 @@ pub fn caught<R>(f: impl FnOnce() -> R) -> Result<R, Caught> {
         }));
     });
     let outer = WATCHED.replace(true);
-    // What a panic may leave half-done is dropped: scratch buffers taken are lost, and an ordered node is not called again.
+    // What a panic may leave half-done is dropped: scratch buffers taken are lost, and an ordered node is not called
+    // again.
     let result = catch_unwind(AssertUnwindSafe(f));
     WATCHED.set(outer);
     result.map_err(|payload| Caught(message(payload.as_ref(), PLACE.take())))

@@ -8,8 +8,9 @@ const NEEDED: usize = (2 << 20) + (256 << 10);
 
 /// Looks whether there is memory for one more thread.
 ///
-/// Where the system gives a stack and then nothing more, Rust's own start of the thread panics before any code of ours runs there, and
-/// the process ends by SIGABRT: so the memory that it needs is allocated here, where a refusal is an ordinary error, and freed.
+/// Where the system gives a stack and then nothing more, Rust's own start of the thread panics before any code of ours
+/// runs there, and the process ends by SIGABRT: so the memory that it needs is allocated here, where a refusal is an
+/// ordinary error, and freed.
 ///
 /// # Errors
 /// If the system refuses.

@@ -13,7 +13,8 @@ pub trait Tiles: Sync {
     /// Calls `f(0)`, ..., `f(n - 1)`, each index exactly once, possibly on several threads; returns when all are done.
     fn run(&self, n: usize, f: &(dyn Fn(usize) + Sync));
 
-    /// Calls `f(round, tile)` for every tile below `counts[round]` of every round; a round begins when the one before is done.
+    /// Calls `f(round, tile)` for every tile below `counts[round]` of every round; a round begins when the one before
+    /// is done.
     fn rounds(&self, counts: &[usize], f: &(dyn Fn(usize, usize) + Sync)) {
         for (round, &count) in counts.iter().enumerate() {
             self.run(count, &|tile| f(round, tile));
@@ -40,17 +41,18 @@ impl Tiles for Serial {
     }
 }
 
-/// How often a thread that waits for others looks again at once, before it lets other threads go first: some tens of microseconds,
-/// as long as tiles take.
+/// How often a thread that waits for others looks again at once, before it lets other threads go first: some tens of
+/// microseconds, as long as tiles take.
 const SPINS: u32 = 1000;
 
 /// [`Tiles::rounds`] by one [`Tiles::run`], for those to whom each `run` is dear because it calls threads together.
 ///
-/// A thread that comes to a round before the one before is done waits for it. So `tiles` must begin its calls in ascending
-/// order, as by a counter: then what is waited for has been begun, and is not itself waiting for what comes later.
+/// A thread that comes to a round before the one before is done waits for it. So `tiles` must begin its calls in
+/// ascending order, as by a counter: then what is waited for has been begun, and is not itself waiting for what comes
+/// later.
 ///
-/// The tiles of a round are shared out by their place among the others, and a thread does its own share of every round before
-/// it takes from the others': what it left in its cache in the round before, it finds there.
+/// The tiles of a round are shared out by their place among the others, and a thread does its own share of every round
+/// before it takes from the others': what it left in its cache in the round before, it finds there.
 pub fn rounds_in_one_run(tiles: &dyn Tiles, counts: &[usize], f: &(dyn Fn(usize, usize) + Sync)) {
     let width = tiles.width();
     let mut first = 0;

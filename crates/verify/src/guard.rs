@@ -1,5 +1,5 @@
-//! Nodes whose failure ends a run: guarded, so that it ends no comparison of others. What they fail of is kept, and from there on they give
-//! nothing.
+//! Nodes whose failure ends a run: guarded, so that it ends no comparison of others. What they fail of is kept, and
+//! from there on they give nothing.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -40,7 +40,8 @@ struct Guard {
 }
 
 impl Guard {
-    /// What a node gives at its ports; `None` if it fails, which is put down with where it did. That it was cancelled is no failure.
+    /// What a node gives at its ports; `None` if it fails, which is put down with where it did. That it was cancelled
+    /// is no failure.
     fn given(
         &self,
         ports: &[Port],

@@ -1,7 +1,7 @@
 //! Compares recordings: nodes recomputed from their recorded inputs ([`Replay`]), and two runs ([`RunDifference`]).
 //!
-//! A recomputed node reads the values that were *recorded* for it, so a node that differs is itself the one that changed. The runner runs it like
-//! any other: the source reads the recording, and the sink compares.
+//! A recomputed node reads the values that were *recorded* for it, so a node that differs is itself the one that
+//! changed. The runner runs it like any other: the source reads the recording, and the sink compares.
 
 #![forbid(unsafe_code)]
 

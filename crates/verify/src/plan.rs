@@ -36,7 +36,8 @@ pub struct Replay {
 pub struct Replayed {
     /// The node of the recording.
     pub recorded: NodeId,
-    /// By output port, what it is compared with; `None` where nothing was recorded, or the node is made only for others to read.
+    /// By output port, what it is compared with; `None` where nothing was recorded, or the node is made only for others
+    /// to read.
     pub expected: Vec<Option<Expected>>,
     /// What is to be said of it.
     pub remarks: Vec<String>,
@@ -112,7 +113,8 @@ struct MadeRun {
 }
 
 impl Replay {
-    /// The nodes of a recording whose names fit one of the patterns, or all that gave anything recorded; none of them has run yet.
+    /// The nodes of a recording whose names fit one of the patterns, or all that gave anything recorded; none of them
+    /// has run yet.
     ///
     /// # Errors
     /// The first pattern that fits no node.
@@ -168,7 +170,8 @@ impl Replay {
     }
 }
 
-/// The nodes that patterns name: `stereo`, `compare.stereo`, `compare.*`; without patterns all that give anything recorded.
+/// The nodes that patterns name: `stereo`, `compare.stereo`, `compare.*`; without patterns all that give anything
+/// recorded.
 fn requested(recording: &Recording, patterns: &[String]) -> Result<BTreeSet<NodeRef>, String> {
     let mut requested = BTreeSet::new();
     let mut unmatched: BTreeSet<&String> = patterns.iter().collect();
@@ -298,7 +301,8 @@ impl<'a> Making<'a> {
         }
     }
 
-    /// The output whose aggregate value a node of these variants read: of equal names that of the node that served them all.
+    /// The output whose aggregate value a node of these variants read: of equal names that of the node that served them
+    /// all.
     fn aggregate_output(&self, from: &str, variants: &[VariantId]) -> Result<(NodeRef, PortId), String> {
         let mut found = Vec::new();
         for (run_id, run) in RunId::enumerate(&self.recording.plan().runs) {

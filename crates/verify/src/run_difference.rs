@@ -153,7 +153,8 @@ impl RunDifference {
         only(before, after, "before").into_iter().chain(only(after, before, "after")).collect()
     }
 
-    /// Whether a person is shown a node: not one of a stage or variant which one of the runs lacks, for that is printed already.
+    /// Whether a person is shown a node: not one of a stage or variant which one of the runs lacks, for that is printed
+    /// already.
     fn is_shown(&self, node: &Node) -> bool {
         let (before, after) = &self.plans;
         let has_stage = |plan: &RecordedPlan| plan.runs.iter().any(|run| run.stage == node.stage);

@@ -15,7 +15,8 @@ use crate::shape::filled;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct FromDisparity {
-    /// Largest depth given, metres; `null` leaves depth uncapped. The paper caps before fusion, and truth stops near 80 m.
+    /// Largest depth given, metres; `null` leaves depth uncapped. The paper caps before fusion, and truth stops near 80
+    /// m.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
 }

@@ -19,7 +19,8 @@ pub(crate) struct WeightedLeastSquaresParams {
     /// Weight of smoothness against the data (`lambda`).
     #[schemars(range(min = 0, max = 1_000_000))]
     pub lambda: f64,
-    /// How far colours of 8 bits may differ for neighbours to be smoothed together (`sigmaColor`); OpenCV advises 0.8 to 2.
+    /// How far colours of 8 bits may differ for neighbours to be smoothed together (`sigmaColor`); OpenCV advises 0.8
+    /// to 2.
     #[schemars(range(min = 0.01, max = 1000))]
     pub sigma: f64,
     /// Factor by which `lambda` shrinks from one iteration to the next; 1 may leave streaks.
@@ -33,8 +34,8 @@ pub(crate) struct WeightedLeastSquaresParams {
     /// With a right view: disparities of the two views must differ by less, px, in whole sixteenths (`LRCthresh`).
     #[schemars(range(min = 0, max = 4095))]
     pub max_difference: f64,
-    /// With a right view: half the side of the window whose variance lowers the confidence, px (`depthDiscontinuityRadius`); OpenCV
-    /// takes half of SGBM's block, a third of BM's.
+    /// With a right view: half the side of the window whose variance lowers the confidence, px
+    /// (`depthDiscontinuityRadius`); OpenCV takes half of SGBM's block, a third of BM's.
     #[schemars(range(min = 0, max = 50))]
     pub discontinuity_radius: u32,
 }

@@ -163,9 +163,11 @@ pub(crate) struct NetworkPorts {
 pub(crate) struct NetworkParams {
     /// What goes in and out.
     pub ports: NetworkPorts,
-    /// How inputs come to the network's size: `pad` (no pixel is changed) or `resize` (disparities are scaled, there and back).
+    /// How inputs come to the network's size: `pad` (no pixel is changed) or `resize` (disparities are scaled, there
+    /// and back).
     pub fit: Fit,
-    /// Columns and rows of what the network sees, px; `null`: what it fixes itself, else the inputs', made a `multiple`.
+    /// Columns and rows of what the network sees, px; `null`: what it fixes itself, else the inputs', made a
+    /// `multiple`.
     #[schemars(inner(range(min = 1, max = 16384)))]
     pub size: Option<[u32; 2]>,
     /// What columns and rows are made a multiple of where nothing fixes them, px: the network's largest stride.
@@ -184,7 +186,8 @@ pub(crate) struct NetworkParams {
     pub cap: Option<f64>,
     /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
     pub provider: Provider,
-    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by side. tract always has one.
+    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by
+    /// side. tract always has one.
     #[schemars(range(min = 1, max = 256), extend("operational" = true))]
     pub threads: u32,
 }

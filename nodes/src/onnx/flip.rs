@@ -12,9 +12,10 @@ pub(crate) enum Flip {
     None,
     /// The mean of both.
     Mean,
-    /// The mean of both; towards the left edge the mirrored answer, towards the right edge the plain one. Of the outermost 5 % of the columns
-    /// one answer alone counts, of the next 5 % more and more of the mean: the post-processing of Godard et al., "Unsupervised monocular depth
-    /// estimation with left-right consistency", CVPR 2017. Networks that learned from stereo pairs see least at the edge that only one camera saw.
+    /// The mean of both; towards the left edge the mirrored answer, towards the right edge the plain one. Of the
+    /// outermost 5 % of the columns one answer alone counts, of the next 5 % more and more of the mean: the
+    /// post-processing of Godard et al., "Unsupervised monocular depth estimation with left-right consistency",
+    /// CVPR 2017. Networks that learned from stereo pairs see least at the edge that only one camera saw.
     Godard,
 }
 

@@ -95,13 +95,14 @@ pub(crate) struct OnnxParams {
     pub mean: [f64; 3],
     /// Each channel is then divided by this.
     pub std: [f64; 3],
-    /// How the image comes to the network's size: `resize`, or `pad` (rows and columns are added below and to the right, and no pixel is changed).
+    /// How the image comes to the network's size: `resize`, or `pad` (rows and columns are added below and to the
+    /// right, and no pixel is changed).
     pub fit: Fit,
     /// Columns and rows of the network's image, px; `null`: the network says it itself, or `multiple`.
     #[schemars(inner(range(min = 1, max = 16384)))]
     pub size: Option<[u32; 2]>,
-    /// Where neither the network nor `size` fixes columns and rows: the image's own are raised to a multiple of this, px. 14 of networks with patches of
-    /// 14 px; `null`: such a network needs a `size`.
+    /// Where neither the network nor `size` fixes columns and rows: the image's own are raised to a multiple of this,
+    /// px. 14 of networks with patches of 14 px; `null`: such a network needs a `size`.
     #[schemars(range(min = 1, max = 1024))]
     pub multiple: Option<u32>,
     /// How the image is resized, where it is: `area` or `bilinear`.
@@ -114,8 +115,8 @@ pub(crate) struct OnnxParams {
     pub output_name: Option<String>,
     /// Of an output that holds several maps (heads, channels) the one to take: from 0, or -1 for the last.
     pub head: Option<i64>,
-    /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`; `null`: what the model says of itself (those of
-    /// `learn/ssl` do), else `disparity-share`.
+    /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`; `null`: what the model
+    /// says of itself (those of `learn/ssl` do), else `disparity-share`.
     pub output: Option<Output>,
     /// The output is multiplied by this first.
     pub output_scale: f64,
@@ -129,7 +130,8 @@ pub(crate) struct OnnxParams {
     pub flip: Flip,
     /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
     pub provider: Provider,
-    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by side. tract always has one.
+    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by
+    /// side. tract always has one.
     #[schemars(range(min = 1, max = 256), extend("operational" = true))]
     pub threads: u32,
 }

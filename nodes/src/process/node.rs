@@ -45,7 +45,8 @@ impl ProcessContract {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProcessParams {
-    /// The program and its arguments, `[python3, fuse.py]`: never a line for a shell. An argument with an ending or a `/` that names a file beside the YAML file is that file.
+    /// The program and its arguments, `[python3, fuse.py]`: never a line for a shell. An argument with an ending or a
+    /// `/` that names a file beside the YAML file is that file.
     pub command: Vec<Argument>,
     /// Its ports: `{ inputs: { stereo: depth, mono: depth }, outputs: { depth: depth } }`.
     pub ports: DeclaredPorts,
@@ -53,24 +54,32 @@ pub struct ProcessParams {
     pub contract: ProcessContract,
     /// What it is told beside its inputs, as it likes.
     pub params: Map<String, Json>,
-    /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken again.
+    /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken
+    /// again.
     pub version: Option<u32>,
-    /// What decides its results, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`). When their content changes, results are recomputed. What a program in Python imports need not be named; see `imports`.
+    /// What decides its results, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`).
+    /// When their content changes, results are recomputed. What a program in Python imports need not be named; see
+    /// `imports`.
     pub code: Vec<CodePath>,
-    /// Whether cache keys contain what a program in Python imports: the content of its own modules, and the versions of installed packages. `depthloom.serve` reports it; for this the program is started before the first frame, and ends without making its node. A program in another language reports nothing.
+    /// Whether cache keys contain what a program in Python imports: the content of its own modules, and the versions of
+    /// installed packages. `depthloom.serve` reports it; for this the program is started before the first frame, and
+    /// ends without making its node. A program in another language reports nothing.
     pub imports: bool,
-    /// Files that it opens by itself for a frame, `predictions/{frame}.npy`, or a list of them: `{frame}` stands for the frame's id, `{index}` for its index. Their content is in the frame's cache key; a file that is missing counts as missing. A pure program with `reads` is told which frame it is called for.
+    /// Files that it opens by itself for a frame, `predictions/{frame}.npy`, or a list of them: `{frame}` stands for
+    /// the frame's id, `{index}` for its index. Their content is in the frame's cache key; a file that is missing
+    /// counts as missing. A pure program with `reads` is told which frame it is called for.
     pub reads: FramePaths,
     /// Variables of its environment, over those that are there. They are part of what decides its results.
     pub env: BTreeMap<String, String>,
-    /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values are not recorded, and
-    /// results are reused whatever these are.
+    /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values
+    /// are not recorded, and results are reused whatever these are.
     #[schemars(extend("operational" = true))]
     pub secrets: BTreeMap<String, String>,
     /// How many processes there are at most; by default as many as are called at once. `ordered` and `once` have one.
     #[schemars(range(min = 1), extend("operational" = true))]
     pub instances: Option<u16>,
-    /// How long a process may say nothing while it is called, seconds; by default 60 for a frame, and an hour for what is of no frame.
+    /// How long a process may say nothing while it is called, seconds; by default 60 for a frame, and an hour for what
+    /// is of no frame.
     #[schemars(extend("operational" = true))]
     pub timeout_s: Option<f64>,
     /// How long it may take until it can be called, seconds.

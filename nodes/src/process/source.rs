@@ -28,7 +28,8 @@ const KIND: &str = "process/source";
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProcessSourceParams {
-    /// The program and its arguments, `[python3, frames.py]`: never a line for a shell. An argument with an ending or a `/` that names a file beside the YAML file is that file.
+    /// The program and its arguments, `[python3, frames.py]`: never a line for a shell. An argument with an ending or a
+    /// `/` that names a file beside the YAML file is that file.
     pub command: Vec<Argument>,
     /// What a frame has: `{ left: image, right: image, calibration: calibration }`.
     pub outputs: BTreeMap<String, DeclaredPort>,
@@ -36,18 +37,22 @@ pub struct ProcessSourceParams {
     pub frames: FrameSelection,
     /// What it is told, as it likes.
     pub params: Map<String, Json>,
-    /// Raised whenever it gives other frames than before. Without it and without `code` what is made of its frames is never taken again.
+    /// Raised whenever it gives other frames than before. Without it and without `code` what is made of its frames is
+    /// never taken again.
     pub version: Option<u32>,
-    /// What decides its frames, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`). When their content changes, all is recomputed.
+    /// What decides its frames, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`).
+    /// When their content changes, all is recomputed.
     pub code: Vec<CodePath>,
     /// Whether cache keys contain what a program in Python imports, as of a `process`.
     pub imports: bool,
-    /// Files that it opens by itself for a frame, `images/{frame}.png`, or a list of them: `{frame}` stands for the frame's id, `{index}` for its index. Their content is in the frame's cache key; a file that is missing counts as missing.
+    /// Files that it opens by itself for a frame, `images/{frame}.png`, or a list of them: `{frame}` stands for the
+    /// frame's id, `{index}` for its index. Their content is in the frame's cache key; a file that is missing counts as
+    /// missing.
     pub reads: FramePaths,
     /// Variables of its environment, over those that are there. They are part of what decides its results.
     pub env: BTreeMap<String, String>,
-    /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values are not recorded, and
-    /// results are reused whatever these are.
+    /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values
+    /// are not recorded, and results are reused whatever these are.
     #[schemars(extend("operational" = true))]
     pub secrets: BTreeMap<String, String>,
     /// How many processes there are at most; by default as many as are called at once.

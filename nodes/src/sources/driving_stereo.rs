@@ -59,7 +59,8 @@ pub(crate) struct DrivingStereo {
     pub root: DataPath,
     /// Which size: `half` or `full`.
     pub size: DrivingStereoSize,
-    /// The folder of calibrations, `half-image-calib` or `full-image-calib`. By default looked for in root, its `calib`, and beside root.
+    /// The folder of calibrations, `half-image-calib` or `full-image-calib`. By default looked for in root, its
+    /// `calib`, and beside root.
     pub calibrations: Option<DataPath>,
     /// Which sequences: `2018-10-19-09-30-39`. By default all there are.
     pub sequences: Vec<String>,

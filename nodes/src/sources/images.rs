@@ -48,22 +48,27 @@ pub(crate) struct ImagesCalibration {
     pub cx_px: Option<f64>,
     /// Principal point, row, px; likewise.
     pub cy_px: Option<f64>,
-    /// How much farther right the right camera's principal point lies in its image, px (Middlebury's `doffs`): depth is `f * B / (d + doffs)`.
+    /// How much farther right the right camera's principal point lies in its image, px (Middlebury's `doffs`): depth is
+    /// `f * B / (d + doffs)`.
     #[schemars(range(min = -100_000, max = 100_000))]
     pub doffs_px: f64,
-    /// Calibration files, relative to `root`: OpenCV's FileStorage (YAML, XML or JSON, in one file or two), two of ROS (`camera_info` YAML, left and right), or Kalibr's camchain.
+    /// Calibration files, relative to `root`: OpenCV's FileStorage (YAML, XML or JSON, in one file or two), two of ROS
+    /// (`camera_info` YAML, left and right), or Kalibr's camchain.
     pub files: Vec<String>,
-    /// How long a unit of the files' translations is, metres: 0.001 for millimetres. Without it they are metres, and a baseline above 2 m is refused.
+    /// How long a unit of the files' translations is, metres: 0.001 for millimetres. Without it they are metres, and a
+    /// baseline above 2 m is refused.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub metres_per_unit: Option<f64>,
     /// Whether the images are rectified already: then of the files the projections are taken alone.
     pub rectified: bool,
     /// Whether lens coefficients of an OpenCV file are those of its `fisheye` module, which the file does not tell.
     pub fisheye: bool,
-    /// Whether the rectification is computed anew, though the files have one: 0 (no black pixels) to 1 (no pixel is lost), or -1 (the focal length stays), as `stereoRectify`'s.
+    /// Whether the rectification is computed anew, though the files have one: 0 (no black pixels) to 1 (no pixel is
+    /// lost), or -1 (the focal length stays), as `stereoRectify`'s.
     #[schemars(extend("minimum" = -1, "maximum" = 1))]
     pub alpha: Option<f64>,
-    /// How a place between pixels is taken in rectification: `float` (as OpenCV 5 with `CV_32FC1` maps), or `fixed` (1/32 px, as OpenCV 4).
+    /// How a place between pixels is taken in rectification: `float` (as OpenCV 5 with `CV_32FC1` maps), or `fixed`
+    /// (1/32 px, as OpenCV 4).
     pub sampling: Sampling,
 }
 
@@ -85,10 +90,11 @@ pub(crate) struct ImagesParams {
     pub right: Option<String>,
     /// In place of `left` and `right` a CSV file with the columns left,right[,truth][,frame], a line a pair.
     pub list: Option<String>,
-    /// The cameras: numbers of a rectified pair (`focal_px`, `baseline_m`), or `files`. Without it there is no output `calibration`.
+    /// The cameras: numbers of a rectified pair (`focal_px`, `baseline_m`), or `files`. Without it there is no output
+    /// `calibration`.
     pub calibration: ImagesCalibration,
-    /// How many bits the samples of 16-bit images use: 12 of a 12-bit camera that stores them as numbers up to 4095. Of these the upper 8 are taken.
-    /// Default: 16, as OpenCV's `imread`.
+    /// How many bits the samples of 16-bit images use: 12 of a 12-bit camera that stores them as numbers up to 4095. Of
+    /// these the upper 8 are taken. Default: 16, as OpenCV's `imread`.
     #[schemars(range(min = 8, max = 16))]
     pub bits: Option<u32>,
     /// What is true: the files and what their numbers are.

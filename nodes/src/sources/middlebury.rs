@@ -46,15 +46,17 @@ pub(crate) struct Middlebury {
     pub root: DataPath,
     /// Which scenes, in this order. By default all there are, by name.
     pub scenes: Vec<String>,
-    /// Which true pixels `depth` has: `all`, `noc` (seen by both cameras: scenes with mask0nocc.png) or `none` (truth is not read).
+    /// Which true pixels `depth` has: `all`, `noc` (seen by both cameras: scenes with mask0nocc.png) or `none` (truth
+    /// is not read).
     pub truth: TruePixels,
-    /// What a true disparity of 1 px is in the 8-bit maps of 2001 to 2006. By default by size: of 2003 4 at 450 columns, 2 at 900, 1 at 1800; of 2005 and 2006 1
-    /// at 1110 rows, 2 at 555, 3 at 370; of 2001 8.
+    /// What a true disparity of 1 px is in the 8-bit maps of 2001 to 2006. By default by size: of 2003 4 at 450
+    /// columns, 2 at 900, 1 at 1800; of 2005 and 2006 1 at 1110 rows, 2 at 555, 3 at 370; of 2001 8.
     #[schemars(range(min = 1, max = 255))]
     pub factor: Option<u32>,
     /// Left and right view of scenes of 2001 and 2003, which have im0 to im8 at equal distances. By default 2 and 6.
     pub views: Option<[u32; 2]>,
-    /// Focal length of scenes of 2001 and 2003, whose calibration is not published, px of the images as they are; with `baseline_m`.
+    /// Focal length of scenes of 2001 and 2003, whose calibration is not published, px of the images as they are; with
+    /// `baseline_m`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub focal_px: Option<f64>,
     /// Distance between the cameras of scenes of 2001 and 2003, metres; with `focal_px`.

@@ -64,7 +64,8 @@ pub(crate) struct SceneFlow {
     pub root: DataPath,
     /// Which rendering: `final` or `clean`.
     pub pass: SceneFlowPass,
-    /// Which folders below it: `TRAIN/A` of FlyingThings3D, `35mm_focallength/scene_forwards/slow` of Driving, `funnyworld_x2` of Monkaa. By default all there are.
+    /// Which folders below it: `TRAIN/A` of FlyingThings3D, `35mm_focallength/scene_forwards/slow` of Driving,
+    /// `funnyworld_x2` of Monkaa. By default all there are.
     pub folders: Vec<String>,
     /// What is true: `all` or `none` (truth is not read).
     pub truth: SceneFlowTruth,

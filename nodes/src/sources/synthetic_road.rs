@@ -47,7 +47,8 @@ pub struct SyntheticRoadParams {
     pub height: u32,
     /// Which true pixels are scored: `noc` (seen by both cameras) or `occ` (all the scanner hit).
     pub truth: SyntheticTruth,
-    /// Whether the truth is given as disparities too (`disp_noc`, `disp_occ`), with the map of cars (`obj_map`): for `score/disparity`.
+    /// Whether the truth is given as disparities too (`disp_noc`, `disp_occ`), with the map of cars (`obj_map`): for
+    /// `score/disparity`.
     pub disparities: bool,
 }
 
@@ -186,7 +187,7 @@ impl SourceKind for SyntheticRoad {
 
     fn declaration() -> SourceDeclaration {
         let occluded = "255 where the right camera does not see the left pixel's surface.";
-        let noc = "What the scanner hit and the right camera sees, as disparity, 1/256 px, 0 = unknown; with `disparities: true`.";
+        let noc = "What the scanner hit and the right camera sees, as disparity, px, NaN = unknown; with `disparities: true`.";
         let occ = "All that the scanner hit, likewise; with `disparities: true`.";
         SourceDeclaration {
             kind: KIND,

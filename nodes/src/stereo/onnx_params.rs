@@ -37,7 +37,8 @@ pub(crate) enum PairOrder {
 pub(crate) struct StereoOnnxParams {
     /// Name of the input of the left image; `null`: the network's first.
     pub left_name: Option<String>,
-    /// Name of the input of the right image; `null`: the network's second. A network of one input takes both images as channels of it.
+    /// Name of the input of the right image; `null`: the network's second. A network of one input takes both images as
+    /// channels of it.
     pub right_name: Option<String>,
     /// In an input that takes both images: which comes first, `left-right` or `right-left`.
     pub order: PairOrder,
@@ -54,7 +55,8 @@ pub(crate) struct StereoOnnxParams {
     pub std: [f64; 3],
     /// How images come to the network's size: `pad` (no pixel is changed) or `resize` (disparities are scaled back).
     pub fit: Fit,
-    /// Columns and rows of what the network sees, px; `null`: what it fixes itself, else the image's, made a `multiple`.
+    /// Columns and rows of what the network sees, px; `null`: what it fixes itself, else the image's, made a
+    /// `multiple`.
     #[schemars(inner(range(min = 1, max = 16384)))]
     pub size: Option<[u32; 2]>,
     /// What columns and rows are made a multiple of where nothing fixes them, px: the network's largest stride.
@@ -70,7 +72,8 @@ pub(crate) struct StereoOnnxParams {
     pub round: bool,
     /// Name of the network's output; `null`: the first whose shape can be that of a map.
     pub output_name: Option<String>,
-    /// Of an output that holds several maps (heads, channels, steps of refinement) the one to take: from 0, or -1 for the last.
+    /// Of an output that holds several maps (heads, channels, steps of refinement) the one to take: from 0, or -1 for
+    /// the last.
     pub head: Option<i64>,
     /// What the output means: `disparity-px`, `disparity-share`, `inverse-depth` or `depth`.
     pub output: StereoOutput,
@@ -84,11 +87,13 @@ pub(crate) struct StereoOnnxParams {
     /// Largest depth given, metres; `null` leaves depth uncapped.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
-    /// Whether the right image's disparity is given as well, for `disparity/left-right`: the network sees both images mirrored and exchanged.
+    /// Whether the right image's disparity is given as well, for `disparity/left-right`: the network sees both images
+    /// mirrored and exchanged.
     pub right_view: bool,
     /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
     pub provider: Provider,
-    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by side. tract always has one.
+    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by
+    /// side. tract always has one.
     #[schemars(range(min = 1, max = 256), extend("operational" = true))]
     pub threads: u32,
 }

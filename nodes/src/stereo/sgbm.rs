@@ -21,14 +21,16 @@ pub(crate) struct SgbmParams {
     /// Side of the matched block, px (`blockSize`): odd.
     #[schemars(range(min = 1, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub block: i32,
-    /// Penalty for a disparity change of one pixel between neighbours (`P1`). `auto` is `8 c block^2` as OpenCV's documentation has it, of
-    /// `c` channels matched: here 1, grey; at most 8191. 0 stands for 2.
+    /// Penalty for a disparity change of one pixel between neighbours (`P1`). `auto` is `8 c block^2` as OpenCV's
+    /// documentation has it, of `c` channels matched: here 1, grey; at most 8191. 0 stands for 2.
     #[schemars(extend("follows" = ["block"], "minimum" = 0, "maximum" = 32767))]
     pub p1: Auto<i32>,
-    /// Penalty for any larger change (`P2`), greater than `p1`. `auto` is `32 c block^2`, at most 32767. 0 stands for 5.
+    /// Penalty for any larger change (`P2`), greater than `p1`. `auto` is `32 c block^2`, at most 32767. 0 stands
+    /// for 5.
     #[schemars(extend("follows" = ["block"], "minimum" = 0, "maximum" = 32767))]
     pub p2: Auto<i32>,
-    /// Largest difference allowed by the left-right check, px (`disp12MaxDiff`). OpenCV takes 0 and below as 1; only a huge value switches it off.
+    /// Largest difference allowed by the left-right check, px (`disp12MaxDiff`). OpenCV takes 0 and below as 1; only a
+    /// huge value switches it off.
     pub disp12_max_diff: i32,
     /// Clip of the horizontal Sobel prefilter (`preFilterCap`); OpenCV uses `max(cap, 15) | 1`.
     #[schemars(range(min = 0))]

@@ -1,8 +1,8 @@
 //! A kind's outputs change only with its version.
 //!
-//! `digests.txt` holds, for every kind and version, the digest of its outputs on small fixed inputs. A test fails when outputs changed and the version
-//! did not: values under old keys would be taken for new ones. After raising a version, `DEPTHLOOM_ACCEPT_DIGESTS=1 cargo test -p depthloom-nodes`
-//! adds its line; a line that is there is never changed.
+//! `digests.txt` holds, for every kind and version, the digest of its outputs on small fixed inputs. A test fails when
+//! outputs changed and the version did not: values under old keys would be taken for new ones. After raising a version,
+//! `DEPTHLOOM_ACCEPT_DIGESTS=1 cargo test -p depthloom-nodes` adds its line; a line that is there is never changed.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::collections::BTreeMap;
@@ -23,7 +23,8 @@ use depthloom_test_needs::onnx_file::{self, F32, Tensor};
 const WIDTH: u32 = 90;
 const HEIGHT: u32 = 40;
 
-/// Collects the parts of a digest, each with its length. Cache keys are not used: their version may change while outputs do not.
+/// Collects the parts of a digest, each with its length. Cache keys are not used: their version may change while
+/// outputs do not.
 struct Digest(Vec<u8>);
 
 impl Digest {
@@ -113,6 +114,7 @@ fn true_disparity() -> Value {
 /// Calls that stand for a kind, together with others of its name: the name, sets of parameters, inputs.
 type Calls = (&'static str, Vec<Json>, Vec<(&'static str, Value)>);
 
+#[expect(clippy::too_many_lines, reason = "one list of cases")]
 fn calls() -> Vec<Calls> {
     let network = onnx_file::model(
         "Identity",
@@ -339,7 +341,8 @@ fn digests() -> BTreeMap<String, Key> {
     digests
 }
 
-/// One frame in KITTI's layout. Only its decoded values are digested: another release of the PNG encoder writes other bytes.
+/// One frame in KITTI's layout. Only its decoded values are digested: another release of the PNG encoder writes other
+/// bytes.
 fn small_kitti(root: &Path) -> Json {
     let save = |folder: &str, image: &Value| {
         let Value::Image(image) = image else { panic!("image") };

@@ -1,4 +1,5 @@
-//! Node by node on rendered frames, against OpenCV and NumPy: what a bare clone holds us against (`tests/fixtures/make.py`).
+//! Node by node on rendered frames, against OpenCV and NumPy: what a bare clone holds us against
+//! (`tests/fixtures/make.py`).
 
 use depthloom_graphs::plan::FrameIndex;
 use std::collections::BTreeMap;

@@ -1,4 +1,5 @@
-//! `images`: pairs of one's own: what belongs together, what rectifies them (against OpenCV), and a point of each truth by hand.
+//! `images`: pairs of one's own: what belongs together, what rectifies them (against OpenCV), and a point of each truth
+//! by hand.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::fs;
@@ -55,7 +56,8 @@ impl Folder {
         DynamicImage::ImageLuma16(map).save(self.path(file)).unwrap();
     }
 
-    /// The two patterns and a focal length of 20 px, a baseline of half a metre: `f * B` is 10 px m; or what is given in their place.
+    /// The two patterns and a focal length of 20 px, a baseline of half a metre: `f * B` is 10 px m; or what is given
+    /// in their place.
     fn params(&self, more: &Json) -> Json {
         let mut params = json!({
             "root": self.root,
@@ -401,7 +403,8 @@ fn frames_of_any_size_and_camera_are_rectified_as_this_machines_opencv_does_it()
             let apart = ours.iter().zip(theirs.iter()).map(|(a, b)| a.abs_diff(*b));
             let (count, worst) = apart.fold((0, 0), |(count, worst), d| (count + usize::from(d > 0), worst.max(d)));
             assert!(worst <= 1, "{case} {port}: {worst}");
-            // Where `stereoRectify` is ours too, its numbers differ in the seventh digit: OpenCV's points are 32-bit floats.
+            // Where `stereoRectify` is ours too, its numbers differ in the seventh digit: OpenCV's points are 32-bit
+            // floats.
             let most = 2 + ours.len() / if case % 2 == 0 { 50_000 } else { 2_000 };
             assert!(count <= most, "{case} {port}: {count} of {} samples", ours.len());
             seen += ours.len();

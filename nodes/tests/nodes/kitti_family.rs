@@ -1,4 +1,5 @@
-//! KITTI's other benchmarks: `kitti/stereo2012`, `kitti/depth`, `kitti/odometry`: what stands where, and a point of each by hand.
+//! KITTI's other benchmarks: `kitti/stereo2012`, `kitti/depth`, `kitti/odometry`: what stands where, and a point of
+//! each by hand.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::fs;
@@ -12,7 +13,8 @@ use crate::call::{Values, metres, open};
 use crate::folder::Folder;
 use crate::stereo_sets::agree;
 
-/// Focal length 20 px, principal point (20, 15), baseline 0.5 m: `f * B` is 10 px m. The left of a pair may stand aside.
+/// Focal length 20 px, principal point (20, 15), baseline 0.5 m: `f * B` is 10 px m. The left of a pair may stand
+/// aside.
 fn projections(left: &str, right: &str) -> String {
     format!("{left}: 20 0 20 4 0 20 15 0 0 0 1 0\n{right}: 20 0 20 -6 0 20 15 0 0 0 1 0\n")
 }

@@ -1,4 +1,5 @@
-//! `kitti/raw`: against the oracle's projection, against monodepth2's rules in NumPy, and what it says of broken drives.
+//! `kitti/raw`: against the oracle's projection, against monodepth2's rules in NumPy, and what it says of broken
+//! drives.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::fs;
@@ -15,7 +16,8 @@ use crate::call::{metres, open, png_u16};
 
 const DRIVE: &str = "2011_09_26_drive_0002_sync";
 
-/// A camera of KITTI's size in small, half a metre of baseline; the second and third colour camera stand left and right.
+/// A camera of KITTI's size in small, half a metre of baseline; the second and third colour camera stand left and
+/// right.
 const CAMERA: &str = "calib_time: 09-Jan-2012 13:57:47
 S_rect_02: 4.0e+01 3.0e+01
 R_rect_00: 1 0 0 0 1 0 0 0 1

@@ -170,8 +170,8 @@ fn fault_42_pixels_that_are_no_numbers_are_no_answers_are_counted_and_spread_no_
     assert_eq!(of("Identity", 4, json!({})).1, Vec::new());
 }
 
-/// NumPy: `raw = [-.2, 0, .4, .6]; s, b = lstsq(c_[raw, ones(4)], 1 / t); z = s * raw + b; y = where(z > 0, 1 / z, 80)`, then
-/// `mean(abs(y - t) / t)`. Of outputs raised to 1/80 it would be 0.432.
+/// NumPy: `raw = [-.2, 0, .4, .6]; s, b = lstsq(c_[raw, ones(4)], 1 / t); z = s * raw + b; y = where(z > 0, 1 / z,
+/// 80)`, then `mean(abs(y - t) / t)`. Of outputs raised to 1/80 it would be 0.432.
 #[test]
 fn inverse_depth_of_zero_and_below_is_aligned_as_the_network_gave_it() {
     if !can_run("inverse_depth_of_zero_and_below_is_aligned_as_the_network_gave_it") {

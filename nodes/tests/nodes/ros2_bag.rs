@@ -1,4 +1,5 @@
-//! `ros2/bag`: what is read of bags of either storage, which messages are a frame, known points by hand, and what is said of broken ones.
+//! `ros2/bag`: what is read of bags of either storage, which messages are a frame, known points by hand, and what is
+//! said of broken ones.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::fs;
@@ -362,7 +363,8 @@ fn depths_are_millimetres_metres_or_as_they_are_said_to_be() {
     assert_eq!(depth(of, compressed("32FC1; compressedDepth png", 32), json!({})), (2.5, 1));
 }
 
-/// Three frames, and points of a scanner that looks along x: 1 m behind the camera, 0.3 m to the left of it and 0.5 m above.
+/// Three frames, and points of a scanner that looks along x: 1 m behind the camera, 0.3 m to the left of it and 0.5 m
+/// above.
 pub(crate) fn with_points() -> Vec<Written> {
     let mut messages = frames();
     // x forward, y left, z up becomes z forward, x right, y down: the usual quaternion of optical frames.
@@ -372,7 +374,8 @@ pub(crate) fn with_points() -> Vec<Written> {
     messages.push(Written::new("/tf_static", "tf2_msgs/msg/TFMessage", T0, transforms(&tree)));
     let camera = [("mast", "camera_left", [0.0; 3], optical)];
     messages.push(Written::new("/tf_static", "tf2_msgs/msg/TFMessage", T0 + 1, transforms(&camera)));
-    // (3.5, 1.825, 0.8) of the scanner is (2.5, 2.125, 1.3) of base and (-2.125, -1.3, 2.5) of the camera: column 20 - 17 = 3, row 15 - 10.4 = 4.6.
+    // (3.5, 1.825, 0.8) of the scanner is (2.5, 2.125, 1.3) of base and (-2.125, -1.3, 2.5) of the camera: column 20 -
+    // 17 = 3, row 15 - 10.4 = 4.6.
     let points = [[3.5, 1.825, 0.8], [6.0, 3.95, 2.1], [-3.0, 0.0, 0.0], [f32::NAN, 0.0, 0.0]];
     let bytes = cloud(T0 + 4 * MS, "/lidar", &points, &["x", "y", "z", "intensity"]);
     messages.push(Written::new("/lidar/points", "sensor_msgs/msg/PointCloud2", T0 + 50 * MS, bytes));
@@ -422,7 +425,8 @@ fn r_turns_points_where_it_is_asked_for() {
 #[test]
 fn parts_of_the_sensor_and_principal_points_apart_are_taken_into_account() {
     let bench = Bench::new();
-    // The 80x60 px from (10, 20) of a sensor of 100x100, two by two: f 40 -> 20, centre (50, 50) -> (20, 15), f * B 20 -> 10.
+    // The 80x60 px from (10, 20) of a sensor of 100x100, two by two: f 40 -> 20, centre (50, 50) -> (20, 15), f * B
+    // 20 -> 10.
     let part = |shift: f64| Info {
         size: (100, 100),
         binning: 2,

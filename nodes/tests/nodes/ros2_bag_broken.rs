@@ -11,6 +11,7 @@ use crate::bag_writer::{
 use crate::ros2_bag::{Bench, find};
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "one list of cases")]
 fn broken_bags_are_told_with_place_and_remedy() {
     let bench = Bench::new();
     let mut told = String::new();

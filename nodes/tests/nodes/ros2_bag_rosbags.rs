@@ -77,8 +77,8 @@ fn bags_give_the_disparities_of_the_png_files_they_were_made_from() {
             (calibration(&values), disparities(&values))
         })
         .collect();
-    // Five instants, of which the second lost its right image and the fourth its left one; the clocks of the cameras are some milliseconds apart, and
-    // messages are written in an order of their own.
+    // Five instants, of which the second lost its right image and the fourth its left one; the clocks of the cameras
+    // are some milliseconds apart, and messages are written in an order of their own.
     let messages = |image: &Json| {
         let mut messages = Vec::new();
         for (instant, jitter_ms) in [0_i64, 3, -4, 2, 4].into_iter().enumerate() {

@@ -69,7 +69,8 @@ fn maps(seed: u64, (width, height): (u32, u32)) -> (Vec<i16>, Vec<u16>, Vec<u8>)
         let mut gap = if y % 7 == 3 { u64::from(width) } else { below(6) };
         for _ in 0..width {
             let t = if below(3) == 0 { 0 } else { 1 + below(200 * 256) };
-            // A third of the answers are off by whole sixteenths of a pixel, so that errors meet the thresholds exactly.
+            // A third of the answers are off by whole sixteenths of a pixel, so that errors meet the thresholds
+            // exactly.
             let near = (t / 16 * 16) as i64 + 16 * (below(160) as i64 - 80);
             let answer = if below(3) == 0 { below(3200) as i64 } else { near / 16 };
             gap = gap.saturating_sub(1);
@@ -149,7 +150,8 @@ fn a_road_gives_truth_as_disparities_with_its_cars_and_both_pixel_sets_differ() 
     for ((noc, occ), hidden) in noc.iter().zip(occ.iter()).zip(occluded.set.iter()) {
         assert_eq!(*noc, if *hidden > 0 { 0 } else { *occ });
     }
-    // What is answered by the truth itself is off by what 1/16 px cannot tell; what is occluded is wrong where only `noc` answers.
+    // What is answered by the truth itself is off by what 1/16 px cannot tell; what is occluded is wrong where only
+    // `noc` answers.
     let sixteenths = noc.iter().map(|v| (v / 16) as i16).collect();
     let (width, height) = noc.dimensions();
     let sixteenths_px = Raster::from_raw(width, height, sixteenths).unwrap();

@@ -47,7 +47,8 @@ fn known(map: &[f32], width: usize) -> Vec<((usize, usize), f32)> {
     known.map(|(at, number)| ((at % width, at / width), *number)).collect()
 }
 
-/// That disparity, depth and calibration speak of one place: each pixel's point, of its depth, is seen by the right camera a disparity to the left.
+/// That disparity, depth and calibration speak of one place: each pixel's point, of its depth, is seen by the right
+/// camera a disparity to the left.
 pub(crate) fn agree(values: &Values) -> usize {
     let of = calibration(values);
     let (width, depth) = (of.width as usize, metres(&values["depth"]));

@@ -11,6 +11,7 @@ use crate::stereo_sets::{OF_2014, OF_DRIVING, driving_stereo, eth3d, of_2001, of
 type Broken = (&'static str, fn(Folder) -> Folder, Json, &'static str, fn(&Folder));
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "one list of cases")]
 fn what_is_broken_is_named_with_its_remedy() {
     const SINTEL: &str = "training/disparities/alley_1/frame_0001.png";
     const FLOW: &str = "disparity/15mm_focallength/scene_backwards/slow/left/0001.pfm";

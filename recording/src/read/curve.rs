@@ -1,7 +1,7 @@
 //! Learning curves: messages of a topic of their own, outside frames.
 //!
-//! The points of a curve are one chunk, and the record `depthloom.once` that stands behind it says how many there are. Without
-//! that record, where a crash cut the file between the two, they belong to nothing.
+//! The points of a curve are one chunk, and the record `depthloom.once` that stands behind it says how many there are.
+//! Without that record, where a crash cut the file between the two, they belong to nothing.
 
 use depthloom_graphs::values::Curve;
 use prost::Message;

@@ -1,7 +1,7 @@
 //! What in a recording is not what was written.
 //!
-//! Reading checks what it reads. All the rest is checked here: commits, metadata records and the end of the data contain the CRC-32 of all bytes before
-//! them, and a chunk contains the CRC-32 of its content.
+//! Reading checks what it reads. All the rest is checked here: commits, metadata records and the end of the data
+//! contain the CRC-32 of all bytes before them, and a chunk contains the CRC-32 of its content.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::collections::BTreeSet;
@@ -24,10 +24,11 @@ pub struct Damage {
 }
 
 impl Recording {
-    /// Checks every byte of a finished file: all that is damaged, in the order of the file; what cannot be read is damaged, too.
+    /// Checks every byte of a finished file: all that is damaged, in the order of the file; what cannot be read is
+    /// damaged, too.
     ///
-    /// Of a file that is unfinished or whose summary is damaged, [`Recording::open`] checked every byte: there is nothing to be found.
-    /// Ends early once `stop` says so, which is asked once a frame.
+    /// Of a file that is unfinished or whose summary is damaged, [`Recording::open`] checked every byte: there is
+    /// nothing to be found. Ends early once `stop` says so, which is asked once a frame.
     #[must_use]
     pub fn damage(&self, stop: &dyn Fn() -> bool) -> Vec<Damage> {
         let Some(data_end) = self.index.data_end else { return Vec::new() };
@@ -52,7 +53,8 @@ impl Recording {
         damage
     }
 
-    /// Finds the chunks whose content is damaged although their bytes are those that were written: they were damaged before they were copied here.
+    /// Finds the chunks whose content is damaged although their bytes are those that were written: they were damaged
+    /// before they were copied here.
     fn find_damaged_chunks(&self, stop: &dyn Fn() -> bool, damage: &mut Vec<Damage>) {
         let known: BTreeSet<u64> = damage.iter().map(|damage| damage.offset).collect();
         let mut buffers = ChunkBuffers::default();

@@ -83,7 +83,8 @@ pub(crate) struct Index {
     pub(crate) chunks: Vec<ChunkEntry>,
     pub(crate) attachments: Vec<AttachmentEntry>,
     pub(crate) metadata: Vec<MetadataEntry>,
-    /// Where the data ends, and the CRC-32 that all bytes before then had; `None` if that was not needed to find the rest.
+    /// Where the data ends, and the CRC-32 that all bytes before then had; `None` if that was not needed to find the
+    /// rest.
     pub(crate) data_end: Option<(u64, u32)>,
     pub(crate) channel_lists: BTreeMap<Vec<u16>, Arc<[u16]>>,
 }
@@ -206,8 +207,8 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
 
 /// Where the summary starts, which ends with the file; `None` if the file's writer did not finish it.
 ///
-/// A bit flipped in the footer or after it must not make a finished file look like one that was not: either the magic bytes
-/// or a footer are enough for one that was.
+/// A bit flipped in the footer or after it must not make a finished file look like one that was not: either the magic
+/// bytes or a footer are enough for one that was.
 fn summary_start(file: &PositionedFile) -> Result<Option<u64>, FileError> {
     let Some(FileEnd { offset, footer, has_magic }) = file_end(file)? else { return Ok(None) };
     let Some(start) = footer.map(|footer| footer.summary_start) else {

@@ -119,8 +119,8 @@ pub struct Recording {
 impl Recording {
     /// Opens a recording: by its summary, in little time, or by reading all of it where it has no sound one.
     ///
-    /// Bytes that are not what was written are an error if they are of the plan; others leave out what stands behind them, and
-    /// [`Recording::condition`] says so. Values are checked when they are read.
+    /// Bytes that are not what was written are an error if they are of the plan; others leave out what stands behind
+    /// them, and [`Recording::condition`] says so. Values are checked when they are read.
     ///
     /// # Errors
     /// If the file cannot be read, is no recording, or its plan is damaged or one that no engine makes.
@@ -177,7 +177,8 @@ impl Recording {
         &self.plan
     }
 
-    /// Whether it is of the format that is written now: then equal values are equal bytes, and no value is stored under a wrong key.
+    /// Whether it is of the format that is written now: then equal values are equal bytes, and no value is stored under
+    /// a wrong key.
     #[must_use]
     pub fn is_of_this_format(&self) -> bool {
         let mut of_plan = self.index.metadata.iter().filter(|metadata| metadata.name == PLAN_METADATA);

@@ -1,7 +1,7 @@
 //! The index of a recording without an intact summary, from a scan of its records.
 //!
-//! Commit records, metadata records and the end of the data contain the CRC-32 of all bytes before them. Where it agrees, those bytes are what
-//! was written, and are kept; bytes after the last such record are dropped.
+//! Commit records, metadata records and the end of the data contain the CRC-32 of all bytes before them. Where it
+//! agrees, those bytes are what was written, and are kept; bytes after the last such record are dropped.
 
 use depthloom_mcap::records::{Channel, ChunkHeader, SchemaHeader};
 use depthloom_mcap::{
@@ -201,7 +201,8 @@ impl Scan<'_> {
         }
     }
 
-    /// Whether a channel's schema is there, and is that of commits where the channel is: otherwise all commits would be hidden.
+    /// Whether a channel's schema is there, and is that of commits where the channel is: otherwise all commits would be
+    /// hidden.
     fn is_consistent(&self, channel: &ChannelEntry) -> bool {
         let schema = self.index.schemas.get(&channel.schema);
         schema.is_some_and(|name| (name == Schema::Commit.name()) == channel.is_of_a_stage)
@@ -338,8 +339,8 @@ impl Scan<'_> {
         }
     }
 
-    /// Distinguishes a file whose writer stopped from one that is damaged where the scan stopped: everything after the last commit must be a
-    /// beginning of what would have been written.
+    /// Distinguishes a file whose writer stopped from one that is damaged where the scan stopped: everything after the
+    /// last commit must be a beginning of what would have been written.
     fn check_the_rest(&mut self) -> Result<(), FileError> {
         // Where the file is cut among a chunk's message indexes, its last channels are missing.
         let unindexed = self.chunk.take().map(|(start, length, _)| {
@@ -403,7 +404,8 @@ impl Scan<'_> {
     }
 }
 
-/// Whether a schema has the id that its name always has, and no other's: one that is damaged would hide all commits behind it.
+/// Whether a schema has the id that its name always has, and no other's: one that is damaged would hide all commits
+/// behind it.
 fn is_consistent(id: u16, name: &str) -> bool {
     match Schema::named(name) {
         Some(schema) => schema.id() == id,

@@ -1,4 +1,5 @@
-//! What a recording's topics hold and take, without decompressing a value: by the message indexes that stand behind every chunk.
+//! What a recording's topics hold and take, without decompressing a value: by the message indexes that stand behind
+//! every chunk.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +32,8 @@ impl Recording {
         self.file.size
     }
 
-    /// The topics that have messages, by name. What the file holds besides (attachments, indexes, schemas) is in none of them.
+    /// The topics that have messages, by name. What the file holds besides (attachments, indexes, schemas) is in none
+    /// of them.
     ///
     /// Ends early once `stop` says so, which is asked once a chunk.
     ///

@@ -9,8 +9,9 @@ use crate::read::index::ChunkEntry;
 use crate::read::recording::{RecordedFrame, Recording};
 
 impl Recording {
-    /// A digest of a topic's value on each of a stage run's [frames](Recording::frames): of the cache key that it is stored under, and of size and
-    /// checksum of its chunk. `None` where the topic has no value, or has it in one chunk with other topics.
+    /// A digest of a topic's value on each of a stage run's [frames](Recording::frames): of the cache key that it is
+    /// stored under, and of size and checksum of its chunk. `None` where the topic has no value, or has it in one chunk
+    /// with other topics.
     ///
     /// Only the heads of chunks are read. A reader of a value compares its bytes with the checksum.
     ///

@@ -22,8 +22,9 @@ use crate::reuse::stored_values::{KeyedPlace, fault, unknown};
 
 /// Recordings of earlier runs as one store: what they made and a run needs need not be made again.
 ///
-/// What a key names is taken from the first recording that has it sound: every byte of a frame is checked before anything of it is
-/// taken, and a frame that is not what was written is left to the next recording, or to be made afresh.
+/// What a key names is taken from the first recording that has it sound: every byte of a frame is checked before
+/// anything of it is taken, and a frame that is not what was written is left to the next recording, or to be made
+/// afresh.
 pub struct EarlierRuns {
     runs: Vec<EarlierRun>,
     unreadable: Vec<(PathBuf, RecordingError)>,
@@ -32,15 +33,15 @@ pub struct EarlierRuns {
 
 pub(crate) struct EarlierRun {
     pub(crate) recording: Recording,
-    /// By commit, the CRC-32 of each of the frame's chunks as it is stored; `None` if the frame's bytes are not what was written. A frame is checked on
-    /// first use.
+    /// By commit, the CRC-32 of each of the frame's chunks as it is stored; `None` if the frame's bytes are not what
+    /// was written. A frame is checked on first use.
     checked: Vec<OnceLock<Option<Box<[u32]>>>>,
     taken: AtomicBool,
 }
 
 impl EarlierRuns {
-    /// A store of recordings, the one to be asked first in front. Of those that cannot be read, or have nothing of a plan's nodes, no more than
-    /// the plan is read.
+    /// A store of recordings, the one to be asked first in front. Of those that cannot be read, or have nothing of a
+    /// plan's nodes, no more than the plan is read.
     pub fn new(recordings: impl IntoIterator<Item = impl AsRef<Path>>, plan: &Plan) -> Self {
         let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect();
         let is_of_use = |recorded: &RecordedPlan| {
@@ -117,7 +118,8 @@ impl EarlierRuns {
         })
     }
 
-    /// The first recording that has the value of a port under a key, and where in it: the newest may have kept less than one before.
+    /// The first recording that has the value of a port under a key, and where in it: the newest may have kept less
+    /// than one before.
     pub(crate) fn locate(&self, key: &Key, port: &str) -> Option<(&EarlierRun, KeyedPlace)> {
         let has = |(run, place): &(&EarlierRun, KeyedPlace)| {
             let held = run.recording.held_at(*place);
@@ -180,8 +182,8 @@ impl EarlierRun {
 }
 
 impl Recording {
-    /// Checks that the bytes from one commit to the next are what was written: those of a frame, compressed as they are stored. The CRC-32 of each of
-    /// its chunks.
+    /// Checks that the bytes from one commit to the next are what was written: those of a frame, compressed as they are
+    /// stored. The CRC-32 of each of its chunks.
     fn check_frame(&self, frame: &RecordedFrame) -> Result<Box<[u32]>, RecordingError> {
         let mut crc = CrcBefore::new(&self.file);
         if let Some((start, before)) = frame.commit.checked_sub(1).map(|earlier| self.sealed[earlier]) {

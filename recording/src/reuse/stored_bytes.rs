@@ -40,8 +40,9 @@ struct CheckedChunk<'a> {
 }
 
 impl EarlierRuns {
-    /// The bytes stored under the key of a value, if they are the bytes that encoding the value for this recording would give: stored of the
-    /// same frame, and labelled there as they are here. Labels (topic, channel, camera) never decide which bytes are found.
+    /// The bytes stored under the key of a value, if they are the bytes that encoding the value for this recording
+    /// would give: stored of the same frame, and labelled there as they are here. Labels (topic, channel, camera) never
+    /// decide which bytes are found.
     pub(crate) fn stored_bytes<'a>(&'a self, wanted: &Wanted<'_>, stored: &StoredValue<'_>) -> Option<StoredBytes<'a>> {
         let port = wanted.layout.port(stored.slot)?;
         let (run, place) = self.locate(&stored.key, stored.port)?;
@@ -75,8 +76,8 @@ impl EarlierRuns {
     }
 }
 
-/// Whether the messages beside a value follow from its key and from values that the recording stored of the same source frame: points are made
-/// of the source's calibration and image, too.
+/// Whether the messages beside a value follow from its key and from values that the recording stored of the same source
+/// frame: points are made of the source's calibration and image, too.
 fn is_made_of_known_values(wanted: &Wanted<'_>, port: &PortLayout, source_key: Option<Key>) -> bool {
     port.needed().all(|slot| {
         let key = wanted.stored.iter().find(|stored| stored.slot == slot).map(|stored| stored.key);
@@ -84,8 +85,8 @@ fn is_made_of_known_values(wanted: &Wanted<'_>, port: &PortLayout, source_key: O
     })
 }
 
-/// Whether the names of coordinate frames in a stage's messages are the same: they follow from the prefix of its topics, from the ports of its source, and
-/// from its name where it has no image.
+/// Whether the names of coordinate frames in a stage's messages are the same: they follow from the prefix of its
+/// topics, from the ports of its source, and from its name where it has no image.
 fn has_same_cameras(recording: &Recording, stage: RunId, wanted: &Wanted<'_>) -> bool {
     let run = &recording.plan().runs[stage];
     let source = &run.source;

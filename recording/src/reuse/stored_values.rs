@@ -14,8 +14,9 @@ use crate::plan::RecordedOutput;
 use crate::read::index::ChunkEntry;
 use crate::read::recording::{RecordedContent, RecordedOnce, Recording, StoredValues};
 
-/// Where the values of one cache key are stored. Only [`Recording::place_of`] makes one, and stored bytes are reached through one alone: so
-/// whoever has bytes knows the key that they were stored under, and topic, node, variant and position never decide which bytes are read.
+/// Where the values of one cache key are stored. Only [`Recording::place_of`] makes one, and stored bytes are reached
+/// through one alone: so whoever has bytes knows the key that they were stored under, and topic, node, variant and
+/// position never decide which bytes are read.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct KeyedPlace {
     key: Key,
@@ -48,7 +49,8 @@ impl Recording {
         Some(KeyedPlace { key: *key, values })
     }
 
-    /// The chunk in which the value of a port is stored under the key of a place; `None` of aggregate values, and if the port gave none.
+    /// The chunk in which the value of a port is stored under the key of a place; `None` of aggregate values, and if
+    /// the port gave none.
     pub(crate) fn value_chunk(&self, place: KeyedPlace, port: &str) -> Option<ValueChunk<'_>> {
         let StoredValues::Frame { run, position, node } = place.values else { return None };
         let topic = self.topic_of(run, node, port)?;

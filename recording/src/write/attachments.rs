@@ -20,8 +20,8 @@ pub(crate) fn artifact_name(artifact: &Artifact) -> String {
     format!("artifacts/{}", artifact.hash)
 }
 
-/// The experiment's files, as written and as resolved, by the names they have as attachments: without folders, which differ
-/// between machines.
+/// The experiment's files, as written and as resolved, by the names they have as attachments: without folders, which
+/// differ between machines.
 pub(crate) fn experiment_files(plan: &Plan) -> Vec<(String, &str)> {
     let mut files: Vec<(String, &str)> = Vec::new();
     for (path, text) in &plan.written {

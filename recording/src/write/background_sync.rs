@@ -30,7 +30,8 @@ impl EarlySync {
         Self { file, waiting: 0, worker: None }
     }
 
-    /// Takes note of bytes that were written; asks the disk for them if they are enough, and it is not busy with earlier ones.
+    /// Takes note of bytes that were written; asks the disk for them if they are enough, and it is not busy with
+    /// earlier ones.
     pub(crate) fn written(&mut self, bytes: u64) {
         self.waiting += bytes;
         if self.waiting < STRIDE_BYTES {

@@ -1,4 +1,5 @@
-//! Buffers used again: a frame's parts are megabytes, and asking the system for fresh memory costs more than filling it.
+//! Buffers used again: a frame's parts are megabytes, and asking the system for fresh memory costs more than filling
+//! it.
 
 use depthloom_threads::locked;
 use std::sync::Mutex;

@@ -1,4 +1,5 @@
-//! The chunk indexes of a recording that is being written, which its summary will hold: the one thing that a writer has to remember of every chunk.
+//! The chunk indexes of a recording that is being written, which its summary will hold: the one thing that a writer has
+//! to remember of every chunk.
 
 use std::borrow::Cow;
 use std::io;
@@ -8,8 +9,8 @@ use depthloom_codecs::compression::{bound, compress, decompress};
 /// Records are packed when there are so many bytes of them.
 const BLOCK: usize = 1 << 16;
 
-/// Records, in the bytes in which they will be written. They are some 90 bytes a chunk, and a frame may have a hundred chunks: packed, they are
-/// a fifth of that.
+/// Records, in the bytes in which they will be written. They are some 90 bytes a chunk, and a frame may have a hundred
+/// chunks: packed, they are a fifth of that.
 #[derive(Default)]
 pub(crate) struct ChunkIndexes {
     /// Packed with zstd, each with its length before.

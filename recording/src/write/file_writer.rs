@@ -28,8 +28,8 @@ const PROTOBUF: &str = "protobuf";
 
 /// Appends to a recording's file.
 ///
-/// Nothing is held back in this process, so what was written is there if the process is killed. Schemas and channels are
-/// written when the first message needs them.
+/// Nothing is held back in this process, so what was written is there if the process is killed. Schemas and channels
+/// are written when the first message needs them.
 pub(crate) struct Writer {
     path: PathBuf,
     file: Arc<dyn Disk>,
@@ -167,7 +167,8 @@ impl Writer {
         synchronised.map_err(|source| self.refused(source))
     }
 
-    /// Writes the summary, and waits until the file is on the disk; nothing can be written after it. Gives the file's size and what it holds.
+    /// Writes the summary, and waits until the file is on the disk; nothing can be written after it. Gives the file's
+    /// size and what it holds.
     pub(crate) fn finish(&mut self) -> Result<(u64, Statistics), RecordingError> {
         let mut end = Vec::new();
         put(&mut end, &DataEnd { data_section_crc: self.crc.clone().finalize() });
@@ -291,7 +292,8 @@ fn put_attachment(out: &mut Vec<u8>, name: &str, media_type: &str, data: &[u8]) 
     });
 }
 
-/// Appends the footer to the end of a summary section, whose checksum it contains; `before` is that of what comes before this end.
+/// Appends the footer to the end of a summary section, whose checksum it contains; `before` is that of what comes
+/// before this end.
 fn put_footer(summary: &mut Vec<u8>, before: Hasher, summary_start: u64, summary_offset_start: u64) {
     let (start, mut crc) = (summary.len(), before);
     let mut footer = Footer { summary_start, summary_offset_start, summary_crc: 0 };

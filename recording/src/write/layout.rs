@@ -1,7 +1,7 @@
 //! Where each output port of a plan goes: its channel, its camera, and the part of a frame it shares chunks with.
 //!
-//! Which part a topic belongs to follows from the types of ports and wires alone, never from a node's name or kind or from
-//! the first frame's bytes, so that an interrupted and resumed run places everything as an uninterrupted one.
+//! Which part a topic belongs to follows from the types of ports and wires alone, never from a node's name or kind or
+//! from the first frame's bytes, so that an interrupted and resumed run places everything as an uninterrupted one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -53,7 +53,8 @@ pub(crate) struct PortLayout {
     pub(crate) class: Class,
     pub(crate) topic: Arc<str>,
     pub(crate) channel: u16,
-    /// The channel of what is kept in another form: images that come with a file's own bytes, true disparities that 16 bits do not hold.
+    /// The channel of what is kept in another form: images that come with a file's own bytes, true disparities that 16
+    /// bits do not hold.
     pub(crate) other_channel: Option<u16>,
     /// The messages that viewers need beside the value's.
     pub(crate) companions: Vec<CompanionLayout>,
@@ -163,7 +164,8 @@ impl FileLayout {
         Ok(layout)
     }
 
-    /// Gives disparities a channel for maps that 16 bits do not hold exactly: behind all others, whose numbers are as in files of before.
+    /// Gives disparities a channel for maps that 16 bits do not hold exactly: behind all others, whose numbers are as
+    /// in files of before.
     fn number_float_disparities(&mut self, plan: &Plan) -> Result<(), RecordingError> {
         for (run_id, run) in RunId::enumerate(&plan.runs) {
             for slot in run.slots().filter(|slot| is_disparity(run, *slot)) {
@@ -180,7 +182,8 @@ impl FileLayout {
         Ok(())
     }
 
-    /// The topics in the file that stand for others: for those of variants that share one, and where a channel has another than the plan's.
+    /// The topics in the file that stand for others: for those of variants that share one, and where a channel has
+    /// another than the plan's.
     pub(crate) fn aliases(&self, plan: &RecordedPlan) -> BTreeMap<String, String> {
         let of = |channel: &ChannelLayout| Some((channel.metadata.get(TOPIC_IN_PLAN)?.clone(), channel.topic.clone()));
         let mut aliases: BTreeMap<String, String> = self.channels.iter().filter_map(of).collect();
@@ -272,7 +275,8 @@ impl FileLayout {
         let channel = self.channel(channel, topics)?;
         let mut other_channel = None;
         if value_type == ValueType::Image {
-            // Whether images come with a file's bytes is known when the first one comes: a topic uses one of its two channels.
+            // Whether images come with a file's bytes is known when the first one comes: a topic uses one of its two
+            // channels.
             let layout = ChannelLayout { schema: Schema::CompressedImage, topic, metadata };
             other_channel = Some(self.numbered(layout)?);
         }
@@ -389,7 +393,8 @@ fn class(run: &StageRun, slot: Slot) -> Option<Class> {
     })
 }
 
-/// Whether a node reads disparities and no other raster, frame by frame: then it gives as few distinct numbers as they have.
+/// Whether a node reads disparities and no other raster, frame by frame: then it gives as few distinct numbers as they
+/// have.
 fn from_fixed_point(node: &PlannedNode) -> bool {
     let reads = |wanted: &[ValueType]| {
         let mut wired = node.inputs.iter().filter(|input| matches!(input.from, Some(Origin::Here(_))));

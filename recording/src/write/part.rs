@@ -1,8 +1,8 @@
 //! A part of a frame as chunks: framed, checked and compressed by the worker that has its values.
 //!
-//! A raster has a chunk of its own, so that who reads one value reads and decompresses no other, and a run that takes it from an earlier
-//! one copies its chunk as it lies. Small messages share an uncompressed chunk behind those. Whether a raster is compressed is measured
-//! on a few of its own bytes, so that its chunk depends on it alone.
+//! A raster has a chunk of its own, so that who reads one value reads and decompresses no other, and a run that takes
+//! it from an earlier one copies its chunk as it lies. Small messages share an uncompressed chunk behind those. Whether
+//! a raster is compressed is measured on a few of its own bytes, so that its chunk depends on it alone.
 
 use std::io::Cursor;
 
@@ -35,7 +35,8 @@ impl Packing {
     }
 }
 
-/// An encoded part of a frame, or messages outside frames: whole chunks and their message indexes, at offsets from its start.
+/// An encoded part of a frame, or messages outside frames: whole chunks and their message indexes, at offsets from its
+/// start.
 #[derive(Debug)]
 pub struct Part {
     pub(crate) bytes: Vec<u8>,
@@ -153,8 +154,9 @@ impl<'a> PartBuilder<'a> {
         Ok(())
     }
 
-    /// Adds a chunk with one message, and its index, as they are stored in a recording: what [`PartBuilder::alone`] made there. `crc` is the CRC-32
-    /// of these bytes. The inner error says that `read` appended others, or bytes that are not such a chunk.
+    /// Adds a chunk with one message, and its index, as they are stored in a recording: what [`PartBuilder::alone`]
+    /// made there. `crc` is the CRC-32 of these bytes. The inner error says that `read` appended others, or bytes that
+    /// are not such a chunk.
     pub(crate) fn copied<E>(
         &mut self,
         channel: u16,
@@ -210,8 +212,9 @@ impl Part {
         Ok(())
     }
 
-    /// Closes the chunk that starts there and ends the bytes: writes its header, for which there is room, appends its message indexes, and notes where
-    /// it is. `records` is the hasher of records that are stored as they are, so that megabytes are not summed twice.
+    /// Closes the chunk that starts there and ends the bytes: writes its header, for which there is room, appends its
+    /// message indexes, and notes where it is. `records` is the hasher of records that are stored as they are, so that
+    /// megabytes are not summed twice.
     fn close(
         &mut self,
         start: usize,
@@ -255,7 +258,8 @@ impl Part {
     }
 }
 
-/// A chunk and its message indexes, which start at `offset`; and how many messages it has of each channel. `None` if they are not whole.
+/// A chunk and its message indexes, which start at `offset`; and how many messages it has of each channel. `None` if
+/// they are not whole.
 pub(crate) fn placed(stored: &[u8], offset: u64) -> Option<(ChunkIndex, Vec<(u16, u64)>)> {
     let mut records = Records::new(stored);
     let Some(Ok((0, op::CHUNK, body))) = records.next() else { return None };
@@ -328,7 +332,8 @@ mod tests {
         const LARGEST: u64 = 5000;
         let (frame, pools) = (Frame::at_10_hz("000000_10", 0), PartPools::default());
         let mut part = PartBuilder { largest: LARGEST, ..PartBuilder::new(&frame, &pools) };
-        // Small ones, of which two fit into a chunk, one of them as large as a chunk can hold; and as many with chunks of their own.
+        // Small ones, of which two fit into a chunk, one of them as large as a chunk can hold; and as many with chunks
+        // of their own.
         let room = LARGEST as usize - 31;
         let sizes = [2000, 2400, 2300, 100, room, 2000, 2000, 2000, 1, 0, 3000];
         let mut expected: BTreeMap<u16, Vec<u8>> = BTreeMap::new();

@@ -117,9 +117,9 @@ impl Recorder {
         Ok(Self::of(path, plan, layout, nothing))
     }
 
-    /// Goes on with the recording of a run that did not come to its end, of which [`Recording::has_plan`] says that it is of this plan:
-    /// behind its last commit, as if it had never stopped. What it holds of the frames that are to come again is taken from
-    /// `earlier`, which must have the recording.
+    /// Goes on with the recording of a run that did not come to its end, of which [`Recording::has_plan`] says that it
+    /// is of this plan: behind its last commit, as if it had never stopped. What it holds of the frames that are to
+    /// come again is taken from `earlier`, which must have the recording.
     ///
     /// # Errors
     /// If the file cannot be read or written, or is not what was written.
@@ -423,7 +423,8 @@ impl Tap for Recorder {
         let told: Vec<(&str, u64)> = warnings.iter().map(|of| (of.what.as_str(), of.count)).collect();
         let told = (!told.is_empty()).then(|| ("warnings", json(&told)));
         let metadata = of.into_iter().chain(kept).chain(told).map(|(name, text)| (name.to_owned(), text)).collect();
-        // What stands before this record and is not named by one is no once-value: this commits it. Hours may have gone into it.
+        // What stands before this record and is not named by one is no once-value: this commits it. Hours may have gone
+        // into it.
         let name = format!("{ONCE_METADATA}{}", self.layout.runs[run].once_topic(slot));
         state.writer.metadata(&name, metadata).and_then(|()| state.writer.sync()).map_err(ErrorMessage::from)
     }

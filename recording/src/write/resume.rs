@@ -1,4 +1,5 @@
-//! A recording that its run did not finish, taken up again: what was committed stays, byte for byte, and the rest is written behind it.
+//! A recording that its run did not finish, taken up again: what was committed stays, byte for byte, and the rest is
+//! written behind it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Seek as _, SeekFrom, Write as _};
@@ -39,8 +40,8 @@ impl Recording {
         self.is_of_this_format() && recorded == Some(&json(&RecordedPlan::of(plan)))
     }
 
-    /// Whether a run of the same experiment wrote this recording, in the format that is written now. What the run reads besides (data,
-    /// programs, engines) may have changed since.
+    /// Whether a run of the same experiment wrote this recording, in the format that is written now. What the run reads
+    /// besides (data, programs, engines) may have changed since.
     #[must_use]
     pub fn is_of_experiment(&self, plan: &Plan) -> bool {
         let files = experiment_files(plan);
@@ -52,7 +53,8 @@ impl Recording {
         self.is_of_this_format() && has_same_files && kept.next().is_none()
     }
 
-    /// Whether the frame at a position of a stage run has the id, index and time with which this one would be recorded there.
+    /// Whether the frame at a position of a stage run has the id, index and time with which this one would be recorded
+    /// there.
     #[must_use]
     pub fn is_frame(&self, run: RunId, position: FrameIndex, frame: &Frame) -> bool {
         let frame = at_the_time_shown(position, frame);
@@ -112,8 +114,8 @@ pub struct Recovered {
     pub damage: Option<RecordingError>,
 }
 
-/// Copies the complete frames and aggregate values of a recording that is unfinished or damaged, and adds a summary. Of a damaged file, copies what
-/// is before the first damage.
+/// Copies the complete frames and aggregate values of a recording that is unfinished or damaged, and adds a summary. Of
+/// a damaged file, copies what is before the first damage.
 ///
 /// # Errors
 /// If there is no complete frame, `from` cannot be read or `to` cannot be written. Then the caller must remove `to`.
@@ -157,7 +159,8 @@ pub fn recover(from: &Recording, to: &Path) -> Result<Recovered, RecordingError>
     Ok(Recovered { frames, lost, damage })
 }
 
-/// Where a recording is first damaged, and what is wrong there: by its summary if it has one, because that can name the values.
+/// Where a recording is first damaged, and what is wrong there: by its summary if it has one, because that can name the
+/// values.
 fn first_damage(indexed: &Recording, scanned: &Recording) -> Option<(u64, String)> {
     if let Some(Damage { offset, bytes, content }) = indexed.damage(&|| false).first() {
         return Some((*offset, format!("{bytes} bytes from there on are not what was written; they held {content}")));

@@ -1,7 +1,9 @@
-//! What viewers need beside the values: a camera's calibration where they look for it, maps in colours, a time to begin at.
+//! What viewers need beside the values: a camera's calibration where they look for it, maps in colours, a time to begin
+//! at.
 //!
-//! Foxglove takes for an image the calibration whose topic begins like the image's, up to its last `/`; so each camera is a folder of topics.
-//! Rerun refuses a coordinate frame that two topics define; so each camera of each stage run has a frame of its own.
+//! Foxglove takes for an image the calibration whose topic begins like the image's, up to its last `/`; so each camera
+//! is a folder of topics. Rerun refuses a coordinate frame that two topics define; so each camera of each stage run has
+//! a frame of its own.
 
 use crate::write::part::{Packing, PartBuilder, Unkept};
 use depthloom_codecs::encode::{Stamp, put_camera, put_compressed_image, put_points, put_transform};
@@ -25,8 +27,9 @@ const FRAME_NS: u64 = 100_000_000;
 const POINT_STEP: u32 = 4;
 const FARTHEST_M: f64 = 100.0;
 
-/// The frame with the time that viewers show it at: its own if its source has a clock. Of a source that counts from zero, a tenth of a second a
-/// frame from the beginning on, whatever the frames' numbers are: then all stages begin where a viewer opens, each with its first frame.
+/// The frame with the time that viewers show it at: its own if its source has a clock. Of a source that counts from
+/// zero, a tenth of a second a frame from the beginning on, whatever the frames' numbers are: then all stages begin
+/// where a viewer opens, each with its first frame.
 ///
 /// What was recorded so comes again the same from a recording as a source.
 pub(crate) fn at_the_time_shown(position: FrameIndex, frame: &Frame) -> Frame {
@@ -121,7 +124,8 @@ fn within(run: &StageRun, topic: &str) -> String {
     topic.strip_prefix(&run.prefix).unwrap_or(topic).trim_start_matches('/').replace('/', ".")
 }
 
-/// What the points of a slot's values are made of, if they are to be kept: they lie in one part of the frame with these.
+/// What the points of a slot's values are made of, if they are to be kept: they lie in one part of the frame with
+/// these.
 pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Companion> {
     let output = run.output(slot);
     let node = match slot {
@@ -140,7 +144,8 @@ pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Compa
     Some(Companion::Points { calibration: first(ValueType::Calibration)?, image: first(ValueType::Image) })
 }
 
-/// A message beside that of a value: made of the value (of points: and of the source's), so that it lasts as long and comes again with it.
+/// A message beside that of a value: made of the value (of points: and of the source's), so that it lasts as long and
+/// comes again with it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Companion {
     Picture,

@@ -161,7 +161,8 @@ fn nodes_that_exchange_their_keys_exchange_their_values() {
     assert!(recorded("reused.mcap", true) == recorded("computed.mcap", false));
 }
 
-/// A chunk is checked with its frame and read again when it is copied: what another process wrote in between is refused.
+/// A chunk is checked with its frame and read again when it is copied: what another process wrote in between is
+/// refused.
 #[test]
 fn a_chunk_that_changes_between_check_and_copy_is_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -33,8 +33,8 @@ struct Numbers {
     infinite: u64,
 }
 
-/// Of each topic of a recording its schema, how many messages it has, its first and last time, and a CRC-32 of what they
-/// decode to; of maps of floats also the sum of the finite numbers, as text, and how many are NaN and infinite.
+/// Of each topic of a recording its schema, how many messages it has, its first and last time, and a CRC-32 of what
+/// they decode to; of maps of floats also the sum of the finite numbers, as text, and how many are NaN and infinite.
 ///
 /// `tests/python/read_recording.py` computes the same object with Python's readers.
 pub(crate) fn digest(path: impl AsRef<Path>) -> Json {

@@ -125,8 +125,8 @@ fn sparse(distance: usize) -> usize {
     if depthloom_test_needs::is_full() { distance } else { distance * 7 }
 }
 
-/// Flips one bit after the other among the first `reach` bytes, and reads everything: it is the same, or an error, or said to be
-/// damaged.
+/// Flips one bit after the other among the first `reach` bytes, and reads everything: it is the same, or an error, or
+/// said to be damaged.
 fn flip_bits(bytes: &[u8], reach: usize, seed: u64) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = written(folder.path(), bytes);

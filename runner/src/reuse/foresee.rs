@@ -19,7 +19,8 @@ pub struct Foreseen {
     pub fires: u64,
     /// Frames on which its values would be reused.
     pub taken: u64,
-    /// Frames on which it would run although the store knows them: for another frame, or for a value that was not recorded.
+    /// Frames on which it would run although the store knows them: for another frame, or for a value that was not
+    /// recorded.
     pub known: u64,
 }
 
@@ -69,7 +70,8 @@ impl Tap for Preview<'_> {
     }
 }
 
-/// What a run would do with every node, by stage run and node. Reads the files of frames for their keys, and decodes nothing.
+/// What a run would do with every node, by stage run and node. Reads the files of frames for their keys, and decodes
+/// nothing.
 ///
 /// # Errors
 /// If the plan contradicts itself.

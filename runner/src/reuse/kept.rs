@@ -1,4 +1,5 @@
-//! Compares an interrupted run with what the same run would record today: frame by frame, by cache keys, before anything is kept.
+//! Compares an interrupted run with what the same run would record today: frame by frame, by cache keys, before
+//! anything is kept.
 
 use std::ops::ControlFlow;
 
@@ -31,7 +32,8 @@ pub trait KeptValues {
     fn aggregates(&self, run: RunId) -> Vec<(NodeId, Key)>;
 }
 
-/// Why the frames and values that an interrupted run recorded, which `store` has, are not what a run would record today. `None` if they are.
+/// Why the frames and values that an interrupted run recorded, which `store` has, are not what a run would record
+/// today. `None` if they are.
 ///
 /// # Errors
 /// If the plan contradicts itself.

@@ -23,8 +23,9 @@ pub(super) struct WorkerState {
     inputs: Vec<Option<Value>>,
     keys: Vec<Option<Key>>,
     values: Vec<(Slot, Value)>,
-    /// When the previous task ended, unless the worker rested since: the next one starts there. Reading a thread's CPU time is a
-    /// system call, a good part of the engine's cost per task, so the work between two tasks counts with the second.
+    /// When the previous task ended, unless the worker rested since: the next one starts there. Reading a thread's CPU
+    /// time is a system call, a good part of the engine's cost per task, so the work between two tasks counts with the
+    /// second.
     since: Option<Stopwatch>,
 }
 

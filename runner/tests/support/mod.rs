@@ -69,8 +69,8 @@ impl Toy {
     fn work(&self, frame: u64, inputs: &[Option<u64>], ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.calls.fetch_add(1, Ordering::Relaxed);
         let mixed = inputs.iter().fold(self.salt, |n, input| mix(n, input.unwrap_or(7)));
-        // Some calls take longer than others, so that workers come by in another order every time. To yield takes very long
-        // on a machine that has other work: few do.
+        // Some calls take longer than others, so that workers come by in another order every time. To yield takes very
+        // long on a machine that has other work: few do.
         (0..mixed % 300).for_each(|_| std::hint::spin_loop());
         if mixed.is_multiple_of(32) {
             std::thread::yield_now();

@@ -28,7 +28,8 @@ pub(crate) struct Check {
     stage_runs: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     nodes: Option<u64>,
-    /// Nodes of the kind `dora`, as `stage.node`: `run` refuses them, and `depthloom dora` writes a dataflow that runs them.
+    /// Nodes of the kind `dora`, as `stage.node`: `run` refuses them, and `depthloom dora` writes a dataflow that runs
+    /// them.
     #[serde(skip_serializing_if = "Option::is_none")]
     dora_nodes: Option<Vec<String>>,
     /// Errors and warnings, in the order of files and lines.

@@ -189,7 +189,8 @@ impl From<&Fault> for Wrong {
     }
 }
 
-/// The folders in a folder, and the files in it that may be a bag or a recording, in order; none of one that holds very many.
+/// The folders in a folder, and the files in it that may be a bag or a recording, in order; none of one that holds very
+/// many.
 fn within(root: &Path) -> Vec<PathBuf> {
     let is_bag = |path: &Path| path.extension().is_some_and(|ending| ending == "mcap" || ending == "db3");
     let entries = std::fs::read_dir(root).into_iter().flatten().flatten().take(200);

@@ -52,7 +52,8 @@ pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<E
             let remote_nodes = RemoteNodes { observer: &remote, workers, window };
             carry_out(&dora.run, loaded, ready, &interrupt, Some(&remote_nodes))
         });
-        // No part needs to wait any longer, also after an error. A part that does not receive this notices the end of this process.
+        // No part needs to wait any longer, also after an error. A part that does not receive this notices the end of
+        // this process.
         let _ = bridge.send(channel::END, None, &message::of_text("end"));
         return recorded;
     }

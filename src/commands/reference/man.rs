@@ -10,7 +10,8 @@ use depthloom_terminal::{CliError, ExitCode, print_bytes, print_path};
 
 use crate::args::ManArgs;
 
-/// When this version was released, as CHANGELOG.md has it: pages bear no date of the clock, so that equal versions print equal ones.
+/// When this version was released, as CHANGELOG.md has it: pages bear no date of the clock, so that equal versions
+/// print equal ones.
 const RELEASED: &str = "2026-11-21";
 
 /// Prints a page of a program, or writes all.
@@ -82,7 +83,8 @@ fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
 /// The longest line of a page's source, bytes: what `mandoc -Tlint` asks for.
 const LINE_BYTES: usize = 78;
 
-/// A page as roff is usually written: what it sets up stands once, its title in capitals, no space is asked for twice, lines are short.
+/// A page as roff is usually written: what it sets up stands once, its title in capitals, no space is asked for twice,
+/// lines are short.
 fn tidied(page: &str) -> String {
     let lines: Vec<&str> = page.lines().map(str::trim_end).collect();
     let mut tidied = String::new();

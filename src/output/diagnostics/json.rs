@@ -1,4 +1,5 @@
-//! Problems as JSON, for programs. Lines and columns count from 1, columns in characters; an end is the place behind the last one.
+//! Problems as JSON, for programs. Lines and columns count from 1, columns in characters; an end is the place behind
+//! the last one.
 
 use depthloom_graphs::language;
 use depthloom_terminal::{CliError, Problem, help_of};

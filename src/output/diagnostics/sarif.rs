@@ -1,5 +1,5 @@
-//! Diagnostics as SARIF 2.1.0 (<https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html>), which code review tools show
-//! at their lines.
+//! Diagnostics as SARIF 2.1.0 (<https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html>), which code review
+//! tools show at their lines.
 
 use std::fmt::Write as _;
 use std::path::{Component, Path};
@@ -17,8 +17,8 @@ const RULES: [(Severity, &str, &str); 2] = [
 
 /// A log of one run of `depthloom check` on `experiment`.
 ///
-/// Files are named as they were asked for, relative to the working directory: run in the root of a repository, where code review
-/// tools look for them.
+/// Files are named as they were asked for, relative to the working directory: run in the root of a repository, where
+/// code review tools look for them.
 pub(crate) fn sarif<'a>(experiment: &Path, diagnostics: impl IntoIterator<Item = &'a Diagnostic>) -> Json {
     let rules = RULES.map(|(level, id, about)| {
         json!({

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crate::support::{depthloom, read_csv, succeed};
 
-/// A folder with a small data set of KITTI's layout in `data/`, and an experiment on it that extends a file one folder up.
+/// A folder with a small data set of KITTI's layout in `data/`, and an experiment on it that extends a file one folder
+/// up.
 struct Project {
     folder: tempfile::TempDir,
 }

@@ -20,8 +20,8 @@ fn recorded(folder: &Path, frames: &str) -> PathBuf {
     out.join("recording.mcap")
 }
 
-/// Reports a recording of these bytes into a folder of its own: what it printed, and the files it wrote, but for the page, which says of the
-/// recording what was printed.
+/// Reports a recording of these bytes into a folder of its own: what it printed, and the files it wrote, but for the
+/// page, which says of the recording what was printed.
 fn report(folder: &Path, bytes: &[u8]) -> (Output, BTreeMap<String, Vec<u8>>) {
     let recording = folder.join("given.mcap");
     let out = folder.join("report");

@@ -1,5 +1,5 @@
-//! The reference of the guide, from what the program says of itself: kinds, commands, the language, JSON outputs, exit codes; and from the pages, what of
-//! the guide is run.
+//! The reference of the guide, from what the program says of itself: kinds, commands, the language, JSON outputs, exit
+//! codes; and from the pages, what of the guide is run.
 
 use std::fmt::Write as _;
 
@@ -157,8 +157,8 @@ fn kind_of(schema: &Json) -> String {
     }
 }
 
-/// A table of an object's keys; those of maps within as `outer.inner`, of keys that may be called anything as `NAME`. Keys that a map around has, too, stand
-/// there alone.
+/// A table of an object's keys; those of maps within as `outer.inner`, of keys that may be called anything as `NAME`.
+/// Keys that a map around has, too, stand there alone.
 fn keys(text: &mut String, schema: &Json) {
     let mut rows = String::new();
     push_keys(&mut rows, "", schema, &[]);

@@ -69,7 +69,8 @@ fn every_page_with_commands_is_run() {
     assert_eq!(there, [""; 0], "pages with commands that no test runs: a line each in `pages!`");
 }
 
-/// Runs all blocks of a page in order, in a folder with the checkout's `experiments` and `examples` and the program on the PATH.
+/// Runs all blocks of a page in order, in a folder with the checkout's `experiments` and `examples` and the program on
+/// the PATH.
 fn run(name: &str) {
     let text = page::read(name);
     let blocks = blocks(&text);
@@ -208,8 +209,8 @@ fn trimmed(text: &str) -> String {
     format!("{}\n", lines.join("\n").trim_matches('\n'))
 }
 
-/// Whether an output holds what is shown of it: its lines, in order and one behind the other but where a line `...` leaves some out; `…` within a
-/// line stands for anything.
+/// Whether an output holds what is shown of it: its lines, in order and one behind the other but where a line `...`
+/// leaves some out; `…` within a line stands for anything.
 ///
 /// # Errors
 /// The first line that is not there.

@@ -1,4 +1,5 @@
-//! Faults of processes: each a clear error that names node and frame, no process left, no wait without end, and a recording that can be read.
+//! Faults of processes: each a clear error that names node and frame, no process left, no wait without end, and a
+//! recording that can be read.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -61,7 +62,7 @@ const FAULTS: [(&str, &str); 66] = [
     ("tells-a-failure", "failed: ValueError: too dark line 7, in fuse"),
     // What it answers is no answer.
     ("wrong-type", "`data` is of type list<float64>, and list<float32> is wanted"),
-    ("too-few-samples", "what it gave at `depth` is no depth: it has 2047 samples, which is not 64x32 pixels"),
+    ("too-few-samples", "what it gave at `depth` is not a valid depth: it has 2047 samples, which is not 64x32 pixels"),
     ("no-samples", "it has 0 samples, which is not 64x32 pixels"),
     ("negative-width", "its `width` is -64"),
     ("zero-width", "its `width` is 0"),

@@ -50,7 +50,8 @@ fn map(size: (i64, i64), samples: &[f32]) -> Data<'_> {
     Data::Struct(vec![Data::Int(size.0), Data::Int(size.1), Data::List(Items::F32(samples))])
 }
 
-/// What processes say that take part in shared memory. Their schema says a word of 32 letters in the place of that which they find.
+/// What processes say that take part in shared memory. Their schema says a word of 32 letters in the place of that
+/// which they find.
 fn of_shared_memory(put: &dyn Fn(&str, &[u8])) {
     let mut of = schema(vec![depth("depth")]);
     of.metadata.push(("depthloom.shared".to_owned(), "f".repeat(32)));
@@ -91,6 +92,7 @@ fn place(bytes: &[u8], of: &[u8]) -> usize {
 }
 
 /// Writes all replies into a folder.
+#[expect(clippy::too_many_lines, reason = "one list of cases")]
 pub(super) fn write(folder: &Path) {
     let put = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).expect("written");
     of_shared_memory(&put);

@@ -1,4 +1,5 @@
-//! Values of environment variables that a program gets: neither shown nor recorded, and reuse follows from what decides results alone.
+//! Values of environment variables that a program gets: neither shown nor recorded, and reuse follows from what decides
+//! results alone.
 
 use std::fs;
 use std::path::Path;

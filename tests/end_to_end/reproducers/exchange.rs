@@ -64,7 +64,8 @@ fn a_base_parameter_that_becomes_a_variants_has_its_own_results() {
     case.run_as_fresh("two.yaml", "runs/two", &[]);
 }
 
-/// Found by `tests/fuzz_reuse`: values are named in their messages after the stage's run, which is one of its own where variants differ in their source.
+/// Found by `tests/fuzz_reuse`: values are named in their messages after the stage's run, which is one of its own where
+/// variants differ in their source.
 #[test]
 fn a_variant_that_no_longer_changes_the_source_is_named_after_the_stage() {
     let case = Case::new();

@@ -1,4 +1,5 @@
-//! Folders whose names are not UTF-8: the runs and data in them and beside them can be used, or are refused with a reason.
+//! Folders whose names are not UTF-8: the runs and data in them and beside them can be used, or are refused with a
+//! reason.
 #![cfg(unix)]
 
 use std::ffi::OsStr;

@@ -76,7 +76,8 @@ fn fewer_frames_than_were_recorded_are_fewer_frames() {
     resumed_after(IMAGES, |case| (1..FRAMES).for_each(|number| remove(case, number)));
 }
 
-/// Aggregate values and later stages are recorded behind the last frame of a stage: where another frame was added, they are computed again.
+/// Aggregate values and later stages are recorded behind the last frame of a stage: where another frame was added, they
+/// are computed again.
 #[test]
 fn an_added_frame_is_before_what_follows_the_frames() {
     let second = IMAGES.split_once("stages:\n").expect("stages").1.replace("look:", "again:");
@@ -148,7 +149,8 @@ fn reports_of_the_partial_run_are_removed() {
     assert!(!case.path("runs/one/report.html").exists(), "a page of fewer frames");
 }
 
-/// A failure is not a result: what failed before the interruption is tried again, and fails or succeeds as in a fresh run.
+/// A failure is not a result: what failed before the interruption is tried again, and fails or succeeds as in a fresh
+/// run.
 #[test]
 fn frames_that_failed_before_the_interruption_are_tried_again() {
     for is_repaired in [false, true] {

@@ -1,8 +1,9 @@
 //! The distance at which one of two estimates should hand over to the other.
 //!
-//! The difference of their errors by distance is taken as a line through the middles of bins. Where it crosses zero, the other of the two becomes the
-//! better one. Of noisy errors there may be many crossings. The *handover* is the one of them at which a single change costs least: with the one estimate
-//! nearer than there and the other farther, the sum of errors over all pixels is smallest, and smaller than with either alone.
+//! The difference of their errors by distance is taken as a line through the middles of bins. Where it crosses zero,
+//! the other of the two becomes the better one. Of noisy errors there may be many crossings. The *handover* is the one
+//! of them at which a single change costs least: with the one estimate nearer than there and the other farther, the sum
+//! of errors over all pixels is smallest, and smaller than with either alone.
 
 use crate::error::AnalysisError;
 use crate::statistics::{Interval, Resampling};
@@ -57,7 +58,8 @@ pub(super) fn found(
     Ok(Some(Handover { near, distance_m, interval, share, crossings_m: crossings(&whole) }))
 }
 
-/// The distance of the best single change, and what it costs (the sum of errors over that of the baseline alone); `None` if either alone is as good.
+/// The distance of the best single change, and what it costs (the sum of errors over that of the baseline alone);
+/// `None` if either alone is as good.
 fn best(curve: &Curve, near: Near) -> Option<(f64, f64)> {
     let all: f64 = curve.iter().map(|(_, difference, pixels)| difference * pixels).sum();
     let alone = all.min(0.0);

@@ -1,4 +1,5 @@
-//! Decompressed chunks, kept while there is room: the images of a frame lie close together, and several workers read at once.
+//! Decompressed chunks, kept while there is room: the images of a frame lie close together, and several workers read at
+//! once.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};

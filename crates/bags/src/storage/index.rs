@@ -63,7 +63,8 @@ impl Known {
     }
 }
 
-/// The index as the summary has it; `None` where there is none, or it does not name all messages. An error is a fragment without the path.
+/// The index as the summary has it; `None` where there is none, or it does not name all messages. An error is a
+/// fragment without the path.
 pub(super) fn summary(file: &PositionedFile) -> Result<Option<Index>, String> {
     let reason = |error: FileError| match error {
         FileError::Damaged { offset, what, .. } => format!("at byte {offset}, {what}"),

@@ -18,7 +18,8 @@ use super::message::{Channel, Message, Place, Warning};
 use super::scan::{MOST_CHUNK, completed, read_chunk, scan};
 use crate::MOST_BYTES;
 
-/// The most messages of a file: four days of a thousand a second. A few forged indexes that name one another's entries could ask for any number.
+/// The most messages of a file: four days of a thousand a second. A few forged indexes that name one another's entries
+/// could ask for any number.
 const MOST_MESSAGES: usize = 400_000_000 / size_of::<Message>();
 
 const MOST_HEADER: u64 = 64 << 10;
@@ -149,7 +150,8 @@ impl McapFile {
         Ok(records)
     }
 
-    /// Reads a chunk that is not compressed once, to compare its checksum: nothing else detects a flipped bit in its messages.
+    /// Reads a chunk that is not compressed once, to compare its checksum: nothing else detects a flipped bit in its
+    /// messages.
     fn check(&self, chunk: usize) -> Result<(), FileError> {
         let sound = || locked(&self.sound);
         if !sound().contains(&chunk) {

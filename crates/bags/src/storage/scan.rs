@@ -9,7 +9,8 @@ use depthloom_mcap::{
 use super::index::{Index, Known, Unindexed};
 use super::message::{Place, Warning};
 
-/// The most bytes of a chunk, as stored and decompressed. Writers make them of some MB, and larger where one message is.
+/// The most bytes of a chunk, as stored and decompressed. Writers make them of some MB, and larger where one message
+/// is.
 pub(super) const MOST_CHUNK: u64 = 1 << 30;
 
 /// The most bytes of a schema or a channel.
@@ -75,7 +76,8 @@ pub(super) fn scan(file: &PositionedFile) -> Result<Index, FileError> {
     Ok(index)
 }
 
-/// The index with what only the chunks themselves say: channels that no record outside names, messages that no message index names.
+/// The index with what only the chunks themselves say: channels that no record outside names, messages that no message
+/// index names.
 pub(super) fn completed(file: &PositionedFile, mut index: Index) -> Result<Index, FileError> {
     let mut known = Known::default();
     let (mut stored, mut unpacked) = (Vec::new(), Vec::new());

@@ -1,4 +1,5 @@
-//! A bag's file in rosbag2's SQLite storage: tables `topics` and `messages`. Nothing is written, no lock is taken, no program beside it is waited for.
+//! A bag's file in rosbag2's SQLite storage: tables `topics` and `messages`. Nothing is written, no lock is taken, no
+//! program beside it is waited for.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -116,7 +117,8 @@ impl SqliteFile {
         read().map_err(|error| self.fault("failed to read its topics", error))
     }
 
-    /// The messages of some topics, in the order of the file, each with the topic's place among them. What they hold is not touched.
+    /// The messages of some topics, in the order of the file, each with the topic's place among them. What they hold is
+    /// not touched.
     pub(crate) fn messages(
         &self,
         file: usize,

@@ -1,7 +1,7 @@
 //! FlatBuffers, as much of them as Arrow's messages take: tables, strings, vectors of tables, vectors of pairs.
 //!
-//! Written from front to back: every offset leads forward but the one to the table of fields (vtable), which is before its table.
-//! Every position is checked when read: the bytes are not trusted.
+//! Written from front to back: every offset leads forward but the one to the table of fields (vtable), which is before
+//! its table. Every position is checked when read: the bytes are not trusted.
 
 /// What a table holds at a field; all numbers little endian.
 #[derive(Clone, Copy)]

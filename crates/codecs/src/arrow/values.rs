@@ -321,7 +321,8 @@ mod tests {
         }
     }
 
-    /// The protocol says that what is below the least disparity was not found. Some nodes take `(min_disparity - 1) * 16` alone for that.
+    /// The protocol says that what is below the least disparity was not found. Some nodes take `(min_disparity - 1) *
+    /// 16` alone for that.
     #[test]
     fn disparities_below_the_least_become_the_one_number_for_nothing_found() {
         let given = Value::from(Disparity {

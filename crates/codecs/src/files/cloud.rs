@@ -15,8 +15,8 @@ pub struct Cloud {
 }
 
 impl Cloud {
-    /// The pixels of a depth, or of a disparity by `z = f B / (d + doffs)`, whose `z` is above zero and in `range_m`, both ends included:
-    /// `x = (u - cx) z / f`, `y = (v - cy) z / f`. Coloured by the image.
+    /// The pixels of a depth, or of a disparity by `z = f B / (d + doffs)`, whose `z` is above zero and in `range_m`,
+    /// both ends included: `x = (u - cx) z / f`, `y = (v - cy) z / f`. Coloured by the image.
     pub fn new(
         value: &Value,
         calibration: &Calibration,
@@ -92,7 +92,8 @@ impl Cloud {
     }
 }
 
-/// A cloud as PLY: binary, little-endian; `x`, `y`, `z` as floats and, where there are colours, `red`, `green`, `blue` as bytes.
+/// A cloud as PLY: binary, little-endian; `x`, `y`, `z` as floats and, where there are colours, `red`, `green`, `blue`
+/// as bytes.
 #[must_use]
 pub fn ply(cloud: &Cloud) -> Vec<u8> {
     let mut text = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", cloud.points.len());
@@ -106,8 +107,8 @@ pub fn ply(cloud: &Cloud) -> Vec<u8> {
     file
 }
 
-/// A cloud as PCD 0.7, binary: `x y z` and, where there are colours, `rgb`, the bits 0x00RRGGBB of a float, as PCL has it.
-/// <https://pointclouds.org/documentation/tutorials/pcd_file_format.html>
+/// A cloud as PCD 0.7, binary: `x y z` and, where there are colours, `rgb`, the bits 0x00RRGGBB of a float, as PCL has
+/// it. <https://pointclouds.org/documentation/tutorials/pcd_file_format.html>
 #[must_use]
 pub fn pcd(cloud: &Cloud) -> Vec<u8> {
     let (count, fields) = (cloud.points.len(), 3 + usize::from(cloud.colours.is_some()));

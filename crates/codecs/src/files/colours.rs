@@ -36,8 +36,8 @@ impl Colours {
     }
 }
 
-/// A map as an 8-bit RGB PNG: `range.0` has the first colour and `range.1` the last, whichever is larger; what lies beyond has the nearer of
-/// the two, and what has no answer is black.
+/// A map as an 8-bit RGB PNG: `range.0` has the first colour and `range.1` the last, whichever is larger; what lies
+/// beyond has the nearer of the two, and what has no answer is black.
 pub fn coloured_png(value: &Value, colours: Colours, range: (f64, f64)) -> Result<Vec<u8>, String> {
     let map = floats(value).ok_or_else(|| format!("a value of type {} is no map of numbers", value.value_type()))?;
     let (from, to) = range;

@@ -1,11 +1,13 @@
-//! Maps as portable float maps, as the Middlebury benchmark keeps its disparities. <https://vision.middlebury.edu/stereo/code/>
+//! Maps as portable float maps, as the Middlebury benchmark keeps its disparities.
+//! <https://vision.middlebury.edu/stereo/code/>
 
 use depthloom_graphs::Value;
 
 use super::floats::floats;
 use crate::encode::put_floats;
 
-/// A map in its own unit; infinity = no answer, as in Middlebury's files. Rows stand bottom to top, floats little-endian.
+/// A map in its own unit; infinity = no answer, as in Middlebury's files. Rows stand bottom to top, floats
+/// little-endian.
 pub fn pfm(value: &Value) -> Result<Vec<u8>, String> {
     let map = floats(value).ok_or_else(|| format!("a value of type {} is no map of numbers", value.value_type()))?;
     let (width, height) = map.dimensions();

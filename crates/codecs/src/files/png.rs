@@ -13,11 +13,13 @@ pub struct Png {
     pub bytes: Vec<u8>,
     /// What its name ends in: `jpg` where an image came from such a file, whose bytes are kept.
     pub ending: &'static str,
-    /// How many valid pixels do not fit 16 bits: too large ones are stored as the largest number, those below zero as invalid.
+    /// How many valid pixels do not fit 16 bits: too large ones are stored as the largest number, those below zero as
+    /// invalid.
     pub clipped: u64,
 }
 
-/// An image as it is; a map as 16 bits: 256ths of a pixel or metre, rounded to the nearest, 0 = no answer, as in KITTI's files; a weight as 65535ths.
+/// An image as it is; a map as 16 bits: 256ths of a pixel or metre, rounded to the nearest, 0 = no answer, as in
+/// KITTI's files; a weight as 65535ths.
 ///
 /// As in the KITTI devkit, a valid pixel that rounds to zero is 1, and a disparity below zero is invalid.
 pub fn png(value: &Value) -> Result<Png, String> {
@@ -58,7 +60,8 @@ fn answer(sample: f32) -> Option<f64> {
     (!sample.is_nan()).then_some(f64::from(sample))
 }
 
-/// The PNG of `scale` times what `answer` gives, 0 where that is nothing; adds to `clipped` the answers that 16 bits do not hold.
+/// The PNG of `scale` times what `answer` gives, 0 where that is nothing; adds to `clipped` the answers that 16 bits do
+/// not hold.
 fn sixteen_bits<T: Copy>(
     raster: &Raster<T>,
     answer: impl Fn(T) -> Option<f64>,

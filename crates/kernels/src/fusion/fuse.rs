@@ -24,9 +24,9 @@ pub enum Weighting {
 
 /// Fuses two depth maps (metres) under the confidence `weight` (`W_c`, in [0, 1]); the median filter comes after.
 ///
-/// Where one of the two has no answer (NaN, infinity) the other is taken, whatever the weight; where both are invalid, the result is NaN.
-/// Stereo's maximum is taken over the pixels it answered (finite ones), mono's over all of its finite pixels. The
-/// arithmetic is the oracle's (NumPy on `float32`), operation by operation.
+/// Where one of the two has no answer (NaN, infinity) the other is taken, whatever the weight; where both are invalid,
+/// the result is NaN. Stereo's maximum is taken over the pixels it answered (finite ones), mono's over all of its
+/// finite pixels. The arithmetic is the oracle's (NumPy on `float32`), operation by operation.
 pub fn fuse(stereo: &[f32], mono: &[f32], weight: &[f32], weighting: Weighting, out: &mut [f32]) {
     fuse_at(Level::best(), stereo, mono, weight, weighting, out);
 }

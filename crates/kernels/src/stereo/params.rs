@@ -25,8 +25,8 @@ impl ParamError {
     }
 }
 
-/// That disparities are a positive multiple of 16, and at most `most`; and that all of them fit 16 bits of 1/16 px, with one more below
-/// for what has no answer.
+/// That disparities are a positive multiple of 16, and at most `most`; and that all of them fit 16 bits of 1/16 px,
+/// with one more below for what has no answer.
 pub(crate) fn check_disparities(min_disparity: i32, disparities: i32, most: Option<i32>) -> Result<(), ParamError> {
     if disparities <= 0 || disparities % 16 != 0 || most.is_some_and(|most| disparities > most) {
         let form = most

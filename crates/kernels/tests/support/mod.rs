@@ -15,7 +15,8 @@ impl Tiles for Backwards {
     }
 }
 
-/// The right image is the left one, shifted and disturbed: costs have a clear minimum at some places and none at others.
+/// The right image is the left one, shifted and disturbed: costs have a clear minimum at some places and none at
+/// others.
 pub(crate) fn images(len: usize, shift: usize, grain: u32, seed: u64) -> (Vec<u8>, Vec<u8>) {
     let mut state = seed | 1;
     let mut random = move || {

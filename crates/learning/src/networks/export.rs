@@ -5,9 +5,11 @@ use crate::onnx::{GraphBuilder, Metadata, Tensor, Weights};
 
 pub(crate) const INPUT: &str = "image";
 
-/// The ONNX file of `network` for images of `size` with the parameters `values`, in the order of [`layout`](super::layout()).
+/// The ONNX file of `network` for images of `size` with the parameters `values`, in the order of
+/// [`layout`](super::layout()).
 ///
-/// Its input `image` is batch x 3 x height x width, RGB in [0, 1]; its output, batch x 1 x rows x columns, is named after its meaning.
+/// Its input `image` is batch x 3 x height x width, RGB in [0, 1]; its output, batch x 1 x rows x columns, is named
+/// after its meaning.
 pub(crate) fn export(network: Network, size: Size, values: &[Vec<f32>], training_key: &str) -> Vec<u8> {
     let mut graph = GraphBuilder::new(network.name());
     let image = graph.input(INPUT, &[3, size.height, size.width]);

@@ -1,14 +1,14 @@
 //! `fcn-vgg16`: the paper's network.
 //!
-//! "A fully convolutional network based on VGG-16 without its dense layers", the first 8 convolutions frozen, two deconvolutions
-//! back towards the image's size (Martins et al. 2018, section III). The deconvolutions' sizes are not in the paper: each
-//! doubles here, so the map has a quarter of the image's rows and columns; `mono/onnx` resizes it.
+//! "A fully convolutional network based on VGG-16 without its dense layers", the first 8 convolutions frozen, two
+//! deconvolutions back towards the image's size (Martins et al. 2018, section III). The deconvolutions' sizes are not
+//! in the paper: each doubles here, so the map has a quarter of the image's rows and columns; `mono/onnx` resizes it.
 
 use super::unet_lite::last;
 use super::{Builder, Conv};
 
-/// Channels of VGG-16's blocks and their convolutions (Simonyan, Zisserman 2015, configuration D). The last pooling goes with the
-/// dense layers.
+/// Channels of VGG-16's blocks and their convolutions (Simonyan, Zisserman 2015, configuration D). The last pooling
+/// goes with the dense layers.
 const BLOCKS: [(usize, usize); 5] = [(64, 2), (128, 2), (256, 3), (512, 3), (512, 3)];
 /// Convolutions, counted from the image, whose pretrained weights are kept.
 const FROZEN: usize = 8;

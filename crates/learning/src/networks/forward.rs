@@ -9,8 +9,8 @@ use crate::ops;
 
 /// The map of a batch of images, batch x 1 x rows x columns in [0, 1].
 ///
-/// `images` is batch x 3 x height x width in [0, 1]; `parameters` are those of [`layout`](super::layout()), in its order and
-/// flat.
+/// `images` is batch x 3 x height x width in [0, 1]; `parameters` are those of [`layout`](super::layout()), in its
+/// order and flat.
 pub(crate) fn forward(network: Network, images: &Tensor<4>, parameters: &[Tensor<1>]) -> Tensor<4> {
     let [_, _, height, width] = images.dims();
     let mut layers = Layers { size: Size { width, height }, parameters: parameters.iter() };

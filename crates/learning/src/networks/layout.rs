@@ -7,8 +7,8 @@ use depthloom_random::SplitMix64;
 pub(crate) struct Parameter {
     /// `<layer>.weight` or `<layer>.bias`.
     pub(crate) name: String,
-    /// Its shape: of a convolution outputs x inputs x rows x columns, of a transposed one inputs x outputs x rows x columns,
-    /// of a dense layer outputs x inputs, of a bias its length.
+    /// Its shape: of a convolution outputs x inputs x rows x columns, of a transposed one inputs x outputs x rows x
+    /// columns, of a dense layer outputs x inputs, of a bias its length.
     pub(crate) shape: Vec<usize>,
     /// Whether it is learned or kept.
     pub(crate) frozen: bool,
@@ -36,7 +36,8 @@ pub(crate) struct ParameterLayout {
 }
 
 impl ParameterLayout {
-    /// Values to begin with: Glorot's uniform distribution for weights, constants for biases (Glorot, Bengio 2010; what Keras does).
+    /// Values to begin with: Glorot's uniform distribution for weights, constants for biases (Glorot, Bengio 2010; what
+    /// Keras does).
     pub(crate) fn start(&self, seed: u64) -> Vec<Vec<f32>> {
         let mut random = SplitMix64::new(seed);
         let values = |parameter: &Parameter| match parameter.start {

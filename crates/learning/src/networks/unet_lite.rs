@@ -6,12 +6,12 @@ use super::{Act, Builder, Conv};
 pub(super) const LEVELS: [usize; 5] = [8, 16, 32, 64, 96];
 /// Channels at the bottom.
 pub(super) const BOTTOM: usize = 128;
-/// The bias of the last convolution at the start: the sigmoid then begins near 0.12, about the mean of real scenes in tenths of the
-/// width. From zero, learning sinks into a constant map first.
+/// The bias of the last convolution at the start: the sigmoid then begins near 0.12, about the mean of real scenes in
+/// tenths of the width. From zero, learning sinks into a constant map first.
 pub(super) const FIRST_BIAS: f32 = -2.0;
 
-/// Two 3x3 convolutions a level, the maximum of 2x2 between them; upwards a transposed convolution, the level's own map beside
-/// it (not on the finest level, where it would cost most) and one convolution.
+/// Two 3x3 convolutions a level, the maximum of 2x2 between them; upwards a transposed convolution, the level's own map
+/// beside it (not on the finest level, where it would cost most) and one convolution.
 pub(super) fn unet_lite<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
     let mut levels = Vec::new();
     let mut x = image.clone();

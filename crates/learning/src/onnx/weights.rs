@@ -1,7 +1,7 @@
 //! Weights by name: the tensors of a `.safetensors` file, or the constants of an ONNX file.
 //!
-//! IEEE single, half and double and bfloat16 are read, all as f32. Integers are no weights (an ONNX file keeps shapes among its
-//! constants, PyTorch counts batches) and are left out; whatever else there is, is an error.
+//! IEEE single, half and double and bfloat16 are read, all as f32. Integers are no weights (an ONNX file keeps shapes
+//! among its constants, PyTorch counts batches) and are left out; whatever else there is, is an error.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -54,8 +54,8 @@ pub(crate) enum TensorError {
     Elsewhere,
 }
 
-/// The tensors of a `.safetensors` file, in the order of their bytes, or the constants of an `.onnx` file, in the file's order; `path` tells
-/// the format.
+/// The tensors of a `.safetensors` file, in the order of their bytes, or the constants of an `.onnx` file, in the
+/// file's order; `path` tells the format.
 pub(crate) fn decode_weights(path: &Path, bytes: &[u8]) -> Result<Vec<NamedTensor>, WeightsError> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     if extension == "safetensors" {
@@ -101,8 +101,8 @@ fn of_safetensors(path: &Path, bytes: &[u8]) -> Result<Vec<NamedTensor>, Weights
     Ok(tensors)
 }
 
-/// `ModelProto`, of which constants alone are wanted: operators, of which a hostile file announces millions in a few bytes
-/// each, are skipped.
+/// `ModelProto`, of which constants alone are wanted: operators, of which a hostile file announces millions in a few
+/// bytes each, are skipped.
 #[derive(Clone, PartialEq, Message)]
 struct ModelOfConstants {
     #[prost(message, optional, tag = "7")]

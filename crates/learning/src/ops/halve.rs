@@ -1,7 +1,7 @@
 //! The maximum of 2x2 samples, with its gradient.
 //!
-//! Where two samples are equally large the first has the gradient, as in PyTorch; which it was is seen again from input and output, so
-//! nothing but these is kept.
+//! Where two samples are equally large the first has the gradient, as in PyTorch; which it was is seen again from input
+//! and output, so nothing but these is kept.
 
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;

@@ -25,7 +25,8 @@ fn of_step(seed: u64, step: u64) -> SplitMix64 {
     SplitMix64::part(seed ^ 0x0062_6174_6368, step)
 }
 
-/// The samples of step `step`, by index: a function of seed and step alone, so that a resumed training continues with the same.
+/// The samples of step `step`, by index: a function of seed and step alone, so that a resumed training continues with
+/// the same.
 pub(super) fn drawn(params: &SslParams, samples: usize, step: u64) -> Vec<usize> {
     let batch = params.batch as usize;
     let mut random = of_step(params.seed, step);

@@ -1,8 +1,9 @@
 //! Checkpoints, from which a training that was stopped or killed resumes.
 //!
-//! A `.safetensors` file, parameters, Adam's moments and the best parameters as tensors and the rest as JSON in its metadata; after it
-//! the first 16 bytes of its BLAKE3 hash, so that a file which is not as it was written is seen. It is written beside its place,
-//! synchronised and renamed: a kill or a power cut at any moment leaves the one before or the new one, whole.
+//! A `.safetensors` file, parameters, Adam's moments and the best parameters as tensors and the rest as JSON in its
+//! metadata; after it the first 16 bytes of its BLAKE3 hash, so that a file which is not as it was written is seen. It
+//! is written beside its place, synchronised and renamed: a kill or a power cut at any moment leaves the one before or
+//! the new one, whole.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

@@ -39,8 +39,8 @@ impl Form {
         }
     }
 
-    /// By the first bytes of a file, which do not show whether each sample has a calibration. A file of something else is
-    /// reported when it is read.
+    /// By the first bytes of a file, which do not show whether each sample has a calibration. A file of something else
+    /// is reported when it is read.
     fn of_file(path: &Path) -> Option<Self> {
         let mut head = Vec::new();
         std::fs::File::open(path).ok()?.take(64).read_to_end(&mut head).ok()?;

@@ -1,7 +1,7 @@
 //! What a map is wrong by, and which way each of its samples should go.
 //!
-//! Losses are plain loops over samples, forward and gradient in one, summed in a fixed order: so equal runs have equal bits
-//! whatever the number of threads, and the training library only has to carry the gradient back.
+//! Losses are plain loops over samples, forward and gradient in one, summed in a fixed order: so equal runs have equal
+//! bits whatever the number of threads, and the training library only has to carry the gradient back.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,8 @@ use crate::networks::Meaning;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Loss {
-    /// Inverse depth, as the disparity's share of the image's width: near things count as much as stereo measures them well.
+    /// Inverse depth, as the disparity's share of the image's width: near things count as much as stereo measures them
+    /// well.
     #[default]
     InverseDepth,
     /// Depth, metres: the paper's; needs the calibration at `learn/samples`.
@@ -26,7 +27,8 @@ const LEAST_SHARE: f32 = 1e-5;
 /// Smallest depth taken, metres.
 const LEAST_DEPTH_M: f32 = 1e-3;
 
-/// The natural logarithm, rounded once from `f64`, in plain arithmetic: the system's differs in last bits between machines.
+/// The natural logarithm, rounded once from `f64`, in plain arithmetic: the system's differs in last bits between
+/// machines.
 fn ln(x: f32) -> f32 {
     libm::log(f64::from(x)) as f32
 }
@@ -98,8 +100,8 @@ impl MaskedError {
         }
     }
 
-    /// Sum of absolute errors over the samples that have a target, and their number; `slopes` gets each sample's sign and
-    /// derivative, to be divided by the batch's number.
+    /// Sum of absolute errors over the samples that have a target, and their number; `slopes` gets each sample's sign
+    /// and derivative, to be divided by the batch's number.
     ///
     /// `shares` is NaN where there is no target; `k` turns a share into depth (`depth = k / share`).
     pub(super) fn add(&self, map: &[f32], shares: &[f32], k: f32, slopes: &mut [f32]) -> (f64, u64) {

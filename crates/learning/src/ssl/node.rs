@@ -196,8 +196,9 @@ impl Ssl {
     }
 }
 
-/// What of the machine decides a network's arithmetic. Convolutions of our own give the same bits everywhere; the matrix products of dense
-/// layers and of convolutions that shrink are the library's, which adds in an order of its own for each set of instructions.
+/// What of the machine decides a network's arithmetic. Convolutions of our own give the same bits everywhere; the
+/// matrix products of dense layers and of convolutions that shrink are the library's, which adds in an order of its own
+/// for each set of instructions.
 fn arithmetic(network: Network) -> &'static str {
     match network {
         Network::UnetLite | Network::FcnLite | Network::FcnVgg16 => "",
@@ -223,8 +224,8 @@ fn diverged() -> Fault {
         .remedy("lower `learning_rate`, or choose another `seed`")
 }
 
-/// The threads of one training. More than the batch has images would find nothing to do. Trainings at once have threads of their own,
-/// so that each one's CPU time is known; the cores they share.
+/// The threads of one training. More than the batch has images would find nothing to do. Trainings at once have threads
+/// of their own, so that each one's CPU time is known; the cores they share.
 fn pool(width: usize, batch: u32) -> Result<ThreadPool, Fault> {
     let named = |index: usize| format!("depthloom-learning-{index}");
     let threads = width.min(batch as usize).max(1);

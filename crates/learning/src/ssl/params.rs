@@ -29,7 +29,8 @@ pub(crate) struct SslParams {
     /// Depths beyond are as far as this, metres; of the loss `depth`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub(crate) cap: f64,
-    /// Weight of the photometric loss (Godard, Mac Aodha, Brostow 2017) beside the error; needs the right view at `learn/samples`.
+    /// Weight of the photometric loss (Godard, Mac Aodha, Brostow 2017) beside the error; needs the right view at
+    /// `learn/samples`.
     #[schemars(range(min = 0))]
     pub(crate) photometric: f64,
     /// Steps of the optimiser.
@@ -38,7 +39,8 @@ pub(crate) struct SslParams {
     /// Samples a step.
     #[schemars(range(min = 1, max = 4096))]
     pub(crate) batch: u32,
-    /// Samples loaded at a time, from which `draws` batches are drawn (the paper: 32 and 100); `null` draws every batch from all.
+    /// Samples loaded at a time, from which `draws` batches are drawn (the paper: 32 and 100); `null` draws every batch
+    /// from all.
     #[schemars(inner(range(min = 1)))]
     pub(crate) loaded: Option<u32>,
     /// Batches drawn from what is loaded.
@@ -57,17 +59,20 @@ pub(crate) struct SslParams {
     /// Each colour varies by up to this share.
     #[schemars(range(min = 0, max = 1))]
     pub(crate) colour: f64,
-    /// Up to this share of the image's sides is cut off and the rest enlarged; its disparities are larger shares of the width then.
+    /// Up to this share of the image's sides is cut off and the rest enlarged; its disparities are larger shares of the
+    /// width then.
     #[schemars(range(min = 0, max = 0.9))]
     pub(crate) crop: f64,
     /// Where all randomness comes from.
     pub(crate) seed: u64,
-    /// Weights to begin with, by the names of the network's parameters: a `.safetensors` or ONNX file. What it lacks begins at random.
+    /// Weights to begin with, by the names of the network's parameters: a `.safetensors` or ONNX file. What it lacks
+    /// begins at random.
     pub(crate) weights: Option<DataPath>,
     /// Steps from one point of the learning curve to the next.
     #[schemars(range(min = 1))]
     pub(crate) curve_every: u64,
-    /// With validation samples: points of the curve without a new best before learning stops; `null` never stops. The best network is given.
+    /// With validation samples: points of the curve without a new best before learning stops; `null` never stops. The
+    /// best network is given.
     #[schemars(inner(range(min = 1)))]
     pub(crate) patience: Option<u32>,
     /// Steps from one checkpoint to the next.

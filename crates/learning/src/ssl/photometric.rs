@@ -1,7 +1,8 @@
 //! The left-right photometric loss: the right view, moved by the predicted disparity, should look like the left one.
 //!
-//! Godard, Mac Aodha, Brostow 2017, equation 2: `0.85 (1 - SSIM) / 2 + 0.15 |l - w|` with SSIM over 3x3 blocks, mean over
-//! samples and colours. `w` is the right view sampled at `x - d` (bilinear along the row, the edge's sample beyond it).
+//! Godard, Mac Aodha, Brostow 2017, equation 2: `0.85 (1 - SSIM) / 2 + 0.15 |l - w|` with SSIM over 3x3 blocks, mean
+//! over samples and colours. `w` is the right view sampled at `x - d` (bilinear along the row, the edge's sample beyond
+//! it).
 
 use super::batch::Batch;
 use crate::networks::{Meaning, Size};

@@ -16,7 +16,8 @@ pub(super) struct State {
     pub(crate) step: u64,
     /// By parameter, flat.
     pub(crate) values: Vec<Vec<f32>>,
-    /// Adam's moments of the learned parameters, first and second; empty before the first step and for frozen parameters.
+    /// Adam's moments of the learned parameters, first and second; empty before the first step and for frozen
+    /// parameters.
     pub(crate) moments: Vec<[Vec<f32>; 2]>,
     /// Sum and number of errors since the last point of the curve.
     pub(crate) since_point: (f64, u64),
@@ -120,7 +121,8 @@ impl<'a> Training<'a> {
         self.has_diverged |= !sum.is_finite();
         self.state.since_point.0 += sum;
         self.state.since_point.1 += count;
-        // The gradient of `map . slopes` by the map is `slopes`: so any loss computed beside the library goes back through it.
+        // The gradient of `map . slopes` by the map is `slopes`: so any loss computed beside the library goes back
+        // through it.
         let slopes = Tensor::<4>::from_data(TensorData::new(slopes, map.dims()), &map.device());
         let gradients = (map * slopes).sum().backward();
         for (index, tracked) in tracked.iter().enumerate() {

@@ -50,7 +50,8 @@ fn image(size: Size) -> Numbers {
 
 fn of_network(name: &'static str, network: Network, size: Size) -> Case {
     let mut parameters = layout(network, size).start(7);
-    // Weights of a start let little through to the end: enlarged (He, Zhang, Ren, Sun 2015), the map has all of its values.
+    // Weights of a start let little through to the end: enlarged (He, Zhang, Ren, Sun 2015), the map has all of its
+    // values.
     let enlarged = match network {
         Network::UnetLite | Network::FcnLite => 1.5,
         Network::FcnVgg16 => 1.7,
@@ -68,8 +69,8 @@ fn of_network(name: &'static str, network: Network, size: Size) -> Case {
     Case { name, file, input, output: numbers(map * range), output_name, range }
 }
 
-/// A convolution with stride and padding, the maximum of overlapping windows, a transposed convolution, a join, the functions, a dense
-/// layer and a map of its units.
+/// A convolution with stride and padding, the maximum of overlapping windows, a transposed convolution, a join, the
+/// functions, a dense layer and a map of its units.
 fn every_operator() -> Case {
     let size = Size { width: 24, height: 13 };
     let input = image(size);

@@ -70,7 +70,8 @@ pub(super) fn remove_abandoned(folder: &Path) {
     depthloom_durable::remove_abandoned(folder);
 }
 
-/// Removes the reports of what a folder's recording held before its run goes on: they would be taken for those of the whole run.
+/// Removes the reports of what a folder's recording held before its run goes on: they would be taken for those of the
+/// whole run.
 pub(super) fn remove_reports(folder: &Path) -> io::Result<()> {
     for name in REPORT {
         match fs::remove_file(folder.join(name)) {

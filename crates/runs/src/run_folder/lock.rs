@@ -1,4 +1,5 @@
-//! Who writes in a run's folder: one process at a time. The lock is the system's, on the open marker: a crash leaves none behind.
+//! Who writes in a run's folder: one process at a time. The lock is the system's, on the open marker: a crash leaves
+//! none behind.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
@@ -30,8 +31,8 @@ pub enum Refused {
 impl Lock {
     /// Marks a folder as a run's and locks it.
     ///
-    /// The marker has its name from the start, though it may not be whole yet: a folder is known by it at every moment that a kill
-    /// can leave behind, and of several who mark one folder only one does.
+    /// The marker has its name from the start, though it may not be whole yet: a folder is known by it at every moment
+    /// that a kill can leave behind, and of several who mark one folder only one does.
     ///
     /// # Errors
     /// [`Refused::Busy`] if another process marked it first, or what the system gave.

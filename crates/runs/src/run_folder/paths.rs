@@ -22,8 +22,8 @@ pub(super) fn found(path: &Path) -> Result<PathState, CliError> {
     PathState::at(path).map_err(|error| failed("look at", path, &error))
 }
 
-/// The same path without `..`, because a folder that is moved aside must not be on the way to its own name; and without a slash at its end,
-/// which would follow a link.
+/// The same path without `..`, because a folder that is moved aside must not be on the way to its own name; and without
+/// a slash at its end, which would follow a link.
 pub(super) fn normalize_lexically(out: &Path) -> Result<PathBuf, CliError> {
     if !out.components().any(|part| part == Component::ParentDir) {
         return Ok(out.components().collect());
@@ -40,7 +40,8 @@ pub(super) fn normalize_lexically(out: &Path) -> Result<PathBuf, CliError> {
     Ok(real.join(missing).join(name))
 }
 
-/// What speaks against removing a run's folder: it is what the person stands in, what is `read`, or holds what somebody put there.
+/// What speaks against removing a run's folder: it is what the person stands in, what is `read`, or holds what somebody
+/// put there.
 pub(super) fn harm(path: &Path, read: &[PathBuf]) -> Result<Option<String>, CliError> {
     let real = fs::canonicalize(path).map_err(|error| failed("look at", path, &error))?;
     if std::env::current_dir().is_ok_and(|here| here.starts_with(&real)) {

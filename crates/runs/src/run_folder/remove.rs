@@ -51,8 +51,8 @@ impl Removal {
         &self.folder
     }
 
-    /// Removes it. Nothing is left under its name at any moment but the whole run; what a kill leaves, under another name, is a run's folder
-    /// still, and can be removed as one.
+    /// Removes it. Nothing is left under its name at any moment but the whole run; what a kill leaves, under another
+    /// name, is a run's folder still, and can be removed as one.
     ///
     /// # Errors
     /// What the system gave.

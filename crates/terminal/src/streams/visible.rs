@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// Whether a terminal, or whoever looks at it, would take a character for more than itself: control characters (escape sequences begin
-/// with one), and those that change the direction of what is around them or end a line.
+/// Whether a terminal, or whoever looks at it, would take a character for more than itself: control characters (escape
+/// sequences begin with one), and those that change the direction of what is around them or end a line.
 const fn is_obeyed(c: char) -> bool {
     matches!(
         c,
@@ -12,7 +12,8 @@ const fn is_obeyed(c: char) -> bool {
     )
 }
 
-/// A text in which no character is obeyed by a terminal except tabs and line ends: others are written as Rust does, `\u{1b}`.
+/// A text in which no character is obeyed by a terminal except tabs and line ends: others are written as Rust does,
+/// `\u{1b}`.
 pub fn visible(text: &str) -> Cow<'_, str> {
     replaced(text, |c| is_obeyed(c) && !matches!(c, '\n' | '\t'), |out, c| out.extend(c.escape_default()))
 }
@@ -33,7 +34,8 @@ pub(super) fn in_quotes(json: &str) -> Cow<'_, str> {
     )
 }
 
-/// A text of the same length in which no character is obeyed except line ends: for a file's text that places point into.
+/// A text of the same length in which no character is obeyed except line ends: for a file's text that places point
+/// into.
 pub fn same_length(text: &str) -> Cow<'_, str> {
     let is_other = |c| is_obeyed(c) && !matches!(c, '\n' | '\t');
     replaced(text, is_other, |out, c| {

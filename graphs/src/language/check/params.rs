@@ -229,7 +229,8 @@ fn checked(
         match (kind.resolve)(&json) {
             Ok(resolved) => return sound.then_some(resolved),
             Err(error) => {
-                // An error that is due to a removed parameter (a missing field, a conflicting default) was reported before.
+                // An error that is due to a removed parameter (a missing field, a conflicting default) was reported
+                // before.
                 let is_above_taken =
                     !error.path.is_empty() && taken_out.iter().any(|taken| taken.starts_with(&error.path));
                 if is_above_taken || !sound && error.what.starts_with("missing field") {

@@ -63,7 +63,7 @@ pub fn schema(registry: &Registry) -> Json {
                         "properties": {
                             "topics": { "$ref": "#/$defs/patterns" },
                             "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Keep the first frame that a stage runs and every Nth after it, counted in the order they run, whatever their numbers; scores are kept of all." })),
-                            "view": or_variable(json!({ "type": "boolean", "description": "Also keep small pictures of disparities, depths and weights, which Foxglove and Rerun show at once (default: true)." })),
+                            "view": or_variable(json!({ "type": "boolean", "description": "Also store small pictures of disparities, depths and weights, for viewers of MCAP files (default: true)." })),
                             "points": { "$ref": "#/$defs/patterns", "description": "Also keep points of these depths, coloured by the source's first image, of every fourth pixel and row, for looking at." },
                         },
                     },

@@ -166,7 +166,8 @@ fn source(
             continue;
         };
         let parameters = resolver.parameters(&kind.info(), part, report);
-        // Outputs that do not follow from the parameters are known even if these are wrong, so references can be checked.
+        // Outputs that do not follow from the parameters are known even if these are wrong, so references can be
+        // checked.
         let declared = (!kind.declaration.outputs.is_empty()).then(|| kind.declaration.outputs.clone());
         let given = match &parameters {
             Some(parameters) => resolver.outputs(kind, parameters, part, report),

@@ -214,7 +214,8 @@ impl<'r> Reachable<'r, '_, '_> {
                 fitting.extend(outputs.map(|output| format!("{prefix}{name}/{}", output.name)));
             }
         }
-        // First the output or node of the same name (`left` from `source/left`); last the source's depth, which is ground truth.
+        // First the output or node of the same name (`left` from `source/left`); last the source's depth, which is
+        // ground truth.
         let truth = |output: &str| port.value_type == ValueType::Depth && output.starts_with("source/");
         let of_that_name = |output: &str| {
             output.ends_with(&format!("/{}", port.name)) || output.starts_with(&format!("{}/", port.name))

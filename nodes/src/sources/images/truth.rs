@@ -46,10 +46,12 @@ pub(crate) struct ImagesTruth {
     pub files: Option<String>,
     /// What the files' numbers are: depth in `metres` or `millimetres`, or disparity in `pixels`.
     pub unit: TruthUnit,
-    /// What the files' numbers are divided by before: 256 where they are disparity * 256 (KITTI), 5000 where they are metres * 5000.
+    /// What the files' numbers are divided by before: 256 where they are disparity * 256 (KITTI), 5000 where they are
+    /// metres * 5000.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub divide_by: f64,
-    /// Which image the truth belongs to: `left` as it is in its file, or `rectified`. Where pairs are rectified as they are read, it must be the latter.
+    /// Which image the truth belongs to: `left` as it is in its file, or `rectified`. Where pairs are rectified as they
+    /// are read, it must be the latter.
     pub of: TruthOf,
 }
 

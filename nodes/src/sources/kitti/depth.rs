@@ -55,11 +55,13 @@ pub(crate) struct KittiDepth {
     pub root: DataPath,
     /// The folder of KITTI's raw data, which has the images and the calibration.
     pub raw: DataPath,
-    /// Which drives, in this order: `2011_09_26_drive_0001_sync`, with or without `_sync`. By default all that have truth.
+    /// Which drives, in this order: `2011_09_26_drive_0001_sync`, with or without `_sync`. By default all that have
+    /// truth.
     pub drives: Vec<String>,
     /// Which maps are true: `groundtruth` (annotated) or `velodyne_raw` (one scan).
     pub truth: KittiDepthTruth,
-    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, from 0. By default all that have truth.
+    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, from 0. By default all
+    /// that have truth.
     pub frames: FrameSelection,
 }
 

@@ -79,8 +79,9 @@ pub(crate) struct KittiRaw {
     pub root: DataPath,
     /// Which drives, in this order: `2011_09_26_drive_0002_sync`, with or without `_sync`. By default all there are.
     pub drives: Vec<String>,
-    /// A list of frames as monodepth2's and Eigen's: `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or a path of a left image, a line each.
-    /// Frames come in its order, each pair once and whichever camera its line names; `left` is always the left image.
+    /// A list of frames as monodepth2's and Eigen's: `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or a path of
+    /// a left image, a line each. Frames come in its order, each pair once and whichever camera its line names; `left`
+    /// is always the left image.
     pub split: Option<DataPath>,
     /// Which pair of cameras: `color` (02, 03) or `grey` (00, 01).
     pub cameras: KittiCameras,
@@ -88,7 +89,8 @@ pub(crate) struct KittiRaw {
     pub truth: KittiRawTruth,
     /// By whose rules a scan becomes depth: `none` (ours), `monodepth2`, or `monodepth2-eigen`.
     pub compat: Compat,
-    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, of a split by their count in it, from 0. By default all.
+    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, of a split by their
+    /// count in it, from 0. By default all.
     pub frames: FrameSelection,
 }
 

@@ -36,8 +36,8 @@ pub(crate) struct KittiStereo2012Params {
     pub cameras: KittiCameras,
     /// Which true pixels: `noc` (seen by both cameras), `occ` (all) or `none`. Testing frames have none.
     pub truth: KittiTruth,
-    /// Whether the truth of training frames is given as disparities too (`disp_noc`, `disp_occ`, `occluded`), as far as their folders
-    /// are there: for `score/disparity`.
+    /// Whether the truth of training frames is given as disparities too (`disp_noc`, `disp_occ`, `occluded`), as far as
+    /// their folders are there: for `score/disparity`.
     pub disparities: bool,
     /// Which frames, by KITTI's number. By default all there are.
     pub frames: FrameSelection,

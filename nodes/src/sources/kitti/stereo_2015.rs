@@ -40,11 +40,12 @@ pub(crate) struct KittiStereo2015Params {
     pub split: Split,
     /// Which true pixels: `noc` (seen by both cameras), `occ` (all) or `none`. Testing frames have none.
     pub truth: KittiTruth,
-    /// Whether the truth of training frames is given as disparities too (`disp_noc`, `disp_occ`, `occluded`), with the map of objects
-    /// (`obj_map`), as far as their folders are there: for `score/disparity`.
+    /// Whether the truth of training frames is given as disparities too (`disp_noc`, `disp_occ`, `occluded`), with the
+    /// map of objects (`obj_map`), as far as their folders are there: for `score/disparity`.
     pub disparities: bool,
-    /// Which frames, by KITTI's number: `1..=40`, `0..48`, `[3, 7]` or a file of ids, in the order asked for, each once. All of them
-    /// must be there; `1..=40 available` takes those that are. By default (`available`) all there are.
+    /// Which frames, by KITTI's number: `1..=40`, `0..48`, `[3, 7]` or a file of ids, in the order asked for, each
+    /// once. All of them must be there; `1..=40 available` takes those that are. By default (`available`) all there
+    /// are.
     pub frames: FrameSelection,
 }
 

@@ -80,7 +80,8 @@ fn reduced(image: &Image) -> Option<RgbImage> {
     Some(image::imageops::resize(&rgb, width, height, FilterType::Triangle))
 }
 
-/// A truth in the colours of recordings' pictures, of the reduced image's size. Sparse points stay: of the pixels that become one the nearest is shown.
+/// A truth in the colours of recordings' pictures, of the reduced image's size. Sparse points stay: of the pixels that
+/// become one the nearest is shown.
 fn coloured(truth: &Value, (width, height): (u32, u32)) -> Option<RgbImage> {
     // Pictures are of every second pixel and row.
     let near = |map: &Raster<f32>, nearer: fn(f32, f32) -> f32| {

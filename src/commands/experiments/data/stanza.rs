@@ -6,7 +6,8 @@ use serde_json::Value as Json;
 
 use super::Known;
 
-/// What to paste into an experiment: the sources of which frames can be read; what else they may have, as comments. `None` if there is no such.
+/// What to paste into an experiment: the sources of which frames can be read; what else they may have, as comments.
+/// `None` if there is no such.
 pub(super) fn stanza(known: &[Known<'_>]) -> Option<String> {
     let mut text = "sources:\n".to_owned();
     for one in known {

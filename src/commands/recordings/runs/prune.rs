@@ -140,7 +140,8 @@ fn without_those_that_are_read<'a>(runs: &'a [Run], chosen: &[usize]) -> (Vec<us
 }
 
 struct Reads {
-    /// Its experiment, in which every path leads to its file from anywhere; but what a variable stands for is not in it.
+    /// Its experiment, in which every path leads to its file from anywhere; but what a variable stands for is not in
+    /// it.
     resolved: String,
     /// Where the files lay, when it ran; one that an earlier version made does not say.
     files: Vec<PathBuf>,

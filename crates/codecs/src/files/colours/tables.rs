@@ -1,4 +1,5 @@
-//! The colours of colour maps, from the smallest number to the largest, as 0xRRGGBB; those that OpenCV and Matplotlib have.
+//! The colours of colour maps, from the smallest number to the largest, as 0xRRGGBB; those that OpenCV and Matplotlib
+//! have.
 
 /// Google's Turbo (A. Mikhailov, 2019).
 pub(super) const TURBO: [u32; 256] = [

@@ -48,7 +48,8 @@ pub struct Params {
     /// Largest region, px, that the speckle filter removes (`speckleWindowSize`); 0 switches it off.
     #[schemars(range(min = 0))]
     pub speckle_window: i32,
-    /// Largest disparity step inside a region of the speckle filter (`speckleRange`), in 1/16 px: `StereoBM` takes it so, `StereoSGBM` in px.
+    /// Largest disparity step inside a region of the speckle filter (`speckleRange`), in 1/16 px: `StereoBM` takes it
+    /// so, `StereoSGBM` in px.
     #[schemars(range(min = 0))]
     pub speckle_range: i32,
 }

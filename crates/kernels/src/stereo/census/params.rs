@@ -46,10 +46,12 @@ pub struct Params {
     /// Penalty for a disparity change of one pixel between neighbours, bits (`P1`): at most `p2`.
     #[schemars(range(min = 0, max = 224))]
     pub p1: i32,
-    /// Penalty for any larger change, bits (`P2`): at most 224 for `symmetric`, 193 for `full` and 207 for `off-axis` features.
+    /// Penalty for any larger change, bits (`P2`): at most 224 for `symmetric`, 193 for `full` and 207 for `off-axis`
+    /// features.
     #[schemars(range(min = 0, max = 224))]
     pub p2: i32,
-    /// Per cent by which the best cost must be below all others but its neighbours'; 5 is libSGM's `uniqueness` of 0.95, 0 switches the check off.
+    /// Per cent by which the best cost must be below all others but its neighbours'; 5 is libSGM's `uniqueness` of
+    /// 0.95, 0 switches the check off.
     #[schemars(range(min = 0, max = 99))]
     pub uniqueness: i32,
     /// Whether a parabola through the costs refines answers to 1/16 px; without it they are whole pixels.

@@ -62,7 +62,8 @@ struct Aggregation<'a> {
     choice: RowChoice,
 }
 
-/// `L(p, d)` of one direction from `L(q, .)` of the pixel before, both between borders: formula 13 of Hirschmueller 2005.
+/// `L(p, d)` of one direction from `L(q, .)` of the pixel before, both between borders: formula 13 of Hirschmueller
+/// 2005.
 /// `cost` already holds P2. Returns the minimum over `d`.
 fn step(previous: &[i16], delta: i16, p1: i16, cost: &[i16], out: &mut [i16]) -> i16 {
     let d = cost.len();

@@ -4,7 +4,8 @@ use super::{GraphBuilder, Tensor, Weights};
 use depthloom_onnx::{AttributeProto, attribute_type};
 
 impl GraphBuilder {
-    /// A convolution (as neural networks mean it: correlation); weights `[out, in, rows, columns]`, zeros around the image.
+    /// A convolution (as neural networks mean it: correlation); weights `[out, in, rows, columns]`, zeros around the
+    /// image.
     pub(crate) fn conv2d(
         &mut self,
         name: &str,
@@ -25,7 +26,8 @@ impl GraphBuilder {
         self.layer(name, "Conv", input, weights, bias, out, window([rows, columns], stride, padding), dims)
     }
 
-    /// A transposed convolution; weights `[in, out, rows, columns]`; a side becomes `stride * (side - 1) + kernel - 2 * padding`.
+    /// A transposed convolution; weights `[in, out, rows, columns]`; a side becomes `stride * (side - 1) + kernel - 2 *
+    /// padding`.
     pub(crate) fn conv_transpose2d(
         &mut self,
         name: &str,
