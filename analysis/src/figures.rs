@@ -85,7 +85,8 @@ pub struct FigureRequest {
     pub stages: Option<String>,
     /// The pixels of errors; `None`: those valid in all estimates, and beside them the valid ones of each.
     pub set: Option<SampleSet>,
-    /// The pixels of scores, of `frames` and `parameter`; `None`: every pixel with ground truth, where those were scored.
+    /// The pixels of scores, of `frames` and `parameter`; `None`: every pixel with ground truth, where those were
+    /// scored.
     pub scored_set: Option<PixelSet>,
     /// What errors are by, where the kind does not say: [`By::parse`](crate::By::parse).
     pub by: Option<String>,
@@ -172,8 +173,8 @@ pub struct Figure {
 /// Draws a figure of runs. `progress` is called with the samples read so far and their number.
 ///
 /// # Errors
-/// [`AnalysisError::Request`] if what is requested is not there, or does not fit the size; if a recording or samples cannot be read;
-/// [`AnalysisError::Stopped`] once `stop` says so.
+/// [`AnalysisError::Request`] if what is requested is not there, or does not fit the size; if a recording or samples
+/// cannot be read; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn figure(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,

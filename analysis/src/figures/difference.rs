@@ -110,8 +110,8 @@ fn tints(pair: &DistancePair) -> [Colour; 2] {
     [tint(&names, names[0]), if names[0] == names[1] { colour(OTHERS[1]) } else { tint(&names, names[1]) }]
 }
 
-/// What differs between two titles: of `size=3+weighting=full/fused` and `size=5+weighting=full/fused` the sizes. Titles without a long part in common
-/// stay as they are.
+/// What differs between two titles: of `size=3+weighting=full/fused` and `size=5+weighting=full/fused` the sizes.
+/// Titles without a long part in common stay as they are.
 fn distinguished(titles: [&str; 2]) -> [String; 2] {
     const LONG: usize = 24;
     let parts = titles.map(|title| title.split_inclusive(['/', '+', ':']).collect::<Vec<&str>>());

@@ -8,7 +8,8 @@ use super::{Figure, FigureRequest, FigureRun};
 use crate::error::AnalysisError;
 use crate::query::{Bins, By, Inquiry, SampleSet, Unit};
 
-/// The bins of a histogram by default, which have one ratio, and the per cent of an estimate's pixels whose errors are below the first and the last.
+/// The bins of a histogram by default, which have one ratio, and the per cent of an estimate's pixels whose errors are
+/// below the first and the last.
 const BINS: u32 = 40;
 const LEAST_PERCENT: f64 = 1.0;
 const MOST_PERCENT: f64 = 99.5;
@@ -31,7 +32,8 @@ pub(super) fn histogram(
     };
     let most = request.most.or_else(|| percentile(1).reduce(f64::max)).unwrap_or(1.0);
     let least = percentile(0).reduce(f64::min).filter(|least| *least < most).unwrap_or(most * 1e-3);
-    // Errors differ by decades: on a linear axis all but a few would be one bar. Those of zero have no place on this one.
+    // Errors differ by decades: on a linear axis all but a few would be one bar. Those of zero have no place on this
+    // one.
     let ratios = |count: u32| {
         let edge = |edge: u32| least * libm::pow(most / least, f64::from(edge) / f64::from(count));
         (Bins::Edges((0..=count).map(edge).collect()), true)

@@ -1,5 +1,5 @@
-//! Frames as the paper shows them (Martins et al. 2018, figures 4 and 5), one beside the other: the image, the estimates in one scale of colours, the
-//! weight, the difference of two estimates' errors, the truth.
+//! Frames as the paper shows them (Martins et al. 2018, figures 4 and 5), one beside the other: the image, the
+//! estimates in one scale of colours, the weight, the difference of two estimates' errors, the truth.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -19,7 +19,8 @@ struct Point<'a> {
     label: String,
     rows: usize,
     mean: f64,
-    /// Whether the mean is adjusted for the settings of the other parameters, where those are not the same at each point.
+    /// Whether the mean is adjusted for the settings of the other parameters, where those are not the same at each
+    /// point.
     is_adjusted: bool,
     /// Whether points of the same name cannot be compared at all.
     is_confounded: bool,

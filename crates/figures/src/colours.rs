@@ -1,6 +1,7 @@
 //! The colour of an estimator: the same for the same method in every figure and on the page.
 //!
-//! They are Paul Tol's *vibrant* scheme (personal.sron.nl/~pault), whose hues differ for colour-blind eyes too and read on white and on near-black.
+//! They are Paul Tol's *vibrant* scheme (personal.sron.nl/~pault), whose hues differ for colour-blind eyes too and read
+//! on white and on near-black.
 
 use crate::drawing::Colour;
 
@@ -11,10 +12,11 @@ pub const RED: &str = "#cc3311";
 /// What is fused, alone, and what follows in the order it comes.
 pub const OTHERS: [&str; 6] = ["#009988", "#ee7733", "#aa3377", "#33bbee", "#ee3377", "#777777"];
 
-/// The colour of an estimate among those of these names, in the order of the tables; more than there are colours share them.
+/// The colour of an estimate among those of these names, in the order of the tables; more than there are colours share
+/// them.
 ///
-/// A method is known by the first word of its name, whatever follows: `stereo`, `stereo_sgbm` and `stereo-filtered`. Of several of a family the
-/// first has its colour, the rest one of those that are left.
+/// A method is known by the first word of its name, whatever follows: `stereo`, `stereo_sgbm` and `stereo-filtered`. Of
+/// several of a family the first has its colour, the rest one of those that are left.
 pub fn colour_of(names: &[&str], name: &str) -> &'static str {
     let first_of = |family: &str| {
         names.iter().find(|name| **name == family).or_else(|| names.iter().find(|name| self::family(name) == family))

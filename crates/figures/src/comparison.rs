@@ -6,8 +6,8 @@ use crate::plot::{Axis, Entry, Item, Panel, Sheet, Swatch};
 
 /// The width of a curve, points.
 pub const LINE_PT: f64 = 1.2;
-/// The dashes and shades of one method's variants, where all are on one panel: twelve lines. A shade is how far a colour goes towards white, or
-/// below zero towards black.
+/// The dashes and shades of one method's variants, where all are on one panel: twelve lines. A shade is how far a
+/// colour goes towards white, or below zero towards black.
 const DASHES: [&[f64]; 4] = [&[], &[5.0, 1.5], &[2.0, 1.2], &[6.0, 1.5, 1.5, 1.5]];
 const SHADES: [f64; 3] = [0.0, -0.45, 0.45];
 /// More filled curves than this hide each other.

@@ -1,6 +1,7 @@
 //! Learning curves: loss and validation against the step, a panel per curve.
 //!
-//! A loss that is not finite interrupts its line; a step without a validation does not. A curve without a finite loss has no panel.
+//! A loss that is not finite interrupts its line; a step without a validation does not. A curve without a finite loss
+//! has no panel.
 
 use depthloom_graphs::values::Curve;
 

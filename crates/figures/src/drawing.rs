@@ -1,7 +1,7 @@
 //! A drawing: marks on a page of a stated size in points, and the files that it is written as.
 //!
-//! One list of [marks](Mark) becomes [SVG](svg), [PNG](png) and [PDF](pdf). Text is set in one font that the program carries ([`font`]), so that a
-//! machine without fonts writes the same file. Equal drawings give equal bytes.
+//! One list of [marks](Mark) becomes [SVG](svg), [PNG](png) and [PDF](pdf). Text is set in one font that the program
+//! carries ([`font`]), so that a machine without fonts writes the same file. Equal drawings give equal bytes.
 
 mod font;
 mod pdf;

@@ -1,7 +1,8 @@
 //! Plots as SVG, PNG and PDF, and the page of a run, from plain series, values and a recording's frames.
 //!
-//! A figure is a [`Sheet`] of [`Panel`]s, whose [`Item`]s are in the units of their axes. It becomes a [`Drawing`] on a page of a stated size, which
-//! is written as SVG, PNG or PDF. The [`page`] is one HTML file. The crate `analysis` decides what is drawn.
+//! A figure is a [`Sheet`] of [`Panel`]s, whose [`Item`]s are in the units of their axes. It becomes a [`Drawing`] on a
+//! page of a stated size, which is written as SVG, PNG or PDF. The [`page`] is one HTML file. The crate `analysis`
+//! decides what is drawn.
 
 mod colours;
 mod comparison;

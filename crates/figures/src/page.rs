@@ -1,8 +1,9 @@
 //! `report.html`: a run on one page, in one file, for a browser without a network.
 //!
-//! The page is what [`page.html`](page/page.html) says, with its style and scripts in it, a JSON object of all numbers, the [plan](plan_drawing)
-//! as a picture, and behind these the [pictures](Pictures) of frames, each in an element of its own that is decoded when it is looked at. Whatever
-//! comes from an experiment is text to the page, never markup: in JSON no `<` stands, and what stands in markup is escaped.
+//! The page is what [`page.html`](page/page.html) says, with its style and scripts in it, a JSON object of all numbers,
+//! the [plan](plan_drawing) as a picture, and behind these the [pictures](Pictures) of frames, each in an element of
+//! its own that is decoded when it is looked at. Whatever comes from an experiment is text to the page, never markup:
+//! in JSON no `<` stands, and what stands in markup is escaped.
 
 mod maps;
 mod pictures;
@@ -25,7 +26,8 @@ pub const PAGE_MARK: &str = "<!doctype html>\n<!-- a report of depthloom -->";
 
 const HTML: &str = include_str!("page/page.html");
 const STYLE: [&str; 2] = [include_str!("page/uPlot.min.css"), include_str!("page/page.css")];
-/// uPlot (MIT, © Leon Sorokin, github.com/leeoniya/uPlot, from the npm package `uplot` 1.6.32), then ours; its licence goes with it.
+/// uPlot (MIT, © Leon Sorokin, github.com/leeoniya/uPlot, from the npm package `uplot` 1.6.32), then ours; its licence
+/// goes with it.
 const PLOTS: &str = include_str!("page/uPlot.iife.min.js");
 const PLOTS_LICENCE: &str = include_str!("page/uPlot.LICENSE");
 const SCRIPTS: [&str; 5] = [
@@ -74,7 +76,8 @@ impl From<Caught> for PageError {
     }
 }
 
-/// Writes a page: its title, the SVG of its [plan](plan_drawing), what its scripts read, and its pictures. Returns how many bytes it has.
+/// Writes a page: its title, the SVG of its [plan](plan_drawing), what its scripts read, and its pictures. Returns how
+/// many bytes it has.
 ///
 /// # Errors
 /// If it cannot be written.

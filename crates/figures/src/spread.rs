@@ -1,9 +1,11 @@
-//! How errors spread along something: the paper's figure of the absolute error against the true distance, and the same against anything else.
+//! How errors spread along something: the paper's figure of the absolute error against the true distance, and the same
+//! against anything else.
 //!
-//! The solid line is the median, the darker band goes from 25 to 75 %, the lighter one from 5 to 95 %. Where there are more than two estimates, only
-//! stereo and mono have the lighter band: others would be hidden.
+//! The solid line is the median, the darker band goes from 25 to 75 %, the lighter one from 5 to 95 %. Where there are
+//! more than two estimates, only stereo and mono have the lighter band: others would be hidden.
 //!
-//! A bin of few pixels says little: it is drawn faint and dotted, and sets no axis, so that ten pixels do not squeeze all others.
+//! A bin of few pixels says little: it is drawn faint and dotted, and sets no axis, so that ten pixels do not squeeze
+//! all others.
 
 use crate::comparison::{Comparison, Layout, Place, distinct};
 use crate::drawing::{Anchor, Colour, Fill, Stroke};
@@ -20,7 +22,8 @@ const COMPARED: Fill = Fill::new([0x8d, 0x99, 0xae], 1.0);
 const MORE: f64 = 0.01;
 const MORE_DASHES: &[f64] = &[4.0, 2.5];
 const THIN_DASHES: &[f64] = &[0.8, 1.6];
-/// The least share that the axis goes beyond the highest median, and the share beyond the usual that a band may reach before it is cut.
+/// The least share that the axis goes beyond the highest median, and the share beyond the usual that a band may reach
+/// before it is cut.
 const MEDIAN_ROOM: f64 = 1.15;
 const WORTH_SHOWING: f64 = 1.3;
 
@@ -48,7 +51,8 @@ pub struct Spread {
     pub valid: Vec<Bin>,
 }
 
-/// Spreads on panels, above bars that count pixels by bin: from, to, count. Bars with equal edges are added up; there may be none.
+/// Spreads on panels, above bars that count pixels by bin: from, to, count. Bars with equal edges are added up; there
+/// may be none.
 #[derive(Clone, Debug)]
 pub struct SpreadFigure {
     /// The estimates.
@@ -116,7 +120,8 @@ impl Step {
     }
 }
 
-/// Steps in stretches without a gap, and these where thin ones begin and end: a piece is thin where one of its two ends is.
+/// Steps in stretches without a gap, and these where thin ones begin and end: a piece is thin where one of its two ends
+/// is.
 fn pieces(steps: &[Step]) -> Vec<(&[Step], bool)> {
     let mut pieces = Vec::new();
     let joins = |one: &Step, next: &Step| next.edges.0 - one.edges.1 <= 1e-9 * next.edges.0.abs().max(1.0);
@@ -190,8 +195,9 @@ impl SpreadFigure {
         Axis { scale: self.scale, ..Axis::new(low, high, self.labels[0].clone()) }
     }
 
-    /// The top of the error's axis. Bins that are thin do not count, unless all are. The medians have room, and nine tenths of what reaches highest
-    /// in a bin; what few bins reach beyond is cut, and its size written, where it would squeeze the rest.
+    /// The top of the error's axis. Bins that are thin do not count, unless all are. The medians have room, and nine
+    /// tenths of what reaches highest in a bin; what few bins reach beyond is cut, and its size written, where it would
+    /// squeeze the rest.
     fn high<'a>(&self, groups: impl Iterator<Item = Vec<&'a Spread>>) -> f64 {
         let groups: Vec<Vec<&Spread>> = groups.collect();
         let reached = |thin: u64| -> (Vec<f64>, f64) {

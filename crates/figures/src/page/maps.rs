@@ -1,8 +1,10 @@
-//! A map as a grey PNG that a browser decodes: 16-bit steps of its numbers in two planes of bytes, and a bit per sample.
+//! A map as a grey PNG that a browser decodes: 16-bit steps of its numbers in two planes of bytes, and a bit per
+//! sample.
 //!
-//! Of a map with `w` columns and `h` rows the PNG has `w` columns: `h` rows of low bytes, below them `h` rows of high bytes, and below these a bit per
-//! sample, row-major, the lowest bit first (set: the sample is valid), with zeros up to the end of the row. An invalid sample repeats the one on its left,
-//! so that it costs little. The PNG has neither an alpha channel nor a colour space: a canvas gives its bytes as they are.
+//! Of a map with `w` columns and `h` rows the PNG has `w` columns: `h` rows of low bytes, below them `h` rows of high
+//! bytes, and below these a bit per sample, row-major, the lowest bit first (set: the sample is valid), with zeros up
+//! to the end of the row. An invalid sample repeats the one on its left, so that it costs little. The PNG has neither
+//! an alpha channel nor a colour space: a canvas gives its bytes as they are.
 
 use depthloom_graphs::Value;
 use libm::{log, round};
@@ -149,7 +151,8 @@ fn planes(codes: impl ExactSizeIterator<Item = Option<u16>>, width: usize) -> Ve
     bytes
 }
 
-/// Bytes as a grey PNG. Every row has the filter `Sub`, and deflate is that of `miniz_oxide`: the same bytes on any machine.
+/// Bytes as a grey PNG. Every row has the filter `Sub`, and deflate is that of `miniz_oxide`: the same bytes on any
+/// machine.
 fn encoded(bytes: &[u8], width: usize) -> Vec<u8> {
     const SUB: u8 = 1;
     let mut filtered = Vec::with_capacity(bytes.len() + bytes.len() / width);

@@ -1,8 +1,9 @@
-//! The pictures of frames: read from the recording, made smaller, and kept in a temporary file until the page is written.
+//! The pictures of frames: read from the recording, made smaller, and kept in a temporary file until the page is
+//! written.
 //!
-//! How small they are made follows from how many there are, so that a page of any run stays below 40 MB. Samples are picked, not averaged, so
-//! that each is a value that the recording holds; where a truth is sparse, of each small square the pixel that has one, in all maps alike, so
-//! that an error is that of one pixel.
+//! How small they are made follows from how many there are, so that a page of any run stays below 40 MB. Samples are
+//! picked, not averaged, so that each is a value that the recording holds; where a truth is sparse, of each small
+//! square the pixel that has one, in all maps alike, so that an error is that of one pixel.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -32,7 +33,8 @@ use crate::scored_map::as_scored;
 
 /// The most bytes that the pictures take with the numbers of the page: with all else it has less than 40 MB.
 const MOST: u64 = 38_500_000;
-/// A page of few frames has so many bytes a frame, and no less than that: larger maps cost more to make, send and open than they show.
+/// A page of few frames has so many bytes a frame, and no less than that: larger maps cost more to make, send and open
+/// than they show.
 const MOST_A_FRAME: u64 = 750_000;
 const MOST_OF_FEW: u64 = 6_000_000;
 /// What the pictures have in any case.
@@ -156,10 +158,12 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// Makes the pictures of all frames, beside so many bytes of numbers; the series' positions are those that found room.
+    /// Makes the pictures of all frames, beside so many bytes of numbers; the series' positions are those that found
+    /// room.
     ///
     /// # Errors
-    /// If the recording cannot be read or the file in `folder` not be written; [`PageError::Stopped`] once `stop` says so.
+    /// If the recording cannot be read or the file in `folder` not be written; [`PageError::Stopped`] once `stop` says
+    /// so.
     pub fn new(
         recording: &Recording,
         series: &mut [Series],
@@ -264,7 +268,8 @@ impl Pictures {
         self.damaged
     }
 
-    /// Writes the elements of all frames: `<script id="p0-17">` is that of the frame at position 17 of the first series.
+    /// Writes the elements of all frames: `<script id="p0-17">` is that of the frame at position 17 of the first
+    /// series.
     pub(super) fn write(&mut self, out: &mut impl Write) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(0))?;
         let mut file = io::BufReader::with_capacity(1 << 16, &self.file);

@@ -1,7 +1,7 @@
 //! The plan as a picture: an SVG whose colours are the page's.
 //!
-//! A box is a source or a node as the experiment names it; nodes that differ between variants in parameters or inputs alone are one box. Columns go
-//! by the longest way from the source; within a column boxes stand near what they read.
+//! A box is a source or a node as the experiment names it; nodes that differ between variants in parameters or inputs
+//! alone are one box. Columns go by the longest way from the source; within a column boxes stand near what they read.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;

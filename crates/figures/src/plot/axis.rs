@@ -54,8 +54,8 @@ impl Axis {
         Self { ticks: Some(Vec::new()), has_grid: false, ..Self::new(0.0, 1.0, label) }
     }
 
-    /// An axis around values with a share of room beyond them, if any: logarithmic where positive values differ much, from zero where the least is
-    /// near it.
+    /// An axis around values with a share of room beyond them, if any: logarithmic where positive values differ much,
+    /// from zero where the least is near it.
     pub fn around(values: impl Iterator<Item = f64> + Clone, share: f64, label: impl Into<String>) -> Self {
         let (low, high) = (values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max));
         if low > 0.0 && high > FAR * low {

@@ -6,7 +6,8 @@ use crate::drawing::Colour;
 /// Colours from the lowest number to the highest, evenly apart, mixed between.
 type Ramp = [Colour; 9];
 
-/// Dark violet to yellow: matplotlib's *viridis*, even to the eye and for colour-blind eyes (Smith and van der Walt, 2015).
+/// Dark violet to yellow: matplotlib's *viridis*, even to the eye and for colour-blind eyes (Smith and van der Walt,
+/// 2015).
 #[rustfmt::skip]
 pub const SEQUENTIAL: Ramp = [
     [68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141],

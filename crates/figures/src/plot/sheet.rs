@@ -98,7 +98,8 @@ impl Sheet {
         let top = MARGIN + heading.len() as f64 * (HEADING_PT + 2.5);
         let bottom = MARGIN + legend.len() as f64 * LEGEND_LINE + self.bars.len().div_ceil(per_row) as f64 * BAR_ROOM;
 
-        // Axes of one column begin below each other; how much is left of them depends on how high they are, and that on how wide.
+        // Axes of one column begin below each other; how much is left of them depends on how high they are, and that on
+        // how wide.
         let column = |column: usize| rows.iter().filter_map(move |row| row.get(column));
         let lefts: Vec<f64> =
             (0..columns).map(|at| column(at).map(|panel| panel.left(80.0)).fold(0.0, f64::max)).collect();

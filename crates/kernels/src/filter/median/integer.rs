@@ -28,7 +28,9 @@ pub(crate) fn rows_around<T>(map: &[T], width: usize, y: usize) -> [&[T]; 3] {
 /// largest.
 #[inline(always)]
 fn median9<T: Ord + Copy>([a, b, c]: [[T; 3]; 3]) -> T {
-    let [a, b, c] = [0, 1, 2].map(|x| sorted3([a[x], b[x], c[x]]));
+    // Written out: a closure would not be compiled with the caller's SIMD instructions.
+    let columns = [sorted3([a[0], b[0], c[0]]), sorted3([a[1], b[1], c[1]]), sorted3([a[2], b[2], c[2]])];
+    let [a, b, c] = columns;
     let low = a[0].max(b[0]).max(c[0]);
     let middle = sorted3([a[1], b[1], c[1]])[1];
     let high = a[2].min(b[2]).min(c[2]);
