@@ -75,7 +75,7 @@ fn a_run_that_is_not_whole_yet_is_named_to_who_asks_for_it() {
     for (command, path) in [("report", out.clone()), ("report", out.join("recording.mcap")), ("timings", out.clone())] {
         let asked = depthloom().arg(command).arg(&path).output().expect("the binary starts");
         assert_eq!(asked.status.code(), Some(2), "{}", said(&asked));
-        let reads = format!("`depthloom {command} {}` reads what there is", partial(&out).display());
+        let reads = format!("`depthloom {command} {}` reads its complete frames", partial(&out).display());
         let there = command == "report" || partial(&out).join("timings.parquet").is_file();
         assert_eq!(said(&asked).contains(&reads), there, "{}", said(&asked));
     }
