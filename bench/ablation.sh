@@ -32,7 +32,7 @@ theirs = [json.load(open(f"{work}/theirs.{i}.json")) for i in range(1, rounds + 
 means = theirs[-1]["means"]
 compared, worst = 0, 0.0
 for row in csv.DictReader(open(f"{work}/ours/table.csv")):
-    estimate = row["estimator"]
+    estimate = row["estimate"]
     if row["set"] != "all":
         continue
     peer = means[f"{row['block']} {row['uniqueness']} {row['mode']} {row['holes']}"]

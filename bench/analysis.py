@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-ESTIMATORS = [f"v{variant}/{name}" for variant in range(4) for name in ("mono", "fused")] + ["stereo"]
+ESTIMATES = [f"v{variant}/{name}" for variant in range(4) for name in ("mono", "fused")] + ["stereo"]
 BINS = 60
 PERCENTILES = [5, 25, 50, 75, 95]
 A_FRAME = 250_000
@@ -27,23 +27,23 @@ def make(path, samples):
         "run": "",
         "experiment": "benchmark",
         "recording": "",
-        "estimators": [
+        "estimates": [
             {
                 "column": label,
                 "label": label,
                 "stage": "compare",
                 "variant": label.split("/")[0] if "/" in label else None,
-                "estimator": label.split("/")[-1],
+                "estimate": label.split("/")[-1],
                 "scoring": "preset paper",
                 "factors": [],
             }
-            for label in ESTIMATORS
+            for label in ESTIMATES
         ],
         "weights": [],
     }
     columns = [("stage", pyarrow.string()), ("scoring", pyarrow.string()), ("position", pyarrow.uint32()), ("frame", pyarrow.string())]
     columns += [("x", pyarrow.uint32()), ("y", pyarrow.uint32()), ("truth_m", pyarrow.float32())]
-    columns += [(label, pyarrow.float32()) for label in ESTIMATORS]
+    columns += [(label, pyarrow.float32()) for label in ESTIMATES]
     schema = pyarrow.schema(columns, {"depthloom.samples": json.dumps(described)})
     random = np.random.default_rng(1)
     partial = path.with_suffix(".partial")
@@ -54,7 +54,7 @@ def make(path, samples):
             at = random.integers(0, 1242 * 375, rows)
             table = [["compare"] * rows, ["preset paper"] * rows, np.full(rows, frame, np.uint32), [f"{frame:06d}_10"] * rows]
             table += [(at % 1242).astype(np.uint32), (at // 1242).astype(np.uint32), truth]
-            for place in range(len(ESTIMATORS)):
+            for place in range(len(ESTIMATES)):
                 estimate = truth * (1 + (0.05 + 0.01 * place) * random.standard_normal(rows, np.float32))
                 # A tenth of the pixels has no answer.
                 table.append(pyarrow.array(estimate.clip(0.001, 80), mask=random.random(rows, np.float32) < 0.1))
@@ -66,7 +66,7 @@ def pandas_(path):
     import pandas
 
     found = {}
-    for label in ESTIMATORS:
+    for label in ESTIMATES:
         table = pandas.read_parquet(path, columns=["truth_m", label])
         error = (table[label] - table["truth_m"]).dropna()
         groups = pandas.DataFrame({"bin": np.floor(table["truth_m"][error.index]), "signed": error, "error": error.abs()}).groupby("bin")
@@ -79,7 +79,7 @@ def polars_(path):
     import polars
 
     found = {}
-    for label in ESTIMATORS:
+    for label in ESTIMATES:
         signed = polars.col(label).cast(polars.Float64) - polars.col("truth_m").cast(polars.Float64)
         error = signed.abs().cast(polars.Float32)
         query = (
@@ -104,9 +104,9 @@ def ours(binary, path):
         subprocess.run([binary, "analyse", path, "--format", "parquet", "--out", out], check=True)
         table = polars.read_parquet(out)
     found = {}
-    for label in ESTIMATORS:
-        variant, _, estimator = label.rpartition("/")
-        of = table.filter((polars.col("estimator") == estimator) & (polars.col("variant").fill_null("") == variant)).sort("bin_from_m")
+    for label in ESTIMATES:
+        variant, _, estimate = label.rpartition("/")
+        of = table.filter((polars.col("estimate") == estimate) & (polars.col("variant").fill_null("") == variant)).sort("bin_from_m")
         found[label] = of.select([f"error_p{p}_m" for p in PERCENTILES]).to_numpy()
     return found
 
@@ -140,7 +140,7 @@ def main():
     path = args.folder / f"{args.samples}.parquet"
     if not path.exists():
         make(path, args.samples)
-    print(f"{args.samples} samples, {len(ESTIMATORS)} estimators, {BINS} bins, {len(PERCENTILES)} percentiles, {path.stat().st_size / 1e9:.1f} GB", flush=True)
+    print(f"{args.samples} samples, {len(ESTIMATES)} estimates, {BINS} bins, {len(PERCENTILES)} percentiles, {path.stat().st_size / 1e9:.1f} GB", flush=True)
     seconds, peaks, first = {who: [] for who in PEERS}, {who: 0 for who in PEERS}, {}
     for _ in range(args.rounds):
         for who in PEERS:
@@ -158,7 +158,7 @@ def main():
             print(f"{who:7} {statistics.median(seconds[who]):8.2f} s   peak {peaks[who]:.2f} GiB")
     for who in ("pandas", "polars"):
         if who in first:
-            worst = max(np.max(np.abs(first[who][label] / first["ours"][label] - 1)) for label in ESTIMATORS)
+            worst = max(np.max(np.abs(first[who][label] / first["ours"][label] - 1)) for label in ESTIMATES)
             print(f"percentiles differ from {who}'s by {worst:.1e} of themselves at most")
             print(f"ratio analysis-{who} {statistics.median(seconds[who]) / statistics.median(seconds['ours']):.2f}")
 

@@ -86,7 +86,7 @@ pub(crate) enum Command {
     Report(ReportArgs),
     /// Ask a run's scores: variants sorted, the effect of each axis, the best in each zone, error against time.
     Table(TableArgs),
-    /// Ask whether it is really better: runs, variants or estimators over the same frames, with intervals, tests and
+    /// Ask whether it is really better: runs, variants or estimates over the same frames, with intervals, tests and
     /// limits for CI.
     Compare(CompareArgs),
     /// Say where a number of a table comes from: formula, pixels, frames, source, and the paper's convention beside it.
@@ -94,7 +94,7 @@ pub(crate) enum Command {
     /// Errors of scored pixels against distance, weight, image row, frame or anything else recorded: percentiles,
     /// means, gross errors.
     Analyse(AnalyseArgs),
-    /// Write one row per scored pixel to `samples.parquet`: truth, every estimator, every recorded weight.
+    /// Write one row per scored pixel to `samples.parquet`: truth, every estimate, every recorded weight.
     Samples(SamplesArgs),
     /// Draw a figure for a paper, as SVG, PNG or PDF: error against distance, differences, histograms, scores by frame
     /// or parameter, frames.

@@ -65,7 +65,7 @@ pub(crate) fn metrics() -> Vec<CompletionCandidate> {
 
 /// The columns that any table of variants may have.
 pub(crate) fn columns() -> Vec<CompletionCandidate> {
-    let others = [("ms", "core-milliseconds a frame"), ("density", "share of true pixels that were answered")];
+    let others = [("ms", "core-milliseconds a frame"), ("density", "share of pixels with ground truth that are valid")];
     let others = others.map(|(name, about)| CompletionCandidate::new(name).help(Some(about.into())));
     metrics().into_iter().chain(others).collect()
 }

@@ -1,4 +1,4 @@
-//! Variants side by side: a row an estimator, its factors in columns, so that many can be sorted, ranked and asked what
+//! Variants side by side: a row an estimate, its factors in columns, so that many can be sorted, ranked and asked what
 //! did it.
 
 mod adjusted;
@@ -44,7 +44,7 @@ pub(crate) use shared::shared_scores;
 pub(crate) use zones::table as zones_table;
 
 use crate::error::{AnalysisError, listed, unknown};
-use crate::estimators::{Estimator, each_names_one, is_of, is_pattern_of, names_of};
+use crate::estimates::{Estimate, each_names_one, is_of, is_pattern_of, names_of};
 use crate::scores::{FrameScore, averaged};
 use crate::statistics::{Statistic, Weighted};
 use crate::tables::COMMON;
@@ -52,10 +52,10 @@ use crate::tables::COMMON;
 /// What of a recording's scores a table is of.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
-    /// Whether scores are taken again from recorded maps, of those true pixels alone that all selected estimates
-    /// answered.
+    /// Whether scores are taken again from recorded maps, of those pixels with ground truth alone that all selected estimates
+    /// valid.
     pub common: bool,
-    /// The pixel set; `None`: of each estimate every true pixel, or where it was not scored on those, what it was
+    /// The pixel set; `None`: of each estimate every pixel with ground truth, or where it was not scored on those, what it was
     /// scored on.
     pub set: Option<PixelSet>,
     /// Whether depths are there besides where disparities alone have the pixel set.
@@ -66,9 +66,9 @@ pub struct Selection {
     pub frames: Option<FrameSelection>,
     /// What a data set's value is taken over; `None`: what the experiment says.
     pub mean: Option<Mean>,
-    /// A pattern of estimators' labels or names, in which `*` stands for any run of characters, or several with commas
+    /// A pattern of estimates' labels or names, in which `*` stands for any run of characters, or several with commas
     /// between; `None`: all.
-    pub estimators: Option<String>,
+    pub estimates: Option<String>,
 }
 
 impl Selection {
@@ -86,7 +86,7 @@ impl Selection {
             self.set.map(|set| set.name().to_owned()),
             self.zone.as_ref().map(|zone| format!("zone-{zone}")),
             self.mean.map(|mean| format!("mean-{}", mean.name())),
-            self.estimators.clone(),
+            self.estimates.clone(),
             self.frames.as_ref().map(|_| "frames".to_owned()),
         ];
         parts.into_iter().flatten().collect()
@@ -102,12 +102,12 @@ pub(crate) struct Axis {
     pub(crate) is_numeric: bool,
 }
 
-/// A recording's scores by estimator.
+/// A recording's scores by estimate.
 pub(crate) struct Ablation<'a> {
     pub(crate) experiment: &'a str,
-    estimators: &'a [Estimator],
+    estimates: &'a [Estimate],
     pub(crate) axes: Vec<Axis>,
-    /// By estimator, by axis: the level; `None` where it has none.
+    /// By estimate, by axis: the level; `None` where it has none.
     levels: Vec<Vec<Option<usize>>>,
     /// The scores that were taken anywhere, in the catalogue's order.
     pub(crate) metrics: Vec<&'static Metric>,
@@ -116,22 +116,22 @@ pub(crate) struct Ablation<'a> {
     zones: Vec<&'a str>,
     core_ms: Vec<Option<f64>>,
     has_timings: bool,
-    /// By estimator: the topic of the disparity that it is, or that it was computed from.
+    /// By estimate: the topic of the disparity that it is, or that it was computed from.
     disparities: Vec<Option<&'a str>>,
     source: &'a dyn Fn(RunId, FrameIndex) -> Option<Key>,
 }
 
-/// An estimator's scores on the selected pixels.
+/// An estimate's scores on the selected pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Row {
-    pub(crate) estimator: usize,
+    pub(crate) estimate: usize,
     /// The pixels that it is over.
     pub(crate) set: PixelSet,
     /// How many frames had a pixel to score.
     pub(crate) frames: u64,
     /// How many pixels counted in all.
     pub(crate) pixels: u64,
-    /// The share of true pixels that were answered, as the scores are taken: mean over frames or over pixels.
+    /// The share of pixels with ground truth that are valid, as the scores are taken: mean over frames or over pixels.
     pub(crate) density: Option<f64>,
     /// By metric of the ablation.
     pub(crate) values: Vec<Option<f64>>,
@@ -139,7 +139,7 @@ pub(crate) struct Row {
     /// Rows of one number may be compared: they are over the same pixels of the same frames, scored in the same way.
     /// But for scores that are [`over answers alone`](Self::over_answers).
     pub(crate) comparable: Option<usize>,
-    /// By metric of the ablation: whether it leaves out pixels of the row that were not answered.
+    /// By metric of the ablation: whether it leaves out invalid pixels of the row.
     pub(crate) over_answers: Vec<bool>,
     /// What its values are taken over.
     pub(crate) mean: Mean,
@@ -170,20 +170,20 @@ impl Row {
 }
 
 impl<'a> Ablation<'a> {
-    /// What was scored on the frames that all estimators of their stage have; `source(run, position)` is the key of a
+    /// What was scored on the frames that all estimates of their stage have; `source(run, position)` is the key of a
     /// frame's source values.
     pub(crate) fn new(
         plan: &'a RecordedPlan,
-        estimators: &'a [Estimator],
+        estimates: &'a [Estimate],
         scores: &'a [FrameScore],
         source: &'a dyn Fn(RunId, FrameIndex) -> Option<Key>,
         costs: Option<&Costs>,
     ) -> Self {
-        let (axes, levels) = axes(plan, estimators);
+        let (axes, levels) = axes(plan, estimates);
         let mut by_row: HashMap<(usize, PixelSet, &str), Vec<&FrameScore>> = HashMap::new();
         let mut zones = vec![""];
         let mut metrics: Vec<&'static Metric> = Vec::new();
-        for score in crate::scores::of_complete_frames(scores, estimators) {
+        for score in crate::scores::of_complete_frames(scores, estimates) {
             let zone = score.row.zone.as_str();
             if !zones.contains(&zone) {
                 zones.push(zone);
@@ -193,50 +193,49 @@ impl<'a> Ablation<'a> {
                     metrics.push(metric);
                 }
             }
-            by_row.entry((score.estimator, score.row.set, zone)).or_default().push(score);
+            by_row.entry((score.estimate, score.row.set, zone)).or_default().push(score);
         }
         metrics.sort_by_key(|metric| metric.place());
         Self {
             experiment: &plan.experiment,
-            estimators,
+            estimates,
             axes,
             levels,
             metrics,
             scores: by_row,
             zones,
-            core_ms: costs.map_or_else(|| vec![None; estimators.len()], |costs| costs.core_ms(plan, estimators)),
+            core_ms: costs.map_or_else(|| vec![None; estimates.len()], |costs| costs.core_ms(plan, estimates)),
             has_timings: costs.is_some(),
-            disparities: joined::disparities(plan, estimators),
+            disparities: joined::disparities(plan, estimates),
             source,
         }
     }
 
-    /// The selected rows, in the order of estimators.
+    /// The selected rows, in the order of estimates.
     ///
     /// # Errors
     /// If nothing is selected: what was asked for, and what there is.
     pub(crate) fn rows(&self, selection: &Selection) -> Result<Vec<Row>, AnalysisError> {
         self.any_score()?;
-        if let Some(patterns) = &selection.estimators {
-            each_names_one(patterns, self.estimators)?;
+        if let Some(patterns) = &selection.estimates {
+            each_names_one(patterns, self.estimates)?;
         }
         let zone = self.zone(selection)?;
         self.check_set(selection)?;
-        let mut rows =
-            self.rows_on_sets(selection, zone, |estimator| set_of(estimator, selection).into_iter().collect());
-        rows.retain(|row| self.scores.contains_key(&(row.estimator, row.set, zone)));
+        let mut rows = self.rows_on_sets(selection, zone, |estimate| set_of(estimate, selection).into_iter().collect());
+        rows.retain(|row| self.scores.contains_key(&(row.estimate, row.set, zone)));
         if rows.is_empty() {
             return Err(self.nothing_selected(selection, zone));
         }
         Ok(rows)
     }
 
-    /// The selected rows, one on each pixel set, "answered" before "all"; also those without a score.
+    /// The selected rows, one on each pixel set, "valid" before "all"; also those without a score.
     pub(crate) fn rows_on_all_sets(&self, selection: &Selection) -> Result<Vec<Row>, AnalysisError> {
         let zone = self.zone(selection)?;
-        Ok(self.rows_on_sets(selection, zone, |estimator| {
+        Ok(self.rows_on_sets(selection, zone, |estimate| {
             let is_wanted = |set: &PixelSet| selection.set.is_none_or(|wanted| wanted == *set);
-            let mut sets: Vec<PixelSet> = estimator.sets.iter().copied().filter(is_wanted).collect();
+            let mut sets: Vec<PixelSet> = estimate.sets.iter().copied().filter(is_wanted).collect();
             sets.sort_by_key(|set| std::cmp::Reverse(*set));
             sets
         }))
@@ -246,18 +245,18 @@ impl<'a> Ablation<'a> {
         &self,
         selection: &Selection,
         zone: &'a str,
-        sets: impl Fn(&Estimator) -> Vec<PixelSet>,
+        sets: impl Fn(&Estimate) -> Vec<PixelSet>,
     ) -> Vec<Row> {
         let mut classes = Classes::default();
         let mut rows = Vec::new();
-        for (index, estimator) in self.estimators.iter().enumerate() {
-            if selection.estimators.as_deref().is_some_and(|pattern| !is_of(estimator, pattern)) {
+        for (index, estimate) in self.estimates.iter().enumerate() {
+            if selection.estimates.as_deref().is_some_and(|pattern| !is_of(estimate, pattern)) {
                 continue;
             }
-            let mean = selection.mean.unwrap_or(estimator.mean);
-            for set in sets(estimator) {
+            let mean = selection.mean.unwrap_or(estimate.mean);
+            for set in sets(estimate) {
                 let scores = self.frames(index, set, zone);
-                let comparable = classes.class(estimator, (set, mean), scores, self.source);
+                let comparable = classes.class(estimate, (set, mean), scores, self.source);
                 rows.push(self.row(index, set, scores, mean, comparable));
             }
         }
@@ -265,21 +264,21 @@ impl<'a> Ablation<'a> {
     }
 
     fn row(&self, index: usize, set: PixelSet, scores: &[&FrameScore], mean: Mean, comparable: Option<usize>) -> Row {
-        let settings = self.estimators[index].settings.unwrap_or_default();
+        let settings = self.estimates[index].settings.unwrap_or_default();
         let rows = || scores.iter().map(|score| &score.row);
         let value = |metric: &&'static Metric| match mean {
             Mean::Frames => average(rows().filter_map(|row| row.get(metric))),
             Mean::Pixels => metric.pooled(rows(), &settings),
         };
-        let (answered, truth) = (rows().map(|row| row.answered).sum::<u64>(), rows().map(|row| row.truth).sum::<u64>());
+        let (valid, truth) = (rows().map(|row| row.valid).sum::<u64>(), rows().map(|row| row.truth).sum::<u64>());
         Row {
-            estimator: index,
+            estimate: index,
             set,
             frames: rows().filter(|row| row.pixels > 0).count() as u64,
             pixels: rows().map(|row| row.pixels).sum(),
             density: match mean {
                 Mean::Frames => average(rows().filter_map(ScoreRow::density)),
-                Mean::Pixels => (truth > 0).then(|| answered as f64 / truth as f64),
+                Mean::Pixels => (truth > 0).then(|| valid as f64 / truth as f64),
             },
             values: self.metrics.iter().map(value).collect(),
             over_answers: self.metrics.iter().map(|metric| rows().any(|row| metric.pixels(row) < row.pixels)).collect(),
@@ -293,8 +292,8 @@ impl<'a> Ablation<'a> {
     /// A metric of a row as a function of how often each frame counts, with the number of frames that have it; of no
     /// metric, NaN.
     fn statistic(&self, row: &Row, metric: Option<usize>, zone: &'a str) -> (usize, Box<Statistic<'_>>) {
-        let settings = self.estimator(row).settings.unwrap_or_default();
-        let frames = self.frames(row.estimator, row.set, zone).iter().map(|score| &score.row);
+        let settings = self.estimate(row).settings.unwrap_or_default();
+        let frames = self.frames(row.estimate, row.set, zone).iter().map(|score| &score.row);
         let weighted = metric
             .and_then(|metric| Weighted::of_those_that_have_it(self.metrics[metric], row.mean, &settings, frames));
         match weighted {
@@ -303,19 +302,19 @@ impl<'a> Ablation<'a> {
         }
     }
 
-    pub(crate) fn estimator(&self, row: &Row) -> &Estimator {
-        &self.estimators[row.estimator]
+    pub(crate) fn estimate(&self, row: &Row) -> &Estimate {
+        &self.estimates[row.estimate]
     }
 
-    /// What a row's estimators are called under `estimates:`.
+    /// What a row's estimates are called under `estimates:`.
     pub(crate) fn name(&self, row: &Row) -> String {
-        let names: Vec<&str> = row.parts().map(|part| self.estimator(part).name.as_str()).collect();
+        let names: Vec<&str> = row.parts().map(|part| self.estimate(part).name.as_str()).collect();
         names.join("+")
     }
 
     /// The level of a row on an axis.
     pub(crate) fn level(&self, row: &Row, axis: usize) -> Option<usize> {
-        self.levels[row.estimator][axis]
+        self.levels[row.estimate][axis]
     }
 
     /// A level's name.
@@ -324,8 +323,8 @@ impl<'a> Ablation<'a> {
     }
 
     /// The frames' scores of a row.
-    pub(crate) fn frames(&self, estimator: usize, set: PixelSet, zone: &'a str) -> &[&'a FrameScore] {
-        self.scores.get(&(estimator, set, zone)).map_or(&[], Vec::as_slice)
+    pub(crate) fn frames(&self, estimate: usize, set: PixelSet, zone: &'a str) -> &[&'a FrameScore] {
+        self.scores.get(&(estimate, set, zone)).map_or(&[], Vec::as_slice)
     }
 
     /// The zones that were scored, the whole image first, as an empty name.
@@ -350,7 +349,7 @@ impl<'a> Ablation<'a> {
 
     /// That something was scored on the pixel set that is asked for.
     pub(crate) fn check_set(&self, selection: &Selection) -> Result<(), AnalysisError> {
-        let mut scored: Vec<PixelSet> = self.estimators.iter().flat_map(|estimator| estimator.sets.clone()).collect();
+        let mut scored: Vec<PixelSet> = self.estimates.iter().flat_map(|estimate| estimate.sets.clone()).collect();
         scored.sort_unstable();
         scored.dedup();
         match selection.set {
@@ -403,12 +402,12 @@ impl<'a> Ablation<'a> {
         sets.dedup();
         let of_sets: Vec<&str> = sets.into_iter().map(pixels_of).collect();
         let pixels = match (of_sets.join(" or "), zone) {
-            _ if selection.common => "the true pixels that all rows answered".to_owned(),
+            _ if selection.common => "the pixels with ground truth that are valid in all rows".to_owned(),
             (pixels, "") => pixels,
             (pixels, zone) => format!("{pixels} of zone {zone}"),
         };
         let mut presets: Vec<String> = Vec::new();
-        for preset in parts().map(|row| self.estimator(row).preset.clone()) {
+        for preset in parts().map(|row| self.estimate(row).preset.clone()) {
             if !presets.contains(&preset) {
                 presets.push(preset);
             }
@@ -422,37 +421,37 @@ impl<'a> Ablation<'a> {
     /// Why no row was selected.
     fn nothing_selected(&self, selection: &Selection, zone: &str) -> AnalysisError {
         let set = selection.set.unwrap_or(PixelSet::All);
-        let Some(pattern) = &selection.estimators else {
+        let Some(pattern) = &selection.estimates else {
             let place = if zone.is_empty() { String::new() } else { format!(" in zone `{zone}`") };
             return AnalysisError::asked(
-                format!("no frame has a score on `{set}`{place} of all estimators of its stage"),
+                format!("no frame has a score on `{set}`{place} of all estimates of its stage"),
                 "`depthloom report` says which frames failed".to_owned(),
             );
         };
-        let names = || names_of(self.estimators).into_iter();
+        let names = || names_of(self.estimates).into_iter();
         if names().any(|name| is_pattern_of(pattern, name)) {
             return AnalysisError::asked(
-                format!("no estimator that `{pattern}` names was scored on `{set}`"),
+                format!("no estimate that `{pattern}` names was scored on `{set}`"),
                 "choose another --set".to_owned(),
             );
         }
-        unknown("estimator", pattern, names())
+        unknown("estimate", pattern, names())
     }
 }
 
-/// The pixels that an estimator's scores are taken over: those that are asked for, or every true pixel where that was
+/// The pixels that an estimate's scores are taken over: those that are asked for, or every pixel with ground truth where that was
 /// scored. A depth is never filled: where that is asked for, and depths too, theirs are as if nothing was.
-fn set_of(estimator: &Estimator, selection: &Selection) -> Option<PixelSet> {
-    let is_other_kind = selection.set == Some(PixelSet::Filled) && estimator.family == Family::Depth;
+fn set_of(estimate: &Estimate, selection: &Selection) -> Option<PixelSet> {
+    let is_other_kind = selection.set == Some(PixelSet::Filled) && estimate.family == Family::Depth;
     match selection.set {
-        Some(set) if !(is_other_kind && selection.with_depths) => estimator.sets.contains(&set).then_some(set),
-        _ => [PixelSet::All, PixelSet::Filled, PixelSet::Answered].into_iter().find(|set| estimator.sets.contains(set)),
+        Some(set) if !(is_other_kind && selection.with_depths) => estimate.sets.contains(&set).then_some(set),
+        _ => [PixelSet::All, PixelSet::Filled, PixelSet::Valid].into_iter().find(|set| estimate.sets.contains(set)),
     }
 }
 
-/// The axes of an experiment, and by estimator its levels. Where variants have no factors, they are one axis
+/// The axes of an experiment, and by estimate its levels. Where variants have no factors, they are one axis
 /// themselves.
-fn axes(plan: &RecordedPlan, estimators: &[Estimator]) -> (Vec<Axis>, Vec<Vec<Option<usize>>>) {
+fn axes(plan: &RecordedPlan, estimates: &[Estimate]) -> (Vec<Axis>, Vec<Vec<Option<usize>>>) {
     let mut axes: Vec<Axis> = Vec::new();
     let mut level = |axis: &str, value: &str| {
         let place = axes.iter().position(|known| known.name == axis).unwrap_or_else(|| {
@@ -476,15 +475,15 @@ fn axes(plan: &RecordedPlan, estimators: &[Estimator]) -> (Vec<Axis>, Vec<Vec<Op
     // By axis: the place of each level once numbers stand by size.
     let places: Vec<Vec<usize>> = axes.iter_mut().map(in_order).collect();
     let place: HashMap<&str, usize> = plan.variants.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
-    let of = |estimator: &Estimator| {
+    let of = |estimate: &Estimate| {
         let mut levels = vec![None; axes.len()];
-        let variant = estimator.lead.variant.as_deref().and_then(|name| place.get(name));
+        let variant = estimate.lead.variant.as_deref().and_then(|name| place.get(name));
         for &(axis, level) in variant.map_or(&[][..], |&variant| &by_variant[variant]) {
             levels[axis] = Some(places[axis][level]);
         }
         levels
     };
-    let levels = estimators.iter().map(of).collect();
+    let levels = estimates.iter().map(of).collect();
     (axes, levels)
 }
 
@@ -506,9 +505,9 @@ fn in_order(axis: &mut Axis) -> Vec<usize> {
 /// The pixels of a set, in words.
 pub(crate) const fn pixels_of(set: PixelSet) -> &'static str {
     match set {
-        PixelSet::All => "all true pixels",
-        PixelSet::Answered => "the true pixels that each answered",
-        PixelSet::Filled => "all true pixels, what was not answered filled as the devkit does",
+        PixelSet::All => "all pixels with ground truth",
+        PixelSet::Valid => "the pixels with ground truth that are valid in each",
+        PixelSet::Filled => "all pixels with ground truth, invalid ones filled as the devkit does",
     }
 }
 

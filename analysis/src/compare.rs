@@ -24,7 +24,7 @@ pub use table::Comparison;
 
 use crate::ablation::{Ablation, Selection, of_frames, scored, shared_scores, source_of};
 use crate::error::{AnalysisError, caught, listed, unknown};
-use crate::estimators::{Estimator, estimators, names_of};
+use crate::estimates::{Estimate, estimates, names_of};
 use crate::scores::FrameScore;
 use crate::statistics::Resampling;
 use crate::tables::Typesetting;
@@ -60,7 +60,7 @@ pub struct ComparedRun<'a> {
 /// What of the scores is compared, and how.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CompareOptions {
-    /// Which pixels, which estimators of the sides.
+    /// Which pixels, which estimates of the sides.
     pub selection: Selection,
     /// The scores; empty: all that both have.
     pub scores: Vec<String>,
@@ -77,7 +77,7 @@ pub struct CompareOptions {
 /// A run with its scores.
 struct Opened<'a> {
     run: ComparedRun<'a>,
-    estimators: Vec<Estimator>,
+    estimates: Vec<Estimate>,
     scores: Vec<FrameScore>,
 }
 
@@ -93,7 +93,7 @@ struct Pair<'a> {
 }
 
 /// Compares sides with the first, or with a baseline, from scores that were recorded; no map is read, but for the
-/// pixels that all answered.
+/// pixels that are valid in all.
 ///
 /// # Errors
 /// If a recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if what was asked for is
@@ -106,22 +106,22 @@ pub fn compare(
 ) -> Result<Comparison, AnalysisError> {
     caught(|| {
         let limits = options.fail_if.iter().map(|text| Limit::parse(text)).collect::<Result<Vec<_>, _>>()?;
-        let all = runs.iter().map(|run| estimators(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
-        let (kind, parties) = parties(runs, &all, sides, options.selection.estimators.as_deref())?;
+        let all = runs.iter().map(|run| estimates(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
+        let (kind, parties) = parties(runs, &all, sides, options.selection.estimates.as_deref())?;
         let mut opened = Vec::new();
-        for (place, (run, estimators)) in runs.iter().zip(all).enumerate() {
-            let (estimators, scores) = if options.selection.common {
-                of_common_pixels(run, place, &estimators, &parties, &options.selection, stop)?
+        for (place, (run, estimates)) in runs.iter().zip(all).enumerate() {
+            let (estimates, scores) = if options.selection.common {
+                of_common_pixels(run, place, &estimates, &parties, &options.selection, stop)?
             } else {
-                let scores = scored(run.recording, &estimators, stop)?;
-                (estimators, scores)
+                let scores = scored(run.recording, &estimates, stop)?;
+                (estimates, scores)
             };
-            let scores = of_frames(run.recording, &estimators, scores, &options.selection)?;
-            opened.push(Opened { run: *run, estimators, scores });
+            let scores = of_frames(run.recording, &estimates, scores, &options.selection)?;
+            opened.push(Opened { run: *run, estimates, scores });
         }
         let sources: Vec<_> = runs.iter().map(|run| source_of(run.recording)).collect();
         let ablations: Vec<Ablation<'_>> = (opened.iter().zip(&sources))
-            .map(|(of, source)| Ablation::new(of.run.recording.plan(), &of.estimators, &of.scores, source, None))
+            .map(|(of, source)| Ablation::new(of.run.recording.plan(), &of.estimates, &of.scores, source, None))
             .collect();
         let asked = |ablation: &Ablation<'_>| {
             ablation.zone(&options.selection)?;
@@ -149,24 +149,24 @@ pub fn compare(
     })
 }
 
-/// The estimators of the parties, scored again on the pixels that all of them answered.
+/// The estimates of the parties, scored again on the pixels that are valid in all of them.
 fn of_common_pixels(
     run: &ComparedRun<'_>,
     place: usize,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     parties: &[Party],
     selection: &Selection,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Vec<Estimator>, Vec<FrameScore>), AnalysisError> {
+) -> Result<(Vec<Estimate>, Vec<FrameScore>), AnalysisError> {
     if parties.iter().any(|party| party.run != place) {
         return Err(AnalysisError::asked(
-            "the pixels that all answered are known of one run's estimates".to_owned(),
-            "compare variants or estimators of one run, or take another --set".to_owned(),
+            "the pixels that are valid in all are known of one run's estimates".to_owned(),
+            "compare variants or estimates of one run, or take another --set".to_owned(),
         ));
     }
-    let is_in = |of: &&Estimator| parties.iter().any(|party| party.has(&of.label));
-    let some: Vec<Estimator> = estimators.iter().filter(is_in).cloned().collect();
-    shared_scores(run.recording, &some, &Selection { estimators: None, ..selection.clone() }, stop)
+    let is_in = |of: &&Estimate| parties.iter().any(|party| party.has(&of.label));
+    let some: Vec<Estimate> = estimates.iter().filter(is_in).cloned().collect();
+    shared_scores(run.recording, &some, &Selection { estimates: None, ..selection.clone() }, stop)
 }
 
 /// The best value of a party by the first score that is asked for, and whether more of it is better.
@@ -176,15 +176,15 @@ fn best_of(
     ablations: &[Ablation<'_>],
     options: &CompareOptions,
 ) -> Result<Option<(f64, bool)>, AnalysisError> {
-    let (ablation, estimators) = (&ablations[party.run], &opened[party.run].estimators);
-    let rows = ablation.rows(&Selection { estimators: None, common: false, ..options.selection.clone() })?;
+    let (ablation, estimates) = (&ablations[party.run], &opened[party.run].estimates);
+    let rows = ablation.rows(&Selection { estimates: None, common: false, ..options.selection.clone() })?;
     let metric = match options.scores.first() {
         Some(score) => ablation.metric(score)?,
         None => ablation.first_error(&rows),
     };
     let more = ablation.metrics[metric].more_is_better;
     let values =
-        rows.iter().filter(|row| party.has(&estimators[row.estimator].label)).filter_map(|row| row.value(metric));
+        rows.iter().filter(|row| party.has(&estimates[row.estimate].label)).filter_map(|row| row.value(metric));
     let best = values.reduce(|best, value| if (value > best) == more { value } else { best });
     Ok(best.map(|best| (best, more)))
 }
@@ -208,19 +208,18 @@ fn pairs<'a>(
             };
             let of = |party: &Party, label: &str| {
                 let opened = &opened[party.run];
-                let index = opened.estimators.iter().position(|of| of.label == label)?;
-                Some((opened, index, &opened.estimators[index]))
+                let index = opened.estimates.iter().position(|of| of.label == label)?;
+                Some((opened, index, &opened.estimates[index]))
             };
-            let (Some((one, base, estimator)), Some((two, other, against))) = (of(first, base), of(party, label))
-            else {
+            let (Some((one, base, estimate)), Some((two, other, against))) = (of(first, base), of(party, label)) else {
                 continue;
             };
             let wanted = match options.selection.set {
                 _ if options.selection.common => Some(PixelSet::All),
                 set => set,
             };
-            let sets = [PixelSet::All, PixelSet::Answered, PixelSet::Filled].into_iter();
-            let mut both = sets.filter(|set| estimator.sets.contains(set) && against.sets.contains(set));
+            let sets = [PixelSet::All, PixelSet::Valid, PixelSet::Filled].into_iter();
+            let mut both = sets.filter(|set| estimate.sets.contains(set) && against.sets.contains(set));
             let Some(set) = both.find(|set| wanted.is_none_or(|wanted| wanted == *set)) else {
                 left_out.push(name.as_str());
                 continue;
@@ -228,8 +227,8 @@ fn pairs<'a>(
             let scores = |place: usize, index: usize| {
                 ablations[place].zone(&options.selection).map(|zone| ablations[place].frames(index, set, zone).to_vec())
             };
-            let baseline = ScoredBy { run: one.run, estimator, scores: scores(first.run, base)? };
-            let other = ScoredBy { run: two.run, estimator: against, scores: scores(party.run, other)? };
+            let baseline = ScoredBy { run: one.run, estimate, scores: scores(first.run, base)? };
+            let other = ScoredBy { run: two.run, estimate: against, scores: scores(party.run, other)? };
             let paired = Paired::of(&baseline, &other);
             if paired.frames.is_empty() {
                 notes.push(format!(
@@ -257,7 +256,7 @@ fn pairs<'a>(
             .unwrap_or_else(|| format!("{} has no estimate of a name that another side has too", first.title));
         return Err(AnalysisError::asked(
             what,
-            "name estimators to hold against each other: `compare RUN full/fused full/mono`, `compare A:fused B:fused`"
+            "name estimates to hold against each other: `compare RUN full/fused full/mono`, `compare A:fused B:fused`"
                 .to_owned(),
         ));
     }
@@ -265,8 +264,8 @@ fn pairs<'a>(
 }
 
 /// That a side has no such name, with the nearest that is there.
-fn no_such(name: &str, estimators: &[Estimator], variants: &[String]) -> AnalysisError {
+fn no_such(name: &str, estimates: &[Estimate], variants: &[String]) -> AnalysisError {
     let known: Vec<&str> =
-        variants.iter().map(String::as_str).filter(|name| !name.is_empty()).chain(names_of(estimators)).collect();
-    unknown("variant or estimator", name, known)
+        variants.iter().map(String::as_str).filter(|name| !name.is_empty()).chain(names_of(estimates)).collect();
+    unknown("variant or estimate", name, known)
 }

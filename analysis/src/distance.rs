@@ -1,8 +1,8 @@
 //! Absolute error against true distance, per metre: counts and percentiles of the errors, by the [query
 //! engine](crate::query).
 //!
-//! Two pixel sets: those for which an estimator is valid, and the *shared* ones, for which all estimators with the same
-//! ground truth and settings are. An estimator that is valid on easy pixels only would win on its own set.
+//! Two pixel sets: those for which an estimate is valid, and the *shared* ones, for which all estimates with the same
+//! ground truth and settings are. An estimate that is valid on easy pixels only would win on its own set.
 
 mod earlier;
 mod inputs;
@@ -27,7 +27,7 @@ use self::maps::Taken;
 use self::samples::Samples;
 pub use self::sink::{RecordedSamples, SampleSink};
 use crate::error::AnalysisError;
-use crate::estimators::{Estimator, estimator_columns};
+use crate::estimates::{Estimate, estimate_columns};
 use crate::files::Output;
 use crate::tables::{COMMON, Cells, Column, RowKey, RowKeys, Rows, Table, key_columns};
 
@@ -36,15 +36,15 @@ pub const PERCENTILES: [u32; 5] = [5, 25, 50, 75, 95];
 /// Pixels from this true distance on are left out, metres: counting takes memory for every metre up to the farthest.
 pub(crate) const FARTHEST_M: u32 = 4096;
 
-/// Absolute errors of an estimator in one metre of true distance.
+/// Absolute errors of an estimate in one metre of true distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistanceBin {
-    /// Index of the estimator.
-    pub estimator: usize,
+    /// Index of the estimate.
+    pub estimate: usize,
     /// The bin holds true distances from this many metres up to, not including, one metre more.
     pub bin_m: u32,
-    /// Over all pixels for which the estimator is valid.
-    pub answered: Spread,
+    /// Over all pixels for which the estimate is valid.
+    pub valid: Spread,
     /// Over those for which all that it is compared with are valid too; `None` if there is none.
     pub shared: Option<Spread>,
 }
@@ -60,9 +60,9 @@ pub struct Spread {
 
 /// Error against distance, and how many true distances are in each metre.
 pub(crate) struct Distances {
-    /// By estimator, then by metre.
+    /// By estimate, then by metre.
     pub(crate) bins: Vec<DistanceBin>,
-    /// By estimator: how many pixels were left out because they are beyond [`FARTHEST_M`].
+    /// By estimate: how many pixels were left out because they are beyond [`FARTHEST_M`].
     pub(crate) beyond: Vec<u64>,
     /// Scored pixels with ground truth by stage run and metre, over the frames whose values were recorded; each ground
     /// truth counts once.
@@ -73,23 +73,23 @@ pub(crate) struct Distances {
 /// not read. The bins of equal maps come from one of the `reports` of earlier runs, given by their folders.
 pub(crate) fn distances(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     samples_in_memory: usize,
     recorded: Option<RecordedSamples<'_>>,
     reports: &[PathBuf],
     output: Output<'_>,
 ) -> Result<(Distances, Table), AnalysisError> {
-    let inputs = inputs::inputs(recording, estimators)?;
-    let distances = match unchanged::distances(recording, estimators, &inputs, reports, samples_in_memory, output)? {
+    let inputs = inputs::inputs(recording, estimates)?;
+    let distances = match unchanged::distances(recording, estimates, &inputs, reports, samples_in_memory, output)? {
         Some(distances) => distances,
         None => {
-            let none = || Taken::none_yet(Samples::new(estimators.len(), samples_in_memory, output));
+            let none = || Taken::none_yet(Samples::new(estimates.len(), samples_in_memory, output));
             let taken = recorded.map_or_else(none, |recorded| recorded.0);
-            maps::distances(recording, estimators, |_| true, output, taken)?
+            maps::distances(recording, estimates, |_| true, output, taken)?
         }
     };
     let origin = Origin::new(&distances.bins, &inputs, &distances.beyond);
-    let table = distances.table(estimators, &origin);
+    let table = distances.table(estimates, &origin);
     Ok((distances, table))
 }
 
@@ -112,17 +112,17 @@ impl Distances {
         Table::new(columns)
     }
 
-    /// The table `error_vs_distance`: estimator by estimator, first on the pixels for which each is valid (`answered`),
+    /// The table `error_vs_distance`: estimate by estimate, first on the pixels for which each is valid (`valid`),
     /// then on the shared ones.
-    fn table(&self, estimators: &[Estimator], origin: &Origin) -> Table {
-        let mut rows: Vec<(&Estimator, &str, u32, Spread)> = Vec::new();
-        for bins in self.bins.chunk_by(|a, b| a.estimator == b.estimator) {
-            let row = |bin: &DistanceBin, set, spread| (&estimators[bin.estimator], set, bin.bin_m, spread);
-            rows.extend(bins.iter().map(|bin| row(bin, PixelSet::Answered.name(), bin.answered)));
+    fn table(&self, estimates: &[Estimate], origin: &Origin) -> Table {
+        let mut rows: Vec<(&Estimate, &str, u32, Spread)> = Vec::new();
+        for bins in self.bins.chunk_by(|a, b| a.estimate == b.estimate) {
+            let row = |bin: &DistanceBin, set, spread| (&estimates[bin.estimate], set, bin.bin_m, spread);
+            rows.extend(bins.iter().map(|bin| row(bin, PixelSet::Valid.name(), bin.valid)));
             rows.extend(bins.iter().filter_map(|bin| Some(row(bin, COMMON, bin.shared?))));
         }
         let cells = Rows(&rows);
-        let mut columns = estimator_columns(&rows, |(estimator, set, ..)| (*estimator, *set), None);
+        let mut columns = estimate_columns(&rows, |(estimate, set, ..)| (*estimate, *set), None);
         columns.extend(bin_columns(rows.iter().map(|(_, _, metre, _)| *metre)));
         columns.push(cells.count("count", |(.., spread)| spread.count).unit("pixels"));
         columns.extend(PERCENTILES.into_iter().enumerate().map(|(i, percentile)| {

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::ablation::{Ablation, Selection, average, of_frames, of_label, pixels_of, scored, source_of};
 use crate::error::{AnalysisError, caught, unknown};
-use crate::estimators::{Estimator, estimators};
+use crate::estimates::{Estimate, estimates};
 use crate::input::condition;
 use crate::input::paper::paper_scores;
 use crate::input::warnings::warnings;
@@ -26,7 +26,7 @@ pub struct Explain {
     score: &'static str,
     stage: String,
     variant: Option<String>,
-    estimator: String,
+    estimate: String,
     value: Option<f64>,
     /// Empty where it has none.
     unit: &'static str,
@@ -43,7 +43,7 @@ pub struct Explain {
     notes: Vec<String>,
     #[serde(skip)]
     metric: &'static Metric,
-    /// The estimator's label.
+    /// The estimate's label.
     #[serde(skip)]
     label: String,
 }
@@ -79,64 +79,64 @@ pub struct WorstFrame {
     without: Option<f64>,
 }
 
-/// Explains a score of an estimator, from a recording's scores alone: no map is read.
+/// Explains a score of an estimate, from a recording's scores alone: no map is read.
 ///
 /// # Errors
 /// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if there is no such
-/// score, estimator or zone; [`AnalysisError::Stopped`] once `stop` says so.
+/// score, estimate or zone; [`AnalysisError::Stopped`] once `stop` says so.
 pub fn explain(
     recording: &Recording,
     metric: &str,
-    estimator: &str,
+    estimate: &str,
     selection: &Selection,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Explain, AnalysisError> {
     caught(|| {
-        let estimators = estimators(recording.plan())?;
-        let index = estimators.iter().position(|known| known.label == estimator);
+        let estimates = estimates(recording.plan())?;
+        let index = estimates.iter().position(|known| known.label == estimate);
         let index = index
-            .or_else(|| of_label(&estimators, estimator, metric))
-            .ok_or_else(|| unknown("estimator", estimator, estimators.iter().map(|known| known.label.as_str())))?;
-        let scores = of_frames(recording, &estimators, scored(recording, &estimators, stop)?, selection)?;
+            .or_else(|| of_label(&estimates, estimate, metric))
+            .ok_or_else(|| unknown("estimate", estimate, estimates.iter().map(|known| known.label.as_str())))?;
+        let scores = of_frames(recording, &estimates, scored(recording, &estimates, stop)?, selection)?;
         let source = source_of(recording);
-        let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, None);
-        explained(recording, &ablation, &estimators[index], index, metric, selection)
+        let ablation = Ablation::new(recording.plan(), &estimates, &scores, &source, None);
+        explained(recording, &ablation, &estimates[index], index, metric, selection)
     })
 }
 
 fn explained(
     recording: &Recording,
     ablation: &Ablation<'_>,
-    estimator: &Estimator,
+    estimate: &Estimate,
     index: usize,
     metric: &str,
     selection: &Selection,
 ) -> Result<Explain, AnalysisError> {
     let metric = ablation.metrics[ablation.metric(metric)?];
     let zone = ablation.zone(selection)?;
-    let set = selection.set.unwrap_or_else(|| estimator.sets.iter().copied().min().unwrap_or(PixelSet::All));
-    if !estimator.sets.contains(&set) {
-        let sets: Vec<String> = estimator.sets.iter().map(|set| format!("`--set {set}`")).collect();
+    let set = selection.set.unwrap_or_else(|| estimate.sets.iter().copied().min().unwrap_or(PixelSet::All));
+    if !estimate.sets.contains(&set) {
+        let sets: Vec<String> = estimate.sets.iter().map(|set| format!("`--set {set}`")).collect();
         return Err(AnalysisError::asked(
-            format!("`{}` was not scored on `{set}`", estimator.label),
+            format!("`{}` was not scored on `{set}`", estimate.label),
             format!("take {}", sets.join(" or ")),
         ));
     }
     let scores = ablation.frames(index, set, zone);
     if scores.iter().all(|score| !score.row.scores.iter().any(|(of, _)| of.name == metric.name)) {
         return Err(AnalysisError::asked(
-            format!("`{}` was not taken of `{}`", metric.name, estimator.label),
-            "name it in `metrics` of its score and run again, or name another estimator".to_owned(),
+            format!("`{}` was not taken of `{}`", metric.name, estimate.label),
+            "name it in `metrics` of its score and run again, or name another estimate".to_owned(),
         ));
     }
-    let settings = estimator.settings.unwrap_or_default();
-    let mean = selection.mean.unwrap_or(estimator.mean);
+    let settings = estimate.settings.unwrap_or_default();
+    let mean = selection.mean.unwrap_or(estimate.mean);
     let value = |scores: &mut dyn Iterator<Item = &FrameScore>| match mean {
         Mean::Frames => average(scores.filter_map(|score| score.row.get(metric))),
         Mean::Pixels => metric.pooled(scores.map(|score| &score.row), &settings),
     };
     let whole = value(&mut scores.iter().copied());
-    let recorded = recording.frames(estimator.run);
+    let recorded = recording.frames(estimate.run);
     let frames: Vec<ScoredFrame> = scores
         .iter()
         .map(|score| ScoredFrame {
@@ -151,12 +151,12 @@ fn explained(
         value(&mut scores.iter().enumerate().filter(|(other, _)| *other != frame).map(|(_, score)| *score))
     };
     let plan = recording.plan();
-    let facts = facts(plan, estimator, metric, set, zone, mean, &frames, recorded.len(), scores);
+    let facts = facts(plan, estimate, metric, set, zone, mean, &frames, recorded.len(), scores);
     Ok(Explain {
         score: metric.name,
-        stage: estimator.lead.stage.clone(),
-        variant: estimator.lead.variant.clone(),
-        estimator: estimator.name.clone(),
+        stage: estimate.lead.stage.clone(),
+        variant: estimate.lead.variant.clone(),
+        estimate: estimate.name.clone(),
         value: whole,
         unit: metric.unit,
         more_is_better: metric.more_is_better,
@@ -166,9 +166,9 @@ fn explained(
         facts,
         worst: worst(metric, &frames, whole, mean, without),
         frames,
-        notes: [warnings(recording, Some(estimator.run)), condition::findings(recording, &[], true).notes].concat(),
+        notes: [warnings(recording, Some(estimate.run)), condition::findings(recording, &[], true).notes].concat(),
         metric,
-        label: estimator.label.clone(),
+        label: estimate.label.clone(),
     })
 }
 
@@ -207,7 +207,7 @@ fn worst(
 #[expect(clippy::too_many_arguments, reason = "a fact is of each of them")]
 fn facts(
     plan: &RecordedPlan,
-    estimator: &Estimator,
+    estimate: &Estimate,
     metric: &Metric,
     set: PixelSet,
     zone: &str,
@@ -216,27 +216,27 @@ fn facts(
     of_frames: usize,
     scores: &[&FrameScore],
 ) -> Vec<Fact> {
-    let run = &plan.runs[estimator.run];
+    let run = &plan.runs[estimate.run];
     let mut facts = Vec::new();
     let mut fact = |what, here: String, paper: Option<String>| facts.push(Fact { what, here, paper });
     let place = Family::Depth.defaults().iter().position(|of| of.name == metric.name);
     let of_paper = |text: String| place.map(|_| text);
 
-    if let Some(number) = place.and_then(|place| Some(paper_scores(estimator, set)?[place])).filter(|_| zone.is_empty())
+    if let Some(number) = place.and_then(|place| Some(paper_scores(estimate, set)?[place])).filter(|_| zone.is_empty())
     {
         fact("the paper", format!("{number:.2} in Table I of Martins et al. 2018"), None);
     }
     let paper = Preset::Paper.settings();
     let formula = |of: &Settings| metric.formula_with(of).to_owned();
-    fact("formula", formula(&estimator.settings.unwrap_or_default()), of_paper(formula(&paper)));
+    fact("formula", formula(&estimate.settings.unwrap_or_default()), of_paper(formula(&paper)));
     fact("after", metric.source.to_owned(), None);
-    fact("scored with", estimator.preset.clone(), of_paper("preset paper".to_owned()));
+    fact("scored with", estimate.preset.clone(), of_paper("preset paper".to_owned()));
     let pixels = match zone {
         "" => pixels_of(set).to_owned(),
         zone => format!("{} of zone {zone}", pixels_of(set)),
     };
     fact("pixels", format!("{} (set `{set}`)", pixels.replace("each", "it")), None);
-    if let Some(settings) = &estimator.settings {
+    if let Some(settings) = &estimate.settings {
         let bounds = |of: &Settings| format!("{} m < truth < {} m, answers clamped to that", of.min_m, of.max_m);
         fact("caps", bounds(settings), of_paper(bounds(&paper)));
         if set == PixelSet::All {
@@ -257,23 +257,23 @@ fn facts(
     };
     fact("mean", means(mean), of_paper(means(Mean::Frames)));
     fact("frames", frames_text(frames, of_frames), None);
-    let (answered, truth) = (
-        scores.iter().map(|score| score.row.answered).sum::<u64>(),
+    let (valid, truth) = (
+        scores.iter().map(|score| score.row.valid).sum::<u64>(),
         scores.iter().map(|score| score.row.truth).sum::<u64>(),
     );
     if truth > 0 {
-        let share = 100.0 * answered as f64 / truth as f64;
-        let pooled = format!("{answered} of {truth} true pixels ({share:.2} %)");
+        let share = 100.0 * valid as f64 / truth as f64;
+        let pooled = format!("{valid} of {truth} pixels with ground truth ({share:.2} %)");
         // The table's density is a mean over frames, which is not the share of all pixels where frames have more or
         // fewer of them.
         let of_frames =
-            average(scores.iter().filter(|of| of.row.truth > 0).map(|of| of.row.answered as f64 / of.row.truth as f64));
+            average(scores.iter().filter(|of| of.row.truth > 0).map(|of| of.row.valid as f64 / of.row.truth as f64));
         let of_frames =
             of_frames.map(|mean| format!("{:.2} %", 100.0 * mean)).filter(|mean| *mean != format!("{share:.2} %"));
         let of_frames = of_frames
             .filter(|_| mean == Mean::Frames)
             .map(|mean| format!("; the mean of the frames' shares, the density in tables, is {mean}"));
-        fact("answered", format!("{pooled}{}", of_frames.unwrap_or_default()), None);
+        fact("valid", format!("{pooled}{}", of_frames.unwrap_or_default()), None);
     }
     for part in &run.source.parts {
         let text = format!("{}: {} version {} {}", run.source.name, part.kind, part.version, part.params);
@@ -287,15 +287,15 @@ fn facts(
         (Some(topic), None) => format!("{what} {topic}, not recorded"),
         (None, None) => format!("{what} was not recorded"),
     };
-    fact("scores", topic("topic", None, estimator.score_topic.as_ref()), None);
-    let lead = &estimator.lead;
+    fact("scores", topic("topic", None, estimate.score_topic.as_ref()), None);
+    let lead = &estimate.lead;
     let variant = lead.variant.as_deref().unwrap_or("empty");
-    let place = format!("`stage` {}, `variant` {variant}, `estimator` {}, `set` {set}", lead.stage, estimator.name);
+    let place = format!("`stage` {}, `variant` {variant}, `estimate` {}, `set` {set}", lead.stage, estimate.name);
     fact("files", format!("scores.csv (by frame) and table.csv, where {place}"), None);
-    let estimate = topic("topic", estimator.estimate.as_ref(), estimator.estimate_topic.as_ref());
-    fact("estimate", format!("{estimate}{}", made_by(run, estimator.estimate.as_deref())), None);
-    let truth = topic("topic", estimator.truth.as_ref(), estimator.truth_topic.as_ref());
-    fact("truth", format!("{truth}{}", made_by(run, estimator.truth.as_deref())), None);
+    let output = topic("topic", estimate.estimate.as_ref(), estimate.estimate_topic.as_ref());
+    fact("estimate", format!("{output}{}", made_by(run, estimate.estimate.as_deref())), None);
+    let truth = topic("topic", estimate.truth.as_ref(), estimate.truth_topic.as_ref());
+    fact("truth", format!("{truth}{}", made_by(run, estimate.truth.as_deref())), None);
     facts
 }
 

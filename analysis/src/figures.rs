@@ -23,7 +23,7 @@ use self::asked::Watch;
 use self::scores::with_scores;
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
 use crate::error::{AnalysisError, caught};
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::input::frame_choice::FrameChoice;
 use crate::query::{Bins, Gross, Inquiry, SampleSet, Unit, is_any};
 use crate::statistics::Resampling;
@@ -42,13 +42,13 @@ const A4_MM: f64 = 297.0;
 pub enum FigureKind {
     /// The paper's: median, 25 to 75 % and 5 to 95 % of the absolute error by true distance.
     ErrorVsDistance,
-    /// How much farther off one estimator is than another, by distance, and where one hands over to the other.
+    /// How much farther off one estimate is than another, by distance, and where one hands over to the other.
     Difference,
     /// How often errors of which size are.
     Histogram,
     /// The share of pixels whose error is below what.
     Cdf,
-    /// A score on every frame: a strip an estimator.
+    /// A score on every frame: a strip an estimate.
     Frames,
     /// A score against a parameter of `matrix:`: a line for one, a heat map for two.
     Parameter,
@@ -78,7 +78,7 @@ pub struct FigureRequest {
     /// Words above it; empty: none, since a paper has a caption.
     pub title: String,
     /// Only estimates whose label or name is one of these patterns, with commas between.
-    pub estimators: Option<String>,
+    pub estimates: Option<String>,
     /// Only what these variants have, and what all share; patterns with commas between.
     pub variants: Option<String>,
     /// Only these stages; patterns with commas between.
@@ -119,8 +119,8 @@ impl FigureRequest {
         Inquiry { sets, unit: self.unit, gross: Gross::OfTruth(0.25), ..Inquiry::default() }
     }
 
-    fn wants(&self, estimator: &Estimator) -> bool {
-        self.wants_those(&estimator.lead, &[&estimator.label, &estimator.name])
+    fn wants(&self, estimate: &Estimate) -> bool {
+        self.wants_those(&estimate.lead, &[&estimate.label, &estimate.name])
     }
 
     fn wants_those(&self, lead: &RowKey, names: &[&str]) -> bool {
@@ -128,7 +128,7 @@ impl FigureRequest {
             patterns.as_deref().is_none_or(|patterns| is_any(patterns, texts))
         };
         is(&self.stages, &[&lead.stage])
-            && is(&self.estimators, names)
+            && is(&self.estimates, names)
             && lead.variant.as_deref().is_none_or(|variant| is(&self.variants, &[variant]))
     }
 
@@ -136,7 +136,7 @@ impl FigureRequest {
     fn figure(&self, sheet: Sheet, about: String, data: Vec<u8>) -> Result<Figure, AnalysisError> {
         if self.kind != FigureKind::Panels && sheet.panels.len() > MAX_PANELS {
             let what = format!("{} panels are more than {MAX_PANELS}", sheet.panels.len());
-            let help = "choose some with --variant or --estimators, or draw all on one with `--layout overlaid`";
+            let help = "choose some with --variant or --estimates, or draw all on one with `--layout overlaid`";
             return Err(AnalysisError::asked(what, help.to_owned()));
         }
         let drawing = Sheet { size: self.size, title: self.title.clone(), ..sheet }.drawing();

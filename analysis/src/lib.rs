@@ -1,7 +1,7 @@
 //! Recordings to percentiles, tables and plots, with polars.
 //!
 //! Reports are made [from a recording](report()), so that a question thought of tomorrow needs no second run. What
-//! flows: a recording's plan names the [estimators](Estimator); their recorded [scores](FrameScore) make `scores.csv`
+//! flows: a recording's plan names the [estimates](Estimate); their recorded [scores](FrameScore) make `scores.csv`
 //! and, as the mean over frames, the [table](Table); their recorded maps make the [error against distance](DistanceBin)
 //! and its figure. The learning curves of what was trained have a figure and a table of their own.
 
@@ -10,7 +10,7 @@ mod compare;
 mod curves;
 mod distance;
 mod error;
-mod estimators;
+mod estimates;
 mod explain;
 mod figures;
 mod files;
@@ -34,7 +34,7 @@ pub use curves::CurveEnd;
 pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, RecordedSamples, SampleSink, Spread};
 pub use error::AnalysisError;
-pub use estimators::Estimator;
+pub use estimates::Estimate;
 pub use explain::{Explain, Fact, ScoredFrame, WorstFrame, explain};
 pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, figure};
 pub use input::condition::{DamagedPlace, RecordingCondition, StageFrames};

@@ -12,7 +12,7 @@ use serde_json::{Value as Json, json};
 
 use crate::ablation::{Ablation, source_of};
 use crate::error::{AnalysisError, caught};
-use crate::estimators::estimators;
+use crate::estimates::estimates;
 use crate::files::Output;
 use crate::input::reading;
 use crate::input::timings::Timing;
@@ -65,11 +65,11 @@ fn written(
     output: Output<'_>,
 ) -> Result<PageWritten, AnalysisError> {
     let (plan, found) = (recording.plan(), &summary.found);
-    let estimators = estimators(plan)?;
-    let scores = reading::scores(recording, &estimators, output.stop)?;
+    let estimates = estimates(plan)?;
+    let scores = reading::scores(recording, &estimates, output.stop)?;
     let table = found.table.as_ref();
-    let shown = choice::estimators_shown(&estimators, table);
-    let mut series = choice::series(recording, &estimators, &shown, table, &scores);
+    let shown = choice::estimates_shown(&estimates, table);
+    let mut series = choice::series(recording, &estimates, &shown, table, &scores);
     let mut notes = warnings(recording, None);
     notes.extend(summary.notes.iter().cloned());
     let mut data = json!({
@@ -79,15 +79,15 @@ fn written(
         "variants": plan.variants.len(),
         "condition": summary.recording,
         "notes": notes,
-        "table": table.map(|table| data::table(table, &estimators)),
+        "table": table.map(|table| data::table(table, &estimates)),
         "answers": table.map_or(Ok(Vec::new()), |table| {
             let source = source_of(recording);
-            data::answers(&Ablation::new(plan, &estimators, &scores, &source, None), table)
+            data::answers(&Ablation::new(plan, &estimates, &scores, &source, None), table)
         })?,
-        "estimators": data::estimators(&estimators, &shown),
-        "estimators_in_all": estimators.len(),
+        "estimates": data::estimates(&estimates, &shown),
+        "estimates_in_all": estimates.len(),
         "distances": data::distances(found, &shown),
-        "scores": data::scores(recording, &estimators, &shown, &series, &scores),
+        "scores": data::scores(recording, &estimates, &shown, &series, &scores),
         "curves": data::curves(found),
         "every": plan.every,
         "failures": data::failures(recording),
@@ -101,7 +101,7 @@ fn written(
     let numbers = (data.to_string().len() + drawing.len()) as u64;
     let mut pictures = Pictures::new(recording, &mut series, numbers, output.folder, output.stop)?;
     let frames = series.iter().map(|series| series.positions.len()).sum();
-    data["pictures"] = data::pictures(recording, &estimators, &shown, &series, &pictures);
+    data["pictures"] = data::pictures(recording, &estimates, &shown, &series, &pictures);
     data["steps"] = pictures.steps_json();
     data["damaged"] = pictures.damaged().into();
     let path = output.folder.join(PAGE);

@@ -26,7 +26,7 @@ pub(crate) use percentiles::{Memory, OUTSIDE, Pass, Tally, percentiles, place};
 pub(crate) use scan::scan;
 
 use crate::error::{AnalysisError, caught};
-use crate::samples::{Described, DescribedEstimator, Part, SamplesFile};
+use crate::samples::{Described, DescribedEstimate, Part, SamplesFile};
 use crate::tables::COMMON;
 use crate::tables::Table;
 use job::Job;
@@ -40,9 +40,9 @@ pub struct Inquiry {
     pub bins: Option<Bins>,
     /// Which percentiles, from 0 to 100.
     pub percentiles: Vec<f64>,
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, and commas stand between
+    /// Only estimates whose label or name this is; `*` stands for any run of characters, and commas stand between
     /// several.
-    pub estimators: Option<String>,
+    pub estimates: Option<String>,
     /// Only what these variants have, and what all share.
     pub variants: Option<String>,
     /// Only these stages.
@@ -56,17 +56,17 @@ pub struct Inquiry {
 }
 
 impl Default for Inquiry {
-    /// By distance, a metre a bin; the five percentiles of the paper's figure, over what each estimator answered, in
+    /// By distance, a metre a bin; the five percentiles of the paper's figure, over the valid pixels of each estimate, in
     /// metres; a quarter of the distance is gross.
     fn default() -> Self {
         Self {
             by: By::Distance,
             bins: None,
             percentiles: vec![5.0, 25.0, 50.0, 75.0, 95.0],
-            estimators: None,
+            estimates: None,
             variants: None,
             stages: None,
-            sets: vec![SampleSet::Answered],
+            sets: vec![SampleSet::Valid],
             unit: Unit::Metres,
             gross: Gross::OfTruth(0.25),
         }
@@ -78,11 +78,11 @@ impl Default for Inquiry {
 pub enum By {
     /// The true distance, metres.
     Distance,
-    /// The estimator's own answer, metres.
+    /// The estimate's own answer, metres.
     Estimate,
-    /// The estimator's own absolute error, in the inquiry's unit.
+    /// The estimate's own absolute error, in the inquiry's unit.
     Error,
-    /// The weight recorded for the estimator's variant.
+    /// The weight recorded for the estimate's variant.
     Weight,
     /// The pixel's row, from the top.
     Row,
@@ -114,9 +114,9 @@ impl By {
 /// The pixels that samples are of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SampleSet {
-    /// Those that an estimator answered, which are its own.
-    Answered,
-    /// Those that all estimators answered that are asked for and were scored in the same way.
+    /// Those valid in the estimate.
+    Valid,
+    /// Those valid in all selected estimates that were scored in the same way.
     Common,
 }
 
@@ -125,7 +125,7 @@ impl SampleSet {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Answered => "answered",
+            Self::Valid => "valid",
             Self::Common => COMMON,
         }
     }
@@ -184,11 +184,11 @@ pub fn analyse(
     progress: &(dyn Fn(u64, u64) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Table, Key), AnalysisError> {
-    answered(files, inquiry, progress, stop).map(|(grid, key, _)| (grid, key))
+    valid(files, inquiry, progress, stop).map(|(grid, key, _)| (grid, key))
 }
 
 /// The same, and how many frames it is of.
-pub(crate) fn answered(
+pub(crate) fn valid(
     files: &[(String, PathBuf)],
     inquiry: &Inquiry,
     progress: &(dyn Fn(u64, u64) + Sync),
@@ -240,7 +240,7 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
     }
     let mut jobs = Vec::new();
     for (stage, scoring, parts) in populations {
-        let asked = |of: &&DescribedEstimator| {
+        let asked = |of: &&DescribedEstimate| {
             let is = |patterns: &Option<String>, texts: &[&str]| {
                 patterns.as_deref().is_none_or(|patterns| is_any(patterns, texts))
             };
@@ -248,13 +248,13 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
                 && of.scoring == scoring
                 && is(&inquiry.stages, &[stage])
                 && of.variant.as_deref().is_none_or(|variant| is(&inquiry.variants, &[variant]))
-                && is(&inquiry.estimators, &[&of.label, &of.estimator])
+                && is(&inquiry.estimates, &[&of.label, &of.estimate])
         };
-        let estimators: Vec<&DescribedEstimator> = file.described.estimators.iter().filter(asked).collect();
-        // Each estimator by its column.
+        let estimates: Vec<&DescribedEstimate> = file.described.estimates.iter().filter(asked).collect();
+        // Each estimate by its column.
         let mut by_column: Vec<(Option<String>, Vec<usize>)> = Vec::new();
-        for (place, estimator) in estimators.iter().enumerate() {
-            let Some(column) = column_of(&inquiry.by, estimator, &file.described)? else { continue };
+        for (place, estimate) in estimates.iter().enumerate() {
+            let Some(column) = column_of(&inquiry.by, estimate, &file.described)? else { continue };
             match by_column.iter_mut().find(|(known, _)| *known == column) {
                 Some((_, places)) => places.push(place),
                 None => by_column.push((column, vec![place])),
@@ -266,7 +266,7 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
                     run,
                     file,
                     parts: parts.clone(),
-                    estimators: estimators.clone(),
+                    estimates: estimates.clone(),
                     reported: places.clone(),
                     by: column.clone(),
                     set,
@@ -282,11 +282,11 @@ pub(crate) fn is_any(patterns: &str, texts: &[&str]) -> bool {
     patterns.split(',').any(|pattern| texts.iter().any(|text| glob(pattern.trim(), text)))
 }
 
-/// The column that an estimator's samples are put into bins by; of frames there is none (`Some(None)`), and an
-/// estimator without a weight is left out (`None`).
+/// The column that an estimate's samples are put into bins by; of frames there is none (`Some(None)`), and an
+/// estimate without a weight is left out (`None`).
 fn column_of(
     by: &By,
-    estimator: &DescribedEstimator,
+    estimate: &DescribedEstimate,
     described: &Described,
 ) -> Result<Option<Option<String>>, AnalysisError> {
     Ok(Some(Some(match by {
@@ -294,11 +294,11 @@ fn column_of(
         By::Distance => "truth_m".to_owned(),
         By::Row => "y".to_owned(),
         By::Column => "x".to_owned(),
-        By::Estimate | By::Error => estimator.column.clone(),
+        By::Estimate | By::Error => estimate.column.clone(),
         By::Named(name) => {
             let columns = || {
-                let of_estimators = described.estimators.iter().map(|of| of.column.as_str());
-                of_estimators.chain(described.weights.iter().map(|of| of.column.as_str()))
+                let of_estimates = described.estimates.iter().map(|of| of.column.as_str());
+                of_estimates.chain(described.weights.iter().map(|of| of.column.as_str()))
             };
             if !columns().any(|column| column == name) {
                 let all: Vec<&str> = columns().collect();
@@ -309,9 +309,9 @@ fn column_of(
             name.clone()
         }
         By::Weight => {
-            let of_stage = || described.weights.iter().filter(|weight| weight.stage == estimator.stage);
+            let of_stage = || described.weights.iter().filter(|weight| weight.stage == estimate.stage);
             let own: Vec<&str> = of_stage()
-                .filter(|weight| weight.variant == estimator.variant)
+                .filter(|weight| weight.variant == estimate.variant)
                 .map(|weight| weight.column.as_str())
                 .collect();
             let shared = || of_stage().filter(|weight| weight.variant.is_none()).map(|weight| weight.column.as_str());
@@ -320,7 +320,7 @@ fn column_of(
                 [] => return Ok(None),
                 [one] => one.to_owned(),
                 _ => {
-                    let what = format!("{} has several weights: {}", estimator.label, candidates.join(", "));
+                    let what = format!("{} has several weights: {}", estimate.label, candidates.join(", "));
                     return Err(AnalysisError::asked(what, format!("name one: `--by {}`", candidates[0])));
                 }
             }
@@ -330,7 +330,7 @@ fn column_of(
 
 /// Why there is nothing to be asked.
 fn nothing(files: &[(&str, SamplesFile)], inquiry: &Inquiry) -> AnalysisError {
-    let labels = files.iter().flat_map(|(_, file)| file.described.estimators.iter().map(|of| of.label.as_str()));
+    let labels = files.iter().flat_map(|(_, file)| file.described.estimates.iter().map(|of| of.label.as_str()));
     let mut labels: Vec<&str> = labels.collect();
     labels.sort_unstable();
     labels.dedup();
@@ -343,10 +343,10 @@ fn nothing(files: &[(&str, SamplesFile)], inquiry: &Inquiry) -> AnalysisError {
     } else if inquiry.by == By::Weight && !has_weights {
         ("no weight was recorded".to_owned(), "add its node to `record:`, and run again".to_owned())
     } else {
-        let asked = [("", &inquiry.estimators), (" of a variant", &inquiry.variants), (" of a stage", &inquiry.stages)];
+        let asked = [("", &inquiry.estimates), (" of a variant", &inquiry.variants), (" of a stage", &inquiry.stages)];
         let asked = asked.iter().filter_map(|(what, asked)| Some(format!("{what} `{}`", asked.as_deref()?)));
         let asked: Vec<String> = asked.map(|of| of.trim_start().to_owned()).collect();
-        (format!("no estimator is {}", asked.join(", ")), format!("there are {}", labels.join(", ")))
+        (format!("no estimate is {}", asked.join(", ")), format!("there are {}", labels.join(", ")))
     };
     AnalysisError::asked(what, help)
 }

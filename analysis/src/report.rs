@@ -13,7 +13,7 @@ use crate::ablation::{Ablation, Ranking, ScoreTable, Selection, TableRow, source
 use crate::curves::{CurveEnd, LearningCurve, figure as figure_of, learning_curves, table_of_points};
 use crate::distance::{DistanceBin, Distances, FARTHEST_M, RecordedSamples, distances};
 use crate::error::{AnalysisError, caught};
-use crate::estimators::{Estimator, estimators};
+use crate::estimates::{Estimate, estimates};
 use crate::files::Output;
 use crate::input::condition::{self, Findings, RecordingCondition};
 use crate::input::maps::{not_recorded, sparsely_kept};
@@ -68,7 +68,7 @@ pub struct Summary {
     pub experiment: String,
     /// In what condition the recording is.
     pub recording: RecordingCondition,
-    /// The rows of the table, one an estimator and pixel set; none if there is no table.
+    /// The rows of the table, one an estimate and pixel set; none if there is no table.
     pub rows: Vec<TableRow>,
     /// Where each learning curve ended.
     pub curve_ends: Vec<CurveEnd>,
@@ -96,7 +96,7 @@ pub struct Summary {
 pub(crate) struct Found {
     pub(crate) table: Option<ScoreTable>,
     pub(crate) bins: Vec<DistanceBin>,
-    /// Scored true pixels by metre.
+    /// Scored pixels with ground truth by metre.
     pub(crate) truth: BTreeMap<u32, u64>,
     pub(crate) curves: Vec<LearningCurve>,
 }
@@ -151,12 +151,12 @@ fn analyse(
     prepared: Prepared<'_>,
 ) -> Result<Summary, AnalysisError> {
     let plan = recording.plan();
-    let estimators = estimators(plan)?;
+    let estimates = estimates(plan)?;
     let mut written = Vec::new();
-    let Scored { table, scored, unscored, incomplete } = write_scores(recording, &estimators, options, output)?;
+    let Scored { table, scored, unscored, incomplete } = write_scores(recording, &estimates, options, output)?;
     written.extend(scored.then_some("scores.*"));
     written.extend(table.is_some().then_some("table.*"));
-    let found = write_distances(recording, &estimators, options, output, prepared)
+    let found = write_distances(recording, &estimates, options, output, prepared)
         .map_err(|error| error.but_whole(&written, output.folder))?;
     let (distances, truth) = (!found.bins.is_empty(), found.truth_of_all());
     let Distances { bins, beyond, .. } = found;
@@ -168,36 +168,36 @@ fn analyse(
 
     let Findings { recording: condition, mut notes, is_damaged } =
         condition::findings(recording, &damage, scored || !curves.is_empty());
-    match (estimators.is_empty(), scored, &table) {
+    match (estimates.is_empty(), scored, &table) {
         (true, ..) => notes.insert(0, "nothing was scored: no stage has a `score:`".to_owned()),
         (_, false, _) => notes.insert(0, "no table: no frame was scored".to_owned()),
         (_, _, None) if unscored.everything => notes.insert(0, "no table: no pixel was scored".to_owned()),
-        (_, _, None) => notes.insert(0, "no table: no frame has the scores of all estimators of its stage".to_owned()),
+        (_, _, None) => notes.insert(0, "no table: no frame has the scores of all estimates of its stage".to_owned()),
         _ => {}
     }
     let unscored_everything = unscored.everything;
     notes.extend(unscored.note);
     notes.extend(incomplete);
-    if options.paper && estimators.iter().any(|e| e.lead.variant.is_none() && e.name != "stereo") {
+    if options.paper && estimates.iter().any(|e| e.lead.variant.is_none() && e.name != "stereo") {
         notes.push(
             "the paper's numbers beside estimates that no variant changes are those of its method `full`".to_owned(),
         );
     }
     // Disparities have none; and of frames that all lack their truth more is said above.
     if scored || !unscored_everything {
-        let of_depths: Vec<&Estimator> = estimators.iter().filter(|of| of.settings.is_some()).collect();
+        let of_depths: Vec<&Estimate> = estimates.iter().filter(|of| of.settings.is_some()).collect();
         notes.extend(not_recorded(plan, &of_depths, "no error against distance"));
         notes.extend(sparsely_kept(recording, &of_depths, !distances));
     }
-    for (estimator, beyond) in estimators.iter().zip(&beyond).filter(|(_, beyond)| **beyond > 0) {
-        let label = &estimator.label;
+    for (estimate, beyond) in estimates.iter().zip(&beyond).filter(|(_, beyond)| **beyond > 0) {
+        let label = &estimate.label;
         notes.push(format!("error against distance of {label} leaves out {beyond} pixels beyond {FARTHEST_M} m"));
     }
     let failed: usize =
         RunId::all(plan.runs.len()).flat_map(|run| recording.frames(run)).filter(|f| !f.failures.is_empty()).count();
     if failed > 0 {
         let frames = counted(failed, "frame");
-        notes.push(format!("{frames} failed somewhere; means are over the frames all estimators have"));
+        notes.push(format!("{frames} failed somewhere; means are over the frames all estimates have"));
     }
     let mut text = table.as_ref().map_or_else(String::new, |(_, text)| text.clone());
     for note in &notes {
@@ -236,21 +236,21 @@ struct Scored {
 /// Writes the scores by frame, if there are any, and the table of their means.
 fn write_scores(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     options: &ReportOptions,
     output: Output<'_>,
 ) -> Result<Scored, AnalysisError> {
     let plan = recording.plan();
-    let scores = reading::scores(recording, estimators, output.stop)?;
-    let (unscored, run) = (Unscored::of(recording, estimators, &scores)?, plan_key(plan));
+    let scores = reading::scores(recording, estimates, output.stop)?;
+    let (unscored, run) = (Unscored::of(recording, estimates, &scores)?, plan_key(plan));
     if scores.is_empty() {
         return Ok(Scored { unscored, ..Scored::default() });
     }
-    let incomplete = incomplete_frames(recording, estimators, &scores);
-    let parts = || scores.chunks(ROWS_AT_ONCE).map(|rows| table_of_scores(rows, estimators));
+    let incomplete = incomplete_frames(recording, estimates, &scores);
+    let parts = || scores.chunks(ROWS_AT_ONCE).map(|rows| table_of_scores(rows, estimates));
     output.write_table_in_parts("scores", &run, parts)?;
     let source = source_of(recording);
-    let (ablation, all) = (Ablation::new(plan, estimators, &scores, &source, None), Selection::default());
+    let (ablation, all) = (Ablation::new(plan, estimates, &scores, &source, None), Selection::default());
     let rows = ablation.rows_on_all_sets(&all)?;
     if rows.iter().all(|row| row.frames == 0) {
         return Ok(Scored { table: None, scored: true, unscored, incomplete });
@@ -278,19 +278,19 @@ fn write_scores(
 /// Writes the error against distance, if there are maps to compare.
 fn write_distances(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     options: &ReportOptions,
     output: Output<'_>,
     Prepared { samples, reports }: Prepared<'_>,
 ) -> Result<Distances, AnalysisError> {
     let in_memory = options.samples_in_memory;
-    let (distances, table) = distances(recording, estimators, in_memory, samples, &reports, output)?;
+    let (distances, table) = distances(recording, estimates, in_memory, samples, &reports, output)?;
     if distances.bins.is_empty() {
         return Ok(distances);
     }
     output.write_table("error_vs_distance", &plan_key(recording.plan()), &table)?;
     output.write_csv("true_distances.csv", &distances.table_of_truth(recording.plan()))?;
-    let figure = Figure { estimators, bins: &distances.bins, truth: &distances.truth_of_all() };
+    let figure = Figure { estimates, bins: &distances.bins, truth: &distances.truth_of_all() };
     output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
     Ok(distances)
 }

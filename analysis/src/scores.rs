@@ -10,26 +10,26 @@ use depthloom_recording::Recording;
 use depthloom_scores::{Mean, Metric, ScoreRow};
 
 use crate::error::listed;
-use crate::estimators::{Estimator, estimator_columns};
+use crate::estimates::{Estimate, estimate_columns};
 use crate::tables::{DIMENSIONLESS, Rows, Table};
 
-/// The scores of one estimator on one frame and one pixel set.
+/// The scores of one estimate on one frame and one pixel set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameScore {
     /// The frame's id: what people call it. Sources that are joined may repeat one, and a frame may be asked for twice.
     pub frame: Arc<str>,
     /// The frame's place in its stage run: what tells it from all others of the run.
     pub position: FrameIndex,
-    /// Index of the estimator.
-    pub estimator: usize,
+    /// Index of the estimate.
+    pub estimate: usize,
     /// Its scores.
     pub row: ScoreRow,
 }
 
-/// The rows of one frame in the order of `scores.csv`: pixel set by pixel set, in each estimator by estimator.
+/// The rows of one frame in the order of `scores.csv`: pixel set by pixel set, in each estimate by estimate.
 pub(crate) fn order_frame(rows: &mut [FrameScore]) {
-    // Within an estimator the zones stay as they were recorded, the whole image first.
-    rows.sort_by_key(|score| (score.row.set, score.estimator));
+    // Within an estimate the zones stay as they were recorded, the whole image first.
+    rows.sort_by_key(|score| (score.row.set, score.estimate));
 }
 
 /// Over how many frames rows are, and how: `is_all(mean)` says whether each of them is averaged so.
@@ -46,10 +46,10 @@ pub(crate) fn averaged(frames: RangeInclusive<u64>, is_all: impl Fn(Mean) -> boo
     }
 }
 
-/// The metrics that any of the estimators has, in the catalogue's order: what tables have columns for.
-pub(crate) fn metrics_of<'e>(estimators: impl IntoIterator<Item = &'e Estimator>) -> Vec<&'static Metric> {
+/// The metrics that any of the estimates has, in the catalogue's order: what tables have columns for.
+pub(crate) fn metrics_of<'e>(estimates: impl IntoIterator<Item = &'e Estimate>) -> Vec<&'static Metric> {
     let mut metrics: Vec<&'static Metric> = Vec::new();
-    for metric in estimators.into_iter().flat_map(|estimator| &estimator.metrics) {
+    for metric in estimates.into_iter().flat_map(|estimate| &estimate.metrics) {
         if !metrics.contains(metric) {
             metrics.push(metric);
         }
@@ -60,32 +60,31 @@ pub(crate) fn metrics_of<'e>(estimators: impl IntoIterator<Item = &'e Estimator>
 
 /// The table `scores.csv` holds: what a row is of, with its `zone` (null: the whole image), `position` and `frame`;
 /// `pixels`, the scores that were asked for, `density`; a score of no pixel is null. No two rows have the same stage,
-/// variant, estimator, set, zone and position, whatever frames are called.
-pub(crate) fn table_of_scores(scores: &[FrameScore], estimators: &[Estimator]) -> Table {
+/// variant, estimate, set, zone and position, whatever frames are called.
+pub(crate) fn table_of_scores(scores: &[FrameScore], estimates: &[Estimate]) -> Table {
     let rows = Rows(scores);
     let zone = rows.text("zone", |score| Some(&score.row.zone).filter(|zone| !zone.is_empty()));
-    let mut columns =
-        estimator_columns(scores, |score| (&estimators[score.estimator], score.row.set.name()), Some(zone));
+    let mut columns = estimate_columns(scores, |score| (&estimates[score.estimate], score.row.set.name()), Some(zone));
     columns.extend([
         rows.count("position", |score| score.position.0 as u64),
         rows.text("frame", |score| &*score.frame),
         rows.count("pixels", |score| score.row.pixels).unit("pixels"),
     ]);
-    columns.extend(metrics_of(estimators).into_iter().map(|metric| rows.metric(metric, |score| score.row.get(metric))));
+    columns.extend(metrics_of(estimates).into_iter().map(|metric| rows.metric(metric, |score| score.row.get(metric))));
     columns.push(rows.share("density", |score| score.row.density()).unit(DIMENSIONLESS));
     Table::new(columns)
 }
 
-/// The scores, of zones too, of the frames that have rows of all estimators of their stage run.
-pub(crate) fn of_complete_frames<'a>(scores: &'a [FrameScore], estimators: &[Estimator]) -> Vec<&'a FrameScore> {
-    let place = |score: &FrameScore| (estimators[score.estimator].run, score.position);
+/// The scores, of zones too, of the frames that have rows of all estimates of their stage run.
+pub(crate) fn of_complete_frames<'a>(scores: &'a [FrameScore], estimates: &[Estimate]) -> Vec<&'a FrameScore> {
+    let place = |score: &FrameScore| (estimates[score.estimate].run, score.position);
     let mut rows_of_frame: HashMap<(RunId, FrameIndex), usize> = HashMap::new();
     for score in scores.iter().filter(|score| score.row.zone.is_empty()) {
         *rows_of_frame.entry(place(score)).or_default() += 1;
     }
     let mut rows_of_run: HashMap<RunId, usize> = HashMap::new();
-    for estimator in estimators {
-        *rows_of_run.entry(estimator.run).or_default() += estimator.sets.len();
+    for estimate in estimates {
+        *rows_of_run.entry(estimate.run).or_default() += estimate.sets.len();
     }
     let is_whole = |score: &&FrameScore| rows_of_frame.get(&place(score)) == rows_of_run.get(&place(score).0);
     scores.iter().filter(is_whole).collect()
@@ -93,14 +92,14 @@ pub(crate) fn of_complete_frames<'a>(scores: &'a [FrameScore], estimators: &[Est
 
 /// What is to be said of frames that not all means are over, although nothing failed on them: an estimate is missing
 /// there.
-pub(crate) fn incomplete_frames(recording: &Recording, estimators: &[Estimator], scores: &[FrameScore]) -> Vec<String> {
+pub(crate) fn incomplete_frames(recording: &Recording, estimates: &[Estimate], scores: &[FrameScore]) -> Vec<String> {
     let mut scored: HashMap<(RunId, FrameIndex), HashSet<usize>> = HashMap::new();
     for score in scores {
-        scored.entry((estimators[score.estimator].run, score.position)).or_default().insert(score.estimator);
+        scored.entry((estimates[score.estimate].run, score.position)).or_default().insert(score.estimate);
     }
     let mut notes = Vec::new();
     for (run, planned) in RunId::enumerate(&recording.plan().runs) {
-        let own: Vec<usize> = (0..estimators.len()).filter(|place| estimators[*place].run == run).collect();
+        let own: Vec<usize> = (0..estimates.len()).filter(|place| estimates[*place].run == run).collect();
         let (mut frames, mut unscored, mut labels) = (0, 0, Vec::new());
         for (position, frame) in FrameIndex::enumerate(recording.frames(run)) {
             if !frame.failures.is_empty() {
@@ -113,7 +112,7 @@ pub(crate) fn incomplete_frames(recording: &Recording, estimators: &[Estimator],
             let missing: Vec<&str> = own
                 .iter()
                 .filter(|place| !there.contains(place))
-                .map(|place| estimators[*place].label.as_str())
+                .map(|place| estimates[*place].label.as_str())
                 .collect();
             frames += usize::from(!missing.is_empty());
             for label in missing {

@@ -28,7 +28,7 @@ def test_scores_follow_from_the_maps(table1: depthloom.Run) -> None:
             estimate, truth = frame[label].astype(np.float64), frame.truth(label).astype(np.float64)
             scored = (truth > 0.001) & (truth < 80)
             error = np.abs(np.clip(estimate, 0.001, 80) - truth)[scored] / truth[scored]
-            (row,) = table1.scores.filter(frame=frame.id, variant=variant, estimator=name, set="all").to_dicts()
+            (row,) = table1.scores.filter(frame=frame.id, variant=variant, estimate=name, set="all").to_dicts()
             assert row["pixels"] == scored.sum()
             assert row["abs_rel"] == pytest.approx(error.mean(), rel=1e-6)
 

@@ -74,12 +74,12 @@ def test_an_estimate_says_its_variant_and_how_it_was_scored(table1: depthloom.Ru
     assert by_label["no_scaling/fused"].variant == "no_scaling"
     # What variants share was recorded once.
     assert by_label["no_weighting/mono"].topic == by_label["full/mono"].topic == "/compare/full/scaled/depth"
-    assert by_label["stereo"].scoring["sets"] == ["answered", "all"]
+    assert by_label["stereo"].scoring["sets"] == ["valid", "all"]
 
 
 def test_an_estimate_is_a_row_of_the_table(table1: depthloom.Run) -> None:
     for estimate in table1.estimates:
-        rows = table1.table.filter(pl.col("variant").eq_missing(pl.lit(estimate.variant)), stage=estimate.stage, estimator=estimate.name)
+        rows = table1.table.filter(pl.col("variant").eq_missing(pl.lit(estimate.variant)), stage=estimate.stage, estimate=estimate.name)
         assert set(rows["set"]) == set(estimate.scoring["sets"])
 
 

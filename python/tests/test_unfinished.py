@@ -50,7 +50,7 @@ def test_a_damaged_chunk_gives_no_number(look: depthloom.Run, tmp_path: Path) ->
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
-    for name, data in {"empty": b"", "text": b"frame,estimator\n", "magic": b"\x89MCAP0\r\n", "twice": b"\x89MCAP0\r\n" * 2}.items():
+    for name, data in {"empty": b"", "text": b"frame,estimate\n", "magic": b"\x89MCAP0\r\n", "twice": b"\x89MCAP0\r\n" * 2}.items():
         path = tmp_path / f"{name}.mcap"
         path.write_bytes(data)
         with pytest.raises(depthloom.RecordingError):

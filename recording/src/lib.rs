@@ -6,21 +6,21 @@
 //! use depthloom_graphs::plan::{FrameIndex, RunId};
 //! use depthloom_recording::{Recording, RecordingError};
 //!
-//! fn answered_pixels(path: &str) -> Result<usize, RecordingError> {
+//! fn valid_pixels(path: &str) -> Result<usize, RecordingError> {
 //!     let recording = Recording::open(path)?; // whole, or up to the last commit: see `condition()`
-//!     let mut answered = 0;
+//!     let mut valid = 0;
 //!     for (run, planned) in RunId::enumerate(&recording.plan().runs) {
 //!         for estimate in &planned.estimates {
 //!             let Some(topic) = &estimate.estimate_topic else { continue };
 //!             let mut reader = recording.reader(run, &[topic])?;
 //!             for position in FrameIndex::all(recording.frames(run).len()) {
 //!                 if let [Some(Value::Depth(depth))] = &reader.read(position)?[..] {
-//!                     answered += depth.metres.iter().filter(|metres| !metres.is_nan()).count();
+//!                     valid += depth.metres.iter().filter(|metres| !metres.is_nan()).count();
 //!                 }
 //!             }
 //!         }
 //!     }
-//!     Ok(answered)
+//!     Ok(valid)
 //! }
 //! ```
 //! A reader takes any topics of a stage run and gives a value for each. It reads and decompresses no other chunk. A

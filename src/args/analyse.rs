@@ -33,7 +33,7 @@ pub(crate) struct SamplesArgs {
 #[derive(Debug, Args)]
 #[command(after_help = examples![
     "analyse @latest" => "error against distance, a metre a bin",
-    "analyse @latest --bins log:12 --estimators '*/fused' --set common" => "of some estimators, on the pixels that all of them answered",
+    "analyse @latest --bins log:12 --estimates '*/fused' --set common" => "of some estimates, on the pixels that are valid in all of them",
     "analyse @latest --by weight --percentiles 50,95" => "is a higher weight a smaller error?",
     "analyse one two --by frame --format csv --out frames.csv" => "two runs, frame by frame",
 ])]
@@ -57,16 +57,16 @@ pub(crate) struct AnalyseArgs {
     #[arg(long, value_name = "P,...", value_delimiter = ',', default_value = "5,25,50,75,95")]
     pub percentiles: Vec<f64>,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between:
+    /// Only estimates whose label or name this is; `*` stands for any run of characters, several have commas between:
     /// `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
-    pub estimators: Option<String>,
+    pub estimates: Option<String>,
 
     #[command(flatten)]
     pub part: PartArgs,
 
     /// Over which pixels; several with commas between.
-    #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "answered")]
+    #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "valid")]
     pub set: Vec<SampleSet>,
 
     /// Errors as shares of the true distance, in place of metres.

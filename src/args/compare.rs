@@ -46,7 +46,7 @@ pub(super) fn parse_confidence(text: &str) -> Result<f64, String> {
 /// What errors are compared by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum CompareBy {
-    /// The true distance: absolute errors of the pixels that both answered, bin by bin, and where one should hand over
+    /// The true distance: absolute errors of the pixels that are valid in both, bin by bin, and where one should hand over
     /// to the other.
     Distance,
 }
@@ -58,12 +58,12 @@ pub(crate) enum CompareBy {
     "compare table1/2026-11-20 @latest" => "is the newest run better than that of another day?",
     "compare RUN stereo full/mono --by distance" => "where each is better, and where one hands over to the other",
     "compare main pr --fail-if 'fused.abs_rel > +1%'" => "for CI: exit code 3 if it is worse",
-    "compare A:full/fused B:fused --set answered --json" => "for programs",
+    "compare A:full/fused B:fused --set valid --json" => "for programs",
 ])]
 pub(crate) struct CompareArgs {
     /// What is compared, the first being what the others are held against: runs (folders, recordings, beginnings of
-    /// names, `@latest`); or a run, and variants or estimators of it (`full`, `full/fused`, `'*/fused'`); or
-    /// `RUN:NAME`, of several runs. A run alone: all of its variants, or where it has none, estimators.
+    /// names, `@latest`); or a run, and variants or estimates of it (`full`, `full/fused`, `'*/fused'`); or
+    /// `RUN:NAME`, of several runs. A run alone: all of its variants, or where it has none, estimates.
     #[arg(required = true, value_name = "RUN|NAME", add = ArgValueCompleter::new(runs))]
     pub sides: Vec<PathBuf>,
 
@@ -90,10 +90,10 @@ pub(crate) struct CompareArgs {
     #[arg(long, value_name = "SCORE,...", value_delimiter = ',', add = ArgValueCandidates::new(metrics))]
     pub scores: Vec<String>,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between:
+    /// Only estimates whose label or name this is; `*` stands for any run of characters, several have commas between:
     /// `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
-    pub estimators: Option<String>,
+    pub estimates: Option<String>,
 
     #[command(flatten)]
     pub intervals: IntervalArgs,

@@ -42,7 +42,7 @@ impl LayoutOption {
 #[derive(Debug, Args)]
 #[command(after_help = examples![
     "figure @latest error-vs-distance --out error.pdf" => "the paper's figure, two columns wide",
-    "figure RUN difference --estimators stereo,full/mono --width one-column --out where.svg" => "where mono hands over to stereo",
+    "figure RUN difference --estimates stereo,full/mono --width one-column --out where.svg" => "where mono hands over to stereo",
     "figure RUN parameter --axes block,p1 --score abs_rel --out sweep.png --dpi 600" => "of a matrix",
     "figure RUN panels --frames 0,3 --out frames.png --data frames.csv" => "frames as the paper shows them",
 ])]
@@ -84,15 +84,15 @@ pub(crate) struct FigureArgs {
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     pub title: String,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between:
+    /// Only estimates whose label or name this is; `*` stands for any run of characters, several have commas between:
     /// `stereo,full/fused`. Of `difference` two: the second is held against the first.
     #[arg(long, value_name = "GLOB,...")]
-    pub estimators: Option<String>,
+    pub estimates: Option<String>,
 
     #[command(flatten)]
     pub part: PartArgs,
 
-    /// Over which pixels: of errors `common` (which all answered) or `answered`, by default both where there is room
+    /// Over which pixels: of errors `common` (valid in all) or `valid`, by default both where there is room
     /// for both; of scores those that were scored.
     #[arg(long, value_enum, value_name = "SET")]
     pub set: Option<SetOption>,

@@ -14,13 +14,13 @@ use crate::completion::{columns, metrics, runs};
 /// Which pixels scores are over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SetOption {
-    /// Every true pixel.
+    /// Every pixel with ground truth.
     All,
-    /// The true pixels that an estimate answered, which are its own.
-    Answered,
-    /// Of disparities: every true pixel, after the benchmark's filling of what was not answered.
+    /// The pixels with ground truth on which an estimate is valid.
+    Valid,
+    /// Of disparities: every pixel with ground truth, after the benchmark's filling of invalid pixels.
     Filled,
-    /// Of depths, taken again from recorded maps: the true pixels that all selected estimates answered.
+    /// Of depths, taken again from recorded maps: the pixels with ground truth that are valid in all selected estimates.
     Common,
 }
 
@@ -29,7 +29,7 @@ impl SetOption {
     pub(crate) const fn recorded(self) -> Option<PixelSet> {
         match self {
             Self::All => Some(PixelSet::All),
-            Self::Answered => Some(PixelSet::Answered),
+            Self::Valid => Some(PixelSet::Valid),
             Self::Filled => Some(PixelSet::Filled),
             Self::Common => None,
         }
@@ -65,7 +65,7 @@ pub(crate) enum TableFormat {
 /// Which scores of a run, of what.
 #[derive(Debug, Args)]
 pub(crate) struct ScoresArgs {
-    /// The pixels that scores are over; by default every true pixel, where those were scored.
+    /// The pixels that scores are over; by default every pixel with ground truth, where those were scored.
     #[arg(long, value_enum)]
     pub set: Option<SetOption>,
 
@@ -138,10 +138,10 @@ pub(crate) struct TableArgs {
     #[command(flatten)]
     pub scores: ScoresArgs,
 
-    /// Only estimators whose label or name this is; `*` stands for any run of characters, several have commas between:
+    /// Only estimates whose label or name this is; `*` stands for any run of characters, several have commas between:
     /// `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
-    pub estimators: Option<String>,
+    pub estimates: Option<String>,
 
     /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, numbers by size and words in
     /// the file's order; by default `abs_rel`, or the first error that was scored.
@@ -156,8 +156,8 @@ pub(crate) struct TableArgs {
     #[arg(long, value_enum, default_value = "variant")]
     pub rows: RowsOption,
 
-    /// The columns behind the axes, with commas between: scores, `density` (the share of true pixels that were
-    /// answered), `ms` (core-milliseconds a frame: the processor time of all nodes that the estimate is computed from,
+    /// The columns behind the axes, with commas between: scores, `density` (the share of pixels with ground truth that were
+    /// valid), `ms` (core-milliseconds a frame: the processor time of all nodes that the estimate is computed from,
     /// as if it had been run alone; a node that several share counts for each; without reading, scoring, recording and
     /// learning), `frames`, `pixels`. Scores of depths and of disparities stand in one row where the depth is made of
     /// the disparity by `depth/from-disparity`; `disparity_density`, `disparity_frames` and `disparity_pixels` are then
@@ -210,7 +210,7 @@ pub(crate) enum RowsOption {
 #[derive(Debug, Args)]
 #[command(after_help = examples![
     "explain RUN abs_rel full/fused" => "formula, pixels, frames, source, the paper's convention",
-    "explain RUN rmse fused --set answered --json" => "for programs",
+    "explain RUN rmse fused --set valid --json" => "for programs",
 ])]
 pub(crate) struct ExplainArgs {
     #[command(flatten)]
@@ -220,8 +220,8 @@ pub(crate) struct ExplainArgs {
     #[arg(add = ArgValueCandidates::new(metrics))]
     pub score: String,
 
-    /// The estimator as tables name it: `fused`, `full/fused`.
-    pub estimator: String,
+    /// The estimate as tables name it: `fused`, `full/fused`.
+    pub estimate: String,
 
     #[command(flatten)]
     pub scores: ScoresArgs,

@@ -82,7 +82,7 @@ fn numbers_of_page(page: &[u8]) -> Option<Vec<u8>> {
     let (_, rest) = page.split_once("id=\"data\">")?;
     let (data, _) = rest.split_once("</script>")?;
     let data: serde_json::Value = serde_json::from_str(data).ok()?;
-    let numbers = ["table", "estimators", "distances", "scores", "curves", "failures"];
+    let numbers = ["table", "estimates", "distances", "scores", "curves", "failures"];
     let numbers: Option<Vec<&serde_json::Value>> = numbers.into_iter().map(|name| data.get(name)).collect();
     Some(serde_json::json!(numbers?).to_string().into_bytes())
 }

@@ -13,7 +13,7 @@ use crate::answer::{Answer, files};
 use crate::child;
 use crate::records;
 
-/// Two variants, three estimators, no learning.
+/// Two variants, three estimates, no learning.
 pub(crate) const STREET: &str = "experiment: street
 sources:
   street: { kind: synthetic/road, with: { frames: 0..5, width: 96, height: 48, seed: 1 } }

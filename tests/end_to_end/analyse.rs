@@ -29,10 +29,10 @@ fn samples_and_errors_are_numpys() {
             .arg(&maps),
     );
     let inquiries: &[(&str, &[&str])] = &[
-        ("distance", &["--set", "answered,common"]),
+        ("distance", &["--set", "valid,common"]),
         ("estimate", &["--bins", "log:8"]),
         ("weight", &["--set", "common"]),
-        ("row", &["--bins", "linear:7", "--set", "answered,common"]),
+        ("row", &["--bins", "linear:7", "--set", "valid,common"]),
         ("frame", &[]),
     ];
     let mut check = Command::new(python);
@@ -70,11 +70,11 @@ fn errors_against_distance_are_the_oracles() {
     let (ours, theirs) = (read_csv(&out), read_csv(&shared.join("oracle/golden/ground_plane/percentiles.csv")));
     let mut compared = 0;
     for golden in &theirs {
-        let (variant, estimator) = golden["estimator"].rsplit_once('/').unwrap_or(("", &golden["estimator"]));
+        let (variant, estimate) = golden["estimate"].rsplit_once('/').unwrap_or(("", &golden["estimate"]));
         let is_it = |row: &&crate::support::Row| {
             let bin: f64 = row["bin_from_m"].parse().expect("an edge");
             row["variant"] == variant
-                && row["estimator"] == estimator
+                && row["estimate"] == estimate
                 && bin == golden["bin_m"].parse::<f64>().expect("a bin")
         };
         let row = ours.iter().find(is_it).unwrap_or_else(|| panic!("no row as {golden:?}"));
@@ -145,7 +145,7 @@ fn samples_are_made_when_they_are_asked_for_and_are_equal_files() {
     let both =
         succeed(depthloom().arg("analyse").args([&elsewhere, &other]).args(["--by", "frame", "--format", "csv"]));
     let both = String::from_utf8(both.stdout).expect("text");
-    assert!(both.starts_with("run,stage,variant,estimator,set,position,frame,pixels,count,"), "{both}");
+    assert!(both.starts_with("run,stage,variant,estimate,set,position,frame,pixels,count,"), "{both}");
     assert_eq!(both.lines().count(), 1 + 4 + 1);
     // It is the run's: the folder may be removed as one.
     succeed(depthloom().args(["runs", "rm"]).arg(&other));
@@ -166,7 +166,7 @@ fn questions_that_have_no_answer_say_what_there_is() {
     for (arguments, words) in [
         (&["--by", "colour"][..], "no column `colour`"),
         (&["--by", "weight"], "no weight was recorded"),
-        (&["--estimators", "mono"], "there are stereo"),
+        (&["--estimates", "mono"], "there are stereo"),
         (&["--percentiles", "101"], "no percentile 101"),
         (&["--bins", "edges:5,1"], "ascending"),
         (&["--bins", "width:0.00001"], "more than 20000"),

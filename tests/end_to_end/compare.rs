@@ -21,8 +21,8 @@ stages:
     score:
       truth: source/depth
       estimates:
-        raw: { from: depth/depth, sets: [answered, all] }
-        smooth: { from: smooth/depth, sets: [answered, all] }
+        raw: { from: depth/depth, sets: [valid, all] }
+        smooth: { from: smooth/depth, sets: [valid, all] }
 variants:
   plain: {}
   large: { look.stereo.with.block: 9 }
@@ -67,10 +67,10 @@ fn differences_intervals_and_tests_are_scipys() {
     run(folder, "other", &["look.stereo.with.p1=300", "sources.street.with.frames=1..7"]);
     for (arguments, runs, tests) in [
         (&["run"][..], &["run"][..], 2 * 2 * 8),
-        (&["run", "plain", "strict", "--set", "answered", "--interval", "percentile"], &["run"], 2 * 8),
+        (&["run", "plain", "strict", "--set", "valid", "--interval", "percentile"], &["run"], 2 * 8),
         (&["run", "*/smooth", "--mean", "pixels", "--scores", "abs_rel,rmse,a1", "--seed", "9"], &["run"], 2 * 3),
         (&["run", "plain/raw", "plain/smooth", "--confidence", "90", "--resamples", "999"], &["run"], 8),
-        (&["run", "other", "--estimators", "large/*"], &["run", "other"], 2 * 8),
+        (&["run", "other", "--estimates", "large/*"], &["run", "other"], 2 * 8),
         (&["run:plain/raw", "other:strict/raw", "--scores", "rmse_log"], &["run", "other"], 1),
     ] {
         let resamples: &[&str] = if arguments.contains(&"--resamples") { &[] } else { &["--resamples", "10000"] };
@@ -129,7 +129,7 @@ fn a_question_by_distance_that_makes_no_sense_is_refused() {
     let folder = folder.path();
     run(folder, "run", &[]);
     for (arguments, words) in [
-        (&["run", "--by", "distance", "--set", "all"][..], "on the pixels that both answered"),
+        (&["run", "--by", "distance", "--set", "all"][..], "on the pixels that are valid in both"),
         (&["run", "--by", "distance", "--baseline", "best"], "by distance no side is the best"),
         (&["run", "--by", "distance", "--scores", "rmse"], "cannot be used with"),
         (&["run", "--bins", "width:5"], "required"),
@@ -155,7 +155,7 @@ fn what_differs_is_told_and_equal_questions_have_equal_answers() {
     let of_variants = text(&["run", "plain", "large"]);
     for part in [
         "large differs in\n  look.stereo  block: 5 -> 9",
-        "large against plain: all true pixels, preset paper, mean over 7 frames",
+        "large against plain: all pixels with ground truth, preset paper, mean over 7 frames",
         "95 % BCa bootstrap over frames, 100000 resamples, seed 1",
         "corrected for the 16 tests here",
         "7 frames: intervals of so few are too narrow",
@@ -194,11 +194,11 @@ fn what_is_the_same_on_both_sides_is_not_tested() {
     run(folder, "run", &[]);
     // Of the same run with another filter, one of two estimates of each variant is the same.
     run(folder, "other", &["look.smooth.with.size=3"]);
-    let one = json(folder, &["run", "other", "--estimators", "*/smooth", "--scores", "abs_rel"]);
+    let one = json(folder, &["run", "other", "--estimates", "*/smooth", "--scores", "abs_rel"]);
     let two = json(folder, &["run", "other", "--scores", "abs_rel"]);
-    let p = |compared: &Json, estimator: &str| -> Vec<Json> {
+    let p = |compared: &Json, estimate: &str| -> Vec<Json> {
         let rows = compared["rows"].as_array().expect("rows").iter();
-        rows.filter(|row| row["estimator"] == estimator).map(|row| row["p_holm"].clone()).collect()
+        rows.filter(|row| row["estimate"] == estimate).map(|row| row["p_holm"].clone()).collect()
     };
     assert_eq!(p(&two, "smooth"), p(&one, "smooth"), "what cannot differ weakens no other test");
     assert_eq!((p(&two, "raw"), two["method"]["tests"].clone()), (vec![Json::Null; 3], 3.into()));
@@ -225,14 +225,14 @@ fn so_few_frames_that_no_verdict_is_possible_are_said() {
 }
 
 #[test]
-fn frames_and_several_estimators_are_selected() {
+fn frames_and_several_estimates_are_selected() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
     let scores = read_csv(&folder.join("run/scores.csv"));
     let mean = |frames: &[&str]| {
         let is = |row: &&Row| {
-            (row["variant"].as_str(), row["estimator"].as_str(), row["set"].as_str()) == ("plain", "raw", "all")
+            (row["variant"].as_str(), row["estimate"].as_str(), row["set"].as_str()) == ("plain", "raw", "all")
                 && row["zone"].is_empty()
                 && frames.contains(&row["position"].as_str())
         };
@@ -242,23 +242,21 @@ fn frames_and_several_estimators_are_selected() {
     {
         let compared = json(folder, &["run", "plain", "large", "--frames", selection, "--scores", "abs_rel"]);
         let row =
-            compared["rows"].as_array().expect("rows").iter().find(|row| row["estimator"] == "raw").expect("a row");
+            compared["rows"].as_array().expect("rows").iter().find(|row| row["estimate"] == "raw").expect("a row");
         assert_eq!(row["frames"], frames.len(), "{selection}");
         assert!((row["baseline"].as_f64().expect("a number") - mean(frames)).abs() < 1e-12, "{selection}: {row}");
         let arguments = ["table", "run", "--frames", selection, "--format", "csv", "--out", "rows.csv"];
         succeed(depthloom().current_dir(folder).args(arguments));
         let rows = read_csv(&folder.join("rows.csv"));
-        let row = rows.iter().find(|row| row["variant"] == "plain" && row["estimator"] == "raw").expect("a row");
+        let row = rows.iter().find(|row| row["variant"] == "plain" && row["estimate"] == "raw").expect("a row");
         assert!((number(row, "abs_rel") - mean(frames)).abs() < 1e-12, "{selection}: {row:?}");
     }
     assert!(refused(folder, &["run", "plain", "large", "--frames", "9"]).contains("frame"));
-    let some = json(folder, &["run", "plain", "large", "--estimators", "plain/raw, large/*"]);
+    let some = json(folder, &["run", "plain", "large", "--estimates", "plain/raw, large/*"]);
     let names: std::collections::BTreeSet<String> =
-        some["rows"].as_array().expect("rows").iter().map(|row| row["estimator"].to_string()).collect();
+        some["rows"].as_array().expect("rows").iter().map(|row| row["estimate"].to_string()).collect();
     assert_eq!(names.len(), 1, "{names:?}");
-    assert!(
-        refused(folder, &["run", "plain", "large", "--estimators", "raw,smoth"]).contains("did you mean `smooth`?")
-    );
+    assert!(refused(folder, &["run", "plain", "large", "--estimates", "raw,smoth"]).contains("did you mean `smooth`?"));
 }
 
 #[test]
@@ -282,11 +280,11 @@ fn several_runs_have_one_table_with_the_settings_in_which_they_differ() {
         let own = read_csv(&folder.join(name).join("table.csv"));
         for row in rows.iter().filter(|row| row["run"] == name) {
             assert_eq!(row["look.stereo.p1"], p1, "{row:?}");
-            let is = |of: &&Row| ["variant", "estimator", "set"].iter().all(|key| of[*key] == row[*key]);
+            let is = |of: &&Row| ["variant", "estimate", "set"].iter().all(|key| of[*key] == row[*key]);
             assert_eq!(own.iter().find(is).map(|of| number(of, "abs_rel")), Some(number(row, "abs_rel")));
         }
     }
-    assert_eq!(board(&["--estimators", "raw", "--top", "2"]).len(), 2);
+    assert_eq!(board(&["--estimates", "raw", "--top", "2"]).len(), 2);
     let output =
         succeed(depthloom().current_dir(folder).args(["table", "one", "two", "three", "--columns", "abs_rel"]));
     let text = String::from_utf8(output.stdout).expect("UTF-8");
@@ -354,13 +352,8 @@ fn a_table_for_latex_has_its_own_caption_label_and_digits_and_intervals_stay_wit
     }
     assert!(rows.count() >= 6, "{plain}");
     let label = |text: &str| text.lines().find(|line| line.starts_with("\\label")).expect("a label").to_owned();
-    let labels = [
-        latex(&[]),
-        plain,
-        latex(&["--rows", "score"]),
-        latex(&["--set", "answered"]),
-        latex(&["--effects", "abs_rel"]),
-    ];
+    let labels =
+        [latex(&[]), plain, latex(&["--rows", "score"]), latex(&["--set", "valid"]), latex(&["--effects", "abs_rel"])];
     let labels: std::collections::BTreeSet<String> = labels.iter().map(|text| label(text)).collect();
     assert_eq!(labels.len(), 5, "{labels:?}");
     let own = latex(&["--caption", "Ours, $n = 7$.", "--label", "ours", "--digits", "2", "--columns", "abs_rel"]);
@@ -402,7 +395,7 @@ fn estimates_of_one_name_in_two_stages_are_told_apart() {
     succeed(depthloom().current_dir(folder).args(["run", "--no-page", "two.yaml", "--quiet", "--out", "run"]));
     let table = read_csv(&folder.join("run/table.csv"));
     let of: Vec<String> =
-        table.iter().map(|row| format!("{} {} {}", row["stage"], row["variant"], row["estimator"])).collect();
+        table.iter().map(|row| format!("{} {} {}", row["stage"], row["variant"], row["estimate"])).collect();
     assert_eq!(of, ["develop plain stereo", "hold plain stereo", "develop large stereo", "hold large stereo"]);
     // Each stage's estimate is compared with that of its own stage.
     let told = json(folder, &["run", "plain", "large", "--scores", "abs_rel"]);
@@ -445,7 +438,7 @@ fn a_limit_that_is_not_kept_ends_with_3_and_one_on_nothing_with_2() {
     let (code, told) = exit(&["raw.density < -0.0001", "raw.density > 50%"]);
     let density = |variant: &str| -> f64 {
         let scores = read_csv(&folder.join("run/scores.csv"));
-        let is_of = |row: &&Row| row["variant"] == variant && row["estimator"] == "raw" && row["set"] == "all";
+        let is_of = |row: &&Row| row["variant"] == variant && row["estimate"] == "raw" && row["set"] == "all";
         let of: Vec<f64> = scores.iter().filter(is_of).map(|row| number(row, "density")).collect();
         of.iter().sum::<f64>() / of.len() as f64
     };
@@ -484,7 +477,7 @@ fn tables_have_intervals_where_they_are_asked_for() {
     let of_variants = rows(&["table", "run", "--ci", "--format", "csv", "--out", "rows.csv"], "rows.csv");
     let of_report = rows(&["report", "run", "--ci=95", "--out", "tables"], "tables/table.csv");
     let ends = |row: &Row| ["abs_rel_low", "abs_rel", "abs_rel_high"].map(|name| number(row, name));
-    let key = |row: &Row| (row["variant"].clone(), row["estimator"].clone());
+    let key = |row: &Row| (row["variant"].clone(), row["estimate"].clone());
     for row in &of_variants {
         let [low, value, high] = ends(row);
         assert!(low < value && value < high, "{row:?}");
@@ -508,7 +501,7 @@ fn what_cannot_be_compared_is_said() {
     run(folder, "run", &[]);
     for (arguments, what) in [
         (&["run", "plian"][..], "did you mean `plain`?"),
-        (&["run:plian", "run"], "`plian` is neither a run nor a variant or estimator of run"),
+        (&["run:plian", "run"], "`plian` is neither a run nor a variant or estimate of run"),
         (&["run", "plain"], "there is nothing to hold plain against"),
         (&["run", "plain", "large/raw"], "cannot be held against one another"),
         (&["run", "plain", "large", "--baseline", "larg"], "did you mean `large`?"),

@@ -19,8 +19,8 @@ fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
     assert!(text.contains("over all their pixels alike for disparity"), "{text}");
 
     let rows = read_csv(&run.join("scores.csv"));
-    let of = |estimator: &str, set: &str, zone: &str| -> Vec<&Row> {
-        let wanted = |row: &&Row| row["estimator"] == estimator && row["set"] == set && row["zone"] == zone;
+    let of = |estimate: &str, set: &str, zone: &str| -> Vec<&Row> {
+        let wanted = |row: &&Row| row["estimate"] == estimate && row["set"] == set && row["zone"] == zone;
         rows.iter().filter(wanted).collect()
     };
     let zones: BTreeSet<&str> = rows.iter().map(|row| row["zone"].as_str()).collect();
@@ -29,25 +29,25 @@ fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
     {
         assert!(zones.contains(zone), "no zone `{zone}` among {zones:?}");
     }
-    for (estimator, own, others) in [("depth", "abs_rel", "d1"), ("disparity", "d1", "abs_rel")] {
-        let whole = of(estimator, "answered", "");
+    for (estimate, own, others) in [("depth", "abs_rel", "d1"), ("disparity", "d1", "abs_rel")] {
+        let whole = of(estimate, "valid", "");
         assert_eq!(whole.len(), 3);
         assert!(whole.iter().all(|row| row[others].is_empty() && number(row, own) < 1.0), "{whole:?}");
         // Bands of distance cut the whole image.
         for (frame, row) in whole.iter().enumerate() {
             let bands = ["0..10", "10..20", "20..30", "30..50", "50..80"];
-            let pixels: f64 = bands.iter().map(|band| number(of(estimator, "answered", band)[frame], "pixels")).sum();
-            let far = if estimator == "depth" { 0.0 } else { number(row, "pixels") - pixels };
-            assert!(far >= 0.0 && (pixels + far - number(row, "pixels")).abs() < 0.5, "{estimator} {frame}");
+            let pixels: f64 = bands.iter().map(|band| number(of(estimate, "valid", band)[frame], "pixels")).sum();
+            let far = if estimate == "depth" { 0.0 } else { number(row, "pixels") - pixels };
+            assert!(far >= 0.0 && (pixels + far - number(row, "pixels")).abs() < 0.5, "{estimate} {frame}");
         }
     }
-    // What is not answered is wrong, and filling mends some of it.
-    for ((answered, filled), all) in
-        of("disparity", "answered", "").iter().zip(of("disparity", "filled", "")).zip(of("disparity", "all", ""))
+    // An invalid pixel is wrong, and filling mends some of it.
+    for ((valid, filled), all) in
+        of("disparity", "valid", "").iter().zip(of("disparity", "filled", "")).zip(of("disparity", "all", ""))
     {
         let d1 = |row: &Row| number(row, "d1");
-        assert!(d1(answered) <= d1(filled) && d1(filled) <= d1(all), "{answered:?} {filled:?} {all:?}");
-        let wrong = d1(answered) * number(answered, "pixels") + number(all, "pixels") - number(answered, "pixels");
+        assert!(d1(valid) <= d1(filled) && d1(filled) <= d1(all), "{valid:?} {filled:?} {all:?}");
+        let wrong = d1(valid) * number(valid, "pixels") + number(all, "pixels") - number(valid, "pixels");
         assert!((d1(all) * number(all, "pixels") - wrong).abs() < 1e-6);
     }
     // Of depths over all pixels and disparities filled there is one row, and where several are comparable the best are
@@ -68,7 +68,7 @@ fn each_kind_of_estimate_has_its_scores_and_both_have_zones() {
 
     // The table's disparities are over all pixels, whose number differs by frame.
     let table = read_csv(&run.join("table.csv"));
-    let pooled = table.iter().find(|row| row["estimator"] == "disparity" && row["set"] == "all").expect("a row");
+    let pooled = table.iter().find(|row| row["estimate"] == "disparity" && row["set"] == "all").expect("a row");
     let frames = of("disparity", "all", "");
     let sum = |weight: &dyn Fn(&Row) -> f64| frames.iter().map(|row| weight(row)).sum::<f64>();
     let expected = sum(&|row| number(row, "d1") * number(row, "pixels")) / sum(&|row| number(row, "pixels"));

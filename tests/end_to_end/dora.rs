@@ -204,9 +204,9 @@ fn a_node_by_somebody_else_stands_in_a_dataflow() {
         assert!(is_fine, "{more}: {printed}");
         // It gives what it gets.
         let table = fs::read_to_string(flow.path("many/scores.csv")).expect("scores");
-        let of = |estimator: &str| -> Vec<String> {
-            let lines = table.lines().filter(|line| line.split(',').any(|field| field == estimator));
-            lines.map(|line| line.replace(estimator, "")).collect()
+        let of = |estimate: &str| -> Vec<String> {
+            let lines = table.lines().filter(|line| line.split(',').any(|field| field == estimate));
+            lines.map(|line| line.replace(estimate, "")).collect()
         };
         assert_eq!(of("own").len(), 6, "{table}");
         assert_eq!(of("own"), of("stereo"), "{more}");

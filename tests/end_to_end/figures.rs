@@ -27,7 +27,7 @@ LEARN  look:
       fused: { kind: filter/median, inputs: { depth: merged/depth } }
     score:
       truth: source/depth
-      estimates: { stereo: { from: depth/depth, sets: [answered, all] }, mono: mono/depth, fused: fused/depth }
+      estimates: { stereo: { from: depth/depth, sets: [valid, all] }, mono: mono/depth, fused: fused/depth }
 matrix:
   look.fused.with.size: [3, 5]
   look.merged.with.weighting: [full, mean]
@@ -55,7 +55,7 @@ fn refused(folder: &Path, arguments: &[&str]) -> String {
 /// Kinds, what they need beside, and words that are in them.
 const KINDS: [(&str, &[&str], &str); 9] = [
     ("error-vs-distance", &["--variant", "size=3*"], "true distance t, m"),
-    ("difference", &["--estimators", "stereo,mono", "--resamples", "500"], "difference of mean errors, m"),
+    ("difference", &["--estimates", "stereo,mono", "--resamples", "500"], "difference of mean errors, m"),
     ("histogram", &["--variant", "size=3+weighting=full"], "share of pixels, %"),
     ("cdf", &["--layout", "overlaid"], "share of pixels, %"),
     ("frames", &["--score", "rmse"], "a frame"),
@@ -132,8 +132,8 @@ fn the_numbers_of_a_figure_are_those_of_the_tables() {
     let text = |path: &Path| std::fs::read_to_string(path).expect("a file");
     let bins = ["--bins", "width:2"];
     for (kind, asked) in [
-        ("error-vs-distance", &["--set", "common,answered", "--bins", "width:2"][..]),
-        ("reliability", &["--set", "common,answered", "--by", "weight"]),
+        ("error-vs-distance", &["--set", "common,valid", "--bins", "width:2"][..]),
+        ("reliability", &["--set", "common,valid", "--by", "weight"]),
         ("histogram", &["--set", "common", "--by", "error", "--bins", "width:2", "--percentiles", ""]),
     ] {
         let more = if kind == "reliability" { &[][..] } else { &bins[..] };
@@ -152,14 +152,14 @@ fn the_numbers_of_a_figure_are_those_of_the_tables() {
         assert_eq!(text(&drawn), csv("analyse", &[&["run", "--variant", "size=3*"], asked].concat()), "{kind}");
     }
     let compared = csv("compare", &["run", "stereo", "mono", "--by", "distance", "--resamples", "500"]);
-    let drawn = data(&["run", "difference", "--estimators", "stereo,mono", "--resamples", "500"]);
+    let drawn = data(&["run", "difference", "--estimates", "stereo,mono", "--resamples", "500"]);
     assert_eq!(text(&drawn), compared, "the difference of a figure is that of `compare --by distance`");
 
     // Scores: by frame those that the run wrote, by parameter the means of its table.
     let scores = read_csv(&of_run.join("scores.csv"));
     let frames = read_csv(&data(&["run", "frames", "--score", "rmse"]));
     let is_same = |one: &crate::support::Row, two: &crate::support::Row| {
-        ["stage", "variant", "estimator", "set", "position"].iter().all(|column| one[*column] == two[*column])
+        ["stage", "variant", "estimate", "set", "position"].iter().all(|column| one[*column] == two[*column])
     };
     assert_eq!(frames.len(), 5 * (2 + 4), "stereo and mono are shared by all variants");
     for row in &frames {
@@ -167,23 +167,23 @@ fn the_numbers_of_a_figure_are_those_of_the_tables() {
         assert_eq!(row["rmse"], scored["rmse"]);
     }
     let table = read_csv(&of_run.join("table.csv"));
-    let parameter = read_csv(&data(&["run", "parameter", "--score", "abs_rel", "--estimators", "fused"]));
+    let parameter = read_csv(&data(&["run", "parameter", "--score", "abs_rel", "--estimates", "fused"]));
     assert_eq!(parameter.len(), 4);
     for row in &parameter {
         let is_it = |of: &&crate::support::Row| of["size"] == row["size"] && of["weighting"] == row["weighting"];
-        let of_table = table.iter().find(|of| of["estimator"] == "fused" && is_it(of)).expect("a row of the table");
+        let of_table = table.iter().find(|of| of["estimate"] == "fused" && is_it(of)).expect("a row of the table");
         assert_eq!(row["abs_rel"], of_table["abs_rel"]);
     }
-    let one = read_csv(&data(&["run", "parameter", "--axes", "size", "--estimators", "fused"]));
+    let one = read_csv(&data(&["run", "parameter", "--axes", "size", "--estimates", "fused"]));
     let mean: f64 =
         parameter.iter().filter(|row| row["size"] == "3").map(|row| number(row, "abs_rel")).sum::<f64>() / 2.0;
     assert!((number(&one[0], "abs_rel") - mean).abs() < 1e-12 && one[0]["rows"] == "2", "{one:?}");
     // What no value of the parameter changes is in the figure, and in its numbers.
     let both =
-        read_csv(&data(&["run", "parameter", "--axes", "size", "--estimators", "fused,mono", "--score", "abs_rel"]));
-    let mono = table.iter().find(|of| of["estimator"] == "mono").expect("a row of the table");
+        read_csv(&data(&["run", "parameter", "--axes", "size", "--estimates", "fused,mono", "--score", "abs_rel"]));
+    let mono = table.iter().find(|of| of["estimate"] == "mono").expect("a row of the table");
     let level: Vec<_> = both.iter().filter(|row| row["size"].is_empty()).collect();
-    assert!(level.len() == 1 && level[0]["estimator"] == "mono" && level[0]["abs_rel"] == mono["abs_rel"], "{both:?}");
+    assert!(level.len() == 1 && level[0]["estimate"] == "mono" && level[0]["abs_rel"] == mono["abs_rel"], "{both:?}");
     let curves = text(&of_run.join("learning_curves.csv"));
     assert_eq!(text(&data(&["run", "learning"])), curves);
     let maps = read_csv(&data(&["run", "panels", "--frames", "0,3", "--variant", "size=3+weighting=full"]));
@@ -200,11 +200,11 @@ fn what_cannot_be_drawn_is_refused_in_words() {
         (&["run", "cdf", "--out", "a.svg", "--format", "png"], "contradicts the extension"),
         (&["run", "cdf", "--out", "no/a.svg"], "there is no folder no"),
         (&["run", "cdf", "--out", "run/scores.csv", "--format", "svg"], "it is a file of a run"),
-        (&["run", "cdf", "--out", "a.svg", "--estimators", "nobody"], "no estimator is `nobody`"),
+        (&["run", "cdf", "--out", "a.svg", "--estimates", "nobody"], "no estimate is `nobody`"),
         (&["run", "cdf", "--out", "a.svg", "--set", "all"], "a pixel without an answer has no error"),
         (&["run", "cdf", "--out", "a.svg", "--height", "20"], "it needs a height of"),
         (&["run", "cdf", "--out", "a.svg", "--score", "rmse"], "takes no --score"),
-        (&["run", "difference", "--out", "a.svg", "--estimators", "stereo,fused"], "are several"),
+        (&["run", "difference", "--out", "a.svg", "--estimates", "stereo,fused"], "are several"),
         (&["run", "frames", "--out", "a.svg", "--score", "d1"], "score of disparities"),
         (&["run", "parameter", "--out", "a.svg", "--axes", "sise"], "did you mean `size`?"),
         (&["run", "parameter", "--out", "a.svg", "--variant", "size=3+weighting=full"], "no parameter differs"),
@@ -234,7 +234,7 @@ fn panels_of_a_run_that_scores_only_disparities_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let estimates =
-        "estimates: { stereo: { from: depth/depth, sets: [answered, all] }, mono: mono/depth, fused: fused/depth }";
+        "estimates: { stereo: { from: depth/depth, sets: [valid, all] }, mono: mono/depth, fused: fused/depth }";
     let disparities = EXPERIMENT
         .replace("LEARN", "")
         .replace("seed: 3", "seed: 3, disparities: true")

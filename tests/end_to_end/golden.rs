@@ -25,10 +25,10 @@ pub(crate) fn assert_scores_agree(ours: &Path, theirs: &Path, relative: f64) {
     }
 }
 
-/// The error against distance on the pixels that each answered, with the oracle's names of columns.
-pub(crate) fn answered_bins(path: &Path) -> Vec<Row> {
+/// The error against distance on the pixels that are valid in each, with the oracle's names of columns.
+pub(crate) fn valid_bins(path: &Path) -> Vec<Row> {
     let mut rows = read_csv(path);
-    rows.retain(|row| row["set"] == "answered");
+    rows.retain(|row| row["set"] == "valid");
     for row in &mut rows {
         assert_eq!(number(row, "bin_to_m"), number(row, "bin_from_m") + 1.0, "{row:?}");
         let renamed = row.iter().map(|(name, value)| {
@@ -43,7 +43,7 @@ pub(crate) fn answered_bins(path: &Path) -> Vec<Row> {
 
 /// `tolerance`: how far a percentile may be off, from itself and its distance, all metres.
 pub(crate) fn assert_percentiles_agree(ours: &Path, theirs: &Path, tolerance: impl Fn(f64, f64) -> f64) {
-    let (ours, theirs) = (answered_bins(ours), read_csv(theirs));
+    let (ours, theirs) = (valid_bins(ours), read_csv(theirs));
     let name = |row: &Row| (label(row), row["bin_m"].parse::<u32>().expect("a bin"));
     let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();
     assert_eq!(ours.len(), theirs.len(), "as many bins as the oracle's");

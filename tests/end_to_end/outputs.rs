@@ -21,7 +21,7 @@ stages:
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
     score:
       truth: source/depth
-      sets: [answered, all]
+      sets: [valid, all]
       zones: { distance_m: [10, 20, 80] }
       estimates: { depth: depth/depth }
 matrix:
@@ -162,7 +162,7 @@ fn every_output_is_what_its_schema_says() {
     told("compare", 0, &["compare", first, "--json"]);
     told("compare", 3, &["compare", first, "--fail-if", "abs_rel >= -1000%", "--json"]);
     let explained = told("explain", 0, &["explain", first, "abs_rel", "block=9/depth", "--json"]);
-    assert_eq!((&explained["variant"], &explained["estimator"]), (&json!("block=9"), &json!("depth")));
+    assert_eq!((&explained["variant"], &explained["estimate"]), (&json!("block=9"), &json!("depth")));
     told("samples", 0, &["samples", first, "--json"]);
     told("analyse", 0, &["analyse", first, "--by", "frame", "--json"]);
     told("figure", 0, &["figure", first, "cdf", "--out", "cdf.pdf", "--data", "cdf.csv", "--json"]);

@@ -67,7 +67,7 @@ fn a_page_shows_what_the_run_found_and_answers_to_pointer_and_keys() {
     page.eval("document.getElementById('paper').click()");
     assert!(page.eval("document.querySelectorAll('#scores .beside').length").as_u64() >= Some(8));
 
-    // A hover over the figure tells metres, medians and counts; an estimator can be taken away.
+    // A hover over the figure tells metres, medians and counts; an estimate can be taken away.
     let told = "document.querySelector('#distance-plot .hover:not([hidden])')?.textContent ?? ''";
     page.point_at("#distance-plot .u-over", (0.3, 0.5));
     page.until(&format!("({told}).includes('true distance')"));

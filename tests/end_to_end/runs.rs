@@ -92,7 +92,7 @@ fn runs_are_listed_newest_first_with_what_became_of_each() {
     let first = &here.json(&["table", "runs/look/two", "--sort", "abs_rel"])["rows"][0];
     assert_eq!(
         runs[1]["best"],
-        json!({ "score": "abs_rel", "value": first["abs_rel"], "stage": "look", "variant": null, "estimator": "stereo" })
+        json!({ "score": "abs_rel", "value": first["abs_rel"], "stage": "look", "variant": null, "estimate": "stereo" })
     );
     let size = |run: &Json| run["bytes"].as_u64().expect("a size");
     assert!(size(&runs[2]) > whole.len() as u64 && size(&runs[0]) < size(&runs[2]));

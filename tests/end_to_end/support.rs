@@ -51,18 +51,23 @@ pub(crate) fn read_csv(path: &Path) -> Vec<Row> {
         .collect()
 }
 
-/// What people call the estimator of a row of ours, and the oracle its own: `variant/estimator`, without a variant
-/// where all share it.
+/// The label of a row's estimate, `variant/estimate`, or `estimate` where all variants share it. The oracle calls the
+/// column `estimator` and writes the label there.
 pub(crate) fn label(row: &Row) -> String {
+    let estimate = row.get("estimate").unwrap_or_else(|| &row["estimator"]);
     match row.get("variant").map(String::as_str) {
-        None | Some("") => row["estimator"].clone(),
-        Some(variant) => format!("{variant}/{}", row["estimator"]),
+        None | Some("") => estimate.clone(),
+        Some(variant) => format!("{variant}/{estimate}"),
     }
 }
 
-/// The pixel set of a row of ours, or of the oracle.
+/// The pixel set of a row of ours, or of the oracle, which calls `valid` answered.
 pub(crate) fn set(row: &Row) -> &str {
-    &row[if row.contains_key("set") { "set" } else { "scored_on" }]
+    match row.get("set") {
+        Some(set) => set,
+        None if row["scored_on"] == "answered" => "valid",
+        None => &row["scored_on"],
+    }
 }
 
 /// A number in a row.

@@ -22,8 +22,8 @@ stages:
     score:
       truth: source/depth
       estimates:
-        raw: { from: depth/depth, sets: [answered, all] }
-        smooth: { from: smooth/depth, sets: [answered, all] }
+        raw: { from: depth/depth, sets: [valid, all] }
+        smooth: { from: smooth/depth, sets: [valid, all] }
 matrix:
   look.stereo.with.block: [3, 9]
   look.stereo.with.uniqueness: [0, 10]
@@ -75,7 +75,7 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
         let name = &label(row);
         let axes = ["block", "uniqueness", "mode"];
         assert_eq!(row["variant"], axes.map(|axis| format!("{axis}={}", row[axis])).join("+"));
-        let same = ["stage", "variant", "estimator", "set"].into_iter().chain(axes);
+        let same = ["stage", "variant", "estimate", "set"].into_iter().chain(axes);
         assert!(same.into_iter().all(|column| row[column] == written[name][column]), "{row:?}");
         for score in ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"] {
             near(number(row, score), number(&written[name], score), name);
@@ -86,7 +86,7 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
 
     // Filtering costs on top of what it filters, of the same variant.
     let of = |name: &str| rows.iter().find(|row| label(row) == name).expect("a row");
-    for row in rows.iter().filter(|row| row["estimator"] == "smooth") {
+    for row in rows.iter().filter(|row| row["estimate"] == "smooth") {
         assert!(number(row, "ms") > number(of(&label(row).replace("/smooth", "/raw")), "ms"));
     }
 
@@ -115,7 +115,7 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
     let (_, all) = mean(&mut rows.iter());
     let spread: f64 = rows.iter().map(|row| (number(row, "abs_rel") - all).powi(2)).sum();
     let mut left = 1.0;
-    for axis in ["block", "uniqueness", "mode", "estimator"] {
+    for axis in ["block", "uniqueness", "mode", "estimate"] {
         let levels: Vec<&Json> =
             effects["rows"].as_array().expect("rows").iter().filter(|row| row["axis"] == axis).collect();
         assert_eq!(levels.len(), 2, "{axis}");
@@ -140,13 +140,13 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
 fn explain_says_what_made_a_number() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
-    let estimator = "block=3+uniqueness=0+mode=hh/smooth";
+    let estimate = "block=3+uniqueness=0+mode=hh/smooth";
     let explain = |arguments: &[&str]| succeed(depthloom().arg("explain").arg(&run).args(arguments));
-    let told = text(&explain(&["abs_rel", estimator]));
+    let told = text(&explain(&["abs_rel", estimate]));
     for part in [
         "mean(|y - t| / t) (as in Martins et al. 2018)",
         "preset paper",
-        "all true pixels (set `all`)",
+        "all pixels with ground truth (set `all`)",
         "0.001 m < truth < 80 m",
         "2 of 2 (000000_10, 000001_10)",
         "synthetic/road",
@@ -156,10 +156,10 @@ fn explain_says_what_made_a_number() {
     ] {
         assert!(told.contains(part), "{part}: {told}");
     }
-    let json: Json = serde_json::from_slice(&explain(&["abs_rel", estimator, "--json"]).stdout).expect("JSON");
+    let json: Json = serde_json::from_slice(&explain(&["abs_rel", estimate, "--json"]).stdout).expect("JSON");
     let frames: Vec<Row> = read_csv(&run.join("scores.csv"))
         .into_iter()
-        .filter(|row| label(row) == estimator && row["set"] == "all")
+        .filter(|row| label(row) == estimate && row["set"] == "all")
         .collect();
     let values: Vec<f64> = frames.iter().map(|row| number(row, "abs_rel")).collect();
     near(json["value"].as_f64().expect("a value"), (values[0] + values[1]) / 2.0, "mean");
@@ -178,7 +178,7 @@ fn explain_says_what_made_a_number() {
     let wrong = wrong.expect("the binary starts");
     assert_eq!(wrong.status.code(), Some(2));
     let wrong = String::from_utf8_lossy(&wrong.stderr).into_owned();
-    assert!(wrong.contains(&format!("did you mean `{estimator}`?")), "{wrong}");
+    assert!(wrong.contains(&format!("did you mean `{estimate}`?")), "{wrong}");
 }
 
 #[test]
@@ -186,7 +186,8 @@ fn of_many_variants_a_run_prints_the_best_in_rows() {
     let folder = tempfile::tempdir().expect("a folder");
     let sweep = SWEEP.replace("[3, 9]", "[3, 5, 7, 9]");
     let (run, printed) = run(folder.path(), &sweep);
-    let head = "all true pixels, preset paper, mean over 2 frames; the first 20 of 32 rows by abs_rel; * best";
+    let head =
+        "all pixels with ground truth, preset paper, mean over 2 frames; the first 20 of 32 rows by abs_rel; * best";
     assert!(printed.starts_with(head), "{printed}");
     assert!(printed.contains("depthloom table RUN"), "{printed}");
     let markdown = std::fs::read_to_string(run.join("table.md")).expect("the table");
@@ -194,7 +195,7 @@ fn of_many_variants_a_run_prints_the_best_in_rows() {
     let latex = std::fs::read_to_string(run.join("table.tex")).expect("the table");
     assert!(latex.contains("the first 20 of 32 rows by abs\\_rel") && !latex.contains("resizebox"), "{latex}");
     // The table with scores in rows is there for who asks.
-    let few = text(&ask(&run, &["--rows", "score", "--estimators", "block=3*/smooth", "--set", "all"]));
+    let few = text(&ask(&run, &["--rows", "score", "--estimates", "block=3*/smooth", "--set", "all"]));
     assert!(few.lines().any(|line| line.starts_with("abs_rel ↓")), "{few}");
 }
 
@@ -210,7 +211,7 @@ fn every_format_is_what_it_says_and_latex_compiles() {
         text(&ask(&run, &["--format", "md", "--top", "2"])).lines().filter(|line| line.starts_with('|')).count() == 4
     );
 
-    let tables = [&["--top", "5"][..], &["--effects", "abs_rel"], &["--rows", "score", "--estimators", "*hh/raw"]];
+    let tables = [&["--top", "5"][..], &["--effects", "abs_rel"], &["--rows", "score", "--estimates", "*hh/raw"]];
     let mut document = "\\documentclass{article}\n\\usepackage{booktabs}\n\\begin{document}\n".to_owned();
     for arguments in tables {
         let latex = text(&ask(&run, &[arguments, &["--format", "latex"]].concat()));
@@ -235,10 +236,10 @@ fn every_format_is_what_it_says_and_latex_compiles() {
     }
 }
 
-/// Where one estimate is dense, what both answered is what the other answered: its scores are those over its own
+/// Where one estimate is dense, the pixels valid in both are those valid in the other: its scores are those over its own
 /// pixels.
 #[test]
-fn what_all_answered_is_scored_from_recorded_maps() {
+fn what_all_valid_is_scored_from_recorded_maps() {
     let experiment = "experiment: common
 sources:
   street: { kind: synthetic/road, with: { frames: 0..2, seed: 3, width: 320, height: 96 } }
@@ -253,7 +254,7 @@ stages:
       smooth: { kind: filter/median, inputs: { depth: filled/depth } }
     score:
       truth: source/depth
-      sets: [answered, all]
+      sets: [valid, all]
       metrics: [a1, abs_rel, rmse, silog, mae, median_error]
       estimates: { sparse: depth/depth, dense: smooth/depth }
 ";
@@ -261,9 +262,9 @@ stages:
     let (kept, _) = run(folder.path(), experiment);
     let rows: Json = serde_json::from_slice(&ask(&kept, &["--set", "common", "--json"]).stdout).expect("JSON");
     let rows = rows["rows"].as_array().expect("rows");
-    let row = |name: &str| rows.iter().find(|row| row["estimator"] == name).expect("a row");
+    let row = |name: &str| rows.iter().find(|row| row["estimate"] == name).expect("a row");
     let written = read_csv(&kept.join("table.csv"));
-    let own = written.iter().find(|row| row["estimator"] == "sparse" && row["set"] == "answered");
+    let own = written.iter().find(|row| row["estimate"] == "sparse" && row["set"] == "valid");
     let own = own.expect("a row");
     for score in ["a1", "abs_rel", "rmse", "silog", "mae", "median_error"] {
         near(row("sparse")[score].as_f64().expect("a score"), number(own, score), score);
@@ -318,14 +319,14 @@ fn a_table_takes_the_place_of_nothing_that_is_no_table() {
 }
 
 #[test]
-fn the_model_ablation_is_answered_by_three_commands() {
+fn the_model_ablation_is_valid_by_three_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
     let small = ["frames=0..2", "width=320", "height=96"].map(|set| format!("sources.frames.with.{set}"));
     let mut run = depthloom();
     run.args(["run", "--no-page", "experiments/sgbm-ablation.yaml", "--quiet", "--out"]).arg(&out);
     succeed(small.iter().fold(&mut run, |run, set| run.args(["--set", set.as_str()])));
-    let first = text(&ask(&out, &["--sort", "abs_rel", "--top", "3", "--estimators", "*/depth"]));
+    let first = text(&ask(&out, &["--sort", "abs_rel", "--top", "3", "--estimates", "*/depth"]));
     let heads = ["block", "uniqueness", "mode", "holes"];
     assert!(
         heads.iter().all(|head| first.contains(head)) && first.contains("the first 3 of 32 rows by abs_rel"),
@@ -338,7 +339,7 @@ fn the_model_ablation_is_answered_by_three_commands() {
     assert!(both.iter().all(|row| row["abs_rel"].is_number() && row["d1"].is_number()), "{:?}", both[0]);
     let front: Json = serde_json::from_slice(&ask(&out, &["--pareto", "abs_rel,d1", "--json"]).stdout).expect("JSON");
     assert!(front["about"].to_string().contains("on the Pareto front of abs_rel and d1"), "{front}");
-    let [variant, name] = ["variant", "estimator"].map(|of| both[0][of].as_str().expect("a name"));
+    let [variant, name] = ["variant", "estimate"].map(|of| both[0][of].as_str().expect("a name"));
     let label = format!("{variant}/{name}");
     let told = succeed(depthloom().arg("explain").arg(&out).args(["d1", &label, "--json"]));
     let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");

@@ -356,7 +356,7 @@ pub(crate) fn score(random: &mut Random, experiment: &mut Experiment, stage: usi
     let truth = truths[random.below(truths.len())].clone();
     let mut settings = Map::new();
     if random.chance(2) {
-        settings.insert("sets".to_owned(), json!(["answered", "all"]));
+        settings.insert("sets".to_owned(), json!(["valid", "all"]));
     }
     if random.chance(4) {
         settings.insert("zones".to_owned(), json!({ "rows": 2, "distance_m": [0, 10, 40] }));

@@ -48,7 +48,7 @@ def main():
         unit = "_px" if by == "row" else "" if by == "weight" else "_m"
         seen = {}
         for row in table:
-            label = row["estimator"] if row["variant"] is None else f"{row['variant']}/{row['estimator']}"
+            label = row["estimate"] if row["variant"] is None else f"{row['variant']}/{row['estimate']}"
             if by == "frame":
                 inside = (samples["position"] == row["position"]).to_numpy()
                 assert set(samples["frame"].to_numpy()[inside]) == {row["frame"]}
@@ -59,7 +59,7 @@ def main():
                     of = samples["y"].to_numpy() if by == "row" else columns[label] if by == "estimate" else truth
                 edges = row["bin_from" + unit], row["bin_to" + unit]
                 last = by != "distance" and edges[1] == max(
-                    other["bin_to" + unit] for other in table if (other["variant"], other["estimator"]) == (row["variant"], row["estimator"])
+                    other["bin_to" + unit] for other in table if (other["variant"], other["estimate"]) == (row["variant"], row["estimate"])
                 )
                 inside = (of >= edges[0]) & ((of <= edges[1]) if last else (of < edges[1]))
             if row["set"] == "common":

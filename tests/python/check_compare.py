@@ -23,7 +23,7 @@ def rows_of(path):
 
 def frames_of(scores, row, prefix):
     """Frame to score and pixels, of the estimate that a row is of, or of its baseline."""
-    names = ("stage", "variant", "estimator")
+    names = ("stage", "variant", "estimate")
     wanted = [row[prefix + name] or "" for name in names] + [row["set"], row["zone"] or ""]
     found = {}
     for of in scores[row[prefix + "run"]]:
@@ -62,7 +62,7 @@ def main():
         else:
             terms = [[n, n * x, 0 * n] for n, x in zip(pixels, values)]
             means = [(n * x).sum() / n.sum() for n, x in zip(pixels, values)]
-        what = f'{row["score"]} of {row["variant"]}/{row["estimator"]}'
+        what = f'{row["score"]} of {row["variant"]}/{row["estimate"]}'
         near(row["baseline"], means[0], what)
         near(row["value"], means[1], what)
         near(row["difference"], means[1] - means[0], what)

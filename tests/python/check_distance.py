@@ -23,7 +23,7 @@ def near(found, expected, what):
 
 
 def frames_of(folders):
-    """By frame: truth, and the absolute errors of both, where both answered."""
+    """By frame: truth, and the absolute errors of both, where both are valid."""
     frames = []
     for path in sorted(folders[0].glob("*.npy")):
         truth, one, two = (np.load(folder / path.name).astype(np.float32) for folder in folders)

@@ -4,7 +4,7 @@
     kitti_devkit.py WIDTH HEIGHT ESTIMATE TRUTH OBJECTS
 
 The files hold rows of little-endian numbers: ESTIMATE int16 in 1/16 px (0 and below: invalid), TRUTH uint16 in 1/256 px (0: invalid), OBJECTS
-uint8 (0: background). Prints one JSON object: of `answered` (valid results), `filled` (after interpolateBackground) and `all` (what is invalid
+uint8 (0: background). Prints one JSON object: of `valid` (valid results), `filled` (after interpolateBackground) and `all` (what is invalid
 counted as wrong) the number of pixels, `epe`, `bad_x` and `d1`; `d1_bg` and `d1_fg` of `filled`; and `density`.
 
 From the kit: `DisparityImage::interpolateBackground` (io_disp.h) and `disparityErrorsOutlier` (evaluate_scene_flow.cpp: ABS_THRESH 3.0,
@@ -51,12 +51,12 @@ def interpolate_background(disparity):
     return d
 
 
-def scores(estimate, truth, pixels, unanswered_is_wrong):
+def scores(estimate, truth, pixels, invalid_is_wrong):
     d, t = estimate[pixels], truth[pixels]
     valid = d >= 0
     error = np.abs(t - d)
     # What interpolation leaves invalid is -1 px in the kit, and compared as that.
-    wrong = ~valid & unanswered_is_wrong
+    wrong = ~valid & invalid_is_wrong
     told = {"pixels": int(pixels.sum()), "epe": float(error[valid].mean())}
     for x in (0.5, 1, 2, 3, 4):
         told[f"bad_{x}"] = float((wrong | (error > x)).mean())
@@ -73,7 +73,7 @@ def main():
     truth = truth / 256.0
     filled = interpolate_background(estimate)
     told = {
-        "answered": scores(estimate, truth, true & (estimate >= 0), False),
+        "valid": scores(estimate, truth, true & (estimate >= 0), False),
         "filled": scores(filled, truth, true, False),
         "all": scores(estimate, truth, true, True),
         "d1_bg": scores(filled, truth, true & (objects == 0), False)["d1"],

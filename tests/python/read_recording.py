@@ -70,7 +70,7 @@ def content(schema, message):
     if schema == "depthloom.Score":
         texts = (message.frame + message.set + message.zone).encode()
         numbers = [field.name for field in message.DESCRIPTOR.fields if field.type == field.TYPE_DOUBLE]
-        told = [struct.pack("<3Q", message.pixels, message.truth, message.answered)]
+        told = [struct.pack("<3Q", message.pixels, message.truth, message.valid)]
         told += [struct.pack("<d?", getattr(message, name), message.HasField(name)) for name in numbers]
         return texts + b"".join(told)
     if schema == "depthloom.Commit":

@@ -10,7 +10,7 @@ use depthloom_recording::{RecordedFrame, Recording};
 use super::shared::shared_scores;
 use super::{Ablation, Costs, Ranking, ScoreTable, Selection, effects, zones};
 use crate::error::{AnalysisError, caught};
-use crate::estimators::{Estimator, estimators};
+use crate::estimates::{Estimate, estimates};
 use crate::input::condition;
 use crate::input::reading;
 use crate::scores::{FrameScore, incomplete_frames};
@@ -20,13 +20,13 @@ use crate::tables::Table;
 /// What a table of a run's scores shows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Question {
-    /// A row per estimator, its variant's axes and its scores in columns.
+    /// A row per estimate, its variant's axes and its scores in columns.
     Ranking(Ranking),
     /// What each axis did to this score, `ms` or count of pixels.
     Effects(String),
     /// Which row is best by this score, in each zone.
     BestPerZone(String),
-    /// A line per score, estimators in columns, as in Table I; with intervals if frames are resampled.
+    /// A line per score, estimates in columns, as in Table I; with intervals if frames are resampled.
     Scores(Option<Resampling>),
 }
 
@@ -44,21 +44,21 @@ pub fn answer(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Table, AnalysisError> {
     caught(|| {
-        let (estimators, scores) = selected_scores(recording, selection, stop)?;
+        let (estimates, scores) = selected_scores(recording, selection, stop)?;
         let source = source_of(recording);
-        let ablation = Ablation::new(recording.plan(), &estimators, &scores, &source, costs);
+        let ablation = Ablation::new(recording.plan(), &estimates, &scores, &source, costs);
         let mut table = match question {
             Question::Ranking(ranking) => ranking.table(&ablation, selection, stop)?,
             Question::Effects(metric) => effects::table(&ablation, selection, metric)?,
             Question::BestPerZone(metric) => zones::table(&ablation, selection, metric)?,
             Question::Scores(intervals) => {
-                let scored: HashSet<usize> = ablation.rows(selection)?.iter().map(|row| row.estimator).collect();
+                let scored: HashSet<usize> = ablation.rows(selection)?.iter().map(|row| row.estimate).collect();
                 let mut rows = ablation.rows_on_all_sets(selection)?;
-                rows.retain(|row| scored.contains(&row.estimator));
+                rows.retain(|row| scored.contains(&row.estimate));
                 return Ok(ScoreTable::new(&ablation, &rows, selection, false, *intervals, stop)?.table());
             }
         };
-        table.notes.extend(incomplete_frames(recording, &estimators, &scores));
+        table.notes.extend(incomplete_frames(recording, &estimates, &scores));
         table.notes.extend(condition::findings(recording, &[], true).notes);
         Ok(table)
     })
@@ -69,35 +69,35 @@ pub(crate) fn source_of(recording: &Recording) -> impl Fn(RunId, FrameIndex) -> 
     |run, position| recording.frames(run).get(position.0).and_then(|frame| frame.source_key)
 }
 
-/// The estimators of a recording and their scores on the selected pixels and frames.
+/// The estimates of a recording and their scores on the selected pixels and frames.
 pub(crate) fn selected_scores(
     recording: &Recording,
     selection: &Selection,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Vec<Estimator>, Vec<FrameScore>), AnalysisError> {
-    let all = estimators(recording.plan())?;
-    let (estimators, scores) = match selection.common {
+) -> Result<(Vec<Estimate>, Vec<FrameScore>), AnalysisError> {
+    let all = estimates(recording.plan())?;
+    let (estimates, scores) = match selection.common {
         true => shared_scores(recording, &all, selection, stop)?,
         false => {
             let scores = scored(recording, &all, stop)?;
             (all, scores)
         }
     };
-    let scores = of_frames(recording, &estimators, scores, selection)?;
-    Ok((estimators, scores))
+    let scores = of_frames(recording, &estimates, scores, selection)?;
+    Ok((estimates, scores))
 }
 
 /// The scores that a recording holds.
 pub(crate) fn scored(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<FrameScore>, AnalysisError> {
     let nothing = |what: &str, help: &str| Err(AnalysisError::asked(what.to_owned(), help.to_owned()));
-    if estimators.is_empty() {
+    if estimates.is_empty() {
         return nothing("nothing was scored: no stage has a `score:`", "give a stage one, and run again");
     }
-    let scores = reading::scores(recording, estimators, stop)?;
+    let scores = reading::scores(recording, estimates, stop)?;
     if scores.is_empty() {
         return nothing("no frame was scored", "`depthloom report` says which stages have no frames");
     }
@@ -110,7 +110,7 @@ pub(crate) fn scored(
 /// If no frame is selected, or one that is asked for is not there.
 pub(crate) fn of_frames(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     scores: Vec<FrameScore>,
     selection: &Selection,
 ) -> Result<Vec<FrameScore>, AnalysisError> {
@@ -138,7 +138,7 @@ pub(crate) fn of_frames(
     let runs: Vec<&[RecordedFrame]> =
         RunId::all(recording.plan().runs.len()).map(|run| recording.frames(run)).collect();
     let is_wanted = |score: &FrameScore| {
-        runs[estimators[score.estimator].run].get(score.position.0).is_some_and(|frame| match is_file {
+        runs[estimates[score.estimate].run].get(score.position.0).is_some_and(|frame| match is_file {
             true => names.contains(&*frame.id),
             false => indices.contains(&frame.index),
         })

@@ -4,7 +4,7 @@ use depthloom_graphs::Key;
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_scores::{Mean, PixelSet, Settings};
 
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
 /// What equal scores can be compared by: they are over as many pixels of the same frames, by source and id, with the
@@ -22,22 +22,22 @@ struct Comparability<'a> {
 pub(super) struct Classes<'a>(Vec<Comparability<'a>>);
 
 impl<'a> Classes<'a> {
-    /// The class of an estimator's scores on one pixel set of one zone; `None` of those over the pixels that each
+    /// The class of an estimate's scores on one pixel set of one zone; `None` of those over the pixels that each
     /// estimate made valid, which are its own. `source(run, position)` is the key of a frame's source values.
     pub(super) fn class(
         &mut self,
-        estimator: &'a Estimator,
+        estimate: &'a Estimate,
         (set, mean): (PixelSet, Mean),
         scores: &[&'a FrameScore],
         source: &dyn Fn(RunId, FrameIndex) -> Option<Key>,
     ) -> Option<usize> {
-        if set == PixelSet::Answered {
+        if set == PixelSet::Valid {
             return None;
         }
-        let frame = |score: &&'a FrameScore| (source(estimator.run, score.position), &*score.frame, score.row.pixels);
+        let frame = |score: &&'a FrameScore| (source(estimate.run, score.position), &*score.frame, score.row.pixels);
         let comparability = Comparability {
-            settings: (&estimator.settings, mean),
-            truth: estimator.truth.as_deref(),
+            settings: (&estimate.settings, mean),
+            truth: estimate.truth.as_deref(),
             set,
             frames: scores.iter().map(frame).collect(),
         };

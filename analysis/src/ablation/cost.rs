@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use depthloom_recording::{RecordedPlan, RecordedRun};
 
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::input::timings::Timing;
 use crate::tables::RowKeys;
 
@@ -31,17 +31,17 @@ impl Costs {
         Self { ms: ms.collect() }
     }
 
-    /// By estimator; `None` where it is not known what was scored, or a node it comes from has no time: its values were
+    /// By estimate; `None` where it is not known what was scored, or a node it comes from has no time: its values were
     /// there before.
-    pub(crate) fn core_ms(&self, plan: &RecordedPlan, estimators: &[Estimator]) -> Vec<Option<f64>> {
+    pub(crate) fn core_ms(&self, plan: &RecordedPlan, estimates: &[Estimate]) -> Vec<Option<f64>> {
         let (leads, graphs) = (RowKeys::new(plan), plan.runs.iter().map(Graph::new).collect::<Vec<Graph<'_>>>());
-        estimators.iter().map(|estimator| self.of(&leads, &graphs, estimator)).collect()
+        estimates.iter().map(|estimate| self.of(&leads, &graphs, estimate)).collect()
     }
 
-    fn of(&self, leads: &RowKeys<'_>, graphs: &[Graph<'_>], estimator: &Estimator) -> Option<f64> {
-        let graph = &graphs[estimator.run];
+    fn of(&self, leads: &RowKeys<'_>, graphs: &[Graph<'_>], estimate: &Estimate) -> Option<f64> {
+        let graph = &graphs[estimate.run];
         let mut sum = 0.0;
-        let mut nodes: Vec<usize> = graph.upstream(estimator.estimate.as_deref()?).into_iter().collect();
+        let mut nodes: Vec<usize> = graph.upstream(estimate.estimate.as_deref()?).into_iter().collect();
         // In one order, so that equal costs are equal numbers.
         nodes.sort_unstable();
         for node in nodes {

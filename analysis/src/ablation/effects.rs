@@ -49,7 +49,7 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, of: &str) ->
     // Of a score, the rows of which it was taken.
     let was_taken = |row: &Row| match column.metric() {
         Some(metric) => {
-            row.values[metric].is_some() || ablation.estimator(row).metrics.contains(&ablation.metrics[metric])
+            row.values[metric].is_some() || ablation.estimate(row).metrics.contains(&ablation.metrics[metric])
         }
         None => true,
     };
@@ -61,7 +61,7 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, of: &str) ->
     if looked.is_empty() {
         return Err(AnalysisError::asked(
             "there is no axis to see the effect of: the selected estimates do not differ on any".to_owned(),
-            "`matrix` and `variants` make axes; `--estimators` may have left one value of each".to_owned(),
+            "`matrix` and `variants` make axes; `--estimates` may have left one value of each".to_owned(),
         ));
     }
     let values: Vec<f64> = rows.iter().filter_map(|row| value(row)).collect();
@@ -115,7 +115,7 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, of: &str) ->
     })
 }
 
-/// The axes on which rows differ, the estimator's name among them where there are several.
+/// The axes on which rows differ, the estimate's name among them where there are several.
 fn looked_at(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<Looked> {
     let mut looked = Vec::new();
     for (axis, named) in ablation.axes.iter().enumerate() {
@@ -126,14 +126,14 @@ fn looked_at(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<Looked> {
     let of_row: Vec<usize> = rows
         .iter()
         .map(|row| {
-            let name = ablation.estimator(row).name.as_str();
+            let name = ablation.estimate(row).name.as_str();
             names.iter().position(|known| *known == name).unwrap_or_else(|| {
                 names.push(name);
                 names.len() - 1
             })
         })
         .collect();
-    looked.extend(differing("estimator", of_row.into_iter().map(Some), false, |level| names[level].to_owned()));
+    looked.extend(differing("estimate", of_row.into_iter().map(Some), false, |level| names[level].to_owned()));
     looked
 }
 
@@ -233,7 +233,7 @@ fn notes(
 ) -> Vec<String> {
     let mut notes = Vec::new();
     let shared = all.iter().filter(|row| (0..ablation.axes.len()).all(|axis| ablation.level(row, axis).is_none()));
-    let mut shared: Vec<&str> = shared.map(|row| ablation.estimator(row).label.as_str()).collect();
+    let mut shared: Vec<&str> = shared.map(|row| ablation.estimate(row).label.as_str()).collect();
     shared.dedup();
     if !shared.is_empty() {
         notes.push(format!("left out, for no axis changes it: {}", shared.join(", ")));

@@ -7,13 +7,13 @@ use depthloom_recording::RecordedPlan;
 use depthloom_scores::{Family, Metric};
 
 use super::{Ablation, Row};
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 
 /// The kind that makes a depth of a disparity, pixel by pixel: both are one estimate.
 const DEPTH_FROM_DISPARITY: &str = "depth/from-disparity";
 
-/// By estimator: the topic of the disparity that it is, or that it was computed from.
-pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimators: &'a [Estimator]) -> Vec<Option<&'a str>> {
+/// By estimate: the topic of the disparity that it is, or that it was computed from.
+pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimates: &'a [Estimate]) -> Vec<Option<&'a str>> {
     let of_depth: HashMap<(RunId, &str), &str> = RunId::enumerate(&plan.runs)
         .flat_map(|(run, planned)| planned.nodes.iter().map(move |node| (run, node)))
         .filter(|(_, node)| node.kind == DEPTH_FROM_DISPARITY)
@@ -22,11 +22,11 @@ pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimators: &'a [Estimator
             Some(((run, node.outputs.first()?.topic.as_str()), disparity))
         })
         .collect();
-    let of = |estimator: &'a Estimator| match (estimator.family, estimator.estimate.as_deref()) {
+    let of = |estimate: &'a Estimate| match (estimate.family, estimate.estimate.as_deref()) {
         (Family::Disparity, topic) => topic,
-        (Family::Depth, topic) => of_depth.get(&(estimator.run, topic?)).copied(),
+        (Family::Depth, topic) => of_depth.get(&(estimate.run, topic?)).copied(),
     };
-    estimators.iter().map(of).collect()
+    estimates.iter().map(of).collect()
 }
 
 /// The rows, of which one of a depth and one of its disparity, of the same variant and stage, become one where the
@@ -36,10 +36,10 @@ pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
     type Both = [Vec<usize>; 2];
     let mut by_disparity: HashMap<(RunId, Option<&str>, &str), Both> = HashMap::new();
     for (place, row) in rows.iter().enumerate() {
-        if let Some(disparity) = ablation.disparities[row.estimator] {
-            let estimator = ablation.estimator(row);
-            let both = by_disparity.entry((estimator.run, estimator.lead.variant.as_deref(), disparity)).or_default();
-            both[usize::from(estimator.family == Family::Disparity)].push(place);
+        if let Some(disparity) = ablation.disparities[row.estimate] {
+            let estimate = ablation.estimate(row);
+            let both = by_disparity.entry((estimate.run, estimate.lead.variant.as_deref(), disparity)).or_default();
+            both[usize::from(estimate.family == Family::Disparity)].push(place);
         }
     }
     let mut disparity_of: HashMap<usize, usize> = HashMap::new();
@@ -58,15 +58,15 @@ pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
     rows.into_iter().flatten().collect()
 }
 
-/// Of the two estimators that a label as `full/depth+disparity` names, that which has a score.
-pub(crate) fn of_label(estimators: &[Estimator], wanted: &str, metric: &str) -> Option<usize> {
+/// Of the two estimates that a label as `full/depth+disparity` names, that which has a score.
+pub(crate) fn of_label(estimates: &[Estimate], wanted: &str, metric: &str) -> Option<usize> {
     let family = Family::Disparity.metrics().iter().any(|of: &Metric| of.name == metric);
-    estimators.iter().enumerate().filter(|(_, depth)| depth.family == Family::Depth).find_map(|(place, depth)| {
+    estimates.iter().enumerate().filter(|(_, depth)| depth.family == Family::Depth).find_map(|(place, depth)| {
         let name = wanted.strip_prefix(depth.label.as_str())?.strip_prefix('+')?;
-        let is_its = |of: &Estimator| {
+        let is_its = |of: &Estimate| {
             of.family == Family::Disparity && of.name == name && (of.run, &of.lead) == (depth.run, &depth.lead)
         };
-        let disparity = estimators.iter().position(is_its)?;
+        let disparity = estimates.iter().position(is_its)?;
         Some(if family { disparity } else { place })
     })
 }
@@ -84,7 +84,7 @@ mod tests {
     use super::super::{Ranking, Selection};
     use super::*;
     use crate::error::AnalysisError;
-    use crate::estimators::estimators;
+    use crate::estimates::estimates;
     use crate::scores::FrameScore;
     use crate::tables::Table;
 
@@ -124,19 +124,19 @@ mod tests {
         RecordedPlan::deserialize(plan).unwrap()
     }
 
-    /// `depth`, `smooth` and `disparity` of the first variant, then of the second; disparities have fewer true pixels.
+    /// `depth`, `smooth` and `disparity` of the first variant, then of the second; disparities have fewer pixels with ground truth.
     fn ask(ranking: &Ranking, selection: &Selection) -> Result<Table, AnalysisError> {
         let plan = plan();
-        let estimators = estimators(&plan).unwrap();
+        let estimates = estimates(&plan).unwrap();
         let values = [0.1, 0.2, 0.03, 0.4, 0.3, 0.01];
-        let score = |(estimator, value): (usize, f64)| {
-            let metric = Metric::named(if estimator % 3 == 2 { "d1" } else { "abs_rel" }).unwrap();
-            let truth = if estimator % 3 == 2 { 50 } else { 80 };
-            let row = ScoreRow { pixels: truth, truth, answered: 40, ..ScoreRow::new(PixelSet::All, "") };
-            FrameScore { frame: Arc::from("0"), position: FrameIndex(0), estimator, row: row.with(metric, value) }
+        let score = |(estimate, value): (usize, f64)| {
+            let metric = Metric::named(if estimate % 3 == 2 { "d1" } else { "abs_rel" }).unwrap();
+            let truth = if estimate % 3 == 2 { 50 } else { 80 };
+            let row = ScoreRow { pixels: truth, truth, valid: 40, ..ScoreRow::new(PixelSet::All, "") };
+            FrameScore { frame: Arc::from("0"), position: FrameIndex(0), estimate, row: row.with(metric, value) }
         };
         let scores: Vec<FrameScore> = values.into_iter().enumerate().map(score).collect();
-        let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
+        let ablation = Ablation::new(&plan, &estimates, &scores, &|_, _| None, None);
         ranking.table(&ablation, selection, &|| false)
     }
 
@@ -144,7 +144,7 @@ mod tests {
     fn a_depth_and_the_disparity_it_is_made_of_are_one_row() {
         let grid = ask(&Ranking::default(), &Selection::default()).unwrap();
         let expected = "\
-stage,variant,estimator,set,zone,block,abs_rel,d1,density,disparity_density
+stage,variant,estimate,set,zone,block,abs_rel,d1,density,disparity_density
 s,block=3,depth+disparity,all,,3,0.1,0.03,0.5,0.8
 s,block=3,smooth,all,,3,0.2,,0.5,
 s,block=9,smooth,all,,9,0.3,,0.5,
@@ -166,7 +166,7 @@ s,block=9,depth+disparity,all,,9,0.4,0.01,0.5,0.8
         let on_it = labels(&ask(&both, &Selection::default()).unwrap());
         assert_eq!(on_it, ["block=3/depth+disparity", "block=9/depth+disparity"]);
         // No disparity was made of what is smoothed: nothing has both.
-        let apart = Selection { estimators: Some("smooth".to_owned()), ..Selection::default() };
+        let apart = Selection { estimates: Some("smooth".to_owned()), ..Selection::default() };
         assert!(refused(ask(&both, &apart)).starts_with("`d1` was not taken of the selected estimates"));
     }
 
@@ -174,7 +174,7 @@ s,block=9,depth+disparity,all,,9,0.4,0.01,0.5,0.8
     fn where_scores_of_one_kind_are_asked_for_only_their_rows_are_there() {
         let of = Ranking { columns: owned(&["d1", "density"]), ..Ranking::default() };
         let grid = ask(&of, &Selection::default()).unwrap();
-        let expected = "stage,variant,estimator,set,zone,block,d1,density\n\
+        let expected = "stage,variant,estimate,set,zone,block,d1,density\n\
                         s,block=9,disparity,all,,9,0.01,0.8\ns,block=3,disparity,all,,3,0.03,0.8\n";
         assert_eq!(csv(&grid), expected);
         assert!(grid.notes.contains(&"left out: 4 rows of which none of these scores was taken".to_owned()));
@@ -191,11 +191,11 @@ s,block=9,depth+disparity,all,,9,0.4,0.01,0.5,0.8
     #[test]
     fn the_label_of_both_names_the_one_that_has_the_score() {
         let plan = plan();
-        let estimators = estimators(&plan).unwrap();
+        let estimates = estimates(&plan).unwrap();
         let named = |metric: &str| {
-            of_label(&estimators, "block=9/depth+disparity", metric).map(|place| estimators[place].label.as_str())
+            of_label(&estimates, "block=9/depth+disparity", metric).map(|place| estimates[place].label.as_str())
         };
         assert_eq!((named("abs_rel"), named("d1")), (Some("block=9/depth"), Some("block=9/disparity")));
-        assert_eq!(of_label(&estimators, "block=9/smoth+disparity", "d1"), None);
+        assert_eq!(of_label(&estimates, "block=9/smoth+disparity", "d1"), None);
     }
 }

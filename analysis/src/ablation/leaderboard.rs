@@ -59,13 +59,13 @@ pub fn leaderboard(
             runs.iter().map(|run| selected_scores(run.recording, selection, stop)).collect::<Result<Vec<_>, _>>()?;
         let sources: Vec<_> = runs.iter().map(|run| source_of(run.recording)).collect();
         let ablations: Vec<Ablation<'_>> = (runs.iter().zip(&opened).zip(&sources))
-            .map(|((run, (estimators, scores)), source)| {
-                Ablation::new(run.recording.plan(), estimators, scores, source, run.costs)
+            .map(|((run, (estimates, scores)), source)| {
+                Ablation::new(run.recording.plan(), estimates, scores, source, run.costs)
             })
             .collect();
         let mut table = Board::new(runs, &ablations, selection, ranking)?.table(selection, ranking)?;
-        for (run, (estimators, scores)) in runs.iter().zip(&opened) {
-            let notes = incomplete_frames(run.recording, estimators, scores);
+        for (run, (estimates, scores)) in runs.iter().zip(&opened) {
+            let notes = incomplete_frames(run.recording, estimates, scores);
             let notes = notes.into_iter().chain(condition::findings(run.recording, &[], true).notes);
             table.notes.extend(notes.map(|note| format!("{}: {note}", run.called)));
         }
@@ -100,8 +100,8 @@ impl<'a> Board<'a> {
                     let metric = ablation.metrics.iter().position(|known| known == metric)?;
                     row.comparable_by(metric)?;
                     let part = row.of(metric);
-                    let scores = ablation.frames(part.estimator, part.set, zone);
-                    classes.class(ablation.estimator(part), (part.set, part.mean), scores, ablation.source)
+                    let scores = ablation.frames(part.estimate, part.set, zone);
+                    classes.class(ablation.estimate(part), (part.set, part.mean), scores, ablation.source)
                 };
                 let classes = metrics.iter().map(class).collect();
                 entries.push(Entry { run, row, classes });
@@ -174,11 +174,11 @@ impl<'a> Board<'a> {
     /// The columns that say what entries are: text shows those on which they differ.
     fn keys(&self, shown: &[&Entry], selection: &Selection) -> Vec<Column> {
         let rows = Rows(shown);
-        let estimator = |entry: &Entry| self.ablation(entry).estimator(&entry.row);
+        let estimate = |entry: &Entry| self.ablation(entry).estimate(&entry.row);
         let mut columns = vec![
-            rows.key("stage", |entry| &estimator(entry).lead.stage),
-            rows.key("variant", |entry| estimator(entry).lead.variant.as_ref()),
-            rows.key("estimator", |entry| self.ablation(entry).name(&entry.row)),
+            rows.key("stage", |entry| &estimate(entry).lead.stage),
+            rows.key("variant", |entry| estimate(entry).lead.variant.as_ref()),
+            rows.key("estimate", |entry| self.ablation(entry).name(&entry.row)),
             rows.key("set", |entry| selection.set_name(&entry.row)),
         ];
         for column in &mut columns {
@@ -217,7 +217,7 @@ impl<'a> Board<'a> {
         let text = |value: Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
         let variants = |entry: &Entry| -> Vec<Option<VariantId>> {
             let all = &self.runs[entry.run].recording.plan().variants;
-            let is_of = |name: &&String| match &self.ablations[entry.run].estimator(&entry.row).lead.variant {
+            let is_of = |name: &&String| match &self.ablations[entry.run].estimate(&entry.row).lead.variant {
                 Some(variant) => *name == variant,
                 None => true,
             };

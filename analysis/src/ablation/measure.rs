@@ -170,7 +170,7 @@ impl Ablation<'_> {
                 "they come from `timings.parquet`, which a run leaves beside its recording: name the run's folder, or run again",
             ),
             Measure::Density(Part::Own) => (
-                "how many pixels were answered was not recorded".to_owned(),
+                "the number of valid pixels was not recorded".to_owned(),
                 "recordings of earlier versions do not hold it: run again",
             ),
             Measure::Density(Part::Disparity) | Measure::Frames(Part::Disparity) | Measure::Pixels(Part::Disparity) => {
@@ -181,7 +181,7 @@ impl Ablation<'_> {
             }
             Measure::Metric(metric) => {
                 let asked: Vec<&Row> =
-                    rows.iter().filter(|row| self.estimator(row).metrics.contains(&self.metrics[metric])).collect();
+                    rows.iter().filter(|row| self.estimate(row).metrics.contains(&self.metrics[metric])).collect();
                 let has_pixels = asked.iter().any(|row| row.pixels > 0);
                 let pooled = asked.iter().all(|row| row.mean == Mean::Pixels);
                 if asked.is_empty() {
@@ -189,7 +189,7 @@ impl Ablation<'_> {
                         of if Family::Depth.metrics().contains(of) => "depths",
                         _ => "disparities",
                     };
-                    let help = format!("it is a score of {family}: choose other --estimators");
+                    let help = format!("it is a score of {family}: choose other --estimates");
                     return Err(AnalysisError::asked(
                         format!("`{name}` was not taken of the selected estimates"),
                         help,
@@ -209,7 +209,7 @@ impl Ablation<'_> {
             }
             Measure::Axis(_) | Measure::Frames(Part::Own) | Measure::Pixels(Part::Own) => (
                 format!("no row has a value of `{name}`"),
-                "the selected estimates are of no variant: choose other --estimators",
+                "the selected estimates are of no variant: choose other --estimates",
             ),
         };
         Err(AnalysisError::asked(what, help.to_owned()))

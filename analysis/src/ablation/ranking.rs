@@ -18,7 +18,7 @@ use crate::tables::{Column, DIMENSIONLESS, Format, KEY_COLUMNS, Rows, Table};
 /// Rows whose cost differs by no more than this share are equally fast: timings of one run vary by as much.
 pub(super) const TIMING_NOISE: f64 = 0.05;
 
-/// A table with a row an estimator, or a depth and the disparity it was computed from.
+/// A table with a row an estimate, or a depth and the disparity it was computed from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ranking {
     /// What to sort by: a score or a column of numbers, best first; or an axis, numbers by size, others in the file's
@@ -26,7 +26,7 @@ pub struct Ranking {
     pub sort: Option<String>,
     /// How many rows are shown at most.
     pub top: Option<usize>,
-    /// The columns behind the axes; empty: all scores, `density` where not every pixel was answered, and `ms` where it
+    /// The columns behind the axes; empty: all scores, `density` where not every pixel is valid, and `ms` where it
     /// is known.
     pub columns: Vec<String>,
     /// Columns on whose Pareto front the rows are to be; empty: all rows.
@@ -115,10 +115,9 @@ impl Ranking {
             let rows = counted(left_out, "row");
             notes.push(format!("left out: {rows} of which none of these scores was taken"));
         }
-        if rows.iter().all(|row| row.set == PixelSet::Answered) && rows.len() > 1 {
+        if rows.iter().all(|row| row.set == PixelSet::Valid) && rows.len() > 1 {
             notes.push(
-                "each row is over the pixels that it answered itself, so nothing is marked as best: look at density"
-                    .to_owned(),
+                "each row is over its own valid pixels, so nothing is marked as best: look at density".to_owned(),
             );
         }
         let metrics: Vec<usize> = measures.iter().filter_map(|measure| measure.metric()).collect();
@@ -129,7 +128,7 @@ impl Ranking {
         for metric in metrics.iter().copied().filter(|metric| is_partial(*metric)) {
             let name = ablation.metrics[metric].name;
             notes.push(format!(
-                "{name} leaves out what was not answered, also over all true pixels, so none is marked as best: look at density, or take `--set filled`"
+                "{name} leaves out invalid pixels, also over all pixels with ground truth, so none is marked as best: look at density, or take `--set filled`"
             ));
         }
         notes.extend(best::note(&shown, &metrics));
@@ -158,7 +157,7 @@ impl Ranking {
         }
         let all = rows.len();
         let taken = |row: &Row| {
-            let taken = &ablation.estimator(row).metrics;
+            let taken = &ablation.estimate(row).metrics;
             metrics.iter().any(|&metric| row.values[metric].is_some() || taken.contains(&ablation.metrics[metric]))
         };
         if metrics.is_empty() || !rows.iter().any(taken) {
@@ -227,10 +226,10 @@ impl Ranking {
 }
 
 /// The columns that say what shown rows are: those that every table begins with. Text shows the axes on which `rows`
-/// differ and the estimator's name where there are several; where that does not tell rows apart, stage and variant too.
+/// differ and the estimate's name where there are several; where that does not tell rows apart, stage and variant too.
 pub(super) fn keys(ablation: &Ablation<'_>, selection: &Selection, rows: &[Row], shown: &[&Row]) -> Vec<Column> {
     let differ = |text: &dyn Fn(&Row) -> Option<String>| rows.iter().any(|row| text(row) != text(&rows[0]));
-    let lead = |row: &Row| &ablation.estimator(row).lead;
+    let lead = |row: &Row| &ablation.estimate(row).lead;
     let cells = Rows(shown);
     let shown_if = |is_shown: bool, column: Column| if is_shown { column } else { column.in_files() };
     let mut axes = Vec::new();
@@ -252,7 +251,7 @@ pub(super) fn keys(ablation: &Ablation<'_>, selection: &Selection, rows: &[Row],
     let mut columns = vec![
         cells.key("stage", |row| &lead(row).stage).in_files(),
         shown_if(of_variants, cells.key("variant", |row| lead(row).variant.as_ref())),
-        shown_if(is_shown, cells.key("estimator", |row| ablation.name(row))),
+        shown_if(is_shown, cells.key("estimate", |row| ablation.name(row))),
         shown_if(differ(&|row| Some(set(row))), cells.key("set", |row| set(row))),
     ];
     columns.extend(axes);
@@ -265,13 +264,13 @@ pub(super) fn keys(ablation: &Ablation<'_>, selection: &Selection, rows: &[Row],
     columns
 }
 
-/// Whether text tells rows of different estimators apart. One may be shown several times, as the best of several zones.
+/// Whether text tells rows of different estimates apart. One may be shown several times, as the best of several zones.
 fn are_told_apart(columns: &[Column], shown: &[&Row]) -> bool {
     let mut seen: HashMap<Vec<Option<String>>, usize> = HashMap::new();
     let told = |row: usize| columns.iter().filter(|column| !column.only_in_files).map(move |of| of.cells.text(row));
     (0..shown.len()).all(|row| {
-        let estimator = shown[row].estimator;
-        *seen.entry(told(row).collect()).or_insert(estimator) == estimator
+        let estimate = shown[row].estimate;
+        *seen.entry(told(row).collect()).or_insert(estimate) == estimate
     })
 }
 

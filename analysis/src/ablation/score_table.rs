@@ -1,4 +1,4 @@
-//! Table I: the value of every metric over all frames, by variant and estimator.
+//! Table I: the value of every metric over all frames, by variant and estimate.
 
 use std::collections::HashSet;
 
@@ -17,7 +17,7 @@ use crate::tables::{
     Cells, Column, DIMENSIONLESS, JsonRow, KEY_COLUMNS, Orientation, RowKey, Rows, Table, key_columns, unit_of,
 };
 
-/// The value of every metric over the frames that have scores of all estimators of their stage run, a row per estimator
+/// The value of every metric over the frames that have scores of all estimates of their stage run, a row per estimate
 /// and pixel set.
 ///
 /// A frame on which a metric has no pixel adds nothing to that metric's mean.
@@ -35,16 +35,16 @@ pub(crate) struct ScoreTable {
     label: String,
 }
 
-/// An estimator on a pixel set.
+/// An estimate on a pixel set.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScoreTableRow {
-    /// The variant, or the estimator itself where all variants share it: a heading.
+    /// The variant, or the estimate itself where all variants share it: a heading.
     group: String,
     /// Its name below that heading.
     name: String,
     pub(crate) key: RowKey,
     /// Its name under `estimates:`.
-    pub(crate) estimator: String,
+    pub(crate) estimate: String,
     pub(crate) label: String,
     pub(crate) set: PixelSet,
     /// How many frames the values are over.
@@ -68,8 +68,8 @@ pub struct TableRow {
     stage: String,
     /// Null where all variants share the row.
     variant: Option<String>,
-    estimator: String,
-    /// The pixels: `all`, `answered` or `filled`.
+    estimate: String,
+    /// The pixels: `all`, `valid` or `filled`.
     set: &'static str,
     // Keys are in the order of the columns of the file, in which `frames` is between the scores and the paper's
     // numbers.
@@ -97,7 +97,7 @@ impl ScoreTable {
     ) -> Result<Self, AnalysisError> {
         let zone = ablation.zone(selection)?;
         let best = Best::of(ablation, rows);
-        let metrics = metrics_of(rows.iter().map(|row| ablation.estimator(row)));
+        let metrics = metrics_of(rows.iter().map(|row| ablation.estimate(row)));
         let places: Vec<Option<usize>> =
             metrics.iter().map(|metric| ablation.metrics.iter().position(|known| known == metric)).collect();
         let mut found = match intervals {
@@ -110,19 +110,19 @@ impl ScoreTable {
         }
         .into_iter();
         let rows = rows.iter().enumerate().map(|(at, row)| {
-            let estimator = ablation.estimator(row);
-            let has_several_sets = rows.iter().filter(|other| other.estimator == row.estimator).count() > 1;
-            let (group, name) = match (&estimator.lead.variant, has_several_sets || row.set != PixelSet::All) {
-                (Some(variant), false) => (variant.clone(), estimator.name.clone()),
-                (Some(variant), true) => (variant.clone(), format!("{} {}", estimator.name, row.set)),
-                (None, _) => (estimator.label.clone(), row.set.to_string()),
+            let estimate = ablation.estimate(row);
+            let has_several_sets = rows.iter().filter(|other| other.estimate == row.estimate).count() > 1;
+            let (group, name) = match (&estimate.lead.variant, has_several_sets || row.set != PixelSet::All) {
+                (Some(variant), false) => (variant.clone(), estimate.name.clone()),
+                (Some(variant), true) => (variant.clone(), format!("{} {}", estimate.name, row.set)),
+                (None, _) => (estimate.label.clone(), row.set.to_string()),
             };
             ScoreTableRow {
                 group,
                 name,
-                key: estimator.lead.clone(),
-                estimator: estimator.name.clone(),
-                label: estimator.label.clone(),
+                key: estimate.lead.clone(),
+                estimate: estimate.name.clone(),
+                label: estimate.label.clone(),
                 set: row.set,
                 frames: row.frames,
                 mean: row.mean,
@@ -131,18 +131,18 @@ impl ScoreTable {
                 intervals: metrics.iter().map(|_| found.next().flatten()).collect(),
                 best: places.iter().map(|place| place.is_some_and(|place| best.is_best(place, at))).collect(),
                 density: row.density,
-                paper: if with_paper { paper_scores(estimator, row.set) } else { None },
+                paper: if with_paper { paper_scores(estimate, row.set) } else { None },
             }
         });
         let label = [vec![format!("{}-scores", ablation.experiment)], selection.label()].concat().join("-");
         Ok(Self { rows: rows.collect(), metrics, intervals, with_paper, zone: zone.to_owned(), label })
     }
 
-    /// The table in any format. Its files have a row per estimator and pixel set: the key columns, the metrics,
+    /// The table in any format. Its files have a row per estimate and pixel set: the key columns, the metrics,
     /// `frames`, the paper's numbers as `paper_a1 ...` where they are wanted, `density`.
     pub(crate) fn table(&self) -> Table {
         let rows = Rows(&self.rows);
-        let own = vec![rows.key("estimator", |row| &row.estimator), rows.key("set", |row| row.set.name())];
+        let own = vec![rows.key("estimate", |row| &row.estimate), rows.key("set", |row| row.set.name())];
         let mut columns: Vec<Column> =
             key_columns(&self.rows, |row| &row.key, own).into_iter().map(Column::in_files).collect();
         columns.extend([rows.key("group", |row| &row.group).in_text(), rows.key("name", |row| &row.name).in_text()]);
@@ -184,7 +184,7 @@ impl ScoreTable {
             TableRow {
                 stage: row.key.stage.clone(),
                 variant: row.key.variant.clone(),
-                estimator: row.estimator.clone(),
+                estimate: row.estimate.clone(),
                 set: row.set.name(),
                 axes_and_scores: cells.by_ref().take_while(|(name, _)| name != "frames").collect(),
                 frames: row.frames,
@@ -199,8 +199,8 @@ impl ScoreTable {
         let has_marks = self.rows.iter().any(|row| row.best.contains(&true));
         let classes: HashSet<usize> = self.rows.iter().filter_map(|row| row.class).collect();
         has_marks.then_some(match classes.len() {
-            1 => "best over all true pixels",
-            _ => "best of those over the same true pixels",
+            1 => "best over all pixels with ground truth",
+            _ => "best of those over the same pixels with ground truth",
         })
     }
 

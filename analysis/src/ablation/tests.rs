@@ -8,7 +8,7 @@ use serde::Deserialize as _;
 use serde_json::{Value as Json, json};
 
 use super::*;
-use crate::estimators::estimators;
+use crate::estimates::estimates;
 use crate::input::timings::Timing;
 use crate::tables::RowKey;
 
@@ -29,7 +29,7 @@ pub(super) fn node(kind: &str, name: &str, inputs: &[(&str, &str)], output: &Jso
 /// Variants of `block` (3, 9) and `mode` (hh, sgbm) with an estimate each, and one that all share; the source's depth
 /// is the truth.
 fn plan() -> RecordedPlan {
-    let params = json!({ "preset": "paper", "sets": ["answered", "all"], "max_m": null });
+    let params = json!({ "preset": "paper", "sets": ["valid", "all"], "max_m": null });
     let node = |name: &str, inputs: &[(&str, &str)], output: &Json, variants: &Json| {
         node("test/node", name, inputs, output, variants)
     };
@@ -79,25 +79,25 @@ pub(super) fn estimate(name: &str, variant: &Json, depth: &str, scores: &str, no
     })
 }
 
-fn score(position: usize, estimator: usize, zone: &str, pixels: u64, abs_rel: f64) -> [FrameScore; 2] {
-    [PixelSet::All, PixelSet::Answered].map(|set| {
-        let answered = pixels / 2;
-        let counted = if set == PixelSet::All { pixels } else { answered };
-        let row = ScoreRow { pixels: counted, truth: pixels, answered, ..ScoreRow::new(set, zone) };
+fn score(position: usize, estimate: usize, zone: &str, pixels: u64, abs_rel: f64) -> [FrameScore; 2] {
+    [PixelSet::All, PixelSet::Valid].map(|set| {
+        let valid = pixels / 2;
+        let counted = if set == PixelSet::All { pixels } else { valid };
+        let row = ScoreRow { pixels: counted, truth: pixels, valid, ..ScoreRow::new(set, zone) };
         let metric = |name: &str| Metric::named(name).unwrap();
         let row = row.with(metric("a1"), 1.0 - abs_rel).with(metric("a3"), 1.0).with(metric("abs_rel"), abs_rel);
-        FrameScore { frame: Arc::from(format!("f{position}")), position: FrameIndex(position), estimator, row }
+        FrameScore { frame: Arc::from(format!("f{position}")), position: FrameIndex(position), estimate, row }
     })
 }
 
-/// Of two frames, the second with three times as many pixels: by estimator (`stereo`, then the variants) the error of
+/// Of two frames, the second with three times as many pixels: by estimate (`stereo`, then the variants) the error of
 /// the first; that of the second is 0.1 more. Near, the order of variants is the other way round.
 fn scores() -> Vec<FrameScore> {
     let mut scores = Vec::new();
     for (position, (pixels, more)) in [(100, 0.0), (300, 0.1)].into_iter().enumerate() {
-        for (estimator, error) in [0.5, 0.1, 0.2, 0.3, 0.6].into_iter().enumerate() {
-            scores.extend(score(position, estimator, "", pixels, error + more));
-            scores.extend(score(position, estimator, "near", pixels / 10, 1.0 - error - more));
+        for (estimate, error) in [0.5, 0.1, 0.2, 0.3, 0.6].into_iter().enumerate() {
+            scores.extend(score(position, estimate, "", pixels, error + more));
+            scores.extend(score(position, estimate, "near", pixels / 10, 1.0 - error - more));
         }
     }
     scores
@@ -125,11 +125,11 @@ fn costs() -> Costs {
 
 /// Asks of an ablation of these scores.
 fn ask<R>(of: impl FnOnce(&Ablation<'_>) -> R) -> R {
-    ask_of(&estimators(&plan()).unwrap(), &scores(), of)
+    ask_of(&estimates(&plan()).unwrap(), &scores(), of)
 }
 
-fn ask_of<R>(estimators: &[Estimator], scores: &[FrameScore], of: impl FnOnce(&Ablation<'_>) -> R) -> R {
-    of(&Ablation::new(&plan(), estimators, scores, &|_, _| None, Some(&costs())))
+fn ask_of<R>(estimates: &[Estimate], scores: &[FrameScore], of: impl FnOnce(&Ablation<'_>) -> R) -> R {
+    of(&Ablation::new(&plan(), estimates, scores, &|_, _| None, Some(&costs())))
 }
 
 fn ranking(ranking: &Ranking, selection: &Selection) -> Result<crate::tables::Table, AnalysisError> {
@@ -148,8 +148,8 @@ pub(super) fn owned(names: &[&str]) -> Vec<String> {
 pub(super) fn labels(grid: &crate::tables::Table) -> Vec<String> {
     let csv = csv(grid);
     let of = |line: &str| match line.split(',').collect::<Vec<_>>()[1..3] {
-        ["", estimator] => estimator.to_owned(),
-        [variant, estimator] => format!("{variant}/{estimator}"),
+        ["", estimate] => estimate.to_owned(),
+        [variant, estimate] => format!("{variant}/{estimate}"),
         _ => line.to_owned(),
     };
     csv.lines().skip(1).map(of).collect()
@@ -166,9 +166,9 @@ fn axes_are_columns_and_rows_are_sorted_best_first() {
     let columns = owned(&["abs_rel", "density", "ms"]);
     let grid = ranking(&Ranking { columns, ..Ranking::default() }, &Selection::default()).unwrap();
     let expected = "\
-all true pixels, preset paper, mean over 2 frames; 5 rows by abs_rel; * best
+all pixels with ground truth, preset paper, mean over 2 frames; 5 rows by abs_rel; * best
 
-estimator  block  mode  abs_rel ↓   density ↑   ms ↓
+estimate  block  mode  abs_rel ↓   density ↑   ms ↓
 smooth     3      hh       0.1500*     50.0 %  11.00
 smooth     3      sgbm     0.2500      50.0 %  12.00
 smooth     9      hh       0.3500      50.0 %  13.00
@@ -183,9 +183,9 @@ note: ms: processor time of all nodes that an estimate is computed from, core-mi
 
 #[test]
 fn what_one_pays_for_is_all_that_an_estimate_comes_from_and_shared_nodes_count_for_each() {
-    let estimators = estimators(&plan()).unwrap();
+    let estimates = estimates(&plan()).unwrap();
     // `stereo` 10 ms a frame, `smooth` 1, 2 and 3 ms on top; the time of the last variant's node is not known.
-    let ms = costs().core_ms(&plan(), &estimators);
+    let ms = costs().core_ms(&plan(), &estimates);
     assert_eq!(ms, [Some(10.0), Some(11.0), Some(12.0), Some(13.0), None]);
 }
 
@@ -194,7 +194,7 @@ fn rows_are_cut_filtered_and_on_the_front() {
     let labels = |of: &Ranking, selection: &Selection| -> Vec<String> { labels(&ranking(of, selection).unwrap()) };
     let top = Ranking { top: Some(2), sort: Some("ms".to_owned()), ..Ranking::default() };
     assert_eq!(labels(&top, &Selection::default()), ["stereo", "block=3+mode=hh/smooth"]);
-    let of_block_9 = Selection { estimators: Some("block=9*".to_owned()), ..Selection::default() };
+    let of_block_9 = Selection { estimates: Some("block=9*".to_owned()), ..Selection::default() };
     let by_mode = Ranking { sort: Some("mode".to_owned()), ..Ranking::default() };
     assert_eq!(labels(&by_mode, &of_block_9), ["block=9+mode=hh/smooth", "block=9+mode=sgbm/smooth"]);
     // 11 ms for 0.15 beats 12 and 13 ms for more; what has no time is not on it.
@@ -204,17 +204,17 @@ fn rows_are_cut_filtered_and_on_the_front() {
 
 #[test]
 fn best_is_marked_only_between_what_is_comparable() {
-    let selection = Selection { set: Some(PixelSet::Answered), ..Selection::default() };
+    let selection = Selection { set: Some(PixelSet::Valid), ..Selection::default() };
     let grid = ranking(&Ranking::default(), &selection).unwrap();
     assert!(!grid.terminal(110).contains('*'), "each is over its own pixels");
-    assert!(grid.notes.iter().any(|note| note.contains("over the pixels that it answered itself")), "{:?}", grid.notes);
+    assert!(grid.notes.iter().any(|note| note.contains("over its own valid pixels")), "{:?}", grid.notes);
     // Three of one truth, two of another: a best of each.
-    let mut estimators = estimators(&plan()).unwrap();
-    for estimator in &mut estimators[3..] {
-        estimator.truth = Some("/s/lidar/depth".to_owned());
+    let mut estimates = estimates(&plan()).unwrap();
+    for estimate in &mut estimates[3..] {
+        estimate.truth = Some("/s/lidar/depth".to_owned());
     }
     let of = Ranking { columns: owned(&["abs_rel"]), ..Ranking::default() };
-    let grid = ask_of(&estimators, &scores(), |ablation| of.table(ablation, &Selection::default(), &|| false)).unwrap();
+    let grid = ask_of(&estimates, &scores(), |ablation| of.table(ablation, &Selection::default(), &|| false)).unwrap();
     let marked = grid.terminal(110).lines().filter(|line| line.ends_with('*')).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(marked, ["smooth     3      hh       0.1500*", "smooth     9      hh       0.3500*"]);
     assert!(grid.notes[0].starts_with("rows are of 2 kinds that cannot be compared"), "{:?}", grid.notes);
@@ -224,7 +224,7 @@ fn best_is_marked_only_between_what_is_comparable() {
 fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for() {
     // (100 * 0.1 + 300 * 0.2) / 400 = 0.175, not 0.15.
     let value = |mean| {
-        let selection = Selection { mean, estimators: Some("block=3+mode=hh/*".to_owned()), ..Selection::default() };
+        let selection = Selection { mean, estimates: Some("block=3+mode=hh/*".to_owned()), ..Selection::default() };
         ask(|ablation| ablation.rows(&selection).unwrap()[0].values[2].unwrap())
     };
     assert!((value(None) - 0.15).abs() < 1e-12);
@@ -238,7 +238,7 @@ fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for() {
 fn the_effect_of_each_axis_is_told_with_what_is_left() {
     let grid = ask(|ablation| effects::table(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
-effect of each axis on abs_rel over all true pixels, preset paper, mean over 2 frames; 4 rows, mean 0.3500, standard
+effect of each axis on abs_rel over all pixels with ground truth, preset paper, mean over 2 frames; 4 rows, mean 0.3500, standard
 deviation 0.1871; share: of the variance between rows (eta squared); * best
 
 axis          level  rows  abs_rel ↓   difference   share
@@ -279,14 +279,14 @@ fn time_has_effects_too_and_what_has_none_is_told_why() {
 #[test]
 fn a_median_over_pixels_is_refused_with_its_reason_wherever_it_is_asked_for() {
     let median = Metric::named("median_error").unwrap();
-    let mut estimators = estimators(&plan()).unwrap();
-    estimators.iter_mut().for_each(|estimator| estimator.metrics.push(median));
+    let mut estimates = estimates(&plan()).unwrap();
+    estimates.iter_mut().for_each(|estimate| estimate.metrics.push(median));
     let mut scores = scores();
     for score in scores.iter_mut().filter(|score| score.row.zone.is_empty()) {
         score.row = score.row.clone().with(median, 1.0);
     }
     let ask = |of: &dyn Fn(&Ablation<'_>) -> Result<crate::tables::Table, AnalysisError>| {
-        refused(ask_of(&estimators, &scores, of))
+        refused(ask_of(&estimates, &scores, of))
     };
     let pixels = Selection { mean: Some(Mean::Pixels), ..Selection::default() };
     let reason =
@@ -310,9 +310,9 @@ fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size
         vec![factor("mode", "hh")],
         vec![factor("mode", "sgbm"), factor("block", "3")],
     ];
-    let estimators = estimators(&plan).unwrap();
+    let estimates = estimates(&plan).unwrap();
     let scores = scores();
-    let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
+    let ablation = Ablation::new(&plan, &estimates, &scores, &|_, _| None, None);
     let text = effects::table(&ablation, &Selection::default(), "abs_rel").unwrap().terminal(118);
     // Of 0.25 and 0.65 the mean is 0.45; 0.35 is that of all four.
     for line in ["block  3         1     0.6500       0.2000", "       9         1     0.2500*     -0.2000"] {
@@ -329,13 +329,13 @@ fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size
 
 #[test]
 fn what_cannot_be_compared_beats_nothing_on_a_front() {
-    let mut estimators = estimators(&plan()).unwrap();
-    for estimator in &mut estimators[3..] {
-        estimator.truth = Some("/s/lidar/depth".to_owned());
+    let mut estimates = estimates(&plan()).unwrap();
+    for estimate in &mut estimates[3..] {
+        estimate.truth = Some("/s/lidar/depth".to_owned());
     }
     let front = Ranking { pareto: owned(&["abs_rel", "ms"]), ..Ranking::default() };
     let grid =
-        ask_of(&estimators, &scores(), |ablation| front.table(ablation, &Selection::default(), &|| false)).unwrap();
+        ask_of(&estimates, &scores(), |ablation| front.table(ablation, &Selection::default(), &|| false)).unwrap();
     let labels = labels(&grid);
     // 13 ms for 0.35 are beaten by 11 ms for 0.15, but those are of another truth.
     assert_eq!(labels, ["block=3+mode=hh/smooth", "block=9+mode=hh/smooth", "stereo"]);
@@ -344,10 +344,10 @@ fn what_cannot_be_compared_beats_nothing_on_a_front() {
 
 #[test]
 fn where_combinations_are_missing_shares_are_said_to_overlap() {
-    let selection = Selection { estimators: Some("*/smooth".to_owned()), ..Selection::default() };
+    let selection = Selection { estimates: Some("*/smooth".to_owned()), ..Selection::default() };
     let grid = ask_of(
-        &estimators(&plan()).unwrap()[..4],
-        &scores().into_iter().filter(|of| of.estimator < 4).collect::<Vec<_>>(),
+        &estimates(&plan()).unwrap()[..4],
+        &scores().into_iter().filter(|of| of.estimate < 4).collect::<Vec<_>>(),
         |ablation| effects::table(ablation, &selection, "abs_rel"),
     )
     .unwrap();
@@ -359,15 +359,15 @@ fn where_combinations_are_missing_shares_are_said_to_overlap() {
 fn each_zone_has_its_best_beside_what_the_best_overall_has_there() {
     let grid = ask(|ablation| zones::table(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
-zone,stage,variant,estimator,set,block,mode,abs_rel,best_overall,rows,pixels
+zone,stage,variant,estimate,set,block,mode,abs_rel,best_overall,rows,pixels
 whole image,s,block=3+mode=hh,smooth,all,3,hh,0.15000000000000002,0.15000000000000002,5,400
 near,s,block=9+mode=sgbm,smooth,all,9,sgbm,0.35000000000000003,0.8500000000000001,5,40
 ";
     assert_eq!(csv(&grid), expected);
     let near = Selection { zone: Some("near".to_owned()), ..Selection::default() };
     let row = ranking(&Ranking { top: Some(1), ..Ranking::default() }, &near).unwrap();
-    assert!(row.about.starts_with("all true pixels of zone near, "), "{}", row.about);
-    assert!(csv(&row).starts_with("stage,variant,estimator,set,zone,block,mode,"), "{}", csv(&row));
+    assert!(row.about.starts_with("all pixels with ground truth of zone near, "), "{}", row.about);
+    assert!(csv(&row).starts_with("stage,variant,estimate,set,zone,block,mode,"), "{}", csv(&row));
     assert!(csv(&row).contains("\ns,block=9+mode=sgbm,smooth,all,near,9,sgbm,"), "{}", csv(&row));
 }
 
@@ -379,8 +379,8 @@ fn who_is_best_in_several_zones_is_told_by_its_axes() {
     });
     let scores: Vec<FrameScore> = everywhere.collect();
     let of = |ablation: &Ablation<'_>| zones::table(ablation, &Selection::default(), "abs_rel");
-    let text = ask_of(&estimators(&plan()).unwrap(), &scores, of).unwrap().terminal(110);
-    assert!(text.contains("\nzone         estimator  block  mode  abs_rel"), "{text}");
+    let text = ask_of(&estimates(&plan()).unwrap(), &scores, of).unwrap().terminal(110);
+    assert!(text.contains("\nzone         estimate  block  mode  abs_rel"), "{text}");
 }
 
 #[test]
@@ -395,31 +395,27 @@ fn what_is_not_there_is_told_with_what_is() {
     let selected = |selection: Selection| refused(ask(|ablation| ablation.rows(&selection)));
     let zone = Selection { zone: Some("naer".to_owned()), ..Selection::default() };
     assert_eq!(selected(zone), "there is no zone `naer`; did you mean `near`?");
-    let pattern = Selection { estimators: Some("smoth".to_owned()), ..Selection::default() };
-    assert_eq!(selected(pattern), "there is no estimator `smoth`; did you mean `smooth`?");
+    let pattern = Selection { estimates: Some("smoth".to_owned()), ..Selection::default() };
+    assert_eq!(selected(pattern), "there is no estimate `smoth`; did you mean `smooth`?");
     let set = Selection { set: Some(PixelSet::Filled), ..Selection::default() };
-    assert!(selected(set).starts_with("nothing was scored on `filled`; what was scored is `all` and `answered`"));
+    assert!(selected(set).starts_with("nothing was scored on `filled`; what was scored is `all` and `valid`"));
     assert!(sorted("nothing").contains("axes `block`, `mode`, scores `a1`"), "{}", sorted("nothing"));
-    let pattern = Selection { estimators: Some("qqqqqqqqq".to_owned()), ..Selection::default() };
+    let pattern = Selection { estimates: Some("qqqqqqqqq".to_owned()), ..Selection::default() };
     assert!(selected(pattern).contains("there are `stereo`, `smooth`, `block=3+mode=hh/smooth`, `block=3"));
     let front =
         |of: &[&str]| refused(ranking(&Ranking { pareto: owned(of), ..Ranking::default() }, &Selection::default()));
     assert!(front(&["abs_rel"]).contains("name two columns"));
     assert!(front(&["abs_rel", "block"]).starts_with("`block` is an axis"));
     let effects = refused(ask(|ablation| {
-        effects::table(
-            ablation,
-            &Selection { estimators: Some("stereo".to_owned()), ..Selection::default() },
-            "abs_rel",
-        )
+        effects::table(ablation, &Selection { estimates: Some("stereo".to_owned()), ..Selection::default() }, "abs_rel")
     }));
     assert!(effects.starts_with("there is no axis to see the effect of"), "{effects}");
-    let estimators = estimators(&plan()).unwrap();
+    let estimates = estimates(&plan()).unwrap();
     let of = Ranking { sort: Some("ms".to_owned()), ..Ranking::default() };
     let (plan, scores) = (plan(), scores());
-    let without = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
+    let without = Ablation::new(&plan, &estimates, &scores, &|_, _| None, None);
     assert!(refused(of.table(&without, &Selection::default(), &|| false)).contains("timings.parquet"));
-    let reused = Ablation::new(&plan, &estimators, &scores, &|_, _| None, Some(&Costs::new(&[])));
+    let reused = Ablation::new(&plan, &estimates, &scores, &|_, _| None, Some(&Costs::new(&[])));
     assert!(refused(of.table(&reused, &Selection::default(), &|| false)).contains("run --fresh"));
 }
 
@@ -427,20 +423,20 @@ fn what_is_not_there_is_told_with_what_is() {
 fn variants_that_no_matrix_made_are_an_axis_themselves() {
     let mut plan = plan();
     plan.factors = Vec::new();
-    let estimators = estimators(&plan).unwrap();
+    let estimates = estimates(&plan).unwrap();
     let scores = scores();
-    let ablation = Ablation::new(&plan, &estimators, &scores, &|_, _| None, None);
+    let ablation = Ablation::new(&plan, &estimates, &scores, &|_, _| None, None);
     let axis = Axis { name: "variant".to_owned(), levels: plan.variants.clone(), is_numeric: false };
     assert_eq!(ablation.axes, [axis]);
     let grid = effects::table(&ablation, &Selection::default(), "abs_rel").unwrap();
     assert!(grid.notes.iter().any(|note| note.starts_with("no share of variant")), "{:?}", grid.notes);
     let grid = Ranking::default().table(&ablation, &Selection::default(), &|| false).unwrap();
     let text = grid.terminal(110);
-    assert!(text.contains("\nvariant            estimator    a1"), "{text}");
-    assert!(csv(&grid).starts_with("stage,variant,estimator,set,zone,a1,"), "{}", csv(&grid));
+    assert!(text.contains("\nvariant            estimate    a1"), "{text}");
+    assert!(csv(&grid).starts_with("stage,variant,estimate,set,zone,a1,"), "{}", csv(&grid));
 }
 
-/// The scores with an end-point error besides, which leaves out what was not answered.
+/// The scores with an end-point error besides, which leaves out invalid pixels.
 fn with_end_point_errors() -> Vec<FrameScore> {
     let mut scores = scores();
     for score in &mut scores {
@@ -451,9 +447,9 @@ fn with_end_point_errors() -> Vec<FrameScore> {
 }
 
 #[test]
-fn a_score_of_answers_alone_is_never_compared_over_pixels_that_were_not_answered() {
+fn a_score_of_answers_alone_is_never_compared_over_pixels_that_were_not_valid() {
     let ask = |ranking: &Ranking| {
-        ask_of(&estimators(&plan()).unwrap(), &with_end_point_errors(), |of| {
+        ask_of(&estimates(&plan()).unwrap(), &with_end_point_errors(), |of| {
             ranking.table(of, &Selection::default(), &|| false)
         })
         .unwrap()
@@ -461,7 +457,7 @@ fn a_score_of_answers_alone_is_never_compared_over_pixels_that_were_not_answered
     let text = |metric: &str| ask(&Ranking { columns: owned(&[metric]), ..Ranking::default() }).terminal(200);
     assert!(text("abs_rel").contains('*'), "{}", text("abs_rel"));
     assert!(
-        !text("epe").contains('*') && text("epe").contains("note: epe leaves out what was not answered"),
+        !text("epe").contains('*') && text("epe").contains("note: epe leaves out invalid pixels"),
         "{}",
         text("epe")
     );
@@ -479,11 +475,11 @@ fn what_is_asked_for_decides_the_order_and_stands_once() {
 #[test]
 fn where_no_pixel_was_scored_that_is_the_answer() {
     let none = |score: &FrameScore| {
-        let row = ScoreRow { pixels: 0, answered: 0, truth: 0, ..ScoreRow::new(score.row.set, &score.row.zone) };
+        let row = ScoreRow { pixels: 0, valid: 0, truth: 0, ..ScoreRow::new(score.row.set, &score.row.zone) };
         FrameScore { row, ..score.clone() }
     };
     let scores: Vec<FrameScore> = scores().iter().map(none).collect();
-    let refusal = ask_of(&estimators(&plan()).unwrap(), &scores, |of| {
+    let refusal = ask_of(&estimates(&plan()).unwrap(), &scores, |of| {
         Ranking::default().table(of, &Selection::default(), &|| false)
     });
     assert!(refused(refusal).starts_with("not one pixel was scored"));

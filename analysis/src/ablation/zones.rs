@@ -39,7 +39,7 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str
             notes.push(format!("nothing that is selected was scored in zone {zone}"));
             continue;
         };
-        rows.retain(|row| row.values[metric].is_some() || ablation.estimator(row).metrics.contains(&named));
+        rows.retain(|row| row.values[metric].is_some() || ablation.estimate(row).metrics.contains(&named));
         let best = Best::of(ablation, &rows);
         if zone.is_empty() {
             about = ablation.about(&rows, &here)?;
@@ -56,11 +56,11 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str
             ));
             continue;
         };
-        let estimator = rows[winner].estimator;
+        let estimate = rows[winner].estimate;
         if zone.is_empty() {
-            overall = Some(estimator);
+            overall = Some(estimate);
         }
-        let there = overall.and_then(|overall| rows.iter().find(|row| row.estimator == overall));
+        let there = overall.and_then(|overall| rows.iter().find(|row| row.estimate == overall));
         let class = rows[winner].comparable_by(metric);
         winners.push(Winner {
             zone: name(zone),
@@ -73,7 +73,7 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str
         return Err(AnalysisError::asked(
             "there is no best in any zone: no two of the selected rows can be compared".to_owned(),
             format!(
-                "two or more estimates over the same pixels are needed: over `--set answered` each has its own{}",
+                "two or more estimates over the same pixels are needed: over `--set valid` each has its own{}",
                 match named.pooling {
                     Pooling::MeanOfAnswers => format!(", and so has `{}` but over `--set filled`", named.name),
                     _ => String::new(),

@@ -124,7 +124,7 @@ pub(super) fn contrasts(
         |metric: &Metric| options.scores.is_empty() || options.scores.iter().any(|name| name == metric.name);
     let mut samples = Vec::new();
     for (place, pair) in pairs.iter().enumerate() {
-        let both = pair.baseline.estimator.metrics.iter().filter(|of| pair.other.estimator.metrics.contains(of));
+        let both = pair.baseline.estimate.metrics.iter().filter(|of| pair.other.estimate.metrics.contains(of));
         for metric in both.copied().filter(|metric| is_wanted(metric)) {
             samples.extend(sample(place, pair, metric, pair.mean(options)));
         }
@@ -187,7 +187,7 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
     if ours.is_empty() {
         return None;
     }
-    let settings = |of: &super::ScoredBy<'_>| of.estimator.settings.unwrap_or_default();
+    let settings = |of: &super::ScoredBy<'_>| of.estimate.settings.unwrap_or_default();
     let baseline = Weighted::of(metric, mean, &settings(&pair.baseline), ours.iter().copied())?;
     let other = Weighted::of(metric, mean, &settings(&pair.other), theirs.iter().copied())?;
     let values = || ours.iter().zip(&theirs).filter_map(|(one, two)| both((one, two)));
@@ -221,26 +221,26 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
 impl Pair<'_> {
     /// What a data set's value is taken over.
     pub(super) fn mean(&self, options: &CompareOptions) -> Mean {
-        options.selection.mean.unwrap_or(self.baseline.estimator.mean)
+        options.selection.mean.unwrap_or(self.baseline.estimate.mean)
     }
 
     /// Whether both are values of one node, on frames of equal source values, scored in one way.
     fn is_identical(&self) -> bool {
         fn node<'a>(of: &'a super::ScoredBy<'_>) -> Option<(&'a Key, &'a str)> {
-            let (topic, run) = (of.estimator.estimate.as_deref()?, &of.run.recording.plan().runs[of.estimator.run]);
+            let (topic, run) = (of.estimate.estimate.as_deref()?, &of.run.recording.plan().runs[of.estimate.run]);
             run.nodes.iter().find_map(|node| {
                 let output = node.outputs.iter().find(|output| output.topic == topic)?;
                 Some((&node.recipe, output.port.as_str()))
             })
         }
-        let (one, two) = (self.baseline.estimator, self.other.estimator);
+        let (one, two) = (self.baseline.estimate, self.other.estimate);
         let is_one_node = node(&self.baseline).is_some() && node(&self.baseline) == node(&self.other);
         is_one_node && one.settings == two.settings && one.truth == two.truth && self.paired.other_values == 0
     }
 
     /// Whether both were scored in one way; where not, a difference is also one of scoring.
     pub(super) fn is_scored_alike(&self, options: &CompareOptions) -> bool {
-        let (one, two) = (self.baseline.estimator, self.other.estimator);
+        let (one, two) = (self.baseline.estimate, self.other.estimate);
         one.settings == two.settings && (options.selection.mean.is_some() || one.mean == two.mean)
     }
 }

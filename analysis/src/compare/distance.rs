@@ -1,4 +1,4 @@
-//! Where is it better? Absolute errors of pairs by true distance, on the pixels that both answered, paired over frames;
+//! Where is it better? Absolute errors of pairs by true distance, on the pixels that are valid in both, paired over frames;
 //! and the distance at which one of the two should hand over to the other.
 //!
 //! A bin's mean and median are over all its pixels, as `analyse --set common` has them. Frames are the sample: they are
@@ -20,7 +20,7 @@ use super::contrast::Verdict;
 use super::side::{self, parties};
 use super::{CompareOptions, ComparedRun, Side};
 use crate::error::{AnalysisError, caught};
-use crate::estimators::estimators;
+use crate::estimates::estimates;
 use crate::query::Bins;
 use crate::samples::SamplesFile;
 use crate::statistics::{Interval, SignedRank, Statistic as OfFrames, holm};
@@ -69,7 +69,7 @@ pub(crate) struct Compared {
     pub(crate) run: String,
     pub(crate) stage: String,
     pub(crate) variant: Option<String>,
-    pub(crate) estimator: String,
+    pub(crate) estimate: String,
     /// What people call it, with its run where there are several.
     pub(crate) title: String,
 }
@@ -114,8 +114,8 @@ pub fn compare_by_distance(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<DistanceComparison, AnalysisError> {
     caught(|| {
-        let all = runs.iter().map(|run| estimators(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
-        let (_, parties) = parties(runs, &all, sides, options.selection.estimators.as_deref())?;
+        let all = runs.iter().map(|run| estimates(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
+        let (_, parties) = parties(runs, &all, sides, options.selection.estimates.as_deref())?;
         let baseline = side::baseline(&parties, options, |_| Ok(None))?;
         let files = samples.iter().map(|path| SamplesFile::open(path)).collect::<Result<Vec<_>, _>>()?;
         let bins = bins.cloned().unwrap_or(Bins::Width(WIDTH_M));
@@ -126,11 +126,11 @@ pub fn compare_by_distance(
                 let Some((_, base)) = first.entries.iter().find(|(of, _)| of == name) else { continue };
                 let sides = [(first.run, base.as_str()), (party.run, label.as_str())];
                 let of = |(run, label): (usize, &str)| {
-                    let found = files[run].described.estimators.iter().find(|of| of.label == label)?;
+                    let found = files[run].described.estimates.iter().find(|of| of.label == label)?;
                     let title = if runs.len() > 1 { format!("{}:{label}", runs[run].called) } else { label.to_owned() };
                     let (run, stage) = (runs[run].called.to_owned(), found.stage.clone());
-                    let (variant, estimator) = (found.variant.clone(), found.estimator.clone());
-                    Some((found, Compared { run, stage, variant, estimator, title }))
+                    let (variant, estimate) = (found.variant.clone(), found.estimate.clone());
+                    Some((found, Compared { run, stage, variant, estimate, title }))
                 };
                 // Disparities, and what was not recorded, have no samples.
                 let (Some((one, baseline)), Some((two, other))) = (of(sides[0]), of(sides[1])) else {
@@ -156,7 +156,7 @@ pub fn compare_by_distance(
                 .first()
                 .cloned()
                 .unwrap_or_else(|| format!("{} has no estimate of a name that another side has too", first.title));
-            let help = "name estimators to hold against each other: `compare RUN stereo full/mono --by distance`";
+            let help = "name estimates to hold against each other: `compare RUN stereo full/mono --by distance`";
             return Err(AnalysisError::asked(what, help.to_owned()));
         }
         let key = crate::tables::plan_key(runs[first.run].recording.plan());

@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use depthloom_graphs::Key;
 
 use super::ComparedRun;
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
-/// An estimator's scores on one pixel set of one zone, frame by frame.
+/// An estimate's scores on one pixel set of one zone, frame by frame.
 #[derive(Clone)]
 pub(super) struct ScoredBy<'a> {
     pub(super) run: ComparedRun<'a>,
-    pub(super) estimator: &'a Estimator,
+    pub(super) estimate: &'a Estimate,
     pub(super) scores: Vec<&'a FrameScore>,
 }
 
@@ -25,26 +25,26 @@ pub(super) struct Paired<'a> {
     pub(super) only_other: usize,
     /// On how many of the frames in both the source's values are not the same.
     pub(super) other_values: usize,
-    /// On how many the number of true pixels is not.
+    /// On how many the number of pixels with ground truth is not.
     pub(super) other_truth: usize,
 }
 
 impl ScoredBy<'_> {
     pub(super) fn stage(&self) -> &str {
-        &self.run.recording.plan().runs[self.estimator.run].stage
+        &self.run.recording.plan().runs[self.estimate.run].stage
     }
 
     /// Its label, with its run where there are several.
     pub(super) fn title(&self, runs: usize) -> String {
-        if runs > 1 { format!("{}:{}", self.run.called, self.estimator.label) } else { self.estimator.label.clone() }
+        if runs > 1 { format!("{}:{}", self.run.called, self.estimate.label) } else { self.estimate.label.clone() }
     }
 
     fn key(&self, score: &FrameScore) -> Option<Key> {
-        self.run.recording.frames(self.estimator.run).get(score.position.0).and_then(|frame| frame.source_key)
+        self.run.recording.frames(self.estimate.run).get(score.position.0).and_then(|frame| frame.source_key)
     }
 
     fn is_of_run(&self, other: &Self) -> bool {
-        std::ptr::eq(self.run.recording, other.run.recording) && self.estimator.run == other.estimator.run
+        std::ptr::eq(self.run.recording, other.run.recording) && self.estimate.run == other.estimate.run
     }
 }
 

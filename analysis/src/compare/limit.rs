@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::contrast::Contrast;
 use super::{CompareOptions, Pair};
 use crate::error::{AnalysisError, listed, unknown};
-use crate::estimators::{Estimator, is_of};
+use crate::estimates::{Estimate, is_of};
 
 /// What a limit is on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,7 +46,7 @@ impl Measure {
 pub(super) struct Limit {
     written: String,
     /// A pattern of the estimates that it is on; `None`: all.
-    estimator: Option<String>,
+    estimate: Option<String>,
     measure: Measure,
     /// Whether a change above it is too much, or one below.
     is_above: bool,
@@ -75,7 +75,7 @@ pub(crate) struct JudgedLimit {
 }
 
 impl Limit {
-    /// Reads `[ESTIMATOR.]SCORE > [+|-]NUMBER[%]`; also `<`, `>=`, `<=`.
+    /// Reads `[ESTIMATE.]SCORE > [+|-]NUMBER[%]`; also `<`, `>=`, `<=`.
     pub(super) fn parse(written: &str) -> Result<Self, AnalysisError> {
         let wrong = |what: String| {
             AnalysisError::asked(
@@ -103,14 +103,14 @@ impl Limit {
             let name = left.rsplit('.').next().unwrap_or(left);
             return Err(unknown("score", name, all().map(Measure::name).collect::<Vec<_>>()));
         };
-        let estimator = left.strip_suffix(measure.name()).and_then(|left| left.strip_suffix('.')).map(str::to_owned);
+        let estimate = left.strip_suffix(measure.name()).and_then(|left| left.strip_suffix('.')).map(str::to_owned);
         let is_above = written[place..].starts_with('>');
-        Ok(Self { written: written.trim().to_owned(), estimator, measure, is_above, is_reached, change, is_relative })
+        Ok(Self { written: written.trim().to_owned(), estimate, measure, is_above, is_reached, change, is_relative })
     }
 
     fn is_on(&self, pair: &Pair<'_>) -> bool {
-        let Some(pattern) = &self.estimator else { return true };
-        is_of(pair.other.estimator, pattern) || glob(pattern, &pair.name)
+        let Some(pattern) = &self.estimate else { return true };
+        is_of(pair.other.estimate, pattern) || glob(pattern, &pair.name)
     }
 
     /// Judges the values of the baseline and of the other, of this label; the metric has a row in that place.
@@ -153,11 +153,11 @@ pub(super) fn judged(
                 Measure::Metric(metric) => metrics.contains(&metric),
                 Measure::Density => true,
             };
-            if !has(&pair.baseline.estimator.metrics) || !has(&pair.other.estimator.metrics) {
+            if !has(&pair.baseline.estimate.metrics) || !has(&pair.other.estimate.metrics) {
                 continue;
             }
             met += 1;
-            let title = &pair.other.estimator.label;
+            let title = &pair.other.estimate.label;
             if !pair.is_scored_alike(options) {
                 return Err(AnalysisError::asked(
                     format!("`{written}` cannot be told of {title}: the two were scored in different ways"),
@@ -184,12 +184,12 @@ pub(super) fn judged(
                     "name it in --scores, if there are any; `depthloom table RUN` says what has which".to_owned(),
                 ));
             };
-            let Estimator { lead, name, .. } = pair.other.estimator;
+            let Estimate { lead, name, .. } = pair.other.estimate;
             let label = lead.variant.as_ref().map_or_else(|| name.clone(), |variant| format!("{variant}/{name}"));
             judged.push(limit.judge(&label, row, baseline, value));
         }
         if met == 0 {
-            let names: BTreeSet<&str> = pairs.iter().map(|pair| pair.other.estimator.label.as_str()).collect();
+            let names: BTreeSet<&str> = pairs.iter().map(|pair| pair.other.estimate.label.as_str()).collect();
             return Err(AnalysisError::asked(
                 format!("`{written}` is on nothing that is compared"),
                 format!("compared are {}; was {} taken of both?", listed(names), limit.measure.name()),
@@ -209,7 +209,7 @@ fn densities(pair: &Pair<'_>, options: &CompareOptions) -> Option<(f64, f64)> {
         Mean::Frames => rows.iter().filter_map(|row| row.density()).sum::<f64>() / rows.len() as f64,
         Mean::Pixels => {
             let sum = |count: fn(&ScoreRow) -> u64| rows.iter().map(|row| count(row)).sum::<u64>() as f64;
-            sum(|row| row.answered) / sum(|row| row.truth)
+            sum(|row| row.valid) / sum(|row| row.truth)
         }
     };
     (!ours.is_empty()).then(|| (of(&ours), of(&theirs)))
@@ -222,9 +222,9 @@ mod tests {
     #[test]
     fn a_limit_names_estimate_score_and_change() {
         let of = |text: &str| {
-            let Limit { estimator, measure, is_above, is_reached, change, is_relative, .. } =
+            let Limit { estimate, measure, is_above, is_reached, change, is_relative, .. } =
                 Limit::parse(text).unwrap();
-            (estimator, measure.name(), is_above, is_reached, change, is_relative)
+            (estimate, measure.name(), is_above, is_reached, change, is_relative)
         };
         assert_eq!(of("fused.abs_rel > +1%"), (Some("fused".to_owned()), "abs_rel", true, false, 1.0, true));
         assert_eq!(of("a1<-0.005"), (None, "a1", false, false, -0.005, false));

@@ -1,4 +1,4 @@
-//! What is compared with what: runs, variants of a run, or estimators.
+//! What is compared with what: runs, variants of a run, or estimates.
 
 use depthloom_graphs::language::glob;
 use depthloom_graphs::plan::VariantId;
@@ -6,17 +6,17 @@ use depthloom_recording::{RecordedPlan, Recording};
 
 use super::{CompareOptions, ComparedRun, no_such};
 use crate::error::{AnalysisError, unknown};
-use crate::estimators::{Estimator, each_names_one, estimators, is_of, names_of};
+use crate::estimates::{Estimate, each_names_one, estimates, is_of, names_of};
 
 /// The name of the baseline that is chosen by its scores.
 const BEST: &str = "best";
 
-/// A run, or a variant or estimators of one.
+/// A run, or a variant or estimates of one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Side {
     /// Its place among the runs.
     pub run: usize,
-    /// A variant, an estimator's label, or a pattern of either in which `*` stands for any run of characters; `None`:
+    /// A variant, an estimate's label, or a pattern of either in which `*` stands for any run of characters; `None`:
     /// the whole run.
     pub name: Option<String>,
 }
@@ -26,18 +26,18 @@ pub struct Side {
 pub(super) enum Kind {
     Runs,
     Variants,
-    Estimators,
+    Estimates,
 }
 
-/// A side with its estimators.
+/// A side with its estimates.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Party {
     pub(super) run: usize,
-    /// What it is called: a run as it was named, a variant or an estimator, with its run where there are several.
+    /// What it is called: a run as it was named, a variant or an estimate, with its run where there are several.
     pub(super) title: String,
     /// The variant, of a variant.
     pub(super) variant: Option<VariantId>,
-    /// What its estimators have in common with those of others by name, and their labels.
+    /// What its estimates have in common with those of others by name, and their labels.
     pub(super) entries: Vec<(String, String)>,
 }
 
@@ -47,25 +47,25 @@ impl Party {
     }
 }
 
-/// The names by which parts of a run are compared: its variants, then its estimators.
+/// The names by which parts of a run are compared: its variants, then its estimates.
 ///
 /// # Errors
 /// If the recording's plan is of another version or damaged.
 pub fn names(recording: &Recording) -> Result<Vec<String>, AnalysisError> {
     let plan = recording.plan();
-    let estimators = estimators(plan)?;
+    let estimates = estimates(plan)?;
     let variants = plan.variants.iter().filter(|name| !name.is_empty()).cloned();
-    Ok(variants.chain(names_of(&estimators).into_iter().map(str::to_owned)).collect())
+    Ok(variants.chain(names_of(&estimates).into_iter().map(str::to_owned)).collect())
 }
 
-/// The sides, patterns taken apart; `only` is a pattern of the estimators that are wanted.
+/// The sides, patterns taken apart; `only` is a pattern of the estimates that are wanted.
 pub(super) fn parties(
     runs: &[ComparedRun<'_>],
-    estimators: &[Vec<Estimator>],
+    estimates: &[Vec<Estimate>],
     sides: &[Side],
     only: Option<&str>,
 ) -> Result<(Kind, Vec<Party>), AnalysisError> {
-    let all = |run: usize| (runs[run].recording.plan(), &estimators[run][..]);
+    let all = |run: usize| (runs[run].recording.plan(), &estimates[run][..]);
     let mut found: Vec<(Kind, Party)> = Vec::new();
     for side in sides {
         let (plan, of) = all(side.run);
@@ -98,13 +98,13 @@ pub(super) fn parties(
     }
     if let Some(pattern) = only {
         for (_, party) in &mut found {
-            let run = &estimators[party.run];
+            let run = &estimates[party.run];
             party.entries.retain(|(_, label)| run.iter().any(|of| of.label == *label && is_of(of, pattern)));
         }
-        each_names_one(pattern, &estimators.concat())?;
+        each_names_one(pattern, &estimates.concat())?;
         if found.iter().all(|(_, party)| party.entries.is_empty()) {
-            let names = estimators.iter().flat_map(|run| names_of(run)).collect::<Vec<_>>();
-            return Err(unknown("estimator", pattern, names));
+            let names = estimates.iter().flat_map(|run| names_of(run)).collect::<Vec<_>>();
+            return Err(unknown("estimate", pattern, names));
         }
     }
     let Some(&(kind, _)) = found.first() else {
@@ -112,7 +112,7 @@ pub(super) fn parties(
     };
     if found.iter().any(|(of, _)| *of != kind) {
         return Err(AnalysisError::asked(
-            "runs, variants and estimators cannot be held against one another".to_owned(),
+            "runs, variants and estimates cannot be held against one another".to_owned(),
             "name sides of one kind: `compare A B`, `compare RUN full no_scaling`, `compare RUN full/fused full/mono`"
                 .to_owned(),
         ));
@@ -121,23 +121,23 @@ pub(super) fn parties(
         let title = &found[0].1.title;
         return Err(AnalysisError::asked(
             format!("there is nothing to hold {title} against"),
-            "name another run, variant or estimator".to_owned(),
+            "name another run, variant or estimate".to_owned(),
         ));
     }
     Ok((kind, found.into_iter().map(|(_, party)| party).collect()))
 }
 
-fn whole(called: &str, estimators: &[Estimator], run: usize) -> (Kind, Party) {
-    let entries = estimators.iter().map(|of| (of.label.clone(), of.label.clone())).collect();
+fn whole(called: &str, estimates: &[Estimate], run: usize) -> (Kind, Party) {
+    let entries = estimates.iter().map(|of| (of.label.clone(), of.label.clone())).collect();
     (Kind::Runs, Party { run, title: called.to_owned(), variant: None, entries })
 }
 
-/// The variants of that name that have estimators of their own.
-fn variants(plan: &RecordedPlan, estimators: &[Estimator], name: &str, run: usize, prefix: &str) -> Vec<(Kind, Party)> {
+/// The variants of that name that have estimates of their own.
+fn variants(plan: &RecordedPlan, estimates: &[Estimate], name: &str, run: usize, prefix: &str) -> Vec<(Kind, Party)> {
     let named = VariantId::enumerate(&plan.variants).filter(|(_, of)| !of.is_empty() && glob(name, of));
     let party = |(variant, of): (VariantId, &String)| {
-        let own = estimators.iter().filter(|estimator| estimator.lead.variant.as_ref() == Some(of));
-        let entries: Vec<_> = own.map(|estimator| (own_name(estimator, estimators), estimator.label.clone())).collect();
+        let own = estimates.iter().filter(|estimate| estimate.lead.variant.as_ref() == Some(of));
+        let entries: Vec<_> = own.map(|estimate| (own_name(estimate, estimates), estimate.label.clone())).collect();
         let title = format!("{prefix}{of}");
         (!entries.is_empty()).then_some((Kind::Variants, Party { run, title, variant: Some(variant), entries }))
     };
@@ -145,18 +145,18 @@ fn variants(plan: &RecordedPlan, estimators: &[Estimator], name: &str, run: usiz
 }
 
 /// An estimate's name, with its stage where another stage has an estimate of that name.
-fn own_name(of: &Estimator, estimators: &[Estimator]) -> String {
-    let is_in_two = estimators.iter().any(|other| other.name == of.name && other.lead.stage != of.lead.stage);
+fn own_name(of: &Estimate, estimates: &[Estimate]) -> String {
+    let is_in_two = estimates.iter().any(|other| other.name == of.name && other.lead.stage != of.lead.stage);
     if is_in_two { format!("{}.{}", of.lead.stage, of.name) } else { of.name.clone() }
 }
 
-/// The estimators of that label or name, each a side of its own.
-fn several(estimators: &[Estimator], name: &str, run: usize, prefix: &str) -> Vec<(Kind, Party)> {
-    let party = |of: &Estimator| {
+/// The estimates of that label or name, each a side of its own.
+fn several(estimates: &[Estimate], name: &str, run: usize, prefix: &str) -> Vec<(Kind, Party)> {
+    let party = |of: &Estimate| {
         let entries = vec![(String::new(), of.label.clone())];
-        (Kind::Estimators, Party { run, title: format!("{prefix}{}", of.label), variant: None, entries })
+        (Kind::Estimates, Party { run, title: format!("{prefix}{}", of.label), variant: None, entries })
     };
-    estimators.iter().filter(|of| is_of(of, name)).map(party).collect()
+    estimates.iter().filter(|of| is_of(of, name)).map(party).collect()
 }
 
 /// The place of what the others are held against; `best_of` gives a party's best value, and whether more is better.

@@ -101,15 +101,15 @@ impl<'a> Compared<'a> {
     /// What was set otherwise in a side.
     fn parameters(&self, first: &Party, other: &Party) -> Vec<Changed> {
         let plan = |party: &Party| self.opened[party.run].run.recording.plan();
-        // Of an estimator, those of its variant; a run has all of its variants.
+        // Of an estimate, those of its variant; a run has all of its variants.
         let is_run = first.entries.iter().any(|(name, label)| name == label);
-        let variant_of_estimator = |party: &Party| {
+        let variant_of_estimate = |party: &Party| {
             let (_, label) = party.entries.first()?;
-            let estimators = &self.opened[party.run].estimators;
-            let variant = estimators.iter().find(|estimator| estimator.label == *label)?.lead.variant.as_ref()?;
+            let estimates = &self.opened[party.run].estimates;
+            let variant = estimates.iter().find(|estimate| estimate.label == *label)?.lead.variant.as_ref()?;
             plan(party).variants.iter().position(|name| name == variant).map(VariantId)
         };
-        let variant = |party: &Party| if is_run { None } else { party.variant.or_else(|| variant_of_estimator(party)) };
+        let variant = |party: &Party| if is_run { None } else { party.variant.or_else(|| variant_of_estimate(party)) };
         changed((plan(first), variant(first)), (plan(other), variant(other)))
     }
 
@@ -131,30 +131,33 @@ impl<'a> Compared<'a> {
                     paired.other_values
                 ));
             }
-            let label = &pair.other.estimator.label;
-            if paired.other_truth > 0 && pair.set != PixelSet::Answered {
-                notes.push(format!("{label}: on {} of {all} frames other true pixels were scored", paired.other_truth));
+            let label = &pair.other.estimate.label;
+            if paired.other_truth > 0 && pair.set != PixelSet::Valid {
+                notes.push(format!(
+                    "{label}: on {} of {all} frames other pixels with ground truth were scored",
+                    paired.other_truth
+                ));
             }
             if !pair.is_scored_alike(self.options) {
-                let (one, two) = (&pair.baseline.estimator.preset, &pair.other.estimator.preset);
+                let (one, two) = (&pair.baseline.estimate.preset, &pair.other.estimate.preset);
                 notes.push(format!(
                     "{label} and its baseline were scored in different ways ({two}; {one}): differences are of the scoring too"
                 ));
             }
         }
-        if self.pairs.iter().any(|pair| pair.set == PixelSet::Answered) {
-            notes.push("each is over the pixels that it answered itself, so differences are of the pixels too: look at density, or take `--set common`".to_owned());
+        if self.pairs.iter().any(|pair| pair.set == PixelSet::Valid) {
+            notes.push("each is over its own valid pixels, so differences are partly differences of pixels: look at density, or take `--set common`".to_owned());
         }
         for Contrast { metric, .. } in self.contrasts.iter().filter(|of| self.pair(of).set == PixelSet::All) {
             if metric.pooling == Pooling::MeanOfAnswers {
                 let name = metric.name;
                 notes.push(format!(
-                    "{name} leaves out what was not answered, also over all true pixels: take `--set filled`"
+                    "{name} leaves out invalid pixels, also over all pixels with ground truth: take `--set filled`"
                 ));
             }
         }
         for contrast in self.contrasts.iter().filter(|contrast| contrast.is_identical) {
-            let label = &self.pair(contrast).other.estimator.label;
+            let label = &self.pair(contrast).other.estimate.label;
             notes.push(format!("{label} is the same on both sides: it is not tested"));
         }
         let frames = || self.contrasts.iter().map(|contrast| contrast.frames);
@@ -179,14 +182,14 @@ impl<'a> Compared<'a> {
             (..=NAMED, _) => titles.join(", "),
             (many, Kind::Runs) => format!("{many} runs"),
             (many, Kind::Variants) => format!("{many} variants"),
-            (many, Kind::Estimators) => format!("{many} estimators"),
+            (many, Kind::Estimates) => format!("{many} estimates"),
         };
         let pixels = self.pairs.iter().map(|pair| match &selection.zone {
-            _ if selection.common => "the true pixels that all answered".to_owned(),
+            _ if selection.common => "the pixels with ground truth that are valid in all".to_owned(),
             None => pixels_of(pair.set).to_owned(),
             Some(zone) => format!("{} of zone {zone}", pixels_of(pair.set)),
         });
-        let presets = self.pairs.iter().map(|pair| pair.other.estimator.preset.clone());
+        let presets = self.pairs.iter().map(|pair| pair.other.estimate.preset.clone());
         let frames = || self.contrasts.iter().map(|contrast| contrast.frames as u64);
         let frames = frames().min().unwrap_or(0)..=frames().max().unwrap_or(0);
         let is_all = |mean| self.contrasts.iter().all(|contrast| self.pair(contrast).mean(self.options) == mean);
@@ -224,18 +227,18 @@ impl<'a> Compared<'a> {
         let differ_in_frames = self.contrasts.iter().any(|of| of.frames != self.contrasts[0].frames);
 
         let mut columns = vec![
-            rows.key("stage", |of| &other(of).estimator.lead.stage).in_files(),
-            rows.key("variant", |of| other(of).estimator.lead.variant.as_ref()).in_files(),
-            rows.key("estimator", |of| &other(of).estimator.name).in_files(),
+            rows.key("stage", |of| &other(of).estimate.lead.stage).in_files(),
+            rows.key("variant", |of| other(of).estimate.lead.variant.as_ref()).in_files(),
+            rows.key("estimate", |of| &other(of).estimate.name).in_files(),
             rows.key("set", |of| if options.selection.common { COMMON } else { self.pair(of).set.name() }).in_files(),
         ];
         columns.extend(self.axes());
         columns.extend([
             rows.key("run", |of| other(of).run.called).in_files(),
             rows.key("baseline_run", |of| baseline(of).run.called).in_files(),
-            rows.key("baseline_stage", |of| &baseline(of).estimator.lead.stage).in_files(),
-            rows.key("baseline_variant", |of| baseline(of).estimator.lead.variant.as_ref()).in_files(),
-            rows.key("baseline_estimator", |of| &baseline(of).estimator.name).in_files(),
+            rows.key("baseline_stage", |of| &baseline(of).estimate.lead.stage).in_files(),
+            rows.key("baseline_variant", |of| baseline(of).estimate.lead.variant.as_ref()).in_files(),
+            rows.key("baseline_estimate", |of| &baseline(of).estimate.name).in_files(),
             rows.key("zone", |_| options.selection.zone.as_ref()).in_files(),
             rows.key("mean", |of| self.pair(of).mean(options).name()).in_files(),
         ]);
@@ -266,7 +269,7 @@ impl<'a> Compared<'a> {
 
     /// The axes of all that is compared; one that a side's experiment does not have is empty.
     fn axes(&self) -> Vec<Column> {
-        let factors = |of: &Contrast| &self.pair(of).other.estimator.lead.factors;
+        let factors = |of: &Contrast| &self.pair(of).other.estimate.lead.factors;
         let mut axes: Vec<&Level> = Vec::new();
         for level in self.contrasts.iter().flat_map(factors) {
             if !axes.iter().any(|known| known.axis == level.axis) {
@@ -286,11 +289,11 @@ impl<'a> Compared<'a> {
     fn names(&self) -> Vec<Column> {
         let rows = Rows(self.contrasts);
         let title = |name: &str| rows.key(name, |of| &self.parties[self.pair(of).party].title).once().in_text();
-        let name = rows.key("estimator", |of| &self.pair(of).name).once().in_text();
+        let name = rows.key("estimate", |of| &self.pair(of).name).once().in_text();
         let has_several_names = self.pairs.iter().any(|pair| pair.name != self.pairs[0].name);
         let has_several_titles = self.pairs.iter().any(|pair| pair.party != self.pairs[0].party);
         match self.kind {
-            Kind::Estimators => vec![title("estimator")],
+            Kind::Estimates => vec![title("estimate")],
             Kind::Variants if !has_several_names => vec![title("variant")],
             Kind::Variants => vec![title("variant"), name],
             Kind::Runs if !has_several_titles => vec![name],

@@ -17,43 +17,43 @@ pub(super) const ORIGIN: &str = "depthloom.computed_from";
 /// What the rows of `error_vs_distance.parquet` were computed from.
 #[derive(Debug, PartialEq, Deserialize, Serialize)]
 pub(super) struct Origin {
-    /// In the order of the rows. Each estimator has one row per bin of the pixels that it answered, then one per bin of
-    /// the pixels that all answered.
-    estimators: Vec<EstimatorOrigin>,
+    /// In the order of the rows. Each estimate has one row per bin of its valid pixels, then one per bin of
+    /// the pixels that are valid in all.
+    estimates: Vec<EstimateOrigin>,
     /// A checksum of the above and of the rows.
     rows: Key,
 }
 
-/// What the rows of an estimator were computed from.
+/// What the rows of an estimate were computed from.
 #[derive(Debug, PartialEq, Deserialize, Serialize)]
-struct EstimatorOrigin {
+struct EstimateOrigin {
     /// See [`Input::key`].
     input: Option<Key>,
     /// See [`Input::group`].
     group: usize,
-    answered_rows: usize,
+    valid_rows: usize,
     common_rows: usize,
     /// The number of pixels that were left out because they are too far.
     beyond: u64,
 }
 
 impl Origin {
-    /// The origin of the bins. `beyond` is, by estimator, the number of pixels that were left out.
+    /// The origin of the bins. `beyond` is, by estimate, the number of pixels that were left out.
     pub(super) fn new(bins: &[DistanceBin], inputs: &[Option<Input>], beyond: &[u64]) -> Self {
-        let estimators = bins.chunk_by(|a, b| a.estimator == b.estimator).map(|bins| {
-            let index = bins[0].estimator;
+        let estimates = bins.chunk_by(|a, b| a.estimate == b.estimate).map(|bins| {
+            let index = bins[0].estimate;
             let input = inputs[index];
-            EstimatorOrigin {
+            EstimateOrigin {
                 input: input.and_then(|input| input.key),
                 group: input.map_or(usize::MAX, |input| input.group),
-                answered_rows: bins.len(),
+                valid_rows: bins.len(),
                 common_rows: bins.iter().filter(|bin| bin.shared.is_some()).count(),
                 beyond: beyond[index],
             }
         });
-        let estimators: Vec<EstimatorOrigin> = estimators.collect();
-        let rows = checksum(&estimators, bins);
-        Self { estimators, rows }
+        let estimates: Vec<EstimateOrigin> = estimates.collect();
+        let rows = checksum(&estimates, bins);
+        Self { estimates, rows }
     }
 
     pub(super) fn json(&self) -> String {
@@ -62,17 +62,17 @@ impl Origin {
 }
 
 /// A checksum of the origin of bins and of the bins: of every column of the table except the labels.
-fn checksum(estimators: &[EstimatorOrigin], bins: &[DistanceBin]) -> Key {
+fn checksum(estimates: &[EstimateOrigin], bins: &[DistanceBin]) -> Key {
     let mut numbers: Vec<u64> = Vec::new();
-    for of in estimators {
+    for of in estimates {
         let input = of.input.map_or(0, |key| u128::from_le_bytes(*key.as_bytes()));
         numbers.extend([input as u64, (input >> 64) as u64]);
-        numbers.extend([of.group, of.answered_rows, of.common_rows].map(|number| number as u64));
+        numbers.extend([of.group, of.valid_rows, of.common_rows].map(|number| number as u64));
         numbers.push(of.beyond);
     }
     for bin in bins {
         numbers.extend([u64::from(bin.bin_m), u64::from(bin.shared.is_some())]);
-        for spread in std::iter::once(&bin.answered).chain(&bin.shared) {
+        for spread in std::iter::once(&bin.valid).chain(&bin.shared) {
             numbers.push(spread.count);
             numbers.extend(spread.percentiles_m.map(f64::to_bits));
         }
@@ -84,14 +84,14 @@ fn checksum(estimators: &[EstimatorOrigin], bins: &[DistanceBin]) -> Key {
 /// The bins of an earlier report.
 #[derive(Debug)]
 pub(super) struct EarlierBins {
-    estimators: Vec<EarlierEstimator>,
+    estimates: Vec<EarlierEstimate>,
 }
 
-/// The bins of an estimator in an earlier report.
+/// The bins of an estimate in an earlier report.
 #[derive(Debug)]
-struct EarlierEstimator {
-    origin: EstimatorOrigin,
-    /// By metre, the estimator's index in the earlier report.
+struct EarlierEstimate {
+    origin: EstimateOrigin,
+    /// By metre, the estimate's index in the earlier report.
     bins: Vec<DistanceBin>,
 }
 
@@ -110,63 +110,59 @@ impl EarlierBins {
         let origin = metadata.key_value_metadata().as_ref()?.iter().find(|entry| entry.key.as_str() == ORIGIN)?;
         let origin: Origin = serde_json::from_str(origin.value.as_ref()?.as_str()).ok()?;
         let rows = rows(reader).ok()?;
-        let (estimators, checked) = (origin.estimators, origin.rows);
-        let bins_of = Self::split(&estimators, &rows)?;
-        if checksum(&estimators, &bins_of.concat()) != checked {
+        let (estimates, checked) = (origin.estimates, origin.rows);
+        let bins_of = Self::split(&estimates, &rows)?;
+        if checksum(&estimates, &bins_of.concat()) != checked {
             return None;
         }
-        let estimators = estimators.into_iter().zip(bins_of).map(|(origin, bins)| EarlierEstimator { origin, bins });
-        Some(Self { estimators: estimators.collect() })
+        let estimates = estimates.into_iter().zip(bins_of).map(|(origin, bins)| EarlierEstimate { origin, bins });
+        Some(Self { estimates: estimates.collect() })
     }
 
-    /// The bins of each estimator. `None` if there are more or fewer rows than the origin says.
-    fn split(estimators: &[EstimatorOrigin], mut rows: &[(u32, Spread)]) -> Option<Vec<Vec<DistanceBin>>> {
-        let mut bins_of = Vec::with_capacity(estimators.len());
-        for (estimator, of) in estimators.iter().enumerate() {
-            let (answered, rest) = rows.split_at_checked(of.answered_rows)?;
+    /// The bins of each estimate. `None` if there are more or fewer rows than the origin says.
+    fn split(estimates: &[EstimateOrigin], mut rows: &[(u32, Spread)]) -> Option<Vec<Vec<DistanceBin>>> {
+        let mut bins_of = Vec::with_capacity(estimates.len());
+        for (estimate, of) in estimates.iter().enumerate() {
+            let (valid, rest) = rows.split_at_checked(of.valid_rows)?;
             let (shared, rest) = rest.split_at_checked(of.common_rows)?;
             rows = rest;
             let shared_in = |bin: u32| shared.iter().find(|(bin_m, _)| *bin_m == bin).map(|(_, spread)| *spread);
-            let bin = |&(bin_m, answered): &(u32, Spread)| DistanceBin {
-                estimator,
-                bin_m,
-                answered,
-                shared: shared_in(bin_m),
-            };
-            bins_of.push(answered.iter().map(bin).collect());
+            let bin =
+                |&(bin_m, valid): &(u32, Spread)| DistanceBin { estimate, bin_m, valid, shared: shared_in(bin_m) };
+            bins_of.push(valid.iter().map(bin).collect());
         }
         rows.is_empty().then_some(bins_of)
     }
 
-    /// Finds estimators of the report by the keys of their inputs: by key, the index of the estimator. All of them are
+    /// Finds estimates of the report by the keys of their inputs: by key, the index of the estimate. All of them are
     /// in one group of the report, the group with the most matches.
     pub(super) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
         let of_group = |group: usize| -> Vec<Option<usize>> {
             let with = |key: Key| {
-                self.estimators.iter().position(|of| of.origin.group == group && of.origin.input == Some(key))
+                self.estimates.iter().position(|of| of.origin.group == group && of.origin.input == Some(key))
             };
             inputs.iter().map(|key| key.and_then(with)).collect()
         };
-        let groups: BTreeSet<usize> = self.estimators.iter().map(|of| of.origin.group).collect();
+        let groups: BTreeSet<usize> = self.estimates.iter().map(|of| of.origin.group).collect();
         let found = groups.into_iter().map(of_group);
         let best = found.max_by_key(|found| found.iter().flatten().count());
         best.unwrap_or_else(|| vec![None; inputs.len()])
     }
 
-    /// Whether every pixel that an estimator of the report answered was answered by its whole group.
-    pub(super) fn answers_only_shared(&self, estimator: usize) -> bool {
+    /// Whether every valid pixel of an estimate of the report is valid in its whole group.
+    pub(super) fn answers_only_shared(&self, estimate: usize) -> bool {
         let count = |bin: &DistanceBin| bin.shared.map_or(0, |shared| shared.count);
-        self.estimators[estimator].bins.iter().all(|bin| bin.answered.count == count(bin))
+        self.estimates[estimate].bins.iter().all(|bin| bin.valid.count == count(bin))
     }
 
-    /// The bins of an estimator of the report, with the index that the estimator has today.
-    pub(super) fn bins(&self, estimator: usize, index: usize) -> impl Iterator<Item = DistanceBin> {
-        self.estimators[estimator].bins.iter().map(move |bin| DistanceBin { estimator: index, ..*bin })
+    /// The bins of an estimate of the report, with the index that the estimate has today.
+    pub(super) fn bins(&self, estimate: usize, index: usize) -> impl Iterator<Item = DistanceBin> {
+        self.estimates[estimate].bins.iter().map(move |bin| DistanceBin { estimate: index, ..*bin })
     }
 
-    /// The number of pixels of an estimator of the report that were left out because they are too far.
-    pub(super) fn beyond(&self, estimator: usize) -> u64 {
-        self.estimators[estimator].origin.beyond
+    /// The number of pixels of an estimate of the report that were left out because they are too far.
+    pub(super) fn beyond(&self, estimate: usize) -> u64 {
+        self.estimates[estimate].origin.beyond
     }
 }
 

@@ -12,23 +12,23 @@ use depthloom_threads::{into_unlocked, locked};
 use super::samples::{FrameSamples, Samples};
 use super::{Distances, FARTHEST_M};
 use crate::error::AnalysisError;
-use crate::estimators::{Compared, Estimator};
+use crate::estimates::{Compared, Estimate};
 use crate::files::Output;
 use crate::query::scan;
 
-/// The error against distance of those estimators for whose index `is_wanted` returns true. All cores read maps, one
+/// The error against distance of those estimates for whose index `is_wanted` returns true. All cores read maps, one
 /// frame each, except those of frames that are in `taken`.
 pub(super) fn distances(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     is_wanted: impl Fn(usize) -> bool,
     output: Output<'_>,
     Taken { samples, mut truth, frames }: Taken<'_>,
 ) -> Result<Distances, AnalysisError> {
     let samples = Mutex::new(samples);
     for run in RunId::all(recording.plan().runs.len()) {
-        let maps = Maps::new(run, estimators, &is_wanted);
-        if maps.estimators.is_empty() {
+        let maps = Maps::new(run, estimates, &is_wanted);
+        if maps.estimates.is_empty() {
             continue;
         }
         let left = FrameIndex::all(recording.frames(run).len());
@@ -40,7 +40,7 @@ pub(super) fn distances(
                 Some(own) => own,
                 None => recording.reader(run, &maps.topics)?,
             };
-            let frame = maps.samples(estimators, &own.read(left[frame])?, truth)?;
+            let frame = maps.samples(estimates, &own.read(left[frame])?, truth)?;
             *reader = Some(own);
             locked(&samples).take(frame)
         })?;
@@ -55,7 +55,7 @@ pub(super) fn distances(
 /// The samples of frames whose maps were at hand.
 pub(super) struct Taken<'a> {
     pub(super) samples: Samples<'a>,
-    /// True pixels by stage run and metre.
+    /// Pixels with ground truth by stage run and metre.
     pub(super) truth: BTreeMap<(RunId, u32), u64>,
     /// Which frames: stage run and position.
     pub(super) frames: BTreeSet<(RunId, FrameIndex)>,
@@ -68,23 +68,23 @@ impl<'a> Taken<'a> {
     }
 }
 
-/// The maps of a stage run that are compared: its topics, and where among them each estimator's are.
+/// The maps of a stage run that are compared: its topics, and where among them each estimate's are.
 pub(super) struct Maps {
     run: RunId,
     pub(super) topics: Vec<String>,
-    /// Estimator, place of its truth, place of its estimate.
-    estimators: Vec<(usize, usize, usize)>,
+    /// Estimate, place of its truth, place of its estimate.
+    estimates: Vec<(usize, usize, usize)>,
 }
 
 impl Maps {
-    /// The maps of those estimators for whose index `is_wanted` holds.
-    pub(super) fn new(run: RunId, estimators: &[Estimator], is_wanted: impl Fn(usize) -> bool) -> Self {
-        let mut maps = Self { run, topics: Vec::new(), estimators: Vec::new() };
-        let of_run = estimators.iter().enumerate().filter(|(index, of)| of.run == run && is_wanted(*index));
-        for (index, estimator) in of_run {
-            if let Some(Compared { truth_topic, estimate_topic, .. }) = estimator.compared() {
+    /// The maps of those estimates for whose index `is_wanted` holds.
+    pub(super) fn new(run: RunId, estimates: &[Estimate], is_wanted: impl Fn(usize) -> bool) -> Self {
+        let mut maps = Self { run, topics: Vec::new(), estimates: Vec::new() };
+        let of_run = estimates.iter().enumerate().filter(|(index, of)| of.run == run && is_wanted(*index));
+        for (index, estimate) in of_run {
+            if let Some(Compared { truth_topic, estimate_topic, .. }) = estimate.compared() {
                 let places = (index, maps.place(truth_topic), maps.place(estimate_topic));
-                maps.estimators.push(places);
+                maps.estimates.push(places);
             }
         }
         maps
@@ -97,24 +97,24 @@ impl Maps {
         })
     }
 
-    /// The samples of a frame, by the values of its topics; and its true pixels, added to those by stage run and metre.
+    /// The samples of a frame, by the values of its topics; and its pixels with ground truth, added to those by stage run and metre.
     pub(super) fn samples(
         &self,
-        estimators: &[Estimator],
+        estimates: &[Estimate],
         maps: &[Option<Value>],
         counts: &mut BTreeMap<(RunId, u32), u64>,
     ) -> Result<FrameSamples, AnalysisError> {
         let map = |place: usize| maps[place].as_ref().filter(|value| value.metres().is_some());
         let mut samples = FrameSamples::default();
-        let mut left: Vec<(usize, usize, usize)> = self.estimators.clone();
+        let mut left: Vec<(usize, usize, usize)> = self.estimates.clone();
         // By truth that estimates with several settings are scored against, the pixels that were counted.
         let mut counted: BTreeMap<usize, Vec<bool>> = BTreeMap::new();
         // Those with one truth and one way to be scored are compared: nearly always all of them.
         while let Some(&(first, truth_place, _)) = left.first() {
-            let Some(settings) = &estimators[first].settings else { break };
+            let Some(settings) = &estimates[first].settings else { break };
             let compared: Vec<(usize, Option<&Value>)> = left
                 .extract_if(.., |(index, truth, _)| {
-                    *truth == truth_place && estimators[*index].settings.as_ref() == Some(settings)
+                    *truth == truth_place && estimates[*index].settings.as_ref() == Some(settings)
                 })
                 .map(|(index, _, estimate)| (index, map(estimate)))
                 .collect();

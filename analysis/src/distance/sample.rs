@@ -1,6 +1,6 @@
-//! A sample: the bits of an error, and whether all that are compared answered its pixel.
+//! A sample: the bits of an error, and whether its pixel is valid in all that are compared.
 
-/// The lowest bit of a sample, which says: not all that are compared answered this pixel. The error's bits stand above
+/// The lowest bit of a sample, which says: this pixel is not valid in all that are compared. The error's bits stand above
 /// it, so that samples sort as their errors do; an error's own sign is never needed.
 const ALONE: u32 = 1;
 
@@ -14,7 +14,7 @@ pub(super) const fn error_from_bits(bits: u32) -> f32 {
     f32::from_bits(bits)
 }
 
-/// A sample: an error, and whether all that are compared answered its pixel.
+/// A sample: an error, and whether its pixel is valid in all that are compared.
 pub(super) const fn sample(error_m: f32, is_shared: bool) -> u32 {
     bits_from_error(error_m) << 1 | if is_shared { 0 } else { ALONE }
 }
@@ -24,19 +24,19 @@ pub(super) const fn error_bits(sample: u32) -> u32 {
     sample >> 1
 }
 
-/// Which of an estimator's samples.
+/// Which of an estimate's samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Which {
-    /// All it answered.
-    Answered,
-    /// Those that all it is compared with answered too.
+    /// Its valid pixels.
+    Valid,
+    /// Those that are also valid in all that it is compared with.
     Shared,
 }
 
 impl Which {
     /// Whether a sample is one of these.
     pub(super) const fn has(self, sample: u32) -> bool {
-        matches!(self, Self::Answered) || sample & ALONE == 0
+        matches!(self, Self::Valid) || sample & ALONE == 0
     }
 }
 

@@ -14,7 +14,7 @@ use super::{selection, sorting};
 use crate::error::AnalysisError;
 use crate::files::Output;
 
-/// Collects the samples of all estimators, with no more than a given number of them in memory.
+/// Collects the samples of all estimates, with no more than a given number of them in memory.
 ///
 /// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
 /// file](Spill), from which as many metres as fit are read back at a time. A metre with more samples than `at_most` is
@@ -22,9 +22,9 @@ use crate::files::Output;
 /// same bits.
 pub(super) struct Samples<'a> {
     output: Output<'a>,
-    /// By estimator and metre of true distance.
+    /// By estimate and metre of true distance.
     held: Vec<Vec<Vec<u32>>>,
-    /// By estimator: how many samples were too far.
+    /// By estimate: how many samples were too far.
     beyond: Vec<u64>,
     count: usize,
     at_most: usize,
@@ -33,11 +33,11 @@ pub(super) struct Samples<'a> {
 
 /// The samples of one frame, put together on any thread.
 #[derive(Default)]
-pub(super) struct FrameSamples(Vec<OfEstimator>);
+pub(super) struct FrameSamples(Vec<OfEstimate>);
 
-/// The samples of an estimator on a frame.
-struct OfEstimator {
-    estimator: usize,
+/// The samples of an estimate on a frame.
+struct OfEstimate {
+    estimate: usize,
     samples: Vec<u32>,
     /// Metres, nearest first, and where among the samples each ends.
     ends: Vec<(usize, usize)>,
@@ -46,10 +46,10 @@ struct OfEstimator {
 }
 
 impl FrameSamples {
-    /// Adds the answered pixels of an estimate, of which these are the [errors](ScoredPixels::absolute_errors);
-    /// `shared` says of each scored pixel whether all that are compared answered it. The pixels are [by
+    /// Adds the valid pixels of an estimate, of which these are the [errors](ScoredPixels::absolute_errors);
+    /// `shared` says of each scored pixel whether it is valid in all that are compared. The pixels are [by
     /// metre](ScoredPixels::by_metre).
-    pub(super) fn add(&mut self, estimator: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
+    pub(super) fn add(&mut self, estimate: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
         let mut samples = vec![0; errors_m.len()];
         let (mut ends, mut beyond, mut kept) = (Vec::new(), 0, 0);
         for (metre, range) in pixels.metres() {
@@ -65,22 +65,22 @@ impl FrameSamples {
             ends.push((metre as usize, kept));
         }
         samples.truncate(kept);
-        self.0.push(OfEstimator { estimator, samples, ends, beyond });
+        self.0.push(OfEstimate { estimate, samples, ends, beyond });
     }
 }
 
 impl<'a> Samples<'a> {
-    /// Samples of so many estimators, at most `at_most` of them in memory.
-    pub(super) fn new(estimators: usize, at_most: usize, output: Output<'a>) -> Self {
-        Self { output, held: vec![Vec::new(); estimators], beyond: vec![0; estimators], count: 0, at_most, spill: None }
+    /// Samples of so many estimates, at most `at_most` of them in memory.
+    pub(super) fn new(estimates: usize, at_most: usize, output: Output<'a>) -> Self {
+        Self { output, held: vec![Vec::new(); estimates], beyond: vec![0; estimates], count: 0, at_most, spill: None }
     }
 
     /// Takes the samples of a frame.
     pub(super) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
-        for OfEstimator { estimator, samples, ends, beyond } in frame.0 {
-            let bins = &mut self.held[estimator];
+        for OfEstimate { estimate, samples, ends, beyond } in frame.0 {
+            let bins = &mut self.held[estimate];
             self.count += samples.len();
-            self.beyond[estimator] += beyond;
+            self.beyond[estimate] += beyond;
             let mut start = 0;
             for (metre, end) in ends {
                 if metre >= bins.len() {
@@ -93,33 +93,33 @@ impl<'a> Samples<'a> {
         if self.count > self.at_most { self.spill() } else { Ok(()) }
     }
 
-    /// By estimator: how many samples were left out, since their true distance is too far.
+    /// By estimate: how many samples were left out, since their true distance is too far.
     pub(super) fn beyond(&self) -> &[u64] {
         &self.beyond
     }
 
-    /// The percentiles, estimator by estimator, nearest bin first.
+    /// The percentiles, estimate by estimate, nearest bin first.
     pub(super) fn percentiles(mut self) -> Result<Vec<DistanceBin>, AnalysisError> {
         if self.spill.is_some() {
             self.spill()?;
         }
         let mut bins = Vec::new();
-        for estimator in 0..self.held.len() {
+        for estimate in 0..self.held.len() {
             self.output.go_on()?;
             let spreads = match &self.spill {
-                Some(spill) => self.of_spill(spill, estimator)?,
-                None => of_metres(std::mem::take(&mut self.held[estimator])),
+                Some(spill) => self.of_spill(spill, estimate)?,
+                None => of_metres(std::mem::take(&mut self.held[estimate])),
             };
-            for (bin_m, [answered, shared]) in (0..).zip(spreads) {
-                bins.extend(answered.map(|answered| DistanceBin { estimator, bin_m, answered, shared }));
+            for (bin_m, [valid, shared]) in (0..).zip(spreads) {
+                bins.extend(valid.map(|valid| DistanceBin { estimate, bin_m, valid, shared }));
             }
         }
         Ok(bins)
     }
 
-    /// How the samples of an estimator in the file spread, by metre.
-    fn of_spill(&self, spill: &Spill, estimator: usize) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
-        let counts = spill.counts(estimator);
+    /// How the samples of an estimate in the file spread, by metre.
+    fn of_spill(&self, spill: &Spill, estimate: usize) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
+        let counts = spill.counts(estimate);
         let mut spreads = Vec::with_capacity(counts.len());
         while spreads.len() < counts.len() {
             let (first, mut together) = (spreads.len(), 0);
@@ -131,7 +131,7 @@ impl<'a> Samples<'a> {
                 counts[first..].iter().take_while(fits).map(|count| Vec::with_capacity(*count as usize)).collect();
             if held.is_empty() {
                 let visit = |f: &mut dyn FnMut(&[u32])| {
-                    spill.visit(estimator, first..first + 1, &mut |_, samples| {
+                    spill.visit(estimate, first..first + 1, &mut |_, samples| {
                         self.output.go_on()?;
                         f(samples);
                         Ok(())
@@ -140,7 +140,7 @@ impl<'a> Samples<'a> {
                 spreads.push(selection::spreads(visit)?);
                 continue;
             }
-            spill.visit(estimator, first..first + held.len(), &mut |metre, samples| {
+            spill.visit(estimate, first..first + held.len(), &mut |metre, samples| {
                 held[metre - first].extend_from_slice(samples);
                 Ok(())
             })?;
@@ -157,10 +157,10 @@ impl<'a> Samples<'a> {
             self.spill = Some(Spill::new(self.output.folder, self.held.len())?);
         }
         let Some(spill) = &mut self.spill else { return Ok(()) };
-        for estimator in 0..self.held.len() {
+        for estimate in 0..self.held.len() {
             // What is held is freed: a bin that once was full would keep its room for ever.
-            let bins = std::mem::take(&mut self.held[estimator]);
-            spill.append(estimator, &bins)?;
+            let bins = std::mem::take(&mut self.held[estimate]);
+            spill.append(estimate, &bins)?;
         }
         Ok(())
     }
@@ -196,15 +196,15 @@ mod tests {
     /// Frames: the truth and two estimates.
     type Frames = [(Vec<f32>, [Vec<f32>; 2])];
 
-    fn naive(frames: &Frames, estimator: usize) -> Vec<(u32, Spread, Option<Spread>)> {
+    fn naive(frames: &Frames, estimate: usize) -> Vec<(u32, Spread, Option<Spread>)> {
         let mut bins: std::collections::BTreeMap<u32, [Vec<f64>; 2]> = std::collections::BTreeMap::new();
         for (truth, estimates) in frames {
             for (pixel, t) in truth.iter().enumerate() {
-                let y = estimates[estimator][pixel];
+                let y = estimates[estimate][pixel];
                 if *t > 1e-3 && *t < 80.0 && y.is_finite() {
                     let error = (f64::from(y).clamp(1e-3, 80.0) - f64::from(*t)).abs();
-                    let [answered, shared] = bins.entry(*t as u32).or_default();
-                    answered.push(f64::from(error as f32));
+                    let [valid, shared] = bins.entry(*t as u32).or_default();
+                    valid.push(f64::from(error as f32));
                     if estimates.iter().all(|estimate| estimate[pixel].is_finite()) {
                         shared.push(f64::from(error as f32));
                     }
@@ -216,7 +216,7 @@ mod tests {
             let percentiles_m = || PERCENTILES.map(|p| numpy_percentile(&errors, p));
             (!errors.is_empty()).then(|| Spread { count: errors.len() as u64, percentiles_m: percentiles_m() })
         };
-        bins.into_iter().map(|(bin, [answered, shared])| (bin, spread(answered).unwrap(), spread(shared))).collect()
+        bins.into_iter().map(|(bin, [valid, shared])| (bin, spread(valid).unwrap(), spread(shared))).collect()
     }
 
     fn collected(frames: &Frames, at_most: usize) -> Vec<DistanceBin> {
@@ -228,8 +228,8 @@ mod tests {
             let errors = estimates.each_ref().map(|estimate| pixels.absolute_errors(estimate, &settings));
             let shared: Vec<bool> = errors[0].iter().zip(&errors[1]).map(|(a, b)| !a.is_nan() && !b.is_nan()).collect();
             let mut frame = FrameSamples::default();
-            for (estimator, errors) in errors.iter().enumerate() {
-                frame.add(estimator, &pixels, errors, &shared);
+            for (estimate, errors) in errors.iter().enumerate() {
+                frame.add(estimate, &pixels, errors, &shared);
             }
             samples.take(frame).unwrap();
         }
@@ -244,16 +244,16 @@ mod tests {
             let percentiles = a.percentiles_m.iter().zip(&b.percentiles_m);
             a.count == b.count && percentiles.into_iter().all(|(a, b)| (a - b).abs() <= 1e-12 * (1.0 + b))
         };
-        (0..2).all(|estimator| {
-            let ours: Vec<_> = ours.iter().filter(|bin| bin.estimator == estimator).collect();
-            let theirs = naive(frames, estimator);
+        (0..2).all(|estimate| {
+            let ours: Vec<_> = ours.iter().filter(|bin| bin.estimate == estimate).collect();
+            let theirs = naive(frames, estimate);
             ours.len() == theirs.len()
-                && ours.iter().zip(&theirs).all(|(bin, (bin_m, answered, shared))| {
+                && ours.iter().zip(&theirs).all(|(bin, (bin_m, valid, shared))| {
                     let same_shared = match (&bin.shared, shared) {
                         (Some(a), Some(b)) => close(a, b),
                         (a, b) => a.is_none() && b.is_none(),
                     };
-                    bin.bin_m == *bin_m && close(&bin.answered, answered) && same_shared
+                    bin.bin_m == *bin_m && close(&bin.valid, valid) && same_shared
                 })
         })
     }
@@ -280,16 +280,16 @@ mod tests {
 
     #[test]
     fn percentiles_of_a_few_numbers_are_those_numpy_prints() {
-        // np.percentile([0.5, 1, 2, 4, 8, 16], [5, 25, 50, 75, 95]), and of the three the other estimator answered
-        let answered = Spread { count: 6, percentiles_m: [0.625, 1.25, 3.0, 7.0, 14.0] };
+        // np.percentile([0.5, 1, 2, 4, 8, 16], [5, 25, 50, 75, 95]), and of the three that are valid in the other estimate
+        let valid = Spread { count: 6, percentiles_m: [0.625, 1.25, 3.0, 7.0, 14.0] };
         let shared = Spread { count: 3, percentiles_m: [1.3, 2.5, 4.0, 10.0, 14.799_999_999_999_999] };
         let estimate = [4.0, 0.5, 16.0, 1.0, 8.0, 2.0].map(|error| 30.5 + error).to_vec();
         let other = [1.0, f32::NAN, 1.0, 1.0, f32::INFINITY, f32::NAN].to_vec();
         let frame = (vec![30.5; 6], [estimate, other]);
         for at_most in [usize::MAX, 0] {
             let bins = collected(std::slice::from_ref(&frame), at_most);
-            assert_eq!(bins[0], DistanceBin { estimator: 0, bin_m: 30, answered, shared: Some(shared) });
-            assert_eq!(bins[1].shared, Some(bins[1].answered), "all it answered is shared");
+            assert_eq!(bins[0], DistanceBin { estimate: 0, bin_m: 30, valid, shared: Some(shared) });
+            assert_eq!(bins[1].shared, Some(bins[1].valid), "all its valid pixels are shared");
         }
     }
 

@@ -8,9 +8,9 @@ use crate::query::{Memory, OUTSIDE, Pass, Tally, percentiles};
 /// Counters and samples held: little beside the samples that did not fit.
 const MEMORY: Memory = Memory { samples: 1 << 16, counters: 1 << 16 };
 /// The groups that are counted.
-const WHICHES: [Which; 2] = [Which::Answered, Which::Shared];
+const WHICHES: [Which; 2] = [Which::Valid, Which::Shared];
 
-/// How the errors of a metre spread, all that were answered and those that are shared. `visit(f)` calls `f(samples)`
+/// How the errors of a metre spread, all valid ones and those that are shared. `visit(f)` calls `f(samples)`
 /// for all samples, and does so again when asked again.
 pub(super) fn spreads(
     visit: impl Fn(&mut dyn FnMut(&[u32])) -> Result<(), AnalysisError>,

@@ -14,7 +14,7 @@ use depthloom_threads::{into_unlocked, locked};
 use super::maps::{Maps, Taken};
 use super::samples::Samples;
 use crate::error::{AnalysisError, caught};
-use crate::estimators::{Estimator, estimators};
+use crate::estimates::{Estimate, estimates};
 use crate::files::Output;
 
 /// Passes all values on to a sink, and takes samples of the maps that the error against distance is computed from.
@@ -22,7 +22,7 @@ use crate::files::Output;
 /// A frame with maps that an earlier run has stored, and that are not decoded, is left to be read.
 pub struct SampleSink<'t, 'a, T> {
     tap: &'t T,
-    estimators: Vec<Estimator>,
+    estimates: Vec<Estimate>,
     /// By stage run.
     runs: Vec<StageSlots>,
     /// By stage run and position: frames of which parts are missing.
@@ -63,17 +63,17 @@ impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
         stop: &'a (dyn Fn() -> bool + Sync),
     ) -> Result<Self, AnalysisError> {
         let plan = RecordedPlan::read_back(plan).map_err(AnalysisError::content)?;
-        let estimators = estimators(&plan)?;
+        let estimates = estimates(&plan)?;
         let runs = RunId::all(plan.runs.len()).map(|run| {
-            let maps = Maps::new(run, &estimators, |_| true);
+            let maps = Maps::new(run, &estimates, |_| true);
             let place = |topic: &str| maps.topics.iter().position(|known| known == topic);
             let places = plan.outputs(run).filter_map(|(slot, output)| Some((slot, place(&output.topic)?))).collect();
             StageSlots { maps, places }
         });
         let runs = runs.collect();
-        let samples = Samples::new(estimators.len(), samples_in_memory, Output { folder, stop });
+        let samples = Samples::new(estimates.len(), samples_in_memory, Output { folder, stop });
         let taken = Mutex::new(Taken::none_yet(samples));
-        Ok(Self { tap, estimators, runs, pending: Mutex::default(), taken, is_broken: AtomicBool::new(false) })
+        Ok(Self { tap, estimates, runs, pending: Mutex::default(), taken, is_broken: AtomicBool::new(false) })
     }
 
     /// The samples; `None` if something failed.
@@ -108,7 +108,7 @@ impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
         let Some(Pending { values, is_partial: false, .. }) = complete else { return };
         let took = caught(|| {
             let mut truth = BTreeMap::new();
-            let samples = maps.samples(&self.estimators, &values, &mut truth)?;
+            let samples = maps.samples(&self.estimates, &values, &mut truth)?;
             let mut taken = locked(&self.taken);
             taken.samples.take(samples)?;
             truth.into_iter().for_each(|(metre, count)| *taken.truth.entry(metre).or_default() += count);

@@ -7,13 +7,13 @@ use super::sample::{Which, error_bits, error_from_bits};
 use super::{PERCENTILES, Spread};
 use crate::query::place;
 
-/// How the samples of a metre spread: all that were answered, and those that are shared.
+/// How the samples of a metre spread: all valid ones, and those that are shared.
 pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
-    let answered = spread(&mut samples);
+    let valid = spread(&mut samples);
     let count = samples.len();
     samples.retain(|sample| Which::Shared.has(*sample));
-    let shared = if samples.len() == count { answered } else { spread(&mut samples) };
-    [answered, shared]
+    let shared = if samples.len() == count { valid } else { spread(&mut samples) };
+    [valid, shared]
 }
 
 fn spread(samples: &mut [u32]) -> Option<Spread> {
@@ -100,7 +100,7 @@ mod tests {
         let far = far.collect();
         let alike = vec![sample(2.0, true); 10_000];
         for samples in [some, alone, few, many, far, alike, Vec::new()] {
-            let sorted = [Which::Answered, Which::Shared].map(|which| {
+            let sorted = [Which::Valid, Which::Shared].map(|which| {
                 let of_which = samples.iter().filter(|sample| which.has(**sample));
                 let mut errors_m: Vec<f32> = of_which.map(|sample| error_from_bits(error_bits(*sample))).collect();
                 errors_m.sort_by(f32::total_cmp);

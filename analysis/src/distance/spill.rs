@@ -24,12 +24,12 @@ pub(super) struct Spill {
     /// The folder it has no name in: for messages.
     folder: PathBuf,
     end: u64,
-    by_estimator: Vec<OfEstimator>,
+    by_estimate: Vec<OfEstimate>,
 }
 
-/// What the file holds of an estimator.
+/// What the file holds of an estimate.
 #[derive(Clone, Default)]
-struct OfEstimator {
+struct OfEstimate {
     stretches: Vec<Stretch>,
     /// By metre: how many samples in all stretches.
     counts: Vec<u64>,
@@ -44,19 +44,19 @@ struct Stretch {
 
 impl Spill {
     /// An empty file on the file system of `folder`.
-    pub(super) fn new(folder: &Path, estimators: usize) -> Result<Self, AnalysisError> {
+    pub(super) fn new(folder: &Path, estimates: usize) -> Result<Self, AnalysisError> {
         let file = tempfile::tempfile_in(folder).map_err(AnalysisError::write(&temporary(folder)))?;
-        Ok(Self { file, folder: folder.to_owned(), end: 0, by_estimator: vec![OfEstimator::default(); estimators] })
+        Ok(Self { file, folder: folder.to_owned(), end: 0, by_estimate: vec![OfEstimate::default(); estimates] })
     }
 
-    /// How many samples of an estimator there are, by metre.
-    pub(super) fn counts(&self, estimator: usize) -> &[u64] {
-        &self.by_estimator[estimator].counts
+    /// How many samples of an estimate there are, by metre.
+    pub(super) fn counts(&self, estimate: usize) -> &[u64] {
+        &self.by_estimate[estimate].counts
     }
 
-    /// Appends the samples of an estimator, by metre.
-    pub(super) fn append(&mut self, estimator: usize, bins: &[Vec<u32>]) -> Result<(), AnalysisError> {
-        let of = &mut self.by_estimator[estimator];
+    /// Appends the samples of an estimate, by metre.
+    pub(super) fn append(&mut self, estimate: usize, bins: &[Vec<u32>]) -> Result<(), AnalysisError> {
+        let of = &mut self.by_estimate[estimate];
         of.stretches.push(Stretch { start: self.end, metres: bins.len() });
         of.counts.resize(of.counts.len().max(bins.len()), 0);
         of.counts.iter_mut().zip(bins).for_each(|(count, bin)| *count += bin.len() as u64);
@@ -70,17 +70,17 @@ impl Spill {
         file.flush().map_err(AnalysisError::write(&temporary(&self.folder)))
     }
 
-    /// Calls `f(metre, samples)` for all samples of an estimator in some metres, a batch at a time.
+    /// Calls `f(metre, samples)` for all samples of an estimate in some metres, a batch at a time.
     pub(super) fn visit(
         &self,
-        estimator: usize,
+        estimate: usize,
         metres: Range<usize>,
         f: &mut Visitor<'_>,
     ) -> Result<(), AnalysisError> {
         let failed = |source: io::Error| AnalysisError::read(&temporary(&self.folder))(source);
         let (mut counts, mut samples) = (Vec::new(), vec![0_u32; BATCH]);
         let mut seen = vec![0; metres.len()];
-        for stretch in &self.by_estimator[estimator].stretches {
+        for stretch in &self.by_estimate[estimate].stretches {
             counts.resize(stretch.metres, 0_u32);
             self.file.read_exact_at(bytemuck::cast_slice_mut(&mut counts), stretch.start).map_err(failed)?;
             let before: u64 = counts.iter().take(metres.start).map(|count| u64::from(*count)).sum();
@@ -97,7 +97,7 @@ impl Spill {
                 }
             }
         }
-        if metres.zip(seen).any(|(metre, seen)| self.counts(estimator).get(metre).is_some_and(|count| *count != seen)) {
+        if metres.zip(seen).any(|(metre, seen)| self.counts(estimate).get(metre).is_some_and(|count| *count != seen)) {
             return Err(failed(io::Error::other("it does not hold what was written to it")));
         }
         Ok(())
@@ -122,9 +122,9 @@ mod tests {
         spill.append(1, &[vec![1]]).unwrap();
         spill.append(0, &[vec![], vec![], vec![10], vec![11]]).unwrap();
         assert_eq!(spill.counts(0), [2, 0, 2, 1]);
-        let all = |estimator, metres| {
+        let all = |estimate, metres| {
             let mut all = Vec::new();
-            let visited = spill.visit(estimator, metres, &mut |metre, samples| {
+            let visited = spill.visit(estimate, metres, &mut |metre, samples| {
                 all.extend(samples.iter().map(|&sample| (metre, sample)));
                 Ok(())
             });

@@ -11,20 +11,20 @@ use super::maps::{self, Taken};
 use super::samples::Samples;
 use super::{DistanceBin, Distances};
 use crate::error::AnalysisError;
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::files::Output;
 
 /// The error against distance, if an earlier report has most of it. Only maps that changed are read, and those of one
-/// estimator per group as a check. The result equals that of reading all maps.
+/// estimate per group as a check. The result equals that of reading all maps.
 ///
-/// The bins of an estimator depend on its own maps and on the pixels that its whole group answered. A report often has
-/// an estimator of which every answered pixel is shared, usually the stereo matcher. This estimator is computed again,
+/// The bins of an estimate depend on its own maps and on the pixels that are valid in its whole group. A report often has
+/// an estimate of which every valid pixel is shared, usually the stereo matcher. This estimate is computed again,
 /// together with all that changed. If its bins are equal to those of the report, then the shared pixels have not
-/// changed, and neither have the bins of the unchanged estimators. If they differ, or the report has no such estimator,
+/// changed, and neither have the bins of the unchanged estimates. If they differ, or the report has no such estimate,
 /// all maps must be read, and the result is `None`.
 pub(super) fn distances(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     inputs: &[Option<Input>],
     reports: &[PathBuf],
     samples_in_memory: usize,
@@ -36,10 +36,10 @@ pub(super) fn distances(
     });
     let best = earlier.max_by_key(|(_, reused)| reused.unread.len());
     let Some((earlier, reused)) = best.filter(|(_, reused)| !reused.unread.is_empty()) else { return Ok(None) };
-    let taken = Taken::none_yet(Samples::new(estimators.len(), samples_in_memory, output));
-    let mut distances = maps::distances(recording, estimators, |index| reused.read.contains(&index), output, taken)?;
+    let taken = Taken::none_yet(Samples::new(estimates.len(), samples_in_memory, output));
+    let mut distances = maps::distances(recording, estimates, |index| reused.read.contains(&index), output, taken)?;
     let is_unchanged = |(index, in_report): &(usize, usize)| {
-        let bins = distances.bins.iter().filter(|bin| bin.estimator == *index);
+        let bins = distances.bins.iter().filter(|bin| bin.estimate == *index);
         bins.copied().eq(earlier.bins(*in_report, *index))
     };
     if !reused.checked.iter().all(is_unchanged) {
@@ -49,18 +49,18 @@ pub(super) fn distances(
         distances.bins.extend(earlier.bins(in_report, index));
         distances.beyond[index] = earlier.beyond(in_report);
     }
-    distances.bins.sort_by_key(|bin: &DistanceBin| (bin.estimator, bin.bin_m));
+    distances.bins.sort_by_key(|bin: &DistanceBin| (bin.estimate, bin.bin_m));
     Ok(Some(distances))
 }
 
-/// What is reused of an earlier report. Estimators are given by index, in pairs together with their index in the
+/// What is reused of an earlier report. Estimates are given by index, in pairs together with their index in the
 /// report.
 struct Reused {
-    /// The estimators whose maps are read.
+    /// The estimates whose maps are read.
     read: BTreeSet<usize>,
     /// Those of them whose bins are compared with the report.
     checked: Vec<(usize, usize)>,
-    /// The estimators whose bins are reused, and whose maps are not read.
+    /// The estimates whose bins are reused, and whose maps are not read.
     unread: Vec<(usize, usize)>,
 }
 

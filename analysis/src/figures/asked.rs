@@ -4,7 +4,7 @@ use depthloom_figures::{Place, distinct};
 
 use super::{FigureRequest, FigureRun};
 use crate::error::AnalysisError;
-use crate::query::{Inquiry, SampleSet, Unit, answered};
+use crate::query::{Inquiry, SampleSet, Unit, valid};
 use crate::tables::Table;
 
 /// The bins of an estimate over a pixel set.
@@ -37,9 +37,9 @@ pub(super) fn ask(
 ) -> Result<(Vec<Errors>, Table, usize), AnalysisError> {
     let files: Vec<_> =
         runs.iter().filter_map(|run| Some((run.called.to_owned(), run.samples.as_ref()?.clone()))).collect();
-    let (estimators, variants, stages) = (request.estimators.clone(), request.variants.clone(), request.stages.clone());
-    let inquiry = Inquiry { estimators, variants, stages, ..inquiry };
-    let (grid, _, frames) = answered(&files, &inquiry, watch.progress, watch.stop)?;
+    let (estimates, variants, stages) = (request.estimates.clone(), request.variants.clone(), request.stages.clone());
+    let inquiry = Inquiry { estimates, variants, stages, ..inquiry };
+    let (grid, _, frames) = valid(&files, &inquiry, watch.progress, watch.stop)?;
     Ok((by_estimate(&grid, &inquiry), grid, frames))
 }
 
@@ -51,7 +51,7 @@ fn by_estimate(grid: &Table, inquiry: &Inquiry) -> Vec<Errors> {
     let (before, after) = if inquiry.unit == Unit::Metres { ("", "_m") } else { ("relative_", "") };
     let key = |row: usize| {
         let group = distinct(groups.iter().map(|name| text(name, row))).join(" ");
-        let place = Place { name: text("estimator", row), group, variant: grid.text_of("variant", row) };
+        let place = Place { name: text("estimate", row), group, variant: grid.text_of("variant", row) };
         (place, text("set", row) == SampleSet::Common.name())
     };
     let bin = |row: usize| ErrorBin {
@@ -66,7 +66,7 @@ fn by_estimate(grid: &Table, inquiry: &Inquiry) -> Vec<Errors> {
             .collect(),
     };
     let errors = |(place, is_common): (Place, bool)| {
-        let set = if is_common { SampleSet::Common } else { SampleSet::Answered };
+        let set = if is_common { SampleSet::Common } else { SampleSet::Valid };
         let rows = (0..grid.height()).filter(|&row| key(row) == (place.clone(), is_common));
         Errors { set, bins: rows.map(bin).collect(), place }
     };

@@ -9,7 +9,7 @@ use depthloom_graphs::counted;
 use super::{Figure, FigureRequest, FigureRun};
 use crate::compare::{CompareOptions, ComparedRun, DistancePair, DistanceRow, Side, Statistic, compare_by_distance};
 use crate::error::{AnalysisError, listed};
-use crate::estimators::{Estimator, estimators, names_of};
+use crate::estimates::{Estimate, estimates, names_of};
 use crate::query::is_any;
 
 const BAND_OPACITY: f64 = 0.28;
@@ -32,7 +32,7 @@ pub(super) fn difference(
     let found = compare_by_distance(&compared, &samples, &sides, &options, request.bins.as_ref(), stop)?;
     let [pair] = &found.pairs[..] else {
         let what = format!("{} pairs are too many for a figure of a difference", found.pairs.len());
-        return Err(AnalysisError::asked(what, "name one with --estimators".to_owned()));
+        return Err(AnalysisError::asked(what, "name one with --estimates".to_owned()));
     };
     let few = FEW.min(pair.frames);
     let titles = [0, 1].map(|side| pair.estimates[side].title.as_str());
@@ -55,7 +55,7 @@ pub(super) fn difference(
     let panels = Statistic::ALL.map(|statistic| panel(pair, statistic, request, few)).into();
     let (handovers, notes) = found.table.notes.split_at(Statistic::ALL.len().min(found.table.notes.len()));
     let about = format!(
-        "Absolute error of {} less that of {} by true distance, over the pixels of {} that both answered; band: {}; {}",
+        "Absolute error of {} less that of {} by true distance, over the pixels of {} that are valid in both; band: {}; {}",
         titles[1],
         titles[0],
         counted(pair.frames, "frame"),
@@ -68,23 +68,21 @@ pub(super) fn difference(
 
 /// The two estimates: those named, or stereo and mono where there is one of each.
 fn sides(runs: &[FigureRun<'_>], request: &FigureRequest) -> Result<Vec<Side>, AnalysisError> {
-    let all = runs.iter().map(|run| estimators(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
-    let patterns: Vec<&str> =
-        request.estimators.as_deref().unwrap_or("stereo,mono").split(',').map(str::trim).collect();
-    let any_estimate = FigureRequest { estimators: None, ..request.clone() };
+    let all = runs.iter().map(|run| estimates(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
+    let patterns: Vec<&str> = request.estimates.as_deref().unwrap_or("stereo,mono").split(',').map(str::trim).collect();
+    let any_estimate = FigureRequest { estimates: None, ..request.clone() };
     let one = |run: usize, pattern: &str| -> Result<Side, AnalysisError> {
-        let is_one = |of: &&Estimator| {
-            of.settings.is_some() && any_estimate.wants(of) && is_any(pattern, &[&of.label, &of.name])
-        };
+        let is_one =
+            |of: &&Estimate| of.settings.is_some() && any_estimate.wants(of) && is_any(pattern, &[&of.label, &of.name]);
         let labels: Vec<&str> = all[run].iter().filter(is_one).map(|of| of.label.as_str()).collect();
         match labels[..] {
             [label] => Ok(Side { run, name: Some(label.to_owned()) }),
             [] => {
-                let help = format!("name two with --estimators; there are {}", listed(names_of(&all[run])));
-                Err(AnalysisError::asked(format!("no estimator is `{pattern}`"), help))
+                let help = format!("name two with --estimates; there are {}", listed(names_of(&all[run])));
+                Err(AnalysisError::asked(format!("no estimate is `{pattern}`"), help))
             }
             _ => {
-                let help = "name two estimates, e.g. `--estimators stereo,full/mono`, or choose with --variant";
+                let help = "name two estimates, e.g. `--estimates stereo,full/mono`, or choose with --variant";
                 Err(AnalysisError::asked(format!("`{pattern}` are several: {}", listed(labels)), help.to_owned()))
             }
         }
@@ -93,7 +91,7 @@ fn sides(runs: &[FigureRun<'_>], request: &FigureRequest) -> Result<Vec<Side>, A
         (1, [first, second]) => Ok(vec![one(0, first)?, one(0, second)?]),
         (2, [first] | [first, _]) => Ok(vec![one(0, first)?, one(1, patterns[patterns.len() - 1])?]),
         _ => {
-            let help = "name two of one run (`--estimators stereo,full/mono`), or one of two runs";
+            let help = "name two of one run (`--estimates stereo,full/mono`), or one of two runs";
             Err(AnalysisError::asked("a difference is of two estimates".to_owned(), help.to_owned()))
         }
     }
@@ -106,7 +104,7 @@ fn is_thin(row: &DistanceRow, request: &FigureRequest, few: usize) -> bool {
 
 /// The colours of the baseline and the other, which differ where their names do not.
 fn tints(pair: &DistancePair) -> [Colour; 2] {
-    let names: Vec<&str> = pair.estimates.iter().map(|estimate| estimate.estimator.as_str()).collect();
+    let names: Vec<&str> = pair.estimates.iter().map(|estimate| estimate.estimate.as_str()).collect();
     [tint(&names, names[0]), if names[0] == names[1] { colour(OTHERS[1]) } else { tint(&names, names[1]) }]
 }
 

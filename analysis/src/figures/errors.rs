@@ -73,7 +73,7 @@ pub(super) fn histogram(
     let mut about = about(&format!("Histogram of the {}{ratio}", what(request.unit)), &errors, frames);
     if outside > 0.0005 {
         let (from, to, outside) = (written(x.low, request), written(x.high, request), 100.0 * outside);
-        about.push_str(&format!("; from {from} to {to}, up to {outside:.1} % of an estimator's pixels lie outside"));
+        about.push_str(&format!("; from {from} to {to}, up to {outside:.1} % of an estimate's pixels lie outside"));
     }
     request.figure(sheet, about, grid.csv())
 }
@@ -97,7 +97,7 @@ pub(super) fn cdf(runs: &[FigureRun<'_>], request: &FigureRequest, watch: &Watch
     let beyond = curves.iter().map(|(_, points)| 100.0 - percent_at(points, top)).fold(0.0, f64::max);
     if beyond > 0.05 {
         let top = written(top, request);
-        about.push_str(&format!("; up to {top}, beyond which lie up to {beyond:.1} % of an estimator's pixels"));
+        about.push_str(&format!("; up to {top}, beyond which lie up to {beyond:.1} % of an estimate's pixels"));
     }
     request.figure(sheet, about, grid.csv())
 }
@@ -128,7 +128,7 @@ fn written(value: f64, request: &FigureRequest) -> String {
 pub(super) fn about(what: &str, errors: &[Errors], frames: usize) -> String {
     let each = errors.first().is_none_or(|errors| errors.set != SampleSet::Common);
     let whose = if each { "each of them" } else { "all of them" };
-    format!("{what}, over the pixels that {whose} answered on {}", counted(frames, "frame"))
+    format!("{what}, over the pixels that are valid in {whose} on {}", counted(frames, "frame"))
 }
 
 pub(super) fn what(unit: Unit) -> &'static str {

@@ -16,7 +16,7 @@ use depthloom_scores::{Align, Settings};
 
 use super::{Figure, FigureRequest, FigureRun};
 use crate::error::{AnalysisError, listed};
-use crate::estimators::{Estimator, estimators};
+use crate::estimates::{Estimate, estimates};
 use crate::tables::{self, Cells, Column, Format};
 
 /// The number of frames by default, and the most.
@@ -69,10 +69,9 @@ pub(super) fn panels(
 
 impl Shown {
     fn new(recording: &Recording, request: &FigureRequest) -> Result<Self, AnalysisError> {
-        let (plan, all) = (recording.plan(), estimators(recording.plan())?);
-        let has_maps =
-            |of: &Estimator| of.settings.is_some() && of.estimate_topic.is_some() && of.truth_topic.is_some();
-        let wanted: Vec<&Estimator> = all.iter().filter(|of| has_maps(of) && request.wants(of)).collect();
+        let (plan, all) = (recording.plan(), estimates(recording.plan())?);
+        let has_maps = |of: &Estimate| of.settings.is_some() && of.estimate_topic.is_some() && of.truth_topic.is_some();
+        let wanted: Vec<&Estimate> = all.iter().filter(|of| has_maps(of) && request.wants(of)).collect();
         // Of several variants the first: maps of all of them are a figure each.
         let Some(first) = wanted.iter().find(|of| of.lead.variant.is_some()).or(wanted.first()) else {
             if all.iter().any(|of| of.score_topic.is_some()) && all.iter().all(|of| of.settings.is_none()) {

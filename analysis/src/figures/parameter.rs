@@ -59,7 +59,7 @@ pub(super) fn parameter(scores: &Scores<'_>, request: &FigureRequest) -> Result<
         }
     };
     let rows = Rows(&points);
-    let mut columns = vec![rows.key("estimator", |point| &point.label)];
+    let mut columns = vec![rows.key("estimate", |point| &point.label)];
     for (place, axis) in chosen.iter().map(|&axis| &axes[axis]).enumerate() {
         let level = |point: &Point<'_>| Some(axis.levels[point.levels[place]?].clone());
         columns.push(Column::levels(&axis.name, points.iter().map(level), |_| axis.is_numeric));
@@ -86,7 +86,7 @@ pub(super) fn parameter(scores: &Scores<'_>, request: &FigureRequest) -> Result<
 fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
     let mut points = Vec::new();
     for name in scores.names() {
-        let rows: Vec<&Row> = scores.rows.iter().filter(|row| scores.estimator(row).name == name).collect();
+        let rows: Vec<&Row> = scores.rows.iter().filter(|row| scores.estimate(row).name == name).collect();
         let levels = |row: &Row| axes.iter().map(|axis| scores.ablation.level(row, *axis)).collect::<Vec<_>>();
         let value = |row: &Row| row.value(scores.metric).unwrap_or(f64::NAN);
         let all = distinct(rows.iter().map(|row| levels(row)));
@@ -105,7 +105,7 @@ fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
             let without = of.iter().zip(axes).find(|(level, _)| level.is_none()).map(|(_, axis)| *axis);
             let label = match (without, &own[..]) {
                 (None, _) => name.to_owned(),
-                (Some(_), [only]) => scores.estimator(only).label.clone(),
+                (Some(_), [only]) => scores.estimate(only).label.clone(),
                 (Some(axis), _) => format!("{name} without {}", scores.ablation.axes[axis].name),
             };
             let adjusted = match &means {

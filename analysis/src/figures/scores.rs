@@ -5,7 +5,7 @@ use depthloom_figures::{Axis, BLACK, Entry, Fill, Item, Panel, Sheet, Stroke, Sw
 use super::{Figure, FigureRequest, FigureRun};
 use crate::ablation::{Ablation, Row, Selection, scored, source_of};
 use crate::error::{AnalysisError, listed};
-use crate::estimators::{Estimator, estimators};
+use crate::estimates::{Estimate, estimates};
 use crate::scores::FrameScore;
 use crate::tables::{Column, DIMENSIONLESS, Rows, Table, unit_of};
 
@@ -16,7 +16,7 @@ const ROW_PT: f64 = 13.0;
 
 /// The scores of a run that a figure shows.
 pub(super) struct Scores<'a> {
-    estimators: &'a [Estimator],
+    estimates: &'a [Estimate],
     pub(super) ablation: Ablation<'a>,
     selection: Selection,
     pub(super) rows: Vec<Row>,
@@ -30,16 +30,16 @@ pub(super) fn with_scores(
     stop: &(dyn Fn() -> bool + Sync),
     draw: impl FnOnce(&Scores<'_>) -> Result<Figure, AnalysisError>,
 ) -> Result<Figure, AnalysisError> {
-    let estimators = estimators(run.recording.plan())?;
-    let scores: Vec<FrameScore> = scored(run.recording, &estimators, stop)?;
+    let estimates = estimates(run.recording.plan())?;
+    let scores: Vec<FrameScore> = scored(run.recording, &estimates, stop)?;
     let source = source_of(run.recording);
-    let ablation = Ablation::new(run.recording.plan(), &estimators, &scores, &source, None);
+    let ablation = Ablation::new(run.recording.plan(), &estimates, &scores, &source, None);
     let selection = Selection { set: request.scored_set, ..Selection::default() };
     let mut rows = ablation.rows(&selection)?;
-    rows.retain(|row| request.wants(ablation.estimator(row)));
+    rows.retain(|row| request.wants(ablation.estimate(row)));
     if rows.is_empty() {
-        let what = "no estimator that was scored so is among those that are asked for".to_owned();
-        let labels = listed(estimators.iter().map(|estimator| estimator.label.as_str()));
+        let what = "no estimate that was scored so is among those that are asked for".to_owned();
+        let labels = listed(estimates.iter().map(|estimate| estimate.label.as_str()));
         return Err(AnalysisError::asked(what, format!("there are {labels}")));
     }
     let metric = match &request.score {
@@ -51,7 +51,7 @@ pub(super) fn with_scores(
         let what = format!("`{}` was not taken of them", ablation.metrics[metric].name);
         return Err(AnalysisError::asked(what, "`depthloom table RUN` says what was scored".to_owned()));
     }
-    draw(&Scores { estimators: &estimators, ablation, selection, rows, metric })
+    draw(&Scores { estimates: &estimates, ablation, selection, rows, metric })
 }
 
 impl Scores<'_> {
@@ -69,12 +69,12 @@ impl Scores<'_> {
         format!("{}{unit} ({} is better)", metric.name, if metric.more_is_better { "more" } else { "less" })
     }
 
-    pub(super) fn estimator(&self, row: &Row) -> &Estimator {
-        &self.estimators[row.estimator]
+    pub(super) fn estimate(&self, row: &Row) -> &Estimate {
+        &self.estimates[row.estimate]
     }
 
     pub(super) fn names(&self) -> Vec<&str> {
-        distinct(self.rows.iter().map(|row| self.estimator(row).name.as_str()))
+        distinct(self.rows.iter().map(|row| self.estimate(row).name.as_str()))
     }
 
     /// Over which pixels and frames the scores are.
@@ -100,25 +100,25 @@ impl Scores<'_> {
 pub(super) fn frames(scores: &Scores<'_>, request: &FigureRequest) -> Result<Figure, AnalysisError> {
     let (rows, names) = (&scores.rows, scores.names());
     if rows.len() > MAX_ROWS {
-        let what = format!("{} estimators are more than {MAX_ROWS} strips", rows.len());
-        return Err(AnalysisError::asked(what, "choose some with --variant or --estimators".to_owned()));
+        let what = format!("{} estimates are more than {MAX_ROWS} strips", rows.len());
+        return Err(AnalysisError::asked(what, "choose some with --variant or --estimates".to_owned()));
     }
     let (zone, metric) = (scores.ablation.zone(&scores.selection)?, scores.ablation.metrics[scores.metric]);
     let (mut items, mut all) = (Vec::new(), Vec::<(&Row, &FrameScore, f64)>::new());
     for (place, row) in rows.iter().enumerate() {
         // From top to bottom; dots of one strip are on three lines, so that equal scores do not hide each other.
         let y = rows.len() as f64 - place as f64 - 0.5;
-        let frames = scores.ablation.frames(row.estimator, row.set, zone).iter();
+        let frames = scores.ablation.frames(row.estimate, row.set, zone).iter();
         let start = all.len();
         all.extend(frames.filter_map(|frame| Some((row, *frame, frame.row.get(metric)?))));
         let dot = |(at, (.., value)): (usize, &(_, _, f64))| (*value, y + [0.0, 0.14, -0.14][at % 3]);
         let dots = all[start..].iter().enumerate().map(dot).collect();
-        items.push(Item::Dots(dots, 1.5, Fill::new(tint(&names, &scores.estimator(row).name), 0.6)));
+        items.push(Item::Dots(dots, 1.5, Fill::new(tint(&names, &scores.estimate(row).name), 0.6)));
         let mean = row.value(scores.metric).unwrap_or(f64::NAN);
         items.push(Item::Line(vec![(mean, y - 0.36), (mean, y + 0.36)], Stroke::new(BLACK, 1.1)));
     }
     let values: Vec<f64> = all.iter().map(|(.., value)| *value).collect();
-    let labels: Vec<String> = rows.iter().rev().map(|row| scores.estimator(row).label.clone()).collect();
+    let labels: Vec<String> = rows.iter().rev().map(|row| scores.estimate(row).label.clone()).collect();
     let x = Axis::around(values.iter().copied(), 0.04, scores.label());
     let aspect = Some((rows.len() as f64 + 0.5) * ROW_PT / request.size.width_pt() / 0.75);
     let mut panel = Panel::new("", x, Axis::names(&labels, ""));
@@ -129,9 +129,9 @@ pub(super) fn frames(scores: &Scores<'_>, request: &FigureRequest) -> Result<Fig
     ];
     let cells = Rows(&all);
     let columns = vec![
-        cells.key("stage", |(row, ..)| &scores.estimator(row).lead.stage),
-        cells.key("variant", |(row, ..)| scores.estimator(row).lead.variant.as_ref()),
-        cells.key("estimator", |(row, ..)| &scores.estimator(row).name),
+        cells.key("stage", |(row, ..)| &scores.estimate(row).lead.stage),
+        cells.key("variant", |(row, ..)| scores.estimate(row).lead.variant.as_ref()),
+        cells.key("estimate", |(row, ..)| &scores.estimate(row).name),
         cells.key("set", |(row, ..)| row.set.name()),
         cells.count("position", |(_, frame, _)| frame.position.0 as u64),
         cells.key("frame", |(_, frame, _)| &*frame.frame),

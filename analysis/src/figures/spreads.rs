@@ -33,11 +33,11 @@ pub(super) fn spreads(
         }
     };
     // Those that are valid in all estimates, and beside them the valid ones of each.
-    let sets = request.set.map_or_else(|| vec![SampleSet::Common, SampleSet::Answered], |set| vec![set]);
+    let sets = request.set.map_or_else(|| vec![SampleSet::Common, SampleSet::Valid], |set| vec![set]);
     let inquiry = Inquiry { by: by.clone(), bins: request.bins.clone(), sets, ..request.inquiry() };
     let (mut errors, grid, frames) = ask(runs, request, inquiry, watch)?;
     let is_shared = errors.iter().any(|one| one.set == SampleSet::Common && one.bins.iter().any(|bin| bin.count > 0));
-    errors.retain(|one| is_shared || one.set == SampleSet::Answered);
+    errors.retain(|one| is_shared || one.set == SampleSet::Valid);
     let (compared, valid): (Vec<Errors>, Vec<Errors>) =
         errors.into_iter().partition(|one| (one.set == SampleSet::Common) == is_shared);
     let spread = |one: &Errors| Spread {

@@ -4,30 +4,30 @@ use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::RunId;
 use depthloom_recording::{RecordedPlan, Recording};
 
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 
-/// Which estimators lack their maps or the truth, if any, and what `record:` would have to name.
+/// Which estimates lack their maps or the truth, if any, and what `record:` would have to name.
 /// `what` there is not for it.
-pub(crate) fn not_recorded(plan: &RecordedPlan, estimators: &[&Estimator], what: &str) -> Option<String> {
-    let (mut truths, mut estimates, mut labels) = (Vec::new(), Vec::new(), Vec::new());
-    for estimator in estimators {
-        let name = |from: &Option<String>| from.as_deref().map(|topic| reference(plan, estimator.run, topic));
-        if estimator.truth_topic.is_none() {
-            truths.push(name(&estimator.truth));
+pub(crate) fn not_recorded(plan: &RecordedPlan, estimates: &[&Estimate], what: &str) -> Option<String> {
+    let (mut truths, mut maps, mut labels) = (Vec::new(), Vec::new(), Vec::new());
+    for estimate in estimates {
+        let name = |from: &Option<String>| from.as_deref().map(|topic| reference(plan, estimate.run, topic));
+        if estimate.truth_topic.is_none() {
+            truths.push(name(&estimate.truth));
         }
-        if estimator.estimate_topic.is_none() {
-            estimates.push(name(&estimator.estimate));
+        if estimate.estimate_topic.is_none() {
+            maps.push(name(&estimate.estimate));
         }
-        if estimator.truth_topic.is_none() || estimator.estimate_topic.is_none() {
-            labels.push(estimator.label.clone());
+        if estimate.truth_topic.is_none() || estimate.estimate_topic.is_none() {
+            labels.push(estimate.label.clone());
         }
     }
-    let several = count(&mut truths) + count(&mut estimates) > 1;
-    let missing: Vec<String> = [named("truth", &truths), named("estimate", &estimates)].into_iter().flatten().collect();
+    let several = count(&mut truths) + count(&mut maps) > 1;
+    let missing: Vec<String> = [named("truth", &truths), named("estimate", &maps)].into_iter().flatten().collect();
     if missing.is_empty() {
         return None;
     }
-    let whose = if labels.len() == estimators.len() { String::new() } else { format!(" of {}", some(&labels)) };
+    let whose = if labels.len() == estimates.len() { String::new() } else { format!(" of {}", some(&labels)) };
     let (were, them) = if several { ("were", "them") } else { ("was", "it") };
     let missing = missing.join(" and ");
     Some(format!("{what}{whose}: {missing} {were} not recorded: add {them} to `record:`"))
@@ -68,7 +68,7 @@ fn some(names: &[String]) -> String {
 }
 
 /// That not every frame kept its maps, or that none did; nothing is said where no maps were to be kept.
-pub(crate) fn sparsely_kept(recording: &Recording, estimators: &[&Estimator], none: bool) -> Option<String> {
+pub(crate) fn sparsely_kept(recording: &Recording, estimates: &[&Estimate], none: bool) -> Option<String> {
     let every = recording.plan().every;
     if !none {
         let note = |ordinal: String| {
@@ -76,13 +76,13 @@ pub(crate) fn sparsely_kept(recording: &Recording, estimators: &[&Estimator], no
         };
         return (every > 1).then(|| note(ordinal(every)));
     }
-    let mut with_maps = estimators.iter().filter(|e| e.estimate_topic.is_some() && e.truth_topic.is_some());
+    let mut with_maps = estimates.iter().filter(|e| e.estimate_topic.is_some() && e.truth_topic.is_some());
     let of = match every {
         0 | 1 => "no frame has".to_owned(),
         every => format!("maps were recorded of every {} frame only, and none of these has", ordinal(every)),
     };
     let note = || format!("no error against distance: {of} a pixel with both a truth and an answer");
-    with_maps.any(|estimator| !recording.frames(estimator.run).is_empty()).then(note)
+    with_maps.any(|estimate| !recording.frames(estimate.run).is_empty()).then(note)
 }
 
 /// `2nd`, `3rd`, `11th`.

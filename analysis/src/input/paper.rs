@@ -2,22 +2,22 @@
 
 use depthloom_scores::PixelSet;
 
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 
 /// Numbers and citation.
 const TABLE_1: &str = include_str!("paper_table1.csv");
 
-/// The eight scores the paper gives for an estimator of that name, variant and pixel set; `None` if it gives none.
+/// The eight scores the paper gives for an estimate of that name, variant and pixel set; `None` if it gives none.
 ///
-/// An estimator of an experiment without variants is held against the paper's full method.
+/// An estimate of an experiment without variants is held against the paper's full method.
 #[must_use]
-pub fn paper_scores(estimator: &Estimator, set: PixelSet) -> Option<[f64; 8]> {
-    let variant = match (estimator.lead.variant.as_deref(), estimator.name.as_str()) {
+pub fn paper_scores(estimate: &Estimate, set: PixelSet) -> Option<[f64; 8]> {
+    let variant = match (estimate.lead.variant.as_deref(), estimate.name.as_str()) {
         (_, "stereo") => "",
         (Some(variant), _) => variant,
         (None, _) => "full",
     };
-    let wanted = [variant, estimator.name.as_str(), set.name()];
+    let wanted = [variant, estimate.name.as_str(), set.name()];
     rows().find(|(key, _)| *key == wanted).map(|(_, scores)| scores)
 }
 
@@ -34,8 +34,8 @@ fn rows() -> impl Iterator<Item = ([&'static str; 3], [f64; 8])> {
 mod tests {
     use super::*;
 
-    fn estimator(variant: Option<&str>, name: &str) -> Estimator {
-        Estimator::of_depths(name, variant, name, &[PixelSet::All])
+    fn estimate(variant: Option<&str>, name: &str) -> Estimate {
+        Estimate::of_depths(name, variant, name, &[PixelSet::All])
     }
 
     #[test]
@@ -45,9 +45,9 @@ mod tests {
         let mut compared = 0;
         for line in csv.lines().skip(1) {
             let cells: Vec<&str> = line.split(',').collect();
-            let set = if cells[2] == "non_occluded" { PixelSet::Answered } else { PixelSet::All };
+            let set = if cells[2] == "non_occluded" { PixelSet::Valid } else { PixelSet::All };
             let variant = (cells[0] != "stereo").then_some(cells[0]);
-            let ours = paper_scores(&estimator(variant, cells[1]), set).unwrap();
+            let ours = paper_scores(&estimate(variant, cells[1]), set).unwrap();
             let theirs: Vec<f64> = cells[3..].iter().map(|cell| cell.parse().unwrap()).collect();
             assert_eq!(ours.to_vec(), theirs, "{line}");
             compared += 1;
@@ -57,10 +57,10 @@ mod tests {
 
     #[test]
     fn an_experiment_without_variants_is_held_against_the_full_method() {
-        let fused = paper_scores(&estimator(None, "fused"), PixelSet::All);
-        assert_eq!(fused, paper_scores(&estimator(Some("full"), "fused"), PixelSet::All));
+        let fused = paper_scores(&estimate(None, "fused"), PixelSet::All);
+        assert_eq!(fused, paper_scores(&estimate(Some("full"), "fused"), PixelSet::All));
         assert!(fused.is_some());
-        assert_eq!(paper_scores(&estimator(Some("mean"), "fused"), PixelSet::All), None);
-        assert_eq!(paper_scores(&estimator(None, "mono"), PixelSet::Answered), None);
+        assert_eq!(paper_scores(&estimate(Some("mean"), "fused"), PixelSet::All), None);
+        assert_eq!(paper_scores(&estimate(None, "mono"), PixelSet::Valid), None);
     }
 }

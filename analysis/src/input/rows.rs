@@ -26,7 +26,7 @@ pub struct TopicRows {
 /// calibrations one.
 ///
 /// Columns are `position` (of the frame in its stage), `frame`, and what a row holds: of scores
-/// `set, zone, pixels, truth, answered`, the scores in the catalogue's order (null where no pixel counted; `zone` is
+/// `set, zone, pixels, truth, valid`, the scores in the catalogue's order (null where no pixel counted; `zone` is
 /// null of the whole image), `density`; of calibrations `width, height` and `focal_px, cx_px, cy_px, baseline_m`.
 ///
 /// # Errors
@@ -91,7 +91,7 @@ fn table_of_scores(scores: &[FrameRow<ScoreRow>]) -> Table {
         rows.text("zone", |(.., row)| Some(&row.zone).filter(|zone| !zone.is_empty())),
         rows.count("pixels", |(.., row)| row.pixels).unit("pixels"),
         rows.count("truth", |(.., row)| row.truth).unit("pixels"),
-        rows.count("answered", |(.., row)| row.answered).unit("pixels"),
+        rows.count("valid", |(.., row)| row.valid).unit("pixels"),
     ]);
     let is_there = |metric: &&Metric| scores.iter().any(|(.., row)| row.get(metric).is_some());
     columns.extend(crate::metrics().filter(is_there).map(|metric| rows.metric(metric, |(.., row)| row.get(metric))));
@@ -137,7 +137,7 @@ mod tests {
             zone: zone.to_owned(),
             pixels,
             truth: 8,
-            answered: pixels,
+            valid: pixels,
             log_mean: None,
             scores: value.map(|value| (abs_rel, value)).into_iter().collect(),
         };
@@ -145,7 +145,7 @@ mod tests {
             [(3, "a".into(), row("", 4, Some(0.1 + 0.2))), (3, "a".into(), row("10..20", 0, None))];
         let table = read(table_of_scores(&rows).parquet("scores", &Key::of_content(b"")).unwrap());
         let names: Vec<String> = table.get_column_names().iter().map(ToString::to_string).collect();
-        assert_eq!(names, ["position", "frame", "set", "zone", "pixels", "truth", "answered", "abs_rel", "density"]);
+        assert_eq!(names, ["position", "frame", "set", "zone", "pixels", "truth", "valid", "abs_rel", "density"]);
         let numbers = |name: &str| table.column(name).unwrap().f64().unwrap().iter().collect::<Vec<_>>();
         assert_eq!((numbers("abs_rel"), numbers("density")), (vec![Some(0.1 + 0.2), None], vec![Some(0.5), Some(0.0)]));
         assert_eq!(table.column("zone").unwrap().str().unwrap().iter().collect::<Vec<_>>(), [None, Some("10..20")]);

@@ -8,7 +8,7 @@ use depthloom_recording::Recording;
 use depthloom_scores::ScoredPixels;
 
 use crate::error::AnalysisError;
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
 /// How many frames are named, and of how many the truth is looked at.
@@ -28,31 +28,31 @@ impl Unscored {
     /// Of all scores of a recording.
     pub(crate) fn of(
         recording: &Recording,
-        estimators: &[Estimator],
+        estimates: &[Estimate],
         scores: &[FrameScore],
     ) -> Result<Self, AnalysisError> {
         if scores.is_empty() {
-            return Self::without_a_score(recording, estimators);
+            return Self::without_a_score(recording, estimates);
         }
         let runs = &recording.plan().runs;
         // Variants may score the same frame in several runs of a stage.
         let mut frames: BTreeMap<(&str, FrameIndex, &str), (usize, u64)> = BTreeMap::new();
         for score in scores {
-            let estimator = &estimators[score.estimator];
-            let place = (runs[estimator.run].stage.as_str(), score.position, &*score.frame);
-            frames.entry(place).or_insert((score.estimator, 0)).1 += score.row.pixels;
+            let estimate = &estimates[score.estimate];
+            let place = (runs[estimate.run].stage.as_str(), score.position, &*score.frame);
+            frames.entry(place).or_insert((score.estimate, 0)).1 += score.row.pixels;
         }
         let all = frames.len();
         let empty: Vec<(usize, FrameIndex, &str)> = frames
             .into_iter()
             .filter(|(_, (_, pixels))| *pixels == 0)
-            .map(|((_, position, id), (estimator, _))| (estimator, position, id))
+            .map(|((_, position, id), (estimate, _))| (estimate, position, id))
             .collect();
         if empty.is_empty() {
             return Ok(Self::default());
         }
         let everything = empty.len() == all;
-        let why = cause(recording, estimators, &empty, everything)?;
+        let why = cause(recording, estimates, &empty, everything)?;
         let note = if everything {
             format!("not one pixel was scored: {why}")
         } else {
@@ -71,12 +71,12 @@ impl Unscored {
 
 impl Unscored {
     /// Of a recording in which no score was made.
-    fn without_a_score(recording: &Recording, estimators: &[Estimator]) -> Result<Self, AnalysisError> {
-        let whole = |estimator: &Estimator| {
-            let frames = FrameIndex::enumerate(recording.frames(estimator.run));
+    fn without_a_score(recording: &Recording, estimates: &[Estimate]) -> Result<Self, AnalysisError> {
+        let whole = |estimate: &Estimate| {
+            let frames = FrameIndex::enumerate(recording.frames(estimate.run));
             frames.filter(|(_, frame)| frame.failures.is_empty()).map(|(position, _)| position).collect::<Vec<_>>()
         };
-        let scored = estimators.iter().filter(|of| of.score_topic.is_some());
+        let scored = estimates.iter().filter(|of| of.score_topic.is_some());
         let mut with_frames = scored.map(|of| (of, whole(of))).filter(|(_, frames)| !frames.is_empty());
         // Of what failed the frames tell.
         let Some((first, frames)) = with_frames.next() else { return Ok(Self::default()) };
@@ -98,14 +98,14 @@ impl Unscored {
     }
 }
 
-/// Why frames (estimator, place in its run, id) have no scored pixel, as far as what was recorded shows.
+/// Why frames (estimate, place in its run, id) have no scored pixel, as far as what was recorded shows.
 fn cause(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     frames: &[(usize, FrameIndex, &str)],
     everything: bool,
 ) -> Result<String, AnalysisError> {
-    let first = &estimators[frames[0].0];
+    let first = &estimates[frames[0].0];
     let Some(settings) = &first.settings else {
         return Ok("no pixel has both a true disparity and, where only answers are scored, an answer".to_owned());
     };
@@ -117,7 +117,7 @@ fn cause(
     let mut reader = recording.reader(first.run, &[topic])?;
     let (mut nearest, mut farthest) = (f32::INFINITY, f32::NEG_INFINITY);
     let (mut within, mut scorable) = (false, false);
-    for (_, position, _) in frames.iter().filter(|(of, ..)| estimators[*of].run == first.run).take(LOOKED_AT) {
+    for (_, position, _) in frames.iter().filter(|(of, ..)| estimates[*of].run == first.run).take(LOOKED_AT) {
         let values = reader.read(*position)?;
         let Some(depth) = values.first().and_then(Option::as_ref).and_then(Value::metres) else { continue };
         for &metres in depth.iter().filter(|metres| metres.is_finite()) {
@@ -136,7 +136,7 @@ fn cause(
             "the truth `{truth}` lies between {nearest} and {farthest} m, outside of the score's min_m..max_m ({wanted}){unit}"
         )
     } else if scorable {
-        "no estimate answered a pixel with a truth".to_owned()
+        "no estimate is valid on a pixel with ground truth".to_owned()
     } else {
         "the score's crop leaves out all pixels with a truth".to_owned()
     })

@@ -1,4 +1,4 @@
-//! What the page shows of a recording that may hold more than a page can: which estimators, which maps, which frames.
+//! What the page shows of a recording that may hold more than a page can: which estimates, which maps, which frames.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -10,10 +10,10 @@ use depthloom_recording::Recording;
 use depthloom_scores::{Align, PixelSet};
 
 use crate::ablation::ScoreTable;
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
-/// So many estimators have curves, and so many of them pictures.
+/// So many estimates have curves, and so many of them pictures.
 const MOST_CURVES: usize = 24;
 const MOST_PICTURED: usize = 12;
 /// So many maps a stage run has.
@@ -25,17 +25,17 @@ const MOST_UNSCORED: usize = 40;
 const FEW: usize = 10;
 /// So many frames stand in the figure of scores by frame.
 const MOST_POINTS: usize = 1000;
-/// So many of the worst and of the best frames of an estimator have pictures in any case.
+/// So many of the worst and of the best frames of an estimate have pictures in any case.
 const EXTREMES: usize = 3;
 
-/// The estimators with curves: all, or those that all variants share and the best of the others by the table's first
+/// The estimates with curves: all, or those that all variants share and the best of the others by the table's first
 /// score.
-pub(super) fn estimators_shown(estimators: &[Estimator], table: Option<&ScoreTable>) -> Vec<usize> {
-    best(estimators, table, &(0..estimators.len()).collect::<Vec<_>>(), MOST_CURVES)
+pub(super) fn estimates_shown(estimates: &[Estimate], table: Option<&ScoreTable>) -> Vec<usize> {
+    best(estimates, table, &(0..estimates.len()).collect::<Vec<_>>(), MOST_CURVES)
 }
 
-/// The first so many of some estimators, in their order.
-fn best(estimators: &[Estimator], table: Option<&ScoreTable>, of: &[usize], most: usize) -> Vec<usize> {
+/// The first so many of some estimates, in their order.
+fn best(estimates: &[Estimate], table: Option<&ScoreTable>, of: &[usize], most: usize) -> Vec<usize> {
     if of.len() <= most {
         return of.to_vec();
     }
@@ -46,9 +46,9 @@ fn best(estimators: &[Estimator], table: Option<&ScoreTable>, of: &[usize], most
     });
     let sign = if metric.is_some_and(|metric| metric.more_is_better) { -1.0 } else { 1.0 };
     let rank = |index: usize| {
-        let estimator = &estimators[index];
-        let mean = means.get(estimator.label.as_str()).filter(|mean| mean.is_finite());
-        (estimator.lead.variant.is_some(), mean.is_none(), mean.map_or(0.0, |mean| sign * mean))
+        let estimate = &estimates[index];
+        let mean = means.get(estimate.label.as_str()).filter(|mean| mean.is_finite());
+        (estimate.lead.variant.is_some(), mean.is_none(), mean.map_or(0.0, |mean| sign * mean))
     };
     let mut ranked = of.to_vec();
     ranked.sort_by(|&a, &b| rank(a).partial_cmp(&rank(b)).unwrap_or(std::cmp::Ordering::Equal).then(a.cmp(&b)));
@@ -60,15 +60,15 @@ fn best(estimators: &[Estimator], table: Option<&ScoreTable>, of: &[usize], most
 /// What is shown of each stage run that recorded a map.
 pub(super) fn series(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     shown: &[usize],
     table: Option<&ScoreTable>,
     scores: &[FrameScore],
 ) -> Vec<Series> {
     let plan = recording.plan();
     let mut all: Vec<Series> =
-        RunId::all(plan.runs.len()).filter_map(|run| layers(recording, estimators, shown, table, run)).collect();
-    let is_scored = |series: &Series| series.layers.iter().any(|layer| !layer.estimators.is_empty());
+        RunId::all(plan.runs.len()).filter_map(|run| layers(recording, estimates, shown, table, run)).collect();
+    let is_scored = |series: &Series| series.layers.iter().any(|layer| !layer.estimates.is_empty());
     let scored = all.iter().filter(|series| is_scored(series)).count();
     let others = all.len() - scored;
     for series in &mut all {
@@ -77,7 +77,7 @@ pub(super) fn series(
             (false, 0) => MOST_FRAMES / others,
             (false, _) => FEW.min(MOST_UNSCORED / others),
         };
-        let wanted = extremes(series, estimators, scores);
+        let wanted = extremes(series, estimates, scores);
         let kept: Vec<FrameIndex> = FrameIndex::all(recording.frames(series.run).len())
             .step_by(usize::try_from(plan.every.max(1)).unwrap_or(usize::MAX))
             .collect();
@@ -90,27 +90,27 @@ pub(super) fn series(
 /// The maps of a stage run: images first, then truths, estimates, and what they were made of.
 fn layers(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     shown: &[usize],
     table: Option<&ScoreTable>,
     run: RunId,
 ) -> Option<Series> {
     let (plan, planned) = (recording.plan(), &recording.plan().runs[run]);
-    let own: Vec<usize> = shown.iter().copied().filter(|&index| estimators[index].run == run).collect();
-    let pictured = best(estimators, table, &own, MOST_PICTURED);
+    let own: Vec<usize> = shown.iter().copied().filter(|&index| estimates[index].run == run).collect();
+    let pictured = best(estimates, table, &own, MOST_PICTURED);
     let variants: HashSet<&str> =
-        pictured.iter().filter_map(|&index| estimators[index].lead.variant.as_deref()).collect();
+        pictured.iter().filter_map(|&index| estimates[index].lead.variant.as_deref()).collect();
     let topic_of = |topic: &str| plan.find(run, topic).map(|(_, output)| output.topic.clone());
     let truths: HashSet<String> =
-        estimators.iter().filter(|of| of.run == run).filter_map(|of| topic_of(of.truth_topic.as_ref()?)).collect();
+        estimates.iter().filter(|of| of.run == run).filter_map(|of| topic_of(of.truth_topic.as_ref()?)).collect();
     let mut of_topic: HashMap<String, Vec<usize>> = HashMap::new();
     for &index in &pictured {
-        if let Some(topic) = estimators[index].estimate_topic.as_ref().and_then(|topic| topic_of(topic)) {
+        if let Some(topic) = estimates[index].estimate_topic.as_ref().and_then(|topic| topic_of(topic)) {
             of_topic.entry(topic).or_default().push(index);
         }
     }
     let every_estimate: HashSet<String> =
-        estimators.iter().filter(|of| of.run == run).filter_map(|of| topic_of(of.estimate_topic.as_ref()?)).collect();
+        estimates.iter().filter(|of| of.run == run).filter_map(|of| topic_of(of.estimate_topic.as_ref()?)).collect();
     let is_map = |value_type| {
         use ValueType::{Depth, Disparity, Image, Mask, TrueDisparity, Weight};
         matches!(value_type, Image | Disparity | TrueDisparity | Depth | Weight | Mask)
@@ -144,10 +144,10 @@ fn layers(
             name: name.to_owned(),
             role,
             value_type: output.value_type.clone(),
-            estimators: of.cloned().unwrap_or_default(),
+            estimates: of.cloned().unwrap_or_default(),
             truth: None,
             aligned: of
-                .and_then(|of| estimators[*of.first()?].settings)
+                .and_then(|of| estimates[*of.first()?].settings)
                 .filter(|settings| settings.align != Align::None),
         });
     }
@@ -155,22 +155,21 @@ fn layers(
     found.sort_by_key(|layer| layer.role as u8);
     found.truncate(MOST_LAYERS);
     for place in 0..found.len() {
-        let truth =
-            found[place].estimators.first().and_then(|&index| topic_of(estimators[index].truth_topic.as_ref()?));
+        let truth = found[place].estimates.first().and_then(|&index| topic_of(estimates[index].truth_topic.as_ref()?));
         found[place].truth = truth.and_then(|truth| found.iter().position(|layer| layer.topic == truth));
     }
     let recorded = maps().count();
     (!found.is_empty()).then_some(Series { run, layers: found, recorded, positions: Vec::new() })
 }
 
-/// The positions of the frames on which the pictured estimators are worst and best by their first score.
-fn extremes(series: &Series, estimators: &[Estimator], scores: &[FrameScore]) -> BTreeSet<FrameIndex> {
+/// The positions of the frames on which the pictured estimates are worst and best by their first score.
+fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> BTreeSet<FrameIndex> {
     let mut positions = BTreeSet::new();
-    for &index in series.layers.iter().flat_map(|layer| &layer.estimators) {
-        let Some(metric) = estimators[index].metrics.first() else { continue };
-        let Some(set) = set_of(&estimators[index]) else { continue };
+    for &index in series.layers.iter().flat_map(|layer| &layer.estimates) {
+        let Some(metric) = estimates[index].metrics.first() else { continue };
+        let Some(set) = set_of(&estimates[index]) else { continue };
         let own =
-            scores.iter().filter(|score| score.estimator == index && score.row.set == set && score.row.zone.is_empty());
+            scores.iter().filter(|score| score.estimate == index && score.row.set == set && score.row.zone.is_empty());
         let mut values: Vec<(f64, FrameIndex)> = own
             .filter_map(|score| Some((score.row.get(metric).filter(|value| value.is_finite())?, score.position)))
             .collect();
@@ -182,9 +181,9 @@ fn extremes(series: &Series, estimators: &[Estimator], scores: &[FrameScore]) ->
     positions
 }
 
-/// The pixel set that an estimator is ranked over: all true pixels where it was scored on them.
-pub(super) fn set_of(estimator: &Estimator) -> Option<PixelSet> {
-    estimator.sets.iter().copied().min()
+/// The pixel set that an estimate is ranked over: all pixels with ground truth where it was scored on them.
+pub(super) fn set_of(estimate: &Estimate) -> Option<PixelSet> {
+    estimate.sets.iter().copied().min()
 }
 
 /// The positions in the figure of scores by frame, of a stage run with so many frames.
@@ -197,13 +196,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_many_estimators_the_shared_and_the_best_are_shown() {
-        let mut estimators: Vec<Estimator> = (0..40)
-            .map(|i| Estimator::of_depths(&format!("v{i}/fused"), Some(&format!("v{i}")), "fused", &[PixelSet::All]))
+    fn of_many_estimates_the_shared_and_the_best_are_shown() {
+        let mut estimates: Vec<Estimate> = (0..40)
+            .map(|i| Estimate::of_depths(&format!("v{i}/fused"), Some(&format!("v{i}")), "fused", &[PixelSet::All]))
             .collect();
-        estimators.insert(0, Estimator::of_depths("stereo", None, "stereo", &[PixelSet::All]));
-        let shown = estimators_shown(&estimators, None);
+        estimates.insert(0, Estimate::of_depths("stereo", None, "stereo", &[PixelSet::All]));
+        let shown = estimates_shown(&estimates, None);
         assert_eq!(shown, (0..MOST_CURVES).collect::<Vec<_>>());
-        assert_eq!(estimators_shown(&estimators[..3], None), [0, 1, 2]);
+        assert_eq!(estimates_shown(&estimates[..3], None), [0, 1, 2]);
     }
 }

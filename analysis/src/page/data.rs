@@ -13,7 +13,7 @@ use super::choice;
 use crate::ablation::{Ablation, ScoreTable, Selection, effects_table, paper_number, zones_table};
 use crate::distance::{DistanceBin, Spread};
 use crate::error::AnalysisError;
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::input::paper::paper_scores;
 use crate::input::timings::Timing;
 use crate::report::Found;
@@ -40,10 +40,10 @@ fn numbers(all: impl IntoIterator<Item = Option<f64>>) -> Json {
     all.into_iter().map(|one| number(one, DRAWN)).collect()
 }
 
-/// The table: its scores, and a row an estimator and pixel set.
-pub(super) fn table(table: &ScoreTable, estimators: &[Estimator]) -> Json {
-    let by_label: HashMap<&str, &Estimator> = estimators.iter().map(|of| (of.label.as_str(), of)).collect();
-    let names = names(estimators);
+/// The table: its scores, and a row an estimate and pixel set.
+pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
+    let by_label: HashMap<&str, &Estimate> = estimates.iter().map(|of| (of.label.as_str(), of)).collect();
+    let names = names(estimates);
     let metrics = table.metrics.iter().map(|metric| {
         json!({
             "name": metric.name, "plain": metric.plain, "unit": metric.unit, "more": metric.more_is_better,
@@ -56,8 +56,8 @@ pub(super) fn table(table: &ScoreTable, estimators: &[Estimator]) -> Json {
         json!({
             "stage": row.key.stage,
             "variant": row.key.variant,
-            "estimator": row.estimator,
-            "colour": colour_of(&names, &row.estimator),
+            "estimate": row.estimate,
+            "colour": colour_of(&names, &row.estimate),
             "set": row.set.name(),
             "factors": row.key.factors.iter().map(|level| &level.value).collect::<Vec<_>>(),
             "frames": row.frames,
@@ -103,16 +103,16 @@ pub(super) fn answers(ablation: &Ablation<'_>, table: &ScoreTable) -> Result<Vec
 }
 
 /// Names as they first come: they choose the colours.
-fn names(estimators: &[Estimator]) -> Vec<&str> {
+fn names(estimates: &[Estimate]) -> Vec<&str> {
     let mut known = BTreeSet::new();
-    estimators.iter().map(|of| of.name.as_str()).filter(|name| known.insert(*name)).collect()
+    estimates.iter().map(|of| of.name.as_str()).filter(|name| known.insert(*name)).collect()
 }
 
-/// The estimators with curves; all else names them by their place here.
-pub(super) fn estimators(estimators: &[Estimator], shown: &[usize]) -> Json {
-    let names = names(estimators);
+/// The estimates with curves; all else names them by their place here.
+pub(super) fn estimates(estimates: &[Estimate], shown: &[usize]) -> Json {
+    let names = names(estimates);
     let one = |&index: &usize| {
-        let of = &estimators[index];
+        let of = &estimates[index];
         json!({
             "label": of.label, "name": of.name, "stage": of.lead.stage, "variant": of.lead.variant, "run": of.run,
             "colour": colour_of(&names, &of.name), "preset": of.preset,
@@ -124,10 +124,10 @@ pub(super) fn estimators(estimators: &[Estimator], shown: &[usize]) -> Json {
     shown.iter().map(one).collect()
 }
 
-/// Error against distance: of each estimator shown the metres, and the spread on what it answered and on what all did.
+/// Error against distance: of each estimate shown the metres, and the spread on its valid pixels and on those valid in all.
 pub(super) fn distances(found: &Found, shown: &[usize]) -> Json {
     let of_one = |(place, index): (usize, &usize)| {
-        let bins: Vec<&DistanceBin> = found.bins.iter().filter(|bin| bin.estimator == *index).collect();
+        let bins: Vec<&DistanceBin> = found.bins.iter().filter(|bin| bin.estimate == *index).collect();
         let spread = |of: &dyn Fn(&DistanceBin) -> Option<Spread>| {
             let percentile = |i: usize| numbers(bins.iter().map(|bin| of(bin).map(|spread| spread.percentiles_m[i])));
             json!({
@@ -137,21 +137,21 @@ pub(super) fn distances(found: &Found, shown: &[usize]) -> Json {
         };
         (!bins.is_empty()).then(|| {
             json!({
-                "estimator": place,
+                "estimate": place,
                 "metres": bins.iter().map(|bin| bin.bin_m).collect::<Vec<_>>(),
-                "answered": spread(&|bin| Some(bin.answered)),
+                "valid": spread(&|bin| Some(bin.valid)),
                 "common": spread(&|bin| bin.shared),
             })
         })
     };
     let truth: Vec<(u32, u64)> = found.truth.iter().map(|(metre, count)| (*metre, *count)).collect();
-    json!({ "estimators": shown.iter().enumerate().filter_map(of_one).collect::<Vec<_>>(), "truth": truth })
+    json!({ "estimates": shown.iter().enumerate().filter_map(of_one).collect::<Vec<_>>(), "truth": truth })
 }
 
 /// Scores by frame, a part a stage run.
 pub(super) fn scores(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     shown: &[usize],
     series: &[Series],
     scores: &[FrameScore],
@@ -159,7 +159,7 @@ pub(super) fn scores(
     let mut parts = Vec::new();
     for (run, planned) in RunId::enumerate(&recording.plan().runs) {
         let own: Vec<(usize, usize)> =
-            shown.iter().copied().enumerate().filter(|(_, index)| estimators[*index].run == run).collect();
+            shown.iter().copied().enumerate().filter(|(_, index)| estimates[*index].run == run).collect();
         if own.is_empty() {
             continue;
         }
@@ -172,20 +172,20 @@ pub(super) fn scores(
         let mut rows: BTreeMap<(usize, &str), Vec<Option<&FrameScore>>> = BTreeMap::new();
         let shown_as: HashMap<usize, usize> = own.iter().map(|(place, index)| (*index, *place)).collect();
         for score in scores.iter().filter(|score| score.row.zone.is_empty()) {
-            let (Some(estimator), Some(place)) = (shown_as.get(&score.estimator), places.get(&score.position)) else {
+            let (Some(estimate), Some(place)) = (shown_as.get(&score.estimate), places.get(&score.position)) else {
                 continue;
             };
-            let row = rows.entry((*estimator, score.row.set.name())).or_insert_with(|| vec![None; positions.len()]);
+            let row = rows.entry((*estimate, score.row.set.name())).or_insert_with(|| vec![None; positions.len()]);
             row[*place] = Some(score);
         }
-        let lines = rows.iter().map(|((estimator, set), row)| {
-            let of = &estimators[shown[*estimator]];
+        let lines = rows.iter().map(|((estimate, set), row)| {
+            let of = &estimates[shown[*estimate]];
             let values = of.metrics.iter().map(|metric| {
                 (metric.name.to_owned(), numbers(row.iter().map(|score| score.as_ref()?.row.get(metric))))
             });
             let pixels: Vec<Option<u64>> =
                 row.iter().map(|score| score.as_ref().map(|score| score.row.pixels)).collect();
-            json!({ "estimator": estimator, "set": set, "pixels": pixels, "values": values.collect::<Map<_, _>>() })
+            json!({ "estimate": estimate, "set": set, "pixels": pixels, "values": values.collect::<Map<_, _>>() })
         });
         parts.push(json!({
             "run": run,
@@ -202,7 +202,7 @@ pub(super) fn scores(
 /// The stage runs with pictures: maps, and frames.
 pub(super) fn pictures(
     recording: &Recording,
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     shown: &[usize],
     series: &[Series],
     pictures: &Pictures,
@@ -217,8 +217,8 @@ pub(super) fn pictures(
                 "role": layer.role.name(),
                 "type": layer.value_type,
                 "scale": Scale::of(&layer.value_type, pictures.steps()).map(Scale::json),
-                "labels": layer.estimators.iter().map(|&index| label(&estimators[index], layer)).collect::<Vec<_>>(),
-                "estimators": layer.estimators.iter().filter_map(place).collect::<Vec<_>>(),
+                "labels": layer.estimates.iter().map(|&index| label(&estimates[index], layer)).collect::<Vec<_>>(),
+                "estimates": layer.estimates.iter().filter_map(place).collect::<Vec<_>>(),
                 "truth": layer.truth,
                 "there": there,
             })
@@ -250,10 +250,10 @@ pub(super) fn pictures(
 }
 
 /// What an estimate is called, and that it is shown aligned.
-fn label(estimator: &Estimator, layer: &Layer) -> String {
+fn label(estimate: &Estimate, layer: &Layer) -> String {
     match &layer.aligned {
-        Some(settings) => format!("{} (aligned: {})", estimator.label, settings.align.name()),
-        None => estimator.label.clone(),
+        Some(settings) => format!("{} (aligned: {})", estimate.label, settings.align.name()),
+        None => estimate.label.clone(),
     }
 }
 

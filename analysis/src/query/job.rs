@@ -15,7 +15,7 @@ use super::scan::{scan, threads};
 use super::sums::{self, BinSums, PartSums, Sums};
 use super::{By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
-use crate::samples::{DescribedEstimator, Part, SamplesFile};
+use crate::samples::{DescribedEstimate, Part, SamplesFile};
 
 /// Samples that are held in memory at most, and counters where there are more samples.
 const SAMPLES: usize = 1 << 27;
@@ -27,7 +27,7 @@ pub(super) struct Job<'a> {
     pub(super) file: &'a SamplesFile,
     pub(super) parts: Vec<&'a Part>,
     /// All that are compared.
-    pub(super) estimators: Vec<&'a DescribedEstimator>,
+    pub(super) estimates: Vec<&'a DescribedEstimate>,
     /// Those of them that are reported.
     pub(super) reported: Vec<usize>,
     /// The column that samples are put into bins by; `None`: a bin a frame.
@@ -55,11 +55,11 @@ pub(super) struct FoundRow {
     pub(super) bin: usize,
     /// Scored pixels in it; of the common set, those that are common.
     pub(super) pixels: u64,
-    /// By reported estimator: the sums, and the percentiles where it has samples.
-    pub(super) estimators: Vec<(Sums, Option<Vec<f64>>)>,
+    /// By reported estimate: the sums, and the percentiles where it has samples.
+    pub(super) estimates: Vec<(Sums, Option<Vec<f64>>)>,
 }
 
-/// A part: its rows' bins, and by reported estimator the errors, NaN where it has no estimate.
+/// A part: its rows' bins, and by reported estimate the errors, NaN where it has no estimate.
 struct Read {
     bins: Vec<u32>,
     errors: Vec<Vec<f32>>,
@@ -112,13 +112,12 @@ impl Job<'_> {
             )
         })?;
         let values = |group: usize| (found[group].count > 0).then(|| found[group].values.clone());
-        let rows = sums::total(sums.into_iter().map(into_unlocked)).into_iter().map(
-            |(bin, BinSums { pixels, estimators })| {
-                let of_estimators =
-                    estimators.into_iter().enumerate().map(|(reported, sums)| (sums, values(reported * count + bin)));
-                FoundRow { bin, pixels, estimators: of_estimators.collect() }
-            },
-        );
+        let rows =
+            sums::total(sums.into_iter().map(into_unlocked)).into_iter().map(|(bin, BinSums { pixels, estimates })| {
+                let of_estimates =
+                    estimates.into_iter().enumerate().map(|(reported, sums)| (sums, values(reported * count + bin)));
+                FoundRow { bin, pixels, estimates: of_estimates.collect() }
+            });
         let rows = rows.collect();
         Ok(Found { bins, rows })
     }
@@ -204,17 +203,17 @@ impl Job<'_> {
     ) -> Result<(Read, Option<PartSums>), AnalysisError> {
         let part = self.parts[place];
         let compared: Vec<usize> = match self.set {
-            SampleSet::Answered => self.reported.clone(),
-            SampleSet::Common => (0..self.estimators.len()).collect(),
+            SampleSet::Valid => self.reported.clone(),
+            SampleSet::Common => (0..self.estimates.len()).collect(),
         };
         let mut columns: Vec<&str> = vec!["truth_m"];
         columns.extend(self.by.as_deref());
-        columns.extend(compared.iter().map(|of| self.estimators[*of].column.as_str()));
+        columns.extend(compared.iter().map(|of| self.estimates[*of].column.as_str()));
         columns.sort_unstable();
         columns.dedup();
         let table = self.file.read(part, &columns)?;
         let prepared = || -> PolarsResult<(Read, Option<PartSums>)> {
-            let column = |of: usize| numbers(&table, &self.estimators[of].column);
+            let column = |of: usize| numbers(&table, &self.estimates[of].column);
             let (mut bins, count) = match (bins, &self.by) {
                 (FoundBins::Edges(edges), Some(column)) => (edges.bins(&binned(&table, column, inquiry)?), edges.len()),
                 _ => (vec![place as u32; table.height()], self.parts.len()),

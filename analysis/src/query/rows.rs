@@ -1,9 +1,9 @@
-//! What was found, as a table: a row a bin and estimator.
+//! What was found, as a table: a row a bin and estimate.
 
 use super::job::{Found, FoundBins, FoundRow, Job};
 use super::sums::Sums;
 use super::{By, Inquiry, SampleSet, Unit};
-use crate::samples::DescribedEstimator;
+use crate::samples::DescribedEstimate;
 use crate::tables::{Cells, Column, DIMENSIONLESS, Level, Rows, Table};
 
 /// A row.
@@ -11,20 +11,20 @@ struct Row<'a> {
     job: &'a Job<'a>,
     found: &'a Found,
     row: &'a FoundRow,
-    /// The place of its estimator among those that are reported.
+    /// The place of its estimate among those that are reported.
     reported: usize,
 }
 
 impl Row<'_> {
-    fn estimator(&self) -> &DescribedEstimator {
-        self.job.estimators[self.job.reported[self.reported]]
+    fn estimate(&self) -> &DescribedEstimate {
+        self.job.estimates[self.job.reported[self.reported]]
     }
 
     fn sums(&self) -> Sums {
-        self.row.estimators[self.reported].0
+        self.row.estimates[self.reported].0
     }
 
-    /// A mean over the answered pixels.
+    /// A mean over the valid pixels.
     fn mean(&self, sum: f64) -> Option<f64> {
         let count = self.sums().count;
         (count > 0).then(|| sum / count as f64)
@@ -56,21 +56,21 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         let is_one = matches!(&column.cells, Cells::Text(cells) if cells.windows(2).all(|pair| pair[0] == pair[1]));
         if is_one { column.in_files() } else { column }
     };
-    columns.push(common(cells.key("stage", |row| &row.estimator().stage)));
+    columns.push(common(cells.key("stage", |row| &row.estimate().stage)));
     if several_scorings {
-        columns.push(cells.key("scoring", |row| &row.estimator().scoring));
+        columns.push(cells.key("scoring", |row| &row.estimate().scoring));
     }
-    columns.push(common(cells.key("variant", |row| row.estimator().variant.as_ref())));
-    columns.push(cells.key("estimator", |row| &row.estimator().estimator));
+    columns.push(common(cells.key("variant", |row| row.estimate().variant.as_ref())));
+    columns.push(cells.key("estimate", |row| &row.estimate().estimate));
     let mut axes: Vec<&Level> = Vec::new();
-    for axis in rows.iter().flat_map(|row| &row.estimator().factors) {
+    for axis in rows.iter().flat_map(|row| &row.estimate().factors) {
         if !axes.iter().any(|known| known.axis == axis.axis) {
             axes.push(axis);
         }
     }
     columns.push(common(cells.key("set", |row| row.job.set.name())));
     for axis in axes {
-        let level = |row: &Row<'_>| row.estimator().factors.iter().find(|of| of.axis == axis.axis)?.value.clone();
+        let level = |row: &Row<'_>| row.estimate().factors.iter().find(|of| of.axis == axis.axis)?.value.clone();
         let levels = rows.iter().map(level);
         columns.push(Column::levels(&axis.column, levels, |_| axis.is_numeric).axis().in_files());
     }
@@ -85,7 +85,7 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
     for (place, percentile) in inquiry.percentiles.iter().enumerate() {
         let name = format!("{prefix}error_p{percentile}{suffix}");
         columns
-            .push(cells.number(name, |row| row.row.estimators[row.reported].1.as_ref().map(|of| of[place])).unit(unit));
+            .push(cells.number(name, |row| row.row.estimates[row.reported].1.as_ref().map(|of| of[place])).unit(unit));
     }
     columns.extend([
         cells.number(format!("{prefix}error_mean{suffix}"), |row| row.mean(row.sums().absolute)).unit(unit),
@@ -94,7 +94,7 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         cells.share("gross_share", |row| row.mean(row.sums().gross as f64)).unit(DIMENSIONLESS),
     ]);
 
-    // A gap where another estimator, set or run begins.
+    // A gap where another estimate, set or run begins.
     let begins = |pair: &[Row<'_>]| !std::ptr::eq(pair[0].job, pair[1].job) || pair[0].reported != pair[1].reported;
     let gaps = rows.windows(2).enumerate().filter(|(_, pair)| begins(pair)).map(|(at, _)| at + 1).collect();
     let error = match inquiry.unit {
@@ -102,8 +102,8 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         Unit::OfTruth => "absolute error as a share of the true distance",
     };
     let pixels = match &inquiry.sets[..] {
-        [] | [SampleSet::Answered] => ", over the pixels that each estimate answered",
-        [SampleSet::Common] => ", over the pixels that all estimates answered",
+        [] | [SampleSet::Valid] => ", over the pixels that are valid in each estimate",
+        [SampleSet::Common] => ", over the pixels that are valid in all estimates",
         _ => "",
     };
     Table {

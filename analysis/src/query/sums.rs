@@ -12,8 +12,8 @@ use super::{Gross, Unit};
 pub(super) struct PartSums {
     /// By bin, and last of the rows that are in none.
     pixels: Vec<u64>,
-    /// By estimator the same.
-    estimators: Vec<Vec<Sums>>,
+    /// By estimate the same.
+    estimates: Vec<Vec<Sums>>,
 }
 
 impl PartSums {
@@ -21,10 +21,10 @@ impl PartSums {
     pub(super) fn new(bins: &[u32], count: usize) -> Self {
         let mut pixels = vec![0; count + 1];
         bins.iter().for_each(|bin| pixels[(*bin as usize).min(count)] += 1);
-        Self { pixels, estimators: Vec::new() }
+        Self { pixels, estimates: Vec::new() }
     }
 
-    /// Adds the next estimator's rows. Its estimates, NaN where it has none, become its absolute errors.
+    /// Adds the next estimate's rows. Its estimates, NaN where it has none, become its absolute errors.
     pub(super) fn add(&mut self, bins: &[u32], truth_m: &[f32], estimates: &mut [f32], unit: Unit, gross: Gross) {
         let rows = bins.iter().zip(truth_m).zip(estimates);
         let mut sums = vec![Sums::default(); self.pixels.len()];
@@ -38,15 +38,15 @@ impl PartSums {
                 add_rows(&mut sums, rows, |error, truth| error / truth, |_| limit);
             }
         }
-        self.estimators.push(sums);
+        self.estimates.push(sums);
     }
 
     /// The bins that have a pixel, in order.
     pub(super) fn bins(self) -> Vec<(usize, BinSums)> {
         let (_outside, bins) = self.pixels.split_last().expect("there is one more than bins");
         let of_bin = |(bin, pixels): (usize, &u64)| {
-            let estimators = self.estimators.iter().map(|sums| sums[bin]).collect();
-            (*pixels > 0).then_some((bin, BinSums { pixels: *pixels, estimators }))
+            let estimates = self.estimates.iter().map(|sums| sums[bin]).collect();
+            (*pixels > 0).then_some((bin, BinSums { pixels: *pixels, estimates }))
         };
         bins.iter().enumerate().filter_map(of_bin).collect()
     }
@@ -82,11 +82,11 @@ fn add_rows<'a>(
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BinSums {
     pub(super) pixels: u64,
-    /// By estimator.
-    pub(super) estimators: Vec<Sums>,
+    /// By estimate.
+    pub(super) estimates: Vec<Sums>,
 }
 
-/// The sums of an estimator in a bin.
+/// The sums of an estimate in a bin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Sums {
     pub(super) count: u64,
@@ -121,7 +121,7 @@ pub(super) fn total(parts: impl Iterator<Item = Vec<(usize, BinSums)>>) -> BTree
         match total.get_mut(&bin) {
             Some(all) => {
                 all.pixels += sums.pixels;
-                all.estimators.iter_mut().zip(&sums.estimators).for_each(|(all, sums)| all.add(sums));
+                all.estimates.iter_mut().zip(&sums.estimates).for_each(|(all, sums)| all.add(sums));
             }
             None => {
                 total.insert(bin, sums);

@@ -10,12 +10,12 @@ use std::collections::BTreeMap;
 use depthloom_figures::{Bin, Layout, Place, Scale, Sheet, Spread, SpreadFigure};
 
 use crate::distance::{DistanceBin, Spread as BinSpread};
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::figures::THIN;
 
 /// What the figure shows.
 pub(crate) struct Figure<'a> {
-    pub(crate) estimators: &'a [Estimator],
+    pub(crate) estimates: &'a [Estimate],
     pub(crate) bins: &'a [DistanceBin],
     /// Pixels with ground truth by metre.
     pub(crate) truth: &'a BTreeMap<u32, u64>,
@@ -23,27 +23,27 @@ pub(crate) struct Figure<'a> {
 
 /// The figure as SVG; equal numbers give equal bytes.
 pub(crate) fn render(figure: &Figure<'_>) -> String {
-    let stage = |estimator: &Estimator| estimator.lead.stage.clone();
-    let several_stages = figure.estimators.iter().any(|estimator| stage(estimator) != stage(&figure.estimators[0]));
-    let spread = |(index, estimator): (usize, &Estimator)| {
-        let bins = || figure.bins.iter().filter(move |bin| bin.estimator == index);
+    let stage = |estimate: &Estimate| estimate.lead.stage.clone();
+    let several_stages = figure.estimates.iter().any(|estimate| stage(estimate) != stage(&figure.estimates[0]));
+    let spread = |(index, estimate): (usize, &Estimate)| {
+        let bins = || figure.bins.iter().filter(move |bin| bin.estimate == index);
         let drawn = |bin: &DistanceBin, spread: &BinSpread| {
             let (from, to) = (f64::from(bin.bin_m), f64::from(bin.bin_m + 1));
             Bin { from, to, count: spread.count, percentiles: spread.percentiles_m }
         };
         Spread {
             place: Place {
-                name: estimator.name.clone(),
-                group: if several_stages { stage(estimator) } else { String::new() },
-                variant: estimator.lead.variant.clone(),
+                name: estimate.name.clone(),
+                group: if several_stages { stage(estimate) } else { String::new() },
+                variant: estimate.lead.variant.clone(),
             },
             bins: bins().filter_map(|bin| Some(drawn(bin, figure.compared_in(bin)?))).collect(),
-            valid: bins().filter(|_| figure.any_shared()).map(|bin| drawn(bin, &bin.answered)).collect(),
+            valid: bins().filter(|_| figure.any_shared()).map(|bin| drawn(bin, &bin.valid)).collect(),
         }
     };
     let bar = |(metre, count): (&u32, &u64)| (f64::from(*metre), f64::from(metre + 1), *count);
     let drawn = SpreadFigure {
-        spreads: figure.estimators.iter().enumerate().map(spread).collect(),
+        spreads: figure.estimates.iter().enumerate().map(spread).collect(),
         truth: figure.truth.iter().map(bar).collect(),
         compared: figure.compared().iter().filter(|_| figure.any_shared()).map(bar).collect(),
         layout: Layout::Multiples,
@@ -56,37 +56,37 @@ pub(crate) fn render(figure: &Figure<'_>) -> String {
 }
 
 impl Figure<'_> {
-    /// Whether there are pixels that all estimators answered.
+    /// Whether there are pixels that are valid in all estimates.
     fn any_shared(&self) -> bool {
         self.bins.iter().any(|bin| bin.shared.is_some())
     }
 
     /// What lines and bands show of a bin.
     fn compared_in<'a>(&self, bin: &'a DistanceBin) -> Option<&'a BinSpread> {
-        if self.any_shared() { bin.shared.as_ref() } else { Some(&bin.answered) }
+        if self.any_shared() { bin.shared.as_ref() } else { Some(&bin.valid) }
     }
 
     /// Which pixels are compared, in words.
     fn title(&self) -> String {
         let what = "Absolute error against true distance";
         if !self.any_shared() {
-            return format!("{what}: each on the pixels it answered, not the same ones");
+            return format!("{what}: each on its own valid pixels, which differ");
         }
         let (truth, compared): (u64, u64) = (self.truth.values().sum(), self.compared().values().sum());
         if compared == truth {
-            return format!("{what}, on all true pixels");
+            return format!("{what}, on all pixels with ground truth");
         }
         // Never rounded up to all, nor down to none.
         let share = (100.0 * compared as f64 / truth.max(1) as f64).round().clamp(1.0, 99.0);
-        format!("{what}, on the {share} % of true pixels that all estimators answered")
+        format!("{what}, on the {share} % of pixels with ground truth that are valid in all estimates")
     }
 
-    /// By metre: how many pixels are compared; estimators of one stage run share theirs.
+    /// By metre: how many pixels are compared; estimates of one stage run share theirs.
     fn compared(&self) -> BTreeMap<u32, u64> {
         let mut by_run: BTreeMap<(RunId, u32), u64> = BTreeMap::new();
         for bin in self.bins {
             let count = self.compared_in(bin).map_or(0, |spread| spread.count);
-            let most = by_run.entry((self.estimators[bin.estimator].run, bin.bin_m)).or_default();
+            let most = by_run.entry((self.estimates[bin.estimate].run, bin.bin_m)).or_default();
             *most = count.max(*most);
         }
         let mut compared = BTreeMap::new();

@@ -7,7 +7,7 @@ use depthloom_graphs::{Key, ValueType};
 use depthloom_recording::{RecordedPlan, Recording};
 use serde::{Deserialize, Serialize};
 
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::tables::DIMENSIONLESS;
 use crate::tables::{Level, RowKey, plan_key};
 
@@ -27,15 +27,15 @@ pub(crate) struct Described {
     experiment: String,
     /// Which recording they were taken from, by content: its plan, and the keys of its frames.
     recording: String,
-    /// The estimators, in the order of their columns.
-    pub(crate) estimators: Vec<DescribedEstimator>,
+    /// The estimates, in the order of their columns.
+    pub(crate) estimates: Vec<DescribedEstimate>,
     /// The columns of weights, each with its stage.
     pub(crate) weights: Vec<DescribedWeight>,
 }
 
-/// An estimator's column.
+/// An estimate's column.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct DescribedEstimator {
+pub(crate) struct DescribedEstimate {
     /// The column.
     pub(crate) column: String,
     /// Its label: what people call it.
@@ -45,7 +45,7 @@ pub(crate) struct DescribedEstimator {
     /// How it was scored, as the rows' `scoring` says.
     pub(crate) scoring: String,
     /// Its name under `estimates:`.
-    pub(crate) estimator: String,
+    pub(crate) estimate: String,
     /// Its variant; `None` if it is the same in all.
     pub(crate) variant: Option<String>,
     /// The axes of the experiment's matrix, and their values in the variant.
@@ -77,8 +77,8 @@ impl Described {
     /// The units of the columns that have one.
     pub(super) fn units(&self) -> impl Iterator<Item = (&str, &str)> {
         let fixed = [("x", "px"), ("y", "px"), ("truth_m", "m")];
-        let of_estimators = self.estimators.iter().map(|of| (of.column.as_str(), "m"));
-        fixed.into_iter().chain(of_estimators).chain(self.weights.iter().map(|of| (of.column.as_str(), DIMENSIONLESS)))
+        let of_estimates = self.estimates.iter().map(|of| (of.column.as_str(), "m"));
+        fixed.into_iter().chain(of_estimates).chain(self.weights.iter().map(|of| (of.column.as_str(), DIMENSIONLESS)))
     }
 
     /// Whether they are of this recording, as it is now.
@@ -86,8 +86,8 @@ impl Described {
         self.recording == content_key(recording)
     }
 
-    /// What the samples of a recording are of; by estimator among `estimators` and weight its topic.
-    pub(crate) fn of(recording: &Recording, estimators: &[Estimator]) -> (Self, Vec<String>) {
+    /// What the samples of a recording are of; by estimate among `estimates` and weight its topic.
+    pub(crate) fn of(recording: &Recording, estimates: &[Estimate]) -> (Self, Vec<String>) {
         let plan = recording.plan();
         let mut taken: HashSet<String> = FIXED.iter().map(|column| (*column).to_owned()).collect();
         let mut column = |name: &str, stage: &str| {
@@ -97,22 +97,22 @@ impl Described {
             }
             column
         };
-        let described = |estimator: &Estimator| {
-            let stage = plan.runs[estimator.run].name().to_owned();
-            let RowKey { variant, factors, .. } = estimator.lead.clone();
-            DescribedEstimator {
-                column: column(&estimator.label, &stage),
-                label: estimator.label.clone(),
+        let described = |estimate: &Estimate| {
+            let stage = plan.runs[estimate.run].name().to_owned();
+            let RowKey { variant, factors, .. } = estimate.lead.clone();
+            DescribedEstimate {
+                column: column(&estimate.label, &stage),
+                label: estimate.label.clone(),
                 stage,
-                scoring: scoring(plan, estimators, estimator),
-                estimator: estimator.name.clone(),
+                scoring: scoring(plan, estimates, estimate),
+                estimate: estimate.name.clone(),
                 variant,
                 factors,
             }
         };
-        let of_estimators: Vec<DescribedEstimator> = estimators.iter().map(described).collect();
+        let of_estimates: Vec<DescribedEstimate> = estimates.iter().map(described).collect();
         let (mut weights, mut topics) = (Vec::new(), Vec::new());
-        let scored: HashSet<RunId> = estimators.iter().map(|estimator| estimator.run).collect();
+        let scored: HashSet<RunId> = estimates.iter().map(|estimate| estimate.run).collect();
         for (run, planned) in RunId::enumerate(&plan.runs).filter(|(run, _)| scored.contains(run)) {
             let kept = |output: &depthloom_recording::RecordedOutput| {
                 output.recorded && !output.once && output.value_type() == Some(ValueType::Weight)
@@ -142,23 +142,22 @@ impl Described {
             run: plan_key(plan).to_string(),
             experiment: plan.experiment.clone(),
             recording: content_key(recording),
-            estimators: of_estimators,
+            estimates: of_estimates,
             weights,
         };
         (described, topics)
     }
 }
 
-/// How an estimator was scored; against which truth, where its stage has several.
-fn scoring(plan: &RecordedPlan, estimators: &[Estimator], estimator: &Estimator) -> String {
-    let several =
-        estimators.iter().any(|other| other.run == estimator.run && other.truth_topic != estimator.truth_topic);
-    match estimator.truth_topic.as_deref().filter(|_| several) {
-        None => estimator.preset.clone(),
+/// How an estimate was scored; against which truth, where its stage has several.
+fn scoring(plan: &RecordedPlan, estimates: &[Estimate], estimate: &Estimate) -> String {
+    let several = estimates.iter().any(|other| other.run == estimate.run && other.truth_topic != estimate.truth_topic);
+    match estimate.truth_topic.as_deref().filter(|_| several) {
+        None => estimate.preset.clone(),
         Some(topic) => {
-            let prefix = plan.runs[estimator.run].prefix.as_str();
+            let prefix = plan.runs[estimate.run].prefix.as_str();
             let truth = topic.strip_prefix(prefix).unwrap_or(topic).trim_start_matches('/');
-            format!("{} against {truth}", estimator.preset)
+            format!("{} against {truth}", estimate.preset)
         }
     }
 }

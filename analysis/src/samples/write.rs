@@ -21,7 +21,7 @@ use polars::prelude::{
 use super::described::Described;
 use super::read::METADATA;
 use crate::error::{AnalysisError, caught};
-use crate::estimators::{Estimator, estimators};
+use crate::estimates::{Estimate, estimates};
 use crate::input::maps::{not_recorded, sparsely_kept};
 use crate::tables::plan_key;
 use crate::tables::{file_metadata, with_arrow_schema};
@@ -33,8 +33,8 @@ pub struct SamplesWritten {
     pub samples: u64,
     /// The frames they are of.
     pub frames: u64,
-    /// The columns of estimators.
-    pub estimators: usize,
+    /// The columns of estimates.
+    pub estimates: usize,
     /// What is to be said of them.
     pub notes: Vec<String>,
 }
@@ -45,7 +45,7 @@ struct Group<'a> {
     settings: &'a Settings,
     /// The place of the truth among the topics.
     truth: usize,
-    /// Estimators, and the places of their maps.
+    /// Estimates, and the places of their maps.
     estimates: Vec<(usize, usize)>,
 }
 
@@ -59,13 +59,13 @@ struct OfRun<'a> {
 }
 
 impl<'a> OfRun<'a> {
-    fn new(run: RunId, described: &Described, estimators: &'a [Estimator], weights: &[(String, usize)]) -> Self {
+    fn new(run: RunId, described: &Described, estimates: &'a [Estimate], weights: &[(String, usize)]) -> Self {
         let mut of_run = Self { run, topics: Vec::new(), groups: Vec::new(), weights: Vec::new() };
-        for (index, estimator) in estimators.iter().enumerate().filter(|(_, estimator)| estimator.run == run) {
-            let maps = (&estimator.truth_topic, &estimator.estimate_topic, &estimator.settings);
+        for (index, estimate) in estimates.iter().enumerate().filter(|(_, estimate)| estimate.run == run) {
+            let maps = (&estimate.truth_topic, &estimate.estimate_topic, &estimate.settings);
             let (Some(truth), Some(estimate), Some(settings)) = maps else { continue };
             let (truth, estimate) = (of_run.place(truth), of_run.place(estimate));
-            let scoring = &described.estimators[index].scoring;
+            let scoring = &described.estimates[index].scoring;
             match of_run.groups.iter_mut().find(|group| group.truth == truth && group.scoring == *scoring) {
                 Some(group) => group.estimates.push((index, estimate)),
                 None => of_run.groups.push(Group {
@@ -108,20 +108,20 @@ pub fn write_samples(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SamplesWritten, AnalysisError> {
     caught(|| {
-        let all = estimators(recording.plan())?;
+        let all = estimates(recording.plan())?;
         let nothing_scored = all.is_empty();
         // Disparities have no metres.
-        let estimators: Vec<Estimator> = all.into_iter().filter(|estimator| estimator.settings.is_some()).collect();
-        let (described, topics) = Described::of(recording, &estimators);
+        let estimates: Vec<Estimate> = all.into_iter().filter(|estimate| estimate.settings.is_some()).collect();
+        let (described, topics) = Described::of(recording, &estimates);
         let of_run = |run: RunId| {
             let name = recording.plan().runs[run].name();
             let weights = described.weights.iter().enumerate().filter(|(_, weight)| weight.stage == name);
             let weights: Vec<(String, usize)> = weights.map(|(at, _)| (topics[at].clone(), at)).collect();
-            OfRun::new(run, &described, &estimators, &weights)
+            OfRun::new(run, &described, &estimates, &weights)
         };
         let runs: Vec<OfRun<'_>> =
             RunId::all(recording.plan().runs.len()).map(of_run).filter(|run| !run.groups.is_empty()).collect();
-        let of_depths: Vec<&Estimator> = estimators.iter().collect();
+        let of_depths: Vec<&Estimate> = estimates.iter().collect();
         let missing = not_recorded(recording.plan(), &of_depths, "no samples");
         if runs.is_empty() {
             let (what, help) = match (nothing_scored, missing) {
@@ -134,7 +134,7 @@ pub fn write_samples(
             };
             return Err(AnalysisError::asked(what, help.to_owned()));
         }
-        let mut written = SamplesWritten { samples: 0, frames: 0, estimators: estimators.len(), notes: Vec::new() };
+        let mut written = SamplesWritten { samples: 0, frames: 0, estimates: estimates.len(), notes: Vec::new() };
         let mut failed = None;
         let result = depthloom_durable::write_with(file, |out| {
             let all = Frames { recording, described: &described };
@@ -250,7 +250,7 @@ impl Frames<'_> {
         }
         let is_other = |map: &Raster<f32>| truth.is_some_and(|truth| truth.dimensions() != map.dimensions());
         let mut columns: HashMap<usize, Vec<f32>> = HashMap::new();
-        for &(estimator, place) in &group.estimates {
+        for &(index, place) in &group.estimates {
             let (Some(map), Some(estimate)) = (depth(place), maps[place].as_ref().and_then(Value::depth_estimate))
             else {
                 continue;
@@ -258,7 +258,7 @@ impl Frames<'_> {
             if is_other(map) {
                 continue;
             }
-            columns.insert(estimator, pixels.scored_estimate(estimate, group.settings));
+            columns.insert(index, pixels.scored_estimate(estimate, group.settings));
         }
         let mut weights: HashMap<usize, Vec<f32>> = HashMap::new();
         for &(weight, place) in &of_run.weights {
@@ -292,8 +292,8 @@ impl Frames<'_> {
             place("y", &|at| at / width),
             Column::from(Series::new("truth_m".into(), pixels.truth_m())),
         ];
-        for (at, estimator) in self.described.estimators.iter().enumerate() {
-            table.push(metres(&estimator.column, columns.remove(&at)));
+        for (at, estimate) in self.described.estimates.iter().enumerate() {
+            table.push(metres(&estimate.column, columns.remove(&at)));
         }
         for (at, weight) in self.described.weights.iter().enumerate() {
             table.push(metres(&weight.column, weights.remove(&at)));

@@ -1,6 +1,6 @@
 //! Row keys: the columns that every table begins with.
 //!
-//! `stage` and `variant`; then what the row is of: `estimator` and `set` of scores and errors, `node` of time and
+//! `stage` and `variant`; then what the row is of: `estimate` and `set` of scores and errors, `node` of time and
 //! learning; then a column an axis of the experiment's matrix. A `variant` is null where all variants share the row.
 //! Tables, figures and comparisons take these columns from here, so that programs can join one to another by them.
 
@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{Column, Rows};
 
-/// The columns that a table of estimators begins with.
-pub const KEY_COLUMNS: [&str; 4] = ["stage", "variant", "estimator", "set"];
+/// The columns that a table of estimates begins with.
+pub const KEY_COLUMNS: [&str; 4] = ["stage", "variant", "estimate", "set"];
 
-/// The pixels that all estimators of one truth and one way to be scored answered, as `set` calls them.
+/// The pixels that are valid in all estimates with one ground truth and the same settings, as named in `set`.
 pub const COMMON: &str = "common";
 
 /// The other columns of tables besides metrics: an axis of the matrix has another name.
@@ -27,7 +27,7 @@ const RESERVED: &str = "axis baseline baseline_m best_overall bias_m bin_from bi
 /// What names of other columns begin with.
 const RESERVED_STARTS: [&str; 5] = ["paper_", "error_", "relative_", "baseline_", "axis."];
 
-/// What a row is of, but for the estimator, the node, ...
+/// What a row is of, but for the estimate, the node, ...
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RowKey {
     /// The stage's name.

@@ -15,13 +15,13 @@ fn table() -> Table {
     let text = |cells: [&str; 3]| cells.map(|cell| (!cell.is_empty()).then(|| cell.to_owned()));
     let rows = Rows(&[(Some(0.125), Some(0.5), 6_u64), (Some(0.1), Some(1.0), 6), (None, None, 5)]);
     Table {
-        about: "all true pixels, preset paper, mean over 6 frames; 3 rows by abs_rel".to_owned(),
+        about: "all pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs_rel".to_owned(),
         label: "street_1-variants".to_owned(),
         gaps: vec![2],
         starts: vec![0, 2],
         notes: vec!["one row failed".to_owned()],
         ..Table::new(vec![
-            Column::new("estimator", Cells::Text(text(["a/x", "b/x", "c/x"]).to_vec())).in_files(),
+            Column::new("estimate", Cells::Text(text(["a/x", "b/x", "c/x"]).to_vec())).in_files(),
             Column::levels("block", text(["3", "3", "9"]), |_| true).once(),
             Column::new("mode", Cells::Text(text(["hh", "sgbm & more", ""]).to_vec())).key(),
             rows.number("abs_rel", |row| row.0).better(false).marked(vec![false, true, false]),
@@ -34,7 +34,7 @@ fn table() -> Table {
 #[test]
 fn as_text_it_is_aligned_and_says_one_thing_once() {
     let expected = "\
-all true pixels, preset paper, mean over 6 frames; 3 rows by abs_rel; * best
+all pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs_rel; * best
 
 block  mode         abs_rel ↓   density ↑  frames
 3      hh               0.125      50.0 %       6
@@ -64,7 +64,7 @@ fn in_markdown_the_best_is_bold() {
 |  | sgbm & more | **0.100** | 100.0 % | 6 |
 | 9 | - | - | - | 5 |
 
-All true pixels, preset paper, mean over 6 frames; 3 rows by abs_rel. Best in bold.
+All pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs_rel. Best in bold.
 
 One row failed.
 ";
@@ -77,7 +77,7 @@ fn in_latex_it_has_its_own_size_a_caption_and_a_label() {
 % \\usepackage{booktabs}
 \\begin{table}[t]
 \\centering
-\\caption{All true pixels, preset paper, mean over 6 frames; 3 rows by abs\\_rel. Best in bold. One row failed.}
+\\caption{All pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs\\_rel. Best in bold. One row failed.}
 \\label{tab:street-1-variants}
 \\footnotesize
 \\setlength{\\tabcolsep}{4pt}
@@ -121,7 +121,7 @@ fn in_latex_a_score_is_called_as_published_and_a_minus_is_no_hyphen() {
 fn files_have_all_columns_and_all_digits() {
     let csv = String::from_utf8(table().csv()).unwrap();
     let expected =
-        "estimator,block,mode,abs_rel,density,frames\na/x,3,hh,0.125,0.5,6\nb/x,3,sgbm & more,0.1,1.0,6\nc/x,9,,,,5\n";
+        "estimate,block,mode,abs_rel,density,frames\na/x,3,hh,0.125,0.5,6\nb/x,3,sgbm & more,0.1,1.0,6\nc/x,9,,,,5\n";
     assert_eq!(csv, expected);
     let rows = |table: &Table| serde_json::to_value(table.json_rows()).unwrap();
     let json = rows(&table());

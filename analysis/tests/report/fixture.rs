@@ -1,4 +1,4 @@
-//! A recording of two variants and three estimators on small made maps.
+//! A recording of two variants and three estimates on small made maps.
 #![expect(clippy::unwrap_used, reason = "a fixture fails as a test does")]
 
 use std::path::Path;
@@ -18,13 +18,13 @@ use serde_json::json;
 pub(crate) const SIZE: (u32, u32) = (40, 30);
 /// How many frames; the last has no truth, on the one before it `b/mono` failed.
 pub(crate) const FRAMES: u64 = 9;
-/// How many frames have a value of every estimator.
+/// How many frames have a value of every estimate.
 const COMPLETE: u64 = FRAMES - 2;
-/// The estimators as the plan has them: label, name, variant, pixel sets.
-pub(crate) const ESTIMATORS: [(&str, &str, Option<usize>, &[PixelSet]); 3] = [
+/// The estimates as the plan has them: label, name, variant, pixel sets.
+pub(crate) const ESTIMATES: [(&str, &str, Option<usize>, &[PixelSet]); 3] = [
     ("a/mono", "mono", Some(0), &[PixelSet::All]),
     ("b/mono", "mono", Some(1), &[PixelSet::All]),
-    ("stereo", "stereo", None, &[PixelSet::Answered, PixelSet::All]),
+    ("stereo", "stereo", None, &[PixelSet::Valid, PixelSet::All]),
 ];
 
 /// A node for each estimate, then one for each of their scores.
@@ -50,22 +50,22 @@ pub(crate) fn plan(every: u64, keep_b: bool) -> Plan {
         variants: vec![VariantId(0), VariantId(1)],
         name,
     };
-    let depths = ESTIMATORS.map(|(label, ..)| {
+    let depths = ESTIMATES.map(|(label, ..)| {
         let depth = Port::frame("depth", ValueType::Depth, "Depth.");
         node(label.to_owned(), depth, json!({}), keep_b || label != "b/mono")
     });
-    let scores = ESTIMATORS.map(|(label, .., sets)| {
+    let scores = ESTIMATES.map(|(label, .., sets)| {
         let sets: Vec<&str> = sets.iter().map(|set| set.name()).collect();
         let scores = Port::frame("rows", ValueType::Scores, "Scores.");
         node(format!("score_{label}"), scores, json!({ "preset": "paper", "sets": sets }), true)
     });
-    let estimates = (0..ESTIMATORS.len()).map(|i| Estimate {
-        label: ESTIMATORS[i].0.to_owned(),
-        name: ESTIMATORS[i].1.to_owned(),
-        variant: ESTIMATORS[i].2.map(VariantId),
+    let estimates = (0..ESTIMATES.len()).map(|i| Estimate {
+        label: ESTIMATES[i].0.to_owned(),
+        name: ESTIMATES[i].1.to_owned(),
+        variant: ESTIMATES[i].2.map(VariantId),
         estimate: Slot::Node { node: NodeId(i), port: PortId(0) },
         truth: Slot::Source { port: PortId(0) },
-        score_node: NodeId(ESTIMATORS.len() + i),
+        score_node: NodeId(ESTIMATES.len() + i),
     });
     let truth = Port::frame("depth", ValueType::Depth, "True depth.").optional();
     Plan {
@@ -138,19 +138,19 @@ pub(crate) fn maps(index: u64) -> [Vec<f32>; 4] {
     [truth, a, b, stereo]
 }
 
-/// The scores of a frame, by estimator, as the engine records them.
+/// The scores of a frame, by estimate, as the engine records them.
 pub(crate) fn rows(index: u64) -> [Vec<ScoreRow>; 3] {
     rows_of(&maps(index))
 }
 
 fn rows_of([truth, estimates @ ..]: &[Vec<f32>; 4]) -> [Vec<ScoreRow>; 3] {
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
-    std::array::from_fn(|i| score(&estimates[i], truth, width, height, ESTIMATORS[i].3, &Settings::default()))
+    std::array::from_fn(|i| score(&estimates[i], truth, width, height, ESTIMATES[i].3, &Settings::default()))
 }
 
-/// Whether an estimator has a value and scores on a frame.
-pub(crate) const fn answered(index: u64, estimator: usize) -> bool {
-    !(index + 2 == FRAMES && estimator == 1)
+/// Whether an estimate has a value and scores on a frame.
+pub(crate) const fn valid(index: u64, estimate: usize) -> bool {
+    !(index + 2 == FRAMES && estimate == 1)
 }
 
 /// Whether a frame has a truth.
@@ -207,7 +207,7 @@ fn record_with(path: &Path, plan: &Plan, fails: bool) {
     recorder.finish(&[]).unwrap();
 }
 
-/// Records frames that have a value of every estimator and the cache keys of all values; `change` changes truth and
+/// Records frames that have a value of every estimate and the cache keys of all values; `change` changes truth and
 /// estimates.
 pub(crate) fn record_complete(path: &Path, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) {
     let recorder = Recorder::create(path, plan).unwrap();
@@ -247,11 +247,11 @@ fn record_maps(
     if has_truth(index) {
         values.push((Slot::Source { port: PortId(0) }, depth(truth)));
     }
-    let there = || (0..ESTIMATORS.len()).filter(|&i| answered(index, i));
+    let there = || (0..ESTIMATES.len()).filter(|&i| valid(index, i));
     values.extend(there().map(|i| (Slot::Node { node: NodeId(i), port: PortId(0) }, depth(&estimates[i]))));
     let scored = there().filter(|_| has_truth(index));
     values.extend(
-        scored.map(|i| (Slot::Node { node: NodeId(ESTIMATORS.len() + i), port: PortId(0) }, rows[i].clone().into())),
+        scored.map(|i| (Slot::Node { node: NodeId(ESTIMATES.len() + i), port: PortId(0) }, rows[i].clone().into())),
     );
     let parts = (0..recorder.parts(run)).map(|part| {
         let of_part: Vec<_> =
@@ -259,7 +259,7 @@ fn record_maps(
         recorder.encode(run, (FrameIndex(index as usize), &frame), PartId(part), &of_part).unwrap()
     });
     let parts = parts.collect();
-    let failed = (0..ESTIMATORS.len()).filter(|&i| fails && !answered(index, i));
+    let failed = (0..ESTIMATES.len()).filter(|&i| fails && !valid(index, i));
     let failures: Vec<Failure> =
         failed.map(|node| Failure { node: Some(NodeId(node)), what: "failed".to_owned() }).collect();
     recorder

@@ -14,11 +14,11 @@ use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 use serde_json::{Value as Json, json};
 
-use crate::fixture::{self, ESTIMATORS, FRAMES};
+use crate::fixture::{self, ESTIMATES, FRAMES};
 
 /// What tells rows apart, then the columns of `../shared/oracle/golden/ground_plane/scores.csv`.
 const SCORE_COLUMNS: &str =
-    "stage,variant,estimator,set,zone,position,frame,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog,density";
+    "stage,variant,estimate,set,zone,position,frame,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog,density";
 const FILES: [&str; 10] = [
     "error_vs_distance.csv",
     "error_vs_distance.parquet",
@@ -64,11 +64,11 @@ fn scores_are_those_that_were_recorded_in_the_oracles_order() {
     let mut expected = Vec::new();
     for index in (0..FRAMES).filter(|&index| fixture::has_truth(index)) {
         let rows = fixture::rows(index);
-        // What all variants share comes first; all pixels before those answered.
-        for (set, estimators) in [(PixelSet::All, [2, 0, 1].as_slice()), (PixelSet::Answered, &[2])] {
-            for &i in estimators.iter().filter(|&&i| fixture::answered(index, i)) {
+        // What all variants share comes first; all pixels before the valid ones.
+        for (set, estimates) in [(PixelSet::All, [2, 0, 1].as_slice()), (PixelSet::Valid, &[2])] {
+            for &i in estimates.iter().filter(|&&i| fixture::valid(index, i)) {
                 let row = rows[i].iter().find(|row| row.set == set).unwrap();
-                expected.push((index, ESTIMATORS[i].0, row.clone()));
+                expected.push((index, ESTIMATES[i].0, row.clone()));
             }
         }
     }
@@ -90,7 +90,7 @@ fn the_table_is_the_mean_over_the_frames_of_all() {
     let table = lines(&folder.path().join("report/table.csv"));
     let common: Vec<u64> = (0..FRAMES - 2).collect();
     for cells in &table[1..] {
-        let i = ESTIMATORS.iter().position(|(label, ..)| named(label) == cells[1..3]).unwrap();
+        let i = ESTIMATES.iter().position(|(label, ..)| named(label) == cells[1..3]).unwrap();
         let of = |index: &u64| fixture::rows(*index)[i].iter().find(|row| row.set.name() == cells[3]).unwrap().clone();
         for score in 0..8 {
             let mean = common.iter().map(|index| of(index).scores[score].1).sum::<f64>() / common.len() as f64;
@@ -114,20 +114,20 @@ fn errors_against_distance_are_those_of_the_recorded_maps() {
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
     assert_eq!(
         written[0].join(","),
-        "stage,variant,estimator,set,bin_from_m,bin_to_m,count,error_p5_m,error_p25_m,error_p50_m,error_p75_m,error_p95_m"
+        "stage,variant,estimate,set,bin_from_m,bin_to_m,count,error_p5_m,error_p25_m,error_p50_m,error_p75_m,error_p95_m"
     );
-    let (written, common): (Vec<_>, Vec<_>) = written[1..].iter().cloned().partition(|cells| cells[3] == "answered");
+    let (written, common): (Vec<_>, Vec<_>) = written[1..].iter().cloned().partition(|cells| cells[3] == "valid");
     assert!(!common.is_empty() && common.iter().all(|cells| cells[3] == "common"));
-    // On the pixels that all answered there are as many in a bin of each.
-    let counts = |estimator: &str| -> Vec<(String, String)> {
-        let of = common.iter().filter(|cells| cells[1..3] == named(estimator));
+    // On the pixels that are valid in all there are as many in a bin of each.
+    let counts = |estimate: &str| -> Vec<(String, String)> {
+        let of = common.iter().filter(|cells| cells[1..3] == named(estimate));
         of.map(|cells| (cells[4].clone(), cells[6].clone())).collect()
     };
-    assert!(ESTIMATORS.iter().all(|(label, ..)| counts(label) == counts("stereo")));
+    assert!(ESTIMATES.iter().all(|(label, ..)| counts(label) == counts("stereo")));
     let mut expected = Vec::new();
     for i in [2, 0, 1] {
         let mut bins: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
-        for index in (0..FRAMES).filter(|&index| fixture::has_truth(index) && fixture::answered(index, i)) {
+        for index in (0..FRAMES).filter(|&index| fixture::has_truth(index) && fixture::valid(index, i)) {
             let maps = fixture::maps(index);
             for (t, y) in maps[0].iter().zip(&maps[1 + i]).filter(|(t, y)| **t < 80.0 && y.is_finite()) {
                 bins.entry(*t as u32).or_default().push((f64::from(*y).min(80.0) - f64::from(*t)).abs());
@@ -141,7 +141,7 @@ fn errors_against_distance_are_those_of_the_recorded_maps() {
                 below + (above - below) * at.fract()
             };
             let percentiles = [5.0, 25.0, 50.0, 75.0, 95.0].map(percentile);
-            expected.push((ESTIMATORS[i].0.to_owned(), metre, errors.len(), percentiles));
+            expected.push((ESTIMATES[i].0.to_owned(), metre, errors.len(), percentiles));
         }
     }
     assert_eq!(written.len(), expected.len());
@@ -276,7 +276,7 @@ fn scores_of_frames_whose_maps_were_not_kept_count() {
     assert!(summary.text.starts_with("mean over 7 frames"), "{}", summary.text);
     assert!(summary.text.contains("of every 3rd frame"), "{}", summary.text);
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
-    let of_a = |cells: &&Vec<String>| cells[1..3] == named("a/mono") && cells[3] == "answered";
+    let of_a = |cells: &&Vec<String>| cells[1..3] == named("a/mono") && cells[3] == "valid";
     let samples: f64 = written[1..].iter().filter(of_a).map(|cells| number(&cells[6])).sum();
     let scored = |index| fixture::maps(index)[0].iter().filter(|t| **t < 80.0).count() as f64;
     assert_eq!(samples, [0, 3, 6].map(scored).iter().sum::<f64>());
@@ -348,7 +348,7 @@ fn a_stage_with_fewer_frames_than_its_source_gave_another_is_named() {
 fn scores_that_no_frame_has_of_all_are_written_without_a_table() {
     let folder = tempfile::tempdir().unwrap();
     let mut plan = fixture::plan(1, true);
-    // An estimator that gave no scores on any frame.
+    // An estimate that gave no scores on any frame.
     let node = plan.runs[0].nodes[5].clone();
     plan.runs[0].nodes.push(node);
     plan.runs[0].nodes[6].outputs[0].topic = "/compare/never/rows".to_owned();
@@ -356,7 +356,7 @@ fn scores_that_no_frame_has_of_all_are_written_without_a_table() {
     (never.label, never.name, never.score_node) = ("never".to_owned(), "never".to_owned(), NodeId(6));
     plan.runs[0].estimates.push(never);
     let (summary, files) = report_of_killed(folder.path(), &plan, &[2]);
-    let expected = "note: no table: no frame has the scores of all estimators of its stage\n";
+    let expected = "note: no table: no frame has the scores of all estimates of its stage\n";
     assert!(summary.text.starts_with(expected), "{}", summary.text);
     assert!(files.contains(&"scores.csv".to_owned()) && !files.contains(&"table.csv".to_owned()), "{files:?}");
 }

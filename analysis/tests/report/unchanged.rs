@@ -72,16 +72,15 @@ impl Runs {
         assert_eq!(reusing.len(), fresh.len());
     }
 
-    /// Raises the median errors of an estimator in the earlier report, with the checksum that its rows have then.
-    fn change_earlier(&self, estimator: &str, variant: Option<&str>) {
+    /// Raises the median errors of an estimate in the earlier report, with the checksum that its rows have then.
+    fn change_earlier(&self, estimate: &str, variant: Option<&str>) {
         let path = self.earlier().join("error_vs_distance.parquet");
         let mut reader = ParquetReader::new(File::open(&path).unwrap());
         let metadata = reader.get_metadata().unwrap().clone();
         let mut table = reader.finish().unwrap();
-        let (names, variants) = (table.column("estimator").unwrap(), table.column("variant").unwrap());
-        let is_of = |row: usize| {
-            names.str().unwrap().get(row) == Some(estimator) && variants.str().unwrap().get(row) == variant
-        };
+        let (names, variants) = (table.column("estimate").unwrap(), table.column("variant").unwrap());
+        let is_of =
+            |row: usize| names.str().unwrap().get(row) == Some(estimate) && variants.str().unwrap().get(row) == variant;
         let errors = table.column("error_p50_m").unwrap().f64().unwrap();
         let changed: Vec<f64> =
             (0..table.height()).map(|row| errors.get(row).unwrap() + if is_of(row) { 1000.0 } else { 0.0 }).collect();
@@ -115,31 +114,31 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// The checksum: by estimator what its rows were computed from; then by estimator and bin the metre, whether it has
+/// The checksum: by estimate what its rows were computed from; then by estimate and bin the metre, whether it has
 /// shared pixels, and of all and of the shared pixels their number and errors.
 fn checksum(origin: &Json, table: &DataFrame) -> Key {
     let bins = table.column("bin_from_m").unwrap().u32().unwrap();
     let counts = table.column("count").unwrap().u64().unwrap();
     let errors = ERRORS.map(|name| table.column(name).unwrap().f64().unwrap());
     let (mut numbers, mut row) = (Vec::new(), 0);
-    for of in origin["estimators"].as_array().unwrap() {
+    for of in origin["estimates"].as_array().unwrap() {
         let input = u128::from_le_bytes(*Key::parse(of["input"].as_str().unwrap()).unwrap().as_bytes());
         numbers.extend([input as u64, (input >> 64) as u64]);
-        numbers.extend(["group", "answered_rows", "common_rows", "beyond"].map(|name| of[name].as_u64().unwrap()));
+        numbers.extend(["group", "valid_rows", "common_rows", "beyond"].map(|name| of[name].as_u64().unwrap()));
     }
     let spread = |row: usize| {
         let errors = errors.iter().map(move |errors| errors.get(row).unwrap().to_bits());
         std::iter::once(counts.get(row).unwrap()).chain(errors)
     };
-    for of in origin["estimators"].as_array().unwrap() {
-        let [answered, common] = ["answered_rows", "common_rows"].map(|name| of[name].as_u64().unwrap() as usize);
-        for answered_row in row..row + answered {
-            let bin = bins.get(answered_row).unwrap();
-            let common_row = (row + answered..row + answered + common).find(|row| bins.get(*row) == Some(bin));
+    for of in origin["estimates"].as_array().unwrap() {
+        let [valid, common] = ["valid_rows", "common_rows"].map(|name| of[name].as_u64().unwrap() as usize);
+        for valid_row in row..row + valid {
+            let bin = bins.get(valid_row).unwrap();
+            let common_row = (row + valid..row + valid + common).find(|row| bins.get(*row) == Some(bin));
             numbers.extend([u64::from(bin), u64::from(common_row.is_some())]);
-            numbers.extend(spread(answered_row).chain(common_row.into_iter().flat_map(spread)));
+            numbers.extend(spread(valid_row).chain(common_row.into_iter().flat_map(spread)));
         }
-        row += answered + common;
+        row += valid + common;
     }
     let bytes: Vec<u8> = numbers.into_iter().flat_map(u64::to_le_bytes).collect();
     Key::of_content(&bytes)
@@ -232,10 +231,10 @@ fn an_earlier_report_that_is_damaged_is_not_used() {
 /// is read first.
 #[test]
 fn bounds_of_single_estimates_count_their_pixels() {
-    for estimator in ["a/mono", "b/mono", "stereo"] {
+    for estimate in ["a/mono", "b/mono", "stereo"] {
         for (bound, metres) in [("max_m", 40.0), ("min_m", 10.0)] {
             let mut plan = fixture::plan(1, true);
-            let name = format!("score_{estimator}");
+            let name = format!("score_{estimate}");
             let node = plan.runs[0].nodes.iter_mut().find(|node| node.name == name).unwrap();
             node.params[bound] = metres.into();
             let runs = Runs::with_plan(&plan);
@@ -245,7 +244,7 @@ fn bounds_of_single_estimates_count_their_pixels() {
             let truth = |files: &[(String, Vec<u8>)]| {
                 files.iter().find(|(name, _)| name == "true_distances.csv").map(|(_, bytes)| bytes.clone())
             };
-            assert_eq!(truth(&runs.reports(&plan, |_| {})[0]), truth(&of_all[0]), "{estimator} {bound}");
+            assert_eq!(truth(&runs.reports(&plan, |_| {})[0]), truth(&of_all[0]), "{estimate} {bound}");
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::wire_format::{Content, Fields, put_bytes, put_number, put_varint};
 
 /// `depthloom.Score`: one row of scores.
 ///
-/// Fields `frame` 1, `set` 2, `pixels` 3, `zone` 12 (empty: the whole image), `truth` 13, `answered` 14, `log_mean` 15,
+/// Fields `frame` 1, `set` 2, `pixels` 3, `zone` 12 (empty: the whole image), `truth` 13, `valid` 14, `log_mean` 15,
 /// and the [catalogue](Metric)'s, as optional doubles: a metric that was not requested, or of no pixel, is absent.
 /// Older recordings hold the first eight scores and none of 12 to 15.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +21,7 @@ pub struct ScoreMessage {
 /// `zone` of a `depthloom.Score`.
 pub(crate) const ZONE: u32 = 12;
 pub(crate) const TRUTH: u32 = 13;
-pub(crate) const ANSWERED: u32 = 14;
+pub(crate) const VALID: u32 = 14;
 pub(crate) const LOG_MEAN: u32 = 15;
 
 impl ScoreMessage {
@@ -34,7 +34,7 @@ impl ScoreMessage {
         put_number(&mut out, 3, row.pixels);
         put_bytes(&mut out, ZONE, row.zone.as_bytes());
         put_number(&mut out, TRUTH, row.truth);
-        put_number(&mut out, ANSWERED, row.answered);
+        put_number(&mut out, VALID, row.valid);
         let scores = row.scores.iter().map(|(metric, value)| (metric.field, *value));
         for (field, value) in row.log_mean.map(|mean| (LOG_MEAN, mean)).into_iter().chain(scores) {
             // Zero is written too: what is left out would come back as absent.
@@ -59,7 +59,7 @@ impl ScoreMessage {
                 (3, Content::Varint(count)) => row.pixels = count,
                 (ZONE, content) => row.zone = text(content)?,
                 (TRUTH, Content::Varint(count)) => row.truth = count,
-                (ANSWERED, Content::Varint(count)) => row.answered = count,
+                (VALID, Content::Varint(count)) => row.valid = count,
                 (LOG_MEAN, Content::Fixed64(bits)) => row.log_mean = Some(f64::from_bits(bits)),
                 (field, Content::Fixed64(bits)) => {
                     if let Some(metric) = Metric::of_field(field) {

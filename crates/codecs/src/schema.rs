@@ -16,7 +16,7 @@ use prost_types::{
     DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, OneofDescriptorProto,
 };
 
-use crate::messages::{ANSWERED, LOG_MEAN, TRUTH, ZONE};
+use crate::messages::{LOG_MEAN, TRUTH, VALID, ZONE};
 
 /// `RawImage`: the smallest disparity searched, whole pixels; of disparity maps only, whose numbers count from a pixel
 /// below it.
@@ -218,7 +218,7 @@ fn score() -> DescriptorProto {
         field("pixels", 3, Type::Uint64),
         field("zone", ZONE, Type::String),
         field("truth", TRUTH, Type::Uint64),
-        field("answered", ANSWERED, Type::Uint64),
+        field("valid", VALID, Type::Uint64),
         field("log_mean", LOG_MEAN, Type::Double),
     ];
     let metrics = || DEPTH.iter().chain(&DISPARITY);

@@ -1,4 +1,4 @@
-//! The colour of an estimator: the same for the same method in every figure and on the page.
+//! The colour of an estimate: the same for the same method in every figure and on the page.
 //!
 //! They are Paul Tol's *vibrant* scheme (personal.sron.nl/~pault), whose hues differ for colour-blind eyes too and read
 //! on white and on near-black.

@@ -159,7 +159,7 @@ impl SpreadFigure {
         let grey = [0x5c; 3];
         if drawn.iter().any(|spread| spread.is_valid_on_more()) {
             let stroke = Stroke::new(grey, 0.8).dashed(MORE_DASHES);
-            legend.push(Entry::new("median of all it answered", Swatch::Line(stroke)));
+            legend.push(Entry::new("median over its valid pixels", Swatch::Line(stroke)));
         }
         if self.has_thin() {
             legend.push(thin_entry(format!("fewer than {} pixels", self.thin), grey));
@@ -171,7 +171,7 @@ impl SpreadFigure {
         }
         if !self.truth.is_empty() && !self.compared.is_empty() {
             block("pixels compared", COMPARED);
-            block("true pixels", TRUTH);
+            block("pixels with ground truth", TRUTH);
         }
         Sheet { columns: groups.len().min(2), panels, legend, ..Sheet::default() }
     }

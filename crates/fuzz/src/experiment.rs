@@ -18,7 +18,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 16 } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
       fused: { kind: filter/median, inputs: { depth: depth/depth } }
-    score: { truth: source/depth, preset: paper, estimates: { stereo: { from: depth/depth, sets: [all, answered] }, fused: fused/depth } }
+    score: { truth: source/depth, preset: paper, estimates: { stereo: { from: depth/depth, sets: [all, valid] }, fused: fused/depth } }
   other:
     source: some
     nodes: { weight: { kind: confidence/sobel, inputs: { image: source/left } } }

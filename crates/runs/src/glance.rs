@@ -157,15 +157,15 @@ pub struct Best {
     /// Null where all variants share the estimate; of several, the first.
     pub variant: Option<String>,
     /// The estimate, as tables name it.
-    pub estimator: String,
+    pub estimate: String,
     #[serde(skip)]
     label: String,
 }
 
 impl From<BestValue> for Best {
     fn from(leader: BestValue) -> Self {
-        let BestValue { metric, value, lead, estimator, label } = leader;
-        Self { score: metric, value, stage: lead.stage, variant: lead.variant, estimator, label }
+        let BestValue { metric, value, lead, estimate, label } = leader;
+        Self { score: metric, value, stage: lead.stage, variant: lead.variant, estimate, label }
     }
 }
 

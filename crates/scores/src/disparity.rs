@@ -95,24 +95,24 @@ impl DisparityScores {
     }
 
     fn rows_of(&self, zone: &str, maps: &DisparityMaps<'_>, pixels: impl Iterator<Item = usize>) -> Vec<ScoreRow> {
-        let (mut truth, mut answered, mut filled) = (0, Counts::default(), Counts::default());
+        let (mut truth, mut valid, mut filled) = (0, Counts::default(), Counts::default());
         for at in pixels {
             truth += 1;
             if maps.estimate[at] > 0.0 {
-                answered.add(maps.estimate[at], maps.truth[at]);
+                valid.add(maps.estimate[at], maps.truth[at]);
             }
             if let Some(map) = maps.filled {
                 filled.add(map[at], maps.truth[at]);
             }
         }
-        let missing = truth - answered.answers;
+        let missing = truth - valid.answers;
         let row = |&set: &PixelSet| {
             let (pixels, of, also_wrong) = match set {
-                PixelSet::Answered => (answered.answers, answered, 0),
-                PixelSet::All => (truth, answered, missing),
+                PixelSet::Valid => (valid.answers, valid, 0),
+                PixelSet::All => (truth, valid, missing),
                 PixelSet::Filled => (truth, filled, 0),
             };
-            let row = ScoreRow { pixels, truth, answered: answered.answers, ..ScoreRow::new(set, zone) };
+            let row = ScoreRow { pixels, truth, valid: valid.answers, ..ScoreRow::new(set, zone) };
             let epe = of.errors / of.answers as f64;
             let share = |wrong: u64| (wrong + also_wrong) as f64 / pixels as f64;
             let scores = std::iter::once(epe).chain(of.wrong.map(share));
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
     use crate::DisparityScoreParams;
 
-    const SETS: [PixelSet; 3] = [PixelSet::Answered, PixelSet::Filled, PixelSet::All];
+    const SETS: [PixelSet; 3] = [PixelSet::Valid, PixelSet::Filled, PixelSet::All];
 
     fn scores(zones: ZoneParams) -> DisparityScores {
         DisparityScoreParams { sets: SETS.to_vec(), zones, ..DisparityScoreParams::default() }.scores().unwrap()
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_answered_is_all_wrong_and_has_no_error() {
+    fn what_never_valid_is_all_wrong_and_has_no_error() {
         let maps = DisparityMaps {
             size: (2, 1),
             estimate: &[-1.0, 0.0],

@@ -151,11 +151,11 @@ impl Metric {
     }
 
     /// How many pixels of a row it is over: where a missing answer has no error that could be added, those that were
-    /// answered.
+    /// valid.
     #[must_use]
     pub fn pixels(&self, row: &ScoreRow) -> u64 {
         match (self.pooling, row.set) {
-            (Pooling::MeanOfAnswers, PixelSet::All) => row.answered,
+            (Pooling::MeanOfAnswers, PixelSet::All) => row.valid,
             _ => row.pixels,
         }
     }
@@ -491,7 +491,7 @@ mod tests {
         for preset in [Preset::Paper, Preset::KittiDepth] {
             let settings = preset.settings();
             let rows = |from: usize, to: usize| {
-                let sets = [PixelSet::All, PixelSet::Answered];
+                let sets = [PixelSet::All, PixelSet::Valid];
                 crate::score(&estimate[from..to], &truth[from..to], to - from, 1, &sets, &settings)
             };
             let (whole, first, second) = (rows(0, 4), rows(0, 1), rows(1, 4));

@@ -15,7 +15,7 @@ use crate::{
 pub struct ScoreParams {
     /// Named settings: `paper`, `monodepth2` or `kitti-depth`.
     pub preset: Preset,
-    /// The pixel sets, a row each: `all` and `answered`.
+    /// The pixel sets, a row each: `all` and `valid`.
     #[schemars(length(min = 1), schema_with = "depth_sets")]
     pub sets: Vec<PixelSet>,
     /// Which scores are taken: a list of names, or `all`; `null`: the eight of Table I.
@@ -123,7 +123,7 @@ impl ScoreParams {
     pub fn scores(&self) -> Result<DepthScores, (&'static str, String)> {
         check_sets(&self.sets)?;
         if self.sets.contains(&PixelSet::Filled) {
-            let what = "sets names `filled`, which is for disparities: depths have `all` and `answered`";
+            let what = "sets names `filled`, which is for disparities: depths have `all` and `valid`";
             return Err(("sets", what.to_owned()));
         }
         if self.align.is_some() && self.median_scaling.is_some() {
@@ -148,8 +148,8 @@ impl ScoreParams {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DisparityScoreParams {
-    /// The pixel sets, a row each: `all` (a missing answer is wrong), `answered`, and `filled` (every true pixel, after
-    /// the KITTI devkit's interpolation of what was not answered).
+    /// The pixel sets, a row each: `all` (a missing answer is wrong), `valid`, and `filled` (every pixel with ground truth, after
+    /// the KITTI devkit's interpolation of invalid pixels).
     #[schemars(length(min = 1))]
     pub sets: Vec<PixelSet>,
     /// Which scores are taken: a list of names, or `all`; `null`: all.
@@ -208,7 +208,7 @@ pub enum MetricNames {
 
 fn check_sets(sets: &[PixelSet]) -> Result<(), (&'static str, String)> {
     if sets.is_empty() {
-        return Err(("sets", "sets is empty: name `all`, `answered` or both".to_owned()));
+        return Err(("sets", "sets is empty: name `all`, `valid` or both".to_owned()));
     }
     match sets.iter().enumerate().any(|(i, set)| sets[..i].contains(set)) {
         true => Err(("sets", "sets names a pixel set twice".to_owned())),
@@ -239,7 +239,7 @@ fn metrics_of(names: Option<&MetricNames>, family: Family) -> Result<Vec<&'stati
 }
 
 fn depth_sets(_: &mut SchemaGenerator) -> Schema {
-    json_schema!({ "type": "array", "minItems": 1, "items": { "enum": ["all", "answered"] } })
+    json_schema!({ "type": "array", "minItems": 1, "items": { "enum": ["all", "valid"] } })
 }
 
 fn depth_metrics(_: &mut SchemaGenerator) -> Schema {
@@ -313,7 +313,7 @@ mod tests {
     fn scores_beyond_table_1_are_their_formulas() {
         let params = ScoreParams {
             metrics: Some(MetricNames::Word("all".to_owned())),
-            sets: vec![PixelSet::Answered, PixelSet::All],
+            sets: vec![PixelSet::Valid, PixelSet::All],
             ..ScoreParams::default()
         };
         let (truth, estimate) = ([10.0, 20.0, 40.0, 5.0], [10.4, 21.5, 20.0, f32::NAN]);

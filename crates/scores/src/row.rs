@@ -7,29 +7,29 @@ use serde::{Deserialize, Serialize};
 
 use crate::Metric;
 
-/// Which pixels a score is taken over: in Table I, "Incl Occ" is `all` and "Non-occ only" is `answered`.
+/// Which pixels a score is taken over: in Table I, "Incl Occ" is `all` and "Non-occ only" is `valid`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(description = "Which pixels are scored.")]
 pub enum PixelSet {
-    /// Every true pixel; a missing answer counts as `missing_m`, of disparities as wrong.
+    /// Every pixel with ground truth; a missing answer counts as `missing_m`, of disparities as wrong.
     All,
-    /// The true pixels where the estimate answered.
-    Answered,
-    /// Of disparities: every true pixel, after the benchmark's own filling of what was not answered.
+    /// The pixels with ground truth on which the estimate is valid.
+    Valid,
+    /// Of disparities: every pixel with ground truth, after the benchmark's own filling of invalid pixels.
     Filled,
 }
 
 impl PixelSet {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::All, Self::Answered, Self::Filled];
+    pub const ALL: [Self; 3] = [Self::All, Self::Valid, Self::Filled];
 
     /// The name used in YAML, in `scores.csv` and in recordings.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::All => "all",
-            Self::Answered => "answered",
+            Self::Valid => "valid",
             Self::Filled => "filled",
         }
     }
@@ -56,10 +56,10 @@ pub struct ScoreRow {
     pub zone: String,
     /// How many pixels counted.
     pub pixels: u64,
-    /// True pixels of the zone, after bounds and crop; 0 in a recording that does not say.
+    /// Pixels with ground truth of the zone, after bounds and crop; 0 in a recording that does not say.
     pub truth: u64,
-    /// Of these, how many the estimate answered; 0 in a recording that does not say.
-    pub answered: u64,
+    /// Of these, the number on which the estimate is valid; 0 in a recording that does not say.
+    pub valid: u64,
     /// Mean of the log error: with it `silog` can be pooled over frames. `None` where no pixel counted or no logarithm
     /// was taken.
     pub log_mean: Option<f64>,
@@ -71,7 +71,7 @@ impl ScoreRow {
     /// A row of no pixels.
     #[must_use]
     pub fn new(set: PixelSet, zone: &str) -> Self {
-        Self { set, zone: zone.to_owned(), pixels: 0, truth: 0, answered: 0, log_mean: None, scores: Vec::new() }
+        Self { set, zone: zone.to_owned(), pixels: 0, truth: 0, valid: 0, log_mean: None, scores: Vec::new() }
     }
 
     /// The row with one more score behind the others; one that is no number is left out.
@@ -95,9 +95,9 @@ impl ScoreRow {
         self.get(Metric::named(name)?)
     }
 
-    /// The share of true pixels that were answered; `None` if there are none, or the recording does not say.
+    /// The share of pixels with ground truth that are valid; `None` if there are none, or the recording does not say.
     #[must_use]
     pub fn density(&self) -> Option<f64> {
-        (self.truth > 0).then(|| self.answered as f64 / self.truth as f64)
+        (self.truth > 0).then(|| self.valid as f64 / self.truth as f64)
     }
 }

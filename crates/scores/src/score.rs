@@ -53,29 +53,29 @@ impl DepthScores {
         alignment: Alignment,
     ) -> Vec<ScoreRow> {
         let settings = &self.settings;
-        let (mut answered, mut missing) = (Block::new(), Block::new());
+        let (mut valid, mut missing) = (Block::new(), Block::new());
         let count_missing = self.sets.contains(&PixelSet::All);
         pixels.visit(
             estimate,
             alignment,
             settings,
-            |t, y| answered.push(t, y),
+            |t, y| valid.push(t, y),
             |t| {
                 if count_missing {
                     missing.push(t, settings.missing_m);
                 }
             },
         );
-        let answered = answered.finish();
-        let mut all = answered;
+        let valid = valid.finish();
+        let mut all = valid;
         all.merge(&missing.finish());
         let mut extra = Extra::is_asked(&self.metrics).then(|| self.extra(estimate, pixels, alignment));
         let row = |&set: &PixelSet| {
             let (of_set, extra) = match (set, &mut extra) {
-                (PixelSet::Answered, extra) => (&answered, extra.as_mut().map(|[answered, _]| answered)),
+                (PixelSet::Valid, extra) => (&valid, extra.as_mut().map(|[valid, _]| valid)),
                 (_, extra) => (&all, extra.as_mut().map(|[_, all]| all)),
             };
-            let row = ScoreRow { truth: pixels.len() as u64, answered: answered.pixels(), ..ScoreRow::new(set, zone) };
+            let row = ScoreRow { truth: pixels.len() as u64, valid: valid.pixels(), ..ScoreRow::new(set, zone) };
             self.asked(of_set.row(row, settings), extra)
         };
         self.sets.iter().map(row).collect()
@@ -83,13 +83,13 @@ impl DepthScores {
 
     /// The sums of the scores beyond Table I's: over the answers, and over all pixels.
     fn extra(&self, estimate: DepthEstimate<'_>, pixels: &ScoredPixels, alignment: Alignment) -> [Extra; 2] {
-        let (mut answered, mut missing) = (Extra::new(&self.metrics), Extra::new(&self.metrics));
+        let (mut valid, mut missing) = (Extra::new(&self.metrics), Extra::new(&self.metrics));
         let settings = &self.settings;
         let with_missing = |t: f64| missing.push(t, settings.missing_m);
-        pixels.visit(estimate, alignment, settings, |t, y| answered.push(t, y), with_missing);
-        let mut all = answered.clone();
+        pixels.visit(estimate, alignment, settings, |t, y| valid.push(t, y), with_missing);
+        let mut all = valid.clone();
         all.merge(&missing);
-        [answered, all]
+        [valid, all]
     }
 
     /// The row with the scores that were asked for, in the catalogue's order, and no others.

@@ -8,9 +8,9 @@ use crate::Crop;
 /// How scores are taken: which pixels count, what happens to the estimate before, and which of two formulas of one
 /// name.
 ///
-/// In this order: the truth is masked by `min_m < t < max_m`, both strict, and by the crop; the answered estimates are
+/// In this order: the truth is masked by `min_m < t < max_m`, both strict, and by the crop; the valid estimates are
 /// aligned if asked for; they are clamped to `[min_m, max_m]` last. A pixel without an answer then counts as
-/// `missing_m`, as it is, in the set `all`, and not at all in the set `answered`.
+/// `missing_m`, as it is, in the set `all`, and not at all in the set `valid`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Truth above this is scored, and estimates below are raised to it; metres.

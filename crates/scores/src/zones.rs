@@ -227,20 +227,20 @@ mod tests {
     #[test]
     fn zones_are_rows_behind_those_of_the_whole_image_and_add_up_to_it() {
         let zones = ZoneParams { distance_m: vec![0.0, 10.0, 80.0], ..ZoneParams::default() };
-        use PixelSet::{All, Answered};
-        let params = ScoreParams { sets: vec![All, Answered], zones, ..ScoreParams::default() };
+        use PixelSet::{All, Valid};
+        let params = ScoreParams { sets: vec![All, Valid], zones, ..ScoreParams::default() };
         let (truth, estimate) = ([5.0, 15.0, 30.0, f32::NAN], [6.0, f32::NAN, 25.0, 3.0]);
         let rows = params.scores().unwrap().rows(&estimate, &truth, (4, 1), &Clues::default());
-        let told: Vec<_> = rows.iter().map(|row| (&*row.zone, row.set, row.pixels, row.truth, row.answered)).collect();
+        let told: Vec<_> = rows.iter().map(|row| (&*row.zone, row.set, row.pixels, row.truth, row.valid)).collect();
         assert_eq!(
             told,
             [
                 ("", All, 3, 3, 2),
-                ("", Answered, 2, 3, 2),
+                ("", Valid, 2, 3, 2),
                 ("0..10", All, 1, 1, 1),
-                ("0..10", Answered, 1, 1, 1),
+                ("0..10", Valid, 1, 1, 1),
                 ("10..80", All, 2, 2, 1),
-                ("10..80", Answered, 1, 2, 1),
+                ("10..80", Valid, 1, 2, 1),
             ]
         );
         assert_eq!((rows[2].score("abs_rel"), rows[5].score("abs_rel")), (Some(0.2), Some(5.0 / 30.0)));

@@ -23,9 +23,9 @@ fn naive(estimate: &[f32], truth: &[f32], width: usize, set: PixelSet, settings:
         let inside = window.rows.contains(&(i / width)) && window.columns.contains(&(i % width));
         inside && t > settings.min_m as f32 && t < settings.max_m as f32
     };
-    let answered = |i: &usize| estimate[*i].is_finite();
+    let valid = |i: &usize| estimate[*i].is_finite();
     let all: Vec<usize> = (0..truth.len()).filter(|&i| scored(i)).collect();
-    let with_answer: Vec<usize> = all.iter().copied().filter(answered).collect();
+    let with_answer: Vec<usize> = all.iter().copied().filter(valid).collect();
     let mut factor = 1.0;
     if settings.align == Align::Median && !with_answer.is_empty() {
         let of = |map: &[f32]| median(with_answer.iter().map(|&i| f64::from(map[i])).collect());
@@ -34,7 +34,7 @@ fn naive(estimate: &[f32], truth: &[f32], width: usize, set: PixelSet, settings:
     let pixels = if set == PixelSet::All { &all } else { &with_answer };
     let t: Vec<f64> = pixels.iter().map(|&i| f64::from(truth[i])).collect();
     let answer = |i: usize| (f64::from(estimate[i]) * factor).clamp(settings.min_m, settings.max_m);
-    let y: Vec<f64> = pixels.iter().map(|i| if answered(i) { answer(*i) } else { settings.missing_m }).collect();
+    let y: Vec<f64> = pixels.iter().map(|i| if valid(i) { answer(*i) } else { settings.missing_m }).collect();
     let pairs = || y.iter().copied().zip(t.iter().copied());
     let within = |limit: f64| mean(pairs().map(|(y, t)| f64::from(u8::from((y / t).max(t / y) < limit))));
     let logs: Vec<f64> = pairs().map(|(y, t)| y.ln() - t.ln()).collect();
@@ -59,7 +59,7 @@ fn naive(estimate: &[f32], truth: &[f32], width: usize, set: PixelSet, settings:
     let row = ScoreRow {
         pixels: pixels.len() as u64,
         truth: all.len() as u64,
-        answered: with_answer.len() as u64,
+        valid: with_answer.len() as u64,
         log_mean: Some(log_mean).filter(|mean| !mean.is_nan()),
         ..ScoreRow::new(set, "")
     };
@@ -107,7 +107,7 @@ fn all_close(ours: &ScoreRow, theirs: &ScoreRow, settings: &Settings) -> bool {
         pairs.push(((a / 100.0).powi(2), (b / 100.0).powi(2)));
     }
     pairs.extend(ours.log_mean.zip(theirs.log_mean));
-    let counts = |row: &ScoreRow| (row.pixels, row.truth, row.answered, row.scores.len(), row.log_mean.is_some());
+    let counts = |row: &ScoreRow| (row.pixels, row.truth, row.valid, row.scores.len(), row.log_mean.is_some());
     counts(ours) == counts(theirs) && pairs.into_iter().all(|(a, b)| close(a, b))
 }
 
@@ -117,7 +117,7 @@ proptest! {
         // Median scaling by a median that is no positive number is left out in both; the twin does not model it.
         let unscaled = Settings { align: Align::None, ..settings };
         let settings = if estimate.iter().any(|y| *y <= 0.0) { unscaled } else { settings };
-        let sets = [PixelSet::Answered, PixelSet::All];
+        let sets = [PixelSet::Valid, PixelSet::All];
         let rows = score(&estimate, &truth, width, truth.len() / width, &sets, &settings);
         for (row, set) in rows.iter().zip(sets) {
             let twin = naive(&estimate, &truth, width, set, &settings);
@@ -137,7 +137,7 @@ proptest! {
     fn a_constant_factor_leaves_the_scale_invariant_error_at_zero((width, truth, _) in frames(), factor in 0.5_f32..2.0) {
         let settings = Settings { min_m: 1e-6, max_m: 1e4, ..Settings::default() };
         let estimate: Vec<f32> = truth.iter().map(|t| t * factor).collect();
-        let row = score(&estimate, &truth, width, truth.len() / width, &[PixelSet::Answered], &settings).remove(0);
+        let row = score(&estimate, &truth, width, truth.len() / width, &[PixelSet::Valid], &settings).remove(0);
         // f32 products are rounded: the logs differ by 6e-8 at most.
         prop_assert!(row.pixels == 0 || row.score("silog").unwrap() < 1e-13, "{row:?}");
     }

@@ -13,12 +13,12 @@ use depthloom_test_needs::shared;
 fn eight_pixels_score_as_with_numpy() {
     let truth = [5.0, 12.5, f32::NAN, 33.25, 79.5, 80.0, 0.5, 20.0];
     let estimate = [5.5, 10.0, 3.0, f32::NAN, 200.0, 50.0, 0.0, 26.0];
-    let sets = [PixelSet::All, PixelSet::Answered];
+    let sets = [PixelSet::All, PixelSet::Valid];
     let rows = score(&estimate, &truth, 4, 2, &sets, &Preset::Paper.settings());
-    let expected = [EXPECTED_ALL, EXPECTED_ANSWERED];
+    let expected = [EXPECTED_ALL, EXPECTED_VALID];
     for (row, (pixels, scores)) in rows.iter().zip(expected) {
         assert_eq!(row.pixels, pixels);
-        assert_eq!((row.truth, row.answered, row.scores.len()), (6, 5, 8));
+        assert_eq!((row.truth, row.valid, row.scores.len()), (6, 5, 8));
         for ((metric, ours), theirs) in row.scores.iter().zip(scores) {
             assert!((ours - theirs).abs() <= 1e-13 * theirs, "{}: {ours}, not {theirs}", metric.name);
         }
@@ -42,7 +42,7 @@ const EXPECTED_ALL: (u64, [f64; 8]) = (
         11.797_682_387_188_72,
     ],
 );
-const EXPECTED_ANSWERED: (u64, [f64; 8]) = (
+const EXPECTED_VALID: (u64, [f64; 8]) = (
     5,
     [
         0.4,
@@ -105,7 +105,7 @@ fn golden_maps_score_as_the_oracle_scored_them() {
             let stereo = shared.join(format!("oracle/golden/ground_plane/{frame}.disparity.png"));
             let stereo = sixteen_bit(&stereo).2.into_iter();
             let stereo = stereo.map(|d| if d == 0 { f32::NAN } else { (fb / (f32::from(d) / 16.0)).min(80.0) });
-            check("stereo", &stereo.collect::<Vec<_>>(), &[PixelSet::All, PixelSet::Answered], 1e-12);
+            check("stereo", &stereo.collect::<Vec<_>>(), &[PixelSet::All, PixelSet::Valid], 1e-12);
             for variant in ["full", "no_weighting", "mean", "no_scaling", "average_scaling"] {
                 let fused = sixteen_bit(&golden.join(format!("{frame}.fused.{variant}.png"))).2;
                 let fused: Vec<f32> = fused.into_iter().map(|v| f32::from(v) / 256.0).collect();

@@ -32,15 +32,15 @@ fn own_kinds_run_and_stereo_finds_the_planes() {
     assert!(pixels[1..].iter().all(|pixels| *pixels > 10_000.0), "{pixels:?}");
 }
 
-/// By frame: scored pixels and a1 of an estimator.
-fn column(run: &Path, estimator: &str) -> Vec<(f64, f64)> {
+/// By frame: scored pixels and a1 of an estimate.
+fn column(run: &Path, estimate: &str) -> Vec<(f64, f64)> {
     let text = std::fs::read_to_string(run.join("scores.csv")).expect("scores");
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let head = lines.next().expect("a head");
     let at = |name: &str| head.iter().position(|column| *column == name).expect("a column");
     let number = |cell: &str| cell.parse().unwrap_or(f64::NAN);
-    let of_estimator = lines.filter(|line| line[at("estimator")] == estimator);
-    of_estimator.map(|line| (number(line[at("pixels")]), number(line[at("a1")]))).collect()
+    let of_estimate = lines.filter(|line| line[at("estimate")] == estimate);
+    of_estimate.map(|line| (number(line[at("pixels")]), number(line[at("a1")]))).collect()
 }
 
 #[test]

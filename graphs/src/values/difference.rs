@@ -268,7 +268,7 @@ fn scores(value: &Value) -> Named {
     let Value::Scores(rows) = value else { return Named::new() };
     let numbers = rows.iter().flat_map(|row| {
         let pixels = if row.zone.is_empty() { row.set.to_string() } else { format!("{} {}", row.zone, row.set) };
-        let counts = [("pixels", row.pixels), ("truth", row.truth), ("answered", row.answered)];
+        let counts = [("pixels", row.pixels), ("truth", row.truth), ("valid", row.valid)];
         let counts = counts.map(|(name, count)| (name, Some(count as f64)));
         let scores = row.scores.iter().map(|(metric, score)| (metric.name, Some(*score)));
         let all = counts.into_iter().chain([("log_mean", row.log_mean)]).chain(scores);

@@ -228,11 +228,11 @@ fn a_kind_whose_engine_this_machine_lacks_can_be_planned_all_the_same() {
 fn scores_take_their_parameters_from_score_and_from_the_estimate() {
     let plan = plan_of(&stereo("").replace(
         "estimates: { stereo: depth/depth,",
-        "cap: 50\n      sets: [all, answered]\n      estimates: { stereo: { from: depth/depth, sets: [answered], cap: 30 },",
+        "cap: 50\n      sets: [all, valid]\n      estimates: { stereo: { from: depth/depth, sets: [valid], cap: 30 },",
     ));
     let params = |name: &str| nodes(&plan, 0, name)[0].params.clone();
-    assert_eq!(params("score.stereo"), serde_json::json!({ "preset": null, "sets": ["answered"], "cap": 30.0 }));
-    assert_eq!(params("score.fused"), serde_json::json!({ "preset": null, "sets": ["all", "answered"], "cap": 50.0 }));
+    assert_eq!(params("score.stereo"), serde_json::json!({ "preset": null, "sets": ["valid"], "cap": 30.0 }));
+    assert_eq!(params("score.fused"), serde_json::json!({ "preset": null, "sets": ["all", "valid"], "cap": 50.0 }));
     assert_eq!(nodes(&plan_of(&stereo("")), 0, "score.fused")[0].params["sets"], serde_json::json!(["all"]));
     let estimate = &plan.runs[0].estimates[1];
     assert_eq!(plan.runs[0].nodes[estimate.score_node].name, "score.fused");

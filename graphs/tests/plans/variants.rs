@@ -164,7 +164,7 @@ fn without_variants_nothing_is_named_after_one() {
 #[test]
 fn variants_and_the_command_line_change_scores_and_sources_too() {
     let plan = plan_of(&stereo(
-        "variants: { full: {}, capped: { compare.score.cap: 20, compare.score.estimates.fused.sets: [answered] } }",
+        "variants: { full: {}, capped: { compare.score.cap: 20, compare.score.estimates.fused.sets: [valid] } }",
     ));
     assert_eq!(labels(&plan), ["full/stereo", "full/fused", "capped/stereo", "capped/fused"]);
     assert_eq!(nodes(&plan, 0, "fused").len(), 1, "what is scored is the same");

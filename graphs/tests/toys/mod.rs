@@ -317,7 +317,7 @@ node!(Median, "filter/median", Pure, MedianParams, [port("depth", ValueType::Dep
 pub(crate) enum Sets {
     #[default]
     All,
-    Answered,
+    Valid,
 }
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]

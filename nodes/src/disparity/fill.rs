@@ -1,4 +1,4 @@
-//! `disparity/fill`: unanswered pixels filled from the background beside them.
+//! `disparity/fill`: invalid pixels filled from the background beside them.
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::Disparity;
@@ -13,7 +13,7 @@ use super::map::{changed, invalid};
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Fill {
-    /// Longest run of unanswered pixels that is filled, px; `null` fills all, as KITTI's development kit does.
+    /// Longest run of invalid pixels that is filled, px; `null` fills all, as KITTI's development kit does.
     pub longest: Option<u32>,
 }
 

@@ -37,7 +37,7 @@ impl Node for LeftRight {
             summary: "Disparity of the left image where the right image's disparity confirms it.",
             doc: "\
 The consistency check of Hirschmueller (*Stereo Processing by Semiglobal Matching and Mutual Information*, 2008): a left pixel's disparity stays if the \
-right image's pixel it points to is answered and answers the same, up to `max_difference`. What has no partner is mostly hidden in the right image. \
+right image's pixel it points to is valid and answers the same, up to `max_difference`. What has no partner is mostly hidden in the right image. \
 Where the partner lies between two pixels, agreeing with either is enough, as in `cv::validateDisparity`; a partner outside the image or without \
 answer confirms nothing.\n\n\
 The right image's disparity comes from a second matcher that is handed the images in exchange, as `cv::ximgproc::createRightMatcher` sets it up: \

@@ -37,7 +37,7 @@ impl Node for Speckle {
             contract: Contract::Pure,
             summary: "Disparity without small regions that stand alone.",
             doc: "\
-OpenCV's `filterSpeckles`. Neighbours (4 of them) belong to one region if both are answered and differ by at most `range`; regions of at most `window` \
+OpenCV's `filterSpeckles`. Neighbours (4 of them) belong to one region if both are valid and differ by at most `range`; regions of at most `window` \
 pixels lose their answers.",
             inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, in fixed or floating point.")],
             outputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity without speckles.")],

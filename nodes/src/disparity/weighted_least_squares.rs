@@ -74,12 +74,12 @@ impl Node for WeightedLeastSquares {
 The fast global smoother of Min et al. (*Fast Global Image Smoothing Based on Weighted Least Squares*, 2014) with confidences, as \
 `cv::ximgproc::DisparityWLSFilter` of OpenCV 5.0 applies it: disparities times confidence and confidences are smoothed alike, and the one divided by the \
 other. Every sixteenth is equal to OpenCV's on x86-64 with one thread.\n\n\
-Without `right`, answered pixels have confidence 1 and the others 0: a map answered everywhere comes out as OpenCV's filter without confidence gives it. \
+Without `right`, valid pixels have confidence 1 and the others 0: a map valid everywhere comes out as OpenCV's filter without confidence gives it. \
 With `right`, an answer's confidence falls with the variance of the disparities around it, in either view, and is 0 where the right view \
 contradicts or does not answer. `right` is what a second matcher finds that is handed the images in exchange, as for `disparity/left-right`; both \
 matchers should have their own checks off, as `cv::ximgproc::createDisparityWLSFilter` sets them, so that this one decides. Unlike OpenCV, which takes \
 the number that stands for no answer for a disparity, gaps of either map do not count.\n\n\
-The smallest rectangle that holds all answers is smoothed, outside it nothing is answered: with StereoSGBM's map these are the columns never searched. \
+The smallest rectangle that holds all answers is smoothed, outside it nothing is valid: with StereoSGBM's map these are the columns never searched. \
 Inside, only what no confidence reaches stays without answer, or with `fill: false` every pixel that had none.",
             inputs: vec![
                 Port::frame("image", ValueType::Image, "The left image, grey or RGB; colours count if there are any."),

@@ -35,8 +35,8 @@ impl Node for Median {
             summary: "Median of every pixel's neighbourhood.",
             doc: "\
 OpenCV's `medianBlur` of f32: square window, border replicated. The paper ends its fusion with 5x5. A pixel without answer (NaN or infinity) is no \
-sample: a pixel that answered gets the median of the answers around it (of an even number the mean of the middle two), one that did not gets it where \
-more than half of its window answered.",
+sample: a pixel that valid gets the median of the answers around it (of an even number the mean of the middle two), one that did not gets it where \
+more than half of its window is valid.",
             inputs: vec![Port::frame("depth", ValueType::Depth, "Depth, metres.")],
             outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, filtered, metres.")],
         }

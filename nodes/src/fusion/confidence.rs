@@ -28,7 +28,7 @@ impl Node for Confidence {
             summary: "Mono and stereo depth fused under stereo's confidence.",
             doc: "\
 Step 5 of the paper, before the median filter. Where stereo gave no answer: `Z = Z_m`. Elsewhere `full` is \
-`Z = W_c Z_s + (1 - W_c)(W_s Z_s + (1 - W_s) Z_m)` with `W_s = min(N_s, N_m) / max(N_s, N_m)`, `N_s = Z_s / max(Z_s)` over answered pixels and \
+`Z = W_c Z_s + (1 - W_c)(W_s Z_s + (1 - W_s) Z_m)` with `W_s = min(N_s, N_m) / max(N_s, N_m)`, `N_s = Z_s / max(Z_s)` over valid pixels and \
 `N_m = Z_m / max(Z_m)`. Where mono has no answer (NaN or infinity) stereo stands, whatever the weight; where neither has one, there is none.",
             inputs: vec![
                 Port::frame("mono", ValueType::Depth, "Mono depth, metres, usually scaled."),

@@ -13,10 +13,10 @@ use crate::shape::{filled, same_size};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ScaleMethod {
-    /// `min(Z_s) + r_s (Z_m - min(Z_m)) / r_m`, with the ranges `r`: stereo's over answered pixels, mono's over all.
+    /// `min(Z_s) + r_s (Z_m - min(Z_m)) / r_m`, with the ranges `r`: stereo's over valid pixels, mono's over all.
     #[default]
     Minmax,
-    /// `Z_m * mean(Z_s) / mean(Z_m)`, both means over the pixels that both answered.
+    /// `Z_m * mean(Z_s) / mean(Z_m)`, both means over the pixels that are valid in both.
     Average,
     /// Mono as it is.
     None,
@@ -40,8 +40,8 @@ impl Node for Scale {
             contract: Contract::Pure,
             summary: "Mono depth at the scale of this frame's stereo.",
             doc: "\
-Step 4 of the paper, an ablation of Table I. Extents and means are taken frame by frame; stereo counts where it answered, mono too (means: where \
-both did). A pixel without mono stays without. On a frame where stereo answered nowhere, mono stays as it is.",
+Step 4 of the paper, an ablation of Table I. Extents and means are taken frame by frame; stereo counts where it valid, mono too (means: where \
+both did). A pixel without mono stays without. On a frame where stereo is valid nowhere, mono stays as it is.",
             inputs: vec![
                 Port::frame("mono", ValueType::Depth, "Mono depth, metres, NaN = no answer."),
                 Port::frame("stereo", ValueType::Depth, "Stereo depth, metres, NaN = no answer; of the same size."),

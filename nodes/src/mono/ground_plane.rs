@@ -50,7 +50,7 @@ What stands on the road is taken for road: an estimate to be corrected by stereo
                 Port::frame("image", ValueType::Image, "The left image; only its size counts."),
                 Port::frame("calibration", ValueType::Calibration, "The camera's focal length."),
             ],
-            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, answered everywhere.")],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, valid everywhere.")],
         }
     }
 

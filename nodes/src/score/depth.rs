@@ -14,7 +14,7 @@ const BEFORE: &str = "\
 The eight scores of Table I, or those of `metrics`, over the scored pixels, one row a zone and pixel set, in f64. In this order: the truth is masked by \
 `min_m < t < max_m` (both strict) and by the crop; answers are aligned if asked for; answers are clamped to `[min_m, max_m]` last. In the set \
 `all` a missing answer (NaN or infinity) counts as `missing_m`, exactly: it is neither aligned nor clamped, so that the paper's 0.0001 m stays below its \
-`min_m` of 0.001 m and `rmse_log`, `silog`, `imae` and `irmse` are taken of it. In `answered` it is left out.\n\n\
+`min_m` of 0.001 m and `rmse_log`, `silog`, `imae` and `irmse` are taken of it. In `valid` it is left out.\n\n\
 With `y` the answer, `t` the truth and `e = ln y - ln t` (natural logarithm), metres, over the N pixels that count:";
 
 const BEHIND: &str = "\

@@ -12,8 +12,8 @@ use super::{clues, doc};
 use crate::shape::same_size;
 
 const BEFORE: &str = "\
-The scores of the KITTI and Middlebury stereo benchmarks, one row a zone and pixel set. A pixel counts where the truth is known; it is answered where the \
-disparity is above 0. In the set `all` a pixel without an answer is wrong in `bad_x` and `d1`, and has no `epe`; in `answered` it is left out; in `filled` it \
+The scores of the KITTI and Middlebury stereo benchmarks, one row a zone and pixel set. A pixel counts where the truth is known; it is valid where the \
+disparity is above 0. In the set `all` a pixel without an answer is wrong in `bad_x` and `d1`, and has no `epe`; in `valid` it is left out; in `filled` it \
 has what `interpolateBackground` of KITTI's devkit gives it (`disparity/fill` is the same as a node): in each row the smaller of the disparities at both ends of the \
 gap, at the image's border the one there is, then in each column the first and last answer up and down. The benchmark's own tables are `filled`. Errors are \
 compared with the thresholds exactly.\n\n\

@@ -17,7 +17,7 @@ pub(super) fn with_formulas(before: &str, family: Family, behind: &str) -> Strin
 }
 
 pub(super) const ZONES: &str = "\
-Every row says its zone, how many pixels counted, how many true pixels the zone has and how many of these were answered (`density`). The whole image \
+Every row says its zone, how many pixels counted, how many true pixels the zone has and how many of these were valid (`density`). The whole image \
 always comes first, as the zone without a name. `zones:` adds bands of true distance, of rows and of columns; each optional input that is wired adds two more: `image` \
 the zones `edges` and `textureless`, `occluded` the zones `visible` and `occluded` (KITTI: `noc` against `occ` truth), `obj_map` the zones `background` and \
 `foreground` (KITTI 2015: D1-bg and D1-fg are `d1` there). Zones may overlap.\n\n\

@@ -28,7 +28,7 @@ uniqueness, a sub-pixel parabola, 3x3 medians of both maps and the left-right ch
 Unlike libSGM, a pixel whose partner lies outside of the right image has no answer, medians replicate the border, and black pixels \
 are not masked.\n\n\
 Disparity is fixed point, i16, 1/16 px of the left image, `(min_disparity - 1) * 16` where nothing was found. No features are computed within 4 \
-columns and 3 rows of the border: what is answered there comes along the paths.",
+columns and 3 rows of the border: pixels that are valid there come along the paths.",
             inputs: pair(),
             outputs: disparity(),
         }

@@ -203,12 +203,12 @@ fn calls() -> Vec<Calls> {
         ),
         (
             "score/depth",
-            ["paper", "monodepth2", "kitti-depth"].map(|p| json!({ "preset": p, "sets": ["all", "answered"] })).to_vec(),
+            ["paper", "monodepth2", "kitti-depth"].map(|p| json!({ "preset": p, "sets": ["all", "valid"] })).to_vec(),
             vec![("estimate", depth(4, 6)), ("truth", depth(5, 3))],
         ),
         (
             "score/disparity",
-            vec![json!({ "sets": ["all", "answered", "filled"], "zones": { "rows": 2, "distance_m": [0, 10, 80] } })],
+            vec![json!({ "sets": ["all", "valid", "filled"], "zones": { "rows": 2, "distance_m": [0, 10, 80] } })],
             vec![
                 ("estimate", gappy()),
                 ("truth", true_disparity()),

@@ -47,8 +47,8 @@ fn pixels(value: &Value) -> &[i16] {
     map.sixteenths_px.as_raw()
 }
 
-/// Answered pixels among columns, and those of them farther than 1 px from the background's disparity.
-fn answered(disparity: &Value, columns: std::ops::Range<u32>) -> (usize, usize) {
+/// Valid pixels among columns, and those of them farther than 1 px from the background's disparity.
+fn valid(disparity: &Value, columns: std::ops::Range<u32>) -> (usize, usize) {
     let Value::Disparity(map) = disparity else { panic!("disparity") };
     let found = map
         .sixteenths_px
@@ -69,13 +69,13 @@ fn pixels_hidden_in_the_right_image_fail_the_left_right_check() {
     let back = value("stereo/bm", &exchanged, &[("left", &right), ("right", &left)]);
     let checked = value("disparity/left-right", &json!({}), &[("left", &forth), ("right", &back)]);
 
-    let (seen, wrong) = answered(&forth, HIDDEN);
-    let (still_seen, still_wrong) = answered(&checked, HIDDEN);
-    println!("hidden: {seen} answered, {wrong} wrong; checked: {still_seen} and {still_wrong}");
+    let (seen, wrong) = valid(&forth, HIDDEN);
+    let (still_seen, still_wrong) = valid(&checked, HIDDEN);
+    println!("hidden: {seen} valid, {wrong} wrong; checked: {still_seen} and {still_wrong}");
     assert!(wrong > seen / 2, "without a check, {wrong} of {seen} hidden pixels are wrong");
     // What is left of the block's width beside the object passes: both views fatten it.
     assert!(still_wrong * 3 < wrong, "{still_wrong} of {wrong} wrong answers pass");
-    let (before, after) = (answered(&forth, 40..70), answered(&checked, 40..70));
+    let (before, after) = (valid(&forth, 40..70), valid(&checked, 40..70));
     assert!(before.1 == 0 && after.1 == 0 && after.0 * 10 > before.0 * 9, "{before:?} {after:?}: what both see stays");
 }
 
@@ -135,12 +135,12 @@ fn the_right_view_decides_what_is_smoothed_over_the_hidden_pixels() {
     let both = value(kind, &json!({}), &[("image", &layers), ("disparity", &forth), ("right", &back)]);
 
     let (hidden, shown) = (HIDDEN, 93..127);
-    let (before, after) = (answered(&forth, hidden.clone()), answered(&both, hidden.clone()));
-    println!("hidden, answered and wrong: {before:?}, alone {:?}, both {after:?}", answered(&alone, hidden));
+    let (before, after) = (valid(&forth, hidden.clone()), valid(&both, hidden.clone()));
+    println!("hidden, valid and wrong: {before:?}, alone {:?}, both {after:?}", valid(&alone, hidden));
     assert!(before.1 > before.0 / 2 && after.1 == 0 && after.0 >= before.0, "{before:?} {after:?}");
-    let of_object = answered(&both, shown);
+    let of_object = valid(&both, shown);
     assert_eq!(of_object.0, of_object.1, "the object keeps its own disparity");
-    assert!(answered(&both, 0..30).0 == 0, "columns that were never searched stay without answer");
+    assert!(valid(&both, 0..30).0 == 0, "columns that were never searched stay without answer");
 }
 
 #[test]

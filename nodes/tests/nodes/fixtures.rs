@@ -65,8 +65,8 @@ fn disparities_are_opencvs_in_every_pixel_and_mode() {
         let pairs = found.sixteenths_px.iter().zip(expected.as_raw());
         let other = pairs.filter(|&(ours, theirs)| i32::from(*ours) != i32::from(*theirs) - 32768).count();
         assert_eq!(other, 0, "{name}, frame {index}: pixels that are not OpenCV's");
-        let answered = found.sixteenths_px.iter().filter(|&&pixel| i32::from(pixel) != found.invalid()).count();
-        assert!(answered * 5 > expected.len(), "{name}, frame {index}: only {answered} pixels to compare");
+        let valid = found.sixteenths_px.iter().filter(|&&pixel| i32::from(pixel) != found.invalid()).count();
+        assert!(valid * 5 > expected.len(), "{name}, frame {index}: only {valid} pixels to compare");
     }
 }
 

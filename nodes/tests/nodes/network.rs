@@ -148,8 +148,8 @@ fn fault_42_pixels_that_are_no_numbers_are_no_answers_are_counted_and_spread_no_
         let mut params = dark.clone();
         params["output"] = output.into();
         let (depth, warned) = of("Sqrt", 4, params);
-        let answered: Vec<bool> = depth.iter().map(|metres| metres.is_finite()).collect();
-        assert_eq!(answered, [false, false, true, true].repeat(2), "{output}: {depth:?}");
+        let valid: Vec<bool> = depth.iter().map(|metres| metres.is_finite()).collect();
+        assert_eq!(valid, [false, false, true, true].repeat(2), "{output}: {depth:?}");
         assert_eq!(warned, told(4), "{output}");
     }
     // Infinity is no number either: a deviation so small that the quotient has no end.
@@ -158,8 +158,8 @@ fn fault_42_pixels_that_are_no_numbers_are_no_answers_are_counted_and_spread_no_
     assert_eq!(warned, told(8));
     // A network of two columns: the first is none, and has part in the image's first three.
     let (depth, warned) = of("Sqrt", 2, dark.clone());
-    let answered: Vec<bool> = depth.iter().map(|metres| metres.is_finite()).collect();
-    assert_eq!((answered, warned), ([false, false, false, true].repeat(2), told(2)), "{depth:?}");
+    let valid: Vec<bool> = depth.iter().map(|metres| metres.is_finite()).collect();
+    assert_eq!((valid, warned), ([false, false, false, true].repeat(2), told(2)), "{depth:?}");
     // With a second opinion, what one of the two gave stands.
     let mut twice = dark;
     twice["flip"] = "mean".into();

@@ -20,10 +20,10 @@ const TRUTH: [f32; 4] = [10.0, 10.0, 40.0, 100.0];
 
 #[test]
 fn sets_come_in_the_order_asked_for() {
-    let rows = rows(&json!({ "sets": ["answered", "all"] }), &ESTIMATE, &TRUTH);
+    let rows = rows(&json!({ "sets": ["valid", "all"] }), &ESTIMATE, &TRUTH);
     assert_eq!(
         rows.iter().map(|row| (row.set, row.pixels)).collect::<Vec<_>>(),
-        [(PixelSet::Answered, 2), (PixelSet::All, 3)]
+        [(PixelSet::Valid, 2), (PixelSet::All, 3)]
     );
     assert_eq!(rows[0].score("abs_rel"), Some(0.25));
     assert_eq!((rows[0].density(), rows[1].density()), (Some(2.0 / 3.0), Some(2.0 / 3.0)));
@@ -31,12 +31,12 @@ fn sets_come_in_the_order_asked_for() {
 
 #[test]
 fn single_settings_override_the_preset() {
-    let far = rows(&json!({ "sets": ["answered"], "max_m": 120.0 }), &ESTIMATE, &TRUTH);
+    let far = rows(&json!({ "sets": ["valid"], "max_m": 120.0 }), &ESTIMATE, &TRUTH);
     assert_eq!(far[0].pixels, 3);
-    let kitti = rows(&json!({ "preset": "kitti-depth", "sets": ["answered"] }), &ESTIMATE, &TRUTH);
+    let kitti = rows(&json!({ "preset": "kitti-depth", "sets": ["valid"] }), &ESTIMATE, &TRUTH);
     assert_eq!(kitti[0].pixels, 3);
     assert_eq!(kitti[0].score("sq_rel"), Some(0.25 / 3.0));
-    let by_truth = json!({ "preset": "kitti-depth", "sets": ["answered"], "sq_rel": "by-truth" });
+    let by_truth = json!({ "preset": "kitti-depth", "sets": ["valid"], "sq_rel": "by-truth" });
     assert_eq!(rows(&by_truth, &ESTIMATE, &TRUTH)[0].score("sq_rel"), Some(10.0 / 3.0));
     let missing = json!({ "missing_m": 10.0 });
     assert_eq!(rows(&missing, &ESTIMATE, &TRUTH)[0].score("a1"), Some(2.0 / 3.0));

@@ -31,7 +31,7 @@ fn sgbm_scores_as_the_oracles() {
     for (position, frame) in frames.iter().enumerate() {
         let (values, _) = source.read(FrameIndex(position)).unwrap();
         let estimate = value("stereo/sgbm", &json!({}), &[("left", &values["left"]), ("right", &values["right"])]);
-        let sets = json!({ "sets": ["answered", "filled", "all"] });
+        let sets = json!({ "sets": ["valid", "filled", "all"] });
         for row in rows(&sets, &[("estimate", &estimate), ("truth", &values["disp_noc"])]) {
             let golden = csv.lines().find(|line| line.starts_with(&format!("{frame:06}_10,{},", row.set))).unwrap();
             let golden: Vec<f64> = golden.split(',').skip(2).map(|cell| cell.parse().unwrap()).collect();
@@ -118,7 +118,7 @@ fn scores_are_those_of_kittis_development_kit() {
             ("truth", &TrueDisparity::from_px_256(&Raster::from_raw(width, height, truth).unwrap()).into()),
             ("obj_map", &Mask { set: Raster::from_raw(width, height, objects).unwrap() }.into()),
         ];
-        let rows = rows(&json!({ "sets": ["answered", "filled", "all"] }), &inputs);
+        let rows = rows(&json!({ "sets": ["valid", "filled", "all"] }), &inputs);
         let close = |ours: Option<f64>, theirs: &Json, what: &str| {
             let (ours, theirs) = (ours.unwrap(), theirs.as_f64().unwrap());
             assert!((ours - theirs).abs() <= 1e-12 * (1.0 + theirs), "{seed} {what}: {ours}, not {theirs}");
@@ -150,7 +150,7 @@ fn a_road_gives_truth_as_disparities_with_its_cars_and_both_pixel_sets_differ() 
     for ((noc, occ), hidden) in noc.iter().zip(occ.iter()).zip(occluded.set.iter()) {
         assert_eq!(*noc, if *hidden > 0 { 0 } else { *occ });
     }
-    // What is answered by the truth itself is off by what 1/16 px cannot tell; what is occluded is wrong where only
+    // Where the ground truth itself is the estimate, the error is at most 1/16 px; what is occluded is wrong where only
     // `noc` answers.
     let sixteenths = noc.iter().map(|v| (v / 16) as i16).collect();
     let (width, height) = noc.dimensions();

@@ -365,7 +365,7 @@ fn sgbm_is_as_wrong_on_teddy_and_cones_as_opencvs() {
         let values = opened.read(FrameIndex(position)).unwrap().0;
         let found = value("stereo/sgbm", &json!({}), &[("left", &values["left"]), ("right", &values["right"])]);
         let inputs = [("estimate", &found), ("truth", &values["disp_occ"])];
-        let Value::Scores(rows) = value("score/disparity", &json!({ "sets": ["all", "answered"] }), &inputs) else {
+        let Value::Scores(rows) = value("score/disparity", &json!({ "sets": ["all", "valid"] }), &inputs) else {
             panic!()
         };
         let script = workspace().join("nodes/tests/middlebury_sgbm.py");

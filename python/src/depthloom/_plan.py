@@ -22,7 +22,7 @@ class Estimate:
 
     #: What a frame knows it by: `name` where all variants share it, else `variant/name`.
     label: str
-    #: Its name in the experiment: `estimator` in tables.
+    #: Its name in the experiment: `estimate` in tables.
     name: str
     #: The variant; `None` where all share it.
     variant: str | None

@@ -169,7 +169,7 @@ impl Topic {
         self.crc.update(frame.as_bytes());
         self.crc.update(row.set.name().as_bytes());
         self.crc.update(row.zone.as_bytes());
-        for count in [row.pixels, row.truth, row.answered] {
+        for count in [row.pixels, row.truth, row.valid] {
             self.crc.update(&count.to_le_bytes());
         }
         let metrics = DEPTH.iter().chain(&DISPARITY);

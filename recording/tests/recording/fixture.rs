@@ -121,9 +121,9 @@ fn stage_run(stage: &str) -> StageRun {
         kind: format!("test/{}", spec.name),
         version: 1,
         contract: if spec.name == "teacher" { Contract::Once } else { Contract::Pure },
-        params: json!({ "sets": ["answered", "all"], "preset": "paper" }),
+        params: json!({ "sets": ["valid", "all"], "preset": "paper" }),
         shown: json!({}),
-        portable: json!({ "sets": ["answered", "all"], "preset": "paper" }),
+        portable: json!({ "sets": ["valid", "all"], "preset": "paper" }),
         auto: Vec::new(),
         inputs: spec
             .inputs
@@ -231,7 +231,7 @@ pub(crate) fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value
     let zone = |epe: f64| {
         let named = |name: &str| Metric::named(name).unwrap();
         let counts = ScoreRow::new(PixelSet::Filled, "10..20");
-        let counts = ScoreRow { pixels: 5, truth: u64::MAX, answered: 3, log_mean: Some(-0.0), ..counts };
+        let counts = ScoreRow { pixels: 5, truth: u64::MAX, valid: 3, log_mean: Some(-0.0), ..counts };
         counts.with(named("irmse"), f64::INFINITY).with(named("epe"), epe).with(named("d1"), 0.0)
     };
     let node = |node, port| Slot::Node { node, port };
@@ -251,7 +251,7 @@ pub(crate) fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value
         (node(NodeId(3), PortId(0)), Depth { metres: fused }.into()),
     ]);
     if frame.index % 3 != 2 {
-        let rows = vec![row(PixelSet::Answered, 0.5), row(PixelSet::All, f64::NAN), zone(-0.0)];
+        let rows = vec![row(PixelSet::Valid, 0.5), row(PixelSet::All, f64::NAN), zone(-0.0)];
         values.push((node(NodeId(4), PortId(0)), rows.into()));
     }
     values

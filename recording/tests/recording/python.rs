@@ -99,7 +99,7 @@ fn python_sees_what_viewers_need() {
     let scores = topic("/compare/score_fused/scores");
     assert_eq!(scores["count"], 6, "two pixel sets and a zone of two frames");
     assert_eq!(scores["messages"][0]["frame"], "000000_10");
-    assert_eq!(scores["messages"][0]["set"], "answered");
+    assert_eq!(scores["messages"][0]["set"], "valid");
     assert_eq!(scores["messages"][0]["a2"], 0.1 + 0.2);
     assert!(scores["messages"][0].get("abs_rel").is_none(), "a NaN is absent");
     assert_eq!(scores["messages"][2]["zone"], "10..20");

@@ -32,7 +32,7 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
         by: By::parse(&args.by),
         bins: args.bins.clone(),
         percentiles: args.percentiles.clone(),
-        estimators: args.estimators.clone(),
+        estimates: args.estimates.clone(),
         variants: args.part.variant.clone(),
         stages: args.part.stage.clone(),
         sets: args.set.clone(),

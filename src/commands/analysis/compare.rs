@@ -45,7 +45,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     let runs: Vec<ComparedRun<'_>> =
         opened.runs.iter().map(|(called, recording)| ComparedRun { called, recording }).collect();
     let options = CompareOptions {
-        selection: Selection { estimators: args.estimators.clone(), ..args.pixels.selection() },
+        selection: Selection { estimates: args.estimates.clone(), ..args.pixels.selection() },
         scores: args.scores.clone(),
         baseline: args.baseline.clone(),
         resampling: args.intervals.resampling(match args.by {
@@ -92,7 +92,7 @@ fn by_distance(
     interrupt: &Interrupt,
 ) -> Result<ExitCode, CliError> {
     if !matches!(args.pixels.set, None | Some(SetOption::Common)) {
-        let what = "errors by distance are compared on the pixels that both answered";
+        let what = "errors by distance are compared on the pixels that are valid in both";
         return Err(CliError::usage(what, "leave --set out"));
     }
     if args.baseline.as_deref() == Some("best") {
@@ -165,7 +165,7 @@ impl Opened {
 
     fn no_such(&self, run: usize, name: &str) -> Result<CliError, CliError> {
         let (called, names) = (&self.runs[run].0, self.names(run)?);
-        let what = format!("`{name}` is neither a run nor a variant or estimator of {called}");
+        let what = format!("`{name}` is neither a run nor a variant or estimate of {called}");
         let near = nearest(name, names.iter().map(String::as_str));
         Ok(CliError::unknown(what, near, format!("{called} has {}", names.join(", "))))
     }

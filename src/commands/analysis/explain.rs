@@ -7,11 +7,11 @@ use crate::args::{ExplainArgs, SetOption};
 use crate::output;
 use crate::signals;
 
-/// Says where a score of an estimator comes from.
+/// Says where a score of an estimate comes from.
 pub(crate) fn explain(args: &ExplainArgs) -> Result<ExitCode, CliError> {
     if args.scores.set == Some(SetOption::Common) {
         return Err(CliError::usage(
-            "what all answered depends on which estimates are compared",
+            "`explain` does not support `--set common`: that pixel set depends on which estimates are compared",
             "`depthloom table RUN --set common` compares; explain one of another --set",
         ));
     }
@@ -20,7 +20,7 @@ pub(crate) fn explain(args: &ExplainArgs) -> Result<ExitCode, CliError> {
     let recording = open_frames(&path)?;
     let selection = args.scores.selection();
     let stop = || interrupt.stops_admission();
-    let explanation = depthloom_analysis::explain(&recording, &args.score, &args.estimator, &selection, &stop);
+    let explanation = depthloom_analysis::explain(&recording, &args.score, &args.estimate, &selection, &stop);
     let explanation = explanation.map_err(failed)?;
     if args.output.json {
         output::print(&explanation)?;

@@ -125,13 +125,13 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
     let is_of_errors = kind.is_of_samples();
     let set = match args.set {
         Some(SetOption::Common) => Some(SampleSet::Common),
-        Some(SetOption::Answered) => Some(SampleSet::Answered),
+        Some(SetOption::Valid) => Some(SampleSet::Valid),
         _ => None,
     };
     let wrong = |what: &str, remedy: &str| Err(CliError::usage(what.to_owned(), remedy.to_owned()));
     match args.set {
         Some(SetOption::All | SetOption::Filled) if is_of_errors => {
-            return wrong("a pixel without an answer has no error to draw", "take `--set common` or `--set answered`");
+            return wrong("a pixel without an answer has no error to draw", "take `--set common` or `--set valid`");
         }
         Some(SetOption::Common) if !is_of_errors => {
             return wrong("scores of a figure are those that were recorded", "take another --set");
@@ -155,7 +155,7 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
         kind,
         size: Size { width_mm: args.width, height_mm: args.height },
         title: args.title.clone(),
-        estimators: args.estimators.clone(),
+        estimates: args.estimates.clone(),
         variants: args.part.variant.clone(),
         stages: args.part.stage.clone(),
         set,

@@ -20,8 +20,8 @@ pub(crate) struct Samples {
     /// The rows.
     samples: u64,
     frames: u64,
-    /// The columns of estimators.
-    estimators: u64,
+    /// The columns of estimates.
+    estimates: u64,
     notes: Vec<String>,
 }
 
@@ -47,7 +47,7 @@ pub(crate) fn samples(args: &SamplesArgs) -> Result<ExitCode, CliError> {
             file: out.to_string_lossy().into_owned(),
             samples: written.samples,
             frames: written.frames,
-            estimators: written.estimators as u64,
+            estimates: written.estimates as u64,
             notes: written.notes,
         })?;
         return Ok(end([&recording]));

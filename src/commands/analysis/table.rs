@@ -19,7 +19,7 @@ pub(crate) fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
     let interrupt = signals::listen("stopping")?;
     let recording = open_frames(&path)?;
     let costs = costs(&path)?;
-    let selection = Selection { estimators: args.estimators.clone(), ..args.scores.selection() };
+    let selection = Selection { estimates: args.estimates.clone(), ..args.scores.selection() };
     let (resamples, seed) = (args.resamples, args.seed);
     let intervals = args.ci.map(|confidence| Resampling { confidence, resamples, seed, ..Resampling::default() });
     if args.rows == RowsOption::Score {
@@ -71,7 +71,7 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, Cl
     let runs: Vec<BoardRun<'_>> = (called.iter().zip(&recordings).zip(&costs))
         .map(|((called, recording), costs)| BoardRun { called, recording, costs: costs.as_ref() })
         .collect();
-    let selection = Selection { estimators: args.estimators.clone(), ..args.scores.selection() };
+    let selection = Selection { estimates: args.estimates.clone(), ..args.scores.selection() };
     let stop = || interrupt.stops_admission();
     let board = depthloom_analysis::leaderboard(&runs, &selection, &ranking(args, None), &stop);
     let mut table = board.map_err(failed)?;

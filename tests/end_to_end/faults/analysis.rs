@@ -7,7 +7,7 @@ use std::process::Command;
 use depthloom_analysis::{ReportOptions, report};
 use depthloom_recording::Recording;
 
-use crate::golden::answered_bins;
+use crate::golden::valid_bins;
 use crate::support::{Row, depthloom, full, label, number, read_csv, shared, succeed, workspace};
 
 /// `experiments/first-look.yaml`, small: its source, its `record:`, and what the program said.
@@ -73,14 +73,14 @@ fn fault_02_frames_that_share_an_id_count_as_they_were_asked_for() {
 fn mean_of_three(run: &Path) {
     let (scores, table) = (read_csv(&run.join("scores.csv")), read_csv(&run.join("table.csv")));
     for row in &table {
-        let same = |score: &&Row| ["estimator", "set"].iter().all(|of| score[*of] == row[*of]);
+        let same = |score: &&Row| ["estimate", "set"].iter().all(|of| score[*of] == row[*of]);
         let rmse: Vec<f64> = scores.iter().filter(same).map(|score| number(score, "rmse")).collect();
         assert_eq!((rmse.len(), &*row["frames"]), (3, "3"));
         assert!((number(row, "rmse") - rmse.iter().sum::<f64>() / 3.0).abs() < 1e-12);
     }
     assert_eq!(table.len(), 2);
     // Every row has a key of its own, whatever the frames are called.
-    let key = |row: &Row| ["stage", "position", "estimator", "set"].map(|column| row[column].clone());
+    let key = |row: &Row| ["stage", "position", "estimate", "set"].map(|column| row[column].clone());
     let keys: BTreeSet<[String; 4]> = scores.iter().map(key).collect();
     assert_eq!((keys.len(), scores.len()), (6, 6));
     assert!(scores.iter().all(|row| row["stage"] == "look" && ["0", "1", "2"].contains(&&*row["position"])));
@@ -184,7 +184,7 @@ fn percentiles_are_numpys_in_memory_and_from_a_spill() {
     });
     assert!(bins[0] == bins[1], "a spill changes numbers");
     let golden = read_csv(&shared.join("oracle/golden/ground_plane/percentiles.csv"));
-    let ours = answered_bins(&folder.path().join("10000/error_vs_distance.csv"));
+    let ours = valid_bins(&folder.path().join("10000/error_vs_distance.csv"));
     assert_eq!(ours.len(), golden.len());
     for theirs in &golden {
         let same = |row: &&Row| label(row) == label(theirs) && row["bin_m"] == theirs["bin_m"];

@@ -195,7 +195,7 @@ fn fault_66_a_report_replaces_no_file_that_no_report_wrote() {
     }
     // What a report wrote, one replaces; one of 0.1.0 too, whose Parquet files do not say what they are.
     assert_eq!([report(), report()].map(|again| again.status.code()), [Some(0); 2]);
-    fs::write(own.join("table.csv"), "estimator,scored_on,a1\n").expect("written");
+    fs::write(own.join("table.csv"), "estimate,scored_on,a1\n").expect("written");
     fs::write(own.join("table.parquet"), "PAR1").expect("written");
     assert_eq!(report().status.code(), Some(0));
 }

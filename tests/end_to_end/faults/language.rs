@@ -19,7 +19,7 @@ stages:
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 64 } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
-    score: { truth: source/depth, estimates: { stereo: { from: depth/depth, sets: [answered] } } }
+    score: { truth: source/depth, estimates: { stereo: { from: depth/depth, sets: [valid] } } }
 ";
 
 impl Project {

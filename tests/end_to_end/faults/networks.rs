@@ -32,9 +32,9 @@ stages:
     score:
       truth: source/depth
       estimates:
-        stereo: {{ from: depth/depth, sets: [answered] }}
-        merged: {{ from: merged/depth, sets: [answered] }}
-        fused: {{ from: fused/depth, sets: [answered] }}
+        stereo: {{ from: depth/depth, sets: [valid] }}
+        merged: {{ from: merged/depth, sets: [valid] }}
+        fused: {{ from: fused/depth, sets: [valid] }}
 variants:
   minmax: {{}}
   average: {{ look.scaled.with.method: average }}
@@ -306,18 +306,18 @@ fn fault_42_pixels_of_a_network_that_are_no_numbers_are_counted_and_cost_stereo_
         assert!(bytes(&taken) == bytes(&out));
 
         let rows = read_csv(&out.join("scores.csv"));
-        let answered = |frame: &str, estimator: &str| {
-            let mut rows = rows.iter().filter(|row| row["frame"] == frame && label(row) == estimator);
-            rows.next().unwrap_or_else(|| panic!("no row of {estimator}"))["pixels"].parse::<u64>().expect("a count")
+        let valid = |frame: &str, estimate: &str| {
+            let mut rows = rows.iter().filter(|row| row["frame"] == frame && label(row) == estimate);
+            rows.next().unwrap_or_else(|| panic!("no row of {estimate}"))["pixels"].parse::<u64>().expect("a count")
         };
         let frames: std::collections::BTreeSet<&str> = rows.iter().map(|row| row["frame"].as_str()).collect();
         assert_eq!(frames.len(), 2);
         for frame in frames {
-            let stereo = answered(frame, "stereo");
+            let stereo = valid(frame, "stereo");
             assert!(stereo > 100, "{stereo}");
             for variant in ["minmax", "average", "mean"] {
                 for estimate in ["merged", "fused"] {
-                    let theirs = answered(frame, &format!("{variant}/{estimate}"));
+                    let theirs = valid(frame, &format!("{variant}/{estimate}"));
                     assert!(theirs >= stereo, "{variant}/{estimate} on {frame}: {theirs} of stereo's {stereo}");
                 }
             }

@@ -8,31 +8,31 @@ use serde::Deserialize as _;
 use serde_json::json;
 
 use super::*;
-use crate::estimators::Estimator;
+use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
-fn estimator(variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Estimator {
+fn estimate(variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Estimate {
     let label = variant.map_or_else(|| name.to_owned(), |variant| format!("{variant}/{name}"));
-    Estimator::of_depths(&label, variant, name, sets)
+    Estimate::of_depths(&label, variant, name, sets)
 }
 
-fn estimators() -> Vec<Estimator> {
+fn estimates() -> Vec<Estimate> {
     vec![
-        estimator(None, "stereo", &[PixelSet::Answered, PixelSet::All]),
-        estimator(Some("full"), "mono", &[PixelSet::All]),
-        estimator(Some("full"), "fused", &[PixelSet::All]),
-        estimator(Some("no_scaling"), "mono", &[PixelSet::All]),
-        estimator(Some("no_scaling"), "fused", &[PixelSet::All]),
+        estimate(None, "stereo", &[PixelSet::Valid, PixelSet::All]),
+        estimate(Some("full"), "mono", &[PixelSet::All]),
+        estimate(Some("full"), "fused", &[PixelSet::All]),
+        estimate(Some("no_scaling"), "mono", &[PixelSet::All]),
+        estimate(Some("no_scaling"), "fused", &[PixelSet::All]),
     ]
 }
 
 /// A score of frame `frame` for which all eight scores are `value`, but for rmse, which is ten times it.
-fn score(frame: &str, estimator: usize, set: PixelSet, value: f64) -> FrameScore {
+fn score(frame: &str, estimate: usize, set: PixelSet, value: f64) -> FrameScore {
     let values = Family::Depth.defaults().into_iter();
     let values = values.map(|metric| (metric, if metric.name == "rmse" { 10.0 * value } else { value }));
-    let row = ScoreRow { pixels: 5, truth: 8, answered: 5, ..ScoreRow::new(set, "") };
+    let row = ScoreRow { pixels: 5, truth: 8, valid: 5, ..ScoreRow::new(set, "") };
     let row = values.fold(row, |row, (metric, value)| row.with(metric, value));
-    FrameScore { frame: Arc::from(frame), position: FrameIndex(frame.parse().unwrap()), estimator, row }
+    FrameScore { frame: Arc::from(frame), position: FrameIndex(frame.parse().unwrap()), estimate, row }
 }
 
 /// A row with some scores changed.
@@ -45,31 +45,31 @@ fn changed(row: &ScoreRow, to: impl Fn(&str) -> Option<f64>) -> ScoreRow {
 fn scores() -> Vec<FrameScore> {
     let mut scores = Vec::new();
     for (frame, shift) in [("0", 0.0), ("1", 0.2)] {
-        scores.push(score(frame, 0, PixelSet::Answered, 0.7 + shift));
-        for (estimator, value) in [0.3, 0.4, 0.5, 0.6, 0.7].into_iter().enumerate() {
-            scores.push(score(frame, estimator, PixelSet::All, value + shift));
+        scores.push(score(frame, 0, PixelSet::Valid, 0.7 + shift));
+        for (estimate, value) in [0.3, 0.4, 0.5, 0.6, 0.7].into_iter().enumerate() {
+            scores.push(score(frame, estimate, PixelSet::All, value + shift));
         }
     }
     scores
 }
 
 fn table(with_paper: bool) -> ScoreTable {
-    table_of(&scores(), &estimators(), with_paper)
+    table_of(&scores(), &estimates(), with_paper)
 }
 
-fn table_of(scores: &[FrameScore], estimators: &[Estimator], with_paper: bool) -> ScoreTable {
-    table_of_sources(scores, estimators, with_paper, &|_, _| None)
+fn table_of(scores: &[FrameScore], estimates: &[Estimate], with_paper: bool) -> ScoreTable {
+    table_of_sources(scores, estimates, with_paper, &|_, _| None)
 }
 
 fn table_of_sources(
     scores: &[FrameScore],
-    estimators: &[Estimator],
+    estimates: &[Estimate],
     with_paper: bool,
     source: &dyn Fn(RunId, FrameIndex) -> Option<Key>,
 ) -> ScoreTable {
     let plan = json!({ "experiment": "street_1", "about": "", "variants": [], "every": 1, "view": false, "runs": [] });
     let plan = RecordedPlan::deserialize(plan).unwrap();
-    let ablation = Ablation::new(&plan, estimators, scores, source, None);
+    let ablation = Ablation::new(&plan, estimates, scores, source, None);
     let all = Selection::default();
     let rows = ablation.rows_on_all_sets(&all).unwrap();
     ScoreTable::new(&ablation, &rows, &all, with_paper, None, &|| false).unwrap()
@@ -81,11 +81,11 @@ fn marked(table: &ScoreTable) -> [Vec<usize>; 8] {
 }
 
 #[test]
-fn means_are_over_the_frames_that_all_estimators_have() {
+fn means_are_over_the_frames_that_all_estimates_have() {
     let mut scores = scores();
-    // On frame 2 an estimator failed: it counts for nobody.
-    scores.extend((0..4).map(|estimator| score("2", estimator, PixelSet::All, 0.0)));
-    let table = table_of(&scores, &estimators(), false);
+    // On frame 2 an estimate failed: it counts for nobody.
+    scores.extend((0..4).map(|estimate| score("2", estimate, PixelSet::All, 0.0)));
+    let table = table_of(&scores, &estimates(), false);
     assert_eq!(table.rows.len(), 6);
     for (column, mean) in table.rows.iter().zip([0.8, 0.4, 0.5, 0.6, 0.7, 0.8]) {
         assert_eq!(column.frames, 2);
@@ -98,19 +98,19 @@ fn means_are_over_the_frames_that_all_estimators_have() {
 #[test]
 fn a_frame_without_pixels_adds_nothing_and_is_said() {
     let mut scores = scores();
-    scores[0].row = ScoreRow::new(PixelSet::Answered, "");
-    let table = table_of(&scores, &estimators(), false);
+    scores[0].row = ScoreRow::new(PixelSet::Valid, "");
+    let table = table_of(&scores, &estimates(), false);
     assert_eq!((table.rows[0].frames, table.rows[1].frames), (1, 2));
     assert!((table.rows[0].values[0].unwrap() - 0.9).abs() < 1e-12);
-    assert_eq!(table.about(), "mean over 2 frames (stereo on answered: 1)");
+    assert_eq!(table.about(), "mean over 2 frames (stereo on valid: 1)");
 }
 
 #[test]
 fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for_and_it_is_said() {
-    let of = |mean| Estimator { mean, ..estimator(None, "mono", &[PixelSet::All]) };
+    let of = |mean| Estimate { mean, ..estimate(None, "mono", &[PixelSet::All]) };
     let mut rows = [score("0", 0, PixelSet::All, 0.5), score("1", 0, PixelSet::All, 0.8)];
     // 5 pixels of 8, and 15 of 16.
-    (rows[1].row.pixels, rows[1].row.answered, rows[1].row.truth) = (15, 15, 16);
+    (rows[1].row.pixels, rows[1].row.valid, rows[1].row.truth) = (15, 15, 16);
     let table = |mean| table_of(&rows, &[of(mean)], false);
     let (frames, pixels) = (table(Mean::Frames), table(Mean::Pixels));
     let close = |ours: Option<f64>, expected: f64| assert!((ours.unwrap() - expected).abs() < 1e-12, "{ours:?}");
@@ -123,7 +123,7 @@ fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for_and_it_is_said() {
 
 #[test]
 fn no_scores_make_a_table_of_dashes() {
-    let table = table_of(&[], &estimators(), false);
+    let table = table_of(&[], &estimates(), false);
     assert!(table.rows.iter().all(|column| column.frames == 0 && column.values == vec![None; 8]));
     assert!(table.table().markdown().contains("| a1 (< 1.25) ↑ | - | - |"), "{}", table.table().markdown());
     assert_eq!(marked(&table), [const { Vec::<usize>::new() }; 8]);
@@ -134,7 +134,7 @@ fn no_scores_make_a_table_of_dashes() {
 fn the_long_form_says_what_each_row_is_of() {
     let csv = String::from_utf8(table(true).table().csv()).unwrap();
     let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
-    let mut expected = ["stage", "variant", "estimator", "set"].map(str::to_owned).to_vec();
+    let mut expected = ["stage", "variant", "estimate", "set"].map(str::to_owned).to_vec();
     let eight = || Family::Depth.defaults().into_iter().map(|metric| metric.name);
     expected.extend(eight().map(str::to_owned));
     expected.push("frames".to_owned());
@@ -144,8 +144,7 @@ fn the_long_form_says_what_each_row_is_of() {
     let rows = serde_json::to_value(table(true).json_rows()).unwrap();
     assert_eq!(rows[0].as_object().unwrap().keys().collect::<Vec<_>>(), lines[0]);
     let of: Vec<String> = lines[1..].iter().map(|line| line[..4].join(" ")).collect();
-    let expected =
-        ["s  stereo answered", "s  stereo all", "s full mono all", "s full fused all", "s no_scaling mono all"];
+    let expected = ["s  stereo valid", "s  stereo all", "s full mono all", "s full fused all", "s no_scaling mono all"];
     assert_eq!((&of[..5], lines[6][13]), (expected.map(str::to_owned).as_slice(), "0.85"));
 }
 
@@ -153,31 +152,31 @@ fn the_long_form_says_what_each_row_is_of() {
 fn best_is_among_those_over_all_pixels() {
     let marked = marked(&table(false));
     assert_eq!((&marked[0][..], &marked[5][..]), ([5].as_slice(), [1].as_slice()));
-    assert_eq!(table(false).marks(), Some("best over all true pixels"));
+    assert_eq!(table(false).marks(), Some("best over all pixels with ground truth"));
 }
 
 #[test]
 fn disparities_beside_depths_have_their_best_on_every_comparable_set() {
     let d1 = Metric::named("d1").unwrap();
-    let disparity = |variant: &str| Estimator {
+    let disparity = |variant: &str| Estimate {
         family: Family::Disparity,
         settings: None,
         metrics: vec![d1],
         sets: PixelSet::ALL.to_vec(),
-        ..estimator(Some(variant), "disparity", &[])
+        ..estimate(Some(variant), "disparity", &[])
     };
-    let mut estimators = estimators();
-    estimators.extend([disparity("full"), disparity("no_scaling")]);
+    let mut estimates = estimates();
+    estimates.extend([disparity("full"), disparity("no_scaling")]);
     let mut scores = scores();
     for frame in ["0", "1"] {
-        for (estimator, value) in [(5, 0.3), (6, 0.2)] {
+        for (estimate, value) in [(5, 0.3), (6, 0.2)] {
             for set in PixelSet::ALL {
-                let row = ScoreRow { pixels: 8, truth: 8, answered: 7, ..ScoreRow::new(set, "") }.with(d1, value);
-                scores.push(FrameScore { row, ..score(frame, estimator, set, 0.0) });
+                let row = ScoreRow { pixels: 8, truth: 8, valid: 7, ..ScoreRow::new(set, "") }.with(d1, value);
+                scores.push(FrameScore { row, ..score(frame, estimate, set, 0.0) });
             }
         }
     }
-    let table = table_of(&scores, &estimators, false);
+    let table = table_of(&scores, &estimates, false);
     let line = table.metrics.iter().position(|metric| metric.name == "d1").unwrap();
     let marked: Vec<(&str, PixelSet)> = (0..table.rows.len())
         .filter(|row| table.rows[*row].best[line])
@@ -192,12 +191,12 @@ fn fault_02_frames_are_told_apart_by_their_place_and_not_by_their_id() {
     // The same frame asked for twice, and one of another street that happens to have its id.
     let mut scores = Vec::new();
     for (position, shift) in [(0, 0.0), (1, 0.0), (2, 0.3)] {
-        let rows = [(0, PixelSet::Answered), (0, PixelSet::All), (1, PixelSet::All)];
+        let rows = [(0, PixelSet::Valid), (0, PixelSet::All), (1, PixelSet::All)];
         let row =
-            |(estimator, set)| FrameScore { position: FrameIndex(position), ..score("7", estimator, set, 0.3 + shift) };
+            |(estimate, set)| FrameScore { position: FrameIndex(position), ..score("7", estimate, set, 0.3 + shift) };
         scores.extend(rows.map(row));
     }
-    let table = table_of(&scores, &estimators()[..2], false);
+    let table = table_of(&scores, &estimates()[..2], false);
     assert_eq!(table.about(), "mean over 3 frames");
     assert!(table.rows.iter().all(|column| (column.values[0].unwrap() - 0.4).abs() < 1e-12), "{table:?}");
 }
@@ -205,15 +204,14 @@ fn fault_02_frames_are_told_apart_by_their_place_and_not_by_their_id() {
 #[test]
 fn fault_20_only_what_is_comparable_is_marked() {
     let none = [const { Vec::<usize>::new() }; 8];
-    let two = |first: &Estimator, second: &Estimator, frames: [&[&str]; 2]| {
+    let two = |first: &Estimate, second: &Estimate, frames: [&[&str]; 2]| {
         let rows = |i: usize| frames[i].iter().map(move |frame| score(frame, i, PixelSet::All, 0.5 + 0.1 * i as f64));
         table_of(&rows(0).chain(rows(1)).collect::<Vec<_>>(), &[first.clone(), second.clone()], false)
     };
-    let (mono, fused) =
-        (estimator(Some("a"), "mono", &[PixelSet::All]), estimator(Some("a"), "fused", &[PixelSet::All]));
+    let (mono, fused) = (estimate(Some("a"), "mono", &[PixelSet::All]), estimate(Some("a"), "fused", &[PixelSet::All]));
     let same = two(&mono, &fused, [&["0", "1"], &["0", "1"]]);
     assert_eq!((&marked(&same)[0][..], &marked(&same)[3][..]), ([1].as_slice(), [0].as_slice()));
-    let elsewhere = Estimator { run: RunId(1), ..fused.clone() };
+    let elsewhere = Estimate { run: RunId(1), ..fused.clone() };
     assert_eq!(
         marked(&two(&mono, &elsewhere, [&["0", "1"], &["0", "1"]])),
         marked(&same),
@@ -222,33 +220,33 @@ fn fault_20_only_what_is_comparable_is_marked() {
     assert_eq!(marked(&two(&mono, &elsewhere, [&["0", "1"], &["0", "2"]])), none, "other frames");
     assert_eq!(marked(&two(&mono, &elsewhere, [&["0", "1"], &["0"]])), none, "fewer frames");
     let capped = Settings { max_m: 50.0, ..Settings::default() };
-    let capped = Estimator { settings: Some(capped), ..fused.clone() };
+    let capped = Estimate { settings: Some(capped), ..fused.clone() };
     assert_eq!(marked(&two(&mono, &capped, [&["0"], &["0"]])), none, "scored in another way");
-    let other_truth = Estimator { truth: Some("/s/lidar/depth".to_owned()), ..fused };
+    let other_truth = Estimate { truth: Some("/s/lidar/depth".to_owned()), ..fused };
     assert_eq!(marked(&two(&mono, &other_truth, [&["0"], &["0"]])), none, "against another truth");
     assert_eq!(
         marked(&table_of(&[score("0", 0, PixelSet::All, 0.5)], std::slice::from_ref(&mono), false)),
         none,
         "alone"
     );
-    let answered = [mono.clone(), mono].map(|mono| Estimator { sets: vec![PixelSet::Answered], ..mono });
-    let rows = [0, 1].map(|i| score("0", i, PixelSet::Answered, 0.5));
-    assert_eq!(marked(&table_of(&rows, &answered, false)), none, "on the pixels each answered");
+    let valid = [mono.clone(), mono].map(|mono| Estimate { sets: vec![PixelSet::Valid], ..mono });
+    let rows = [0, 1].map(|i| score("0", i, PixelSet::Valid, 0.5));
+    assert_eq!(marked(&table_of(&rows, &valid, false)), none, "on the pixels valid in each");
 }
 
 #[test]
 fn fault_20_sources_with_equal_ids_are_not_the_same_frames() {
-    let estimators = [estimator(Some("a"), "mono", &[PixelSet::All]), estimator(Some("b"), "mono", &[PixelSet::All])];
-    let estimators = [estimators[0].clone(), Estimator { run: RunId(1), ..estimators[1].clone() }];
+    let estimates = [estimate(Some("a"), "mono", &[PixelSet::All]), estimate(Some("b"), "mono", &[PixelSet::All])];
+    let estimates = [estimates[0].clone(), Estimate { run: RunId(1), ..estimates[1].clone() }];
     let rows = [score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
     let key = |run: RunId, _: FrameIndex| Some(Key::of_content(&[run.0 as u8]));
-    let table = table_of_sources(&rows, &estimators, false, &key);
+    let table = table_of_sources(&rows, &estimates, false, &key);
     assert_eq!(table.marks(), None);
-    assert!(table_of(&rows, &estimators, false).marks().is_some(), "of one source they would be");
+    assert!(table_of(&rows, &estimates, false).marks().is_some(), "of one source they would be");
 }
 
 #[test]
-fn fault_42_an_estimate_that_never_answered_is_never_best() {
+fn fault_42_an_estimate_that_never_valid_is_never_best() {
     let mut rows = vec![score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
     // What a missing answer everywhere gives: no pixel is near, and the spread of the log error is the truth's own.
     rows.push(FrameScore {
@@ -257,18 +255,18 @@ fn fault_42_an_estimate_that_never_answered_is_never_best() {
             "silog" => Some(0.01),
             _ => None,
         }),
-        estimator: 2,
+        estimate: 2,
         ..rows[0].clone()
     });
-    let estimators = ["mono", "fused", "absent"].map(|name| estimator(None, name, &[PixelSet::All]));
-    assert_eq!(marked(&table_of(&rows, &estimators, false))[7], [0]);
+    let estimates = ["mono", "fused", "absent"].map(|name| estimate(None, name, &[PixelSet::All]));
+    assert_eq!(marked(&table_of(&rows, &estimates, false))[7], [0]);
     // And a mean that is no number is not best either, whichever way is better.
     rows[2].row = changed(&rows[0].row, |metric| match metric {
         "a1" => Some(f64::INFINITY),
         "silog" => Some(f64::NEG_INFINITY),
         _ => None,
     });
-    let marked = marked(&table_of(&rows, &estimators, false));
+    let marked = marked(&table_of(&rows, &estimates, false));
     assert_eq!((&marked[0][..], &marked[7][..]), ([1].as_slice(), [0].as_slice()));
 }
 
@@ -286,9 +284,8 @@ fn markdown_text() {
 #[test]
 fn fault_38_latex_is_neither_a_poster_nor_a_hairline() {
     let names: Vec<String> = (0..48).map(|i| format!("variant_{i}")).collect();
-    let of_variant =
-        |name: &String| ["mono", "fused"].map(|estimate| estimator(Some(name), estimate, &[PixelSet::All]));
-    let many: Vec<Estimator> = names.iter().flat_map(of_variant).collect();
+    let of_variant = |name: &String| ["mono", "fused"].map(|kind| estimate(Some(name), kind, &[PixelSet::All]));
+    let many: Vec<Estimate> = names.iter().flat_map(of_variant).collect();
     let rows: Vec<FrameScore> = (0..many.len()).map(|i| score("0", i, PixelSet::All, 0.5)).collect();
     let latex = table_of(&rows, &many, false).table().latex();
     assert!(!latex.contains("resizebox"));

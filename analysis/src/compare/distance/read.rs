@@ -6,20 +6,20 @@ use polars::frame::DataFrame;
 use super::Median;
 use crate::error::AnalysisError;
 use crate::query::{Bins, Edges, OUTSIDE, numbers};
-use crate::samples::{DescribedEstimator, Part, SamplesFile};
+use crate::samples::{DescribedEstimate, Part, SamplesFile};
 
-/// What both have answered.
+/// The pixels valid in both.
 pub(super) struct Pixels {
     /// How many frames have such a pixel.
     pub(super) frames: usize,
     /// The bins with pixels, near ones first.
     pub(super) bins: Vec<OfBin>,
-    /// How many frames are of one of the two alone, and of how many the true pixels differ.
+    /// How many frames are of one of the two alone, and of how many the pixels with ground truth differ.
     alone: usize,
     other_truth: usize,
 }
 
-/// What both have answered in a bin.
+/// The pixels valid in both in a bin.
 pub(super) struct OfBin {
     pub(super) from_m: f64,
     pub(super) to_m: f64,
@@ -55,19 +55,20 @@ impl Pixels {
         }
         if self.other_truth > 0 {
             let frames = self.other_truth;
-            notes
-                .push(format!("{frames} frames do not count: other true pixels of {baseline} and {other} were scored"));
+            notes.push(format!(
+                "{frames} frames do not count: other pixels with ground truth of {baseline} and {other} were scored"
+            ));
         }
         if self.bins.is_empty() {
-            notes.push(format!("there is no pixel that {baseline} and {other} both answered"));
+            notes.push(format!("there is no pixel that is valid in both {baseline} and {other}"));
         }
         notes
     }
 }
 
-/// Reads the pixels that both of a pair answered.
+/// Reads the pixels that are valid in both of a pair.
 pub(super) fn pixels(
-    sides: [(&SamplesFile, &DescribedEstimator); 2],
+    sides: [(&SamplesFile, &DescribedEstimate); 2],
     bins: &Bins,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Pixels, AnalysisError> {
@@ -151,9 +152,9 @@ fn paired<'a>(parts: &[Vec<&'a Part>; 2]) -> Vec<[&'a Part; 2]> {
     paired
 }
 
-/// Truth and both estimates of a frame, where both answered; `None` if they were not scored on the same true pixels.
+/// Truth and both estimates of a frame, where both are valid; `None` if they were not scored on the same pixels with ground truth.
 fn both(
-    sides: [(&SamplesFile, &DescribedEstimator); 2],
+    sides: [(&SamplesFile, &DescribedEstimate); 2],
     parts: [&Part; 2],
 ) -> Result<Option<Vec<[f32; 3]>>, AnalysisError> {
     let computed = || AnalysisError::compute("errors of samples");

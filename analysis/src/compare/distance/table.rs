@@ -37,7 +37,7 @@ pub(super) fn comparison(
     let titles: Vec<String> =
         pairs.iter().map(|pair| format!("{} against {}", pair.estimates[1].title, pair.estimates[0].title)).collect();
     let about = format!(
-        "absolute error by true distance, metres, {}: pixels that both answered; interval of the difference: {}; p_holm: Wilcoxon signed rank over \
+        "absolute error by true distance, metres, {}: pixels that are valid in both; interval of the difference: {}; p_holm: Wilcoxon signed rank over \
          frames, two-sided, corrected for the bins of a statistic; verdict: p_holm below {} and an interval without 0",
         titles.join(", "),
         resampling.about(),
@@ -98,12 +98,12 @@ fn columns(pairs: &[(&DistancePair, &DistanceRow)], several_pairs: bool, resampl
     let mut columns = vec![
         rows.key("stage", |(pair, _)| &pair.estimates[1].stage).in_files(),
         rows.key("variant", |(pair, _)| pair.estimates[1].variant.as_ref()).in_files(),
-        rows.key("estimator", |(pair, _)| &pair.estimates[1].estimator).in_files(),
+        rows.key("estimate", |(pair, _)| &pair.estimates[1].estimate).in_files(),
         rows.key("run", |(pair, _)| &pair.estimates[1].run).in_files(),
         rows.key("baseline_run", |(pair, _)| &pair.estimates[0].run).in_files(),
         rows.key("baseline_stage", |(pair, _)| &pair.estimates[0].stage).in_files(),
         rows.key("baseline_variant", |(pair, _)| pair.estimates[0].variant.as_ref()).in_files(),
-        rows.key("baseline_estimator", |(pair, _)| &pair.estimates[0].estimator).in_files(),
+        rows.key("baseline_estimate", |(pair, _)| &pair.estimates[0].estimate).in_files(),
     ];
     if several_pairs {
         columns.push(rows.key("other", |(pair, _)| &pair.estimates[1].title).once().in_text());

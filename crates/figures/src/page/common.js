@@ -35,10 +35,10 @@ function short(number, digits = 4) {
 const unitOf = (metric) => D.table?.metrics.find((one) => one.name === metric)?.unit || "";
 const plainOf = (metric) => D.table?.metrics.find((one) => one.name === metric)?.plain || metric;
 
-/** Estimators of one name have one colour; what tells them apart are dashes. */
+/** Estimates of one name have one colour; what tells them apart are dashes. */
 const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [4, 2], [14, 4], [2, 6], [6, 2, 2, 2, 2, 2]];
 const seen = new Map();
-for (const of of D.estimators) {
+for (const of of D.estimates) {
   const place = seen.get(of.name) ?? 0;
   seen.set(of.name, place + 1);
   of.dash = DASHES[place % DASHES.length];

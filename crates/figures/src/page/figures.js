@@ -76,40 +76,40 @@ const zoomButtons = (now) => [
 /** A table beside the pointer. */
 const hoverTable = (title, head, rows) => el("div", {}, el("b", {}, title), el("table", {}, el("thead", {}, el("tr", {}, head.map((text) => el("th", {}, text)))), el("tbody", {}, rows)));
 
-/** The estimators that are ticked at first: all of few; of many those all variants share, then the best of each name by the table's first error, then the next best. */
+/** The estimates that are ticked at first: all of few; of many those all variants share, then the best of each name by the table's first error, then the next best. */
 const FEW = 7;
 function atFirst(places) {
   if (places.length <= FEW) return places;
   const metrics = D.table?.metrics ?? [], error = metrics.findIndex((metric) => !metric.more), by = Math.max(0, error);
   const value = (place) => {
-    const of = D.estimators[place], row = D.table?.rows.find((row) => row.stage === of.stage && row.variant === of.variant && row.estimator === of.name && row.set === of.set);
+    const of = D.estimates[place], row = D.table?.rows.find((row) => row.stage === of.stage && row.variant === of.variant && row.estimate === of.name && row.set === of.set);
     const mean = row?.means[by] ?? null;
     return mean === null ? Infinity : metrics[by].more ? -mean : mean;
   };
-  const shared = places.filter((place) => D.estimators[place].variant === null);
+  const shared = places.filter((place) => D.estimates[place].variant === null);
   const ranked = places.filter((place) => !shared.includes(place)).map((place) => [value(place), place]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : a[0] - b[0]));
   // The best of each name first, for of one method the best few are often alike.
-  const isFirst = ([, place], i) => ranked.findIndex(([, other]) => D.estimators[other].name === D.estimators[place].name) === i;
+  const isFirst = ([, place], i) => ranked.findIndex(([, other]) => D.estimates[other].name === D.estimates[place].name) === i;
   const others = [...ranked.filter(isFirst), ...ranked.filter((one, i) => !isFirst(one, i))];
   const chosen = new Set([...shared, ...others.map(([, place]) => place)].slice(0, Math.max(5, Math.min(shared.length + 1, FEW))));
   return places.filter((place) => chosen.has(place));
 }
 const tickedAtFirst = (places) => (places.length <= FEW ? "" : ` Ticked at first: what all variants share, and the best by ${(D.table?.metrics.find((metric) => !metric.more) ?? D.table?.metrics[0])?.name ?? "their order"}.`);
 
-const named = (place) => ({ key: place, inner: [swatch(D.estimators[place]), D.estimators[place].label] });
+const named = (place) => ({ key: place, inner: [swatch(D.estimates[place]), D.estimates[place].label] });
 
 function distanceFigure() {
-  const all = D.distances.estimators;
+  const all = D.distances.estimates;
   if (!all.length) return without("distance");
-  const by = new Map(all.map((of) => [of.estimator, of]));
+  const by = new Map(all.map((of) => [of.estimate, of]));
   const anyCommon = all.some((of) => of.common.count.some((count) => count > 0));
-  const state = { set: anyCommon ? "common" : "answered", on: new Set(atFirst([...by.keys()])), wide: false, bands: true, log: false, figure: null, counts: null };
+  const state = { set: anyCommon ? "common" : "valid", on: new Set(atFirst([...by.keys()])), wide: false, bands: true, log: false, figure: null, counts: null };
   const plot = el("div", { className: "plot", id: "distance-plot" }), histogram = el("div", { className: "plot", id: "distance-counts" });
   const truth = new Map(D.distances.truth);
   const metres = [...new Set([...truth.keys(), ...all.flatMap((of) => of.metres)])].sort((a, b) => a - b);
   const x = metres.map((metre) => metre + 0.5);
   const xRange = [metres[0], metres[metres.length - 1] + 1];
-  const at = new Map(all.map((of) => [of.estimator, new Map(of.metres.map((metre, i) => [metre, i]))]));
+  const at = new Map(all.map((of) => [of.estimate, new Map(of.metres.map((metre, i) => [metre, i]))]));
   const count = (place, metre) => { const i = at.get(place).get(metre); return i === undefined ? 0 : by.get(place)[state.set].count[i]; };
   const value = (place, percentile, metre) => { const i = at.get(place).get(metre); return i === undefined ? null : by.get(place)[state.set].percentiles[percentile][i]; };
   const show = () => {
@@ -120,7 +120,7 @@ function distanceFigure() {
     let middle = 0, low = Infinity;
     const tops = [];
     for (const place of on) {
-      const of = D.estimators[place], first = lines.length;
+      const of = D.estimates[place], first = lines.length;
       const column = (percentile, keep) => metres.map((metre) => { const number = value(place, percentile, metre); return number === null || !keep(metre) || (state.log && number <= 0) ? null : number; });
       const sure = (metre) => !thin(place, metre);
       for (const percentile of [0, 1, 3, 4]) lines.push({ values: column(percentile, sure), stroke: "transparent", width: 0 });
@@ -143,10 +143,10 @@ function distanceFigure() {
     const told = (i) => {
       const metre = metres[i];
       const rows = on.filter((place) => count(place, metre) > 0).map((place) => el("tr", {},
-        el("td", { className: "text" }, swatch(D.estimators[place]), " ", D.estimators[place].label),
+        el("td", { className: "text" }, swatch(D.estimates[place]), " ", D.estimates[place].label),
         [2, 1, 3, 0, 4].map((percentile) => el("td", {}, short(value(place, percentile, metre), 3))),
         el("td", {}, count(place, metre).toLocaleString("en"), thin(place, metre) ? " (few)" : "")));
-      return hoverTable(`true distance ${metre} to ${metre + 1} m: ${(truth.get(metre) ?? 0).toLocaleString("en")} true pixels`, ["|error| in m", "median", "25 %", "75 %", "5 %", "95 %", "pixels"], rows);
+      return hoverTable(`true distance ${metre} to ${metre + 1} m: ${(truth.get(metre) ?? 0).toLocaleString("en")} pixels with ground truth`, ["|error| in m", "median", "25 %", "75 %", "5 %", "95 %", "pixels"], rows);
     };
     const zoomed = state.figure?.plot.zoomed ? { ...state.figure.plot.scales.x } : null;
     state.figure?.gone();
@@ -154,16 +154,16 @@ function distanceFigure() {
     const yRange = state.log ? [Math.max(low === Infinity ? 0.01 : low, high / 1e5 || 0.01), Math.max(high, 0.02)] : [0, (high || 1) * 1.04];
     state.figure = figure(plot, { x, lines, bands, height: 360, xLabel: "true distance, m", yLabel: "|error|, m", yRange, xRange, log: state.log, told, sync: "distance" });
     const counts = metres.map((metre) => truth.get(metre) ?? 0);
-    state.counts = figure(histogram, { x, lines: [{ values: counts, stroke: "#8d99ae", fill: "#8d99ae66", width: 1 }], height: 130, xLabel: "true distance, m", yLabel: "true pixels", xRange, yRange: [0, Math.max(1, ...counts) * 1.05], bars: true, sync: "distance", told: (i) => el("span", {}, `${metres[i]} to ${metres[i] + 1} m: ${counts[i].toLocaleString("en")} true pixels`) });
+    state.counts = figure(histogram, { x, lines: [{ values: counts, stroke: "#8d99ae", fill: "#8d99ae66", width: 1 }], height: 130, xLabel: "true distance, m", yLabel: "pixels with ground truth", xRange, yRange: [0, Math.max(1, ...counts) * 1.05], bars: true, sync: "distance", told: (i) => el("span", {}, `${metres[i]} to ${metres[i] + 1} m: ${counts[i].toLocaleString("en")} pixels with ground truth`) });
     if (zoomed) [state.figure, state.counts].forEach((of) => { of.plot.zoomed = true; of.plot.setScale("x", { min: zoomed.min, max: zoomed.max }); });
   };
   const box = (text, name) => label(text, el("input", { type: "checkbox", checked: state[name], onchange: (event) => { state[name] = event.target.checked; show(); } }));
   const both = () => ({ zoom: (factor) => [state.figure, state.counts].forEach((of) => of.zoom(factor)), reset: () => [state.figure, state.counts].forEach((of) => of.reset()) });
   byId("distance-body").append(
-    el("p", { className: "quiet" }, `The absolute error in each metre of true distance: line: median; band: 25 to 75 %. A hollow dot is a bin of fewer than ${THIN} pixels. Drag to zoom, double-click for all.${D.estimators_in_all > D.estimators.length ? ` Of ${D.estimators_in_all} estimators, those that all variants share and the best by ${D.table.metrics[0].name} are here: ${D.estimators.length}; error_vs_distance.csv has all.` : ""}${tickedAtFirst([...by.keys()])}`),
-    ticks("estimators", [...by.keys()].map(named), state.on, (on) => { state.on = on; show(); }),
+    el("p", { className: "quiet" }, `The absolute error in each metre of true distance: line: median; band: 25 to 75 %. A hollow dot is a bin of fewer than ${THIN} pixels. Drag to zoom, double-click for all.${D.estimates_in_all > D.estimates.length ? ` Of ${D.estimates_in_all} estimates, those that all variants share and the best by ${D.table.metrics[0].name} are here: ${D.estimates.length}; error_vs_distance.csv has all.` : ""}${tickedAtFirst([...by.keys()])}`),
+    ticks("estimates", [...by.keys()].map(named), state.on, (on) => { state.on = on; show(); }),
     el("div", { className: "controls" },
-      anyCommon ? label("over", choose([["common", "the pixels that all estimators answered"], ["answered", "all that each answered"]], state.set, (set) => { state.set = set; show(); })) : "Each over the pixels it answered, which are not the same ones.",
+      anyCommon ? label("over", choose([["common", "the pixels that are valid in all estimates"], ["valid", "all valid pixels of each"]], state.set, (set) => { state.set = set; show(); })) : "Each over the pixels it valid, which are not the same ones.",
       box("25 to 75 %", "bands"), box("5 to 95 % too", "wide"), box("logarithmic", "log"), zoomButtons(both)),
     plot, histogram);
   show();
@@ -174,7 +174,7 @@ function frameFigure() {
   if (!parts.length) return without("by-frame");
   const state = { part: parts[0], metric: null, set: null, on: new Set(), figure: null };
   const plot = el("div", { className: "plot", id: "by-frame-plot" }), controls = el("div"), told = el("p", { className: "quiet" });
-  const lines = () => state.part.lines.filter((line) => line.set === state.set && state.on.has(line.estimator) && line.values[state.metric]);
+  const lines = () => state.part.lines.filter((line) => line.set === state.set && state.on.has(line.estimate) && line.values[state.metric]);
   const show = () => {
     const part = state.part, shown = lines();
     state.figure?.gone();
@@ -183,8 +183,8 @@ function frameFigure() {
     state.figure = figure(plot, {
       x, height: 300, whole: true, xLabel: "frame, by position", yLabel: [plainOf(state.metric), unitOf(state.metric)].filter(Boolean).join(", "),
       xRange: [x[0] - 0.5, x[x.length - 1] + 0.5],
-      lines: shown.map((line) => ({ values: line.values[state.metric], stroke: D.estimators[line.estimator].colour, dash: D.estimators[line.estimator].dash, width: 1.5, points })),
-      told: (i) => hoverTable(`${part.ids[i]} (position ${x[i]})`, ["", plainOf(state.metric), "pixels"], shown.map((line) => el("tr", {}, el("td", { className: "text" }, swatch(D.estimators[line.estimator]), " ", D.estimators[line.estimator].label), el("td", {}, short(line.values[state.metric][i])), el("td", {}, line.pixels[i]?.toLocaleString("en") ?? "–")))),
+      lines: shown.map((line) => ({ values: line.values[state.metric], stroke: D.estimates[line.estimate].colour, dash: D.estimates[line.estimate].dash, width: 1.5, points })),
+      told: (i) => hoverTable(`${part.ids[i]} (position ${x[i]})`, ["", plainOf(state.metric), "pixels"], shown.map((line) => el("tr", {}, el("td", { className: "text" }, swatch(D.estimates[line.estimate]), " ", D.estimates[line.estimate].label), el("td", {}, short(line.values[state.metric][i])), el("td", {}, line.pixels[i]?.toLocaleString("en") ?? "–")))),
       pressed: (i) => goTo(part.run, x[i]),
     });
     told.textContent = `A press goes to the frame's pictures. Drag to zoom, double-click for all.${part.positions.length < part.frames ? ` ${part.positions.length} of ${part.frames.toLocaleString("en")} frames; scores.csv has all.` : ""}`;
@@ -195,10 +195,10 @@ function frameFigure() {
     const sets = [...new Set(part.lines.map((line) => line.set))];
     state.metric = metrics.includes(state.metric) ? state.metric : metrics.includes("abs_rel") ? "abs_rel" : metrics[0];
     state.set = sets.includes(state.set) ? state.set : sets.includes("all") ? "all" : sets[0];
-    const places = [...new Set(part.lines.map((line) => line.estimator))];
+    const places = [...new Set(part.lines.map((line) => line.estimate))];
     state.on = new Set(atFirst(places));
     controls.replaceChildren(
-      ticks("estimators", places.map(named), state.on, (on) => { state.on = on; show(); }),
+      ticks("estimates", places.map(named), state.on, (on) => { state.on = on; show(); }),
       el("div", { className: "controls" },
         parts.length > 1 ? label("stage", choose(parts.map((of) => [of.name, of.name]), part.name, (name) => { state.part = parts.find((of) => of.name === name); setUp(); })) : null,
         label("score", choose(metrics.map((name) => [name, plainOf(name)]), state.metric, (metric) => { state.metric = metric; show(); })),

@@ -373,15 +373,15 @@ function frameViews() {
     range.focus({ preventScroll: true });
   };
 
-  // The frames that an estimator is worst and best on.
+  // The frames that an estimate is worst and best on.
   const jumps = () => {
     const part = D.scores.find((of) => of.run === state.part.run);
     jump.replaceChildren();
     if (!part) return;
     const pictured = new Set(state.part.frames.map((frame) => frame.position));
-    const lines = part.lines.filter((line) => line.set === D.estimators[line.estimator].set || !part.lines.some((of) => of.estimator === line.estimator && of.set === D.estimators[line.estimator].set));
+    const lines = part.lines.filter((line) => line.set === D.estimates[line.estimate].set || !part.lines.some((of) => of.estimate === line.estimate && of.set === D.estimates[line.estimate].set));
     if (!lines.length) return;
-    const of = { line: lines.find((line) => D.estimators[line.estimator].name.startsWith("fus")) ?? lines[0], metric: null };
+    const of = { line: lines.find((line) => D.estimates[line.estimate].name.startsWith("fus")) ?? lines[0], metric: null };
     const chips = el("div");
     const list = () => {
       const metrics = Object.keys(of.line.values);
@@ -394,7 +394,7 @@ function frameViews() {
       const select = (options, chosen, change, name) => { const made = choose(options, chosen, change); made.ariaLabel = name; return made; };
       chips.replaceChildren(
         el("div", { className: "controls" }, most ? "Worst and best frames of" : "The only frame of",
-          select(lines.map((line, i) => [String(i), D.estimators[line.estimator].label]), String(lines.indexOf(of.line)), (i) => { of.line = lines[+i]; list(); }, "estimator"), "by",
+          select(lines.map((line, i) => [String(i), D.estimates[line.estimate].label]), String(lines.indexOf(of.line)), (i) => { of.line = lines[+i]; list(); }, "estimate"), "by",
           select(metrics.map((name) => [name, plainOf(name)]), of.metric, (name) => { of.metric = name; list(); }, "score")),
         most ? el("div", { className: "chips" }, el("b", {}, "worst"), ranked.slice(0, most).map(chip)) : el("div", { className: "chips" }, ranked.map(chip)),
         most ? el("div", { className: "chips" }, el("b", {}, "best"), ranked.slice(-most).reverse().map(chip)) : "");
@@ -438,7 +438,7 @@ function frameViews() {
   const steps = D.steps, all = D.pictures.reduce((sum, part) => sum + part.frames_in_all, 0), here = parts.reduce((sum, part) => sum + part.frames.length, 0);
   const reduced = [
     here < all ? `${here} of ${all.toLocaleString("en")} frames are here: ${D.every > 1 ? `of every ${D.every}th frame maps were recorded; ` : ""}spread evenly, with the worst and the best` : null,
-    parts.some((part) => part.layers.length < part.maps_in_all && part.layers.every((layer) => layer.there)) ? `${parts.map((part) => `${part.layers.length} of ${part.maps_in_all}`).join(", ")} recorded maps: those of the estimators shown` : null,
+    parts.some((part) => part.layers.length < part.maps_in_all && part.layers.every((layer) => layer.there)) ? `${parts.map((part) => `${part.layers.length} of ${part.maps_in_all}`).join(", ")} recorded maps: those of the estimates shown` : null,
     `maps are at most ${steps.widest} columns wide, each sample one recorded pixel; depths are exact to ${short(50 * steps.depth, 2)} %, disparities to 1/${Math.round(2 / steps.disparity_px)} px, weights to 1/512`,
   ].filter(Boolean);
   box.append(

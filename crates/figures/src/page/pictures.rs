@@ -124,8 +124,8 @@ pub struct Layer {
     pub role: Role,
     /// The name of what it carries.
     pub value_type: String,
-    /// Of an estimate: its estimators.
-    pub estimators: Vec<usize>,
+    /// Of an estimate: its estimates.
+    pub estimates: Vec<usize>,
     /// Of the first of these: the place of the ground truth among the layers.
     pub truth: Option<usize>,
     /// How the first of them is scored, if it is aligned before: it is shown as it is scored.

@@ -13,16 +13,16 @@ function scoreTable() {
   const columns = [
     several((row) => row.stage) && { name: "stage", text: true, of: (row) => row.stage },
     several((row) => row.variant) && !areNames && { name: "variant", text: true, of: (row) => row.variant ?? "" },
-    { name: "estimator", text: true, of: (row) => row.estimator, about: (row) => row.variant },
+    { name: "estimate", text: true, of: (row) => row.estimate, about: (row) => row.variant },
     several((row) => row.set) && { name: "set", text: true, of: (row) => row.set },
     ...axes.filter((axis) => several(axis.of)),
     ...T.metrics.map((metric, i) => ({ name: metric.name, head: metric.plain || metric.name, metric, i, of: (row) => row.means[i] })),
-    { name: "density", of: (row) => row.density, decimals: 3, title: "the share of true pixels that was answered" },
+    { name: "density", of: (row) => row.density, decimals: 3, title: "the share of pixels with ground truth that are valid" },
     { name: "frames", of: (row) => row.frames, decimals: 0, title: "frames with a pixel to score" },
   ].filter(Boolean);
   const cell = (column, row) => {
     const value = column.of(row);
-    if (column.text) return el("td", { className: "text", title: column.about?.(row) ?? value ?? "" }, column.name === "estimator" ? [el("span", { className: "swatch", style: { borderTopColor: row.colour, width: "1em", verticalAlign: "middle", marginRight: ".4em" } }), value] : value ?? "");
+    if (column.text) return el("td", { className: "text", title: column.about?.(row) ?? value ?? "" }, column.name === "estimate" ? [el("span", { className: "swatch", style: { borderTopColor: row.colour, width: "1em", verticalAlign: "middle", marginRight: ".4em" } }), value] : value ?? "");
     const decimals = column.metric?.decimals ?? column.decimals;
     const text = value === null ? "–" : column.name === "frames" ? value.toLocaleString("en") : value.toFixed(decimals);
     const td = el("td", { title: value === null ? "" : String(value) }, text);
@@ -67,7 +67,7 @@ function scoreTable() {
         el("small", {}, metric?.unit || aside || "\u00a0"));
     }));
     const words = state.filter.toLowerCase().split(/\s+/).filter(Boolean);
-    const text = (row) => [row.stage, row.variant, row.estimator, row.set].join(" ").toLowerCase();
+    const text = (row) => [row.stage, row.variant, row.estimate, row.set].join(" ").toLowerCase();
     let rows = T.rows.filter((row) => words.every((word) => text(row).includes(word)));
     if (state.sort) rows = [...rows].sort((a, b) => compare(state.sort, a, b));
     const shown = state.all ? rows : rows.slice(0, AT_FIRST);

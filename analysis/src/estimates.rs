@@ -1,4 +1,4 @@
-//! What a recording scored: estimators, in the order of every table and plot.
+//! What a recording scored: estimates, in the order of every table and plot.
 
 use std::collections::HashSet;
 
@@ -15,7 +15,7 @@ const DISPARITY: &str = "score/disparity";
 
 /// An estimate that was scored against the truth.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Estimator {
+pub struct Estimate {
     /// What people call it: `name` if it is the same in all variants, else `variant/name`.
     pub label: String,
     /// Its name under `estimates:`: that in tables, where stage and variant stand beside it.
@@ -48,7 +48,7 @@ pub struct Estimator {
     pub truth: Option<String>,
 }
 
-/// The recorded maps that an estimator's error against distance is computed from.
+/// The recorded maps that an estimate's error against distance is computed from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Compared<'a> {
     pub(crate) truth_topic: &'a str,
@@ -56,7 +56,7 @@ pub(crate) struct Compared<'a> {
     pub(crate) settings: &'a Settings,
 }
 
-impl Estimator {
+impl Estimate {
     /// Its maps; `None` of disparities, and if one of the maps was not recorded.
     pub(crate) fn compared(&self) -> Option<Compared<'_>> {
         let (truth_topic, estimate_topic) = (self.truth_topic.as_deref()?, self.estimate_topic.as_deref()?);
@@ -64,13 +64,13 @@ impl Estimator {
     }
 }
 
-/// The estimators of a recording: those that all variants share first, then variant by variant in the order of the
+/// The estimates of a recording: those that all variants share first, then variant by variant in the order of the
 /// file.
 ///
 /// # Errors
 /// If a score node's parameters are not those of a kind `score/*` this version knows, or something in the plan points
 /// outside it.
-pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, AnalysisError> {
+pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisError> {
     let all = || {
         RunId::enumerate(&plan.runs).flat_map(|(r, run)| run.estimates.iter().map(move |estimate| (r, run, estimate)))
     };
@@ -103,7 +103,7 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
         let from =
             |port: &str| scoring.and_then(|node| node.inputs.iter().find(|input| input.port == port)?.from.clone());
         let place = estimate.variant.map_or(0, |v| v.0 + 1);
-        let estimator = Estimator {
+        let estimate = Estimate {
             label,
             name: estimate.name.clone(),
             lead,
@@ -120,34 +120,34 @@ pub(crate) fn estimators(plan: &RecordedPlan) -> Result<Vec<Estimator>, Analysis
             estimate: from("estimate"),
             truth: from("truth"),
         };
-        ordered.push((place, estimator));
+        ordered.push((place, estimate));
     }
     ordered.sort_by_key(|(place, _)| *place);
-    Ok(ordered.into_iter().map(|(_, estimator)| estimator).collect())
+    Ok(ordered.into_iter().map(|(_, estimate)| estimate).collect())
 }
 
-/// The columns of tables whose rows are of an estimator on a pixel set; `more` stands before the axes.
-pub(crate) fn estimator_columns<'r, R>(
+/// The columns of tables whose rows are of an estimate on a pixel set; `more` stands before the axes.
+pub(crate) fn estimate_columns<'r, R>(
     rows: &'r [R],
-    key: impl Fn(&'r R) -> (&'r Estimator, &'r str),
+    key: impl Fn(&'r R) -> (&'r Estimate, &'r str),
     more: Option<Column>,
 ) -> Vec<Column> {
     let cells = Rows(rows);
-    let mut own = vec![cells.key("estimator", |row| &key(row).0.name), cells.key("set", |row| key(row).1)];
+    let mut own = vec![cells.key("estimate", |row| &key(row).0.name), cells.key("set", |row| key(row).1)];
     own.extend(more);
     key_columns(rows, |row| &key(row).0.lead, own)
 }
 
-/// The names that estimators go by, each once: those under `estimates:`, then labels.
-pub(crate) fn names_of(estimators: &[Estimator]) -> Vec<&str> {
-    let names = estimators.iter().map(|of| of.name.as_str());
+/// The names that estimates go by, each once: those under `estimates:`, then labels.
+pub(crate) fn names_of(estimates: &[Estimate]) -> Vec<&str> {
+    let names = estimates.iter().map(|of| of.name.as_str());
     let mut seen = HashSet::new();
-    names.chain(estimators.iter().map(|of| of.label.as_str())).filter(|name| seen.insert(*name)).collect()
+    names.chain(estimates.iter().map(|of| of.label.as_str())).filter(|name| seen.insert(*name)).collect()
 }
 
-/// Whether a pattern names an estimator, by its label or its name; several patterns have commas between.
-pub(crate) fn is_of(estimator: &Estimator, patterns: &str) -> bool {
-    is_pattern_of(patterns, &estimator.label) || is_pattern_of(patterns, &estimator.name)
+/// Whether a pattern names an estimate, by its label or its name; several patterns have commas between.
+pub(crate) fn is_of(estimate: &Estimate, patterns: &str) -> bool {
+    is_pattern_of(patterns, &estimate.label) || is_pattern_of(patterns, &estimate.name)
 }
 
 pub(crate) fn is_pattern_of(patterns: &str, name: &str) -> bool {
@@ -155,12 +155,12 @@ pub(crate) fn is_pattern_of(patterns: &str, name: &str) -> bool {
     glob(patterns, name) || patterns.split(',').any(|pattern| glob(pattern.trim(), name))
 }
 
-/// That each of the patterns names an estimator.
-pub(crate) fn each_names_one(patterns: &str, estimators: &[Estimator]) -> Result<(), AnalysisError> {
-    let names = names_of(estimators);
+/// That each of the patterns names an estimate.
+pub(crate) fn each_names_one(patterns: &str, estimates: &[Estimate]) -> Result<(), AnalysisError> {
+    let names = names_of(estimates);
     let is_one = |pattern: &str| names.iter().any(|name| glob(pattern, name));
     match patterns.split(',').map(str::trim).find(|pattern| !is_one(pattern)) {
-        Some(pattern) if !is_one(patterns) => Err(unknown("estimator", pattern, names.iter().copied())),
+        Some(pattern) if !is_one(patterns) => Err(unknown("estimate", pattern, names.iter().copied())),
         _ => Ok(()),
     }
 }
@@ -209,7 +209,7 @@ fn asked(kind: &str, params: &serde_json::Value) -> Result<Asked, String> {
 }
 
 #[cfg(test)]
-impl Estimator {
+impl Estimate {
     /// One of depths, scored as the paper does.
     pub(crate) fn of_depths(label: &str, variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Self {
         Self {
@@ -256,11 +256,11 @@ mod tests {
     #[test]
     fn what_is_null_is_the_presets() {
         let params = json!({
-            "preset": "monodepth2", "sets": ["answered", "all"], "min_m": null, "max_m": 50.0, "missing_m": null,
+            "preset": "monodepth2", "sets": ["valid", "all"], "min_m": null, "max_m": 50.0, "missing_m": null,
             "crop": "eigen", "median_scaling": null, "sq_rel": null, "silog": "hundred-deviation",
         });
         let (sets, read) = settings(&params).unwrap();
-        assert_eq!(sets, [PixelSet::Answered, PixelSet::All]);
+        assert_eq!(sets, [PixelSet::Valid, PixelSet::All]);
         let preset = Preset::Monodepth2.settings();
         let silog = ScaleInvariant::HundredDeviation;
         assert_eq!(read, Settings { max_m: 50.0, crop: Crop::Eigen, silog, ..preset });
@@ -292,7 +292,7 @@ mod tests {
                 }],
             }],
         });
-        let read = |plan: &serde_json::Value| estimators(&RecordedPlan::deserialize(plan).unwrap());
+        let read = |plan: &serde_json::Value| estimates(&RecordedPlan::deserialize(plan).unwrap());
         assert_eq!(read(&plan).unwrap()[0].lead.variant.as_deref(), Some("b"));
         plan["runs"][0]["estimates"][0]["variant"] = json!(9);
         let error = read(&plan).unwrap_err().to_string();
