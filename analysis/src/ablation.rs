@@ -52,11 +52,11 @@ use crate::tables::COMMON;
 /// What of a recording's scores a table is of.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
-    /// Whether scores are taken again from recorded maps, of those pixels with ground truth alone that all selected estimates
-    /// valid.
+    /// Whether scores are taken again from recorded maps, of those pixels with ground truth alone that all selected
+    /// estimates valid.
     pub common: bool,
-    /// The pixel set; `None`: of each estimate every pixel with ground truth, or where it was not scored on those, what it was
-    /// scored on.
+    /// The pixel set; `None`: of each estimate every pixel with ground truth, or where it was not scored on those, what
+    /// it was scored on.
     pub set: Option<PixelSet>,
     /// Whether depths are there besides where disparities alone have the pixel set.
     pub with_depths: bool,
@@ -439,8 +439,9 @@ impl<'a> Ablation<'a> {
     }
 }
 
-/// The pixels that an estimate's scores are taken over: those that are asked for, or every pixel with ground truth where that was
-/// scored. A depth is never filled: where that is asked for, and depths too, theirs are as if nothing was.
+/// The pixels that an estimate's scores are taken over: those that are asked for, or every pixel with ground truth
+/// where that was scored. A depth is never filled: where that is asked for, and depths too, theirs are as if nothing
+/// was.
 fn set_of(estimate: &Estimate, selection: &Selection) -> Option<PixelSet> {
     let is_other_kind = selection.set == Some(PixelSet::Filled) && estimate.family == Family::Depth;
     match selection.set {

@@ -56,8 +56,8 @@ pub struct Inquiry {
 }
 
 impl Default for Inquiry {
-    /// By distance, a metre a bin; the five percentiles of the paper's figure, over the valid pixels of each estimate, in
-    /// metres; a quarter of the distance is gross.
+    /// By distance, a metre a bin; the five percentiles of the paper's figure, over the valid pixels of each estimate,
+    /// in metres; a quarter of the distance is gross.
     fn default() -> Self {
         Self {
             by: By::Distance,

@@ -46,8 +46,8 @@ pub(super) fn parse_confidence(text: &str) -> Result<f64, String> {
 /// What errors are compared by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum CompareBy {
-    /// The true distance: absolute errors of the pixels that are valid in both, bin by bin, and where one should hand over
-    /// to the other.
+    /// The true distance: absolute errors of the pixels that are valid in both, bin by bin, and where one should hand
+    /// over to the other.
     Distance,
 }
 

@@ -20,7 +20,8 @@ pub(crate) enum SetOption {
     Valid,
     /// Of disparities: every pixel with ground truth, after the benchmark's filling of invalid pixels.
     Filled,
-    /// Of depths, taken again from recorded maps: the pixels with ground truth that are valid in all selected estimates.
+    /// Of depths, taken again from recorded maps: the pixels with ground truth that are valid in all selected
+    /// estimates.
     Common,
 }
 
@@ -156,12 +157,12 @@ pub(crate) struct TableArgs {
     #[arg(long, value_enum, default_value = "variant")]
     pub rows: RowsOption,
 
-    /// The columns behind the axes, with commas between: scores, `density` (the share of pixels with ground truth that were
-    /// valid), `ms` (core-milliseconds a frame: the processor time of all nodes that the estimate is computed from,
-    /// as if it had been run alone; a node that several share counts for each; without reading, scoring, recording and
-    /// learning), `frames`, `pixels`. Scores of depths and of disparities stand in one row where the depth is made of
-    /// the disparity by `depth/from-disparity`; `disparity_density`, `disparity_frames` and `disparity_pixels` are then
-    /// the disparity's.
+    /// The columns behind the axes, with commas between: scores, `density` (the share of pixels with ground truth that
+    /// were valid), `ms` (core-milliseconds a frame: the processor time of all nodes that the estimate is computed
+    /// from, as if it had been run alone; a node that several share counts for each; without reading, scoring,
+    /// recording and learning), `frames`, `pixels`. Scores of depths and of disparities stand in one row where the
+    /// depth is made of the disparity by `depth/from-disparity`; `disparity_density`, `disparity_frames` and
+    /// `disparity_pixels` are then the disparity's.
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
     pub columns: Vec<String>,
 

@@ -31,7 +31,7 @@ stages:
       truth: source/depth
       preset: paper
       estimates:
-        stereo: { from: depth/depth, sets: [answered, all] }
+        stereo: { from: depth/depth, sets: [valid, all] }
         mono: scaled/depth
         fused: merged/depth
 variants:
@@ -79,7 +79,7 @@ stages:
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 32 } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
-    score: { truth: source/depth, estimates: { stereo: { from: depth/depth, sets: [answered, all] } } }
+    score: { truth: source/depth, estimates: { stereo: { from: depth/depth, sets: [valid, all] } } }
 ";
 
 /// What is the same for all cases.

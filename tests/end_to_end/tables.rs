@@ -236,8 +236,8 @@ fn every_format_is_what_it_says_and_latex_compiles() {
     }
 }
 
-/// Where one estimate is dense, the pixels valid in both are those valid in the other: its scores are those over its own
-/// pixels.
+/// Where one estimate is dense, the pixels valid in both are those valid in the other: its scores are those over its
+/// own pixels.
 #[test]
 fn what_all_valid_is_scored_from_recorded_maps() {
     let experiment = "experiment: common

@@ -24,8 +24,8 @@ pub struct BestValue {
     pub label: String,
 }
 
-/// The best of a recording's estimates over all pixels with ground truth, or the only one; `None` where none can be compared with
-/// another.
+/// The best of a recording's estimates over all pixels with ground truth, or the only one; `None` where none can be
+/// compared with another.
 ///
 /// # Errors
 /// As [`answer`](super::answer()); nothing to be scored is one.

@@ -124,7 +124,8 @@ mod tests {
         RecordedPlan::deserialize(plan).unwrap()
     }
 
-    /// `depth`, `smooth` and `disparity` of the first variant, then of the second; disparities have fewer pixels with ground truth.
+    /// `depth`, `smooth` and `disparity` of the first variant, then of the second; disparities have fewer pixels with
+    /// ground truth.
     fn ask(ranking: &Ranking, selection: &Selection) -> Result<Table, AnalysisError> {
         let plan = plan();
         let estimates = estimates(&plan).unwrap();

@@ -15,8 +15,8 @@ use crate::scores::FrameScore;
 const AT_ONCE: usize = 16;
 
 /// The selected estimates of depth, and their scores on the frames whose maps were recorded: those that were taken of
-/// them, of the pixels with ground truth that are valid in all estimates with the same ground truth and settings. What aligns an estimate is
-/// fitted on these pixels.
+/// them, of the pixels with ground truth that are valid in all estimates with the same ground truth and settings. What
+/// aligns an estimate is fitted on these pixels.
 ///
 /// Of a row, `truth` counts all pixels with ground truth and `valid` those valid in all.
 pub(crate) fn shared_scores(

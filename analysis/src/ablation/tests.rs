@@ -169,11 +169,11 @@ fn axes_are_columns_and_rows_are_sorted_best_first() {
 all pixels with ground truth, preset paper, mean over 2 frames; 5 rows by abs_rel; * best
 
 estimate  block  mode  abs_rel ↓   density ↑   ms ↓
-smooth     3      hh       0.1500*     50.0 %  11.00
-smooth     3      sgbm     0.2500      50.0 %  12.00
-smooth     9      hh       0.3500      50.0 %  13.00
-stereo     -      -        0.5500      50.0 %  10.00
-smooth     9      sgbm     0.6500      50.0 %      -
+smooth    3      hh       0.1500*     50.0 %  11.00
+smooth    3      sgbm     0.2500      50.0 %  12.00
+smooth    9      hh       0.3500      50.0 %  13.00
+stereo    -      -        0.5500      50.0 %  10.00
+smooth    9      sgbm     0.6500      50.0 %      -
 note: ms: processor time of all nodes that an estimate is computed from, core-milliseconds a frame
 ";
     assert_eq!(grid.terminal(110), expected);
@@ -216,7 +216,7 @@ fn best_is_marked_only_between_what_is_comparable() {
     let of = Ranking { columns: owned(&["abs_rel"]), ..Ranking::default() };
     let grid = ask_of(&estimates, &scores(), |ablation| of.table(ablation, &Selection::default(), &|| false)).unwrap();
     let marked = grid.terminal(110).lines().filter(|line| line.ends_with('*')).map(str::to_owned).collect::<Vec<_>>();
-    assert_eq!(marked, ["smooth     3      hh       0.1500*", "smooth     9      hh       0.3500*"]);
+    assert_eq!(marked, ["smooth    3      hh       0.1500*", "smooth    9      hh       0.3500*"]);
     assert!(grid.notes[0].starts_with("rows are of 2 kinds that cannot be compared"), "{:?}", grid.notes);
 }
 
@@ -238,8 +238,8 @@ fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for() {
 fn the_effect_of_each_axis_is_told_with_what_is_left() {
     let grid = ask(|ablation| effects::table(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
-effect of each axis on abs_rel over all pixels with ground truth, preset paper, mean over 2 frames; 4 rows, mean 0.3500, standard
-deviation 0.1871; share: of the variance between rows (eta squared); * best
+effect of each axis on abs_rel over all pixels with ground truth, preset paper, mean over 2 frames; 4 rows, mean
+0.3500, standard deviation 0.1871; share: of the variance between rows (eta squared); * best
 
 axis          level  rows  abs_rel ↓   difference   share
 block         3         2     0.2000*     -0.1500  64.3 %

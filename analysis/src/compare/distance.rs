@@ -1,5 +1,5 @@
-//! Where is it better? Absolute errors of pairs by true distance, on the pixels that are valid in both, paired over frames;
-//! and the distance at which one of the two should hand over to the other.
+//! Where is it better? Absolute errors of pairs by true distance, on the pixels that are valid in both, paired over
+//! frames; and the distance at which one of the two should hand over to the other.
 //!
 //! A bin's mean and median are over all its pixels, as `analyse --set common` has them. Frames are the sample: they are
 //! drawn again for intervals, with all their pixels, and tests are of frames' own means and medians.

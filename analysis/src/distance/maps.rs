@@ -97,7 +97,8 @@ impl Maps {
         })
     }
 
-    /// The samples of a frame, by the values of its topics; and its pixels with ground truth, added to those by stage run and metre.
+    /// The samples of a frame, by the values of its topics; and its pixels with ground truth, added to those by stage
+    /// run and metre.
     pub(super) fn samples(
         &self,
         estimates: &[Estimate],

@@ -1,7 +1,7 @@
 //! A sample: the bits of an error, and whether its pixel is valid in all that are compared.
 
-/// The lowest bit of a sample, which says: this pixel is not valid in all that are compared. The error's bits stand above
-/// it, so that samples sort as their errors do; an error's own sign is never needed.
+/// The lowest bit of a sample, which says: this pixel is not valid in all that are compared. The error's bits stand
+/// above it, so that samples sort as their errors do; an error's own sign is never needed.
 const ALONE: u32 = 1;
 
 /// An error of zero or more as an integer that sorts as it does.

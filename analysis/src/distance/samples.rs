@@ -280,7 +280,8 @@ mod tests {
 
     #[test]
     fn percentiles_of_a_few_numbers_are_those_numpy_prints() {
-        // np.percentile([0.5, 1, 2, 4, 8, 16], [5, 25, 50, 75, 95]), and of the three that are valid in the other estimate
+        // np.percentile([0.5, 1, 2, 4, 8, 16], [5, 25, 50, 75, 95]), and of the three that are valid in the other
+        // estimate
         let valid = Spread { count: 6, percentiles_m: [0.625, 1.25, 3.0, 7.0, 14.0] };
         let shared = Spread { count: 3, percentiles_m: [1.3, 2.5, 4.0, 10.0, 14.799_999_999_999_999] };
         let estimate = [4.0, 0.5, 16.0, 1.0, 8.0, 2.0].map(|error| 30.5 + error).to_vec();

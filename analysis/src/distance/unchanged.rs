@@ -17,8 +17,8 @@ use crate::files::Output;
 /// The error against distance, if an earlier report has most of it. Only maps that changed are read, and those of one
 /// estimate per group as a check. The result equals that of reading all maps.
 ///
-/// The bins of an estimate depend on its own maps and on the pixels that are valid in its whole group. A report often has
-/// an estimate of which every valid pixel is shared, usually the stereo matcher. This estimate is computed again,
+/// The bins of an estimate depend on its own maps and on the pixels that are valid in its whole group. A report often
+/// has an estimate of which every valid pixel is shared, usually the stereo matcher. This estimate is computed again,
 /// together with all that changed. If its bins are equal to those of the report, then the shared pixels have not
 /// changed, and neither have the bins of the unchanged estimates. If they differ, or the report has no such estimate,
 /// all maps must be read, and the result is `None`.

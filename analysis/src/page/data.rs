@@ -124,7 +124,8 @@ pub(super) fn estimates(estimates: &[Estimate], shown: &[usize]) -> Json {
     shown.iter().map(one).collect()
 }
 
-/// Error against distance: of each estimate shown the metres, and the spread on its valid pixels and on those valid in all.
+/// Error against distance: of each estimate shown the metres, and the spread on its valid pixels and on those valid in
+/// all.
 pub(super) fn distances(found: &Found, shown: &[usize]) -> Json {
     let of_one = |(place, index): (usize, &usize)| {
         let bins: Vec<&DistanceBin> = found.bins.iter().filter(|bin| bin.estimate == *index).collect();

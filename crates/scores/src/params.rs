@@ -148,8 +148,8 @@ impl ScoreParams {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DisparityScoreParams {
-    /// The pixel sets, a row each: `all` (a missing answer is wrong), `valid`, and `filled` (every pixel with ground truth, after
-    /// the KITTI devkit's interpolation of invalid pixels).
+    /// The pixel sets, a row each: `all` (a missing answer is wrong), `valid`, and `filled` (every pixel with ground
+    /// truth, after the KITTI devkit's interpolation of invalid pixels).
     #[schemars(length(min = 1))]
     pub sets: Vec<PixelSet>,
     /// Which scores are taken: a list of names, or `all`; `null`: all.

@@ -40,7 +40,7 @@ impl Node for ScoreDepth {
         inputs.extend(clues::ports());
         NodeDeclaration {
             kind: "score/depth",
-            version: 3,
+            version: 4,
             contract: Contract::Pure,
             summary: "The scores of Table I, or others, of estimated depth against the truth, per frame.",
             doc: &DOC,

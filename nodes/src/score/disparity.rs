@@ -50,7 +50,7 @@ impl Node for ScoreDisparity {
         inputs.extend(clues::ports());
         NodeDeclaration {
             kind: "score/disparity",
-            version: 1,
+            version: 2,
             contract: Contract::Pure,
             summary: "End-point error, bad-x and D1 of estimated disparity against the truth, per frame.",
             doc: &DOC,

@@ -32,7 +32,8 @@ fn a_node_in_javascript_speaks_the_protocol_by_arrows_library_alone() {
     let rows = read_csv(&out.join("scores.csv"));
     assert_eq!(rows.len(), 4);
     for row in rows {
-        // Where the mask of the pixels with ground truth is, one of the two has nearly always an answer nearer than 60 m.
+        // Where the mask of the pixels with ground truth is, one of the two has nearly always an answer nearer than 60
+        // m.
         assert!(label(&row) == "nearest" && number(&row, "a1") > 0.8, "{row:?}");
     }
 }

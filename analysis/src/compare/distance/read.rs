@@ -152,7 +152,8 @@ fn paired<'a>(parts: &[Vec<&'a Part>; 2]) -> Vec<[&'a Part; 2]> {
     paired
 }
 
-/// Truth and both estimates of a frame, where both are valid; `None` if they were not scored on the same pixels with ground truth.
+/// Truth and both estimates of a frame, where both are valid; `None` if they were not scored on the same pixels with
+/// ground truth.
 fn both(
     sides: [(&SamplesFile, &DescribedEstimate); 2],
     parts: [&Part; 2],
