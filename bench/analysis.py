@@ -23,7 +23,7 @@ def make(path, samples):
     from pyarrow import parquet
 
     described = {
-        "format": 1,
+        "format": 2,
         "run": "",
         "experiment": "benchmark",
         "recording": "",

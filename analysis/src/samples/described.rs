@@ -12,7 +12,7 @@ use crate::tables::DIMENSIONLESS;
 use crate::tables::{Level, RowKey, plan_key};
 
 /// The version of the layout.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// The columns that every file has.
 pub(super) const FIXED: [&str; 7] = ["stage", "scoring", "position", "frame", "x", "y", "truth_m"];
 

@@ -22,7 +22,7 @@ use super::{Cells, Table};
 use crate::error::{AnalysisError, caught};
 
 /// The version of what tables' columns are called and mean.
-pub const TABLE_FORMAT: u32 = 1;
+pub const TABLE_FORMAT: u32 = 2;
 
 /// Where the metadata of a Parquet file of ours says its version.
 pub const TABLE_MARK: &str = "depthloom.format";
