@@ -1,4 +1,4 @@
-//! Samples, and what is asked of them, against the oracle's percentiles and NumPy.
+//! `analyse` and samples, compared with the percentiles of the reference implementation and with NumPy.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -14,9 +14,9 @@ fn golden(shared: &Path, out: &Path) {
 }
 
 #[test]
-fn samples_and_errors_are_numpys() {
-    let Some(shared) = shared("samples_and_errors_are_numpys") else { return };
-    let Some(python) = python_package("samples_and_errors_are_numpys") else { return };
+fn samples_and_error_statistics_match_numpy() {
+    let Some(shared) = shared("samples_and_error_statistics_match_numpy") else { return };
+    let Some(python) = python_package("samples_and_error_statistics_match_numpy") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let run = folder.path().join("run");
     golden(&shared, &run);
@@ -28,7 +28,7 @@ fn samples_and_errors_are_numpys() {
             .args(["source/depth", "depth/depth", "--format", "npy", "--quiet", "--out"])
             .arg(&maps),
     );
-    let inquiries: &[(&str, &[&str])] = &[
+    let queries: &[(&str, &[&str])] = &[
         ("distance", &["--set", "valid,common"]),
         ("estimate", &["--bins", "log:8"]),
         ("weight", &["--set", "common"]),
@@ -37,7 +37,7 @@ fn samples_and_errors_are_numpys() {
     ];
     let mut check = Command::new(python);
     check.arg(workspace().join("tests/python/check_analysis.py")).arg(run.join("samples.parquet")).arg(&maps);
-    for (by, more) in inquiries {
+    for (by, more) in queries {
         let out = folder.path().join(format!("{by}.json"));
         let mut analyse = depthloom();
         analyse.arg("analyse").arg(&run).args([
@@ -52,16 +52,16 @@ fn samples_and_errors_are_numpys() {
         succeed(analyse.arg(&out).args(*more));
         check.arg(out);
     }
-    let told: serde_json::Value = serde_json::from_slice(&succeed(&mut check).stdout).expect("JSON");
-    assert!(told["rows"].as_u64().is_some_and(|rows| rows > 1000), "{told}");
+    let checked: serde_json::Value = serde_json::from_slice(&succeed(&mut check).stdout).expect("JSON");
+    assert!(checked["rows"].as_u64().is_some_and(|rows| rows > 1000), "{checked}");
 }
 
 #[test]
-fn errors_against_distance_are_the_oracles() {
-    if !full("errors_against_distance_are_the_oracles") {
+fn errors_by_distance_match_the_reference_implementation() {
+    if !full("errors_by_distance_match_the_reference_implementation") {
         return;
     }
-    let Some(shared) = shared("errors_against_distance_are_the_oracles") else { return };
+    let Some(shared) = shared("errors_by_distance_match_the_reference_implementation") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let run = folder.path().join("run");
     golden(&shared, &run);
@@ -71,13 +71,13 @@ fn errors_against_distance_are_the_oracles() {
     let mut compared = 0;
     for golden in &theirs {
         let (variant, estimate) = golden["estimate"].rsplit_once('/').unwrap_or(("", &golden["estimate"]));
-        let is_it = |row: &&crate::support::Row| {
+        let is_same_bin = |row: &&crate::support::Row| {
             let bin: f64 = row["bin_from_m"].parse().expect("an edge");
             row["variant"] == variant
                 && row["estimate"] == estimate
                 && bin == golden["bin_m"].parse::<f64>().expect("a bin")
         };
-        let row = ours.iter().find(is_it).unwrap_or_else(|| panic!("no row as {golden:?}"));
+        let row = ours.iter().find(is_same_bin).unwrap_or_else(|| panic!("no row as {golden:?}"));
         assert_eq!(row["count"], golden["count"], "{golden:?}");
         for percentile in ["p5", "p25", "p50", "p75", "p95"] {
             let number = |text: &str| text.parse::<f64>().expect("a number");
@@ -99,23 +99,23 @@ fn small(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn where_samples_cannot_be_written_beside_the_recording_the_error_names_another_way() {
+fn unwritable_samples_file_error_suggests_out() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = small(folder.path());
     let marker = std::fs::File::open(run.join("depthloom-run.json")).expect("a run has a marker");
-    marker.lock().expect("nobody else writes to it");
+    marker.lock().expect("no other process locks it");
     let refused = depthloom().arg("analyse").arg(&run).output().expect("runs");
     let text = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success() && text.contains("samples") && text.contains("--out FILE.parquet"), "{text}");
-    let elsewhere = folder.path().join("elsewhere.parquet");
-    succeed(depthloom().arg("samples").arg(&run).arg("--out").arg(&elsewhere));
-    let table = succeed(depthloom().arg("analyse").arg(&elsewhere));
+    let other_file = folder.path().join("other_file.parquet");
+    succeed(depthloom().arg("samples").arg(&run).arg("--out").arg(&other_file));
+    let table = succeed(depthloom().arg("analyse").arg(&other_file));
     assert!(String::from_utf8_lossy(&table.stdout).contains("bin_from_m"));
     assert!(!run.join("samples.parquet").exists());
 }
 
 #[test]
-fn samples_are_made_when_they_are_asked_for_and_are_equal_files() {
+fn samples_are_written_on_demand_and_are_reproducible() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = small(folder.path());
     let samples = run.join("samples.parquet");
@@ -123,11 +123,11 @@ fn samples_are_made_when_they_are_asked_for_and_are_equal_files() {
     let text = succeed(depthloom().arg("analyse").arg(&run).args(["--bins", "edges:0,10,80"]));
     let text = String::from_utf8(text.stdout).expect("text");
     assert!(text.contains("bin_from_m") && text.lines().count() < 12, "{text}");
-    let made = std::fs::read(&samples).expect("made by the first question");
-    let elsewhere = folder.path().join("again.parquet");
-    succeed(depthloom().arg("samples").arg(&run).arg("--out").arg(&elsewhere));
-    assert_eq!(std::fs::read(&elsewhere).expect("written"), made, "equal files");
-    // Those of another recording are made again; a file may be asked by itself.
+    let first = std::fs::read(&samples).expect("written by the first query");
+    let other_file = folder.path().join("again.parquet");
+    succeed(depthloom().arg("samples").arg(&run).arg("--out").arg(&other_file));
+    assert_eq!(std::fs::read(&other_file).expect("written"), first, "equal files");
+    // Samples of another recording are replaced. `analyse` also reads a samples file alone.
     let other = folder.path().join("other");
     succeed(
         depthloom().args(["run", "--no-page", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&other).args([
@@ -141,25 +141,25 @@ fn samples_are_made_when_they_are_asked_for_and_are_equal_files() {
     );
     std::fs::copy(&samples, other.join("samples.parquet")).expect("copied");
     succeed(depthloom().arg("analyse").arg(&other));
-    assert_ne!(std::fs::read(other.join("samples.parquet")).expect("there"), made, "they were another run's");
+    assert_ne!(std::fs::read(other.join("samples.parquet")).expect("there"), first, "they belonged to another run");
     let both =
-        succeed(depthloom().arg("analyse").args([&elsewhere, &other]).args(["--by", "frame", "--format", "csv"]));
+        succeed(depthloom().arg("analyse").args([&other_file, &other]).args(["--by", "frame", "--format", "csv"]));
     let both = String::from_utf8(both.stdout).expect("text");
     assert!(both.starts_with("run,stage,variant,estimate,set,position,frame,pixels,count,"), "{both}");
     assert_eq!(both.lines().count(), 1 + 4 + 1);
-    // It is the run's: the folder may be removed as one.
+    // The samples belong to the run, so `runs rm` removes them with the folder.
     succeed(depthloom().args(["runs", "rm"]).arg(&other));
     assert!(!other.exists());
 }
 
 #[test]
-fn questions_that_have_no_answer_say_what_there_is() {
+fn invalid_analyse_arguments_list_the_available_values() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = small(folder.path());
     let refused = |run: &Path, arguments: &[&str]| {
-        let ended = depthloom().arg("analyse").arg(run).args(arguments).output().expect("the binary starts");
-        assert_eq!(ended.status.code(), Some(2), "{arguments:?}");
-        String::from_utf8(ended.stderr).expect("text")
+        let output = depthloom().arg("analyse").arg(run).args(arguments).output().expect("the binary starts");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        String::from_utf8(output.stderr).expect("text")
     };
     let relative = succeed(depthloom().arg("analyse").arg(&run).args(["--by", "error", "--relative"]));
     assert!(String::from_utf8_lossy(&relative.stdout).contains("by relative error"));
@@ -173,14 +173,14 @@ fn questions_that_have_no_answer_say_what_there_is() {
         (&["--by", "frame", "--bins", "log:3"], "takes no --bins"),
         (&["--gross", "big"], "no limit"),
     ] {
-        let told = refused(&run, arguments);
-        assert!(told.contains(words), "{arguments:?}: {told}");
+        let error = refused(&run, arguments);
+        assert!(error.contains(words), "{arguments:?}: {error}");
     }
-    // What is no file of samples, under the name of one.
+    // A Parquet file that does not contain samples.
     let file = folder.path().join("table.parquet");
     std::fs::copy(run.join("table.parquet"), &file).expect("copied");
-    let told = refused(&file, &[]);
-    assert!(told.contains("is no file of samples") && told.contains("depthloom samples RUN"), "{told}");
+    let error = refused(&file, &[]);
+    assert!(error.contains("is no file of samples") && error.contains("depthloom samples RUN"), "{error}");
     // Maps that were not recorded.
     let scores = folder.path().join("scores");
     succeed(
@@ -197,6 +197,6 @@ fn questions_that_have_no_answer_say_what_there_is() {
             ])
             .arg(&scores),
     );
-    let told = refused(&scores, &[]);
-    assert!(told.contains("not recorded") && told.contains("`record:`"), "{told}");
+    let error = refused(&scores, &[]);
+    assert!(error.contains("not recorded") && error.contains("`record:`"), "{error}");
 }

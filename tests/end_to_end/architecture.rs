@@ -11,7 +11,7 @@ use crate::support::{succeed, workspace};
 
 struct Crate {
     folder: String,
-    /// The crates of ours that it uses outside tests, build scripts and benches.
+    /// The workspace's crates that it uses outside tests, build scripts and benches.
     uses: BTreeSet<String>,
 }
 
@@ -28,7 +28,7 @@ fn crates() -> BTreeMap<String, Crate> {
         let manifest = text(&package["manifest_path"]);
         let folder = manifest
             .strip_prefix(&root)
-            .expect("it lies below the root")
+            .expect("a path below the root")
             .trim_matches('/')
             .trim_end_matches("Cargo.toml")
             .to_owned();
@@ -43,7 +43,7 @@ fn crates() -> BTreeMap<String, Crate> {
 }
 
 fn architecture() -> String {
-    std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).expect("it is there")
+    std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md")
 }
 
 /// The rows of the table: folder and crate.
@@ -58,22 +58,22 @@ fn rows(text: &str) -> Vec<(String, String)> {
 }
 
 #[test]
-fn the_table_lists_every_crate_and_each_uses_only_what_stands_below_it() {
+fn the_crate_table_is_complete_and_dependencies_point_down() {
     let (text, crates) = (architecture(), crates());
     let rows = rows(&text);
     let listed: BTreeSet<(&str, &str)> = rows.iter().map(|(folder, name)| (&**folder, &**name)).collect();
-    let there: BTreeSet<(&str, &str)> = crates.iter().map(|(name, member)| (&*member.folder, &**name)).collect();
-    assert_eq!(listed, there);
-    for (place, (_, name)) in rows.iter().enumerate() {
+    let actual: BTreeSet<(&str, &str)> = crates.iter().map(|(name, member)| (&*member.folder, &**name)).collect();
+    assert_eq!(listed, actual);
+    for (index, (_, name)) in rows.iter().enumerate() {
         for used in &crates[name].uses {
-            let below = rows[place + 1..].iter().any(|(_, other)| other == used);
-            assert!(below, "`{name}` uses `{used}`, which does not stand below it");
+            let below = rows[index + 1..].iter().any(|(_, other)| other == used);
+            assert!(below, "`{name}` uses `{used}`, which is not listed below it");
         }
     }
 }
 
 #[test]
-fn the_arrows_are_those_of_the_manifests() {
+fn the_dependency_graph_matches_the_manifests() {
     let full = |short: &str| match short {
         "depthloom" | "own-node" => short.to_owned(),
         short => format!("depthloom-{short}"),
@@ -86,15 +86,15 @@ fn the_arrows_are_those_of_the_manifests() {
             to.split(" & ").map(|to| (full(from), full(to))).collect::<Vec<_>>()
         })
         .collect();
-    let mut there = BTreeSet::new();
+    let mut actual = BTreeSet::new();
     for (name, member) in crates() {
-        there.extend(member.uses.into_iter().map(|used| (name.clone(), used)));
+        actual.extend(member.uses.into_iter().map(|used| (name.clone(), used)));
     }
-    assert_eq!(drawn, there);
+    assert_eq!(drawn, actual);
 }
 
 #[test]
-fn every_path_that_the_page_names_exists_and_the_page_is_short() {
+fn every_path_in_architecture_exists_and_the_page_is_short() {
     let text = architecture();
     let is_path = |word: &&str| {
         word.split_once('/').is_some_and(|(folder, _)| !word.contains(['*', ' ']) && workspace().join(folder).is_dir())

@@ -1,4 +1,4 @@
-//! Many variants from few lines, and some of them: `--matrix`, `--variant`.
+//! Matrices of variants, and the selection of variants: `--matrix`, `--variant`.
 
 use depthloom_graphs::plan::VariantId;
 use depthloom_recording::Recording;
@@ -6,7 +6,7 @@ use depthloom_recording::Recording;
 use crate::support::{Row, depthloom, number, read_csv, succeed, workspace};
 
 #[test]
-fn variants_made_on_the_command_line_are_recorded_with_their_factors_and_run_again() {
+fn variants_from_the_command_line_are_recorded_and_reproducible() {
     let folder = tempfile::tempdir().expect("a folder");
     let (first, second) = (folder.path().join("first"), folder.path().join("second"));
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
@@ -30,7 +30,7 @@ fn variants_made_on_the_command_line_are_recorded_with_their_factors_and_run_aga
     };
     assert_eq!((&stereo(3)["p1"], &stereo(3)["p2"]), (&72.into(), &288.into()), "penalties follow the block");
     assert_eq!((&stereo(5)["p1"], &stereo(5)["p2"]), (&200.into(), &800.into()));
-    // What is kept is the same experiment.
+    // The resolved experiment in the run folder describes the same variants.
     succeed(
         depthloom()
             .args(["run", "--no-page"])
@@ -44,11 +44,11 @@ fn variants_made_on_the_command_line_are_recorded_with_their_factors_and_run_aga
 }
 
 #[test]
-fn the_example_of_the_documentation_is_one() {
+fn the_examples_in_axes_md_yield_the_stated_variants() {
     let text = std::fs::read_to_string(workspace().join("docs/axes.md")).expect("the page");
     let blocks: Vec<&str> =
         text.split("```yaml\n").skip(1).map(|rest| rest.split("```").next().expect("a block ends")).collect();
-    // Three by three without penalties and with two of them, three left out, one added; drawn; four and two.
+    // 3 x 3 without and 3 x 3 x 2 with penalties, minus 3 excluded, plus 1 included; 40 sampled; 4 and 2.
     let counts = [9 + 18 - 3 + 1, 40, 6];
     assert_eq!(blocks.len(), counts.len());
     let base = "experiment: axes
@@ -105,26 +105,26 @@ matrix:
     };
     let rows = table(&["--columns", "abs_rel"]);
     let effects = table(&["--effects", "abs_rel"]);
-    let of = |level: &str| {
+    let adjusted = |level: &str| {
         let row = effects.iter().find(|row| row["axis"] == "block" && row["level"] == level).expect("a level");
         number(row, "abs_rel")
     };
-    // Plain means say that 7 is best: it was never run with the check of uniqueness, which makes all others worse.
+    // Plain means rank 7 first, because it never ran with the uniqueness check, which makes all others worse.
     let plain = |level: &str| {
         let own: Vec<f64> = rows.iter().filter(|row| row["block"] == level).map(|row| number(row, "abs_rel")).collect();
         own.iter().sum::<f64>() / own.len() as f64
     };
     assert!(plain("7") < plain("5") && plain("5") < plain("3"));
-    assert!(of("5") < of("3") && of("3") < of("7"), "{effects:?}");
+    assert!(adjusted("5") < adjusted("3") && adjusted("3") < adjusted("7"), "{effects:?}");
     let figure = |axis: &str| {
         let files = ["--out", "figure.svg", "--data", "figure.csv", "--axes", axis];
         succeed(depthloom().current_dir(folder).args(["figure", "run", "parameter"]).args(files));
         read_csv(&folder.join("figure.csv"))
     };
     for row in figure("block") {
-        assert!((number(&row, "abs_rel") - of(&row["block"])).abs() < 1e-12, "{row:?}");
+        assert!((number(&row, "abs_rel") - adjusted(&row["block"])).abs() < 1e-12, "{row:?}");
     }
-    // What the axis is not in is one line, the mean of its variants.
+    // Variants without the axis share one row, their mean.
     let with_penalty = figure("penalty");
     let without: Vec<&Row> = with_penalty.iter().filter(|row| row["penalty"].is_empty()).collect();
     assert_eq!((with_penalty.len(), without.len(), without[0]["rows"].as_str()), (3, 1, "5"));

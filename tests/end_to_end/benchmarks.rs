@@ -1,4 +1,4 @@
-//! Every benchmark in `bench/` runs, at its smallest size: it finds its programs, its peer and its numbers.
+//! Every benchmark in `bench/` runs at its smallest size.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -8,25 +8,25 @@ use depthloom_test_needs::{chromium, dora, target};
 
 use crate::support::{full, python, shared, skipped, workspace};
 
-/// What a benchmark needs besides bash and the programs of this workspace.
+/// Requirements of a benchmark besides bash and the programs of this workspace.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Need {
     Nothing,
     /// Packages of `tests/python/requirements.txt`.
     Python,
-    /// These, and the folder of reference data.
+    /// The same packages, and the folder of reference data.
     PythonAndShared,
     /// Packages of `tests/python/requirements-dora.txt`.
     Dora,
     Chromium,
-    /// TensorFlow takes 1.5 GB of disk: it is used where somebody has installed it.
+    /// TensorFlow takes 1.5 GB of disk, so the tests use it only if it is installed already.
     TensorFlow,
 }
 
-/// A script's name, arguments, need, what it must print, and the examples that it runs.
+/// A script's name, arguments, requirement, expected output, and the examples that it runs.
 type Script = (&'static str, &'static [&'static str], Need, &'static str, &'static [&'static str]);
 
-/// Each script with its smallest size, what it needs, what it must print, and the examples that it runs.
+/// Each script with the arguments for its smallest size.
 const SCRIPTS: [Script; 11] = [
     ("ablation", &["1", "1"], Need::PythonAndShared, "ratio ablation-2t ", &[]),
     ("analysis", &["--samples", "1000", "--rounds", "1"], Need::Python, "ratio analysis-polars ", &[]),
@@ -53,8 +53,8 @@ const SCRIPTS: [Script; 11] = [
     ),
 ];
 
-/// The environment of Python packages that a script takes, if it needs one. `None`, and the script is skipped, where
-/// something is absent.
+/// The environment of Python packages for a script, if it needs one. `None` if a requirement is missing: the script is
+/// then skipped.
 fn needs(test: &str, need: Need) -> Option<Option<PathBuf>> {
     let venv = |python: PathBuf| python.ancestors().nth(2).map(ToOwned::to_owned);
     match need {
@@ -107,7 +107,7 @@ fn every_benchmark_runs_at_its_smallest_size() {
     assert!(failed.is_empty(), "{}", failed.join("\n\n"));
 }
 
-/// The folder of reference data, where there is one.
+/// The folder of reference data, if it exists.
 fn shared_folder() -> Option<PathBuf> {
     let named = std::env::var_os("DEPTHLOOM_SHARED").map(PathBuf::from);
     let folder = workspace().join(named.unwrap_or_else(|| "../shared".into()));
@@ -115,10 +115,10 @@ fn shared_folder() -> Option<PathBuf> {
 }
 
 #[test]
-fn every_script_is_a_benchmark_that_the_tests_run() {
+fn every_benchmark_script_is_tested() {
     let listed: BTreeSet<String> = SCRIPTS.iter().map(|(name, ..)| format!("{name}.sh")).collect();
     let scripts = std::fs::read_dir(workspace().join("bench")).expect("bench/").flatten();
     let names = scripts.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    let there: BTreeSet<String> = names.filter(|name| name.ends_with(".sh") && name != "shared.sh").collect();
-    assert_eq!(there, listed);
+    let found: BTreeSet<String> = names.filter(|name| name.ends_with(".sh") && name != "shared.sh").collect();
+    assert_eq!(found, listed);
 }

@@ -1,11 +1,11 @@
-//! Broken data: an error that names file and remedy, and nothing half-written under a final name.
+//! Broken data: the error names the file and a remedy, and no partial run gets the final name.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::support::{depthloom, succeed, workspace};
 
-/// A small KITTI data set of our own making, an experiment on it, and a place to run.
+/// A small generated data set in KITTI's layout, with an experiment on it, in a temporary folder.
 struct Bench {
     folder: tempfile::TempDir,
     data: PathBuf,
@@ -30,7 +30,7 @@ impl Bench {
         path
     }
 
-    /// Runs the experiment; gives the exit code and what was said, paths shortened.
+    /// Runs the experiment. Returns the exit code and standard error with shortened paths.
     fn run(&self, arguments: &[&str]) -> (Option<i32>, String) {
         let out = self.folder.path().join("run");
         let output = depthloom()
@@ -41,21 +41,20 @@ impl Bench {
             .args(arguments)
             .output()
             .expect("the binary starts");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        (output.status.code(), self.shorten(&said))
+        (output.status.code(), self.shorten(&String::from_utf8_lossy(&output.stderr)))
     }
 
     fn shorten(&self, text: &str) -> String {
         text.replace(&self.folder.path().display().to_string(), "<folder>")
     }
 
-    fn nothing_under_a_final_name(&self) {
-        assert!(!self.folder.path().join("run").exists(), "a failed run must not look like a whole one");
+    fn assert_no_finished_run(&self) {
+        assert!(!self.folder.path().join("run").exists(), "a failed run must not look like a finished one");
     }
 }
 
-fn snapshot(name: &str, said: &str) {
-    insta::with_settings!({ omit_expression => true }, { insta::assert_snapshot!(name, said); });
+fn snapshot(name: &str, stderr: &str) {
+    insta::with_settings!({ omit_expression => true }, { insta::assert_snapshot!(name, stderr); });
 }
 
 fn halve(path: &Path) {
@@ -67,18 +66,18 @@ fn halve(path: &Path) {
 fn a_truncated_image_fails_its_frame() {
     let bench = Bench::new();
     halve(&bench.file("image_2/000001_10.png"));
-    let (code, said) = bench.run(&[]);
-    assert_eq!(code, Some(3), "{said}");
-    bench.nothing_under_a_final_name();
-    snapshot("truncated_image", &said);
+    let (code, stderr) = bench.run(&[]);
+    assert_eq!(code, Some(3), "{stderr}");
+    bench.assert_no_finished_run();
+    snapshot("truncated_image", &stderr);
 }
 
 #[test]
-fn going_on_leaves_out_what_depended_on_the_broken_frame() {
+fn keep_going_skips_only_the_broken_frame() {
     let bench = Bench::new();
     halve(&bench.file("image_2/000001_10.png"));
-    let (code, said) = bench.run(&["--keep-going"]);
-    assert_eq!(code, Some(3), "{said}");
+    let (code, stderr) = bench.run(&["--keep-going"]);
+    assert_eq!(code, Some(3), "{stderr}");
     let scores = fs::read_to_string(bench.folder.path().join("run/scores.csv")).expect("scores of the other frames");
     assert!(scores.contains("000000_10") && scores.contains("000002_10") && !scores.contains("000001_10"), "{scores}");
 }
@@ -87,10 +86,10 @@ fn going_on_leaves_out_what_depended_on_the_broken_frame() {
 fn a_missing_right_image_is_named() {
     let bench = Bench::new();
     fs::remove_file(bench.file("image_3/000002_10.png")).expect("removed");
-    let (code, said) = bench.run(&[]);
-    assert!(matches!(code, Some(2 | 3)), "{said}");
-    bench.nothing_under_a_final_name();
-    snapshot("missing_right_image", &said);
+    let (code, stderr) = bench.run(&[]);
+    assert!(matches!(code, Some(2 | 3)), "{stderr}");
+    bench.assert_no_finished_run();
+    snapshot("missing_right_image", &stderr);
 }
 
 #[test]
@@ -98,21 +97,23 @@ fn a_pair_of_unequal_sizes_is_named() {
     let bench = Bench::new();
     let right = bench.file("image_3/000000_10.png");
     image::open(&right).expect("read").crop_imm(0, 0, 300, 96).save(&right).expect("written");
-    let (code, said) = bench.run(&[]);
-    assert_eq!(code, Some(3), "{said}");
-    bench.nothing_under_a_final_name();
-    snapshot("unequal_pair", &said);
+    let (code, stderr) = bench.run(&[]);
+    assert_eq!(code, Some(3), "{stderr}");
+    bench.assert_no_finished_run();
+    snapshot("unequal_pair", &stderr);
 }
 
 #[test]
-fn truth_of_eight_bits_is_refused() {
+fn eight_bit_ground_truth_is_refused() {
     let bench = Bench::new();
-    let truth = bench.file("disp_occ_0/000000_10.png");
-    image::DynamicImage::from(image::open(&truth).expect("read").to_luma8()).save(&truth).expect("written");
-    let (code, said) = bench.run(&[]);
-    assert_eq!(code, Some(3), "{said}");
-    bench.nothing_under_a_final_name();
-    snapshot("eight_bit_truth", &said);
+    let ground_truth = bench.file("disp_occ_0/000000_10.png");
+    image::DynamicImage::from(image::open(&ground_truth).expect("read").to_luma8())
+        .save(&ground_truth)
+        .expect("written");
+    let (code, stderr) = bench.run(&[]);
+    assert_eq!(code, Some(3), "{stderr}");
+    bench.assert_no_finished_run();
+    snapshot("eight_bit_truth", &stderr);
 }
 
 #[test]
@@ -121,10 +122,10 @@ fn a_bad_calibration_line_is_named() {
     let calibration = bench.data.join("training/calib_cam_to_cam/000000.txt");
     let text = fs::read_to_string(&calibration).expect("read");
     fs::write(&calibration, text.replace("P_rect_03: ", "P_rect_03: seven ")).expect("written");
-    let (code, said) = bench.run(&[]);
-    assert!(matches!(code, Some(2 | 3)), "{said}");
-    bench.nothing_under_a_final_name();
-    snapshot("bad_calibration", &said);
+    let (code, stderr) = bench.run(&[]);
+    assert!(matches!(code, Some(2 | 3)), "{stderr}");
+    bench.assert_no_finished_run();
+    snapshot("bad_calibration", &stderr);
 }
 
 #[test]
@@ -132,18 +133,18 @@ fn an_empty_folder_is_found_before_any_frame() {
     let bench = Bench::new();
     fs::remove_dir_all(&bench.data).expect("removed");
     fs::create_dir(&bench.data).expect("created");
-    let (code, said) = bench.run(&[]);
-    assert_eq!(code, Some(2), "{said}");
-    bench.nothing_under_a_final_name();
-    snapshot("empty_folder", &said);
+    let (code, stderr) = bench.run(&[]);
+    assert_eq!(code, Some(2), "{stderr}");
+    bench.assert_no_finished_run();
+    snapshot("empty_folder", &stderr);
 }
 
 #[test]
 fn a_range_without_frames_is_found_before_any_frame() {
     let bench = Bench::new();
-    let (code, said) = bench.run(&["--set", "sources.street.with.frames=150..=155"]);
-    assert_eq!(code, Some(2), "{said}");
-    snapshot("no_frames", &said);
+    let (code, stderr) = bench.run(&["--set", "sources.street.with.frames=150..=155"]);
+    assert_eq!(code, Some(2), "{stderr}");
+    snapshot("no_frames", &stderr);
 }
 
 #[test]
@@ -157,8 +158,8 @@ fn a_missing_model_is_found_before_any_frame() {
         .env("MONO_MODEL", bench.folder.path().join("none.onnx"))
         .output()
         .expect("the binary starts");
-    let said = bench.shorten(&String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("none.onnx"), "{said}");
-    bench.nothing_under_a_final_name();
+    let stderr = bench.shorten(&String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("none.onnx"), "{stderr}");
+    bench.assert_no_finished_run();
 }

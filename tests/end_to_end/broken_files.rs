@@ -1,5 +1,5 @@
-//! Broken experiment files: each has a snapshot of what the program prints. Those of the language itself, without our
-//! kinds, are one folder above.
+//! Broken experiment files: each has a snapshot of what the program prints. Files with errors of the language itself,
+//! which need no node kinds of depthloom, are one folder above.
 
 use crate::support::{depthloom, workspace};
 
@@ -13,7 +13,7 @@ fn every_broken_file_is_explained() {
     assert!(files.len() >= 25, "{} broken files", files.len());
     for file in files {
         let name = file.file_stem().expect("a name").to_string_lossy().into_owned();
-        // The remedy is part of the file: lines `# depthloom: ARGUMENTS` give what else the command line says.
+        // A line `# depthloom: ARGUMENTS` in the file adds arguments to the command.
         let text = std::fs::read_to_string(&file).unwrap_or_default();
         let arguments = text.lines().find_map(|line| line.strip_prefix("# depthloom: ")).unwrap_or_default();
         let output = depthloom()
@@ -23,10 +23,10 @@ fn every_broken_file_is_explained() {
             .args(arguments.split_whitespace())
             .output()
             .expect("the binary starts");
-        let said = String::from_utf8_lossy(&output.stderr).replace(&folder.display().to_string(), "<broken>");
-        assert_eq!(output.status.code(), Some(2), "{name}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr).replace(&folder.display().to_string(), "<broken>");
+        assert_eq!(output.status.code(), Some(2), "{name}: {stderr}");
         insta::with_settings!({ snapshot_path => "../broken/program", prepend_module_to_snapshot => false, omit_expression => true }, {
-            insta::assert_snapshot!(name, said);
+            insta::assert_snapshot!(name, stderr);
         });
     }
 }

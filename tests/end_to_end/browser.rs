@@ -1,4 +1,4 @@
-//! Headless Chromium, driven over its DevTools protocol: JSON through two pipes, a zero behind each message.
+//! Headless Chromium, controlled over its DevTools protocol: JSON through two pipes, with a zero after each message.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use serde_json::{Value as Json, json};
 
-/// How long an answer may take on a machine with much else to do.
+/// Longest time for a reply, on a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(300);
 
 /// A browser with one page.
@@ -24,7 +24,7 @@ pub(crate) struct Browser {
 }
 
 impl Browser {
-    /// Starts it with a profile of its own.
+    /// Starts the browser with a new profile.
     pub(crate) fn start(program: &Path) -> Self {
         let profile = tempfile::tempdir().expect("a folder");
         // Chromium reads from descriptor 3 and writes to 4.
@@ -56,7 +56,7 @@ impl Browser {
     }
 
     fn next(&mut self) -> Json {
-        self.from.recv_timeout(PATIENCE).expect("the browser answers")
+        self.from.recv_timeout(PATIENCE).expect("the browser replies")
     }
 
     /// Calls a method of the protocol.
@@ -71,16 +71,16 @@ impl Browser {
         bytes.push(0);
         self.to.write_all(&bytes).and_then(|()| self.to.flush()).expect("the browser reads");
         loop {
-            let mut answer = self.next();
-            if answer["id"] == number {
-                assert!(answer.get("error").is_none(), "{method}: {}", answer["error"]);
-                return answer["result"].take();
+            let mut reply = self.next();
+            if reply["id"] == number {
+                assert!(reply.get("error").is_none(), "{method}: {}", reply["error"]);
+                return reply["result"].take();
             }
-            self.events.push(answer);
+            self.events.push(reply);
         }
     }
 
-    /// Opens a file, and waits until all of it is there.
+    /// Opens a file, and waits until it is loaded.
     pub(crate) fn open(&mut self, file: &Path) {
         self.events.clear();
         self.call("Page.navigate", &json!({ "url": format!("file://{}", file.display()) }));
@@ -90,27 +90,27 @@ impl Browser {
         }
     }
 
-    /// What an expression is, or what it promises.
+    /// Evaluates an expression; awaits it if it is a promise.
     pub(crate) fn eval(&mut self, expression: &str) -> Json {
-        let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
-        let mut answer = self.call("Runtime.evaluate", &asked);
-        assert!(answer.get("exceptionDetails").is_none(), "{expression}: {}", answer["exceptionDetails"]);
-        answer["result"]["value"].take()
+        let params = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
+        let mut reply = self.call("Runtime.evaluate", &params);
+        assert!(reply.get("exceptionDetails").is_none(), "{expression}: {}", reply["exceptionDetails"]);
+        reply["result"]["value"].take()
     }
 
     /// Waits until an expression is true.
     pub(crate) fn until(&mut self, expression: &str) {
         let waits = format!(
-            "new Promise((done, failed) => {{ const begun = Date.now(), look = () => {{ if ({expression}) done(true); else if (Date.now() - begun > 60000) failed(new Error('never')); else setTimeout(look, 20); }}; look(); }})"
+            "new Promise((done, failed) => {{ const start = Date.now(), look = () => {{ if ({expression}) done(true); else if (Date.now() - start > 60000) failed(new Error('never')); else setTimeout(look, 20); }}; look(); }})"
         );
         assert_eq!(self.eval(&waits), true, "{expression}");
     }
 
     /// Moves the pointer to the middle of an element, or to a share of it.
     pub(crate) fn point_at(&mut self, selector: &str, (across, down): (f64, f64)) {
-        // The pointer goes to what is drawn: not before the scrolling is.
+        // Scrolling must be finished, because the pointer hits what is drawn.
         let place = format!(
-            "(async () => {{ const of = document.querySelector({selector:?}); of.scrollIntoView({{ block: 'center', behavior: 'instant' }}); for (let i = 0; i < 3; i++) await new Promise(requestAnimationFrame); const box = of.getBoundingClientRect(); return [box.left + {across} * box.width, box.top + {down} * box.height]; }})()"
+            "(async () => {{ const element = document.querySelector({selector:?}); element.scrollIntoView({{ block: 'center', behavior: 'instant' }}); for (let i = 0; i < 3; i++) await new Promise(requestAnimationFrame); const box = element.getBoundingClientRect(); return [box.left + {across} * box.width, box.top + {down} * box.height]; }})()"
         );
         let place = self.eval(&place);
         for more in [0.0, 1.0] {
@@ -119,11 +119,11 @@ impl Browser {
         }
     }
 
-    /// What went wrong on the page until now, and what it asked of a network.
+    /// Errors of the page until now, and its network requests.
     pub(crate) fn complaints(&mut self) -> Vec<String> {
-        // Whatever was said before this comes before its answer.
+        // Events from before this call arrive before its reply.
         self.eval("new Promise((done) => setTimeout(done, 100))");
-        let told = self.events.iter().filter_map(|event| {
+        let complaints = self.events.iter().filter_map(|event| {
             let params = &event["params"];
             let wrong = match event["method"].as_str()? {
                 "Runtime.exceptionThrown" => true,
@@ -138,7 +138,7 @@ impl Browser {
             };
             wrong.then(|| event.to_string())
         });
-        told.collect()
+        complaints.collect()
     }
 }
 

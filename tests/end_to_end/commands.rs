@@ -1,4 +1,4 @@
-//! The commands as other programs use them: JSON, SARIF, completion, manual pages, and a binary on its own.
+//! The commands as other programs use them: JSON, SARIF, completion, manual pages, and the binary without the checkout.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -27,15 +27,14 @@ fn json(output: &Output) -> Json {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", text(output)))
 }
 
-/// Runs a command that must end with a code.
-fn ends(command: &mut Command, code: i32) -> Output {
+/// Runs a command that must end with this exit code.
+fn exits_with(command: &mut Command, code: i32) -> Output {
     let output = command.output().expect("the binary starts");
     assert_eq!(output.status.code(), Some(code), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
     output
 }
 
-/// An experiment with an error that a character of several bytes stands before, one whose cause is elsewhere, and a
-/// warning.
+/// An experiment with an error after a multi-byte character, an error that refers to another place, and a warning.
 fn broken(folder: &Path) -> PathBuf {
     let file = folder.join("broken.yaml");
     let broken = "experiment: broken
@@ -57,9 +56,9 @@ stages:
 }
 
 #[test]
-fn check_tells_programs_what_it_tells_people() {
+fn check_json_has_the_printed_diagnostics() {
     let folder = tempfile::tempdir().expect("a folder");
-    let right = json(&ends(depthloom().args(["check", LOOK, "--json"]), 0));
+    let right = json(&exits_with(depthloom().args(["check", LOOK, "--json"]), 0));
     assert_eq!(right["diagnostics"], json!([]));
     assert_eq!((&right["variants"], &right["stage_runs"], &right["nodes"]), (&json!(1), &json!(1), &json!(3)));
 
@@ -70,7 +69,7 @@ fn check_tells_programs_what_it_tells_people() {
         look.replace("experiment: first-look", "experiment: größe").replace("stereo/sgbm", "stereo/sgmb"),
     )
     .expect("written");
-    let output = ends(depthloom().args(["check", "--json"]).arg(&file), 2);
+    let output = exits_with(depthloom().args(["check", "--json"]).arg(&file), 2);
     assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
     let wrong = json(&output);
     let [diagnostic] = &wrong["diagnostics"].as_array().expect("a list")[..] else { panic!("{wrong}") };
@@ -83,13 +82,13 @@ fn check_tells_programs_what_it_tells_people() {
     assert_eq!(wrong["error"]["exit_code"], 2);
     assert_eq!(wrong["error"]["diagnostics"], wrong["diagnostics"]);
 
-    // A second `depth`: where the first stands belongs to it.
-    let wrong = json(&ends(depthloom().args(["check", "--json"]).arg(broken(folder.path())), 2));
+    // For a second `depth`, the place of the first is a related location.
+    let wrong = json(&exits_with(depthloom().args(["check", "--json"]).arg(broken(folder.path())), 2));
     let related: Vec<_> = wrong["diagnostics"].as_array().expect("a list").iter().map(|d| &d["related"]).collect();
     assert!(related.iter().any(|related| related[0]["line"] == 11 && related[0]["file"].is_string()), "{wrong}");
 }
 
-/// Line and column of the first place of some words, from 1, in characters.
+/// Line and column of the first occurrence of `words`, from 1, in characters.
 fn place_of(file: &Path, words: &str) -> (usize, usize) {
     let text = std::fs::read_to_string(file).expect("a file");
     let mut lines = (1..).zip(text.lines());
@@ -98,12 +97,12 @@ fn place_of(file: &Path, words: &str) -> (usize, usize) {
 }
 
 #[test]
-fn code_review_tools_read_what_check_finds() {
+fn check_sarif_lists_every_diagnostic() {
     let folder = tempfile::tempdir().expect("a folder");
     broken(folder.path());
     let mut check = depthloom();
     check.current_dir(folder.path()).args(["check", "./broken.yaml", "--sarif", "--set", "look.nowhere.with.cap=1"]);
-    let log = json(&ends(&mut check, 2));
+    let log = json(&exits_with(&mut check, 2));
     assert_eq!(log["version"], "2.1.0");
     let run = &log["runs"][0];
     let rules = run["tool"]["driver"]["rules"].as_array().expect("rules");
@@ -124,13 +123,13 @@ fn code_review_tools_read_what_check_finds() {
             assert!((number("startLine"), number("startColumn")) <= (number("endLine"), number("endColumn")));
         }
     }
-    // What is right gives a log without results.
-    let log = json(&ends(depthloom().args(["check", LOOK, "--sarif"]), 0));
+    // A valid experiment yields a log without results.
+    let log = json(&exits_with(depthloom().args(["check", LOOK, "--sarif"]), 0));
     assert_eq!(log["runs"][0]["results"], json!([]));
 }
 
 #[test]
-fn errors_are_json_where_output_is() {
+fn errors_are_json_if_json_is_requested() {
     let folder = tempfile::tempdir().expect("a folder");
     let broken = broken(folder.path());
     let broken = broken.to_str().expect("UTF-8");
@@ -141,7 +140,7 @@ fn errors_are_json_where_output_is() {
         (&["check", broken], true),
         (&["plan", broken], true),
         (&["graph", broken], true),
-        // Found on this machine: there is no such data.
+        // Depends on the machine: there is no such data.
         (
             &[
                 "run",
@@ -162,37 +161,36 @@ fn errors_are_json_where_output_is() {
         (&["chekc"], false),
     ];
     for (arguments, has_diagnostics) in commands {
-        let output = ends(depthloom().args(arguments).arg("--json"), 2);
-        let told = json(&output);
-        let error = &told["error"];
-        assert!(error["message"].as_str().is_some_and(|message| !message.is_empty()), "{arguments:?}: {told}");
+        let output = exits_with(depthloom().args(arguments).arg("--json"), 2);
+        let printed = json(&output);
+        let error = &printed["error"];
+        assert!(error["message"].as_str().is_some_and(|message| !message.is_empty()), "{arguments:?}: {printed}");
         assert_eq!(error["exit_code"], 2, "{arguments:?}");
         assert!(error.get("help").is_some(), "{arguments:?}");
         let diagnostics = error["diagnostics"].as_array().expect("a list");
-        assert_eq!(!diagnostics.is_empty(), has_diagnostics, "{arguments:?}: {told}");
-        // Without it, what is wrong is told on standard error alone.
-        let output = ends(depthloom().args(arguments), 2);
+        assert_eq!(!diagnostics.is_empty(), has_diagnostics, "{arguments:?}: {printed}");
+        // Without `--json`, errors are printed only to standard error.
+        let output = exits_with(depthloom().args(arguments), 2);
         assert!(output.stdout.is_empty() && !output.stderr.is_empty(), "{arguments:?}");
     }
-    let unknown = json(&ends(depthloom().args(["nodes", "stereo/sgmb", "--json"]), 2));
+    let unknown = json(&exits_with(depthloom().args(["nodes", "stereo/sgmb", "--json"]), 2));
     assert!(unknown["error"]["help"].as_str().is_some_and(|help| help.contains("stereo/sgbm")), "{unknown}");
-    // Behind `--`, it is a name.
-    let output = ends(depthloom().args(["check", "--", "--json"]), 2);
+    // After `--`, `--json` is a file name.
+    let output = exits_with(depthloom().args(["check", "--", "--json"]), 2);
     assert!(output.stdout.is_empty());
 }
 
 #[test]
-fn kinds_are_told_to_programs() {
+fn nodes_json_lists_every_kind() {
     let list = json(&succeed(depthloom().args(["nodes", "--json"])));
     let kinds = list["kinds"].as_array().expect("a list");
     let names: Vec<&str> = kinds.iter().map(|kind| kind["kind"].as_str().expect("a name")).collect();
-    let told = text(&succeed(depthloom().arg("nodes")));
-    assert_eq!(names, told.lines().filter_map(|line| line.split_whitespace().next()).collect::<Vec<_>>());
+    let printed = text(&succeed(depthloom().arg("nodes")));
+    assert_eq!(names, printed.lines().filter_map(|line| line.split_whitespace().next()).collect::<Vec<_>>());
     for name in names {
         let kind = json(&succeed(depthloom().args(["nodes", name, "--json"])));
         assert_eq!(kind["kind"], name);
-        // What a recording gives is declared by the recording; what nodes and sources of one's own give, by the
-        // experiment.
+        // The outputs of `mcap` are declared by the recording, those of custom nodes and sources by the experiment.
         let is_open = ["mcap", "process/source"].contains(&name) || kind["own_ports"] == true;
         assert!(kind["outputs"].as_array().is_some_and(|outputs| is_open || !outputs.is_empty()), "{kind}");
         assert!(kind["parameters"].is_object(), "{kind}");
@@ -205,7 +203,7 @@ fn kinds_are_told_to_programs() {
 }
 
 #[test]
-fn graphs_are_told_to_programs() {
+fn graph_json_has_the_nodes_of_the_plan() {
     let graph = json(&succeed(depthloom().args(["graph", "experiments/table1.yaml", "--json"])));
     let nodes = graph["nodes"].as_array().expect("nodes");
     let node = |id: &Json| nodes.iter().find(|node| node["id"] == *id).unwrap_or_else(|| panic!("no node {id}"));
@@ -217,8 +215,8 @@ fn graphs_are_told_to_programs() {
             format!("{} -> {} ({})", end(&edge["from"]), end(&edge["to"]), edge["rate"].as_str().expect("a rate"))
         })
         .collect();
-    for wanted in ["stereo/disparity -> depth/disparity (frame)", "teacher/model -> mono/model (once)"] {
-        assert!(described.iter().any(|edge| edge == wanted), "{wanted}: {described:#?}");
+    for expected in ["stereo/disparity -> depth/disparity (frame)", "teacher/model -> mono/model (once)"] {
+        assert!(described.iter().any(|edge| edge == expected), "{expected}: {described:#?}");
     }
     // The same plan as a list has the same nodes.
     let plan = json(&succeed(depthloom().args(["plan", "experiments/table1.yaml", "--json"])));
@@ -228,11 +226,11 @@ fn graphs_are_told_to_programs() {
 }
 
 #[test]
-fn a_run_and_its_timings_are_told_to_programs() {
+fn run_and_timings_print_json() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("look");
-    let told = json(&succeed(depthloom().args(["run", "--no-page", LOOK, "--json", "--out"]).arg(&out).args(SMALL)));
-    assert!(told.get("error").is_none() && told["report"].is_object(), "{told}");
+    let run = json(&succeed(depthloom().args(["run", "--no-page", LOOK, "--json", "--out"]).arg(&out).args(SMALL)));
+    assert!(run.get("error").is_none() && run["report"].is_object(), "{run}");
     let timings = json(&succeed(depthloom().args(["timings", "--json"]).arg(&out)));
     let rows = timings["timings"].as_array().expect("rows");
     let stereo = rows.iter().find(|row| row["node"] == "stereo").expect("stereo");
@@ -240,64 +238,64 @@ fn a_run_and_its_timings_are_told_to_programs() {
     assert!(stereo["cpu_ns"].as_u64().is_some_and(|ns| ns > 0));
 }
 
-/// What a shell offers for the last of these words.
-fn offered(words: &[&str], here: &Path) -> Vec<String> {
-    let mut ask = depthloom();
-    ask.current_dir(here).env("DEPTHLOOM_COMPLETE", "bash").env("_CLAP_IFS", "\n");
-    ask.env("_CLAP_COMPLETE_INDEX", words.len().to_string()).args(["--", "depthloom"]).args(words);
-    text(&succeed(&mut ask)).lines().map(str::to_owned).collect()
+/// The completions that a shell offers for the last of these words.
+fn completions(words: &[&str], here: &Path) -> Vec<String> {
+    let mut complete = depthloom();
+    complete.current_dir(here).env("DEPTHLOOM_COMPLETE", "bash").env("_CLAP_IFS", "\n");
+    complete.env("_CLAP_COMPLETE_INDEX", words.len().to_string()).args(["--", "depthloom"]).args(words);
+    text(&succeed(&mut complete)).lines().map(str::to_owned).collect()
 }
 
 #[test]
-fn completion_offers_kinds_and_files_by_ending() {
+fn completion_offers_kinds_and_files_by_extension() {
     let folder = tempfile::tempdir().expect("a folder");
     let here = folder.path();
     for file in ["a.yaml", "b.yml", "c.txt", "d.mcap"] {
         std::fs::write(here.join(file), "").expect("written");
     }
     std::fs::create_dir(here.join("runs")).expect("made");
-    assert_eq!(offered(&["nodes", "stereo/s"], here), ["stereo/sgbm"]);
-    assert!(offered(&["nodes", ""], here).contains(&"synthetic/road".to_owned()));
+    assert_eq!(completions(&["nodes", "stereo/s"], here), ["stereo/sgbm"]);
+    assert!(completions(&["nodes", ""], here).contains(&"synthetic/road".to_owned()));
     for command in ["run", "check", "plan", "graph"] {
-        let offered = offered(&[command, ""], here);
-        let values: Vec<_> = offered.iter().filter(|value| !value.starts_with('-')).collect();
+        let completions = completions(&[command, ""], here);
+        let values: Vec<_> = completions.iter().filter(|value| !value.starts_with('-')).collect();
         assert_eq!(values, ["a.yaml", "b.yml", "runs/"], "{command}");
     }
-    let recordings = offered(&["report", ""], here);
+    let recordings = completions(&["report", ""], here);
     assert!(recordings.contains(&"d.mcap".to_owned()) && recordings.contains(&"runs/".to_owned()), "{recordings:?}");
     assert!(!recordings.contains(&"a.yaml".to_owned()));
-    assert_eq!(offered(&["run", "a.yaml", "--out", "r"], here), ["runs/"]);
-    assert_eq!(offered(&["chec"], here), ["check"]);
-    assert_eq!(offered(&["man", "ti"], here), ["timings"]);
+    assert_eq!(completions(&["run", "a.yaml", "--out", "r"], here), ["runs/"]);
+    assert_eq!(completions(&["chec"], here), ["check"]);
+    assert_eq!(completions(&["man", "ti"], here), ["timings"]);
 }
 
 #[test]
-fn completion_offers_what_the_experiment_and_the_run_have() {
+fn completion_offers_names_from_the_experiment_and_the_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let here = folder.path();
     let look = workspace().join(LOOK);
     let variants = "variants: { plain: {}, small: { look.stereo.with.block: 3 } }";
     std::fs::write(here.join("look.yaml"), format!("extends: {}\nexperiment: look\n{variants}\n", look.display()))
         .expect("written");
-    assert_eq!(offered(&["run", "look.yaml", "--set", "look.stereo.with.b"], here), ["look.stereo.with.block="]);
-    let sources = offered(&["check", "look.yaml", "--matrix", "sources.street.with.w"], here);
+    assert_eq!(completions(&["run", "look.yaml", "--set", "look.stereo.with.b"], here), ["look.stereo.with.block="]);
+    let sources = completions(&["check", "look.yaml", "--matrix", "sources.street.with.w"], here);
     assert_eq!(sources, ["sources.street.with.width="]);
-    assert_eq!(offered(&["plan", "look.yaml", "--variant", ""], here), ["plain", "small"]);
+    assert_eq!(completions(&["plan", "look.yaml", "--variant", ""], here), ["plain", "small"]);
     let run = ["run", "--no-page", "look.yaml", "--quiet", "--out", "out", "--set", "sources.street.with.frames=0..1"];
     let small = ["--set", "sources.street.with.width=160", "--set", "sources.street.with.height=64"];
     succeed(depthloom().current_dir(here).args(run).args(small));
-    let topics = offered(&["export", "out", "stereo"], here);
+    let topics = completions(&["export", "out", "stereo"], here);
     assert!(topics.is_empty(), "each of two variants has its own: {topics:?}");
-    assert_eq!(offered(&["export", "out", "small/stereo"], here), ["small/stereo/disparity"]);
-    assert!(offered(&["export", "out", "/look/so"], here).contains(&"/look/source/left".to_owned()));
-    assert_eq!(offered(&["figure", "out", "cdf", "--variant", "s"], here), ["small"]);
-    // What is broken offers nothing, and no error.
+    assert_eq!(completions(&["export", "out", "small/stereo"], here), ["small/stereo/disparity"]);
+    assert!(completions(&["export", "out", "/look/so"], here).contains(&"/look/source/left".to_owned()));
+    assert_eq!(completions(&["figure", "out", "cdf", "--variant", "s"], here), ["small"]);
+    // A broken file yields no completions and no error.
     std::fs::write(here.join("look.yaml"), "stages: [").expect("written");
-    assert_eq!(offered(&["run", "look.yaml", "--variant", "s"], here), [""; 0]);
+    assert_eq!(completions(&["run", "look.yaml", "--variant", "s"], here), [""; 0]);
 }
 
 #[test]
-fn a_port_of_a_wrong_type_is_one_error() {
+fn a_port_of_a_wrong_type_is_reported_once() {
     let folder = tempfile::tempdir().expect("a folder");
     for (port, wrong) in [("dpeth", "dpeth"), ("{ type: dpeth }", "dpeth"), ("{ type: depth, rtae: once }", "rtae")] {
         let experiment = format!(
@@ -316,15 +314,15 @@ stages:
         );
         let file = folder.path().join("ports.yaml");
         std::fs::write(&file, experiment).expect("written");
-        let told = json(&ends(depthloom().args(["check", "--json"]).arg(&file), 2));
-        let diagnostics = told["diagnostics"].as_array().expect("a list");
-        assert_eq!(diagnostics.len(), 1, "{told}");
-        assert!(diagnostics[0]["message"].as_str().is_some_and(|message| message.contains(wrong)), "{told}");
+        let printed = json(&exits_with(depthloom().args(["check", "--json"]).arg(&file), 2));
+        let diagnostics = printed["diagnostics"].as_array().expect("a list");
+        assert_eq!(diagnostics.len(), 1, "{printed}");
+        assert!(diagnostics[0]["message"].as_str().is_some_and(|message| message.contains(wrong)), "{printed}");
     }
 }
 
 #[test]
-fn check_says_that_run_refuses_a_dora_node() {
+fn check_notes_that_run_refuses_dora_nodes() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("near.yaml");
     let experiment = "experiment: near
@@ -340,15 +338,15 @@ stages:
     score: { truth: source/depth, estimates: { near: near/depth } }
 ";
     std::fs::write(&file, experiment).expect("written");
-    let told = text(&ends(depthloom().arg("check").arg(&file), 0));
-    assert!(told.contains("note: `depthloom run` refuses 1 node of the kind `dora` (`look.near`)"), "{told}");
-    let told = json(&ends(depthloom().args(["check", "--json"]).arg(&file), 0));
-    assert_eq!(told["dora_nodes"], json!(["look.near"]));
+    let printed = text(&exits_with(depthloom().arg("check").arg(&file), 0));
+    assert!(printed.contains("note: `depthloom run` refuses 1 node of the kind `dora` (`look.near`)"), "{printed}");
+    let printed = json(&exits_with(depthloom().args(["check", "--json"]).arg(&file), 0));
+    assert_eq!(printed["dora_nodes"], json!(["look.near"]));
 }
 
 #[test]
 fn an_experiment_is_read_from_standard_input() {
-    let of_input = |arguments: &[&str], text: &[u8]| {
+    let with_stdin = |arguments: &[&str], text: &[u8]| {
         let mut child = depthloom();
         child.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = child.spawn().expect("the binary starts");
@@ -356,24 +354,24 @@ fn an_experiment_is_read_from_standard_input() {
         child.wait_with_output().expect("ended")
     };
     let look = std::fs::read(workspace().join(LOOK)).expect("an experiment");
-    let output = of_input(&["check", "-"], &look);
+    let output = with_stdin(&["check", "-"], &look);
     assert!(output.status.success() && text(&output).starts_with("-: right; "), "{output:?}");
     assert_eq!(
-        json(&of_input(&["plan", "-", "--json"], &look))["experiment"],
-        json(&ends(depthloom().args(["plan", LOOK, "--json"]), 0))["experiment"]
+        json(&with_stdin(&["plan", "-", "--json"], &look))["experiment"],
+        json(&exits_with(depthloom().args(["plan", LOOK, "--json"]), 0))["experiment"]
     );
-    let broken = of_input(&["check", "-", "--json"], b"experiment: x\nstagse: {}\n");
-    let told = json(&broken);
-    assert_eq!((broken.status.code(), &told["diagnostics"][0]["file"]), (Some(2), &json!("-")), "{told}");
-    // What is run is read again, and kept.
-    let output = of_input(&["run", "-"], &look);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(2) && said.contains("write it to a file"), "{said}");
+    let broken = with_stdin(&["check", "-", "--json"], b"experiment: x\nstagse: {}\n");
+    let printed = json(&broken);
+    assert_eq!((broken.status.code(), &printed["diagnostics"][0]["file"]), (Some(2), &json!("-")), "{printed}");
+    // `run` refuses it: the run reads the file again, and stores a copy.
+    let output = with_stdin(&["run", "-"], &look);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && stderr.contains("write it to a file"), "{stderr}");
 }
 
 #[test]
-fn bash_takes_the_script_and_completes() {
-    const TEST: &str = "bash_takes_the_script_and_completes";
+fn bash_completes_with_the_generated_script() {
+    const TEST: &str = "bash_completes_with_the_generated_script";
     if Command::new("bash").arg("--version").output().is_err() {
         return skipped(TEST, "there is no bash");
     }
@@ -398,8 +396,8 @@ fn commands_of(command: &[&str]) -> Vec<String> {
 }
 
 #[test]
-fn every_command_has_a_manual_page_that_mandoc_takes() {
-    const TEST: &str = "every_command_has_a_manual_page_that_mandoc_takes";
+fn every_command_has_a_valid_manual_page() {
+    const TEST: &str = "every_command_has_a_valid_manual_page";
     let folder = tempfile::tempdir().expect("a folder");
     succeed(depthloom().args(["man", "--out"]).arg(folder.path()));
     let mut pages = vec![folder.path().join("depthloom.1")];
@@ -414,7 +412,7 @@ fn every_command_has_a_manual_page_that_mandoc_takes() {
         pages.push(page);
     }
     assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), pages.len());
-    // The date of the release that CHANGELOG.md names, never of a clock.
+    // The date is that of the release in CHANGELOG.md, not of the build.
     let changes = std::fs::read_to_string(workspace().join("CHANGELOG.md")).expect("the changelog");
     let head = format!("## {} (", env!("CARGO_PKG_VERSION"));
     let released = changes.lines().find_map(|line| line.strip_prefix(&head)?.strip_suffix(')')).expect("a date");
@@ -430,27 +428,27 @@ fn every_command_has_a_manual_page_that_mandoc_takes() {
 #[test]
 fn help_names_exit_codes_and_the_nearest_command() {
     for command in commands_of(&[]) {
-        let told = text(&succeed(depthloom().args(["help", &command])));
-        let is_whole = told.contains("\nExamples:\n  depthloom ") && told.contains("\nExit codes:\n  0 ");
-        assert!(command == "help" || is_whole, "{told}");
+        let printed = text(&succeed(depthloom().args(["help", &command])));
+        let is_complete = printed.contains("\nExamples:\n  depthloom ") && printed.contains("\nExit codes:\n  0 ");
+        assert!(command == "help" || is_complete, "{printed}");
     }
     for (typo, near) in
         [("runn", "run"), ("rnu", "run"), ("reprot", "report"), ("node", "nodes"), ("timing", "timings")]
     {
         for before in [&[][..], &["help"]] {
-            let output = ends(depthloom().args(before).arg(typo), 2);
-            let said = String::from_utf8_lossy(&output.stderr);
-            assert!(said.contains(&format!("'{near}'")), "{said}");
+            let output = exits_with(depthloom().args(before).arg(typo), 2);
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert!(stderr.contains(&format!("'{near}'")), "{stderr}");
         }
     }
-    let told = json(&ends(depthloom().args(["rnu", "--json"]), 2));
-    assert_eq!(told["error"]["help"], "a similar subcommand exists: 'run'");
-    let output = ends(depthloom().args(["man", "reprot"]), 2);
+    let printed = json(&exits_with(depthloom().args(["rnu", "--json"]), 2));
+    assert_eq!(printed["error"]["help"], "a similar subcommand exists: 'run'");
+    let output = exits_with(depthloom().args(["man", "reprot"]), 2);
     assert!(String::from_utf8_lossy(&output.stderr).contains("`report`"));
 }
 
 #[test]
-fn the_binary_needs_nothing_of_the_checkout() {
+fn the_binary_runs_without_the_checkout() {
     let folder = tempfile::tempdir().expect("a folder");
     let binary = folder.path().join("depthloom");
     std::fs::copy(env!("CARGO_BIN_EXE_depthloom"), &binary).expect("copied");
@@ -467,9 +465,9 @@ fn the_binary_needs_nothing_of_the_checkout() {
 }
 
 #[test]
-fn the_readme_quotes_the_first_look() {
+fn the_readme_quotes_first_look_yaml() {
     let read = |path: &str| std::fs::read_to_string(workspace().join(path)).expect("a file");
     let look = read(LOOK);
-    assert!(read("README.md").contains(&format!("```yaml\n{look}```")), "README.md quotes another {LOOK}");
+    assert!(read("README.md").contains(&format!("```yaml\n{look}```")), "README.md does not quote {LOOK} as it is");
     assert!(look.starts_with("# yaml-language-server: $schema=experiment.schema.json\n"));
 }

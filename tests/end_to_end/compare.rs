@@ -1,4 +1,4 @@
-//! `compare`: differences, intervals and tests, held against SciPy on the scores that the run wrote; limits for CI.
+//! `compare`: differences, intervals and tests, checked against SciPy on the scores that the run wrote; limits for CI.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 
 use crate::support::{Row, depthloom, number, python, read_csv, succeed, workspace};
 
-/// Stereo in three variants on seven small frames, scored as it is and filtered.
+/// Stereo in three variants on seven small frames, scored with and without a median filter.
 const EXPERIMENT: &str = "experiment: compared
 sources:
   street: { kind: synthetic/road, with: { frames: 0..7, seed: 3, width: 320, height: 96 } }
@@ -29,7 +29,7 @@ variants:
   strict: { look.stereo.with.uniqueness: 20 }
 ";
 
-/// Runs the experiment into a folder beside it, with something set otherwise.
+/// Runs the experiment with changed parameters into the folder `name`.
 fn run(folder: &Path, name: &str, set: &[&str]) -> PathBuf {
     let (file, out) = (folder.join("compared.yaml"), folder.join(name));
     std::fs::write(&file, EXPERIMENT).expect("written");
@@ -50,17 +50,16 @@ fn json(folder: &Path, arguments: &[&str]) -> Json {
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
-/// What is said of a question that is refused.
+/// Standard error of a command that is refused with exit code 2, on one line.
 fn refused(folder: &Path, arguments: &[&str]) -> String {
     let output = compare(folder, arguments);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stdout));
-    // Where a line is broken has nothing to do with what is said.
     String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 #[test]
-fn differences_intervals_and_tests_are_scipys() {
-    let Some(python) = python("differences_intervals_and_tests_are_scipys") else { return };
+fn differences_intervals_and_tests_match_scipy() {
+    let Some(python) = python("differences_intervals_and_tests_match_scipy") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
@@ -80,14 +79,14 @@ fn differences_intervals_and_tests_are_scipys() {
         let scores = runs.iter().map(|run| format!("{run}={}", folder.join(run).join("scores.csv").display()));
         let mut check = Command::new(&python);
         check.arg(workspace().join("tests/python/check_compare.py")).arg(&file).args(scores);
-        let told = succeed(&mut check);
-        assert_eq!(String::from_utf8_lossy(&told.stdout).trim(), tests.to_string(), "{arguments:?}");
+        let checked = succeed(&mut check);
+        assert_eq!(String::from_utf8_lossy(&checked.stdout).trim(), tests.to_string(), "{arguments:?}");
     }
 }
 
 #[test]
-fn errors_by_distance_are_scipys() {
-    let Some(python) = python("errors_by_distance_are_scipys") else { return };
+fn errors_by_distance_match_scipy() {
+    let Some(python) = python("errors_by_distance_match_scipy") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
@@ -113,18 +112,18 @@ fn errors_by_distance_are_scipys() {
         let compared = json(folder, &[arguments, &["--by", "distance", "--resamples", "300"]].concat());
         let file = folder.join("compared.json");
         std::fs::write(&file, compared.to_string()).expect("written");
-        let of =
+        let maps_of =
             |label: &str| if label == "plain/raw" { maps("plain/depth/depth") } else { maps("strict/smooth/depth") };
         let mut check = Command::new(&python);
         check.arg(workspace().join("tests/python/check_distance.py")).arg(&file).arg(maps("source/depth"));
-        let told = succeed(check.arg(of(arguments[1])).arg(of(arguments[2])));
+        let checked = succeed(check.arg(maps_of(arguments[1])).arg(maps_of(arguments[2])));
         let rows = compared["rows"].as_array().expect("rows").len();
-        assert_eq!(String::from_utf8_lossy(&told.stdout).trim(), rows.to_string(), "{arguments:?}");
+        assert_eq!(String::from_utf8_lossy(&checked.stdout).trim(), rows.to_string(), "{arguments:?}");
     }
 }
 
 #[test]
-fn a_question_by_distance_that_makes_no_sense_is_refused() {
+fn options_that_do_not_apply_by_distance_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
@@ -134,10 +133,10 @@ fn a_question_by_distance_that_makes_no_sense_is_refused() {
         (&["run", "--by", "distance", "--scores", "rmse"], "cannot be used with"),
         (&["run", "--bins", "width:5"], "required"),
     ] {
-        let said = refused(folder, arguments);
-        assert!(said.contains(words), "{arguments:?}: {said}");
+        let error = refused(folder, arguments);
+        assert!(error.contains(words), "{arguments:?}: {error}");
     }
-    // All variants at once, a pair each, in every format.
+    // All variants at once, one pair per variant, in every format.
     let compared = json(folder, &["run", "--by", "distance", "--resamples", "200"]);
     assert_eq!(compared["handovers"].as_array().expect("handovers").len(), 2 * 2 * 2, "pairs and statistics");
     for format in ["terminal", "md", "csv", "latex"] {
@@ -147,12 +146,12 @@ fn a_question_by_distance_that_makes_no_sense_is_refused() {
 }
 
 #[test]
-fn what_differs_is_told_and_equal_questions_have_equal_answers() {
+fn differing_parameters_are_listed_and_output_is_reproducible() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
     let text = |arguments: &[&str]| String::from_utf8(compare(folder, arguments).stdout).expect("UTF-8");
-    let of_variants = text(&["run", "plain", "large"]);
+    let variants = text(&["run", "plain", "large"]);
     for part in [
         "large differs in\n  look.stereo  block: 5 -> 9",
         "large against plain: all pixels with ground truth, preset paper, mean over 7 frames",
@@ -160,39 +159,39 @@ fn what_differs_is_told_and_equal_questions_have_equal_answers() {
         "corrected for the 16 tests here",
         "7 frames: intervals of so few are too narrow",
     ] {
-        let flat = of_variants.replace("\n", " ");
-        assert!(of_variants.contains(part) || flat.contains(part), "{part}: {of_variants}");
+        let flat = variants.replace("\n", " ");
+        assert!(variants.contains(part) || flat.contains(part), "{part}: {variants}");
     }
-    assert_eq!(of_variants, text(&["run", "plain", "large"]));
+    assert_eq!(variants, text(&["run", "plain", "large"]));
     let csv = |arguments: &[&str]| text(&[arguments, &["--format", "csv"]].concat());
     assert_eq!(csv(&["run", "large"]).len(), 0, "one side is compared with nothing");
     let rows = csv(&["run", "--baseline", "strict"]);
     assert_eq!(rows.lines().count(), 1 + 2 * 2 * 8);
     assert!(rows.lines().skip(1).all(|row| row.starts_with("look,plain,") || row.starts_with("look,large,")));
 
-    // A run against one of other frames and another parameter.
+    // A run against one with other frames and another parameter.
     run(folder, "other", &["look.stereo.with.p1=300", "sources.street.with.frames=2..9"]);
     let compared = json(folder, &["run", "other"]);
-    let told = compared.to_string();
-    assert!(told.contains("5 frames are in both; 2 in the baseline alone and 2 in the other alone"), "{told}");
+    let text = compared.to_string();
+    assert!(text.contains("5 frames are in both; 2 in the baseline alone and 2 in the other alone"), "{text}");
     let differences = compared["parameters"][0]["differences"].as_array().expect("differences");
-    let p1 = differences.iter().find(|of| of["path"] == "p1").expect("the parameter");
+    let p1 = differences.iter().find(|difference| difference["path"] == "p1").expect("the parameter");
     assert_eq!((&p1["after"], p1["node"].as_str()), (&Json::from(300), Some("look.stereo of plain")));
     assert!(compared["rows"].as_array().expect("rows").iter().all(|row| row["frames"] == 5));
-    // A run against itself: nothing differs, and nothing is sure.
+    // A run against itself: nothing differs, and no verdict is possible.
     let same = json(folder, &["run", "./run"]);
     for row in same["rows"].as_array().expect("rows") {
-        let of = ["difference", "difference_low", "difference_high", "p", "verdict"].map(|name| row[name].clone());
-        assert_eq!(of, [0.0.into(), 0.0.into(), 0.0.into(), 1.0.into(), Json::from("unclear")], "{row}");
+        let cells = ["difference", "difference_low", "difference_high", "p", "verdict"].map(|name| row[name].clone());
+        assert_eq!(cells, [0.0.into(), 0.0.into(), 0.0.into(), 1.0.into(), Json::from("unclear")], "{row}");
     }
 }
 
 #[test]
-fn what_is_the_same_on_both_sides_is_not_tested() {
+fn estimates_that_are_equal_in_both_runs_are_not_tested() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
-    // Of the same run with another filter, one of two estimates of each variant is the same.
+    // With another filter size, `raw` of each variant stays the same, and `smooth` changes.
     run(folder, "other", &["look.smooth.with.size=3"]);
     let one = json(folder, &["run", "other", "--estimates", "*/smooth", "--scores", "abs_rel"]);
     let two = json(folder, &["run", "other", "--scores", "abs_rel"]);
@@ -200,10 +199,10 @@ fn what_is_the_same_on_both_sides_is_not_tested() {
         let rows = compared["rows"].as_array().expect("rows").iter();
         rows.filter(|row| row["estimate"] == estimate).map(|row| row["p_holm"].clone()).collect()
     };
-    assert_eq!(p(&two, "smooth"), p(&one, "smooth"), "what cannot differ weakens no other test");
+    assert_eq!(p(&two, "smooth"), p(&one, "smooth"), "an estimate that cannot differ does not weaken other tests");
     assert_eq!((p(&two, "raw"), two["method"]["tests"].clone()), (vec![Json::Null; 3], 3.into()));
     assert!(two["notes"].to_string().contains("plain/raw is the same on both sides: it is not tested"), "{two}");
-    // Equal estimates under other names.
+    // The same run under another name.
     run(folder, "same", &[]);
     let equal = compare(folder, &["run", "same", "--scores", "abs_rel"]).stdout;
     let equal = String::from_utf8_lossy(&equal).split_whitespace().collect::<Vec<_>>().join(" ");
@@ -212,16 +211,16 @@ fn what_is_the_same_on_both_sides_is_not_tested() {
 }
 
 #[test]
-fn so_few_frames_that_no_verdict_is_possible_are_said() {
+fn too_few_frames_for_any_verdict_are_noted() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
     // 7 frames: 2 / 2^7 for each of 32 tests.
-    let told = json(folder, &["run"])["notes"].to_string();
+    let notes = json(folder, &["run"])["notes"].to_string();
     let note = "no verdict is possible: with 32 tests of 7 frames the smallest p_holm that can be reached is 0.500, not below 0.05";
-    assert!(told.contains(note), "{told}");
-    let told = json(folder, &["run", "plain", "large", "--scores", "abs_rel"])["notes"].to_string();
-    assert!(!told.contains("no verdict is possible"), "2 tests reach 0.031: {told}");
+    assert!(notes.contains(note), "{notes}");
+    let notes = json(folder, &["run", "plain", "large", "--scores", "abs_rel"])["notes"].to_string();
+    assert!(!notes.contains("no verdict is possible"), "2 tests reach 0.031: {notes}");
 }
 
 #[test]
@@ -260,7 +259,7 @@ fn frames_and_several_estimates_are_selected() {
 }
 
 #[test]
-fn several_runs_have_one_table_with_the_settings_in_which_they_differ() {
+fn a_table_of_several_runs_has_a_column_per_differing_setting() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let runs = [("one", "200"), ("two", "300"), ("three", "400")];
@@ -280,42 +279,45 @@ fn several_runs_have_one_table_with_the_settings_in_which_they_differ() {
         let own = read_csv(&folder.join(name).join("table.csv"));
         for row in rows.iter().filter(|row| row["run"] == name) {
             assert_eq!(row["look.stereo.p1"], p1, "{row:?}");
-            let is = |of: &&Row| ["variant", "estimate", "set"].iter().all(|key| of[*key] == row[*key]);
-            assert_eq!(own.iter().find(is).map(|of| number(of, "abs_rel")), Some(number(row, "abs_rel")));
+            let is_same = |other: &&Row| ["variant", "estimate", "set"].iter().all(|key| other[*key] == row[*key]);
+            assert_eq!(own.iter().find(is_same).map(|other| number(other, "abs_rel")), Some(number(row, "abs_rel")));
         }
     }
     assert_eq!(board(&["--estimates", "raw", "--top", "2"]).len(), 2);
     let output =
         succeed(depthloom().current_dir(folder).args(["table", "one", "two", "three", "--columns", "abs_rel"]));
     let text = String::from_utf8(output.stdout).expect("UTF-8");
-    assert_eq!(text.lines().skip(2).filter(|line| line.ends_with('*')).count(), 1, "one best of all runs: {text}");
-    let told =
+    assert_eq!(
+        text.lines().skip(2).filter(|line| line.ends_with('*')).count(),
+        1,
+        "one best value over all runs: {text}"
+    );
+    let refused =
         depthloom().current_dir(folder).args(["table", "one", "two", "--ci"]).output().expect("the binary starts");
-    assert_eq!(told.status.code(), Some(2));
+    assert_eq!(refused.status.code(), Some(2));
 }
 
-/// What variants share is one test, not one for each of them.
 #[test]
-fn an_estimate_that_variants_share_is_tested_once() {
+fn an_estimate_shared_by_variants_is_tested_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let text = EXPERIMENT.split("variants:").next().expect("a part");
     let text = format!("{text}matrix:\n  look.stereo.with.block: [3, 5]\n  look.smooth.with.size: [3, 5]\n");
     std::fs::write(folder.join("shared.yaml"), text).expect("written");
     succeed(depthloom().current_dir(folder).args(["run", "--no-page", "shared.yaml", "--quiet", "--out", "shared"]));
-    // `raw` differs by block alone: against block=3 there is one test, in two variants.
-    let told = json(
+    // `raw` depends only on the block size, so against block=3 two variants share one test.
+    let compared = json(
         folder,
         &["shared", "block=3+size=3/raw", "block=5+size=3/raw", "block=5+size=5/raw", "--scores", "abs_rel"],
     );
-    assert_eq!(told["method"]["tests"], 1, "{told}");
-    let rows = told["rows"].as_array().expect("rows");
+    assert_eq!(compared["method"]["tests"], 1, "{compared}");
+    let rows = compared["rows"].as_array().expect("rows");
     let p: Vec<_> = rows.iter().map(|row| row["p_holm"].as_f64().expect("a number")).collect();
-    assert!(p.len() == 2 && p[0] == p[1] && rows[0]["p"].as_f64() == Some(p[0]), "{told}");
+    assert!(p.len() == 2 && p[0] == p[1] && rows[0]["p"].as_f64() == Some(p[0]), "{compared}");
 }
 
 #[test]
-fn in_a_table_of_several_runs_each_variant_has_its_own_settings() {
+fn a_table_of_several_runs_shows_the_settings_of_each_variant() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let plain = EXPERIMENT.split("variants:").next().expect("a part");
@@ -335,7 +337,7 @@ fn in_a_table_of_several_runs_each_variant_has_its_own_settings() {
 }
 
 #[test]
-fn a_table_for_latex_has_its_own_caption_label_and_digits_and_intervals_stay_with_their_scores() {
+fn latex_tables_take_caption_label_and_digits_and_keep_intervals_in_cells() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
@@ -347,7 +349,7 @@ fn a_table_for_latex_has_its_own_caption_label_and_digits_and_intervals_stay_wit
     let plain = latex(&["--ci"]);
     let rows = plain.lines().filter(|line| line.ends_with("\\\\") && line.contains('['));
     for row in rows.clone() {
-        // The interval of a score is in its cell.
+        // The interval is in the cell of its metric.
         assert!(row.split('&').all(|cell| !cell.trim_start().starts_with('[')), "{row}");
     }
     assert!(rows.count() >= 6, "{plain}");
@@ -361,14 +363,14 @@ fn a_table_for_latex_has_its_own_caption_label_and_digits_and_intervals_stay_wit
     let cells =
         own.lines().filter(|line| line.contains("raw")).flat_map(|line| line.split('&')).last().expect("a cell");
     let digits = cells.trim().trim_start_matches("\\textbf{").split(|c: char| !c.is_ascii_digit() && c != '.').next();
-    assert!(digits.expect("a number").split('.').nth(1).is_some_and(|behind| behind.len() == 2), "{own}");
-    // Of other resamples intervals are others, and of the same the same.
+    assert!(digits.expect("a number").split('.').nth(1).is_some_and(|fraction| fraction.len() == 2), "{own}");
+    // Intervals depend on the seed, and are reproducible.
     let seeded = |seed: &str| latex(&["--ci", "--resamples", "500", "--seed", seed, "--columns", "abs_rel"]);
     assert!(seeded("1") == seeded("1") && seeded("1") != seeded("2"));
 }
 
 #[test]
-fn estimates_of_one_name_in_two_stages_are_told_apart() {
+fn estimates_of_one_name_in_two_stages_are_distinguished() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let stage = |source: &str| {
@@ -394,13 +396,13 @@ fn estimates_of_one_name_in_two_stages_are_told_apart() {
     std::fs::write(folder.join("two.yaml"), text).expect("written");
     succeed(depthloom().current_dir(folder).args(["run", "--no-page", "two.yaml", "--quiet", "--out", "run"]));
     let table = read_csv(&folder.join("run/table.csv"));
-    let of: Vec<String> =
+    let labels: Vec<String> =
         table.iter().map(|row| format!("{} {} {}", row["stage"], row["variant"], row["estimate"])).collect();
-    assert_eq!(of, ["develop plain stereo", "hold plain stereo", "develop large stereo", "hold large stereo"]);
-    // Each stage's estimate is compared with that of its own stage.
-    let told = json(folder, &["run", "plain", "large", "--scores", "abs_rel"]);
-    let rows = told["rows"].as_array().expect("rows");
-    assert_eq!(rows.len(), 2, "{told}");
+    assert_eq!(labels, ["develop plain stereo", "hold plain stereo", "develop large stereo", "hold large stereo"]);
+    // Estimates are compared within their stage.
+    let compared = json(folder, &["run", "plain", "large", "--scores", "abs_rel"]);
+    let rows = compared["rows"].as_array().expect("rows");
+    assert_eq!(rows.len(), 2, "{compared}");
     for (row, stage) in rows.iter().zip(["develop", "hold"]) {
         let value = |variant: &str| {
             let row = table.iter().find(|row| row["stage"] == stage && row["variant"] == variant).expect("a row");
@@ -413,7 +415,7 @@ fn estimates_of_one_name_in_two_stages_are_told_apart() {
 }
 
 #[test]
-fn a_limit_that_is_not_kept_ends_with_3_and_one_on_nothing_with_2() {
+fn an_exceeded_limit_exits_with_3_and_an_unmatched_limit_with_2() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
@@ -429,44 +431,45 @@ fn a_limit_that_is_not_kept_ends_with_3_and_one_on_nothing_with_2() {
         (output.status.code(), json)
     };
     assert_eq!(exit(&[&above]).0, Some(0));
-    let (code, told) = exit(&[&above, &below]);
+    let (code, compared) = exit(&[&above, &below]);
     assert_eq!(code, Some(3));
-    let kept: Vec<_> = told["limits"].as_array().expect("limits").iter().map(|of| of["exceeded"].clone()).collect();
-    assert_eq!(kept, [Json::from(false), Json::from(true)]);
-    assert_eq!(told["error"]["exit_code"], 3);
-    // The density has no row, and is that of the frames' scores.
-    let (code, told) = exit(&["raw.density < -0.0001", "raw.density > 50%"]);
+    let exceeded: Vec<_> =
+        compared["limits"].as_array().expect("limits").iter().map(|limit| limit["exceeded"].clone()).collect();
+    assert_eq!(exceeded, [Json::from(false), Json::from(true)]);
+    assert_eq!(compared["error"]["exit_code"], 3);
+    // Density has no row of its own; it is the mean over the frames' scores.
+    let (code, compared) = exit(&["raw.density < -0.0001", "raw.density > 50%"]);
     let density = |variant: &str| -> f64 {
         let scores = read_csv(&folder.join("run/scores.csv"));
-        let is_of = |row: &&Row| row["variant"] == variant && row["estimate"] == "raw" && row["set"] == "all";
-        let of: Vec<f64> = scores.iter().filter(is_of).map(|row| number(row, "density")).collect();
-        of.iter().sum::<f64>() / of.len() as f64
+        let is_selected = |row: &&Row| row["variant"] == variant && row["estimate"] == "raw" && row["set"] == "all";
+        let densities: Vec<f64> = scores.iter().filter(is_selected).map(|row| number(row, "density")).collect();
+        densities.iter().sum::<f64>() / densities.len() as f64
     };
-    let (limits, expected) = (&told["limits"], density("strict") - density("plain"));
+    let (limits, expected) = (&compared["limits"], density("strict") - density("plain"));
     assert!((limits[0]["change"].as_f64().expect("a number") - expected).abs() < 1e-12, "{limits}: {expected}");
     assert!(code == Some(3) && expected < -0.0001 && limits[0]["row"].is_null(), "{limits}");
     assert_eq!((&limits[0]["exceeded"], &limits[1]["exceeded"]), (&Json::from(true), &Json::from(false)));
-    // Of all pairs that have the score, if none is named.
+    // Without an estimate, the limit applies to all pairs that have the metric.
     assert_eq!(exit(&["a1 < -100%"]).1["limits"].as_array().map(Vec::len), Some(2));
-    for (limit, what) in [
+    for (limit, message) in [
         ("fused.abs_rel > 1%", "is on nothing that is compared"),
         ("raw.d1 > 0", "is on nothing that is compared"),
         ("raw.abs_rle > 1%", "did you mean `abs_rel`?"),
         ("raw.abs_rel", "has no `>` or `<`"),
     ] {
-        let told = refused(folder, &["run", "plain", "strict", "--fail-if", limit]);
-        assert!(told.contains(what), "{limit}: {told}");
+        let error = refused(folder, &["run", "plain", "strict", "--fail-if", limit]);
+        assert!(error.contains(message), "{limit}: {error}");
     }
-    // Numbers of two ways to score are not held against each other.
+    // Metrics that were computed in two ways are not compared with a limit.
     run(folder, "near", &["look.score.max_m=40"]);
-    let told = refused(folder, &["run", "near", "--fail-if", "abs_rel > 1%"]);
-    assert!(told.contains("scored in different ways"), "{told}");
-    let told = json(folder, &["run", "near"]).to_string();
-    assert!(told.contains("differences are of the scoring too"), "{told}");
+    let error = refused(folder, &["run", "near", "--fail-if", "abs_rel > 1%"]);
+    assert!(error.contains("scored in different ways"), "{error}");
+    let compared = json(folder, &["run", "near"]).to_string();
+    assert!(compared.contains("differences are of the scoring too"), "{compared}");
 }
 
 #[test]
-fn tables_have_intervals_where_they_are_asked_for() {
+fn tables_have_intervals_if_requested() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
@@ -474,32 +477,32 @@ fn tables_have_intervals_where_they_are_asked_for() {
         succeed(depthloom().current_dir(folder).args(arguments));
         read_csv(&folder.join(file))
     };
-    let of_variants = rows(&["table", "run", "--ci", "--format", "csv", "--out", "rows.csv"], "rows.csv");
-    let of_report = rows(&["report", "run", "--ci=95", "--out", "tables"], "tables/table.csv");
+    let variants = rows(&["table", "run", "--ci", "--format", "csv", "--out", "rows.csv"], "rows.csv");
+    let report = rows(&["report", "run", "--ci=95", "--out", "tables"], "tables/table.csv");
     let ends = |row: &Row| ["abs_rel_low", "abs_rel", "abs_rel_high"].map(|name| number(row, name));
     let key = |row: &Row| (row["variant"].clone(), row["estimate"].clone());
-    for row in &of_variants {
+    for row in &variants {
         let [low, value, high] = ends(row);
         assert!(low < value && value < high, "{row:?}");
-        let same = of_report.iter().find(|of| key(of) == key(row) && of["set"] == "all").expect("the same row");
+        let same = report.iter().find(|other| key(other) == key(row) && other["set"] == "all").expect("the same row");
         assert_eq!(ends(same), [low, value, high]);
     }
-    assert_eq!(of_variants.len(), 6);
+    assert_eq!(variants.len(), 6);
     let latex = std::fs::read_to_string(folder.join("tables/table.tex")).expect("the table");
     let stated = "in square brackets its interval (95 \\% BCa bootstrap over frames, 100000 resamples, seed 1)";
     assert!(latex.contains(stated) && latex.contains("\\label{tab:compared}"), "{latex}");
-    // Surer is wider, and without a question there are none.
-    let surer = rows(&["table", "run", "--ci=99", "--format", "csv", "--out", "rows.csv"], "rows.csv");
-    assert!(surer.iter().zip(&of_variants).all(|(surer, row)| ends(surer)[0] < ends(row)[0]));
+    // Higher confidence yields wider intervals, and by default there are none.
+    let wider = rows(&["table", "run", "--ci=99", "--format", "csv", "--out", "rows.csv"], "rows.csv");
+    assert!(wider.iter().zip(&variants).all(|(wider, row)| ends(wider)[0] < ends(row)[0]));
     assert!(!read_csv(&folder.join("run/table.csv"))[0].contains_key("abs_rel_low"));
 }
 
 #[test]
-fn what_cannot_be_compared_is_said() {
+fn sides_that_cannot_be_compared_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
-    for (arguments, what) in [
+    for (arguments, message) in [
         (&["run", "plian"][..], "did you mean `plain`?"),
         (&["run:plian", "run"], "`plian` is neither a run nor a variant or estimate of run"),
         (&["run", "plain"], "there is nothing to hold plain against"),
@@ -509,7 +512,7 @@ fn what_cannot_be_compared_is_said() {
         (&["run", "plain", "large", "--zone", "0..10"], "no zone"),
         (&["nothing", "plain"], "failed to open nothing"),
     ] {
-        let told = refused(folder, arguments);
-        assert!(told.contains(what), "{arguments:?}: {told}");
+        let error = refused(folder, arguments);
+        assert!(error.contains(message), "{arguments:?}: {error}");
     }
 }

@@ -1,4 +1,4 @@
-//! `depthloom check --data` and `depthloom data`: data sets are looked at before anything is computed on them.
+//! `depthloom check --data` and `depthloom data`: data sets are checked before anything is computed from them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use serde_json::Value as Json;
 
 use crate::support::{depthloom, succeed};
 
-/// Pairs of one's own in `pairs/`: frames 0 to 5 of a street, with their calibration and truth.
+/// An image folder `pairs/`: frames 0 to 5 of a street, with their calibration and ground truth.
 struct Rig {
     folder: tempfile::TempDir,
 }
@@ -65,9 +65,9 @@ impl Rig {
         depthloom().arg("check").arg(self.path("own.yaml")).arg("--data").args(arguments).output().expect("it runs")
     }
 
-    /// What was printed, with the folder called ROOT. Without the progress that a run of more than five seconds prints:
+    /// The printed text, with ROOT for the folder, and without the progress that is printed after five seconds:
     /// `own: 3/4 frames, 0 faults`.
-    fn said(&self, bytes: &[u8]) -> String {
+    fn text_of(&self, bytes: &[u8]) -> String {
         let text = String::from_utf8_lossy(bytes).replace(&self.folder.path().display().to_string(), "ROOT");
         let is_progress = |line: &str| {
             let done = line.split_once(": ").and_then(|(_, rest)| rest.split_once('/')).map(|(done, _)| done);
@@ -77,8 +77,8 @@ impl Rig {
     }
 }
 
-fn snapshot(name: &str, said: &str) {
-    insta::with_settings!({ omit_expression => true }, { insta::assert_snapshot!(name, said); });
+fn snapshot(name: &str, text: &str) {
+    insta::with_settings!({ omit_expression => true }, { insta::assert_snapshot!(name, text); });
 }
 
 fn save(image: impl Into<DynamicImage>, path: &Path) {
@@ -86,19 +86,19 @@ fn save(image: impl Into<DynamicImage>, path: &Path) {
 }
 
 #[test]
-fn right_data_are_told_to_be_right() {
+fn valid_data_pass_the_check() {
     let rig = Rig::new();
     let output = succeed(depthloom().arg("check").arg(rig.path("own.yaml")).args(["--data", "-j", "2"]));
-    let told = rig.said(&output.stdout);
-    assert_eq!(told.lines().last(), Some("source `own` (images): 6 frames, nothing wrong"), "{told}");
+    let printed = rig.text_of(&output.stdout);
+    assert_eq!(printed.lines().last(), Some("source `own` (images): 6 frames, nothing wrong"), "{printed}");
 }
 
 #[test]
-fn every_fault_of_the_data_is_told_in_one_pass() {
+fn every_fault_of_the_data_is_reported_in_one_pass() {
     let rig = Rig::new();
     let pairs = |file: &str| rig.path("pairs").join(file);
-    // 0: no right image. 1: cut off, both. 2: sizes differ. 3: exchanged. 4: truth of another scale. 5: truth of 8
-    // bits.
+    // Frame 0: no right image. 1: both truncated. 2: sizes differ. 3: exchanged. 4: ground truth at another scale.
+    // 5: ground truth with 8 bits.
     fs::remove_file(pairs("cam1/0.png")).expect("removed");
     for side in ["cam0", "cam1"] {
         let file = pairs(&format!("{side}/1.png"));
@@ -116,23 +116,23 @@ fn every_fault_of_the_data_is_told_in_one_pass() {
     save(image::open(pairs("truth/5.png")).expect("a map").into_luma8(), &pairs("truth/5.png"));
     let output = rig.check(&["-j", "2"]);
     assert_eq!(output.status.code(), Some(2));
-    snapshot("every_fault_of_the_data", &format!("{}{}", rig.said(&output.stdout), rig.said(&output.stderr)));
+    snapshot("every_fault_of_the_data", &format!("{}{}", rig.text_of(&output.stdout), rig.text_of(&output.stderr)));
 
     let output = rig.check(&["--json"]);
     assert_eq!(output.status.code(), Some(2));
-    let told: Json = serde_json::from_slice(&output.stdout).expect("JSON");
-    let faults = told["data"][0]["faults"].as_array().expect("faults");
-    let of: Vec<Option<&str>> = faults.iter().map(|fault| fault["frame"].as_str()).collect();
-    assert_eq!(of, [None, Some("1"), Some("1"), Some("2"), Some("3"), Some("4"), Some("5")]);
-    assert_eq!(told["error"]["exit_code"], 2);
-    assert_eq!(told["error"]["diagnostics"].as_array().map(Vec::len), Some(7));
+    let checked: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+    let faults = checked["data"][0]["faults"].as_array().expect("faults");
+    let frames: Vec<Option<&str>> = faults.iter().map(|fault| fault["frame"].as_str()).collect();
+    assert_eq!(frames, [None, Some("1"), Some("1"), Some("2"), Some("3"), Some("4"), Some("5")]);
+    assert_eq!(checked["error"]["exit_code"], 2);
+    assert_eq!(checked["error"]["diagnostics"].as_array().map(Vec::len), Some(7));
 }
 
 #[test]
-fn pairs_that_are_none_and_what_all_frames_share_are_told() {
+fn implausible_pairs_and_faults_of_all_frames_are_reported() {
     let rig = Rig::new();
     let pairs = |file: &str| rig.path("pairs").join(file);
-    // 0: right is left. 1: both black. 2: one is 6 rows off. 3: truth of nothing.
+    // Frame 0: right equals left. 1: both black. 2: right is 6 rows off. 3: ground truth without a valid pixel.
     fs::copy(pairs("cam0/0.png"), pairs("cam1/0.png")).expect("copied");
     for side in ["cam0", "cam1"] {
         save(DynamicImage::new_rgb8(480, 144), &pairs(&format!("{side}/1.png")));
@@ -143,34 +143,34 @@ fn pairs_that_are_none_and_what_all_frames_share_are_told() {
     save(DynamicImage::new_luma16(480, 144), &pairs("truth/3.png"));
     let output = rig.check(&["-j", "2"]);
     assert_eq!(output.status.code(), Some(2));
-    snapshot("pairs_that_are_none", &format!("{}{}", rig.said(&output.stdout), rig.said(&output.stderr)));
+    snapshot("implausible_pairs", &format!("{}{}", rig.text_of(&output.stdout), rig.text_of(&output.stderr)));
 
-    // Disparities that are said to be metres: of all frames, told once.
+    // Disparities declared as metres: a fault of all frames, reported once.
     let rig = Rig::new();
     let text = fs::read_to_string(rig.path("own.yaml")).expect("read");
     fs::write(rig.path("own.yaml"), text.replace("unit: pixels", "unit: metres")).expect("written");
     let output = rig.check(&["-j", "2"]);
     assert_eq!(output.status.code(), Some(2));
-    snapshot("a_fault_of_all_frames", &format!("{}{}", rig.said(&output.stdout), rig.said(&output.stderr)));
+    snapshot("a_fault_of_all_frames", &format!("{}{}", rig.text_of(&output.stdout), rig.text_of(&output.stderr)));
 }
 
 #[test]
-fn every_independent_fault_of_a_frame_and_of_an_opening_is_told_in_one_pass() {
+fn all_independent_faults_of_a_frame_or_a_source_are_reported_in_one_pass() {
     let rig = Rig::new();
     let pairs = |file: &str| rig.path("pairs").join(file);
     let halve = |file: &str| {
         let bytes = fs::read(pairs(file)).expect("read");
         fs::write(pairs(file), &bytes[..bytes.len() / 2]).expect("written");
     };
-    // 0: no right image, and left cut off. 1: left cut off, and the truth too. 2: sizes differ, and the truth has 8
-    // bits.
+    // Frame 0: no right image, and left truncated. 1: left and ground truth truncated. 2: sizes differ, and the ground
+    // truth has 8 bits.
     fs::remove_file(pairs("cam1/0.png")).expect("removed");
     ["cam0/0.png", "cam0/1.png", "truth/1.png"].iter().for_each(|file| halve(file));
     save(image::open(pairs("cam1/2.png")).expect("an image").crop_imm(0, 0, 400, 144), &pairs("cam1/2.png"));
     save(image::open(pairs("truth/2.png")).expect("a map").into_luma8(), &pairs("truth/2.png"));
     let output = rig.check(&[]);
     assert_eq!(output.status.code(), Some(2));
-    let mut said = rig.said(&output.stderr);
+    let mut errors = rig.text_of(&output.stderr);
 
     let kitti = |file: &str| rig.path("kitti/training").join(file);
     for file in ["image_3/000001_10.png", "disp_noc_0/000001_10.png", "calib_cam_to_cam/000001.txt"] {
@@ -183,34 +183,34 @@ fn every_independent_fault_of_a_frame_and_of_an_opening_is_told_in_one_pass() {
     let rest = rest.split_once("stages:").expect("it has some").1;
     let source = "sources: { own: { kind: kitti/stereo2015, with: { root: kitti } } }\nstages:";
     fs::write(rig.path("own.yaml"), format!("{head}{source}{rest}")).expect("written");
-    said.push_str(&rig.said(&rig.check(&[]).stderr));
+    errors.push_str(&rig.text_of(&rig.check(&[]).stderr));
 
-    // An opening: no right image, no truth, and neither file of the calibration.
+    // Faults on opening the source: no right images, no ground truth, and no calibration file.
     let wrong = text.replace("cam1/", "cam7/").replace("truth/", "depth/");
     let at = wrong.find("calibration:").expect("it has one");
     let end = at + wrong[at..].find('\n').expect("a line");
     let wrong = format!("{}calibration: {{ files: [left.yaml, right.yaml] }}{}", &wrong[..at], &wrong[end..]);
     fs::write(rig.path("own.yaml"), wrong).expect("written");
-    said.push_str(&rig.said(&rig.check(&[]).stderr));
-    snapshot("every_independent_fault", &said);
+    errors.push_str(&rig.text_of(&rig.check(&[]).stderr));
+    snapshot("every_independent_fault", &errors);
 }
 
 #[test]
-fn scores_without_a_truth_are_told_before_and_are_no_success() {
+fn scores_without_ground_truth_are_reported_by_check_and_fail_a_run() {
     let rig = Rig::new();
     for frame in 1..6 {
         fs::remove_file(rig.path(&format!("pairs/truth/{frame}.png"))).expect("removed");
     }
     let output = rig.check(&[]);
     assert_eq!(output.status.code(), Some(0));
-    let said = rig.said(&output.stderr);
-    assert!(said.contains("5 of 6 frames have no `depth`, against which stage `look` scores"), "{said}");
+    let stderr = rig.text_of(&output.stderr);
+    assert!(stderr.contains("5 of 6 frames have no `depth`, against which stage `look` scores"), "{stderr}");
     let text = fs::read_to_string(rig.path("own.yaml")).expect("read");
-    let of = |frames: &str| text.replace("left: \"cam0", &format!("frames: {frames}\n      left: \"cam0"));
-    fs::write(rig.path("own.yaml"), of("[2, 3]")).expect("written");
+    let with_frames = |frames: &str| text.replace("left: \"cam0", &format!("frames: {frames}\n      left: \"cam0"));
+    fs::write(rig.path("own.yaml"), with_frames("[2, 3]")).expect("written");
     let output = rig.check(&[]);
     assert_eq!(output.status.code(), Some(2));
-    let mut said = format!("{}{}", rig.said(&output.stdout), rig.said(&output.stderr));
+    let mut printed = format!("{}{}", rig.text_of(&output.stdout), rig.text_of(&output.stderr));
     let run = |out: &str| {
         let mut run = depthloom();
         run.args(["run", "--no-page"])
@@ -222,36 +222,36 @@ fn scores_without_a_truth_are_told_before_and_are_no_success() {
     };
     let output = run("none");
     assert_eq!(output.status.code(), Some(3));
-    let told = rig.said(&output.stderr);
-    let warnings = told.lines().filter(|line| line.starts_with("warning: ") || line.starts_with("not one pixel"));
-    said.extend(warnings.map(|line| format!("{line}\n")));
-    let told = rig.said(&output.stdout);
-    said.extend(told.lines().filter(|line| line.starts_with("note: ")).map(|line| format!("{line}\n")));
-    snapshot("scores_without_a_truth", &said);
+    let stderr = rig.text_of(&output.stderr);
+    let warnings = stderr.lines().filter(|line| line.starts_with("warning: ") || line.starts_with("not one pixel"));
+    printed.extend(warnings.map(|line| format!("{line}\n")));
+    let stdout = rig.text_of(&output.stdout);
+    printed.extend(stdout.lines().filter(|line| line.starts_with("note: ")).map(|line| format!("{line}\n")));
+    snapshot("scores_without_ground_truth", &printed);
     let report = depthloom().arg("report").arg(rig.path("none")).output().expect("it runs");
     assert_eq!(report.status.code(), Some(3));
 
-    // Disparities are scored, and have no error against distance: that is no lack.
-    let disparity = of("[0]").replace(
+    // Disparities are scored, but have no error against distance, which is not reported as missing.
+    let disparity = with_frames("[0]").replace(
         "truth: source/depth, estimates: { stereo: { from: depth/depth } }",
         "truth: source/disparity, estimates: { stereo: { from: stereo/disparity } }",
     );
     fs::write(rig.path("own.yaml"), disparity).expect("written");
     let output = run("disparity");
-    assert_eq!(output.status.code(), Some(0), "{}", rig.said(&output.stderr));
-    let told = rig.said(&output.stdout);
-    assert!(told.contains("epe") && !told.contains("no error against distance"), "{told}");
+    assert_eq!(output.status.code(), Some(0), "{}", rig.text_of(&output.stderr));
+    let printed = rig.text_of(&output.stdout);
+    assert!(printed.contains("epe") && !printed.contains("no error against distance"), "{printed}");
 }
 
 #[test]
-fn a_calibration_that_contradicts_the_images_is_told() {
+fn a_calibration_that_contradicts_the_images_is_reported() {
     let rig = Rig::new();
     let wrong = EXPERIMENT.replace("CALIBRATION", "{ focal_px: 3.6, baseline_m: 0.5, cx_px: 640, cy_px: 70 }");
     fs::write(rig.path("own.yaml"), wrong.replace("right: \"cam1/*.png\"", "right: \"cam1/*.png\"\n      frames: [2]"))
         .expect("written");
     let output = rig.check(&[]);
     assert_eq!(output.status.code(), Some(2));
-    snapshot("a_calibration_that_contradicts_the_images", &rig.said(&output.stderr));
+    snapshot("a_calibration_that_contradicts_the_images", &rig.text_of(&output.stderr));
 }
 
 #[test]
@@ -269,11 +269,11 @@ fn a_source_that_does_not_open_still_lists_everything() {
     fs::write(rig.path("own.yaml"), format!("{head}{source}{rest}")).expect("written");
     let output = rig.check(&[]);
     assert_eq!(output.status.code(), Some(2));
-    snapshot("a_source_that_does_not_open", &rig.said(&output.stderr));
+    snapshot("a_source_that_does_not_open", &rig.text_of(&output.stderr));
 }
 
-/// The sources that `depthloom data` prints, in an experiment that only looks at the first.
-fn pasted(rig: &Rig, stanza: &str) {
+/// Checks an experiment that uses the first source of the printed `sources:`.
+fn check_pasted(rig: &Rig, stanza: &str) {
     let name = stanza.lines().nth(1).expect("a source").trim().trim_end_matches(':');
     let stages = format!(
         "stages:\n  look:\n    source: {name}\n    nodes:\n      stereo: {{ kind: stereo/bm, inputs: {{ left: source/left, right: source/right }} }}\n"
@@ -283,36 +283,36 @@ fn pasted(rig: &Rig, stanza: &str) {
 }
 
 #[test]
-fn a_folder_says_what_it_is_and_its_stanza_can_be_pasted() {
+fn a_data_set_is_recognised_and_its_sources_can_be_pasted() {
     let rig = Rig::new();
     let output = succeed(depthloom().arg("data").arg(rig.path("kitti")));
-    let told = rig.said(&output.stdout);
-    snapshot("data_of_kitti", &told);
-    let whole = String::from_utf8(output.stdout).expect("UTF-8");
-    pasted(&rig, &whole[whole.find("sources:\n").expect("a stanza")..]);
-    // A half of it is recognised too, as that half of the whole.
+    let printed = rig.text_of(&output.stdout);
+    snapshot("data_of_kitti", &printed);
+    let stdout = String::from_utf8(output.stdout).expect("UTF-8");
+    check_pasted(&rig, &stdout[stdout.find("sources:\n").expect("a stanza")..]);
+    // Its folder `training` is recognised as that half of the data set.
     let half = succeed(depthloom().arg("data").arg(rig.path("kitti/training")));
-    assert_eq!(rig.said(&half.stdout), told);
+    assert_eq!(rig.text_of(&half.stdout), printed);
 
     let sheet = rig.path("sheet.png");
     let output = succeed(depthloom().arg("data").arg(rig.path("pairs")).args(["--json", "--sheet"]).arg(&sheet));
-    let told: Json = serde_json::from_slice(&output.stdout).expect("JSON");
-    let found = &told["found"][0];
+    let data: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+    let found = &data["found"][0];
     assert_eq!((&found["kind"], &found["frames"]), (&"images".into(), &6.into()));
     assert_eq!(found["sizes"][0]["width"], 480);
-    pasted(&rig, told["stanza"].as_str().expect("text"));
+    check_pasted(&rig, data["stanza"].as_str().expect("text"));
     // Four frames across, two rows: 320x96 each.
     assert_eq!(image::image_dimensions(&sheet).expect("a PNG"), (4 * 326 + 6, 2 * (96 + 6) + 6));
 
     succeed(depthloom().arg("data").arg(rig.path("kitti")).arg("--sheet").arg(&sheet));
     let sheet = image::open(&sheet).expect("a PNG").into_rgb8();
-    assert_eq!(sheet.dimensions(), (4 * 326 + 6, 2 * (2 * 96 + 6) + 6), "beneath each image its truth");
+    assert_eq!(sheet.dimensions(), (4 * 326 + 6, 2 * (2 * 96 + 6) + 6), "ground truth below each image");
     let red = sheet.pixels().filter(|pixel| pixel.0[0] > 150 && pixel.0[2] < 60).count();
     assert!(red > 1000, "near points are red: {red}");
 }
 
 #[test]
-fn an_unknown_folder_says_what_lies_in_it() {
+fn an_unknown_folder_is_described_by_its_files() {
     let rig = Rig::new();
     for file in ["a/one.png", "a/two.png", "b/notes.txt", "readme.md"] {
         let path = rig.path("other").join(file);
@@ -321,56 +321,56 @@ fn an_unknown_folder_says_what_lies_in_it() {
     }
     let output = depthloom().arg("data").arg(rig.path("other")).output().expect("it runs");
     assert_eq!(output.status.code(), Some(2));
-    snapshot("data_of_an_unknown_folder", &format!("{}{}", rig.said(&output.stdout), rig.said(&output.stderr)));
+    snapshot("data_of_an_unknown_folder", &format!("{}{}", rig.text_of(&output.stdout), rig.text_of(&output.stderr)));
     let output = depthloom().arg("data").arg(rig.path("nowhere")).output().expect("it runs");
     assert_eq!(output.status.code(), Some(2));
 }
 
 #[test]
-fn a_run_is_a_source_too() {
+fn a_run_is_recognised_as_a_source() {
     let rig = Rig::new();
     let run = rig.path("run");
     succeed(depthloom().args(["run", "--no-page"]).arg(rig.path("own.yaml")).args(["--quiet", "--out"]).arg(&run));
     let output = succeed(depthloom().arg("data").arg(&run));
-    let told = String::from_utf8(output.stdout).expect("UTF-8");
-    assert!(told.starts_with("a recording of ours, stage look (mcap)\n"), "{told}");
-    pasted(&rig, &told[told.find("sources:\n").expect("a stanza")..]);
+    let printed = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(printed.starts_with("a recording of ours, stage look (mcap)\n"), "{printed}");
+    check_pasted(&rig, &printed[printed.find("sources:\n").expect("a stanza")..]);
 }
 
-/// What `depthloom data` says of a folder, with its exit code.
-fn told(rig: &Rig, arguments: &[&str]) -> (Option<i32>, String) {
+/// Exit code and printed text of `depthloom data`.
+fn data_of(rig: &Rig, arguments: &[&str]) -> (Option<i32>, String) {
     let output = depthloom().arg("data").args(arguments).output().expect("it runs");
-    (output.status.code(), format!("{}{}", rig.said(&output.stdout), rig.said(&output.stderr)))
+    (output.status.code(), format!("{}{}", rig.text_of(&output.stdout), rig.text_of(&output.stderr)))
 }
 
 #[test]
-fn half_a_pair_is_no_data_set_and_a_damaged_bag_is_a_bag() {
+fn half_a_pair_is_not_a_data_set_and_damaged_bags_are_recognised() {
     let rig = Rig::new();
     let root = rig.path("kitti").display().to_string();
     fs::rename(rig.path("kitti/training/image_3"), rig.path("elsewhere")).expect("renamed");
-    let (code, text) = told(&rig, &[&root]);
+    let (code, text) = data_of(&rig, &[&root]);
     assert_eq!(code, Some(2));
     snapshot("data_of_half_a_pair", &text);
-    // A file that is called as a bag is, among others.
+    // Files with the extensions of bags.
     let bags = rig.path("bags");
     fs::create_dir(&bags).expect("made");
     fs::write(bags.join("drive.mcap"), b"\x89MCAP0\r\n").expect("written");
     fs::write(bags.join("empty.db3"), "").expect("written");
-    let (code, text) = told(&rig, &[&bags.display().to_string()]);
+    let (code, text) = data_of(&rig, &[&bags.display().to_string()]);
     assert_eq!(code, Some(2));
     snapshot("data_of_damaged_bags", &text);
-    let (code, _) = told(&rig, &[&root, "--json"]);
+    let (code, _) = data_of(&rig, &[&root, "--json"]);
     assert_eq!(code, Some(2));
 }
 
 #[test]
-fn what_is_assumed_and_what_contradicts_is_told_at_once() {
+fn assumptions_and_contradictions_are_reported_together() {
     let rig = Rig::new();
     fs::remove_dir_all(rig.path("kitti/training/calib_cam_to_cam")).expect("removed");
     for frame in 0..6 {
         for side in ["image_2", "image_3", "disp_noc_0"] {
             let file = rig.path(&format!("kitti/training/{side}/{frame:06}_10.png"));
-            // 1242 px wide, as the images that the focal length is known of.
+            // 1242 px wide, as the images whose focal length is known.
             let image = image::open(&file).expect("an image");
             save(image.resize_exact(1242, 144, image::imageops::FilterType::Nearest), &file);
         }
@@ -379,7 +379,7 @@ fn what_is_assumed_and_what_contradicts_is_told_at_once() {
     fs::rename(&pair[0], rig.path("x.png")).expect("renamed");
     fs::rename(&pair[1], &pair[0]).expect("renamed");
     fs::rename(rig.path("x.png"), &pair[1]).expect("renamed");
-    let (code, text) = told(&rig, &[&rig.path("kitti").display().to_string()]);
+    let (code, text) = data_of(&rig, &[&rig.path("kitti").display().to_string()]);
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("baseline 0.5327 m (assumed: no file says it)\n"), "{text}");
     assert!(text.contains("  warning      no calibration files in training: KITTI's focal lengths"), "{text}");
@@ -391,10 +391,10 @@ fn what_is_assumed_and_what_contradicts_is_told_at_once() {
 }
 
 #[test]
-fn a_sheet_that_cannot_be_written_costs_no_report() {
+fn an_unwritable_sheet_does_not_suppress_the_report() {
     let rig = Rig::new();
     let (root, sheet) = (rig.path("kitti").display().to_string(), rig.path("nowhere/sheet.png").display().to_string());
-    let (code, text) = told(&rig, &[&root, "--sheet", &sheet]);
+    let (code, text) = data_of(&rig, &[&root, "--sheet", &sheet]);
     assert_eq!(code, Some(1));
     assert!(text.starts_with("KITTI stereo 2015, training") && text.contains("\nsources:\n"), "{text}");
     assert!(
@@ -403,21 +403,21 @@ fn a_sheet_that_cannot_be_written_costs_no_report() {
         "{text}"
     );
     let output = depthloom().args(["data", &root, "--json", "--sheet", &sheet]).output().expect("it runs");
-    let told: Json = serde_json::from_slice(&output.stdout).expect("JSON");
-    assert_eq!((output.status.code(), &told["error"]["exit_code"]), (Some(1), &1.into()));
-    assert_eq!(told["found"][0]["frames"], 6);
+    let data: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!((output.status.code(), &data["error"]["exit_code"]), (Some(1), &1.into()));
+    assert_eq!(data["found"][0]["frames"], 6);
 }
 
 #[test]
-fn the_frames_that_a_cut_recording_lost_are_wrong() {
+fn frames_missing_from_a_truncated_recording_are_a_fault() {
     let rig = Rig::new();
     let run = rig.path("run");
     succeed(depthloom().args(["run", "--no-page"]).arg(rig.path("own.yaml")).args(["--quiet", "--out"]).arg(&run));
-    let whole = fs::read(run.join("recording.mcap")).expect("read");
+    let recording = fs::read(run.join("recording.mcap")).expect("read");
     let cut = rig.path("cut.mcap");
     let root = cut.display().to_string();
-    fs::write(&cut, &whole[..whole.len() / 2]).expect("written");
-    let (code, text) = told(&rig, &[&root]);
+    fs::write(&cut, &recording[..recording.len() / 2]).expect("written");
+    let (code, text) = data_of(&rig, &[&root]);
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("  wrong        ROOT/cut.mcap is unfinished, and its last "), "{text}");
     assert!(text.contains(" bytes belong to no whole frame: frames of the run are missing\n    help       "), "{text}");
@@ -428,19 +428,19 @@ fn the_frames_that_a_cut_recording_lost_are_wrong() {
     let output = rig.check(&[]);
     assert_eq!(output.status.code(), Some(2));
     assert!(
-        rig.said(&output.stderr).contains("frames of the run are missing\n  help: "),
+        rig.text_of(&output.stderr).contains("frames of the run are missing\n  help: "),
         "{}",
-        rig.said(&output.stderr)
+        rig.text_of(&output.stderr)
     );
 
-    // Not one whole frame; not even the plan.
-    for (bytes, what) in
-        [(whole.len() / 40, "holds no whole frame of stage `look`: it is unfinished"), (60, "holds no plan")]
+    // Without a complete frame, and without the plan.
+    for (bytes, message) in
+        [(recording.len() / 40, "holds no whole frame of stage `look`: it is unfinished"), (60, "holds no plan")]
     {
-        fs::write(&cut, &whole[..bytes]).expect("written");
-        let (code, text) = told(&rig, &[&root]);
+        fs::write(&cut, &recording[..bytes]).expect("written");
+        let (code, text) = data_of(&rig, &[&root]);
         assert_eq!(code, Some(2), "{text}");
-        assert!(text.contains(what) && text.contains("    help       ") && !text.contains("sources:"), "{text}");
+        assert!(text.contains(message) && text.contains("    help       ") && !text.contains("sources:"), "{text}");
         assert!(text.contains("error: ROOT/cut.mcap: no frame can be read\n"), "{text}");
     }
 }

@@ -1,4 +1,4 @@
-//! Equal experiments are equal recordings, whatever the number of workers.
+//! The recording of an experiment does not depend on the number of workers.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ fn recordings_are_equal_with_one_two_and_eight_workers() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
-    // The hermetic suite takes fewer frames and steps.
+    // The hermetic suite runs fewer frames and steps.
     let (train, test, steps, curve_every) = if is_full() { (4, 5, 12, 4) } else { (2, 3, 3, 1) };
     let text = format!(
         "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..{train}, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..{test}, width: 320, height: 96 }} }}\nstages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: {steps}, curve_every: {curve_every} }} }} }} }} }}\n",

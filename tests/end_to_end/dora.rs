@@ -1,7 +1,6 @@
-//! Experiments as dataflows of dora's: the same bytes as a run of one process, nodes of somebody else's, and what
-//! becomes of parts that end.
+//! Experiments as dora dataflows: recordings equal to those of one process, foreign dora nodes, and parts that end early.
 //!
-//! `dora` and its library for Python come from PyPI (`tests/python/requirements-dora.txt`).
+//! `dora` and its Python library come from PyPI (`tests/python/requirements-dora.txt`).
 
 use depthloom_graphs::plan::RunId;
 use std::fs;
@@ -60,16 +59,16 @@ impl Flow {
         command
     }
 
-    /// Runs the dataflow. dora 1.1 leaves, once in many on a loaded machine, a node waiting at the start: then it is
-    /// ended and begun anew, three times.
-    fn ran(&self) -> Output {
+    /// Runs the dataflow. On a loaded machine, dora 1.1 rarely leaves a node waiting at the start: then the dataflow is
+    /// killed and started again, up to three times.
+    fn run_dora(&self) -> Output {
         for attempt in 0.. {
             let log = fs::File::create(self.path("log")).expect("a log");
             let mut ran =
                 self.command().stdout(log.try_clone().expect("a log")).stderr(log).spawn().expect("dora starts");
             let until = Instant::now() + Duration::from_secs(180);
             loop {
-                if let Some(status) = ran.try_wait().expect("it is ours") {
+                if let Some(status) = ran.try_wait().expect("a child process") {
                     return Output { status, stdout: fs::read(self.path("log")).expect("a log"), stderr: Vec::new() };
                 }
                 if Instant::now() > until {
@@ -84,11 +83,11 @@ impl Flow {
         unreachable!("the last attempt returns or panics")
     }
 
-    /// Writes the dataflow and runs it; what dora printed.
+    /// Writes the dataflow and runs it. Returns whether it succeeded, and dora's output.
     fn run(&self, arguments: &[&str]) -> (bool, String) {
         let written = self.write(arguments);
         assert!(written.status.success(), "{}", String::from_utf8_lossy(&written.stderr));
-        let ran = self.ran();
+        let ran = self.run_dora();
         (ran.status.success(), plain(&[ran.stdout, ran.stderr].concat()))
     }
 
@@ -97,7 +96,7 @@ impl Flow {
         fs::read(self.path(out).join("recording.mcap")).expect("a recording")
     }
 
-    /// The part's processes that there are.
+    /// Running processes of the dataflow's parts.
     fn parts(&self) -> Vec<u32> {
         let folder = self.folder.path().to_str().expect("UTF-8");
         let processes = fs::read_dir("/proc").expect("/proc").flatten();
@@ -112,7 +111,7 @@ impl Flow {
     }
 }
 
-/// Without colours.
+/// Removes the escape sequences of colours.
 fn plain(printed: &[u8]) -> String {
     let text = String::from_utf8_lossy(printed);
     let mut plain = String::new();
@@ -124,8 +123,8 @@ fn plain(printed: &[u8]) -> String {
     plain
 }
 
-/// Small frames, a stage that learns, and one that compares; with files' bytes in images, values that are absent, and
-/// once-values.
+/// Small frames, a training stage, and a stage that compares; with images that are still encoded, absent values, and
+/// aggregate values.
 const LEARNS: &str = "
 experiment: own
 sources:
@@ -153,26 +152,26 @@ variants:
 ";
 
 #[test]
-fn a_dataflow_gives_the_bytes_of_a_run_with_learning_variants_and_frames_from_files() {
+fn a_dataflow_writes_the_same_recording_as_a_run() {
     let Some(flow) = Flow::new("dora: the same bytes", LEARNS) else { return };
     let made = flow.depthloom(&["synth", "street", "--frames", "4", "--width", "320", "--height", "96"]);
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let ran = flow.depthloom(&["run", "own.yaml", "--out", "one", "--quiet"]);
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
-    let (is_fine, printed) = flow.run(&["own.yaml", "--out", "many"]);
-    assert!(is_fine, "{printed}");
+    let (succeeded, printed) = flow.run(&["own.yaml", "--out", "many"]);
+    assert!(succeeded, "{printed}");
     assert!(flow.recording("one") == flow.recording("many"), "the recordings differ: {printed}");
     for name in ["table.csv", "scores.csv", "error_vs_distance.csv", "models/learn.teacher.onnx"] {
         let read = |out: &str| fs::read(flow.path(out).join(name)).expect("written");
         assert!(read("one") == read("many"), "{name} differs");
     }
     assert_eq!(flow.parts(), Vec::<u32>::new());
-    // One frame at a time, and threads that ask for later ones before it.
-    let (is_fine, printed) = flow.run(&["own.yaml", "--out", "narrow", "--window", "1", "--workers", "4"]);
-    assert!(is_fine && flow.recording("one") == flow.recording("narrow"), "{printed}");
+    // A window of one frame, with threads that request later frames early.
+    let (succeeded, printed) = flow.run(&["own.yaml", "--out", "narrow", "--window", "1", "--workers", "4"]);
+    assert!(succeeded && flow.recording("one") == flow.recording("narrow"), "{printed}");
 }
 
-/// A node on small frames of a street.
+/// An experiment with this node on small frames of a street.
 fn with_node(node: &str) -> String {
     format!(
         "
@@ -190,33 +189,33 @@ stages:
     )
 }
 
-fn of_dora(more: &str) -> String {
+fn with_dora_node(more: &str) -> String {
     with_node(&format!(
         "kind: dora, with: {{ path: node.py, ports: {{ inputs: {{ depth: depth }}, outputs: {{ depth: depth }} }}, version: 1, {more} }}"
     ))
 }
 
 #[test]
-fn a_node_by_somebody_else_stands_in_a_dataflow() {
+fn a_foreign_dora_node_takes_part_in_a_dataflow() {
     for more in ["values: struct", "values: flat"] {
-        let Some(flow) = Flow::new("dora: a node by somebody else", &of_dora(more)) else { return };
-        let (is_fine, printed) = flow.run(&["own.yaml", "--allow-exec", "--out", "many"]);
-        assert!(is_fine, "{more}: {printed}");
-        // It gives what it gets.
+        let Some(flow) = Flow::new("dora: a foreign node", &with_dora_node(more)) else { return };
+        let (succeeded, printed) = flow.run(&["own.yaml", "--allow-exec", "--out", "many"]);
+        assert!(succeeded, "{more}: {printed}");
+        // The node outputs its input.
         let table = fs::read_to_string(flow.path("many/scores.csv")).expect("scores");
-        let of = |estimate: &str| -> Vec<String> {
+        let rows_of = |estimate: &str| -> Vec<String> {
             let lines = table.lines().filter(|line| line.split(',').any(|field| field == estimate));
             lines.map(|line| line.replace(estimate, "")).collect()
         };
-        assert_eq!(of("own").len(), 6, "{table}");
-        assert_eq!(of("own"), of("stereo"), "{more}");
+        assert_eq!(rows_of("own").len(), 6, "{table}");
+        assert_eq!(rows_of("own"), rows_of("stereo"), "{more}");
     }
 }
 
 #[test]
-fn a_node_by_somebody_else_that_does_not_answer_fails_the_frame_and_one_that_ends_is_named() {
+fn a_foreign_dora_node_that_stalls_or_ends_fails_the_frame() {
     let cases = [
-        // The frames before it are answered within that time also on a loaded machine.
+        // Long enough for the frames before it on a loaded machine.
         ("args: [silent], timeout_s: 15", "dora's node gave nothing at `depth` within 15 s"),
         ("args: [ends]", "dora's node has ended"),
         ("values: flat, args: [forgets]", "answered at `depth` without naming its frame"),
@@ -225,12 +224,12 @@ fn a_node_by_somebody_else_that_does_not_answer_fails_the_frame_and_one_that_end
             "is not a valid depth: -5.0 m at row 0, column 0 (30720 of 30720 pixels are invalid)",
         ),
     ];
-    for (more, told) in cases {
-        let Some(flow) = Flow::new("dora: a node that does not answer", &of_dora(more)) else { return };
-        let (is_fine, printed) = flow.run(&["own.yaml", "--allow-exec", "--out", "many"]);
-        assert!(!is_fine, "{more}: {printed}");
+    for (more, message) in cases {
+        let Some(flow) = Flow::new("dora: a node that does not reply", &with_dora_node(more)) else { return };
+        let (succeeded, printed) = flow.run(&["own.yaml", "--allow-exec", "--out", "many"]);
+        assert!(!succeeded, "{more}: {printed}");
         assert!(
-            printed.contains("error: node `look.own` failed on frame 000002_10") && printed.contains(told),
+            printed.contains("error: node `look.own` failed on frame 000002_10") && printed.contains(message),
             "{more}: {printed}"
         );
         let recording = Recording::open(flow.path("many.partial/recording.mcap")).expect("readable");
@@ -240,7 +239,7 @@ fn a_node_by_somebody_else_that_does_not_answer_fails_the_frame_and_one_that_end
 }
 
 #[test]
-fn failures_leave_the_tombstones_that_a_run_leaves() {
+fn failures_leave_the_same_failure_records_as_a_run() {
     let test = "dora: frames that fail";
     let Some(python) = python_package(test) else { return };
     let node = format!(
@@ -251,61 +250,61 @@ fn failures_leave_the_tombstones_that_a_run_leaves() {
     for (more, suffix) in [(&["--keep-going"][..], ""), (&[][..], ".partial")] {
         let ran = flow.depthloom(&[&["run", "own.yaml", "--allow-exec", "--out", "one", "--overwrite"], more].concat());
         assert_eq!(ran.status.code(), Some(3), "{}", String::from_utf8_lossy(&ran.stderr));
-        let (is_fine, printed) =
+        let (succeeded, printed) =
             flow.run(&[&["own.yaml", "--allow-exec", "--out", "many", "--overwrite"], more].concat());
-        assert!(!is_fine && printed.contains("these depths are odd"), "{printed}");
+        assert!(!succeeded && printed.contains("these depths are odd"), "{printed}");
         let (one, many) = (format!("one{suffix}"), format!("many{suffix}"));
         assert!(flow.recording(&one) == flow.recording(&many), "the recordings differ: {printed}");
     }
 }
 
 #[test]
-fn whatever_is_killed_the_rest_ends_and_the_recording_can_be_read() {
-    let long = of_dora("values: struct").replace("0..6", "0..4000");
+fn killing_any_part_ends_the_dataflow_and_leaves_a_readable_recording() {
+    let long = with_dora_node("values: struct").replace("0..6", "0..4000");
     for victim in ["look.stereo", "recorder", "look.own.dora", "dora", "stop"] {
         let Some(flow) = Flow::new("dora: parts that are killed", &long) else { return };
         let written = flow.write(&["own.yaml", "--allow-exec", "--out", "many"]);
         assert!(written.status.success());
         let recording = flow.path("many.partial/recording.mcap");
         let is_recording = || fs::metadata(&recording).is_ok_and(|file| file.len() > 2 << 20);
-        let mut begun = None;
-        // As in `ran`: dora does not always begin.
+        let mut started = None;
+        // As in `run_dora`: dora does not always start.
         for _ in 0..3 {
             let log = fs::File::create(flow.path("log")).expect("a log");
             let mut ran =
                 flow.command().stdout(log.try_clone().expect("a log")).stderr(log).spawn().expect("dora starts");
             let until = Instant::now() + Duration::from_secs(150);
-            while !is_recording() && Instant::now() < until && ran.try_wait().expect("it is ours").is_none() {
+            while !is_recording() && Instant::now() < until && ran.try_wait().expect("a child process").is_none() {
                 std::thread::sleep(Duration::from_millis(20));
             }
             if is_recording() {
-                begun = Some(ran);
+                started = Some(ran);
                 break;
             }
             let _ = ran.kill();
             ran.wait().expect("it ends");
             wait_for(|| flow.parts().is_empty(), "all parts end");
         }
-        let mut ran = begun.expect("one of three dataflows begins");
+        let mut ran = started.expect("one of three dataflows starts");
         match victim {
             "dora" => ran.kill().expect("killed"),
             "stop" => signal("INT", ran.id()),
             part => {
-                let is_it = |line: &str| match part.strip_suffix(".dora") {
+                let is_victim = |line: &str| match part.strip_suffix(".dora") {
                     Some(_) => line.contains("node.py"),
                     None => line.contains(&format!("--part\0{part}\0")),
                 };
                 let cwd = flow.folder.path().canonicalize().expect("there");
                 for number in processes(|number, line| {
-                    is_it(line) && fs::read_link(format!("/proc/{number}/cwd")).is_ok_and(|at| at == cwd)
+                    is_victim(line) && fs::read_link(format!("/proc/{number}/cwd")).is_ok_and(|at| at == cwd)
                 }) {
                     signal("KILL", number);
                 }
             }
         }
-        let begun = Instant::now();
+        let killed_at = Instant::now();
         let status = ran.wait().expect("it ends");
-        assert!(begun.elapsed() < Duration::from_secs(180), "{victim}");
+        assert!(killed_at.elapsed() < Duration::from_secs(180), "{victim}");
         assert!(!status.success(), "{victim}");
         wait_for(|| flow.parts().is_empty(), "all parts end");
         let log = plain(&fs::read(flow.path("log")).expect("a log"));
@@ -320,11 +319,11 @@ fn whatever_is_killed_the_rest_ends_and_the_recording_can_be_read() {
     }
 }
 
-fn processes(is_meant: impl Fn(u32, &str) -> bool) -> Vec<u32> {
+fn processes(matches: impl Fn(u32, &str) -> bool) -> Vec<u32> {
     let all = fs::read_dir("/proc").expect("/proc").flatten();
     let numbers = all.filter_map(|process| process.file_name().to_str()?.parse::<u32>().ok());
     let line = |number: u32| fs::read(format!("/proc/{number}/cmdline")).unwrap_or_default();
-    numbers.filter(|number| is_meant(*number, &String::from_utf8_lossy(&line(*number)))).collect()
+    numbers.filter(|number| matches(*number, &String::from_utf8_lossy(&line(*number)))).collect()
 }
 
 fn signal(name: &str, number: u32) {
@@ -340,12 +339,12 @@ fn wait_for(is_there: impl Fn() -> bool, what: &str) {
     }
 }
 
-/// A program that stands for a Python with dora's library: it prints `says`, and waits.
-fn stand_in(folder: &Path, name: &str, says: &str) -> PathBuf {
+/// A program in place of a Python with dora's library: it prints `output`, and waits.
+fn stand_in(folder: &Path, name: &str, output: &str) -> PathBuf {
     let program = folder.join(name);
-    // It keeps its standard output open, as a bridge that waits does.
-    let script = format!("#!/bin/sh\nexec 3>&1\nprintf '{says}'\nexec cat > /dev/null\n");
-    // Another process writes it: one that this process has open for writing cannot be started.
+    // It keeps its standard output open, as a waiting bridge does.
+    let script = format!("#!/bin/sh\nexec 3>&1\nprintf '{output}'\nexec cat > /dev/null\n");
+    // Another process writes the file, because a file that this process has open for writing cannot be started.
     let write = format!("cat > {0} && chmod +x {0}", program.display());
     let mut child = Command::new("sh").args(["-c", &write]).stdin(Stdio::piped()).spawn().expect("sh");
     child.stdin.take().expect("a pipe").write_all(script.as_bytes()).expect("written");
@@ -354,7 +353,7 @@ fn stand_in(folder: &Path, name: &str, says: &str) -> PathBuf {
 }
 
 #[test]
-fn a_dataflow_that_does_not_start_ends_with_the_names_of_its_nodes() {
+fn a_dataflow_that_does_not_start_names_the_missing_nodes() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = "experiment: own
 sources: { street: { kind: synthetic/road, with: { frames: 0..2, width: 320, height: 96 } } }
@@ -366,13 +365,13 @@ stages:
 record: [stereo]
 ";
     fs::write(folder.path().join("own.yaml"), experiment).expect("written");
-    // `{"ready":true}` has 14 bytes; its lengths are of 4 and 8 bytes.
+    // `{"ready":true}` has 14 bytes; its length fields have 4 and 8 bytes.
     let ready = r#"\016\000\000\000\000\000\000\000\000\000\000\000{"ready":true}"#;
-    for (name, says, told) in [
+    for (name, printed, message) in [
         ("silent", "", "error: dora did not let node `recorder` begin within 1 s"),
         ("ready", ready, "error: not started within 1 s: `look.source`, `look.stereo` of the dataflow"),
     ] {
-        let python = stand_in(folder.path(), name, says);
+        let python = stand_in(folder.path(), name, printed);
         let python = python.to_str().expect("UTF-8");
         let mut write = depthloom();
         write.current_dir(folder.path()).args([
@@ -393,53 +392,56 @@ record: [stereo]
         let words: Vec<&str> = line.trim_end_matches('"').split(' ').collect();
         let mut node = depthloom();
         let output = node.current_dir(folder.path()).arg("dora-node").args(words).output().expect("it starts");
-        let said = String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(output.status.code() == Some(1) && said.contains(told) && said.contains("--start-timeout"), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(
+            output.status.code() == Some(1) && stderr.contains(message) && stderr.contains("--start-timeout"),
+            "{stderr}"
+        );
     }
 }
 
 #[test]
-fn what_cannot_begin_says_why() {
-    let Some(flow) = Flow::new("dora: what cannot begin", &of_dora("values: struct")) else { return };
-    let told = |output: &Output| {
+fn a_dataflow_that_cannot_start_reports_the_reason() {
+    let Some(flow) = Flow::new("dora: a dataflow that cannot start", &with_dora_node("values: struct")) else { return };
+    let stderr_of = |output: &Output| {
         assert_eq!(output.status.code(), Some(2));
         assert_eq!(output.stdout, b"");
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
-    // A stranger's experiment starts nothing.
-    let refused = told(&flow.write(&["own.yaml"]));
+    // Without permission, the experiment starts no program.
+    let refused = stderr_of(&flow.write(&["own.yaml"]));
     assert!(refused.contains("it would start `node.py`") && refused.contains("--allow-exec"), "{refused}");
-    let run = told(&flow.depthloom(&["run", "own.yaml", "--allow-exec", "--out", "x"]));
+    let run = stderr_of(&flow.depthloom(&["run", "own.yaml", "--allow-exec", "--out", "x"]));
     assert!(run.contains("depthloom dora EXPERIMENT"), "{run}");
-    let machine = told(&flow.write(&["own.yaml", "--allow-exec", "--machine", "nobody=jetson"]));
+    let machine = stderr_of(&flow.write(&["own.yaml", "--allow-exec", "--machine", "absent=jetson"]));
     assert!(
-        machine.contains("`nobody`, which is not a node of the dataflow") && machine.contains("look.own.dora"),
+        machine.contains("`absent`, which is not a node of the dataflow") && machine.contains("look.own.dora"),
         "{machine}"
     );
-    // Not started by dora.
+    // A part that dora did not start.
     let written = flow.write(&["own.yaml", "--allow-exec", "--out", "many", "--machine", "*.stereo=jetson"]);
     let text = String::from_utf8(written.stdout).expect("UTF-8");
     assert!(text.contains("- id: \"look.stereo\"\n    deploy: { machine: \"jetson\" }\n"), "{text}");
     let line = text.lines().find_map(|line| line.trim().strip_prefix("args: \"dora-node ")).expect("arguments");
     let words: Vec<&str> = line.trim_end_matches('"').split(' ').collect();
-    let outside = told(&flow.depthloom(&[&["dora-node"], &words[..]].concat()));
+    let outside = stderr_of(&flow.depthloom(&[&["dora-node"], &words[..]].concat()));
     assert!(outside.contains("dora cannot be reached") && outside.contains("`dora run dataflow.yml`"), "{outside}");
     // Another experiment, and a Python without the library.
-    let (is_fine, printed) = {
+    let (succeeded, printed) = {
         let written = flow.write(&["own.yaml", "--allow-exec", "--out", "many"]);
         assert!(written.status.success());
-        let changed = of_dora("values: struct").replace("seed: 2", "seed: 3");
+        let changed = with_dora_node("values: struct").replace("seed: 2", "seed: 3");
         fs::write(flow.path("own.yaml"), changed).expect("written");
-        let ran = flow.ran();
+        let ran = flow.run_dora();
         (ran.status.success(), plain(&[ran.stdout, ran.stderr].concat()))
     };
     assert!(
-        !is_fine && printed.contains("own.yaml is another experiment than the dataflow was written of"),
+        !succeeded && printed.contains("own.yaml is another experiment than the dataflow was written of"),
         "{printed}"
     );
     let without = flow.depthloom(&["dora", "own.yaml", "--allow-exec", "--out", "many", "--python", "/nowhere/python"]);
     fs::write(flow.path("flow.yml"), without.stdout).expect("written");
-    let ran = flow.ran();
+    let ran = flow.run_dora();
     let printed = plain(&[ran.stdout, ran.stderr].concat());
     assert!(
         !ran.status.success() && printed.contains("failed to start `/nowhere/python`, which dora is reached by"),

@@ -7,9 +7,9 @@ fn stdout(output: &std::process::Output) -> String {
 }
 
 #[test]
-fn every_shipped_experiment_is_right() {
+fn every_shipped_experiment_is_valid() {
     let model = tempfile::NamedTempFile::new().expect("a file");
-    // What a recording gives is declared by the recording.
+    // The outputs of the source `mcap` are declared by a recording.
     let folder = tempfile::tempdir().expect("a folder");
     let first = folder.path().join("first");
     let small = ["--set", "sources.street.with={ frames: 0..1, width: 320, height: 96 }", "--quiet", "--out"];
@@ -18,7 +18,7 @@ fn every_shipped_experiment_is_right() {
         for entry in std::fs::read_dir(workspace().join(folder)).expect("the folder") {
             let path = entry.expect("an entry").path();
             if path.extension().is_some_and(|e| e == "yaml") {
-                // Checking opens no data: neither a data set nor ONNX Runtime need be there.
+                // `check` opens no data: neither the data set nor ONNX Runtime needs to exist.
                 let mut check = depthloom();
                 check.env("KITTI_STEREO_2015", "/nowhere").env("MONO_MODEL", model.path()).env("FROM_RUN", &first);
                 check.env("VGG16_WEIGHTS", model.path());
@@ -29,34 +29,35 @@ fn every_shipped_experiment_is_right() {
 }
 
 #[test]
-fn the_schema_in_the_tree_is_fresh() {
+fn the_committed_schema_is_up_to_date() {
     let printed = stdout(&succeed(depthloom().arg("schema")));
-    let kept = std::fs::read_to_string(workspace().join("experiments/experiment.schema.json")).expect("the schema");
-    assert!(printed == kept, "stale: cargo run --release -- schema > experiments/experiment.schema.json");
+    let committed =
+        std::fs::read_to_string(workspace().join("experiments/experiment.schema.json")).expect("the schema");
+    assert!(printed == committed, "stale: cargo run --release -- schema > experiments/experiment.schema.json");
 }
 
 #[test]
-fn every_crate_of_ours_is_tested_with_overflow_checks() {
+fn every_workspace_crate_is_tested_with_overflow_checks() {
     let read =
         |path: &str| std::fs::read_to_string(workspace().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
     let (workspace, checked) = (read("Cargo.toml"), read(".ci/checked.toml"));
     let members = workspace.lines().find_map(|line| line.strip_prefix("members = ")).expect("members on one line");
-    let members: Vec<String> = serde_json::from_str(members).expect("a list as JSON has it");
+    let members: Vec<String> = serde_json::from_str(members).expect("a list in JSON syntax");
     let supporting = std::fs::read_dir(crate::support::workspace().join("crates")).expect("a folder");
     let supporting = supporting.map(|entry| format!("crates/{}", entry.expect("read").file_name().display()));
     let members: Vec<String> = members.into_iter().filter(|member| member != "crates/*").chain(supporting).collect();
     for member in &members {
         let manifest = read(&format!("{member}/Cargo.toml"));
         let name = manifest.lines().find_map(|line| line.strip_prefix("name = ")).expect("a name").trim_matches('"');
-        let (own, wanted) = (format!("{name} = {{"), "overflow-checks = true, debug-assertions = true }");
-        let checked = checked.lines().any(|line| line.starts_with(&own) && line.ends_with(wanted));
-        assert!(checked, ".ci/checked.toml lacks: {own} {wanted}");
+        let (package, settings) = (format!("{name} = {{"), "overflow-checks = true, debug-assertions = true }");
+        let checked = checked.lines().any(|line| line.starts_with(&package) && line.ends_with(settings));
+        assert!(checked, ".ci/checked.toml lacks: {package} {settings}");
     }
     assert!(members.len() > 10);
 }
 
 #[test]
-fn stereo_runs_once_a_frame_for_all_variants() {
+fn stereo_runs_once_per_frame_for_all_variants() {
     let plan = stdout(&succeed(depthloom().args(["plan", "experiments/table1.yaml", "--json"])));
     let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
     let nodes = plan["runs"][1]["nodes"].as_array().expect("nodes");
@@ -66,13 +67,13 @@ fn stereo_runs_once_a_frame_for_all_variants() {
 }
 
 #[test]
-fn a_run_ends_with_its_folder() {
+fn a_run_writes_every_file_and_prints_its_folder() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("look");
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
     let output = succeed(depthloom().args(["run", "experiments/first-look.yaml", "--out"]).arg(&out).args(small));
-    let said = stdout(&output);
-    assert_eq!(said.lines().last(), Some(format!("run: {}", out.display()).as_str()));
+    let printed = stdout(&output);
+    assert_eq!(printed.lines().last(), Some(format!("run: {}", out.display()).as_str()));
     for file in [
         "recording.mcap",
         "scores.csv",
@@ -92,10 +93,10 @@ fn a_run_ends_with_its_folder() {
         assert!(out.join(file).is_file(), "{file} is missing");
     }
     assert!(!folder.path().join("look.partial").exists());
-    // What is there already is somebody's results.
+    // An existing run is not replaced.
     let again = depthloom().args(["run", "experiments/first-look.yaml", "--out"]).arg(&out).output().expect("started");
     assert_eq!(again.status.code(), Some(2));
-    // The report can be made again from the recording alone.
+    // `report` recreates the table from the recording.
     let table = std::fs::read(out.join("table.csv")).expect("a table");
     std::fs::remove_file(out.join("table.csv")).expect("removed");
     succeed(depthloom().arg("report").arg(&out));
@@ -105,7 +106,7 @@ fn a_run_ends_with_its_folder() {
 }
 
 #[test]
-fn help_and_reference_answer_for_every_command_and_kind() {
+fn every_command_has_help_and_every_kind_a_reference() {
     let list = stdout(&succeed(depthloom().arg("nodes")));
     let kinds: Vec<&str> = list.lines().filter_map(|line| line.split_whitespace().next()).collect();
     assert!(kinds.contains(&"stereo/sgbm") && kinds.contains(&"synthetic/road"), "{list}");
@@ -126,7 +127,7 @@ fn help_and_reference_answer_for_every_command_and_kind() {
 }
 
 #[test]
-fn a_written_street_reads_back_as_kitti() {
+fn a_generated_street_is_readable_as_kitti() {
     let folder = tempfile::tempdir().expect("a folder");
     let data = folder.path().join("street");
     let size = ["--width", "320", "--height", "96", "--frames", "2", "--seed", "7"];
@@ -142,7 +143,7 @@ fn a_written_street_reads_back_as_kitti() {
 }
 
 #[test]
-fn a_new_experiment_is_right_and_replaces_nothing() {
+fn new_writes_a_valid_experiment_and_replaces_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("mine.yaml");
     succeed(depthloom().arg("new").arg(&file));

@@ -1,4 +1,4 @@
-//! `depthloom export`: what other programs read is what was recorded, and nothing of anybody's is in danger.
+//! `depthloom export`: exported files contain the recorded values, and no foreign file is replaced.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -46,12 +46,12 @@ record: [source, stereo, depth, sobel]
         succeed(self.command("export", &["run"]).args(arguments))
     }
 
-    /// Exports what must be refused; what is said.
+    /// Standard error of an export that must be refused.
     fn refused(&self, arguments: &[&str]) -> String {
         let output = self.command("export", &["run"]).args(arguments).output().expect("the binary starts");
-        let said = String::from_utf8(output.stderr).expect("UTF-8");
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
-        said
+        let stderr = String::from_utf8(output.stderr).expect("UTF-8");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {stderr}");
+        stderr
     }
 }
 
@@ -78,8 +78,8 @@ fn files(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn what_is_exported_is_what_was_recorded() {
-    let Some(python) = python("what_is_exported_is_what_was_recorded") else { return };
+fn exported_files_contain_the_recorded_values() {
+    let Some(python) = python("exported_files_contain_the_recorded_values") else { return };
     let look = Look::new();
     look.export(&["--format", "png,npy,pfm", "--out", "all", "--quiet"]);
     look.export(&["--format", "ply,pcd", "--range", "30..2", "--out", "all", "--quiet"]);
@@ -87,8 +87,8 @@ fn what_is_exported_is_what_was_recorded() {
     let mut check = Command::new(python);
     check.arg(workspace().join("tests/python/check_export.py")).arg(look.path("run/recording.mcap"));
     let counts: Json = serde_json::from_slice(&succeed(check.arg(look.path("all"))).stdout).expect("JSON");
-    // Two frames of: two images; three masks or maps of them; of numbers three depths, a weight, two true disparities
-    // and one of stereo.
+    // Per frame: two images, three masks or image maps, three depths, a confidence, two disparities of the ground truth
+    // and one of stereo. There are two frames.
     let maps = 2 * (3 + 1 + 2 + 1);
     let clouds = 2 * (3 + 2 + 1);
     let images = counts["npy"].as_u64().expect("a count") - maps;
@@ -100,7 +100,7 @@ fn what_is_exported_is_what_was_recorded() {
 }
 
 #[test]
-fn fault_55_images_that_are_exported_as_jpeg_are_reported_as_that() {
+fn fault_55_images_exported_as_jpeg_are_reported_as_jpeg() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     for camera in ["cam0", "cam1"] {
@@ -121,10 +121,10 @@ record: [source, edges]
         succeed(&mut program)
     };
     command(&["run", "--no-page", "jpeg.yaml", "--quiet", "--out", "run"]);
-    let told = command(&["export", "run", "source/left", "--format", "png", "--out", "all", "--json"]);
-    let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
-    let shown = told.to_string();
-    assert!(shown.contains("<frame>.jpg") && !shown.contains("<frame>.png"), "{told:#}");
+    let output = command(&["export", "run", "source/left", "--format", "png", "--out", "all", "--json"]);
+    let export: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+    let text = export.to_string();
+    assert!(text.contains("<frame>.jpg") && !text.contains("<frame>.png"), "{export:#}");
     assert!(files(&path("all")).iter().all(|file| file.ends_with(".jpg")), "{:?}", files(&path("all")));
 }
 
@@ -133,21 +133,21 @@ fn a_frame_number_means_the_same_frame_to_export_and_figure() {
     let look = Look::new();
     for frames in ["4", "4..5", "000004_10"] {
         let figure = ["run", "panels", "--out", "panels.svg", "--frames", frames];
-        let about = text(&succeed(&mut look.command("figure", &figure)).stdout);
-        assert!(about.contains("000004_10") && !about.contains("000003_10"), "{frames}: {about}");
+        let printed = text(&succeed(&mut look.command("figure", &figure)).stdout);
+        assert!(printed.contains("000004_10") && !printed.contains("000003_10"), "{frames}: {printed}");
     }
-    // There are the frames 3 and 4.
+    // The run has frames 3 and 4.
     for command in [["export", "run", "--out", "none"], ["figure", "run", "panels", "--out=none.svg"]] {
         let output = look.command(command[0], &command[1..]).args(["--frames", "0"]).output().expect("it starts");
-        let said = text(&output.stderr);
-        assert!(output.status.code() == Some(2) && said.contains("there is no frame 0"), "{said}");
+        let stderr = text(&output.stderr);
+        assert!(output.status.code() == Some(2) && stderr.contains("there is no frame 0"), "{stderr}");
     }
 }
 
 #[test]
-fn topics_and_frames_are_named_as_people_name_them() {
+fn topics_and_frames_are_selected_by_name() {
     let look = Look::new();
-    for (arguments, wanted) in [
+    for (arguments, expected) in [
         (
             &["depth/depth", "--frames", "3,4"][..],
             &["look/depth/depth/000003_10.png", "look/depth/depth/000004_10.png"][..],
@@ -155,22 +155,23 @@ fn topics_and_frames_are_named_as_people_name_them() {
         (&["/look/stereo/*", "--frames", "3..4"], &["look/stereo/disparity/000003_10.png"]),
         (&["sobel", "--frames", "4", "--format", "npy"], &["look/sobel/weight/000004_10.npy"]),
         (&["sobel", "--frames", "000004_10", "--format", "npy"], &["look/sobel/weight/000004_10.npy"]),
-        // An output of the source, where no node has that name; `depth` is the node.
+        // An output of the source, because no node has that name; `depth` is a node.
         (&["calibration"], &["look/source/calibration.parquet"]),
         (&["depth", "--frames", "3"], &["look/depth/depth/000003_10.png"]),
     ] {
         let out = look.path("out");
         look.export(&[arguments, &["--out", "out", "--quiet"]].concat());
-        assert_eq!(files(&out), wanted, "{arguments:?}");
+        assert_eq!(files(&out), expected, "{arguments:?}");
         std::fs::remove_dir_all(out).expect("removed");
     }
-    let told: Json = serde_json::from_slice(&look.export(&["stereo", "--out", "out", "--json"]).stdout).expect("JSON");
+    let export: Json =
+        serde_json::from_slice(&look.export(&["stereo", "--out", "out", "--json"]).stdout).expect("JSON");
     let topic = json!({
         "topic": "/look/stereo/disparity", "type": "disparity", "format": "png", "path": "look/stereo/disparity/<frame>.png",
-        "files": 2, "clipped_pixels": told["topics"][0]["clipped_pixels"],
+        "files": 2, "clipped_pixels": export["topics"][0]["clipped_pixels"],
     });
-    assert_eq!(told, json!({ "format": told["format"], "folder": "out", "condition": "whole", "topics": [topic] }));
-    for (arguments, said) in [
+    assert_eq!(export, json!({ "format": export["format"], "folder": "out", "condition": "whole", "topics": [topic] }));
+    for (arguments, message) in [
         (&["detph"][..], "did you mean `depth`?"),
         (&["source/calibration", "--format", "png"], "it can be parquet"),
         (&["source/left", "--format", "pfm"], "it can be png, npy"),
@@ -183,13 +184,13 @@ fn topics_and_frames_are_named_as_people_name_them() {
         (&["source/left", "--colormap", "grey"], "--colormap colours nothing"),
     ] {
         let refused = look.refused(&[arguments, &["--out", "none"]].concat());
-        assert!(refused.contains(said), "{arguments:?}: {refused}");
+        assert!(refused.contains(message), "{arguments:?}: {refused}");
         assert!(!look.path("none").exists(), "{arguments:?}");
     }
 }
 
 #[test]
-fn nothing_of_anybodys_is_replaced_unless_asked_for() {
+fn existing_files_are_replaced_only_with_overwrite() {
     let look = Look::new();
     let file = look.path("mine/look/depth/depth/000003_10.png");
     std::fs::create_dir_all(file.parent().expect("a folder")).expect("made");
@@ -200,7 +201,7 @@ fn nothing_of_anybodys_is_replaced_unless_asked_for() {
     assert_eq!(std::fs::read(&file).expect("a file"), b"mine");
     look.export(&["depth/depth", "--out", "mine", "--overwrite"]);
     assert_ne!(std::fs::read(&file).expect("a file"), b"mine");
-    // An export's own folder takes another.
+    // The folder of an earlier export may be reused.
     look.export(&["depth/depth", "--out", "ours"]);
     look.export(&["depth/depth", "--out", "ours"]);
     assert!(look.refused(&["--out", "run"]).contains("is a run's folder"));
@@ -209,24 +210,24 @@ fn nothing_of_anybodys_is_replaced_unless_asked_for() {
 }
 
 #[test]
-fn of_a_damaged_recording_what_can_be_read_is_exported() {
+fn readable_frames_of_a_damaged_recording_are_exported() {
     let look = Look::new();
     let recording = look.path("run/recording.mcap");
     let mut bytes = std::fs::read(&recording).expect("a recording");
-    // All through the first frame's values.
+    // Throughout the first frame's values.
     let first = bytes.len() / 8..bytes.len() * 3 / 8;
     first.step_by(512).for_each(|at| bytes[at] ^= 1);
     std::fs::write(&recording, bytes).expect("written");
     let output = look.command("export", &["run", "--out", "left"]).output().expect("the binary starts");
-    let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(3), "{said}");
-    assert!(said.contains("left out") && said.contains("000003_10"), "{said}");
+    let stderr = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{stderr}");
+    assert!(stderr.contains("left out") && stderr.contains("000003_10"), "{stderr}");
     assert!(files(&look.path("left")).iter().all(|file| !file.contains("000003_10")));
     assert!(files(&look.path("left")).contains(&"look/depth/depth/000004_10.png".to_owned()));
 }
 
 #[test]
-fn without_a_calibration_there_are_no_points() {
+fn point_clouds_need_a_calibration() {
     let look = Look::new();
     let yaml = std::fs::read_to_string(look.path("look.yaml")).expect("a file");
     std::fs::write(look.path("bare.yaml"), yaml.replace("record: [source,", "record: [")).expect("written");
@@ -235,31 +236,32 @@ fn without_a_calibration_there_are_no_points() {
     let output = export.output().expect("the binary starts");
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("`source/calibration`"), "{}", text(&output.stderr));
-    let not_there =
+    let missing =
         look.command("export", &["bare", "source/left", "--out", "none"]).output().expect("the binary starts");
-    assert!(text(&not_there.stderr).contains("was not recorded"), "{}", text(&not_there.stderr));
+    assert!(text(&missing.stderr).contains("was not recorded"), "{}", text(&missing.stderr));
 }
 
 #[test]
-fn rows_are_exported_as_parquet_a_file_a_topic() {
+fn rows_are_exported_as_one_parquet_file_per_topic() {
     let look = Look::new();
     let rows = ["score.stereo", "source/calibration"];
-    let told = look.export(&[&rows[..], &["--out", "out", "--json"]].concat());
-    let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
-    let topics = told["topics"].as_array().expect("topics").iter();
-    let topics: Vec<_> = topics.map(|of| (of["type"].clone(), of["format"].clone(), of["files"].clone())).collect();
-    let of = |value_type: &str| (json!(value_type), json!("parquet"), json!(1));
-    assert_eq!(topics, [of("calibration"), of("scores")]);
-    let wanted = ["look/score.stereo/rows.parquet", "look/source/calibration.parquet"];
-    assert_eq!(files(&look.path("out")), wanted);
-    for file in wanted {
+    let output = look.export(&[&rows[..], &["--out", "out", "--json"]].concat());
+    let export: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+    let topics = export["topics"].as_array().expect("topics").iter();
+    let topics: Vec<_> =
+        topics.map(|topic| (topic["type"].clone(), topic["format"].clone(), topic["files"].clone())).collect();
+    let parquet = |value_type: &str| (json!(value_type), json!("parquet"), json!(1));
+    assert_eq!(topics, [parquet("calibration"), parquet("scores")]);
+    let expected = ["look/score.stereo/rows.parquet", "look/source/calibration.parquet"];
+    assert_eq!(files(&look.path("out")), expected);
+    for file in expected {
         let bytes = std::fs::read(look.path("out").join(file)).expect("a file");
         assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"), "{file}");
     }
 }
 
 #[test]
-fn learnt_networks_and_curves_are_exported_as_they_lie_beside_the_run() {
+fn exported_networks_and_curves_equal_those_of_the_run_folder() {
     let folder = tempfile::tempdir().expect("a folder");
     let (experiment, out) = (crate::reuse::experiment(folder.path()), folder.path().join("run"));
     succeed(depthloom().args(["run", "--no-page"]).arg(&experiment).args(["--quiet", "--out"]).arg(&out));
@@ -270,8 +272,8 @@ fn learnt_networks_and_curves_are_exported_as_they_lie_beside_the_run() {
     assert_eq!(files(&out.join("models")), ["learn.teacher.onnx"]);
     assert!(std::fs::read(out.join("models/learn.teacher.onnx")).expect("a model") == model);
     assert!(std::fs::metadata(export.join("learn/teacher/curve.parquet")).expect("a curve").len() > 100);
-    // It is the network that the run's own stages read: another experiment takes it as a file.
+    // It equals the recorded network that the run's stages used.
     let recording = depthloom_recording::Recording::open(out.join("recording.mcap")).expect("a recording");
-    let kept = recording.attachments().iter().filter(|of| of.name.starts_with("artifacts/"));
-    assert!(kept.clone().any(|of| recording.attachment(&of.name).expect("its bytes") == model));
+    let artifacts = recording.attachments().iter().filter(|attachment| attachment.name.starts_with("artifacts/"));
+    assert!(artifacts.clone().any(|entry| recording.attachment(&entry.name).expect("its bytes") == model));
 }

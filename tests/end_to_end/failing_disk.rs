@@ -1,5 +1,5 @@
-//! A disk that fails while a recording is written, or taken up: the run goes on when it can be written again, and ends
-//! with the same bytes.
+//! A disk that fails while a recording is written or resumed: the run resumes once the disk works again, and ends with
+//! the same bytes.
 
 use std::fs::File;
 use std::io::{self, ErrorKind};
@@ -20,19 +20,19 @@ use crate::reuse::experiment;
 /// How a disk fails.
 #[derive(Clone, Copy, Debug)]
 enum Fault {
-    /// What fits is written, then nothing any more.
+    /// A write that does not fit is written in part; all later writes fail.
     Full,
-    /// Nothing of what would go over is written: the disk has gone.
+    /// A write that does not fit fails completely, and so do all later calls.
     Broken,
-    /// One write fails, and none after it is asked for.
+    /// One write fails; later ones succeed.
     Once,
-    /// Everything is taken, and what is waited for does not come to the disk.
+    /// All writes succeed, but synchronising fails.
     Unsynchronised,
 }
 
 const FAULTS: [Fault; 4] = [Fault::Full, Fault::Broken, Fault::Once, Fault::Unsynchronised];
 
-/// A file that takes so many bytes.
+/// A file with room for a limited number of bytes.
 struct FailingDisk {
     file: File,
     fault: Fault,
@@ -84,7 +84,7 @@ impl Disk for FailingDisk {
     }
 }
 
-/// A run whose recording is written through a disk of the test's.
+/// A run whose recording is written through the test's disk.
 struct Run {
     registry: Registry,
     experiment: PathBuf,
@@ -93,26 +93,27 @@ struct Run {
 
 impl Run {
     fn ready(&self) -> (Ready, Plan) {
-        let plan = load(&self.experiment, &self.registry, &Options::default()).expect("it is right").plan;
+        let plan = load(&self.experiment, &self.registry, &Options::default()).expect("a valid experiment").plan;
         let ready = Ready::new(plan, &self.registry).unwrap_or_else(|missing| panic!("{missing:?}"));
         let plan = ready.plan.clone();
         (ready, plan)
     }
 
-    /// Begins, or goes on with what is there, as the command `run` does; whether it came to its end.
-    fn go(&self, durable: bool, fault: Option<(Fault, u64)>) -> bool {
+    /// Starts or resumes the run, as the command `run` does. Returns whether it finished.
+    fn run(&self, durable: bool, fault: Option<(Fault, u64)>) -> bool {
         let (ready, plan) = self.ready();
-        let begun = Recording::open(&self.recording).ok().filter(|begun| !begun.is_empty() && begun.has_plan(&plan));
-        let earlier = Arc::new(EarlierRuns::new(begun.iter().map(Recording::path), &plan));
-        let through = |file: File| -> Arc<dyn Disk> {
+        let partial =
+            Recording::open(&self.recording).ok().filter(|partial| !partial.is_empty() && partial.has_plan(&plan));
+        let earlier = Arc::new(EarlierRuns::new(partial.iter().map(Recording::path), &plan));
+        let open_disk = |file: File| -> Arc<dyn Disk> {
             match fault {
                 Some((fault, room)) => Arc::new(FailingDisk { file, fault, room: AtomicU64::new(room) }),
                 None => Arc::new(file),
             }
         };
-        let recorder = match &begun {
-            Some(begun) => Recorder::resume_through(begun, &plan, &through),
-            None => Recorder::create_through(&self.recording, &plan, &through),
+        let recorder = match &partial {
+            Some(partial) => Recorder::resume_through(partial, &plan, &open_disk),
+            None => Recorder::create_through(&self.recording, &plan, &open_disk),
         };
         let Ok(recorder) = recorder else { return false };
         let recorder = recorder.with_earlier(earlier).durable(durable);
@@ -125,7 +126,7 @@ impl Run {
 }
 
 #[test]
-fn a_run_whose_disk_fails_at_any_byte_goes_on_and_ends_with_the_same_bytes() {
+fn a_run_resumes_after_a_disk_failure_at_any_byte_with_the_same_bytes() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = experiment(folder.path());
     let at = |name: &str| Run {
@@ -133,32 +134,32 @@ fn a_run_whose_disk_fails_at_any_byte_goes_on_and_ends_with_the_same_bytes() {
         experiment: experiment.clone(),
         recording: folder.path().join(name),
     };
-    assert!(at("whole.mcap").go(false, None));
+    assert!(at("expected.mcap").run(false, None));
     let read = |path: &Path| std::fs::read(path).expect("a recording");
-    let whole = read(&folder.path().join("whole.mcap"));
-    let (mut failed, mut went_on) = (0, 0);
+    let expected = read(&folder.path().join("expected.mcap"));
+    let (mut failed, mut resumed) = (0, 0);
     for case in 0..kills() {
         let run = at("failing.mcap");
         let durable = case % 3 == 0;
-        // Some fail again when they are taken up, behind what is there by then.
+        // Half of the cases fail a second time while they resume.
         for again in 0..=case % 2 {
             let seed = case * 2 + again + 1;
             let fault = FAULTS[below(seed + 1000, 4) as usize];
-            let is_whole = run.go(durable, Some((fault, below(seed, whole.len() as u64))));
-            failed += u64::from(!is_whole);
-            if is_whole {
+            let finished = run.run(durable, Some((fault, below(seed, expected.len() as u64))));
+            failed += u64::from(!finished);
+            if finished {
                 break;
             }
         }
-        let begun = Recording::open(&run.recording);
-        went_on += u64::from(begun.is_ok_and(|begun| !begun.is_empty()));
-        run.go(durable, None);
-        assert!(read(&run.recording) == whole, "case {case}");
+        let partial = Recording::open(&run.recording);
+        resumed += u64::from(partial.is_ok_and(|partial| !partial.is_empty()));
+        run.run(durable, None);
+        assert!(read(&run.recording) == expected, "case {case}");
         std::fs::remove_file(&run.recording).expect("removed");
     }
     println!(
-        "{failed} failures in {} runs, of which {went_on} went on behind what was there: all ended with the same bytes",
+        "{failed} failures in {} runs, of which {resumed} resumed after recorded frames: all ended with the same bytes",
         kills()
     );
-    assert!(failed * 2 >= kills() && went_on * 10 >= kills() * 7, "{failed} failed, {went_on} went on");
+    assert!(failed * 2 >= kills() && resumed * 10 >= kills() * 7, "{failed} failed, {resumed} resumed");
 }

@@ -1,4 +1,4 @@
-//! Faults found in released versions, each named `fault_<number>_<what holds now>` after the review that found it.
+//! Faults found by reviews, each test named `fault_<number>_<behaviour>` with the number in that review.
 
 mod analysis;
 mod folders;

@@ -1,5 +1,4 @@
-//! `figure`: every kind as SVG, PNG and PDF of the size that was asked for, with the numbers of `analyse`, `compare`
-//! and the tables.
+//! `figure`: every kind as SVG, PNG and PDF of the requested size, with the numbers of `analyse`, `compare` and the tables.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -9,8 +8,7 @@ use serde_json::Value as Json;
 use crate::learning::learn;
 use crate::support::{depthloom, full, number, python, read_csv, succeed, workspace};
 
-/// Stereo, mono and their fusion in two variants of a parameter each of two axes, on small frames, beside a stage that
-/// learns.
+/// Stereo, monocular depth and their fusion, with two axes of two values, on small frames; and a training stage.
 const EXPERIMENT: &str = "experiment: drawn
 sources:
   train: { kind: synthetic/road, with: { frames: 0..5, width: 320, height: 96, seed: 4 } }
@@ -33,7 +31,7 @@ matrix:
   look.merged.with.weighting: [full, mean]
 ";
 
-/// Runs the experiment into `run` below a folder.
+/// Runs the experiment into the folder `run`.
 fn run(folder: &Path) -> PathBuf {
     let file = folder.join("drawn.yaml");
     std::fs::write(&file, EXPERIMENT.replace("LEARN", &learn(20, 1000))).expect("written");
@@ -45,14 +43,14 @@ fn figure(folder: &Path, arguments: &[&str]) -> std::process::Output {
     depthloom().current_dir(folder).arg("figure").args(arguments).output().expect("the binary starts")
 }
 
-/// What is said of a figure that is refused.
+/// Standard error of a figure that must be refused, on one line.
 fn refused(folder: &Path, arguments: &[&str]) -> String {
     let output = figure(folder, arguments);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stdout));
     String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Kinds, what they need beside, and words that are in them.
+/// Kinds of figures, their arguments, and words that they contain.
 const KINDS: [(&str, &[&str], &str); 9] = [
     ("error-vs-distance", &["--variant", "size=3*"], "true distance t, m"),
     ("difference", &["--estimates", "stereo,mono", "--resamples", "500"], "difference of mean errors, m"),
@@ -66,14 +64,14 @@ const KINDS: [(&str, &[&str], &str); 9] = [
 ];
 
 #[test]
-fn every_kind_is_drawn_in_every_format_of_the_size_asked_for() {
-    if !full("every_kind_is_drawn_in_every_format_of_the_size_asked_for") {
+fn every_kind_is_drawn_in_every_format_at_the_requested_size() {
+    if !full("every_kind_is_drawn_in_every_format_at_the_requested_size") {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder);
-    let mut check = python("every_kind_is_drawn_in_every_format_of_the_size_asked_for").map(|python| {
+    let mut check = python("every_kind_is_drawn_in_every_format_at_the_requested_size").map(|python| {
         let mut check = Command::new(python);
         check.arg(workspace().join("tests/python/check_figures.py"));
         check
@@ -85,9 +83,9 @@ fn every_kind_is_drawn_in_every_format_of_the_size_asked_for() {
             serde_json::from_slice(&output.stdout).expect("JSON")
         };
         let one_column = ["--width", "one-column"];
-        let told = draw(&format!("{kind}.svg"), &one_column);
-        assert_eq!(told["width_mm"], 88.0, "{kind}");
-        let height_mm = told["height_mm"].as_f64().expect("a height");
+        let drawn = draw(&format!("{kind}.svg"), &one_column);
+        assert_eq!(drawn["width_mm"], 88.0, "{kind}");
+        let height_mm = drawn["height_mm"].as_f64().expect("a height");
         let svg = std::fs::read_to_string(folder.join(format!("{kind}.svg"))).expect("a figure");
         assert!(svg.contains("width=\"88mm\"") && svg.contains(words), "{kind}: no `{words}`");
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{kind}: a coordinate is missing");
@@ -99,25 +97,25 @@ fn every_kind_is_drawn_in_every_format_of_the_size_asked_for() {
         if let Some(check) = &mut check {
             check.arg(format!("{}:{height_mm}:{words}", folder.join(kind).display()));
         }
-        // The same again is the same bytes.
-        for ending in ["svg", "pdf"] {
-            let (first, again) = (format!("{kind}.{ending}"), format!("again.{ending}"));
+        // A second drawing has the same bytes.
+        for extension in ["svg", "pdf"] {
+            let (first, again) = (format!("{kind}.{extension}"), format!("again.{extension}"));
             draw(&again, &one_column);
             let read = |name: &str| std::fs::read(folder.join(name)).expect("a file");
             assert!(read(&first) == read(&again), "two drawings of {first} differ");
         }
     }
     if let Some(mut check) = check {
-        let told = succeed(&mut check);
-        assert_eq!(String::from_utf8_lossy(&told.stdout).trim(), KINDS.len().to_string());
+        let checked = succeed(&mut check);
+        assert_eq!(String::from_utf8_lossy(&checked.stdout).trim(), KINDS.len().to_string());
     }
 }
 
 #[test]
-fn the_numbers_of_a_figure_are_those_of_the_tables() {
+fn figures_show_the_numbers_of_the_tables() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let of_run = run(folder);
+    let run_folder = run(folder);
     let data = |arguments: &[&str]| -> PathBuf {
         let files = ["--out", "figure.svg", "--data", "figure.csv"];
         let output = figure(folder, &[arguments, &files].concat());
@@ -125,13 +123,13 @@ fn the_numbers_of_a_figure_are_those_of_the_tables() {
         folder.join("figure.csv")
     };
     let csv = |command: &str, arguments: &[&str]| -> String {
-        let asked = [arguments, &["--format", "csv"]].concat();
-        let output = succeed(depthloom().current_dir(folder).arg(command).args(asked));
+        let arguments = [arguments, &["--format", "csv"]].concat();
+        let output = succeed(depthloom().current_dir(folder).arg(command).args(arguments));
         String::from_utf8(output.stdout).expect("UTF-8")
     };
     let text = |path: &Path| std::fs::read_to_string(path).expect("a file");
     let bins = ["--bins", "width:2"];
-    for (kind, asked) in [
+    for (kind, query) in [
         ("error-vs-distance", &["--set", "common,valid", "--bins", "width:2"][..]),
         ("reliability", &["--set", "common,valid", "--by", "weight"]),
         ("histogram", &["--set", "common", "--by", "error", "--bins", "width:2", "--percentiles", ""]),
@@ -139,24 +137,27 @@ fn the_numbers_of_a_figure_are_those_of_the_tables() {
         let more = if kind == "reliability" { &[][..] } else { &bins[..] };
         let drawn = data(&[&["run", kind, "--variant", "size=3*"], more].concat());
         if kind == "histogram" {
-            // Without percentiles: of the columns that both have the same numbers.
-            let inquiry = ["run", "--variant", "size=3*", "--set", "common", "--by", "error", "--bins", "width:2"];
-            std::fs::write(folder.join("asked.csv"), csv("analyse", &inquiry)).expect("written");
-            let (drawn, asked) = (read_csv(&drawn), read_csv(&folder.join("asked.csv")));
-            assert_eq!(drawn.len(), asked.len());
-            for (drawn, asked) in drawn.iter().zip(&asked) {
-                assert!(drawn.iter().all(|(column, value)| asked[column] == *value), "{drawn:?} is not {asked:?}");
+            // The figure has no percentiles: compare the columns that both tables have.
+            let query = ["run", "--variant", "size=3*", "--set", "common", "--by", "error", "--bins", "width:2"];
+            std::fs::write(folder.join("analysed.csv"), csv("analyse", &query)).expect("written");
+            let (drawn, analysed) = (read_csv(&drawn), read_csv(&folder.join("analysed.csv")));
+            assert_eq!(drawn.len(), analysed.len());
+            for (drawn, analysed) in drawn.iter().zip(&analysed) {
+                assert!(
+                    drawn.iter().all(|(column, value)| analysed[column] == *value),
+                    "{drawn:?} differs from {analysed:?}"
+                );
             }
             continue;
         }
-        assert_eq!(text(&drawn), csv("analyse", &[&["run", "--variant", "size=3*"], asked].concat()), "{kind}");
+        assert_eq!(text(&drawn), csv("analyse", &[&["run", "--variant", "size=3*"], query].concat()), "{kind}");
     }
     let compared = csv("compare", &["run", "stereo", "mono", "--by", "distance", "--resamples", "500"]);
     let drawn = data(&["run", "difference", "--estimates", "stereo,mono", "--resamples", "500"]);
     assert_eq!(text(&drawn), compared, "the difference of a figure is that of `compare --by distance`");
 
-    // Scores: by frame those that the run wrote, by parameter the means of its table.
-    let scores = read_csv(&of_run.join("scores.csv"));
+    // Metrics per frame equal `scores.csv`; metrics by parameter equal the means in `table.csv`.
+    let scores = read_csv(&run_folder.join("scores.csv"));
     let frames = read_csv(&data(&["run", "frames", "--score", "rmse"]));
     let is_same = |one: &crate::support::Row, two: &crate::support::Row| {
         ["stage", "variant", "estimate", "set", "position"].iter().all(|column| one[*column] == two[*column])
@@ -166,32 +167,34 @@ fn the_numbers_of_a_figure_are_those_of_the_tables() {
         let scored = scores.iter().find(|score| is_same(row, score)).unwrap_or_else(|| panic!("{row:?}"));
         assert_eq!(row["rmse"], scored["rmse"]);
     }
-    let table = read_csv(&of_run.join("table.csv"));
+    let table = read_csv(&run_folder.join("table.csv"));
     let parameter = read_csv(&data(&["run", "parameter", "--score", "abs_rel", "--estimates", "fused"]));
     assert_eq!(parameter.len(), 4);
     for row in &parameter {
-        let is_it = |of: &&crate::support::Row| of["size"] == row["size"] && of["weighting"] == row["weighting"];
-        let of_table = table.iter().find(|of| of["estimate"] == "fused" && is_it(of)).expect("a row of the table");
-        assert_eq!(row["abs_rel"], of_table["abs_rel"]);
+        let is_same = |other: &&crate::support::Row| {
+            other["estimate"] == "fused" && other["size"] == row["size"] && other["weighting"] == row["weighting"]
+        };
+        let in_table = table.iter().find(is_same).expect("a row of the table");
+        assert_eq!(row["abs_rel"], in_table["abs_rel"]);
     }
     let one = read_csv(&data(&["run", "parameter", "--axes", "size", "--estimates", "fused"]));
     let mean: f64 =
         parameter.iter().filter(|row| row["size"] == "3").map(|row| number(row, "abs_rel")).sum::<f64>() / 2.0;
     assert!((number(&one[0], "abs_rel") - mean).abs() < 1e-12 && one[0]["rows"] == "2", "{one:?}");
-    // What no value of the parameter changes is in the figure, and in its numbers.
+    // An estimate that the parameter does not affect is in the figure and in its table.
     let both =
         read_csv(&data(&["run", "parameter", "--axes", "size", "--estimates", "fused,mono", "--score", "abs_rel"]));
-    let mono = table.iter().find(|of| of["estimate"] == "mono").expect("a row of the table");
+    let mono = table.iter().find(|row| row["estimate"] == "mono").expect("a row of the table");
     let level: Vec<_> = both.iter().filter(|row| row["size"].is_empty()).collect();
     assert!(level.len() == 1 && level[0]["estimate"] == "mono" && level[0]["abs_rel"] == mono["abs_rel"], "{both:?}");
-    let curves = text(&of_run.join("learning_curves.csv"));
+    let curves = text(&run_folder.join("learning_curves.csv"));
     assert_eq!(text(&data(&["run", "learning"])), curves);
     let maps = read_csv(&data(&["run", "panels", "--frames", "0,3", "--variant", "size=3+weighting=full"]));
-    assert_eq!(maps.len(), 2 * 6, "stereo, mono, fused, weight, difference and truth of two frames");
+    assert_eq!(maps.len(), 2 * 6, "stereo, mono, fused, confidence, difference and ground truth of two frames");
 }
 
 #[test]
-fn what_cannot_be_drawn_is_refused_in_words() {
+fn invalid_figure_arguments_are_refused_with_a_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder);
@@ -200,7 +203,7 @@ fn what_cannot_be_drawn_is_refused_in_words() {
         (&["run", "cdf", "--out", "a.svg", "--format", "png"], "contradicts the extension"),
         (&["run", "cdf", "--out", "no/a.svg"], "there is no folder no"),
         (&["run", "cdf", "--out", "run/scores.csv", "--format", "svg"], "it is a file of a run"),
-        (&["run", "cdf", "--out", "a.svg", "--estimates", "nobody"], "no estimate is `nobody`"),
+        (&["run", "cdf", "--out", "a.svg", "--estimates", "absent"], "no estimate is `absent`"),
         (&["run", "cdf", "--out", "a.svg", "--set", "all"], "a pixel without an answer has no error"),
         (&["run", "cdf", "--out", "a.svg", "--height", "20"], "it needs a height of"),
         (&["run", "cdf", "--out", "a.svg", "--score", "rmse"], "takes no --score"),
@@ -212,8 +215,8 @@ fn what_cannot_be_drawn_is_refused_in_words() {
         (&["run", "run", "panels", "--out", "a.svg"], "this kind of figure is of one run"),
         (&["nowhere", "cdf", "--out", "a.svg"], "failed to open nowhere"),
     ] {
-        let said = refused(folder, arguments);
-        assert!(said.contains(words), "{arguments:?}: {said}");
+        let error = refused(folder, arguments);
+        assert!(error.contains(words), "{arguments:?}: {error}");
     }
     assert!(!folder.join("a.svg").exists(), "nothing was written");
 }
@@ -242,13 +245,13 @@ fn panels_of_a_run_that_scores_only_disparities_are_refused() {
     let disparities = disparities.replace(estimates, "estimates: { stereo: stereo/disparity }");
     std::fs::write(folder.join("drawn.yaml"), disparities).expect("written");
     succeed(depthloom().current_dir(folder).args(["run", "--no-page", "drawn.yaml", "--quiet", "--out", "run"]));
-    let said = refused(folder, &["run", "panels", "--out", "a.svg"]);
-    assert!(said.contains("panels show depths, and this run scores only disparities"), "{said}");
+    let error = refused(folder, &["run", "panels", "--out", "a.svg"]);
+    assert!(error.contains("panels show depths, and this run scores only disparities"), "{error}");
 }
 
-/// A depth that is scored after its alignment is shown aligned; a variant without a parameter is one level line.
+/// A depth that is aligned before scoring is shown aligned; variants without the parameter are one level line.
 #[test]
-fn faults_26_and_46_maps_are_shown_as_they_are_scored_and_what_lacks_a_parameter_is_one_line() {
+fn faults_26_and_46_panels_show_aligned_maps_and_missing_parameters_are_one_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let experiment = "experiment: aligned
@@ -281,5 +284,5 @@ matrix:
     let arguments = ["figure", "plain", "parameter", "--axes", "size", "--out", "p.svg"];
     succeed(depthloom().current_dir(folder).args(arguments));
     let svg = std::fs::read_to_string(folder.join("p.svg")).expect("a figure");
-    assert_eq!(svg.matches("without size").count(), 1, "one line of all variants without it");
+    assert_eq!(svg.matches("without size").count(), 1, "one line for all variants without the parameter");
 }

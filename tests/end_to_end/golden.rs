@@ -1,4 +1,5 @@
-//! Our numbers against the oracle's: OpenCV, NumPy, ONNX Runtime (`../shared/oracle`).
+//! Metrics and percentiles checked against the reference implementation: OpenCV, NumPy, ONNX Runtime
+//! (`../shared/oracle`).
 
 use std::path::Path;
 
@@ -14,26 +15,30 @@ pub(crate) fn assert_scores_agree(ours: &Path, theirs: &Path, relative: f64) {
     let (ours, theirs) = (read_csv(ours), read_csv(theirs));
     let name = |row: &Row| (row["frame"].clone(), label(row), set(row).to_owned());
     let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();
-    assert_eq!(ours.len(), theirs.len(), "as many rows as the oracle's");
+    assert_eq!(ours.len(), theirs.len(), "as many rows as the reference");
     for golden in &theirs {
         let row = ours.get(&name(golden)).unwrap_or_else(|| panic!("no row {:?}", name(golden)));
         assert_eq!(row["pixels"], golden["pixels"], "pixels of {:?}", name(golden));
         for score in SCORES {
             let (a, b) = (number(row, score), number(golden, score));
-            assert!(agree(a, b, relative), "{score} of {:?}: {a} is not {b} to {relative}", name(golden));
+            assert!(
+                agree(a, b, relative),
+                "{score} of {:?}: {a} differs from {b} by more than {relative}",
+                name(golden)
+            );
         }
     }
 }
 
-/// The error against distance on the pixels that are valid in each, with the oracle's names of columns.
+/// Error against distance on the pixel set `valid`, with the column names of the reference.
 pub(crate) fn valid_bins(path: &Path) -> Vec<Row> {
     let mut rows = read_csv(path);
     rows.retain(|row| row["set"] == "valid");
     for row in &mut rows {
         assert_eq!(number(row, "bin_to_m"), number(row, "bin_from_m") + 1.0, "{row:?}");
         let renamed = row.iter().map(|(name, value)| {
-            let of_error = name.strip_prefix("error_").and_then(|name| name.strip_suffix("_m"));
-            let name = if name == "bin_from_m" { "bin_m" } else { of_error.unwrap_or(name) };
+            let percentile = name.strip_prefix("error_").and_then(|name| name.strip_suffix("_m"));
+            let name = if name == "bin_from_m" { "bin_m" } else { percentile.unwrap_or(name) };
             (name.to_owned(), value.clone())
         });
         *row = renamed.collect();
@@ -41,31 +46,35 @@ pub(crate) fn valid_bins(path: &Path) -> Vec<Row> {
     rows
 }
 
-/// `tolerance`: how far a percentile may be off, from itself and its distance, all metres.
+/// `tolerance` maps a percentile and its distance to the allowed difference, all in metres.
 pub(crate) fn assert_percentiles_agree(ours: &Path, theirs: &Path, tolerance: impl Fn(f64, f64) -> f64) {
     let (ours, theirs) = (valid_bins(ours), read_csv(theirs));
     let name = |row: &Row| (label(row), row["bin_m"].parse::<u32>().expect("a bin"));
     let ours: std::collections::BTreeMap<_, _> = ours.iter().map(|row| (name(row), row)).collect();
-    assert_eq!(ours.len(), theirs.len(), "as many bins as the oracle's");
+    assert_eq!(ours.len(), theirs.len(), "as many bins as the reference");
     for golden in &theirs {
         let row = ours.get(&name(golden)).unwrap_or_else(|| panic!("no bin {:?}", name(golden)));
         assert_eq!(row["count"], golden["count"], "count of {:?}", name(golden));
         for percentile in ["p5", "p25", "p50", "p75", "p95"] {
             let (a, b) = (number(row, percentile), number(golden, percentile));
-            let most = tolerance(b, number(golden, "bin_m"));
-            assert!((a - b).abs() <= most, "{percentile} of {:?}: {a} is not {b} to {most:.1e}", name(golden));
+            let max = tolerance(b, number(golden, "bin_m"));
+            assert!(
+                (a - b).abs() <= max,
+                "{percentile} of {:?}: {a} differs from {b} by more than {max:.1e}",
+                name(golden)
+            );
         }
     }
 }
 
-/// Relative where errors are errors; below a millimetre the floats of the depths themselves decide.
+/// A tolerance relative to the error, and absolute for errors below one metre.
 fn relative(share: f64) -> impl Fn(f64, f64) -> f64 {
     move |error_m, _| share * error_m.max(1.0)
 }
 
 #[test]
-fn ground_plane_scores_are_the_oracles() {
-    let Some(shared) = shared("ground_plane_scores_are_the_oracles") else { return };
+fn ground_plane_metrics_match_the_reference() {
+    let Some(shared) = shared("ground_plane_metrics_match_the_reference") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
     succeed(
@@ -80,9 +89,9 @@ fn ground_plane_scores_are_the_oracles() {
 }
 
 #[test]
-fn network_scores_are_the_oracles() {
-    let Some(shared) = shared("network_scores_are_the_oracles") else { return };
-    let Some(library) = onnx_runtime("network_scores_are_the_oracles") else { return };
+fn network_metrics_match_the_reference() {
+    let Some(shared) = shared("network_metrics_match_the_reference") else { return };
+    let Some(library) = onnx_runtime("network_metrics_match_the_reference") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
     succeed(
@@ -114,10 +123,10 @@ fn the_table_is_the_mean_over_frames() {
     assert_eq!(ours.len(), golden.len());
     for row in &golden {
         let same = |other: &&Row| label(other) == label(row) && set(other) == set(row);
-        let mine = ours.iter().find(same).unwrap_or_else(|| panic!("no row {row:?}"));
+        let own = ours.iter().find(same).unwrap_or_else(|| panic!("no row {row:?}"));
         for score in SCORES {
-            // The oracle's table is rounded to four decimals.
-            assert!((number(mine, score) - number(row, score)).abs() <= 1e-4, "{score}: {mine:?} {row:?}");
+            // The table of the reference is rounded to four decimals.
+            assert!((number(own, score) - number(row, score)).abs() <= 1e-4, "{score}: {own:?} {row:?}");
         }
     }
 }

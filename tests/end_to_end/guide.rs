@@ -1,8 +1,8 @@
-//! The guide (`docs/`): its commands are run and their outputs compared, its links lead somewhere, its reference is
-//! what the program says, and it is a book.
+//! The guide (`docs/`): its commands are run and their output is compared, its links are checked, its reference is
+//! generated from the program, and mdBook builds it.
 //!
-//! How a page says what is run, with what, and what comes of it: CONTRIBUTING.md, "The guide".
-//! `DEPTHLOOM_WRITE_GUIDE=1` writes what is generated: the reference, and the outputs that the pages show in whole.
+//! CONTRIBUTING.md, "The guide", describes the comments by which a page declares commands and expected output.
+//! `DEPTHLOOM_WRITE_GUIDE=1` writes the generated parts: the reference, and output that the pages show in full.
 
 mod links;
 mod page;
@@ -13,12 +13,12 @@ use std::path::PathBuf;
 
 use crate::support::workspace;
 
-/// Where the book lies.
+/// The folder of the book.
 fn book() -> PathBuf {
     workspace().join("docs")
 }
 
-/// Whether generated parts are to be written, not compared.
+/// Whether to write generated parts instead of comparing them.
 fn writes() -> bool {
-    std::env::var_os("DEPTHLOOM_WRITE_GUIDE").is_some_and(|told| !told.is_empty() && told != "0")
+    std::env::var_os("DEPTHLOOM_WRITE_GUIDE").is_some_and(|value| !value.is_empty() && value != "0")
 }

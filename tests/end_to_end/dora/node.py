@@ -1,4 +1,4 @@
-"""A node of dora's that knows nothing of depthloom: what comes, goes."""
+"""A dora node without depthloom's library: it sends its input on."""
 
 import os
 import sys
@@ -10,7 +10,7 @@ from dora import Node
 node = Node()
 for count, event in enumerate(event for event in node if event["type"] == "INPUT"):
     value, metadata = event["value"], event["metadata"]
-    # The frames of the test are these.
+    # Names and times of the test's frames.
     assert metadata["frame_id"] == f"{count:06}_10" and metadata["time_ns"] == 100_000_000 * count, metadata
     if "silent" in sys.argv and count == 2:
         time.sleep(60)

@@ -1,12 +1,12 @@
-//! Faults of the experiment language and what sources read.
+//! Faults in the experiment language and in the files that sources read.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::support::{depthloom, read_csv, succeed};
 
-/// A folder with a small data set of KITTI's layout in `data/`, and an experiment on it that extends a file one folder
-/// up.
+/// A folder with a small data set in KITTI's layout in `data/`, and an experiment on it that extends a file in the
+/// parent folder.
 struct Project {
     folder: tempfile::TempDir,
 }
@@ -56,7 +56,7 @@ impl Project {
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     }
 
-    /// The exit code and what was said of an experiment.
+    /// Exit code and standard error of `check`.
     fn check(&self, experiment: &Path, arguments: &[&str]) -> (Option<i32>, String) {
         let mut check = depthloom();
         let output = check.current_dir(self.folder.path()).arg("check").arg(experiment).args(arguments).output();
@@ -66,7 +66,7 @@ impl Project {
 }
 
 #[test]
-fn fault_10_no_name_leads_out_of_the_folder_of_runs() {
+fn fault_10_an_experiments_name_cannot_leave_the_runs_folder() {
     let project = Project::new();
     let evil = project.write("evil.yaml", &BASE.replace("experiment: base", "experiment: ../../evil"));
     fs::create_dir_all(project.path("a/b")).expect("created");
@@ -82,58 +82,58 @@ fn fault_10_no_name_leads_out_of_the_folder_of_runs() {
 }
 
 #[test]
-fn fault_29_and_32_frames_are_counted_as_they_are_selected() {
+fn fault_29_and_32_recorded_frames_are_counted_within_the_selection() {
     let project = Project::new();
     let set = |frames: &str| format!("sources.street.with.frames={frames}");
-    // Beyond what is there: an error that says so, unless what is there is enough.
+    // Frames that do not exist are an error, unless `available` is given.
     let main = project.path("exps/main.yaml");
-    let (code, said) = project.run(&main, "beyond", &["--set", &set("1..=7")]);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("there is no frame 3") && said.contains("`1..=7 available`"), "{said}");
-    // Twice, or of no form: found by `check`.
+    let (code, stderr) = project.run(&main, "beyond", &["--set", &set("1..=7")]);
+    assert_eq!(code, Some(2), "{stderr}");
+    assert!(stderr.contains("there is no frame 3") && stderr.contains("`1..=7 available`"), "{stderr}");
+    // Repeated frames and invalid syntax are found by `check`.
     for frames in ["[1, 1]", "1-2", "\"1,2\"", "ids"] {
-        let (code, said) = project.check(&main, &["--set", &set(frames)]);
-        assert_eq!(code, Some(2), "{frames}: {said}");
+        let (code, stderr) = project.check(&main, &["--set", &set(frames)]);
+        assert_eq!(code, Some(2), "{frames}: {stderr}");
     }
-    // Of frames 1 and 2, the first is kept, though no index is a multiple of 100.
+    // Of frames 1 and 2, the first is recorded, although no index is a multiple of 100.
     let more = ["--set", &set("1..=7 available"), "--set", "record={every: 100}"];
-    let (code, said) = project.run(&main, "run", &more);
-    assert_eq!(code, Some(0), "{said}");
-    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(said.contains("of the frames 1 to 7, 5 of 7 do not exist: 2 are used, 1 to 2"), "{said}");
+    let (code, stderr) = project.run(&main, "run", &more);
+    assert_eq!(code, Some(0), "{stderr}");
+    let stderr = stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(stderr.contains("of the frames 1 to 7, 5 of 7 do not exist: 2 are used, 1 to 2"), "{stderr}");
     let scores = read_csv(&project.path("run/scores.csv"));
     assert_eq!(scores.len(), 2, "{scores:?}");
     let distances =
-        fs::read_to_string(project.path("run/error_vs_distance.csv")).expect("the maps of a frame were kept");
+        fs::read_to_string(project.path("run/error_vs_distance.csv")).expect("the maps of a frame were recorded");
     assert!(distances.lines().count() > 1, "{distances}");
 }
 
 #[test]
-fn fault_35_a_run_can_be_checked_and_run_again_from_its_own_folder() {
+fn fault_35_the_experiment_in_a_run_folder_can_be_checked_and_run() {
     let project = Project::new();
-    let (code, said) =
+    let (code, stderr) =
         project.run(&project.path("exps/main.yaml"), "first", &["--set", "look.stereo.with.disparities=48"]);
-    assert_eq!(code, Some(0), "{said}");
-    let written = fs::read_to_string(project.path("first/experiment.yaml")).expect("kept");
-    assert_eq!(written.lines().nth(1), Some("# As written."), "behind a line on what the run set: {written}");
-    // From elsewhere, with what it extended gone.
+    assert_eq!(code, Some(0), "{stderr}");
+    let written = fs::read_to_string(project.path("first/experiment.yaml")).expect("the copy");
+    assert_eq!(written.lines().nth(1), Some("# As written."), "after a line about the run's settings: {written}");
+    // The run folder was moved, and the extended files were removed.
     fs::remove_dir_all(project.path("exps")).expect("removed");
     fs::remove_file(project.path("base.yaml")).expect("removed");
-    fs::create_dir(project.path("kept")).expect("created");
-    fs::rename(project.path("first"), project.path("kept/first")).expect("moved");
+    fs::create_dir(project.path("moved")).expect("created");
+    fs::rename(project.path("first"), project.path("moved/first")).expect("moved");
     for name in ["experiment.yaml", "experiment.resolved.yaml"] {
-        let kept = project.path("kept/first").join(name);
-        let (code, said) = project.check(&kept, &[]);
-        assert_eq!(code, Some(0), "{name}: {said}");
+        let copy = project.path("moved/first").join(name);
+        let (code, stderr) = project.check(&copy, &[]);
+        assert_eq!(code, Some(0), "{name}: {stderr}");
     }
-    let (code, said) = project.run(&project.path("kept/first/experiment.resolved.yaml"), "second", &[]);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, stderr) = project.run(&project.path("moved/first/experiment.resolved.yaml"), "second", &[]);
+    assert_eq!(code, Some(0), "{stderr}");
     let scores = |run: &str| read_csv(&project.path(run).join("scores.csv"));
-    assert_eq!(scores("second"), scores("kept/first"));
+    assert_eq!(scores("second"), scores("moved/first"));
 }
 
 #[test]
-fn fault_52_a_bomb_of_an_image_is_refused_with_its_size() {
+fn fault_52_an_oversized_image_is_refused_with_its_size() {
     let project = Project::new();
     let left = project.path("data/training/image_2/000000_10.png");
     let mut bytes = fs::read(&left).expect("read");
@@ -141,10 +141,10 @@ fn fault_52_a_bomb_of_an_image_is_refused_with_its_size() {
     let checksum = crc(&bytes[12..29]).to_be_bytes();
     bytes[29..33].copy_from_slice(&checksum);
     fs::write(&left, bytes).expect("written");
-    let (code, said) = project.run(&project.path("exps/main.yaml"), "run", &[]);
-    assert_eq!(code, Some(3), "{said}");
-    assert!(said.contains("60000x60000, which takes") && said.contains("more than the 512 MiB"), "{said}");
-    assert!(!said.contains("download"), "{said}");
+    let (code, stderr) = project.run(&project.path("exps/main.yaml"), "run", &[]);
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(stderr.contains("60000x60000, which takes") && stderr.contains("more than the 512 MiB"), "{stderr}");
+    assert!(!stderr.contains("download"), "{stderr}");
 }
 
 /// The checksum of a PNG's chunk.
@@ -156,10 +156,10 @@ fn crc(bytes: &[u8]) -> u32 {
 
 #[cfg(unix)]
 #[test]
-fn what_is_no_regular_file_is_refused_and_nobody_waits_for_it() {
+fn special_files_are_refused_without_waiting() {
     let project = Project::new();
     let pipe = project.path("pipe.yaml");
-    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo is there").success());
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo").success());
     let main = |text: &str| project.write("exps/other.yaml", text);
     for name in ["../pipe.yaml", "/dev/zero", "..", "/dev/tty", "loop.yaml"] {
         let link = project.path("exps/loop.yaml");
@@ -169,19 +169,19 @@ fn what_is_no_regular_file_is_refused_and_nobody_waits_for_it() {
             format!("extends: {name}\nexperiment: x\n"),
             BASE.replace("nodes:\n", &format!("nodes:\n      graph: {name}\n")),
         ] {
-            let (code, said) = project.check(&main(&text), &[]);
-            assert_eq!(code, Some(2), "{name}: {said}");
-            assert!(said.contains("failed to read"), "{name}: {said}");
+            let (code, stderr) = project.check(&main(&text), &[]);
+            assert_eq!(code, Some(2), "{name}: {stderr}");
+            assert!(stderr.contains("failed to read"), "{name}: {stderr}");
         }
     }
     let (code, _) = project.check(&pipe, &[]);
     assert_eq!(code, Some(2));
     let frames = ["--set", "sources.street.with.frames=./pipe.yaml"];
-    let (code, said) = project.run(&project.path("exps/main.yaml"), "run", &frames);
-    assert_eq!(code, Some(2), "{said}");
+    let (code, stderr) = project.run(&project.path("exps/main.yaml"), "run", &frames);
+    assert_eq!(code, Some(2), "{stderr}");
     let left = project.path("data/training/image_2/000000_10.png");
     fs::remove_file(&left).expect("removed");
     fs::rename(&pipe, &left).expect("moved");
-    let (code, said) = project.run(&project.path("exps/main.yaml"), "run", &[]);
-    assert_eq!(code, Some(3), "{said}");
+    let (code, stderr) = project.run(&project.path("exps/main.yaml"), "run", &[]);
+    assert_eq!(code, Some(3), "{stderr}");
 }

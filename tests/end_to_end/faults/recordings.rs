@@ -1,4 +1,4 @@
-//! Faults of recordings: checksums, cuts, damage.
+//! Faults in recordings: checksums, truncation, damage.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::collections::BTreeMap;
@@ -20,10 +20,10 @@ fn recorded(folder: &Path, frames: &str) -> PathBuf {
     out.join("recording.mcap")
 }
 
-/// Reports a recording of these bytes into a folder of its own: what it printed, and the files it wrote, but for the
-/// page, which says of the recording what was printed.
+/// Runs `report` on a recording of these bytes into a new folder. Returns its output and the files it wrote, except
+/// the page, which must contain the printed notes on the recording.
 fn report(folder: &Path, bytes: &[u8]) -> (Output, BTreeMap<String, Vec<u8>>) {
-    let recording = folder.join("given.mcap");
+    let recording = folder.join("input.mcap");
     let out = folder.join("report");
     std::fs::write(&recording, bytes).expect("written");
     let _ = std::fs::remove_dir_all(&out);
@@ -36,43 +36,43 @@ fn report(folder: &Path, bytes: &[u8]) -> (Output, BTreeMap<String, Vec<u8>>) {
     });
     let mut files: BTreeMap<String, Vec<u8>> = files.unwrap_or_default();
     if let Some(page) = files.remove("report.html") {
-        let (page, said) = (String::from_utf8_lossy(&page), String::from_utf8_lossy(&output.stdout));
-        for note in said.lines().filter_map(|line| line.strip_prefix("note: the recording is ")) {
-            assert!(page.contains(note), "the page does not say: {note}");
+        let (page, stdout) = (String::from_utf8_lossy(&page), String::from_utf8_lossy(&output.stdout));
+        for note in stdout.lines().filter_map(|line| line.strip_prefix("note: the recording is ")) {
+            assert!(page.contains(note), "the page lacks this note: {note}");
         }
     }
     (output, files)
 }
 
-/// Where the last whole frame of an unfinished file ends: before the end of the data, and of what follows the frames.
-fn without_the_end(bytes: &[u8]) -> &[u8] {
+/// The recording up to the end of its last frame, without the records that follow.
+fn without_summary(bytes: &[u8]) -> &[u8] {
     let summary_start = bytes.len() - 28;
     let start = u64::from_le_bytes(bytes[summary_start..summary_start + 8].try_into().expect("eight bytes"));
     &bytes[..start as usize - 13]
 }
 
 #[test]
-fn fault_49_report_says_that_a_recording_is_unfinished_or_cut() {
+fn fault_49_report_notes_that_a_recording_is_unfinished_or_truncated() {
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = std::fs::read(recorded(folder.path(), "0..4")).expect("a recording");
     let text = |output: &Output| String::from_utf8_lossy(&output.stdout).into_owned();
 
-    let (whole, files) = report(folder.path(), &bytes);
-    assert_eq!(whole.status.code(), Some(0));
-    assert!(!text(&whole).contains("the recording is"), "{}", text(&whole));
+    let (finished, files) = report(folder.path(), &bytes);
+    assert_eq!(finished.status.code(), Some(0));
+    assert!(!text(&finished).contains("the recording is"), "{}", text(&finished));
 
-    let (unfinished, same) = report(folder.path(), without_the_end(&bytes));
+    let (unfinished, same) = report(folder.path(), without_summary(&bytes));
     assert_eq!(unfinished.status.code(), Some(0));
     assert!(text(&unfinished).contains("note: the recording is unfinished; all numbers are of its 4 whole frames"));
-    assert!(files == same, "all its frames are there");
+    assert!(files == same, "all frames are complete");
 
-    let cut = &bytes[..without_the_end(&bytes).len() * 5 / 8];
+    let cut = &bytes[..without_summary(&bytes).len() * 5 / 8];
     let (cut, _) = report(folder.path(), cut);
     assert_eq!(cut.status.code(), Some(0));
     assert!(text(&cut).contains("the recording is unfinished, and its last"), "{}", text(&cut));
     assert!(text(&cut).contains("all numbers are of its 2 whole frames"), "{}", text(&cut));
 
-    let mut damaged = without_the_end(&bytes).to_vec();
+    let mut damaged = without_summary(&bytes).to_vec();
     let middle = damaged.len() * 5 / 8;
     damaged[middle..middle + 64].fill(0);
     let (damaged, _) = report(folder.path(), &damaged);
@@ -80,7 +80,7 @@ fn fault_49_report_says_that_a_recording_is_unfinished_or_cut() {
     assert!(text(&damaged).contains("note: the recording is damaged at byte"), "{}", text(&damaged));
     assert!(text(&damaged).contains("what comes behind was left out; all numbers are of its 2 whole frames"));
 
-    let path = folder.path().join("given.mcap");
+    let path = folder.path().join("input.mcap");
     let json = succeed(
         depthloom().arg("report").arg(path.with_file_name("run")).arg("--json").arg("--out").arg(folder.path()),
     );
@@ -89,67 +89,67 @@ fn fault_49_report_says_that_a_recording_is_unfinished_or_cut() {
     assert_eq!(json["recording"], serde_json::json!({ "condition": "whole", "frames": 4, "stages": stages }));
 }
 
-/// Recovers a recording of these bytes: the exit code, what was printed on stderr, and the new file.
+/// Recovers a recording of these bytes. Returns the exit code, standard error, and the new file.
 fn recover(folder: &Path, bytes: &[u8]) -> (Option<i32>, String, Option<PathBuf>) {
-    let (given, out) = (folder.join("given.mcap"), folder.join("recovered.mcap"));
-    std::fs::write(&given, bytes).expect("written");
+    let (input, out) = (folder.join("input.mcap"), folder.join("recovered.mcap"));
+    std::fs::write(&input, bytes).expect("written");
     let _ = std::fs::remove_file(&out);
-    let output = depthloom().arg("recover").arg(&given).arg("--out").arg(&out).output().expect("the binary starts");
+    let output = depthloom().arg("recover").arg(&input).arg("--out").arg(&out).output().expect("the binary starts");
     assert!(!folder.join("recovered.mcap.partial").exists());
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned(), out.exists().then_some(out))
 }
 
 #[test]
-fn recover_keeps_the_frames_before_the_damage_and_names_its_place() {
+fn recover_keeps_the_frames_before_the_damage_and_reports_its_position() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let bytes = std::fs::read(recorded(folder, "0..4")).expect("a recording");
-    let (mut kept, mut refused) = (0, 0);
+    let (mut recovered_count, mut refused) = (0, 0);
     for share in 1..24 {
         let mut flipped = bytes.clone();
         flipped[bytes.len() * share / 24] ^= 4;
         std::fs::write(folder.join("flipped.mcap"), &flipped).expect("written");
         let damage = Recording::open(folder.join("flipped.mcap")).expect("its summary is intact").damage(&|| false);
         let [Damage { offset, content: DamagedContent::Frame { position, .. }, .. }] = &damage[..] else { continue };
-        let (code, said, out) = recover(folder, &flipped);
-        assert_eq!(code, Some(3), "{said}");
+        let (code, stderr, out) = recover(folder, &flipped);
+        assert_eq!(code, Some(3), "{stderr}");
         assert!(
-            said.contains(&format!("given.mcap is damaged at byte {offset}")) && !said.contains("partial"),
-            "{said}"
+            stderr.contains(&format!("input.mcap is damaged at byte {offset}")) && !stderr.contains("partial"),
+            "{stderr}"
         );
         let Some(out) = out else {
-            assert_eq!(*position, FrameIndex(0), "{said}");
-            assert!(said.contains("no complete frame comes before it"), "{said}");
+            assert_eq!(*position, FrameIndex(0), "{stderr}");
+            assert!(stderr.contains("no complete frame comes before it"), "{stderr}");
             refused += 1;
             continue;
         };
         let (frames, lost) = (position.0, 4 - position.0);
         let lost = if lost == 1 { "1 frame left out".to_owned() } else { format!("{lost} frames left out") };
-        assert!(said.contains(&format!("recovered {frames} frame")) && said.contains(&lost), "{said}");
+        assert!(stderr.contains(&format!("recovered {frames} frame")) && stderr.contains(&lost), "{stderr}");
         let recovered = Recording::open(&out).expect("a recording");
         assert_eq!(recovered.frames(RunId(0)).len(), frames);
         assert!(recovered.damage(&|| false).is_empty());
         assert_eq!(*recovered.condition(), Condition::Recovered);
         let info = succeed(depthloom().arg("info").arg(&out));
         assert!(String::from_utf8_lossy(&info.stdout).contains(": recovered from an unfinished or damaged one"));
-        kept += 1;
+        recovered_count += 1;
     }
-    assert!(kept > 4 && refused > 1, "{kept} {refused}");
-    // What is not damaged stays what it is.
+    assert!(recovered_count > 4 && refused > 1, "{recovered_count} {refused}");
+    // An undamaged recording is copied unchanged.
     let (code, _, out) = recover(folder, &bytes);
     assert_eq!((code, out.map(|out| std::fs::read(out).expect("read") == bytes)), (Some(0), Some(true)));
 }
 
 #[test]
-fn every_analysis_of_a_recording_damaged_before_its_first_frame_ends_with_3() {
+fn every_analysis_of_a_recording_damaged_before_its_first_frame_exits_with_3() {
     let folder = tempfile::tempdir().expect("a folder");
     let recording = recorded(folder.path(), "0..2");
     let bytes = std::fs::read(&recording).expect("a recording");
-    // Without a summary, so that nothing behind the damage can be found.
-    let mut damaged = without_the_end(&bytes).to_vec();
+    // Without a summary, nothing after the damage can be found.
+    let mut damaged = without_summary(&bytes).to_vec();
     let first = Recording::open(&recording).expect("a recording").committed_bytes() as usize / 6;
     damaged[first..first + 64].fill(0);
-    let path = folder.path().join("given.mcap");
+    let path = folder.path().join("input.mcap");
     std::fs::write(&path, &damaged).expect("written");
     for arguments in [
         &["table"][..],
@@ -165,12 +165,12 @@ fn every_analysis_of_a_recording_damaged_before_its_first_frame_ends_with_3() {
         if arguments.len() == 1 {
             command.arg(&path);
         }
-        command.args(arguments[1..].iter().map(|argument| if *argument == "RUN" { "given.mcap" } else { argument }));
+        command.args(arguments[1..].iter().map(|argument| if *argument == "RUN" { "input.mcap" } else { argument }));
         let output = command.output().expect("the binary starts");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(3), "{arguments:?}: {said}");
-        assert!(said.contains("given.mcap is damaged at byte"), "{arguments:?}: {said}");
-        assert!(said.contains("no complete frame comes before it"), "{arguments:?}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{arguments:?}: {stderr}");
+        assert!(stderr.contains("input.mcap is damaged at byte"), "{arguments:?}: {stderr}");
+        assert!(stderr.contains("no complete frame comes before it"), "{arguments:?}: {stderr}");
     }
 }
 
@@ -183,7 +183,7 @@ fn flipped_in(folder: &Path, bytes: &[u8], topic: &str) -> Vec<u8> {
         std::fs::write(&path, &flipped).expect("written");
         let damage = Recording::open(&path).map_or_else(|_| Vec::new(), |recording| recording.damage(&|| false));
         if let [Damage { content: DamagedContent::Frame { position: FrameIndex(2), topics, .. }, .. }] = &damage[..]
-            && topics.iter().any(|of| of == topic)
+            && topics.iter().any(|damaged| damaged == topic)
         {
             return flipped;
         }
@@ -193,14 +193,14 @@ fn flipped_in(folder: &Path, bytes: &[u8], topic: &str) -> Vec<u8> {
 }
 
 #[test]
-fn damage_that_no_number_comes_from_is_said_beside_the_right_numbers() {
-    if !full("damage_that_no_number_comes_from_is_said_beside_the_right_numbers") {
+fn damage_in_unused_values_is_noted_and_numbers_are_unchanged() {
+    if !full("damage_in_unused_values_is_noted_and_numbers_are_unchanged") {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = std::fs::read(recorded(folder.path(), "0..4")).expect("a recording");
-    let (whole, files) = report(folder.path(), &bytes);
-    assert_eq!(whole.status.code(), Some(0));
+    let (finished, files) = report(folder.path(), &bytes);
+    assert_eq!(finished.status.code(), Some(0));
     let flipped = flipped_in(folder.path(), &bytes, "/look/source/left");
     let (damaged, same) = report(folder.path(), &flipped);
     assert_eq!(damaged.status.code(), Some(3));
@@ -211,11 +211,11 @@ fn damage_that_no_number_comes_from_is_said_beside_the_right_numbers() {
         "{note}"
     );
     assert!(note.ends_with("; no number here comes from there"), "{note}");
-    assert!(files == same, "the numbers are those of the whole recording");
+    assert!(files == same, "the numbers equal those of the intact recording");
 
     let out = folder.path().join("report");
     let mut json = depthloom();
-    json.arg("report").arg(folder.path().join("given.mcap")).arg("--json").arg("--out").arg(&out);
+    json.arg("report").arg(folder.path().join("input.mcap")).arg("--json").arg("--out").arg(&out);
     let json = json.output().expect("the binary starts");
     assert_eq!(json.status.code(), Some(3));
     let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
@@ -228,57 +228,60 @@ fn damage_that_no_number_comes_from_is_said_beside_the_right_numbers() {
 }
 
 #[test]
-fn damage_that_a_number_would_come_from_is_an_error_that_says_what_is_lost_and_what_is_not() {
-    if !full("damage_that_a_number_would_come_from_is_an_error_that_says_what_is_lost_and_what_is_not") {
+fn damage_in_needed_values_is_an_error_that_lists_intact_files() {
+    if !full("damage_in_needed_values_is_an_error_that_lists_intact_files") {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = std::fs::read(recorded(folder.path(), "0..4")).expect("a recording");
     let (_, files) = report(folder.path(), &bytes);
-    let (damaged, left) = report(folder.path(), &flipped_in(folder.path(), &bytes, "/look/depth/depth"));
+    let (damaged, written) = report(folder.path(), &flipped_in(folder.path(), &bytes, "/look/depth/depth"));
     assert_eq!(damaged.status.code(), Some(3));
-    // As it was said, whatever the width of the lines.
+    // Independent of line breaks.
     let words = |text: &[u8]| String::from_utf8_lossy(text).split_whitespace().collect::<Vec<_>>().join(" ");
-    let said = words(&damaged.stderr);
-    assert!(said.contains("given.mcap is damaged at byte"), "{said}");
-    assert!(said.contains("it held /look/depth/depth of frame `000002_10` (position 2 of stage `look`)"), "{said}");
+    let stderr = words(&damaged.stderr);
+    assert!(stderr.contains("input.mcap is damaged at byte"), "{stderr}");
+    assert!(stderr.contains("it held /look/depth/depth of frame `000002_10` (position 2 of stage `look`)"), "{stderr}");
     assert!(
-        said.contains(
+        stderr.contains(
             "copy the file again, or run the experiment again; what is whole all the same: scores.*, table.* in"
         ),
-        "{said}"
+        "{stderr}"
     );
-    assert!(left.keys().any(|name| name == "scores.csv") && left.keys().any(|name| name == "table.csv"), "{left:?}");
-    let mut tables = left.iter().filter(|(name, _)| *name != ".depthloom-report");
-    assert!(tables.all(|(name, bytes)| files[name] == *bytes), "what is written is that of the whole recording");
+    assert!(
+        written.keys().any(|name| name == "scores.csv") && written.keys().any(|name| name == "table.csv"),
+        "{written:?}"
+    );
+    let mut tables = written.iter().filter(|(name, _)| *name != ".depthloom-report");
+    assert!(tables.all(|(name, bytes)| files[name] == *bytes), "the written files equal those of the intact recording");
 
     let recording = Recording::open(folder.path().join("run/recording.mcap")).expect("a recording");
     let scores = recording.plan().runs[0].estimates[0].score_topic.as_deref().expect("scores are recorded");
-    let (damaged, left) = report(folder.path(), &flipped_in(folder.path(), &bytes, scores));
-    let said = words(&damaged.stderr);
-    assert!(said.contains(&format!("{scores} of frame `000002_10`")), "{said}");
-    assert!(!said.contains("all the same"), "{said}");
-    // The mark of a report's folder is there before its tables.
-    assert!(left.keys().all(|name| name == ".depthloom-report"), "{left:?}");
+    let (damaged, written) = report(folder.path(), &flipped_in(folder.path(), &bytes, scores));
+    let stderr = words(&damaged.stderr);
+    assert!(stderr.contains(&format!("{scores} of frame `000002_10`")), "{stderr}");
+    assert!(!stderr.contains("all the same"), "{stderr}");
+    // The marker of a report's folder is written before its tables.
+    assert!(written.keys().all(|name| name == ".depthloom-report"), "{written:?}");
 }
 
-/// How many bits are flipped in each of four cases: `DEPTHLOOM_FLIPS`, or few enough for every day.
+/// Number of bits flipped in each of four cases: `DEPTHLOOM_FLIPS`, or a small default.
 fn flips() -> u64 {
     std::env::var("DEPTHLOOM_FLIPS").map_or(25, |flips| flips.parse().expect("DEPTHLOOM_FLIPS is a number"))
 }
 
 #[test]
-fn fault_48_a_flipped_bit_gives_an_error_or_the_same_report() {
-    if !full("fault_48_a_flipped_bit_gives_an_error_or_the_same_report") {
+fn fault_48_a_flipped_bit_yields_an_error_or_the_same_report() {
+    if !full("fault_48_a_flipped_bit_yields_an_error_or_the_same_report") {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
-    let whole = std::fs::read(recorded(folder.path(), "0..3")).expect("a recording");
-    let unfinished = without_the_end(&whole).to_vec();
+    let finished = std::fs::read(recorded(folder.path(), "0..3")).expect("a recording");
+    let unfinished = without_summary(&finished).to_vec();
     for (case, bytes, reach) in [
-        ("a whole recording", &whole, whole.len()),
+        ("a finished recording", &finished, finished.len()),
         ("an unfinished recording", &unfinished, unfinished.len()),
-        ("the first 40 kB of a whole recording", &whole, 40_000),
+        ("the first 40 kB of a finished recording", &finished, 40_000),
         ("the first 40 kB of an unfinished recording", &unfinished, 40_000),
     ] {
         let (expected, files) = report(folder.path(), bytes);

@@ -1,14 +1,14 @@
-//! Faults of the folder of runs.
+//! Faults in the handling of the folder of runs.
 
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use super::small::{said, under};
+use super::small::{stderr_of, under};
 use crate::runs::{Here, json_of};
 use crate::support::succeed;
 
-/// The program in a folder, ended by a guard where it hangs.
+/// Runs the program in a folder. Panics if it hangs.
 fn guarded(here: &Here, arguments: &[&str]) -> Output {
     let mut command = under("timeout", &["300"]);
     let output = command.current_dir(here.path()).env_remove("DEPTHLOOM_FRESH").args(arguments).output();
@@ -17,25 +17,25 @@ fn guarded(here: &Here, arguments: &[&str]) -> Output {
     output
 }
 
-/// A folder that says of itself that it is a run's.
-fn marked(folder: &Path) {
+/// Creates a folder with the marker file of a run.
+fn make_marked(folder: &Path) {
     fs::create_dir_all(folder).expect("made");
     fs::write(folder.join("depthloom-run.json"), "{}").expect("written");
 }
 
 #[test]
-fn fault_60_pipes_in_place_of_a_runs_files_hold_nobody_up() {
+fn fault_60_pipes_in_place_of_a_runs_files_do_not_block() {
     let here = Here::new();
     here.run("runs/first", &[]);
     let pipes = here.path().join("runs/pipes");
-    marked(&pipes);
+    make_marked(&pipes);
     for name in ["recording.mcap", "environment.json", "experiment.resolved.yaml"] {
         succeed(Command::new("mkfifo").arg(pipes.join(name)));
     }
     let listed = json_of(&guarded(&here, &["runs", "--json"]));
-    let of = listed["runs"].as_array().expect("runs").iter().find(|run| run["name"] == "pipes").expect("it is listed");
-    assert_eq!(of["state"], "unreadable");
-    assert!(of["trouble"].as_str().is_some_and(|trouble| trouble.contains("it is not a regular file")), "{of}");
+    let entry = listed["runs"].as_array().expect("runs").iter().find(|run| run["name"] == "pipes").expect("the entry");
+    assert_eq!(entry["state"], "unreadable");
+    assert!(entry["trouble"].as_str().is_some_and(|trouble| trouble.contains("it is not a regular file")), "{entry}");
     for (arguments, code) in [
         (&["runs", "show", "pipes"][..], 0),
         (&["runs", "prune", "--keep", "1"], 0),
@@ -48,23 +48,23 @@ fn fault_60_pipes_in_place_of_a_runs_files_hold_nobody_up() {
         (&["run", "--no-page", "look.yaml", "--quiet", "--out", "runs/second"], 0),
     ] {
         let output = guarded(&here, arguments);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", said(&output));
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", stderr_of(&output));
     }
 }
 
 #[test]
-fn fault_61_a_run_of_which_nothing_can_be_taken_is_named_once_with_the_reason() {
+fn fault_61_an_unusable_earlier_run_is_reported_once_with_the_reason() {
     let here = Here::new();
     here.run("runs/first", &[]);
     for (name, content) in [("text", "no recording at all"), ("begun.partial", "")] {
-        marked(&here.path().join("runs").join(name));
+        make_marked(&here.path().join("runs").join(name));
         fs::write(here.path().join("runs").join(name).join("recording.mcap"), content).expect("written");
     }
     let output = guarded(&here, &["run", "--no-page", "look.yaml", "--out", "runs/second"]);
-    let told = said(&output);
-    assert_eq!(told.matches("nothing is taken from").count(), 1, "{told}");
-    assert!(told.contains("nothing is taken from runs/text: ") && told.contains("is not an MCAP file"), "{told}");
-    assert!(told.contains("(from runs/first;"), "{told}");
+    let stderr = stderr_of(&output);
+    assert_eq!(stderr.matches("nothing is taken from").count(), 1, "{stderr}");
+    assert!(stderr.contains("nothing is taken from runs/text: ") && stderr.contains("is not an MCAP file"), "{stderr}");
+    assert!(stderr.contains("(from runs/first;"), "{stderr}");
     let planned = json_of(&guarded(&here, &["plan", "look.yaml", "--reuse", "--json"]));
     assert_eq!(planned["warnings"].as_array().map(Vec::len), Some(1), "{planned}");
     let run = json_of(&guarded(&here, &["run", "--no-page", "look.yaml", "--json", "--out", "runs/third"]));
@@ -73,15 +73,15 @@ fn fault_61_a_run_of_which_nothing_can_be_taken_is_named_once_with_the_reason() 
 
 #[cfg(unix)]
 #[test]
-fn fault_62_a_link_to_a_run_is_neither_listed_nor_taken_from() {
+fn fault_62_a_link_to_a_run_is_neither_listed_nor_reused() {
     let here = Here::new();
-    let elsewhere = here.run("elsewhere/first", &[]);
+    let first = here.run("elsewhere/first", &[]);
     fs::create_dir(here.path().join("runs")).expect("made");
-    std::os::unix::fs::symlink(&elsewhere, here.path().join("runs/link")).expect("linked");
+    std::os::unix::fs::symlink(&first, here.path().join("runs/link")).expect("linked");
     assert_eq!(here.json(&["runs"])["runs"], serde_json::json!([]));
     let run = json_of(&guarded(&here, &["run", "--no-page", "look.yaml", "--json", "--out", "runs/second"]));
     assert_eq!(run["reused"]["from"], serde_json::json!([]), "{run}");
-    // The folder of runs itself may be one, wherever it lies.
+    // The folder of runs itself may be a link.
     fs::rename(here.path().join("runs"), here.path().join("disk")).expect("moved");
     std::os::unix::fs::symlink(here.path().join("disk"), here.path().join("runs")).expect("linked");
     assert_eq!(here.json(&["runs"])["runs"].as_array().map(Vec::len), Some(1));
@@ -90,29 +90,29 @@ fn fault_62_a_link_to_a_run_is_neither_listed_nor_taken_from() {
 }
 
 #[test]
-fn fault_63_who_may_not_remove_a_run_is_told_what_it_takes() {
+fn fault_63_removing_a_run_without_permission_names_the_missing_right() {
     let here = Here::new();
     let run = here.run("runs/first", &[]);
-    let open = |path: &Path| succeed(Command::new("chmod").arg("755").arg(path));
-    [here.path(), &here.path().join("runs"), &run].into_iter().for_each(|path| drop(open(path)));
+    let make_readable = |path: &Path| succeed(Command::new("chmod").arg("755").arg(path));
+    [here.path(), &here.path().join("runs"), &run].into_iter().for_each(|path| drop(make_readable(path)));
     let mut command = under("setpriv", &["--reuid=65534", "--clear-groups"]);
     let version = command.arg("--version").output();
     if !version.is_ok_and(|version| version.status.success()) {
         return crate::support::skipped(
-            "fault_63_who_may_not_remove_a_run_is_told_what_it_takes",
+            "fault_63_removing_a_run_without_permission_names_the_missing_right",
             "needs root and setpriv, and a binary that others may read",
         );
     }
     let mut command = under("setpriv", &["--reuid=65534", "--clear-groups"]);
     let refused = command.current_dir(here.path()).args(["runs", "rm", "first"]).output().expect("it starts");
-    let told = said(&refused).split_whitespace().collect::<Vec<_>>().join(" ");
-    assert_eq!(refused.status.code(), Some(2), "{told}");
-    assert!(told.contains("takes the right to write") && !told.contains("--out"), "{told}");
+    let stderr = stderr_of(&refused).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert_eq!(refused.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("takes the right to write") && !stderr.contains("--out"), "{stderr}");
     assert!(run.join("recording.mcap").exists());
 }
 
 #[test]
-fn fault_64_what_a_run_reads_through_a_variable_is_kept() {
+fn fault_64_prune_keeps_a_run_that_another_run_reads_through_a_variable() {
     let here = Here::new();
     let first = here.run("runs/first", &[]);
     let recording =
@@ -124,16 +124,16 @@ fn fault_64_what_a_run_reads_through_a_variable_is_kept() {
     };
     again("runs/second");
     let kept = |prune: &[&str]| here.json(&[&["runs", "prune", "--dry-run"], prune].concat())["kept"].clone();
-    let wanted = |by: &str| serde_json::json!([{ "path": "runs/first", "why": format!("{by} reads it") }]);
+    let kept_for = |by: &str| serde_json::json!([{ "path": "runs/first", "why": format!("{by} reads it") }]);
     let prune = ["--keep", "0", "--experiment", "look"];
-    assert_eq!(kept(&prune), wanted("second"));
-    // One that ended before its end reads it as well.
+    assert_eq!(kept(&prune), kept_for("second"));
+    // An incomplete run reads it as well.
     let bytes = fs::metadata(here.path().join("runs/second/recording.mcap")).expect("a recording").len();
     succeed(&mut here.command(&["runs", "rm", "second"]));
     assert_eq!(kept(&prune), serde_json::json!([]));
     let mut limited = under("prlimit", &[&format!("--fsize={}", bytes * 2 / 3)]);
     limited.current_dir(here.path()).args(["run", "--no-page", "again.yaml", "--quiet", "--out", "runs/third"]);
-    let ended = limited.env("FIRST", &first).output().expect("prlimit is there");
-    assert_eq!(ended.status.code(), Some(1), "{}", said(&ended));
-    assert_eq!(kept(&prune), wanted("third.partial"));
+    let ended = limited.env("FIRST", &first).output().expect("prlimit");
+    assert_eq!(ended.status.code(), Some(1), "{}", stderr_of(&ended));
+    assert_eq!(kept(&prune), kept_for("third.partial"));
 }

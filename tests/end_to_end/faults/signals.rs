@@ -1,13 +1,13 @@
-//! Faults of signals and of streams that are closed or full.
+//! Faults in the handling of signals, and of closed or full streams.
 
 use std::fs;
 use std::process::Stdio;
 
-use super::small::{look, partial, recorded, said, send, start_long, street, under, wait};
+use super::small::{look, partial, recorded, send, start_long, stderr_of, street, under, wait};
 use crate::support::{depthloom, succeed};
 
 #[test]
-fn fault_03_a_closed_or_full_stderr_costs_no_run() {
+fn fault_03_a_closed_or_full_stderr_does_not_fail_the_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let (reader, closed) = std::io::pipe().expect("a pipe");
     drop(reader);
@@ -23,7 +23,7 @@ fn fault_03_a_closed_or_full_stderr_costs_no_run() {
 }
 
 #[test]
-fn fault_03_a_closed_or_full_stdout_costs_no_result() {
+fn fault_03_a_closed_or_full_stdout_does_not_lose_results() {
     let folder = tempfile::tempdir().expect("a folder");
     let (reader, closed) = std::io::pipe().expect("a pipe");
     drop(reader);
@@ -34,13 +34,13 @@ fn fault_03_a_closed_or_full_stdout_costs_no_result() {
         look(&mut command, "0..4", &out);
         let child = command.stdout(stdout).stderr(Stdio::piped()).spawn().expect("the binary starts");
         let output = child.wait_with_output().expect("ended");
-        assert_eq!(output.status.code(), Some(code), "{name}: {}", said(&output));
+        assert_eq!(output.status.code(), Some(code), "{name}: {}", stderr_of(&output));
         assert!(out.join("table.csv").is_file(), "{name}");
-        assert_eq!(said(&output).contains(&format!("the run is whole in {}", out.display())), code == 1, "{name}");
+        assert_eq!(stderr_of(&output).contains(&format!("the run is whole in {}", out.display())), code == 1, "{name}");
     }
     let full = fs::File::options().write(true).open("/dev/full").expect("a device that is full");
     let help = depthloom().arg("--help").stdout(full).status().expect("the binary starts");
-    assert_eq!(help.code(), Some(1), "nobody saw the help");
+    assert_eq!(help.code(), Some(1), "the help could not be printed");
 }
 
 #[test]
@@ -52,7 +52,7 @@ fn fault_04_signals_that_were_ignored_stay_ignored() {
         let mut child = start_long(&mut under("sh", &["-c", &ignoring]), &out);
         send(signal, &child);
         let before = recorded(&out);
-        // More than all frames in flight come to.
+        // More bytes than all frames in flight.
         wait(&mut child, || recorded(&out) > before + 3_000_000);
         child.kill().expect("killed");
         child.wait().expect("ended");
@@ -60,7 +60,7 @@ fn fault_04_signals_that_were_ignored_stay_ignored() {
 }
 
 #[test]
-fn a_hangup_that_nobody_ignores_interrupts() {
+fn a_hangup_signal_interrupts_a_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
     let mut child = start_long(&mut depthloom(), &out);
@@ -70,12 +70,12 @@ fn a_hangup_that_nobody_ignores_interrupts() {
 }
 
 #[test]
-fn fault_18_27_the_first_signal_ends_learning_at_a_checkpoint() {
+fn fault_18_27_the_first_signal_ends_training_at_a_checkpoint() {
     let folder = tempfile::tempdir().expect("a folder");
-    // More than are learnt while a signal is on its way.
+    // More steps than are trained until the signal arrives.
     let experiment = street(folder.path(), 5_000);
     for signal in ["INT", "TERM"] {
-        // Each beside checkpoints of its own: those of the first would be there before the second has begun.
+        // Separate folders of checkpoints, so that the second run does not see those of the first.
         let home = folder.path().join(signal);
         fs::create_dir(&home).expect("a folder");
         let (out, checkpoints) = (home.join("run"), home.join("checkpoints"));
@@ -86,12 +86,12 @@ fn fault_18_27_the_first_signal_ends_learning_at_a_checkpoint() {
         wait(&mut child, || fs::read_dir(&checkpoints).is_ok_and(|files| files.flatten().any(is_checkpoint)));
         send(signal, &child);
         let output = child.wait_with_output().expect("ended");
-        assert_eq!(output.status.code(), Some(130), "{}", said(&output));
-        let said = said(&output);
-        assert!(said.contains("4 frames can be read from"), "{said}");
-        // As the README says it goes on.
-        let way = "repeat the command with the same --out to resume: after these frames, training from";
-        assert!(said.split_whitespace().collect::<Vec<_>>().join(" ").contains(way), "{said}");
+        assert_eq!(output.status.code(), Some(130), "{}", stderr_of(&output));
+        let stderr = stderr_of(&output);
+        assert!(stderr.contains("4 frames can be read from"), "{stderr}");
+        // The guide repeats this remedy.
+        let remedy = "repeat the command with the same --out to resume: after these frames, training from";
+        assert!(stderr.split_whitespace().collect::<Vec<_>>().join(" ").contains(remedy), "{stderr}");
         assert!(fs::read_dir(&checkpoints).expect("a folder").next().is_some(), "the checkpoint is gone");
         succeed(depthloom().arg("report").arg(partial(&out)));
     }
@@ -104,15 +104,16 @@ fn fault_47_a_signal_during_the_analysis_ends_it() {
     let mut command = depthloom();
     look(&mut command, "0..60", &out);
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the binary starts");
-    // Written first of the analysis: the maps of all frames are still to be read.
+    // The analysis writes this file first; afterwards it reads the maps of all frames.
     wait(&mut child, || partial(&out).join("table.csv").exists());
     send("TERM", &child);
     let output = child.wait_with_output().expect("ended");
-    assert_eq!(output.status.code(), Some(130), "{}", said(&output));
-    assert!(said(&output).contains("the recording is whole"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(130), "{}", stderr_of(&output));
+    assert!(stderr_of(&output).contains("the recording is whole"), "{}", stderr_of(&output));
     assert!(!out.exists());
-    let left = fs::read_dir(partial(&out)).expect("a folder").flatten();
-    let hidden: Vec<_> = left.map(|e| e.file_name()).filter(|name| name.as_encoded_bytes().starts_with(b".")).collect();
-    assert!(hidden.is_empty(), "{hidden:?} stays");
+    let files = fs::read_dir(partial(&out)).expect("a folder").flatten();
+    let hidden: Vec<_> =
+        files.map(|e| e.file_name()).filter(|name| name.as_encoded_bytes().starts_with(b".")).collect();
+    assert!(hidden.is_empty(), "{hidden:?} were not removed");
     succeed(depthloom().arg("report").arg(partial(&out)));
 }

@@ -1,4 +1,4 @@
-//! Runs of the first experiment on small frames, and programs that run them.
+//! Runs of `experiments/first-look.yaml` on small frames, also under other programs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::process::{Child, Command, Output, Stdio};
 
 use crate::support::{depthloom, succeed, workspace};
 
-/// A run of the first experiment on small frames.
+/// Adds the arguments that run `experiments/first-look.yaml` on small frames.
 pub(super) fn look(command: &mut Command, frames: &str, out: &Path) {
     let frames = format!("sources.street.with.frames={frames}");
     let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96", "--set", &frames];
@@ -24,7 +24,7 @@ pub(super) fn run(frames: &str, out: &Path, arguments: &[&str]) -> Output {
     command.args(arguments).output().expect("the binary starts")
 }
 
-/// The same program under another one: `prlimit`, `sh`, `timeout`.
+/// `depthloom` started by another program: `prlimit`, `sh`, `timeout`.
 pub(super) fn under(program: &str, arguments: &[&str]) -> Command {
     let binary = depthloom();
     let mut command = Command::new(program);
@@ -38,7 +38,7 @@ pub(super) fn under(program: &str, arguments: &[&str]) -> Command {
     command
 }
 
-pub(super) fn said(output: &Output) -> String {
+pub(super) fn stderr_of(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
@@ -51,7 +51,7 @@ pub(super) fn partial(out: &Path) -> PathBuf {
     out.with_extension("partial")
 }
 
-/// Waits until something holds of a run that goes on.
+/// Waits for a condition while the run continues.
 pub(super) fn wait(child: &mut Child, until: impl Fn() -> bool) {
     while !until() {
         assert!(child.try_wait().expect("a child").is_none(), "the run ended by itself");
@@ -63,7 +63,7 @@ pub(super) fn send(signal: &str, child: &Child) {
     succeed(Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]));
 }
 
-/// An experiment that learns on a street.
+/// An experiment that trains on a street.
 pub(super) fn street(folder: &Path, steps: u64) -> PathBuf {
     let path = folder.join(format!("street-{steps}.yaml"));
     let text = format!(
@@ -90,7 +90,7 @@ stages:
     path
 }
 
-/// Starts a run of more frames than anybody waits for, and waits until it has recorded some.
+/// Starts a run that takes longer than any test, and waits until it has recorded some frames.
 pub(super) fn start_long(command: &mut Command, out: &Path) -> Child {
     look(command, "0..100000", out);
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the binary starts");

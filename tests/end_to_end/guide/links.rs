@@ -1,4 +1,4 @@
-//! The guide's links and its list of pages; and the book itself, where mdBook is on the machine.
+//! The guide's links and its list of pages; and the built book, if mdBook is installed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
@@ -10,20 +10,20 @@ use super::book;
 use super::page::{pages, prose, read};
 use crate::support::{succeed, workspace};
 
-/// What stands beside the book and links into it, from the checkout's root.
-const BESIDE: [&str; 5] = ["README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "CHANGELOG.md", "python/README.md"];
+/// Files outside the book that link into it, from the checkout's root.
+const OUTSIDE: [&str; 5] = ["README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "CHANGELOG.md", "python/README.md"];
 
 /// The targets of a page's links and pictures, code left out.
 fn links(text: &str) -> Vec<String> {
     let prose = prose(text);
-    // What stands between backticks is no link: every second part.
+    // Code between backticks, every second part, contains no links.
     let words: String =
         prose.lines().map(|line| line.split('`').step_by(2).collect::<Vec<_>>().join("`") + "\n").collect();
     let targets = words.split("](").skip(1).filter_map(|rest| rest.split_once(')'));
     targets.map(|(target, _)| target.split(' ').next().unwrap_or_default().to_owned()).collect()
 }
 
-/// The anchors of a page, as GitHub and mdBook call its headings.
+/// The anchors of a page's headings, as GitHub and mdBook generate them.
 fn anchors(text: &str) -> BTreeSet<String> {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     let mut anchors = BTreeSet::new();
@@ -56,11 +56,11 @@ fn plain(path: &Path) -> PathBuf {
 }
 
 #[test]
-fn every_link_leads_somewhere() {
-    let of_the_book = pages().into_iter().chain(["SUMMARY.md".to_owned()]).map(|page| book().join(page));
-    let beside = BESIDE.iter().map(|page| workspace().join(page));
+fn every_link_has_a_target() {
+    let book_pages = pages().into_iter().chain(["SUMMARY.md".to_owned()]).map(|page| book().join(page));
+    let outside = OUTSIDE.iter().map(|page| workspace().join(page));
     let mut wrong = Vec::new();
-    for page in of_the_book.chain(beside) {
+    for page in book_pages.chain(outside) {
         let text = std::fs::read_to_string(&page).expect("a page");
         for link in links(&text).into_iter().filter(|link| !link.contains("://")) {
             let (path, anchor) = link.split_once('#').map_or((&*link, None), |(path, anchor)| (path, Some(anchor)));
@@ -68,17 +68,17 @@ fn every_link_leads_somewhere() {
                 "" => page.clone(),
                 path => plain(&page.with_file_name("").join(path)),
             };
-            let mut say = |what: &str| wrong.push(format!("{}: {link}: {what}", page.display()));
+            let mut report = |what: &str| wrong.push(format!("{}: {link}: {what}", page.display()));
             if !target.exists() {
-                say("it leads nowhere");
+                report("the target does not exist");
                 continue;
             }
             if page.starts_with(book()) && !target.starts_with(book()) {
-                say("what is not in the book is not beside its HTML: name the file, without a link");
+                report("the target is not in the book, so its HTML cannot link to it: name the file without a link");
             }
             let is_anchor = |anchor: &str| anchors(&std::fs::read_to_string(&target).expect("a page")).contains(anchor);
             if anchor.is_some_and(|anchor| !is_anchor(anchor)) {
-                say("the page has no such heading");
+                report("the page has no such heading");
             }
         }
     }
@@ -86,7 +86,7 @@ fn every_link_leads_somewhere() {
 }
 
 #[test]
-fn every_page_stands_once_in_the_list() {
+fn every_page_is_listed_once_in_the_summary() {
     let mut listed = links(&read("SUMMARY.md"));
     listed.sort();
     assert_eq!(listed, pages());
@@ -99,9 +99,9 @@ fn the_book_is_built_without_a_warning() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut build = Command::new(mdbook);
     build.arg("build").arg(book()).arg("--dest-dir").arg(folder.path()).env_remove("RUST_LOG");
-    let said = succeed(&mut build);
-    let said = String::from_utf8_lossy(&said.stderr).into_owned() + &String::from_utf8_lossy(&said.stdout);
-    assert!(!said.contains("WARN") && !said.contains("ERROR"), "{said}");
+    let output = succeed(&mut build);
+    let log = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
+    assert!(!log.contains("WARN") && !log.contains("ERROR"), "{log}");
     let html = |page: &str| match page.strip_suffix("README.md") {
         Some(folder) => format!("{folder}index.html"),
         None => page.replace(".md", ".html"),
@@ -109,15 +109,15 @@ fn the_book_is_built_without_a_warning() {
     for page in pages() {
         let path = folder.path().join(html(&page));
         let built = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-        // The anchors that our links go by are those that the book has.
-        let missed: Vec<String> =
+        // The anchors that the link check computes exist in the built book.
+        let missing: Vec<String> =
             anchors(&read(&page)).into_iter().filter(|anchor| !built.contains(&format!("id=\"{anchor}\""))).collect();
-        assert_eq!(missed, [""; 0], "{page}: headings that the book calls otherwise");
+        assert_eq!(missing, [""; 0], "{page}: headings with other anchors in the book");
     }
 }
 
 #[test]
-fn links_and_anchors_are_found_as_they_are_written() {
+fn links_and_anchors_are_extracted() {
     let text = "# A `b/c` of d\n[one](two.md#three) `[no](link.md)`\n## A `b/c` of d\n![four](five.svg \"a title\")\n```sh\n# no heading\n```\n";
     assert_eq!(links(text), ["two.md#three", "five.svg"]);
     assert_eq!(anchors(text), BTreeSet::from(["a-bc-of-d".to_owned(), "a-bc-of-d-1".to_owned()]));
