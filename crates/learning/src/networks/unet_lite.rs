@@ -13,15 +13,20 @@ pub(super) const FIRST_BIAS: f32 = -2.0;
 /// Two 3x3 convolutions a level, the maximum of 2x2 between them; upwards a transposed convolution, the level's own map
 /// beside it (not on the finest level, where it would cost most) and one convolution.
 pub(super) fn unet_lite<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
+    unet(builder, image, LEVELS, BOTTOM)
+}
+
+/// The same with these channels: of the levels, finest first, and at the bottom.
+pub(super) fn unet<B: Builder>(builder: &mut B, image: &B::Map, channels: [usize; 5], bottom: usize) -> B::Map {
     let mut levels = Vec::new();
     let mut x = image.clone();
-    for (level, &channels) in LEVELS.iter().enumerate() {
+    for (level, &channels) in channels.iter().enumerate() {
         x = twice(builder, &format!("down{level}"), &x, channels);
         levels.push(x.clone());
         x = builder.halve(&x);
     }
-    x = twice(builder, "bottom", &x, BOTTOM);
-    for (level, &channels) in LEVELS.iter().enumerate().rev() {
+    x = twice(builder, "bottom", &x, bottom);
+    for (level, &channels) in channels.iter().enumerate().rev() {
         x = builder.double(&format!("up{level}.double"), &x, channels);
         if level > 0 {
             x = builder.join(&x, &levels[level]);

@@ -45,7 +45,7 @@ the left-right photometric loss of Godard et al. 2017. The optimiser is Adam. A 
 fixed order: the same samples give the same network, bit for bit, with any number of workers, killed and resumed or not.\n\n\
 The network is an ONNX file (opset 13): input `image`, Nx3xHxW, RGB in [0, 1], area resized to the samples' size; output `disparity_share` (disparity as a share of the image's width) or `depth` \
 (metres, `eigen-coarse`). Its metadata tell input size, normalisation, meaning and the training's key.\n\n\
-Networks: `unet-lite`, 1.07 M parameters; `fcn-lite`, without skips; `fcn-vgg16`, the paper's, whose first 8 convolutions keep the weights given by `weights` \
+Networks: `unet-lite`, 1.07 M parameters; `unet-tiny`, 70 k parameters; `fcn-lite`, without skips; `fcn-vgg16`, the paper's, whose first 8 convolutions keep the weights given by `weights` \
 (names as torchvision's: `features.0.weight`); `eigen-coarse`, the on-board one.\n\n\
 With `validation`, samples of another stage, the network that agrees best with their stereo is given, and `patience` stops early. Every `checkpoint_every` steps \
 the state is put down beside the run; a run begun again after a kill, or after an interruption, goes on there.",
@@ -201,7 +201,7 @@ impl Ssl {
 /// for each set of instructions.
 fn arithmetic(network: Network) -> &'static str {
     match network {
-        Network::UnetLite | Network::FcnLite | Network::FcnVgg16 => "",
+        Network::UnetLite | Network::UnetTiny | Network::FcnLite | Network::FcnVgg16 => "",
         #[cfg(target_arch = "x86_64")]
         Network::EigenCoarse if std::arch::is_x86_feature_detected!("avx512f") => "avx512f",
         #[cfg(target_arch = "x86_64")]

@@ -22,7 +22,7 @@ pub(crate) enum Schedule {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct SslParams {
-    /// The network: `unet-lite`, `fcn-lite`, `fcn-vgg16` or `eigen-coarse`.
+    /// The network: `unet-lite`, `unet-tiny`, `fcn-lite`, `fcn-vgg16` or `eigen-coarse`.
     pub(crate) network: Network,
     /// In what the absolute error is measured: `inverse-depth`, `depth` (the paper's) or `log-depth`.
     pub(crate) loss: Loss,

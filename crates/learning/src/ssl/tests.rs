@@ -284,7 +284,7 @@ fn fault_17_weights_of_another_network_are_refused_before_any_frame() {
     let built = |network: &str| {
         Ssl::build(serde_json::from_value(json!({ "network": network, "weights": file })).expect("parameters"))
     };
-    for network in ["unet-lite", "fcn-lite", "fcn-vgg16"] {
+    for network in ["unet-lite", "unet-tiny", "fcn-lite", "fcn-vgg16"] {
         let Err(fault) = built(network) else { panic!("{network} must be refused") };
         assert!(fault.remedy_text().is_some_and(|remedy| remedy.contains("other")), "{}", fault.chain());
     }

@@ -29,6 +29,7 @@ pub(crate) fn cases() -> Vec<Case> {
     let small = Size { width: 64, height: 32 };
     vec![
         of_network("unet-lite", Network::UnetLite, Size { width: 320, height: 96 }),
+        of_network("unet-tiny", Network::UnetTiny, Size { width: 320, height: 96 }),
         of_network("fcn-lite", Network::FcnLite, Size { width: 320, height: 96 }),
         of_network("fcn-vgg16", Network::FcnVgg16, small),
         of_network("eigen-coarse", Network::EigenCoarse, small),
@@ -53,7 +54,7 @@ fn of_network(name: &'static str, network: Network, size: Size) -> Case {
     // Weights of a start let little through to the end: enlarged (He, Zhang, Ren, Sun 2015), the map has all of its
     // values.
     let enlarged = match network {
-        Network::UnetLite | Network::FcnLite => 1.5,
+        Network::UnetLite | Network::UnetTiny | Network::FcnLite => 1.5,
         Network::FcnVgg16 => 1.7,
         Network::EigenCoarse => 2.0,
     };
