@@ -1,6 +1,10 @@
 //! The shipped experiments, the generated files, and the commands around them.
 
-use crate::support::{depthloom, succeed, workspace};
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
+use crate::support::{Row, depthloom, label, number, read_csv, set, succeed, workspace};
 
 fn stdout(output: &std::process::Output) -> String {
     String::from_utf8(output.stdout.clone()).expect("UTF-8")
@@ -59,7 +63,7 @@ fn every_workspace_crate_is_tested_with_overflow_checks() {
 #[test]
 fn stereo_runs_once_per_frame_for_all_variants() {
     let plan = stdout(&succeed(depthloom().args(["plan", "experiments/table1.yaml", "--json"])));
-    let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
+    let plan: Value = serde_json::from_str(&plan).expect("JSON");
     let nodes = plan["runs"][1]["nodes"].as_array().expect("nodes");
     let stereo: Vec<_> = nodes.iter().filter(|node| node["name"] == "stereo").collect();
     assert_eq!(stereo.len(), 1, "stereo is shared by all variants");
@@ -145,14 +149,61 @@ fn a_generated_street_is_readable_as_kitti() {
 #[test]
 fn new_writes_a_valid_experiment_and_replaces_no_file() {
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("mine.yaml");
-    succeed(depthloom().arg("new").arg(&file));
-    succeed(
-        depthloom().arg("run").arg(&file).args(["--set", "sources.street.with.frames=0..1"]).current_dir(folder.path()),
-    );
-    let written = std::fs::read(&file).unwrap();
-    let again = depthloom().arg("new").arg(&file).output().unwrap();
-    assert_eq!(again.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&again.stderr).contains("exists already"));
-    assert_eq!(std::fs::read(&file).unwrap(), written);
+    let new = |name: &str| depthloom().current_dir(folder.path()).args(["new", name]).output().unwrap();
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    let refused = |name: &str| {
+        let output = new(name);
+        assert_eq!(output.status.code(), Some(2), "{name}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(new("mine.yaml").status.success());
+    let (experiment, network) = (read("mine.yaml"), read("street-network.onnx"));
+    let few = ["--set", "sources.street.with.frames=0..1"];
+    succeed(depthloom().current_dir(folder.path()).args(["run", "mine.yaml"]).args(few));
+    assert!(refused("mine.yaml").contains("mine.yaml exists already"));
+    // A second experiment shares the network.
+    assert!(new("second.yaml").status.success());
+    assert_eq!((read("mine.yaml"), read("second.yaml")), (experiment.clone(), experiment));
+    assert_eq!(read("street-network.onnx"), network);
+    // A file of that name that is not the network stays, and no experiment is written.
+    std::fs::write(folder.path().join("street-network.onnx"), "mine").unwrap();
+    assert!(refused("third.yaml").contains("street-network.onnx exists already"));
+    assert!(!folder.path().join("third.yaml").exists());
+    assert_eq!(read("street-network.onnx"), b"mine");
+    assert!(refused("street-network.onnx").contains("street-network.onnx is the network's file"));
+}
+
+#[test]
+fn in_the_first_experiment_fusion_is_better_than_stereo() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(depthloom().current_dir(folder.path()).args(["new", "first.yaml"]));
+    let run = ["run", "first.yaml", "--no-page", "--quiet", "--out", "run"];
+    succeed(depthloom().current_dir(folder.path()).args(run));
+    let rows = read_csv(&folder.path().join("run/table.csv"));
+    let value = |estimate: &str, metric: &str| {
+        let is_wanted = |row: &&Row| label(row) == format!("base/{estimate}") && set(row) == "all";
+        number(rows.iter().find(is_wanted).expect("a row"), metric)
+    };
+    for (metric, more_is_better) in [("abs_rel", false), ("rmse", false), ("a1", true)] {
+        for other in ["stereo", "mono"] {
+            let (fused, other) = (value("fused", metric), value(other, metric));
+            assert!(if more_is_better { fused > other } else { fused < other }, "{metric}: {fused}, {other}");
+        }
+    }
+    // The network was trained on other streets than it is evaluated on.
+    let seeds = |file: &str, source: &str| -> BTreeSet<String> {
+        let plan: Value = serde_json::from_slice(
+            &succeed(depthloom().current_dir(folder.path()).args(["plan", "--json", file])).stdout,
+        )
+        .unwrap();
+        let of_source = |run: &&Value| run["source"]["name"] == source;
+        let runs = plan["runs"].as_array().unwrap().iter().filter(of_source);
+        runs.flat_map(|run| run["source"]["parts"].as_array().unwrap())
+            .map(|part| part["with"]["seed"].to_string())
+            .collect()
+    };
+    let training = workspace().join("experiments/street-network.yaml");
+    let trained_on = seeds(&training.to_string_lossy(), "train");
+    assert_eq!(trained_on.len(), 5);
+    assert!(trained_on.is_disjoint(&seeds("first.yaml", "street")));
 }
