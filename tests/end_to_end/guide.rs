@@ -2,10 +2,13 @@
 //! generated from the program, and mdBook builds it.
 //!
 //! CONTRIBUTING.md, "The guide", describes the comments by which a page declares commands and expected output.
-//! `DEPTHLOOM_WRITE_GUIDE=1` writes the generated parts: the reference, and output that the pages show in full.
+//! `DEPTHLOOM_WRITE_GUIDE=1` writes the generated parts: the reference, output that the pages show in full, figures,
+//! screenshots and blocks of numbers.
 
 mod links;
+mod numbers;
 mod page;
+mod pictures;
 mod reference;
 mod run;
 

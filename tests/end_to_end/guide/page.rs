@@ -10,12 +10,13 @@ pub(super) struct Block {
     pub line: usize,
     pub language: String,
     pub text: String,
-    /// What the comment says: `not run: why`, `run: expect=3 needs=kitti`, `file: name`.
+    /// What the comment says: `not run: why`, `run: expect=3 needs=kitti`, `file: name`; of a picture, which has no
+    /// fence, `figure: ...` or `screenshot: ...`.
     comment: Option<String>,
 }
 
 /// What a page wants done with a block.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 pub(super) enum Use {
     /// Its commands are run; they end with this code, and are skipped where what they need is not here.
     Run { expect: i32, needs: Option<String> },
@@ -23,8 +24,26 @@ pub(super) enum Use {
     NotRun(String),
     /// The reader writes it to this file.
     File(String),
+    /// `depthloom figure` with these arguments draws the file of the picture that follows. Numbers in it may differ by
+    /// `tolerance`: a network computes other last bits on other processors.
+    Figure { file: String, tolerance: f64, arguments: String },
+    /// A section of a run's `report.html` is the file of the picture that follows.
+    Screenshot(Screenshot),
     /// It is shown.
     Shown,
+}
+
+/// A picture of a section of a report.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Screenshot {
+    pub file: String,
+    /// The experiment's file and the run's folder, from the folder in which the page is run.
+    pub experiment: String,
+    pub run: String,
+    /// The `id` of the section.
+    pub section: String,
+    /// The checksum of what the picture was made from.
+    pub inputs: String,
 }
 
 impl Block {
@@ -42,6 +61,12 @@ impl Block {
         if let Some(name) = with("file:") {
             return Use::File(name.to_owned());
         }
+        if let Some(picture) = with("figure:") {
+            return self.figure(page, picture);
+        }
+        if let Some(picture) = with("screenshot:") {
+            return self.screenshot(page, picture);
+        }
         if self.language != "sh" {
             return Use::Shown;
         }
@@ -54,6 +79,31 @@ impl Block {
             }
         }
         Use::Run { expect, needs }
+    }
+
+    /// `FILE: ARGUMENTS`, or `FILE tolerance=POINTS: ARGUMENTS`.
+    fn figure(&self, page: &str, picture: &str) -> Use {
+        let parts = picture.split_once(": ");
+        let (file, arguments) = parts.unwrap_or_else(|| panic!("{page}:{}: expected `FILE: ARGUMENTS`", self.line));
+        let (file, tolerance) = file.split_once(" tolerance=").map_or((file, 0.0), |(file, tolerance)| {
+            (file, tolerance.parse().unwrap_or_else(|error| panic!("{page}:{}: tolerance: {error}", self.line)))
+        });
+        Use::Figure { file: file.to_owned(), tolerance, arguments: arguments.to_owned() }
+    }
+
+    /// `FILE: EXPERIMENT RUN #SECTION inputs=CHECKSUM`.
+    fn screenshot(&self, page: &str, picture: &str) -> Use {
+        let words: Vec<&str> = picture.split_whitespace().collect();
+        let [file, experiment, run, section, inputs] = words[..] else {
+            panic!("{page}:{}: expected `FILE: EXPERIMENT RUN #SECTION inputs=CHECKSUM`", self.line);
+        };
+        Use::Screenshot(Screenshot {
+            file: file.trim_end_matches(':').to_owned(),
+            experiment: experiment.to_owned(),
+            run: run.to_owned(),
+            section: section.trim_start_matches('#').to_owned(),
+            inputs: inputs.trim_start_matches("inputs=").to_owned(),
+        })
     }
 
     /// Its commands: lines that begin one. What goes on behind a `\`, or is said behind a `#`, is none.
@@ -88,7 +138,14 @@ pub(super) fn blocks(text: &str) -> Vec<Block> {
             blocks.push(Block { line, language, text: String::new(), comment });
             is_open = true;
         } else if let Some(said) = content.strip_prefix("<!--").and_then(|rest| rest.trim_end().strip_suffix("-->")) {
-            comment = Some(said.trim().to_owned());
+            let said = said.trim().to_owned();
+            if said.starts_with("figure:") || said.starts_with("screenshot:") {
+                let block = Block { line, language: String::new(), text: String::new(), comment: Some(said) };
+                blocks.push(block);
+                comment = None;
+            } else {
+                comment = Some(said);
+            }
         } else if !content.trim().is_empty() {
             comment = None;
         }
@@ -142,5 +199,10 @@ fn comments_say_what_is_done_with_the_block_behind_them() {
     let run = Use::Run { expect: 3, needs: Some("kitti".to_owned()) };
     assert_eq!(used, [run, Use::Shown, Use::NotRun("it takes a day".to_owned()), Use::Shown]);
     assert_eq!((blocks[0].line, blocks[0].commands()), (2, 2));
+    let pictures = "<!-- figure: a.svg tolerance=0.5: run cdf -->\n![a](a.svg)\n<!-- screenshot: b.jpg: b.yaml runs/b #frames inputs=12 -->\n";
+    let used: Vec<Use> = super::page::blocks(pictures).iter().map(|block| block.used("page")).collect();
+    let figure = Use::Figure { file: "a.svg".to_owned(), tolerance: 0.5, arguments: "run cdf".to_owned() };
+    assert_eq!(used[0], figure);
+    assert!(matches!(&used[1], Use::Screenshot(of) if of.section == "frames" && of.inputs == "12"), "{used:?}");
     assert_eq!(prose(text).lines().filter(|line| !line.starts_with("<!--")).collect::<String>(), "words");
 }

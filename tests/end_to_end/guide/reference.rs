@@ -253,7 +253,7 @@ fn checked() -> String {
                         );
                     }
                 }
-                Use::File(_) | Use::Shown => {}
+                Use::File(_) | Use::Figure { .. } | Use::Screenshot(_) | Use::Shown => {}
             }
         }
         if run + not_run > 0 {

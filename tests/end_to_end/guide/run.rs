@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::page::{self, Block, Use, blocks, pages};
+use super::pictures;
 use super::{book, writes};
 use crate::support::{full, python_package, shared, skipped, workspace};
 
@@ -99,6 +100,21 @@ fn run(name: &str) {
         match block.used(name) {
             Use::File(file) => fs::write(here.join(file), &block.text).expect("written"),
             Use::NotRun(_) | Use::Shown => {}
+            Use::Figure { file, tolerance, arguments } => {
+                let output = Needs::default().run(&pictures::command(&arguments), &here, &bin);
+                if output.code != Some(0) {
+                    wrong.push(format!("docs/{name}:{}: {}{}", block.line, output.out, output.err));
+                } else if let Err(error) = pictures::check_figure(&file, tolerance, &here) {
+                    wrong.push(format!("docs/{name}:{}: {error}", block.line));
+                }
+            }
+            Use::Screenshot(picture) => match pictures::check_screenshot(&picture, &here, &test) {
+                Ok(inputs) => {
+                    let old = format!("inputs={} ", picture.inputs);
+                    mended = mended.replacen(&old, &format!("inputs={inputs} "), 1);
+                }
+                Err(error) => wrong.push(format!("docs/{name}:{}: {error}", block.line)),
+            },
             Use::Run { expect, needs } => {
                 let Some(needs) = needs.map_or_else(|| Some(Needs::default()), |what| Needs::of(&what, &test)) else {
                     continue;
@@ -179,6 +195,8 @@ impl Needs {
         let mut shell = Command::new("bash");
         shell.args(["-euo", "pipefail", "-c"]).current_dir(here).env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8");
         shell.env("PATH", std::env::join_paths(path).expect("paths without colons"));
+        // The engine that every machine has: others compute other last digits.
+        shell.env("DEPTHLOOM_ONNX_ENGINE", "tract");
         for other in ["KITTI_STEREO_2015", "MONO_MODEL", "DEPTHLOOM_FRESH", "DEPTHLOOM", "COLUMNS"] {
             shell.env_remove(other);
         }
