@@ -9,7 +9,7 @@ use crate::ablation::{Ablation, Selection, average, of_frames, of_label, pixels_
 use crate::error::{AnalysisError, caught, unknown};
 use crate::estimates::{Estimate, estimates};
 use crate::input::condition;
-use crate::input::paper::paper_scores;
+use crate::input::paper::{is_of_kitti, paper_scores};
 use crate::input::warnings::warnings;
 use crate::scores::FrameScore;
 
@@ -222,7 +222,9 @@ fn facts(
     let place = Family::Depth.defaults().iter().position(|of| of.name == metric.name);
     let of_paper = |text: String| place.map(|_| text);
 
-    if let Some(number) = place.and_then(|place| Some(paper_scores(estimate, set)?[place])).filter(|_| zone.is_empty())
+    if let Some(number) = place
+        .and_then(|place| Some(paper_scores(estimate, set)?[place]))
+        .filter(|_| zone.is_empty() && is_of_kitti(run))
     {
         fact("the paper", format!("{number:.2} in Table I of Martins et al. 2018"), None);
     }

@@ -77,10 +77,10 @@ def kitti():
 
 def tables(out):
     """The tables of a run on KITTI."""
-    run([PROGRAM, "table", out, "--pixels", "all", "--ci", "--out", HERE / "kitti-table.csv"])
+    run([PROGRAM, "table", out, "--pixels", "all", "--ci", "--format", "csv", "--out", HERE / "kitti-table.csv"])
     for pixels, name in [("all", "kitti-compare.csv"), ("common", "kitti-common.csv")]:
         compare = [PROGRAM, "compare", out, "stereo", "no_scaling/fused", "--scores", "abs_rel,a1,rmse"]
-        run([*compare, "--pixels", pixels, "--out", HERE / name])
+        run([*compare, "--pixels", pixels, "--format", "csv", "--out", HERE / name])
         path = HERE / name
         path.write_text(path.read_text().replace(str(out), "kitti"))
 

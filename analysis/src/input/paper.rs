@@ -1,5 +1,6 @@
 //! The paper's Table I, to stand beside ours.
 
+use depthloom_recording::RecordedRun;
 use depthloom_scores::PixelSet;
 
 use crate::estimates::Estimate;
@@ -19,6 +20,12 @@ pub fn paper_scores(estimate: &Estimate, set: PixelSet) -> Option<[f64; 8]> {
     };
     let wanted = [variant, estimate.name.as_str(), set.name()];
     rows().find(|(key, _)| *key == wanted).map(|(_, scores)| scores)
+}
+
+/// Whether all frames of a run are KITTI's, as the paper's are. Names of variants do not show that.
+pub(crate) fn is_of_kitti(run: &RecordedRun) -> bool {
+    let parts = &run.source.parts;
+    !parts.is_empty() && parts.iter().all(|part| part.kind.starts_with("kitti/"))
 }
 
 fn rows() -> impl Iterator<Item = ([&'static str; 3], [f64; 8])> {

@@ -221,12 +221,11 @@ fn speed(of: &Json) -> String {
     let pair = |name: &str| (&speed["ms"][name][0], &speed["ms"][name][1]);
     let (sgbm, hh, bm, fusion) = (pair("sgbm"), pair("hh"), pair("bm"), pair("fusion"));
     format!(
-        "| time per KITTI frame, one thread | depthloom | {} |\n|---|---|---|\n\
-         | semi-global matching | {} ms | {} ms |\n| the same, mode `hh` | {} ms | {} ms |\n| block matching | {} ms | {} ms |\n| fusion chain | {} ms | {} ms |\n\n\
-         After a change of the last filter, `experiments/table1.yaml` takes {} s, not {} s: stereo and network are reused.\n\
-         Measured on {} on {}, release build; times per frame are medians (`bench/stereo.sh`, `bench/fusion.sh`).\n",
-        text(&speed["peer"]),
+        "- Time per KITTI frame, one thread: semi-global matching {} ms ({}: {} ms), its mode `hh` {} ms ({} ms), block\n  \
+         matching {} ms ({} ms), the fusion chain {} ms ({} ms). Medians, release build, {},\n  {} (`bench/stereo.sh`, `bench/fusion.sh`).\n\
+         - After a change of the last filter, `experiments/table1.yaml` takes {} s, not {} s: stereo and network are reused.\n",
         sgbm.0,
+        text(&speed["peer"]),
         sgbm.1,
         hh.0,
         hh.1,
@@ -234,10 +233,10 @@ fn speed(of: &Json) -> String {
         bm.1,
         fusion.0,
         fusion.1,
-        table1["seconds_after_a_change"],
-        table1["seconds"],
+        text(&speed["machine"]),
         text(&speed["date"]),
-        text(&speed["machine"])
+        table1["seconds_after_a_change"],
+        table1["seconds"]
     )
 }
 

@@ -130,8 +130,10 @@ fn screenshot(program: &Path, page: &Path, section: &str) -> Vec<u8> {
         "(() => {{ const box = document.getElementById({section:?}).getBoundingClientRect(); return [box.left + scrollX, box.top + scrollY, box.width, box.height]; }})()"
     ));
     let clip = json!({ "x": 0, "y": place[1], "width": WIDTH_PX, "height": place[3], "scale": 1 });
-    let taken = browser
-        .call("Page.captureScreenshot", &json!({ "format": "jpeg", "quality": 88, "captureBeyondViewport": true, "clip": clip }));
+    let taken = browser.call(
+        "Page.captureScreenshot",
+        &json!({ "format": "jpeg", "quality": 80, "captureBeyondViewport": true, "clip": clip }),
+    );
     let text = taken["data"].as_str().expect("base64");
     base64::engine::general_purpose::STANDARD.decode(text).expect("base64")
 }
