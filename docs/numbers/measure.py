@@ -96,7 +96,7 @@ def speed():
     theirs, ours = re.search(r"^1 thread\(s\): theirs ([\d.]+) .*ours ([\d.]+) ", fusion, re.M).groups()
     found["fusion"] = [round(float(ours), 1), round(float(theirs))]
     peer = re.search(r"^OpenCV ([\d]+\.[\d]+)", stereo, re.M).group(1)
-    write("speed", {"peer": f"OpenCV {peer}, NumPy", "ms": found})
+    write("speed", {"peer": f"OpenCV {peer}", "ms": found})
 
 
 def table1():

@@ -102,7 +102,7 @@ impl Kitti {
         let row = self.difference(&self.compare, "abs_rel");
         let _ = write!(
             text,
-            "\nWithout scaling, the abs_rel of fused depth is lower than stereo's on {} of {} frames\n(difference {:+.3}, 95 % interval {:+.3} to {:+.3}).\n",
+            "\nWithout scaling, fused depth has a lower abs_rel than stereo on {} of {} frames (difference {:+.3},\n95 % interval {:+.3} to {:+.3}).\n",
             row["wins"],
             row["frames"],
             number(row, "difference"),
@@ -221,8 +221,8 @@ fn speed(of: &Json) -> String {
     let pair = |name: &str| (&speed["ms"][name][0], &speed["ms"][name][1]);
     let (sgbm, hh, bm, fusion) = (pair("sgbm"), pair("hh"), pair("bm"), pair("fusion"));
     format!(
-        "- Time per KITTI frame, one thread: semi-global matching {} ms ({}: {} ms), its mode `hh` {} ms ({} ms), block\n  \
-         matching {} ms ({} ms), the fusion chain {} ms ({} ms). Medians, release build, {},\n  {} (`bench/stereo.sh`, `bench/fusion.sh`).\n\
+        "- Time per KITTI frame, one thread: semi-global matching {} ms ({}: {} ms), its mode `hh` {} ms\n  ({} ms), block \
+         matching {} ms ({} ms), the fusion chain {} ms (with NumPy: {} ms). Medians, release build,\n  {}, {} (`bench/stereo.sh`, `bench/fusion.sh`).\n\
          - After a change of the last filter, `experiments/table1.yaml` takes {} s, not {} s: stereo and network are reused.\n",
         sgbm.0,
         text(&speed["peer"]),
