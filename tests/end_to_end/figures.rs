@@ -1,4 +1,5 @@
-//! `figure`: every kind as SVG, PNG and PDF of the requested size, with the numbers of `analyse`, `compare` and the tables.
+//! `figure`: every kind as SVG, PNG and PDF of the requested size, with the numbers of `analyse`, `compare` and the
+//! tables.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,4 @@
-//! A run that is killed leaves what it has done, readable; a run that is interrupted says where it is.
+//! A killed run leaves a readable recording; an interrupted run finishes its frames.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 
 use crate::support::{depthloom, read_csv, succeed};
 
-/// A run of so many small frames.
+/// A run of `frames` small frames.
 fn run(out: &Path, frames: usize) -> Command {
     let mut run = depthloom();
     run.args(["run", "--no-page", "experiments/first-look.yaml", "--workers", "2", "--out"]).arg(out);
@@ -33,38 +33,39 @@ fn a_killed_run_leaves_a_recording_that_can_be_reported() {
     let mut child = start(&out);
     child.kill().expect("killed");
     child.wait().expect("ended");
-    assert!(!out.exists(), "a killed run must not look like a whole one");
+    assert!(!out.exists(), "a killed run must not look like a finished one");
     let partial = out.with_extension("partial");
     succeed(depthloom().arg("report").arg(&partial));
-    assert_answers_of_its_frames(&partial, folder.path());
+    assert_report_equals_complete_run(&partial, folder.path());
 }
 
-/// That a report of what an ended run left is the report of a whole run of as many frames.
-fn assert_answers_of_its_frames(partial: &Path, folder: &Path) {
+/// Asserts that the report of an unfinished run equals the report of a complete run with the same number of frames.
+fn assert_report_equals_complete_run(partial: &Path, folder: &Path) {
     let rows = read_csv(&partial.join("scores.csv"));
     let frames = rows.iter().map(|row| &row["frame"]).collect::<BTreeSet<_>>().len();
-    assert!(frames > 2, "{frames} frames were left");
-    let whole = folder.join("whole");
-    succeed(&mut run(&whole, frames));
+    assert!(frames > 2, "{frames} frames were recorded");
+    let complete = folder.join("complete");
+    succeed(&mut run(&complete, frames));
     for file in ["scores.csv", "table.csv", "error_vs_distance.csv"] {
-        let read = |of: &Path| std::fs::read_to_string(of.join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
-        assert_eq!(read(partial), read(&whole), "{file} of the {frames} frames that were left");
+        let read =
+            |run: &Path| std::fs::read_to_string(run.join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
+        assert_eq!(read(partial), read(&complete), "{file} of the {frames} recorded frames");
     }
 }
 
 #[cfg(unix)]
 #[test]
-fn an_interrupted_run_finishes_its_frames_and_says_where_they_are() {
+fn an_interrupted_run_finishes_its_frames_and_leaves_them_readable() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
     let mut child = start(&out);
     succeed(Command::new("kill").args(["-INT", &child.id().to_string()]));
     assert_eq!(child.wait().expect("ended").code(), Some(130));
-    assert!(!out.exists(), "an interrupted run must not look like a whole one");
+    assert!(!out.exists(), "an interrupted run must not look like a finished one");
     let partial = out.with_extension("partial");
     let report = succeed(depthloom().arg("report").arg(&partial));
     assert!(
         String::from_utf8_lossy(&report.stdout).contains("note: the recording is unfinished; all numbers are of its")
     );
-    assert_answers_of_its_frames(&partial, folder.path());
+    assert_report_equals_complete_run(&partial, folder.path());
 }

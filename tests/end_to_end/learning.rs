@@ -1,4 +1,4 @@
-//! Learning reads no truth, survives kills, and gives the same network with any number of workers.
+//! Training does not read ground truth, survives kills, and yields the same network with any number of workers.
 
 use std::collections::hash_map::RandomState;
 use std::hash::BuildHasher;
@@ -10,12 +10,12 @@ use depthloom_test_needs::is_full;
 
 use crate::support::{depthloom, succeed, workspace};
 
-/// The steps of a training; the hermetic suite takes fewer.
+/// The number of training steps; the hermetic suite uses fewer.
 pub(crate) fn steps() -> u64 {
     if is_full() { 60 } else { 24 }
 }
 
-/// The nodes of a stage `learn`, small enough for seconds.
+/// A stage `learn` that takes seconds.
 pub(crate) fn learn(steps: u64, checkpoint_every: u64) -> String {
     format!(
         "  learn:
@@ -35,7 +35,7 @@ pub(crate) fn learn(steps: u64, checkpoint_every: u64) -> String {
     )
 }
 
-/// Writes an experiment that learns on a street, and nothing else.
+/// Writes an experiment with only a training stage, on a street.
 pub(crate) fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
     let source = "  train: { kind: synthetic/road, with: { frames: 0..5, width: 320, height: 96, seed: 4 } }";
     let path = folder.join(format!("street-{checkpoint_every}.yaml"));
@@ -44,13 +44,15 @@ pub(crate) fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
     path
 }
 
-/// The hashes of what learning left in a recording: model and samples by their content, the curve by its file.
+/// The results of training in a run: the hashes of model and samples, and the file of learning curves.
 pub(crate) fn learned(out: &Path) -> (String, String, Vec<u8>) {
     let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
-    let hash = |of: &str| {
-        let mut found = recording.once_values().iter().filter(|value| value.value_type == of);
-        let value = found.next().unwrap_or_else(|| panic!("no {of} in {}", out.display()));
-        let RecordedContent::Attachment { hash, name, .. } = &value.content else { panic!("{of} is no attachment") };
+    let hash = |value_type: &str| {
+        let mut found = recording.once_values().iter().filter(|value| value.value_type == value_type);
+        let value = found.next().unwrap_or_else(|| panic!("no {value_type} in {}", out.display()));
+        let RecordedContent::Attachment { hash, name, .. } = &value.content else {
+            panic!("{value_type} is not an attachment")
+        };
         assert!(!recording.attachment(name).expect("its bytes").is_empty());
         hash.to_string()
     };
@@ -69,17 +71,17 @@ pub(crate) fn run(experiment: &Path, out: &Path, workers: &str) -> (String, Stri
 }
 
 #[test]
-fn truth_of_training_frames_changes_no_bit_of_the_network() {
+fn ground_truth_of_training_frames_does_not_change_the_network() {
     let folder = tempfile::tempdir().expect("a folder");
     let data = folder.path().join("data");
     let size = ["--width", "320", "--height", "96", "--frames", "4", "--seed", "3"];
     succeed(depthloom().arg("synth").arg(&data).args(size));
-    // As the shipped Table I, after a stage that learns from a data set with truth.
+    // The shipped experiment table1, after a stage that trains on a data set with ground truth.
     let table1 = workspace().join("experiments/table1.yaml");
-    let experiment = |truth: &str| {
-        let path = folder.path().join(format!("{truth}.yaml"));
+    let experiment = |ground_truth: &str| {
+        let path = folder.path().join(format!("{ground_truth}.yaml"));
         let text = format!(
-            "extends: {}\nexperiment: labels\nsources:\n  train: {{ kind: kitti/stereo2015, with: {{ root: data, truth: {truth} }} }}\n  \
+            "extends: {}\nexperiment: labels\nsources:\n  train: {{ kind: kitti/stereo2015, with: {{ root: data, truth: {ground_truth} }} }}\n  \
              test: {{ with: {{ frames: 0..2, width: 320, height: 96 }} }}\nstages:\n{}",
             table1.display(),
             learn(10, 100),
@@ -87,23 +89,23 @@ fn truth_of_training_frames_changes_no_bit_of_the_network() {
         std::fs::write(&path, text).expect("written");
         path
     };
-    let run = |truth: &str, out: &str| {
+    let run = |ground_truth: &str, out: &str| {
         let out = folder.path().join(out);
-        let learned = run(&experiment(truth), &out, "2");
+        let learned = run(&experiment(ground_truth), &out, "2");
         (learned, std::fs::read(out.join("scores.csv")).expect("scores"))
     };
     let with = run("noc", "with");
-    let truth = data.join("training/disp_noc_0");
-    let file = |frame: u32| truth.join(format!("{frame:06}_10.png"));
-    // Wrong labels: every frame gets another's.
-    let bytes: Vec<Vec<u8>> = (0..4).map(|frame| std::fs::read(file(frame)).expect("truth")).collect();
+    let ground_truth = data.join("training/disp_noc_0");
+    let file = |frame: u32| ground_truth.join(format!("{frame:06}_10.png"));
+    // Wrong labels: every frame gets those of the next frame.
+    let bytes: Vec<Vec<u8>> = (0..4).map(|frame| std::fs::read(file(frame)).expect("ground truth")).collect();
     (0..4).for_each(|frame| std::fs::write(file(frame), &bytes[(frame as usize + 1) % 4]).expect("written"));
-    assert!(with == run("noc", "wrong"), "wrong truth of training frames changes what is learned");
-    // No labels at all.
+    assert!(with == run("noc", "wrong"), "wrong ground truth of training frames changes the network");
+    // No labels.
     for folder in ["disp_noc_0", "disp_occ_0"] {
         std::fs::remove_dir_all(data.join("training").join(folder)).expect("removed");
     }
-    assert!(with == run("none", "without"), "truth of training frames changes what is learned");
+    assert!(with == run("none", "without"), "ground truth of training frames changes the network");
 }
 
 #[test]
@@ -121,24 +123,24 @@ pub(crate) fn step(checkpoints: &Path) -> Option<u64> {
     let path = files.find(|path| path.extension().is_some_and(|extension| extension == "checkpoint"))?;
     let bytes = std::fs::read(path).ok()?;
     let length = u64::from_le_bytes(bytes.get(..8)?.try_into().expect("8 bytes"));
-    let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length as usize]).expect("a whole header");
+    let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length as usize]).expect("a complete header");
     let progress = header["__metadata__"]["progress"].as_str().expect("the progress");
     let progress: serde_json::Value = serde_json::from_str(progress).expect("JSON");
     progress["step"].as_u64()
 }
 
-/// Runs until a checkpoint of at least this step is there, then kills it. The step it was killed at; it never falls
-/// below `from`.
+/// Runs until there is a checkpoint of at least step `at`, then kills the run. Returns the step of the checkpoint, which
+/// never falls below `from`.
 ///
-/// On a loaded machine the kill may come after the end of the run, which takes the checkpoint with it: then it is
-/// repeated, from the first step.
+/// On a loaded machine the run may finish, and remove its checkpoint, before the kill. Then this function starts again
+/// from the first step.
 pub(crate) fn run_and_kill(experiment: &Path, out: &Path, from: u64, at: u64) -> u64 {
     let attempts = (0..20).map(|attempt| if attempt == 0 { from } else { 0 });
     let killed = attempts.into_iter().find_map(|from| killed_at(experiment, out, from, at));
     killed.expect("one of twenty kills comes before the end of the run")
 }
 
-/// The step that a run was killed at; `None` if it ended before.
+/// The step at which a run was killed; `None` if it finished before.
 fn killed_at(experiment: &Path, out: &Path, from: u64, at: u64) -> Option<u64> {
     let checkpoints = out.with_file_name("checkpoints");
     let mut run = depthloom();
@@ -149,7 +151,7 @@ fn killed_at(experiment: &Path, out: &Path, from: u64, at: u64) -> Option<u64> {
         let reached = step(&checkpoints);
         assert!(
             reached.is_none_or(|reached| reached >= from),
-            "a run that was to go on from step {from} is at {reached:?}"
+            "a run that resumes after step {from} is at {reached:?}"
         );
         if reached >= Some(at) {
             break;
@@ -158,21 +160,21 @@ fn killed_at(experiment: &Path, out: &Path, from: u64, at: u64) -> Option<u64> {
     }
     child.kill().expect("killed");
     child.wait().expect("ended");
-    // The folder gets its name when all is in it.
+    // The folder gets its final name when the run is finished.
     if out.exists() {
         std::fs::remove_dir_all(out).expect("removed");
         return None;
     }
-    Some(step(&checkpoints).expect("a kill leaves the checkpoint before or the new one"))
+    Some(step(&checkpoints).expect("a kill leaves the previous or the new checkpoint"))
 }
 
 #[test]
-fn a_training_killed_three_times_gives_the_network_of_one_that_was_not() {
+fn a_training_killed_three_times_yields_the_same_network() {
     let folder = tempfile::tempdir().expect("a folder");
-    let whole = folder.path().join("whole");
-    std::fs::create_dir(&whole).expect("a folder");
-    let undisturbed = run(&street(&whole, 100), &whole.join("run"), "2");
-    // How often the state is put down decides nothing.
+    let alone = folder.path().join("alone");
+    std::fs::create_dir(&alone).expect("a folder");
+    let undisturbed = run(&street(&alone, 100), &alone.join("run"), "2");
+    // The interval of checkpoints does not change the network.
     let experiment = street(folder.path(), 1);
     let random = RandomState::new();
     let points = [0_u64, 1, 2].map(|third| 1 + third * (steps() / 4) + random.hash_one(third) % (steps() / 5));
@@ -180,9 +182,9 @@ fn a_training_killed_three_times_gives_the_network_of_one_that_was_not() {
     for (attempt, at) in points.into_iter().enumerate() {
         let out = folder.path().join(format!("killed-{attempt}"));
         reached = run_and_kill(&experiment, &out, reached, at);
-        assert!((at..=steps()).contains(&reached), "killed at step {reached}, to be killed at {at}");
+        assert!((at..=steps()).contains(&reached), "killed at step {reached} instead of {at}");
     }
-    let found = run(&experiment, &folder.path().join("last"), "2");
-    assert!(found == undisturbed, "killed at the steps {points:?}, the network is another");
-    assert!(!folder.path().join("checkpoints").exists(), "a whole training needs no checkpoint");
+    let resumed = run(&experiment, &folder.path().join("last"), "2");
+    assert!(resumed == undisturbed, "the network differs after kills at the steps {points:?}");
+    assert!(!folder.path().join("checkpoints").exists(), "a finished training removes its checkpoint");
 }

@@ -1,4 +1,4 @@
-//! Recordings in the viewers that people open them with.
+//! Recordings opened in viewers: Rerun and Lichtblick.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use depthloom_test_needs::{Rerun, lichtblick, rerun};
 use crate::reuse::experiment;
 use crate::support::{depthloom, skipped, succeed, workspace};
 
-/// A recording of each kind: a complete run's, one that took from another, one taken up after its end was cut off, one
-/// recovered.
+/// Recordings of a complete run, of a run that reused another, of a run that resumed after truncation, and a recovered
+/// recording.
 fn recordings(folder: &Path) -> Vec<PathBuf> {
     let experiment = experiment(folder);
     let at = |name: &str| folder.join("shelf").join(name);
@@ -37,27 +37,25 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
     vec![complete, reused, resumed, recovered]
 }
 
-/// What it says of a machine without a graphics card: that it draws slowly, and that a picture was not drawn in time,
-/// which is of no recording.
+/// Rerun's messages about slow drawing without a graphics card. They do not concern the recording.
 const SLOW: [&str; 2] = ["Software rasterizer", "PollError"];
 
-/// What Rerun ends with where it finds no driver that it can draw with.
+/// Rerun's errors if it finds no usable graphics driver.
 const NO_GRAPHICS: [&str; 2] = ["No graphics adapter was found", "Failed to get render context"];
 
-/// How long a viewer is waited for, and how often it is begun anew: where a slow machine did not draw its picture in
-/// time, that never comes.
+/// How long to wait for a viewer, and how often to start it: on a slow machine, a picture that is late never appears.
 const PATIENCE: Duration = Duration::from_secs(150);
 const ATTEMPTS: usize = 3;
 
-/// What a program says that is no news: warnings and errors, but for that of a machine without a graphics card.
+/// Warnings and errors that a program prints, except those about a missing graphics card.
 fn complaints(command: &mut Command) -> Vec<String> {
     let output = command.output().expect("Rerun starts");
     complaints_of(command, &output)
 }
 
-/// What a command gave that ended within [`PATIENCE`]; `None`: it was ended.
+/// The output of a command; `None` if it did not end within [`PATIENCE`] and was killed.
 fn in_time(command: &mut Command, folder: &Path) -> Option<Output> {
-    let [out, err] = ["said.out", "said.err"].map(|name| folder.join(name));
+    let [out, err] = ["viewer.out", "viewer.err"].map(|name| folder.join(name));
     let file = |path: &Path| File::create(path).expect("a file");
     let mut child = command.stdout(file(&out)).stderr(file(&err)).spawn().expect("Rerun starts");
     let end = Instant::now() + PATIENCE;
@@ -65,7 +63,7 @@ fn in_time(command: &mut Command, folder: &Path) -> Option<Output> {
         match child.try_wait().expect("a child") {
             Some(status) => break status,
             None if Instant::now() > end => {
-                // Python's `rerun` starts the viewer as a child of its own, which would go on.
+                // Python's `rerun` starts the viewer as its own child process, which would continue.
                 let _ = Command::new("pkill").arg("-P").arg(child.id().to_string()).status();
                 child.kill().expect("ended");
                 child.wait().expect("a child");
@@ -74,20 +72,21 @@ fn in_time(command: &mut Command, folder: &Path) -> Option<Output> {
             None => std::thread::sleep(Duration::from_millis(100)),
         }
     };
-    let [stdout, stderr] = [out, err].map(|path| std::fs::read(path).expect("what it said"));
+    let [stdout, stderr] = [out, err].map(|path| std::fs::read(path).expect("the output"));
     Some(Output { status, stdout, stderr })
 }
 
 fn complaints_of(command: &Command, output: &Output) -> Vec<String> {
-    let said = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() || NO_GRAPHICS.iter().any(|why| said.contains(why)), "{command:?}: {said}");
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() || NO_GRAPHICS.iter().any(|why| printed.contains(why)), "{command:?}: {printed}");
     let is_complaint = |line: &&str| {
         line.contains("WARN")
             || line.contains("ERROR")
             || line.contains("panicked")
             || NO_GRAPHICS.iter().any(|why| line.contains(why))
     };
-    said.lines()
+    printed
+        .lines()
         .filter(is_complaint)
         .filter(|line| !SLOW.iter().any(|slow| line.contains(slow)))
         .map(str::to_owned)
@@ -108,7 +107,7 @@ fn rerun_loads_recordings_without_a_complaint() {
     }
 }
 
-/// What the loader does not see: frames that two topics define, images that cannot be decoded.
+/// Finds faults that the loader does not: frames that two topics define, images that cannot be decoded.
 #[test]
 fn rerun_shows_recordings_without_a_complaint() {
     const TEST: &str = "rerun_shows_recordings_without_a_complaint";
@@ -123,7 +122,7 @@ fn rerun_shows_recordings_without_a_complaint() {
             return None;
         };
         let complaints = complaints_of(&viewer, &output);
-        if complaints.iter().any(|said| NO_GRAPHICS.iter().any(|why| said.contains(why))) {
+        if complaints.iter().any(|line| NO_GRAPHICS.iter().any(|why| line.contains(why))) {
             skipped(TEST, "this machine has Vulkan drivers, but none that Rerun's viewer can draw with");
             return None;
         }
@@ -135,7 +134,7 @@ fn rerun_shows_recordings_without_a_complaint() {
     }
 }
 
-/// How Foxglove and Rerun show table 1.
+/// Layouts of table1 for Foxglove and Rerun.
 const FOXGLOVE: &str = "experiments/table1-foxglove.json";
 const RERUN: &str = "experiments/table1-rerun.py";
 
@@ -144,13 +143,13 @@ fn lichtblick_finds_every_calibration_and_plots_every_path() {
     let Some(mut check) = lichtblick("lichtblick_finds_every_calibration_and_plots_every_path") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let [complete, ..] = &recordings(folder.path())[..] else { panic!("recordings") };
-    let looked = succeed(check.arg(complete).arg(workspace().join(FOXGLOVE)));
-    let looked: serde_json::Value = serde_json::from_slice(&looked.stdout).expect("JSON");
-    assert_eq!((&looked["calibrations"], &looked["plots"]), (&6.into(), &6.into()), "{looked}");
-    assert!(looked["pictures"].as_u64().is_some_and(|pictures| pictures > 15), "{looked}");
+    let checked = succeed(check.arg(complete).arg(workspace().join(FOXGLOVE)));
+    let checked: serde_json::Value = serde_json::from_slice(&checked.stdout).expect("JSON");
+    assert_eq!((&checked["calibrations"], &checked["plots"]), (&6.into(), &6.into()), "{checked}");
+    assert!(checked["pictures"].as_u64().is_some_and(|pictures| pictures > 15), "{checked}");
 }
 
-/// Every topic that is written in a text, quoted or in a path of messages.
+/// Every topic that occurs in a text, quoted or in a message path.
 fn topics_in(text: &str) -> Vec<&str> {
     let starts = text.match_indices(['"', '\\']).map(|(place, _)| &text[place + 1..]);
     let topics = starts.filter(|rest| rest.starts_with("/compare/") || rest.starts_with("/learn/"));
@@ -158,7 +157,7 @@ fn topics_in(text: &str) -> Vec<&str> {
 }
 
 #[test]
-fn what_is_laid_out_for_viewers_is_recorded() {
+fn every_topic_of_the_viewer_layouts_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = experiment(folder.path());
     let out = folder.path().join("run");
@@ -167,12 +166,12 @@ fn what_is_laid_out_for_viewers_is_recorded() {
     let summary = mcap::Summary::read(&bytes).expect("sound").expect("a summary");
     let recorded: Vec<&str> = summary.channels.values().map(|channel| channel.topic.as_str()).collect();
     for (file, count) in [(FOXGLOVE, 24), (RERUN, 9)] {
-        let text = std::fs::read_to_string(workspace().join(file)).expect("it is there");
+        let text = std::fs::read_to_string(workspace().join(file)).expect("the layout");
         let topics = topics_in(&text);
         assert_eq!(topics.len(), count, "{file}: {topics:?}");
         for topic in topics {
-            // A path names a field behind the topic, if the topic is not quoted.
-            let is_known = recorded.iter().any(|known| topic == *known || topic.starts_with(&format!("{known}.")));
+            // In a message path, a field follows the topic if the topic is not quoted.
+            let is_known = recorded.iter().any(|name| topic == *name || topic.starts_with(&format!("{name}.")));
             assert!(is_known, "{file} shows {topic}, which is not recorded");
         }
     }

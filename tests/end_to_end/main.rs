@@ -1,7 +1,7 @@
-//! The program as a person uses it: the binary against real frames, oracles, faults, and itself.
+//! Tests of the binary as a user runs it: on real frames, against reference implementations, and with faults.
 //!
-//! Tests that need `../shared` (real frames, golden results) or a Python environment print `SKIPPED <test>: why` where
-//! it is absent.
+//! Tests that need `../shared` (real frames, golden results) or a Python environment print `SKIPPED <test>: why` if it
+//! is missing.
 
 mod analyse;
 mod architecture;

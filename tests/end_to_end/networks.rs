@@ -1,4 +1,4 @@
-//! Networks on machines as they are: with and without ONNX Runtime, and what a run says of it.
+//! Networks with and without ONNX Runtime, and the engine that a run reports.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,7 +8,7 @@ use serde_json::Value as Json;
 use crate::support::{depthloom, label, number, read_csv, set, shared, skipped, succeed, workspace};
 use depthloom_test_needs::onnx_file::{self, F32, Tensor};
 
-/// A street, a network that takes the mean of the colours for a disparity, and what they are made into.
+/// An experiment on a street with a network whose disparity is the mean of the colours.
 fn experiment(folder: &Path, with: &str) -> PathBuf {
     let inputs = [Tensor("image", F32, &[1, 3, 32, 96])];
     let output = Tensor("share", F32, &[1, 1, 32, 96]);
@@ -33,8 +33,7 @@ stages:
     path
 }
 
-/// The binary on a machine with nothing: no Python, no environment, a working folder without a Python environment above
-/// it.
+/// The binary with an empty environment, without Python, and in a working folder without a Python environment above it.
 fn bare() -> Command {
     let mut command = depthloom();
     command.current_dir("/").env_clear().env("PATH", "").env("NO_COLOR", "1").env("DEPTHLOOM_FRESH", "1");
@@ -45,7 +44,7 @@ fn json(path: &Path) -> Json {
     serde_json::from_str(&std::fs::read_to_string(path).expect("the file")).expect("JSON")
 }
 
-/// Whether the program was built with tract; says that the test is skipped where it was not.
+/// Whether the program was built with tract; reports the test as skipped otherwise.
 fn has_tract(test: &str) -> bool {
     if !cfg!(feature = "tract") {
         skipped(test, "built without tract");
@@ -54,8 +53,8 @@ fn has_tract(test: &str) -> bool {
 }
 
 #[test]
-fn a_bare_machine_runs_networks_in_tract_and_says_so() {
-    if !has_tract("a_bare_machine_runs_networks_in_tract_and_says_so") {
+fn networks_run_in_tract_without_onnx_runtime_and_the_run_records_it() {
+    if !has_tract("networks_run_in_tract_without_onnx_runtime_and_the_run_records_it") {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
@@ -63,7 +62,10 @@ fn a_bare_machine_runs_networks_in_tract_and_says_so() {
     let doctor = succeed(bare().args(["doctor", "--json"]));
     let doctor: Json = serde_json::from_slice(&doctor.stdout).expect("JSON");
     if doctor["networks"]["engine"] == "onnxruntime" {
-        return skipped("a_bare_machine_runs_networks_in_tract_and_says_so", "ONNX Runtime is part of this system");
+        return skipped(
+            "networks_run_in_tract_without_onnx_runtime_and_the_run_records_it",
+            "ONNX Runtime is part of this system",
+        );
     }
     assert_eq!(doctor["networks"]["engine"], "tract");
     assert_eq!(doctor["networks"]["providers"], serde_json::json!(["cpu"]));
@@ -75,25 +77,25 @@ fn a_bare_machine_runs_networks_in_tract_and_says_so() {
     assert_eq!(networks["ran_on"], serde_json::json!(["cpu"]));
     let why = networks["instead_of"].as_str().expect("a reason");
     assert!(why.starts_with("this machine has no ONNX Runtime"), "{why}");
-    // Asked for by name it gives the same bytes.
+    // Selected by name, tract yields the same bytes.
     let again = folder.path().join("again");
     let named = ("DEPTHLOOM_ONNX_ENGINE", "tract");
     succeed(bare().env(named.0, named.1).args(["run", "--no-page", "--quiet", "--out"]).arg(&again).arg(&path));
     let recording = |run: &Path| std::fs::read(run.join("recording.mcap")).expect("a recording");
     assert!(recording(&out) == recording(&again), "two runs of one engine differ");
-    // What was asked for by name is not replaced.
+    // A library or engine that was selected by name has no fallback.
     for (variable, value) in
         [("ORT_DYLIB_PATH", "/nowhere/libonnxruntime.so"), ("DEPTHLOOM_ONNX_ENGINE", "onnxruntime")]
     {
         let output = bare().env(variable, value).args(["run", "--no-page"]).arg(&path).output().expect("started");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains("libonnxruntime.so") || said.contains("no ONNX Runtime"), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert!(stderr.contains("libonnxruntime.so") || stderr.contains("no ONNX Runtime"), "{stderr}");
     }
 }
 
 #[test]
-fn a_library_that_is_named_and_cannot_be_used_comes_with_the_ways_out() {
+fn an_unusable_named_library_is_an_error_with_remedies() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = experiment(folder.path(), "{}");
     let text = folder.path().join("libonnxruntime.so");
@@ -107,17 +109,20 @@ fn a_library_that_is_named_and_cannot_be_used_comes_with_the_ways_out() {
             }
             let output = program.output().expect("started");
             assert_eq!(output.status.code(), Some(if command == "run" { 2 } else { 0 }), "{output:?}");
-            let said = [output.stdout, output.stderr].concat();
-            let said = String::from_utf8_lossy(&said);
-            assert!(said.contains(&format!("{}", library.display())), "{said}");
-            assert!(said.contains("unset ORT_DYLIB_PATH") && said.contains("let it name libonnxruntime.so"), "{said}");
-            assert_eq!(said.contains("DEPTHLOOM_ONNX_ENGINE=tract"), cfg!(feature = "tract"), "{said}");
+            let printed = [output.stdout, output.stderr].concat();
+            let printed = String::from_utf8_lossy(&printed);
+            assert!(printed.contains(&format!("{}", library.display())), "{printed}");
+            assert!(
+                printed.contains("unset ORT_DYLIB_PATH") && printed.contains("let it name libonnxruntime.so"),
+                "{printed}"
+            );
+            assert_eq!(printed.contains("DEPTHLOOM_ONNX_ENGINE=tract"), cfg!(feature = "tract"), "{printed}");
         }
     }
 }
 
 #[test]
-fn an_engine_nobody_knows_and_a_provider_that_is_not_there_are_found_before_any_frame() {
+fn unknown_engines_and_missing_providers_are_found_before_any_frame() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = experiment(folder.path(), "{ provider: directml }");
     let run = |engine: &str| {
@@ -133,7 +138,7 @@ fn an_engine_nobody_knows_and_a_provider_that_is_not_there_are_found_before_any_
     };
     let unknown = run("caffe");
     assert!(unknown.contains("DEPTHLOOM_ONNX_ENGINE is `caffe`, which is not an engine"), "{unknown}");
-    if has_tract("a_provider_that_is_not_there") {
+    if has_tract("unknown_engines_and_missing_providers_are_found_before_any_frame") {
         let missing = run("tract");
         assert!(missing.contains("has no provider `directml`; it has cpu"), "{missing}");
         assert!(missing.contains("take `provider: cpu`"), "{missing}");
@@ -142,9 +147,9 @@ fn an_engine_nobody_knows_and_a_provider_that_is_not_there_are_found_before_any_
 }
 
 #[test]
-fn tracts_scores_are_the_oracles() {
-    let Some(shared) = shared("tracts_scores_are_the_oracles") else { return };
-    if !has_tract("tracts_scores_are_the_oracles") {
+fn tract_metrics_match_the_reference() {
+    let Some(shared) = shared("tract_metrics_match_the_reference") else { return };
+    if !has_tract("tract_metrics_match_the_reference") {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
@@ -164,17 +169,17 @@ fn tracts_scores_are_the_oracles() {
         let same = |other: &&crate::support::Row| {
             other["frame"] == row["frame"] && label(other) == label(row) && set(other) == set(row)
         };
-        let mine = ours.iter().find(same).unwrap_or_else(|| panic!("no row {row:?}"));
+        let own = ours.iter().find(same).unwrap_or_else(|| panic!("no row {row:?}"));
         for score in ["a1", "abs_rel", "rmse", "silog"] {
-            let (a, b) = (number(mine, score), number(row, score));
-            assert!((a - b).abs() <= 1e-3 * b.abs(), "{score}: {a} is not {b} in {row:?}");
+            let (a, b) = (number(own, score), number(row, score));
+            assert!((a - b).abs() <= 1e-3 * b.abs(), "{score}: {a} differs from {b} in {row:?}");
         }
     }
 }
 
 #[test]
-fn networks_of_pairs_and_of_ports_of_their_own_run_are_recorded_scored_and_made_again() {
-    const TEST: &str = "networks_of_pairs_and_of_ports_of_their_own_run_are_recorded_scored_and_made_again";
+fn stereo_networks_and_networks_with_custom_ports_run_and_replay() {
+    const TEST: &str = "stereo_networks_and_networks_with_custom_ports_run_and_replay";
     if !has_tract(TEST) {
         return;
     }
@@ -209,12 +214,12 @@ fn networks_of_pairs_and_of_ports_of_their_own_run_are_recorded_scored_and_made_
         "{rows:?}"
     );
     let replayed = succeed(depthloom().args(["replay", "--check"]).arg(&one));
-    let said = String::from_utf8_lossy(&replayed.stdout);
-    assert!(said.contains("network"), "{said}");
+    let printed = String::from_utf8_lossy(&replayed.stdout);
+    assert!(printed.contains("network"), "{printed}");
 }
 
 #[test]
-fn what_an_onnx_file_takes_is_shown_with_lines_that_check() {
+fn onnx_prints_inputs_and_a_valid_node_definition() {
     let fixture = |file: &str| workspace().join("tests/fixtures/networks").join(file);
     let shown = |file: &str| {
         let output = succeed(depthloom().arg("onnx").arg(fixture(file)).args(["--size", "160x96"]));
@@ -232,7 +237,7 @@ fn what_an_onnx_file_takes_is_shown_with_lines_that_check() {
     assert!(shown("pair.onnx").contains("order: left-right"));
     let fusion = shown("fusion.onnx");
     assert!(fusion.contains("kind: onnx") && fusion.contains("mono: { type: depth, name: mono }"), "{fusion}");
-    // The lines stand in an experiment as they are.
+    // The printed lines are valid in an experiment.
     let folder = tempfile::tempdir().expect("a folder");
     let stanza: String =
         shifts.split("\n\n").nth(1).expect("the lines").lines().map(|line| format!("      {line}\n")).collect();
@@ -244,12 +249,12 @@ fn what_an_onnx_file_takes_is_shown_with_lines_that_check() {
     std::fs::write(&path, text).expect("written");
     succeed(depthloom().arg("check").arg(&path));
     let output = depthloom().arg("onnx").arg(fixture("left.png")).output().expect("it runs");
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && told.contains("it is not an ONNX file"), "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && stderr.contains("it is not an ONNX file"), "{stderr}");
 }
 
 #[test]
-fn faults_51_and_59_lines_for_a_network_run_as_they_are_or_it_is_said_why_there_are_none() {
+fn faults_51_and_59_onnx_prints_a_working_node_definition_or_the_reason() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("net.onnx");
     let shown = |inputs: &[Tensor<'_>], output: &Tensor<'_>| {

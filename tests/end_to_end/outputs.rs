@@ -1,4 +1,4 @@
-//! What commands print with `--json` is what their published schemas say: every key, and no other.
+//! The output of commands with `--json` matches the published schemas: every required key, and no unknown key.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,8 +9,8 @@ use serde_json::{Value as Json, json};
 
 use crate::support::{depthloom, succeed, workspace};
 
-/// Two variants on a data set of ours.
-const EXPERIMENT: &str = "experiment: told
+/// Two variants on a generated data set.
+const EXPERIMENT: &str = "experiment: outputs
 sources:
   street: { kind: kitti/stereo2015, with: { root: data, split: training, truth: occ } }
 stages:
@@ -28,7 +28,7 @@ matrix:
   look.stereo.with.block: [3, 9]
 ";
 
-/// What is wrong with a value by a schema, of which each object has the keys it lists and no other.
+/// The violations of a schema by a value. Objects may only have the keys that the schema lists.
 fn faults(schema: &Json, root: &Json, value: &Json, at: &str) -> Vec<String> {
     if let Some(reference) = schema["$ref"].as_str() {
         let target = root.pointer(reference.trim_start_matches('#')).expect("a definition");
@@ -36,7 +36,7 @@ fn faults(schema: &Json, root: &Json, value: &Json, at: &str) -> Vec<String> {
     }
     for any in ["anyOf", "oneOf"] {
         if let Some(alternatives) = schema[any].as_array() {
-            let wrong: Vec<Vec<String>> = alternatives.iter().map(|of| faults(of, root, value, at)).collect();
+            let wrong: Vec<Vec<String>> = alternatives.iter().map(|schema| faults(schema, root, value, at)).collect();
             return if wrong.iter().any(Vec::is_empty) { Vec::new() } else { wrong.concat() };
         }
     }
@@ -44,8 +44,8 @@ fn faults(schema: &Json, root: &Json, value: &Json, at: &str) -> Vec<String> {
     if schema.get("const").is_some_and(|only| only != value) {
         wrong.push(format!("{at} is {value}, not {}", schema["const"]));
     }
-    if schema["enum"].as_array().is_some_and(|known| !known.contains(value)) {
-        wrong.push(format!("{at} is {value}, none of {}", schema["enum"]));
+    if schema["enum"].as_array().is_some_and(|values| !values.contains(value)) {
+        wrong.push(format!("{at} is {value}, not one of {}", schema["enum"]));
     }
     let is_a = |name: &Json| match name.as_str() {
         Some("object") => value.is_object(),
@@ -60,8 +60,8 @@ fn faults(schema: &Json, root: &Json, value: &Json, at: &str) -> Vec<String> {
     match &schema["type"] {
         Json::Null => {}
         Json::Array(types) if types.iter().any(is_a) => {}
-        of @ Json::String(_) if is_a(of) => {}
-        of => wrong.push(format!("{at} is {value}, not of type {of}")),
+        name @ Json::String(_) if is_a(name) => {}
+        name => wrong.push(format!("{at} is {value}, not of type {name}")),
     }
     if let (Some(object), true) = (value.as_object(), schema["type"] != Json::Null) {
         for name in schema["required"].as_array().into_iter().flatten().filter_map(Json::as_str) {
@@ -77,19 +77,19 @@ fn faults(schema: &Json, root: &Json, value: &Json, at: &str) -> Vec<String> {
             }
         }
     }
-    for (place, value) in value.as_array().into_iter().flatten().enumerate() {
+    for (index, value) in value.as_array().into_iter().flatten().enumerate() {
         if let Some(schema) = schema.get("items").filter(|items| items.is_object()) {
-            wrong.extend(faults(schema, root, value, &format!("{at}[{place}]")));
+            wrong.extend(faults(schema, root, value, &format!("{at}[{index}]")));
         }
     }
     wrong
 }
 
-/// Runs a command in a folder, and holds what it prints against the schema of this name.
-fn told(seen: &mut BTreeMap<String, u32>, folder: &Path, name: &str, code: i32, arguments: &[&str]) -> Json {
+/// Runs a command in a folder, and checks its output against the schema of this name.
+fn checked_output(seen: &mut BTreeMap<String, u32>, folder: &Path, name: &str, code: i32, arguments: &[&str]) -> Json {
     let output = depthloom().current_dir(folder).args(arguments).output().expect("the binary starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {stderr}");
     let value: Json = serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{arguments:?}: {error}"));
     assert_eq!(value["format"], json!({ "name": format!("depthloom.{name}"), "version": 1 }), "{arguments:?}");
     assert_eq!(value.as_object().and_then(|object| object.keys().next()).map(String::as_str), Some("format"));
@@ -101,32 +101,32 @@ fn told(seen: &mut BTreeMap<String, u32>, folder: &Path, name: &str, code: i32, 
 }
 
 #[test]
-fn every_output_is_what_its_schema_says() {
+fn every_json_output_matches_its_schema() {
     let folder = tempfile::tempdir().expect("a folder");
     let here = folder.path();
     let size = ["--width", "320", "--height", "96", "--frames", "3", "--quiet"];
     succeed(depthloom().arg("synth").arg(here.join("data")).args(size));
-    fs::write(here.join("told.yaml"), EXPERIMENT).expect("written");
+    fs::write(here.join("outputs.yaml"), EXPERIMENT).expect("written");
     fs::write(here.join("wrong.yaml"), EXPERIMENT.replace("stereo/sgbm", "stereo/sgmb")).expect("written");
     let mut seen = BTreeMap::new();
-    let mut told = |name: &str, code: i32, arguments: &[&str]| told(&mut seen, here, name, code, arguments);
+    let mut check = |name: &str, code: i32, arguments: &[&str]| checked_output(&mut seen, here, name, code, arguments);
 
-    told("doctor", 0, &["doctor", "--json"]);
-    told("nodes", 0, &["nodes", "--json"]);
+    check("doctor", 0, &["doctor", "--json"]);
+    check("nodes", 0, &["nodes", "--json"]);
     let network = workspace().join("tests/fixtures/networks/shifts.onnx");
-    let onnx = told("onnx", 0, &["onnx", network.to_str().expect("a path"), "--json"]);
+    let onnx = check("onnx", 0, &["onnx", network.to_str().expect("a path"), "--json"]);
     assert_eq!(onnx["kind"], "stereo/onnx");
-    told("nodes-kind", 0, &["nodes", "stereo/sgbm", "--json"]);
-    told("nodes-kind", 0, &["nodes", "kitti/stereo2015", "--json"]);
-    told("check", 0, &["check", "told.yaml", "--data", "--json"]);
-    let wrong = told("check", 2, &["check", "wrong.yaml", "--json"]);
+    check("nodes-kind", 0, &["nodes", "stereo/sgbm", "--json"]);
+    check("nodes-kind", 0, &["nodes", "kitti/stereo2015", "--json"]);
+    check("check", 0, &["check", "outputs.yaml", "--data", "--json"]);
+    let wrong = check("check", 2, &["check", "wrong.yaml", "--json"]);
     assert!(wrong["error"]["diagnostics"][0]["line"].is_u64(), "{wrong}");
-    told("error", 2, &["plan", "wrong.yaml", "--json"]);
-    told("plan", 0, &["plan", "told.yaml", "--json"]);
-    told("graph", 0, &["graph", "told.yaml", "--json"]);
-    told("data", 0, &["data", "data", "--json"]);
+    check("error", 2, &["plan", "wrong.yaml", "--json"]);
+    check("plan", 0, &["plan", "outputs.yaml", "--json"]);
+    check("graph", 0, &["graph", "outputs.yaml", "--json"]);
+    check("data", 0, &["data", "data", "--json"]);
 
-    let run = told("run", 0, &["run", "told.yaml", "--out", "runs/told/first", "--json"]);
+    let run = check("run", 0, &["run", "outputs.yaml", "--out", "runs/outputs/first", "--json"]);
     assert_eq!(
         run["frames"],
         json!([{ "stage": "look", "variant": null, "ids": ["000000_10", "000001_10", "000002_10"], "failed": 0 }])
@@ -144,58 +144,58 @@ fn every_output_is_what_its_schema_says() {
     let image = here.join("data/training/image_2/000001_10.png");
     let bytes = fs::read(&image).expect("an image");
     fs::write(&image, &bytes[..bytes.len() / 2]).expect("cut");
-    told("check", 2, &["check", "told.yaml", "--data", "--json"]);
-    let failed = told("run", 3, &["run", "told.yaml", "--keep-going", "--out", "runs/told/second", "--json"]);
+    check("check", 2, &["check", "outputs.yaml", "--data", "--json"]);
+    let failed = check("run", 3, &["run", "outputs.yaml", "--keep-going", "--out", "runs/outputs/second", "--json"]);
     assert_eq!((&failed["frames"][0]["failed"], &failed["error"]["exit_code"]), (&json!(1), &json!(3)));
     let failure = &failed["failures"][0];
     let place = (&failure["stage"], &failure["position"], &failure["frame"], &failure["node"]);
     assert_eq!(place, (&json!("look"), &json!(1), &json!("000001_10"), &Json::Null));
     assert!(failure["message"].as_str().is_some_and(|message| message.contains("000001_10.png")), "{failure}");
 
-    let first = "runs/told/first";
-    told("report", 0, &["report", first, "--out", "tables", "--json"]);
-    told("report", 0, &["report", first, "--out", "tables", "--paper", "--json"]);
-    told("table", 0, &["table", first, "--json"]);
-    told("table", 0, &["table", first, "--rows", "score", "--json"]);
-    told("table", 0, &["table", first, "--effects", "abs_rel", "--json"]);
-    told("table", 0, &["table", first, "--best-per-zone", "abs_rel", "--json"]);
-    told("compare", 0, &["compare", first, "--json"]);
-    told("compare", 3, &["compare", first, "--fail-if", "abs_rel >= -1000%", "--json"]);
-    let explained = told("explain", 0, &["explain", first, "abs_rel", "block=9/depth", "--json"]);
+    let first = "runs/outputs/first";
+    check("report", 0, &["report", first, "--out", "tables", "--json"]);
+    check("report", 0, &["report", first, "--out", "tables", "--paper", "--json"]);
+    check("table", 0, &["table", first, "--json"]);
+    check("table", 0, &["table", first, "--rows", "score", "--json"]);
+    check("table", 0, &["table", first, "--effects", "abs_rel", "--json"]);
+    check("table", 0, &["table", first, "--best-per-zone", "abs_rel", "--json"]);
+    check("compare", 0, &["compare", first, "--json"]);
+    check("compare", 3, &["compare", first, "--fail-if", "abs_rel >= -1000%", "--json"]);
+    let explained = check("explain", 0, &["explain", first, "abs_rel", "block=9/depth", "--json"]);
     assert_eq!((&explained["variant"], &explained["estimate"]), (&json!("block=9"), &json!("depth")));
-    told("samples", 0, &["samples", first, "--json"]);
-    told("analyse", 0, &["analyse", first, "--by", "frame", "--json"]);
-    told("figure", 0, &["figure", first, "cdf", "--out", "cdf.pdf", "--data", "cdf.csv", "--json"]);
-    told("figure", 0, &["figure", first, "frames", "--out", "frames.png", "--json"]);
+    check("samples", 0, &["samples", first, "--json"]);
+    check("analyse", 0, &["analyse", first, "--by", "frame", "--json"]);
+    check("figure", 0, &["figure", first, "cdf", "--out", "cdf.pdf", "--data", "cdf.csv", "--json"]);
+    check("figure", 0, &["figure", first, "frames", "--out", "frames.png", "--json"]);
     let by_distance = ["compare", first, "block=3/depth", "block=9/depth", "--by", "distance", "--json"];
-    told("compare-by-distance", 0, &by_distance);
-    told("timings", 0, &["timings", first, "--json"]);
-    told("info", 0, &["info", first, "--keys", "--check", "--json"]);
-    told("export", 0, &["export", first, "--out", "maps", "--json"]);
-    told("replay", 0, &["replay", first, "--check", "--json"]);
-    told("plan-reuse", 0, &["plan", "told.yaml", "--reuse", "--json"]);
-    told("runs-list", 0, &["runs", "--json"]);
-    told("runs-show", 0, &["runs", "show", first, "--json"]);
-    told("runs-why", 0, &["runs", "why", first, "runs/told/second", "--json"]);
-    told("runs-prune", 0, &["runs", "prune", "--keep", "1", "--dry-run", "--json"]);
-    told("runs-rm", 0, &["runs", "rm", "runs/told/second", "--json"]);
+    check("compare-by-distance", 0, &by_distance);
+    check("timings", 0, &["timings", first, "--json"]);
+    check("info", 0, &["info", first, "--keys", "--check", "--json"]);
+    check("export", 0, &["export", first, "--out", "maps", "--json"]);
+    check("replay", 0, &["replay", first, "--check", "--json"]);
+    check("plan-reuse", 0, &["plan", "outputs.yaml", "--reuse", "--json"]);
+    check("runs-list", 0, &["runs", "--json"]);
+    check("runs-show", 0, &["runs", "show", first, "--json"]);
+    check("runs-why", 0, &["runs", "why", first, "runs/outputs/second", "--json"]);
+    check("runs-prune", 0, &["runs", "prune", "--keep", "1", "--dry-run", "--json"]);
+    check("runs-rm", 0, &["runs", "rm", "runs/outputs/second", "--json"]);
 
-    // Half of a recording, and one with a byte that is not what was written.
+    // A truncated recording, and one with a changed byte.
     let recording = fs::read(here.join(first).join("recording.mcap")).expect("a recording");
     fs::write(here.join("cut.mcap"), &recording[..recording.len() / 2]).expect("written");
-    told("recover", 0, &["recover", "cut.mcap", "--out", "recovered.mcap", "--json"]);
+    check("recover", 0, &["recover", "cut.mcap", "--out", "recovered.mcap", "--json"]);
     let mut flipped = recording;
     let middle = flipped.len() / 2;
     flipped[middle] ^= 1;
     fs::write(here.join("flipped.mcap"), &flipped).expect("written");
-    told("report", 3, &["report", "flipped.mcap", "--out", "of-flipped", "--json"]);
-    told("info", 3, &["info", "flipped.mcap", "--check", "--json"]);
+    check("report", 3, &["report", "flipped.mcap", "--out", "of-flipped", "--json"]);
+    check("info", 3, &["info", "flipped.mcap", "--check", "--json"]);
 
     let published = fs::read_dir(workspace().join("docs/schemas")).expect("schemas");
     let names = published.map(|file| file.expect("a file").path().file_stem().expect("a name").display().to_string());
-    let mut missed: Vec<String> = names.filter(|name| !seen.contains_key(name)).collect();
-    missed.sort();
-    assert_eq!(missed, [] as [&str; 0], "outputs that nothing here looks at");
+    let mut untested: Vec<String> = names.filter(|name| !seen.contains_key(name)).collect();
+    untested.sort();
+    assert_eq!(untested, [] as [&str; 0], "schemas of outputs that this test does not check");
 }
 
 #[test]

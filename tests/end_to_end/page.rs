@@ -1,4 +1,4 @@
-//! `report.html` in a browser: it opens without a complaint and without a network, and does what it is for.
+//! `report.html` in a browser: it opens without errors and without a network, and its controls work.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,10 +8,10 @@ use depthloom_test_needs::chromium;
 use crate::browser::Browser;
 use crate::support::{depthloom, number, read_csv, succeed, workspace};
 
-/// What would run, were it markup.
+/// Markup with scripts that must not run.
 const HOSTILE: &str = r#"</script><script>window.broken=1</script><img src=x onerror="window.broken=1">"#;
 
-/// Two variants of table 1 on small frames, with learning, and an `about` that is no markup.
+/// Two variants of table1 on small frames, with training, and a description that must be shown as text.
 fn small(folder: &Path) -> PathBuf {
     let experiment = folder.join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
@@ -34,8 +34,8 @@ fn opened(test: &str, page: &Path) -> Option<Browser> {
 }
 
 #[test]
-fn a_page_shows_what_the_run_found_and_answers_to_pointer_and_keys() {
-    const TEST: &str = "a_page_shows_what_the_run_found_and_answers_to_pointer_and_keys";
+fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
+    const TEST: &str = "the_page_shows_the_results_and_reacts_to_pointer_and_keys";
     if chromium(TEST).is_none() {
         return;
     }
@@ -46,38 +46,38 @@ fn a_page_shows_what_the_run_found_and_answers_to_pointer_and_keys() {
     assert_eq!(page.eval("document.getElementById('about').textContent"), HOSTILE);
     assert_eq!(page.eval("window.broken === undefined && !document.querySelector('img')"), true);
 
-    // The table has the numbers of table.csv, marks the best, sorts, and shows the paper's when asked.
+    // The table has the numbers of table.csv, marks the best, sorts, and shows the paper's numbers on demand.
     let rows = read_csv(&run.join("table.csv"));
     assert_eq!(page.eval("document.querySelectorAll('#scores tbody tr').length"), rows.len());
     let first = "[...document.querySelectorAll('#scores tbody tr:first-child td')].map((td) => td.title)";
     let shown = page.eval(first);
     let abs_rel =
         "[...document.querySelectorAll('#scores thead th')].findIndex((th) => th.textContent.startsWith('abs_rel'))";
-    let place = page.eval(abs_rel).as_u64().expect("a column") as usize;
+    let column = page.eval(abs_rel).as_u64().expect("a column") as usize;
     let ours = number(&rows[0], "abs_rel");
-    let theirs: f64 = shown[place].as_str().expect("a title").parse().expect("a number");
+    let theirs: f64 = shown[column].as_str().expect("a title").parse().expect("a number");
     assert!((ours - theirs).abs() <= 1e-6 * ours, "{ours} in table.csv, {theirs} on the page");
     assert!(page.eval("document.querySelectorAll('#scores td.best').length").as_u64() > Some(0));
-    page.eval(&format!("document.querySelectorAll('#scores thead button')[{place}].click()"));
-    let column = page.eval(&format!(
-        "[...document.querySelectorAll('#scores tbody tr')].map((tr) => Number(tr.children[{place}].title))"
+    page.eval(&format!("document.querySelectorAll('#scores thead button')[{column}].click()"));
+    let values = page.eval(&format!(
+        "[...document.querySelectorAll('#scores tbody tr')].map((tr) => Number(tr.children[{column}].title))"
     ));
-    let column: Vec<f64> = column.as_array().expect("a column").iter().filter_map(serde_json::Value::as_f64).collect();
-    assert!(column.len() == rows.len() && column.is_sorted(), "{column:?}");
+    let values: Vec<f64> = values.as_array().expect("a column").iter().filter_map(serde_json::Value::as_f64).collect();
+    assert!(values.len() == rows.len() && values.is_sorted(), "{values:?}");
     page.eval("document.getElementById('paper').click()");
     assert!(page.eval("document.querySelectorAll('#scores .beside').length").as_u64() >= Some(8));
 
-    // A hover over the figure tells metres, medians and counts; an estimate can be taken away.
-    let told = "document.querySelector('#distance-plot .hover:not([hidden])')?.textContent ?? ''";
+    // Hovering over the figure shows metres, medians and counts; an estimate can be hidden.
+    let hover = "document.querySelector('#distance-plot .hover:not([hidden])')?.textContent ?? ''";
     page.point_at("#distance-plot .u-over", (0.3, 0.5));
-    page.until(&format!("({told}).includes('true distance')"));
-    let with = page.eval(told);
-    assert!(with.as_str().is_some_and(|text| text.contains("stereo") && text.contains("median")), "{with}");
+    page.until(&format!("({hover}).includes('true distance')"));
+    let text = page.eval(hover);
+    assert!(text.as_str().is_some_and(|text| text.contains("stereo") && text.contains("median")), "{text}");
     page.eval(
-        "[...document.querySelectorAll('#distance .pick label')].find((of) => of.textContent === 'stereo').click()",
+        "[...document.querySelectorAll('#distance .pick label')].find((label) => label.textContent === 'stereo').click()",
     );
     page.point_at("#distance-plot .u-over", (0.31, 0.5));
-    page.until(&format!("({told}).includes('true distance') && !({told}).includes('stereo')"));
+    page.until(&format!("({hover}).includes('true distance') && !({hover}).includes('stereo')"));
 
     // Keys move the slider; all views show the frame.
     assert_eq!(page.eval("depthloomPage.state.part.frames.length"), 6);
@@ -90,19 +90,19 @@ fn a_page_shows_what_the_run_found_and_answers_to_pointer_and_keys() {
         page.call("Input.dispatchKeyEvent", &key);
     }
     page.until("depthloomPage.state.place === 1 && !depthloomPage.state.busy");
-    assert_ne!(page.eval(sum), before, "another frame is another picture");
+    assert_ne!(page.eval(sum), before, "another frame has another picture");
 
-    // The values under the pointer are the recorded ones.
+    // The values on hover equal the recorded ones.
     page.point_at(".view:nth-child(2) .glass", (0.5, 0.9));
     page.until("document.querySelectorAll('#values tbody tr').length > 5");
-    let told = page.eval("document.getElementById('pixel').textContent");
-    let told = told.as_str().expect("a text").to_owned();
+    let pixel = page.eval("document.getElementById('pixel').textContent");
+    let pixel = pixel.as_str().expect("a text").to_owned();
     let after = |word: &str| -> usize {
-        let rest = told.split_once(word).unwrap_or_else(|| panic!("{told}")).1.trim_start();
+        let rest = pixel.split_once(word).unwrap_or_else(|| panic!("{pixel}")).1.trim_start();
         rest.split(|c: char| !c.is_ascii_digit()).next().and_then(|digits| digits.parse().ok()).expect("a number")
     };
     let (column, row) = (after("column"), after("row"));
-    let id = told.split_once(',').expect("the frame's id").0;
+    let id = pixel.split_once(',').expect("the frame's id").0;
     let out = folder.path().join("export");
     succeed(depthloom().arg("export").arg(&run).args(["/compare/depth/depth", "--format", "npy", "--out"]).arg(&out));
     let stereo = page.eval("[...document.querySelectorAll('#values tbody tr')].find((tr) => tr.firstChild.textContent === 'stereo').children[2].textContent");
@@ -112,25 +112,25 @@ fn a_page_shows_what_the_run_found_and_answers_to_pointer_and_keys() {
             let metres: f32 = metres.parse().expect("metres");
             assert!(
                 (metres / exported - 1.0).abs() < 0.002,
-                "{metres} m on the page, {exported} in the recording, at {told}"
+                "{metres} m on the page, {exported} in the recording, at {pixel}"
             );
         }
-        _ => assert!(exported.is_nan(), "no answer on the page, {exported} in the recording, at {told}"),
+        _ => assert!(exported.is_nan(), "no value on the page, {exported} in the recording, at {pixel}"),
     }
 
-    // A press on the worst frame goes there.
+    // A click on the worst frame selects it.
     page.eval("document.querySelector('button.jump').click()");
     page.until("!depthloomPage.state.busy && document.getElementById('frame-name').textContent.startsWith(document.querySelector('button.jump').textContent.split(':')[0])");
-    // Dark and light, and paper.
+    // Dark and light themes, and printing.
     page.eval("document.getElementById('theme').click()");
     page.eval("dispatchEvent(new Event('beforeprint')); dispatchEvent(new Event('afterprint'));");
     assert!(
-        page.eval("document.getElementById('command').textContent").as_str().is_some_and(|of| of.contains(" run "))
+        page.eval("document.getElementById('command').textContent").as_str().is_some_and(|text| text.contains(" run "))
     );
     assert_eq!(page.complaints(), Vec::<String>::new());
 }
 
-/// The first file below a folder whose name ends so.
+/// The first file below a folder whose path has this ending.
 fn find(folder: &Path, ending: &str) -> PathBuf {
     let mut all = Vec::new();
     let mut folders = vec![folder.to_owned()];
@@ -149,15 +149,15 @@ fn npy(path: &Path, column: usize, row: usize) -> f32 {
     let head = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
     let shape = String::from_utf8_lossy(&bytes[10..head]).into_owned();
     let shape = shape.split_once("'shape': (").expect("a shape").1;
-    let width: usize = shape.split([',', ')']).nth(1).and_then(|of| of.trim().parse().ok()).expect("a width");
+    let width: usize = shape.split([',', ')']).nth(1).and_then(|width| width.trim().parse().ok()).expect("a width");
     let at = head + 4 * (row * width + column);
     f32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"))
 }
 
-/// Kept topics, failures, disparities, and recordings without surroundings have pages, too.
+/// Runs with few recorded topics, with failures, with disparities only, and recordings outside of a run folder.
 #[test]
-fn pages_of_runs_that_kept_little_or_failed_open_without_a_complaint() {
-    const TEST: &str = "pages_of_runs_that_kept_little_or_failed_open_without_a_complaint";
+fn pages_of_partial_and_failed_runs_open_without_errors() {
+    const TEST: &str = "pages_of_partial_and_failed_runs_open_without_errors";
     let Some(program) = chromium(TEST) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let size = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
@@ -176,7 +176,7 @@ fn pages_of_runs_that_kept_little_or_failed_open_without_a_complaint() {
     };
     let look = "experiments/first-look.yaml";
     let nothing = run("nothing", look, &[&size[..], &["--set", "record=[]"]].concat());
-    let truth = run("truth", look, &[&size[..], &["--set", "record=[source/depth]"]].concat());
+    let ground_truth = run("ground-truth", look, &[&size[..], &["--set", "record=[source/depth]"]].concat());
     let every = run("every", look, &[&size[..], &["--set", "record={ every: 3 }"]].concat());
     let text = fs::read_to_string(workspace().join(look)).expect("an experiment");
     let file = folder.path().join("unscored.yaml");
@@ -188,7 +188,7 @@ fn pages_of_runs_that_kept_little_or_failed_open_without_a_complaint() {
     fs::copy(every.with_file_name("recording.mcap"), moved.join("recording.mcap")).expect("copied");
     succeed(depthloom().arg("report").arg(&moved).arg("--json"));
     let mut browser = Browser::start(&program);
-    for page in [nothing, truth, every, unscored, disparities, moved.join("report.html")] {
+    for page in [nothing, ground_truth, every, unscored, disparities, moved.join("report.html")] {
         browser.open(&page);
         browser.until("document.querySelectorAll('nav a').length > 2");
         assert_eq!(browser.complaints(), Vec::<String>::new(), "{}", page.display());
@@ -196,31 +196,31 @@ fn pages_of_runs_that_kept_little_or_failed_open_without_a_complaint() {
 }
 
 #[test]
-fn a_page_is_left_out_where_that_is_asked_for_and_opened_where_that_is() {
+fn no_page_and_open_control_the_page() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("look");
     let small =
         ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96", "--no-page", "--out"];
     succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet"]).args(small).arg(&out));
     assert!(!out.join("report.html").exists());
-    // A browser that says what it was given.
-    let (browser, told) = (folder.path().join("browser"), folder.path().join("told"));
-    fs::write(&browser, format!("#!/bin/sh\nprintf %s \"$1\" > '{}'\n", told.display())).expect("written");
+    // A browser that writes its argument to a file.
+    let (browser, argument) = (folder.path().join("browser"), folder.path().join("argument"));
+    fs::write(&browser, format!("#!/bin/sh\nprintf %s \"$1\" > '{}'\n", argument.display())).expect("written");
     #[cfg(unix)]
     fs::set_permissions(&browser, std::os::unix::fs::PermissionsExt::from_mode(0o755)).expect("allowed");
     succeed(depthloom().arg("report").arg(&out).arg("--open").env("BROWSER", &browser));
     let page = fs::canonicalize(out.join("report.html")).expect("a page");
-    assert_eq!(fs::read_to_string(&told).expect("the browser was started"), page.to_string_lossy());
+    assert_eq!(fs::read_to_string(&argument).expect("the browser was started"), page.to_string_lossy());
     let before = fs::read(&page).expect("a page");
-    // One that does not start costs no result.
-    let said = succeed(depthloom().arg("report").arg(&out).arg("--open").env("BROWSER", "/nonexistent/browser"));
-    assert!(String::from_utf8_lossy(&said.stderr).contains("open it yourself"));
-    assert!(fs::read(&page).expect("a page") == before, "equal recordings are equal pages");
-    // A page of somebody else's is not replaced.
-    let elsewhere = folder.path().join("elsewhere");
-    fs::create_dir(&elsewhere).expect("a folder");
-    fs::write(elsewhere.join("report.html"), "<html>mine</html>").expect("written");
-    let refused = depthloom().arg("report").arg(&out).arg("--out").arg(&elsewhere).output().expect("started");
+    // A browser that does not start is a warning.
+    let output = succeed(depthloom().arg("report").arg(&out).arg("--open").env("BROWSER", "/nonexistent/browser"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("open it yourself"));
+    assert!(fs::read(&page).expect("a page") == before, "equal recordings have equal pages");
+    // A page that depthloom did not write is not replaced.
+    let other_folder = folder.path().join("other_folder");
+    fs::create_dir(&other_folder).expect("a folder");
+    fs::write(other_folder.join("report.html"), "<html>mine</html>").expect("written");
+    let refused = depthloom().arg("report").arg(&out).arg("--out").arg(&other_folder).output().expect("started");
     assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("report.html"));
 }

@@ -1,4 +1,4 @@
-//! Nodes that are programs: what they give, and what becomes of those that do not.
+//! Nodes that are programs: their results, their cache keys, and their faults.
 
 mod examples;
 mod faults;
@@ -13,10 +13,10 @@ use std::process::{Command, Output};
 
 use crate::support::{depthloom, workspace};
 
-/// The variable by which the processes of a test are found.
+/// The environment variable that identifies the processes of a test.
 const MARK: &str = "DEPTHLOOM_TEST_MARK";
 
-/// A folder with the script `peer.py`, its replies, and an experiment of one node that it is.
+/// A folder with the script `peer.py`, its replies, and experiments with one node that runs it.
 struct Peer {
     folder: tempfile::TempDir,
 }
@@ -34,7 +34,7 @@ impl Peer {
         self.folder.path().join(name)
     }
 
-    /// An experiment whose node `own` is a command of YAML, with more parameters behind it.
+    /// An experiment whose node `own` runs this command (as YAML), with additional parameters.
     fn experiment(&self, name: &str, frames: &str, command: &str, more: &str) -> PathBuf {
         let (width, height) = if name.starts_with("shared") { replies::LARGE } else { replies::SIZE };
         let text = format!(
@@ -50,33 +50,33 @@ impl Peer {
         path
     }
 
-    /// The same of the script in a mode.
-    fn of_mode(&self, mode: &str, frames: &str, more: &str) -> PathBuf {
+    /// An experiment whose node runs the script in this mode.
+    fn experiment_in_mode(&self, mode: &str, frames: &str, more: &str) -> PathBuf {
         let command = format!("[python3, peer.py, {mode}, {:?}]", self.folder.path().to_string_lossy());
         self.experiment(mode, frames, &command, more)
     }
 }
 
-/// A run of an experiment that may start programs.
+/// A run with the permission to start programs.
 fn run(experiment: &Path, out: &Path, mark: &str) -> Command {
     let mut command = depthloom();
     command.args(["run", "--no-page"]).arg(experiment).args(["--allow-exec", "--out"]).arg(out).env(MARK, mark);
     command
 }
 
-/// All that a command printed, without line breaks of the message's own.
-fn said(output: &Output) -> String {
+/// All output of a command, on one line.
+fn output_of(output: &Output) -> String {
     let text = [&output.stdout[..], &output.stderr[..]].concat();
     String::from_utf8_lossy(&text).replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The processes there are of a test: number and command.
+/// The running processes of a test: number and command.
 fn processes(mark: &str) -> Vec<String> {
-    let wanted = format!("{MARK}={mark}");
+    let variable_of_test = format!("{MARK}={mark}");
     let all = std::fs::read_dir("/proc").expect("a Linux").flatten();
     let of_test = all.filter(|process| {
         let environment = std::fs::read(process.path().join("environ")).unwrap_or_default();
-        environment.split(|byte| *byte == 0).any(|variable| variable == wanted.as_bytes())
+        environment.split(|byte| *byte == 0).any(|variable| variable == variable_of_test.as_bytes())
     });
     of_test
         .map(|process| {
@@ -86,11 +86,11 @@ fn processes(mark: &str) -> Vec<String> {
         .collect()
 }
 
-/// Waits until something holds, as long as a slow machine may take.
+/// Waits for a condition, with a time limit for slow machines.
 fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let begun = std::time::Instant::now();
+    let start = std::time::Instant::now();
     while !holds() {
-        assert!(begun.elapsed().as_secs() < 300, "not within five minutes: {what}");
+        assert!(start.elapsed().as_secs() < 300, "not within five minutes: {what}");
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
 }

@@ -1,5 +1,5 @@
-//! The package `python/`: typed, tested by tests of its own, bit for bit what our own reader gives; its notebook; the
-//! README's lines.
+//! The package `python/`: its types, its own tests, equality with depthloom's reader, its notebook, and the example in the
+//! README.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::path::Path;
@@ -11,7 +11,7 @@ use depthloom_recording::Recording;
 
 use crate::support::{depthloom, python_package, succeed, workspace};
 
-/// A module or a script of Python, which finds the binary under test.
+/// A Python module or script that finds the binary under test.
 fn command(python: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(python);
     command.current_dir(workspace()).args(arguments).env("DEPTHLOOM", env!("CARGO_BIN_EXE_depthloom"));
@@ -20,8 +20,8 @@ fn command(python: &Path, arguments: &[&str]) -> Command {
 }
 
 #[test]
-fn the_package_is_typed_throughout() {
-    let Some(python) = python_package("the_package_is_typed_throughout") else { return };
+fn the_package_passes_type_checking() {
+    let Some(python) = python_package("the_package_passes_type_checking") else { return };
     let cache = tempfile::tempdir().expect("a folder");
     let check = ["-m", "mypy", "--config-file", "python/pyproject.toml", "python/src", "python/tests"];
     succeed(command(&python, &check).arg("--cache-dir").arg(cache.path()));
@@ -35,19 +35,19 @@ fn the_package_passes_its_tests() {
     succeed(command(&python, &tests).arg("--basetemp").arg(folder.path().join("runs")));
 }
 
-/// The bytes that an array of a value has, and the name of its type and its shape.
+/// The bytes, type name and shape of a value as an array.
 fn bytes_of(value: &Value) -> (Vec<u8>, &'static str, Vec<u32>) {
     let floats = |floats: &[f32], (width, height): (u32, u32)| {
-        (floats.iter().flat_map(|of| of.to_le_bytes()).collect(), "float32", vec![height, width])
+        (floats.iter().flat_map(|float| float.to_le_bytes()).collect(), "float32", vec![height, width])
     };
     match value {
         Value::Depth(depth) => floats(&depth.metres, depth.metres.dimensions()),
         Value::Weight(weight) => floats(&weight.share, weight.share.dimensions()),
         Value::TrueDisparity(disparity) => floats(&disparity.px, disparity.px.dimensions()),
         Value::Disparity(disparity) => {
-            let least = disparity.min_disparity_px * 16;
+            let minimum = disparity.min_disparity_px * 16;
             let px = disparity.sixteenths_px.iter().map(|&sixteenths| match i32::from(sixteenths) {
-                found if found >= least => f32::from(sixteenths) / 16.0,
+                found if found >= minimum => f32::from(sixteenths) / 16.0,
                 _ => f32::NAN,
             });
             floats(&px.collect::<Vec<f32>>(), disparity.sixteenths_px.dimensions())
@@ -60,11 +60,11 @@ fn bytes_of(value: &Value) -> (Vec<u8>, &'static str, Vec<u32>) {
             Pixels::Grey(grey) => (grey.as_raw().clone(), "uint8", vec![grey.height(), grey.width()]),
             Pixels::Rgb(rgb) => (rgb.as_raw().clone(), "uint8", vec![rgb.height(), rgb.width(), 3]),
         },
-        other => panic!("{} is no map", other.value_type()),
+        other => panic!("{} is not a map", other.value_type()),
     }
 }
 
-/// Whether two arrays have the same bits, or, of floats, are no number at the same places.
+/// Whether two arrays have the same bits; NaNs are equal.
 fn equal(ours: &[u8], theirs: &[u8], type_name: &str) -> bool {
     let is_nan = |bytes: &[u8; 4]| f32::from_le_bytes(*bytes).is_nan();
     match type_name {
@@ -77,15 +77,15 @@ fn equal(ours: &[u8], theirs: &[u8], type_name: &str) -> bool {
     }
 }
 
-/// Compares all maps of a run with what our own reader gives; how many there were.
+/// Asserts that the package and depthloom's reader yield the same maps. Returns the number of maps.
 fn assert_same_maps(python: &Path, run: &Path) -> usize {
     let folder = tempfile::tempdir().expect("a folder");
     succeed(command(python, &["tests/python/dump_maps.py"]).arg(run).arg(folder.path()));
-    let told = std::fs::read_to_string(folder.path().join("maps.json")).expect("what was written");
-    let told: Vec<(String, usize, String, String, Vec<u32>)> = serde_json::from_str(&told).expect("JSON");
+    let listed = std::fs::read_to_string(folder.path().join("maps.json")).expect("the list of maps");
+    let listed: Vec<(String, usize, String, String, Vec<u32>)> = serde_json::from_str(&listed).expect("JSON");
     let recording = Recording::open(run.join("recording.mcap")).expect("a recording");
     let plan = recording.plan();
-    for (number, (stage, position, topic, type_name, shape)) in told.iter().enumerate() {
+    for (number, (stage, position, topic, type_name, shape)) in listed.iter().enumerate() {
         let run = plan.runs.iter().position(|run| run.name() == stage).expect("a stage");
         let mut reader = recording.reader(RunId(run), &[topic]).expect("a topic");
         let values = reader.read(FrameIndex(*position)).expect("a frame");
@@ -95,7 +95,7 @@ fn assert_same_maps(python: &Path, run: &Path) -> usize {
         let theirs = std::fs::read(folder.path().join(number.to_string())).expect("an array");
         assert!(equal(&ours, &theirs, type_name), "{topic} of frame {position} differs");
     }
-    told.len()
+    listed.len()
 }
 
 #[test]
@@ -117,10 +117,11 @@ fn the_package_reads_every_map_bit_for_bit() {
     ];
     let set = set.iter().flat_map(|set| ["--set", set]);
     succeed(depthloom().args(["run", "--no-page", "experiments/table1.yaml", "--quiet", "--out"]).arg(&out).args(set));
-    // `learn`: a pair, two truths, a mask, stereo, edges. `compare`: a pair, two truths, two true disparities, two
-    // masks, stereo, depth, weight, mono, and of the variants three scalings, four fusions, four filters.
+    // `learn`: a pair, two depths of ground truth, a mask, stereo, edges. `compare`: a pair, two depths and two
+    // disparities of ground truth, two masks, stereo, depth, confidence, mono; over all variants three scalings, four
+    // fusions and four filters.
     assert_eq!(assert_same_maps(&python, &out), 2 * 7 + 2 * 23);
-    // Images in their files' own bytes, and KITTI's truth.
+    // Images that are still encoded, and KITTI's ground truth.
     succeed(depthloom().args(["synth", "--frames", "2", "--width", "320", "--height", "96", "--quiet"]).arg(&data));
     let out = folder.path().join("pairs");
     let pairs =
@@ -130,8 +131,8 @@ fn the_package_reads_every_map_bit_for_bit() {
 }
 
 #[test]
-fn the_readmes_lines_of_python_read_a_run() {
-    let Some(python) = python_package("the_readmes_lines_of_python_read_a_run") else { return };
+fn the_readmes_python_example_reads_a_run() {
+    let Some(python) = python_package("the_readmes_python_example_reads_a_run") else { return };
     let readme = std::fs::read_to_string(workspace().join("README.md")).expect("the README");
     let (_, rest) = readme.split_once("```python\n").expect("a block of Python");
     let (lines, _) = rest.split_once("```").expect("its end");
@@ -141,10 +142,10 @@ fn the_readmes_lines_of_python_read_a_run() {
     succeed(
         depthloom().args(["run", "--no-page", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&out).args(small),
     );
-    let ask = "\nprint(depth.dtype, *depth.shape, numpy.isfinite(depth).sum(), float(numpy.nanmax(depth)))\n";
-    let script = format!("import numpy\n{lines}{ask}");
-    let told = succeed(command(&python, &["-c", &script]).current_dir(folder.path()));
-    let told = String::from_utf8(told.stdout).expect("text");
+    let statement = "\nprint(depth.dtype, *depth.shape, numpy.isfinite(depth).sum(), float(numpy.nanmax(depth)))\n";
+    let script = format!("import numpy\n{lines}{statement}");
+    let output = succeed(command(&python, &["-c", &script]).current_dir(folder.path()));
+    let printed = String::from_utf8(output.stdout).expect("text");
 
     let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
     let mut reader = recording.reader(RunId(0), &["/look/depth/depth"]).expect("a topic");
@@ -152,14 +153,14 @@ fn the_readmes_lines_of_python_read_a_run() {
     let values = reader.read(FrameIndex(position)).expect("a frame");
     let [Some(Value::Depth(depth))] = &values[..] else { panic!("a depth") };
     let finite: Vec<f32> = depth.metres.iter().copied().filter(|metres| metres.is_finite()).collect();
-    let most = finite.iter().copied().fold(0.0, f32::max);
-    let expected = format!("float32 96 320 {} {:?}", finite.len(), f64::from(most));
-    assert_eq!(told.lines().last(), Some(expected.as_str()), "{told}");
+    let max = finite.iter().copied().fold(0.0, f32::max);
+    let expected = format!("float32 96 320 {} {:?}", finite.len(), f64::from(max));
+    assert_eq!(printed.lines().last(), Some(expected.as_str()), "{printed}");
 }
 
 #[test]
-fn the_notebook_prints_what_it_shows() {
-    let Some(python) = python_package("the_notebook_prints_what_it_shows") else { return };
+fn the_notebooks_stored_output_is_reproduced() {
+    let Some(python) = python_package("the_notebooks_stored_output_is_reproduced") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let docs = folder.path().join("docs");
     std::fs::create_dir(&docs).expect("made");
@@ -170,11 +171,10 @@ fn the_notebook_prints_what_it_shows() {
     succeed(command(&python, &["tests/python/run_notebook.py"]).arg(docs.join("python.ipynb")));
 }
 
-/// Where a stream is cut into chunks depends on time alone: on a loaded machine the text of one `print` comes in
-/// several.
+/// The chunks of a stream depend on timing: on a loaded machine the text of one `print` arrives in several.
 #[test]
-fn the_notebook_test_compares_the_text_of_streams_and_not_their_chunks() {
-    const TEST: &str = "the_notebook_test_compares_the_text_of_streams_and_not_their_chunks";
+fn the_notebook_test_ignores_the_chunks_of_streams() {
+    const TEST: &str = "the_notebook_test_ignores_the_chunks_of_streams";
     let Some(python) = python_package(TEST) else { return };
     let script = r#"
 import sys
@@ -189,10 +189,10 @@ def notebook(*outputs):
 
 result = {"output_type": "execute_result", "data": {"text/plain": "3"}}
 picture = {"output_type": "display_data", "data": {"image/png": "", "text/plain": "<Figure>"}}
-whole = notebook(stream("first 000000_10\n"), result)
-cut = notebook(stream("first"), stream("building the font cache", "stderr"), stream(" 000000_10\n"), picture, result)
-assert texts(whole) == texts(cut) == [["first 000000_10\n", "3"]], texts(cut)
-assert texts(whole) != texts(notebook(stream("first 000001_10\n"), result))
+one_chunk = notebook(stream("first 000000_10\n"), result)
+two_chunks = notebook(stream("first"), stream("building the font cache", "stderr"), stream(" 000000_10\n"), picture, result)
+assert texts(one_chunk) == texts(two_chunks) == [["first 000000_10\n", "3"]], texts(two_chunks)
+assert texts(one_chunk) != texts(notebook(stream("first 000001_10\n"), result))
 assert texts(notebook(stream("a"), result, stream("b"))) != texts(notebook(stream("ab"), result))
 "#;
     succeed(&mut command(&python, &["-c", script]));

@@ -1,5 +1,5 @@
-//! Equal recordings are equal reports, whatever the number of cores, and whoever else reports: analysis reads frames on
-//! all cores, samples come in any order, and what memory does not hold goes through files.
+//! Reports of equal recordings are equal. They do not depend on the number of cores, on concurrent reports, on the order
+//! of samples, or on whether the samples fit into memory.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -10,8 +10,8 @@ use depthloom_test_needs::is_full;
 
 use crate::support::{depthloom, number, read_csv, skipped, succeed};
 
-/// More samples of the error against distance than memory holds (2^20, `analysis/src/report.rs`): of every pixel of the
-/// road, whose plane is the truth.
+/// With 20 frames, more samples than are kept in memory (2^20, `analysis/src/report.rs`): every pixel of the road has
+/// ground truth, which is the ground plane.
 const DENSE: &str = "experiment: dense
 sources: { street: { kind: synthetic/road, with: { frames: 0..20, width: 320, height: 96 } } }
 stages:
@@ -30,21 +30,21 @@ stages:
       estimates: { stereo: depth/depth, scaled: scaled/depth, merged: merged/depth, fused: fused/depth }
 ";
 
-/// A run of a few frames; in the full suite one whose samples memory does not hold.
+/// A run of a few frames; in the full suite, one whose samples do not fit into memory.
 fn run(folder: &Path) -> PathBuf {
-    if is_full() { run_beyond_memory(folder) } else { run_of(folder, 4) }
+    if is_full() { run_beyond_memory(folder) } else { run_frames(folder, 4) }
 }
 
-fn run_of(folder: &Path, frames: u32) -> PathBuf {
+fn run_frames(folder: &Path, frames: u32) -> PathBuf {
     let (experiment, run) = (folder.join("dense.yaml"), folder.join("run"));
     std::fs::write(&experiment, DENSE.replace("0..20", &format!("0..{frames}"))).expect("written");
     succeed(depthloom().arg("run").arg(&experiment).args(["--quiet", "--out"]).arg(&run));
     run
 }
 
-/// A run whose samples memory does not hold.
+/// A run whose samples do not fit into memory.
 fn run_beyond_memory(folder: &Path) -> PathBuf {
-    let run = run_of(folder, 20);
+    let run = run_frames(folder, 20);
     let bins = read_csv(&run.join("error_vs_distance.csv"));
     let samples: f64 = bins.iter().filter(|row| row["set"] == "valid").map(|row| number(row, "count")).sum();
     assert!(samples > f64::from(1 << 20), "{samples} samples fit into memory");
@@ -69,26 +69,26 @@ fn assert_equal(ours: &BTreeMap<OsString, Vec<u8>>, theirs: &BTreeMap<OsString, 
     }
 }
 
-/// What a run samples while it records is what a report of its recording finds, though some frames or values were not
-/// at hand.
+/// A run samples while it records; a report of the recording must yield the same samples, also if some maps were not
+/// recorded or some values were reused.
 #[test]
-fn a_run_and_a_report_of_its_recording_give_the_same_files() {
+fn a_run_and_a_report_of_its_recording_write_the_same_files() {
     let folder = tempfile::tempdir().expect("a folder");
     let first = run(folder.path());
     let experiment = folder.path().join("dense.yaml");
     let again = |name: &str, set: &str| {
         let out = folder.path().join(name);
         let mut command = depthloom();
-        // Beside the first run, from which it takes.
+        // In the folder of the first run, which it reuses.
         command.env_remove("DEPTHLOOM_FRESH").current_dir(folder.path()).arg("run").arg(&experiment);
         succeed(command.args(["--quiet", "--set", set, "--out"]).arg(&out));
         out
     };
     let every = again("every", "record.every=3");
-    let some_taken = again("some", "look.scaled.with.method=average");
+    let some_reused = again("some", "look.scaled.with.method=average");
     let frames = if is_full() { 18 } else { 3 };
     let other_frames = again("other", &format!("sources.street.with.frames=0..{frames}"));
-    for run in [first, every, some_taken, other_frames] {
+    for run in [first, every, some_reused, other_frames] {
         let out = folder.path().join("report");
         succeed(&mut report(&run, &out));
         let ours = files(&run);
@@ -100,8 +100,8 @@ fn a_run_and_a_report_of_its_recording_give_the_same_files() {
 }
 
 #[test]
-fn reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory() {
-    const TEST: &str = "reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory";
+fn reports_on_one_core_and_on_all_are_equal_with_samples_on_disk() {
+    const TEST: &str = "reports_on_one_core_and_on_all_are_equal_with_samples_on_disk";
     if std::thread::available_parallelism().map_or(1, usize::from) < 2 {
         return skipped(TEST, "this machine has one core");
     }
@@ -118,13 +118,13 @@ fn reports_on_one_core_and_on_all_are_equal_with_samples_beyond_memory() {
 
 /// A core that this process may use.
 fn first_core() -> String {
-    let status = std::fs::read_to_string("/proc/self/status").expect("Linux tells");
-    let list = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:")).expect("Linux tells");
+    let status = std::fs::read_to_string("/proc/self/status").expect("a status of Linux");
+    let list = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:")).expect("a status of Linux");
     list.trim().split([',', '-']).next().expect("a core").to_owned()
 }
 
 #[test]
-fn reports_at_once_and_after_a_killed_one_are_that_of_one_alone() {
+fn concurrent_reports_and_reports_after_a_kill_equal_a_single_report() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = run(folder.path());
     let [alone, together] = ["alone", "together"].map(|name| folder.path().join(name));
@@ -138,7 +138,7 @@ fn reports_at_once_and_after_a_killed_one_are_that_of_one_alone() {
     }
     assert_equal(&alone, &files(&together), "three reports at once");
 
-    // The table is there before the samples are taken; a kill may come too late all the same.
+    // The table is written before the samples are collected; a kill may still be too late.
     let killed = (0..20).map(|attempt| folder.path().join(format!("killed-{attempt}"))).find(|out| {
         let mut child = quiet(report(&run, out));
         while !out.join("table.csv").exists() && child.try_wait().expect("a child").is_none() {
@@ -150,5 +150,5 @@ fn reports_at_once_and_after_a_killed_one_are_that_of_one_alone() {
     });
     let killed = killed.expect("one of twenty kills comes before the percentiles");
     succeed(&mut report(&run, &killed));
-    assert_equal(&alone, &files(&killed), "after a killed one");
+    assert_equal(&alone, &files(&killed), "after a killed report");
 }

@@ -1,5 +1,5 @@
-//! The reproducers of the review of 2026-11-23: what was silently wrong equals the result of a fresh run now, or is
-//! refused with a reason.
+//! The reproducers of the review of 2026-11-23: results that were silently wrong now equal those of a fresh run, or the
+//! run is refused with a reason.
 
 mod exchange;
 mod keys;
@@ -17,7 +17,7 @@ use image::{GrayImage, Luma};
 use crate::process::python::path_of;
 use crate::support::{depthloom, python_package};
 
-/// What is compared of a run and a fresh one.
+/// The files that are compared between a run and a fresh one.
 const REPORTED: [&str; 5] =
     ["scores.csv", "table.csv", "error_vs_distance.csv", "true_distances.csv", "recording.mcap"];
 
@@ -33,7 +33,7 @@ impl Case {
         Self { folder: tempfile::tempdir().expect("a folder"), path: None }
     }
 
-    /// A case with nodes in Python; `None`, and the test is skipped, where there is no Python.
+    /// A case with Python nodes; `None` without Python, and the test is reported as skipped.
     fn with_python(test: &str) -> Option<Self> {
         let python = python_package(test)?;
         Some(Self { path: Some(path_of(&python)), ..Self::new() })
@@ -45,11 +45,11 @@ impl Case {
 
     fn write(&self, name: &str, content: impl AsRef<[u8]>) {
         let path = self.path(name);
-        fs::create_dir_all(path.parent().expect("a file is in a folder")).expect("made");
+        fs::create_dir_all(path.parent().expect("a parent folder")).expect("made");
         fs::write(path, content).expect("written");
     }
 
-    /// Writes a textured image, moved to the left.
+    /// Writes a textured image, shifted to the left.
     fn write_image(&self, name: &str, seed: u32, shift: u32) {
         let texture = |x: u32, y: u32| {
             let mixed = (y * 4096 + x + shift + seed * 77_777).wrapping_mul(2_654_435_761);
@@ -59,7 +59,7 @@ impl Case {
         GrayImage::from_fn(64, 32, texture).save(self.path(name)).expect("written");
     }
 
-    /// A run that is not checked.
+    /// Runs an experiment, which may fail.
     fn attempt(&self, experiment: &str, out: &str, more: &[&str]) -> Output {
         self.command(experiment, out, more).output().expect("the program starts")
     }
@@ -74,31 +74,31 @@ impl Case {
         command
     }
 
-    /// The program in the folder.
+    /// The program with the case's folder as working folder.
     fn depthloom(&self, arguments: &[&str]) -> Command {
         let mut command = depthloom();
         command.current_dir(self.folder.path()).env_remove("DEPTHLOOM_FRESH").args(arguments);
         command
     }
 
-    /// A run that succeeds.
+    /// Runs an experiment, which must succeed.
     fn run(&self, experiment: &str, out: &str, more: &[&str]) {
         let output = self.attempt(experiment, out, more);
-        assert!(output.status.success(), "{experiment}: {}", said(&output));
+        assert!(output.status.success(), "{experiment}: {}", stderr_of(&output));
     }
 
-    /// A run that succeeds with the recording and the scores of a fresh one.
+    /// Runs an experiment, which must succeed with the results of a fresh run.
     fn run_as_fresh(&self, experiment: &str, out: &str, more: &[&str]) {
         self.run(experiment, out, more);
         self.assert_as_fresh(experiment, out, more);
     }
 
-    /// That a run has the recording, the scores and the errors of a fresh one.
+    /// Asserts that recording, scores and errors of a run equal those of a fresh one.
     fn assert_as_fresh(&self, experiment: &str, out: &str, more: &[&str]) {
         self.assert_files_as_fresh(experiment, out, more, &REPORTED);
     }
 
-    /// That these files of a run are those of a fresh one.
+    /// Asserts that these files of a run equal those of a fresh one.
     fn assert_files_as_fresh(&self, experiment: &str, out: &str, more: &[&str], files: &[&str]) {
         let fresh = format!("fresh/{out}");
         self.run(experiment, &fresh, &[more, &["--fresh"]].concat());
@@ -110,15 +110,16 @@ impl Case {
         }
     }
 
-    /// That a run equals a fresh one, or is refused with a reason before its first frame; whether it equals it.
+    /// Asserts that a run equals a fresh one, or is refused with a reason before its first frame. Returns whether it was
+    /// accepted.
     fn run_as_fresh_or_refused(&self, experiment: &str, out: &str) -> bool {
         let output = self.attempt(experiment, out, &[]);
         if output.status.success() {
             self.assert_as_fresh(experiment, out, &[]);
             return true;
         }
-        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-        assert!(said(&output).contains("error: "), "{}", said(&output));
+        assert_eq!(output.status.code(), Some(2), "{}", stderr_of(&output));
+        assert!(stderr_of(&output).contains("error: "), "{}", stderr_of(&output));
         false
     }
 
@@ -126,7 +127,7 @@ impl Case {
         fs::read(self.path(out).join(file)).ok()
     }
 
-    /// Makes a completed run what a killed process leaves of it: its recording ends after a share of its bytes.
+    /// Turns a finished run into one of a killed process: the recording ends after this share of its bytes.
     fn interrupt(&self, out: &str, share: f64) {
         let partial = self.path(&format!("{out}.partial"));
         fs::rename(self.path(out), &partial).expect("renamed");
@@ -139,8 +140,8 @@ impl Case {
     }
 }
 
-/// What a command printed to standard error.
-fn said(output: &Output) -> String {
+/// Standard error of a command.
+fn stderr_of(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 

@@ -1,4 +1,4 @@
-//! The folder of runs: listed, named by the beginning of a name, compared, and rid of what nobody needs.
+//! The folder of runs: listing, selection by name, comparison, and removal.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -7,7 +7,7 @@ use serde_json::{Value as Json, json};
 
 use crate::support::{depthloom, succeed, workspace};
 
-/// A folder with an experiment on two small frames, to call the program in.
+/// A folder with an experiment on two small frames, as working folder of the program.
 pub(crate) struct Here {
     folder: tempfile::TempDir,
 }
@@ -32,7 +32,7 @@ impl Here {
         command
     }
 
-    /// Runs the experiment into a folder below.
+    /// Runs the experiment into the folder `out`.
     pub(crate) fn run(&self, out: &str, more: &[&str]) -> PathBuf {
         succeed(self.command(&["run", "--no-page", "look.yaml", "--quiet", "--out", out]).args(more));
         self.path().join(out)
@@ -42,12 +42,12 @@ impl Here {
         json_of(&succeed(self.command(arguments).arg("--json")))
     }
 
-    /// Calls what must end with a code; what it said on standard error.
+    /// Runs a command that must end with this exit code. Returns standard error.
     pub(crate) fn fails(&self, arguments: &[&str], code: i32) -> String {
         let output = self.command(arguments).output().expect("the binary starts");
-        let said = String::from_utf8(output.stderr).expect("UTF-8");
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
-        said
+        let stderr = String::from_utf8(output.stderr).expect("UTF-8");
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {stderr}");
+        stderr
     }
 }
 
@@ -59,8 +59,8 @@ pub(crate) fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).expect("UTF-8")
 }
 
-/// Says of a run that it was done at another time.
-fn done_at(run: &Path, stamp: &str) {
+/// Sets the time at which a run finished.
+fn set_finished(run: &Path, stamp: &str) {
     let file = run.join("environment.json");
     let mut environment: Json = serde_json::from_slice(&std::fs::read(&file).expect("a file")).expect("JSON");
     environment["finished_utc"] = json!(stamp);
@@ -68,38 +68,38 @@ fn done_at(run: &Path, stamp: &str) {
 }
 
 #[test]
-fn runs_are_listed_newest_first_with_what_became_of_each() {
+fn runs_are_listed_newest_first_with_their_state() {
     let here = Here::new();
-    assert!(here.fails(&["runs"], 2).contains("--in"), "there is no folder yet");
-    done_at(&here.run("runs/look/one", &[]), "2020-11-21T10-00-00Z");
-    done_at(&here.run("runs/look/two", &["--set", "look.stereo.with.block=9"]), "2020-11-22T10-00-00Z");
-    // One that was cut off in the middle of its frames.
+    assert!(here.fails(&["runs"], 2).contains("--in"), "there is no folder of runs yet");
+    set_finished(&here.run("runs/look/one", &[]), "2020-11-21T10-00-00Z");
+    set_finished(&here.run("runs/look/two", &["--set", "look.stereo.with.block=9"]), "2020-11-22T10-00-00Z");
+    // A run that was killed in the middle of its frames.
     let killed = here.path().join("runs/killed.partial");
     std::fs::create_dir(&killed).expect("made");
     std::fs::copy(here.path().join("runs/look/one/depthloom-run.json"), killed.join("depthloom-run.json"))
         .expect("copied");
-    let whole = std::fs::read(here.path().join("runs/look/one/recording.mcap")).expect("a recording");
-    std::fs::write(killed.join("recording.mcap"), &whole[..whole.len() * 2 / 3]).expect("written");
+    let recording = std::fs::read(here.path().join("runs/look/one/recording.mcap")).expect("a recording");
+    std::fs::write(killed.join("recording.mcap"), &recording[..recording.len() * 2 / 3]).expect("written");
 
     let listed = here.json(&["runs"]);
     let runs = listed["runs"].as_array().expect("a list");
-    let of = |key: &str| runs.iter().map(|run| run[key].clone()).collect::<Vec<_>>();
-    assert_eq!(of("name"), ["killed.partial", "look/two", "look/one"]);
-    assert_eq!(of("state"), ["unfinished", "whole", "whole"]);
-    assert_eq!(of("frames"), [1, 2, 2]);
-    assert_eq!(of("time_utc")[1..], ["2020-11-22T10:00:00Z", "2020-11-21T10:00:00Z"]);
-    // The best score is the table's own.
+    let column = |key: &str| runs.iter().map(|run| run[key].clone()).collect::<Vec<_>>();
+    assert_eq!(column("name"), ["killed.partial", "look/two", "look/one"]);
+    assert_eq!(column("state"), ["unfinished", "whole", "whole"]);
+    assert_eq!(column("frames"), [1, 2, 2]);
+    assert_eq!(column("time_utc")[1..], ["2020-11-22T10:00:00Z", "2020-11-21T10:00:00Z"]);
+    // The best value equals that of the table.
     let first = &here.json(&["table", "runs/look/two", "--sort", "abs_rel"])["rows"][0];
     assert_eq!(
         runs[1]["best"],
         json!({ "score": "abs_rel", "value": first["abs_rel"], "stage": "look", "variant": null, "estimate": "stereo" })
     );
     let size = |run: &Json| run["bytes"].as_u64().expect("a size");
-    assert!(size(&runs[2]) > whole.len() as u64 && size(&runs[0]) < size(&runs[2]));
+    assert!(size(&runs[2]) > recording.len() as u64 && size(&runs[0]) < size(&runs[2]));
 
-    let told = text(&succeed(&mut here.command(&["runs"])));
-    let lines: Vec<&str> = told.lines().collect();
-    assert_eq!(lines.len(), 4, "{told}");
+    let printed = text(&succeed(&mut here.command(&["runs"])));
+    let lines: Vec<&str> = printed.lines().collect();
+    assert_eq!(lines.len(), 4, "{printed}");
     assert!(lines[2].starts_with("look/two ") && lines[2].contains("2020-11-22 10:00") && lines[2].contains("whole"));
 }
 
@@ -107,15 +107,15 @@ fn runs_are_listed_newest_first_with_what_became_of_each() {
 fn runs_of_0_1_that_contain_reused_values_are_marked() {
     let here = Here::new();
     let fixtures = workspace().join("tests/fixtures/runs-0.1");
-    for (name, of) in [("fresh", "fresh"), ("reused", "reused"), ("unknown", "fresh")] {
+    for (name, fixture) in [("fresh", "fresh"), ("reused", "reused"), ("unknown", "fresh")] {
         let run = here.path().join("runs").join(name);
         std::fs::create_dir_all(&run).expect("made");
-        for file in std::fs::read_dir(fixtures.join(of)).expect("fixtures").flatten() {
+        for file in std::fs::read_dir(fixtures.join(fixture)).expect("fixtures").flatten() {
             std::fs::copy(file.path(), run.join(file.file_name())).expect("copied");
         }
     }
     std::fs::remove_file(here.path().join("runs/unknown/timings.parquet")).expect("removed");
-    // Of this version, all of it reused.
+    // A run of this version, completely reused.
     here.run("runs/now", &[]);
     succeed(
         here.command(&["run", "--no-page", "look.yaml", "--quiet", "--out", "runs/again"])
@@ -124,17 +124,17 @@ fn runs_of_0_1_that_contain_reused_values_are_marked() {
     let listed = here.json(&["runs"]);
     let warning = |name: &str| {
         let runs = listed["runs"].as_array().expect("a list");
-        runs.iter().find(|run| run["name"] == name).expect("it is listed")["warning"].clone()
+        runs.iter().find(|run| run["name"] == name).expect("the entry")["warning"].clone()
     };
     let contains = "contains reused values of depthloom 0.1: may belong to another variant; run again with --fresh";
     assert_eq!(warning("reused"), contains);
     let unknown = warning("unknown");
-    assert!(unknown.as_str().is_some_and(|told| told.starts_with("may contain reused values")), "{unknown}");
+    assert!(unknown.as_str().is_some_and(|warning| warning.starts_with("may contain reused values")), "{unknown}");
     assert_eq!([warning("fresh"), warning("now"), warning("again")], [Json::Null, Json::Null, Json::Null]);
-    let told = text(&succeed(&mut here.command(&["runs"])));
-    let line = |name: &str| told.lines().find(|line| line.starts_with(name)).expect("a line").to_owned();
-    assert!(line("reused ").contains("whole *") && !line("fresh ").contains('*'), "{told}");
-    assert!(told.contains(&format!("* {contains}\n")), "{told}");
+    let printed = text(&succeed(&mut here.command(&["runs"])));
+    let line = |name: &str| printed.lines().find(|line| line.starts_with(name)).expect("a line").to_owned();
+    assert!(line("reused ").contains("whole *") && !line("fresh ").contains('*'), "{printed}");
+    assert!(printed.contains(&format!("* {contains}\n")), "{printed}");
     let shown = text(&succeed(&mut here.command(&["runs", "show", "reused"])));
     assert!(shown.contains(contains), "{shown}");
 }
@@ -148,15 +148,15 @@ fn an_earlier_run_that_cannot_be_read_is_reported() {
     let unfinished = here.path().join("runs/second.partial");
     std::fs::create_dir(&unfinished).expect("made");
     std::fs::copy(first.join("depthloom-run.json"), unfinished.join("depthloom-run.json")).expect("copied");
-    // Of a run that is finished the head of its recording is not all there is; of one that has only begun it may be.
-    for (place, length) in [(&recording, 40), (&recording, 3), (&unfinished.join("recording.mcap"), 40)] {
-        std::fs::write(place, &bytes[..length]).expect("written");
+    // A finished run with only the head of its recording is damaged. An unfinished run may have just started.
+    for (path, length) in [(&recording, 40), (&recording, 3), (&unfinished.join("recording.mcap"), 40)] {
+        std::fs::write(path, &bytes[..length]).expect("written");
     }
     let mut run = here.command(&["run", "--no-page", "look.yaml", "--out", "runs/third"]);
     let output = succeed(run.env_remove("DEPTHLOOM_FRESH"));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("nothing is taken from runs/first: "), "{said}");
-    assert!(!said.contains("second"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(stderr.contains("nothing is taken from runs/first: "), "{stderr}");
+    assert!(!stderr.contains("second"), "{stderr}");
 }
 
 #[test]
@@ -168,14 +168,14 @@ fn the_time_of_a_run_is_measured_after_its_page() {
         serde_json::from_slice(&std::fs::read(run.join("environment.json")).expect("a file")).expect("JSON");
     assert!(environment["wall_s"].as_f64().is_some_and(|seconds| seconds > 0.0), "{environment}");
     let page = std::fs::read_to_string(run.join("report.html")).expect("a page");
-    assert!(!page.contains("\"wall_s\":"), "the page cannot know the time that it takes");
+    assert!(!page.contains("\"wall_s\":"), "the page cannot contain the time that it takes itself");
 }
 
 #[test]
-fn a_run_is_named_by_the_beginning_of_its_name_wherever_one_is_wanted() {
+fn every_command_accepts_a_run_by_name_or_prefix() {
     let here = Here::new();
-    done_at(&here.run("runs/look/2026-11-20", &[]), "2020-11-20T10-00-00Z");
-    done_at(&here.run("runs/look/2026-11-21", &["--set", "look.stereo.with.block=9"]), "2020-11-21T10-00-00Z");
+    set_finished(&here.run("runs/look/2026-11-20", &[]), "2020-11-20T10-00-00Z");
+    set_finished(&here.run("runs/look/2026-11-21", &["--set", "look.stereo.with.block=9"]), "2020-11-21T10-00-00Z");
     let by_path = |day: &str| {
         let run = format!("runs/look/2026-11-{day}");
         text(&succeed(&mut here.command(&["table", &run])))
@@ -188,19 +188,19 @@ fn a_run_is_named_by_the_beginning_of_its_name_wherever_one_is_wanted() {
         succeed(&mut here.command(&[command, "2026-11-20"]));
     }
     succeed(&mut here.command(&["explain", "@latest", "abs_rel", "stereo"]));
-    let said = here.fails(&["table", "look"], 2);
-    assert!(said.contains("`look` names 2 runs") && said.contains("look/2026-11-21, look/2026-11-20"), "{said}");
+    let error = here.fails(&["table", "look"], 2);
+    assert!(error.contains("`look` names 2 runs") && error.contains("look/2026-11-21, look/2026-11-20"), "{error}");
     assert!(here.fails(&["table", "other/@latest"], 2).contains("no run of `other`"));
     assert!(here.fails(&["table", "other"], 2).contains("depthloom runs"));
-    // A shell completes them.
-    let mut ask = here.command(&["--", "depthloom", "table", "loo"]);
-    ask.env("DEPTHLOOM_COMPLETE", "bash").env("_CLAP_IFS", "\n").env("_CLAP_COMPLETE_INDEX", "2");
-    let offered = text(&succeed(&mut ask));
-    assert_eq!(offered.lines().collect::<Vec<_>>(), ["look/2026-11-21", "look/2026-11-20"]);
+    // Shell completion of run names.
+    let mut complete = here.command(&["--", "depthloom", "table", "loo"]);
+    complete.env("DEPTHLOOM_COMPLETE", "bash").env("_CLAP_IFS", "\n").env("_CLAP_COMPLETE_INDEX", "2");
+    let completions = text(&succeed(&mut complete));
+    assert_eq!(completions.lines().collect::<Vec<_>>(), ["look/2026-11-21", "look/2026-11-20"]);
 }
 
 #[test]
-fn why_two_runs_differ_is_said_by_parameter_source_and_what_follows() {
+fn differences_of_runs_are_listed_by_parameter_source_and_consumers() {
     let here = Here::new();
     let first = here.run("runs/first", &[]);
     here.run("runs/again", &[]);
@@ -210,18 +210,21 @@ fn why_two_runs_differ_is_said_by_parameter_source_and_what_follows() {
     let same = here.json(&["runs", "why", "first", "again"]);
     assert_eq!((&same["experiment"], &same["made_by"]), (&json!([]), &json!([])));
     assert!(same["nodes"].as_array().expect("nodes").iter().all(|node| node["same"] == true), "{same}");
-    let told = text(&succeed(&mut here.command(&["runs", "why", "first", "again"])));
-    assert!(told.ends_with("\nall nodes are the same, and so are their values on all frames in both\n"), "{told}");
+    let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "again"])));
+    assert!(
+        printed.ends_with("\nall nodes are the same, and so are their values on all frames in both\n"),
+        "{printed}"
+    );
 
-    // Penalties follow the block: they are other numbers though nobody set them.
+    // The penalties differ as well, because their defaults depend on the block size.
     let block = here.json(&["runs", "why", "first", "block"]);
     let set = json!([{ "what": "parameter", "path": "stages.look.nodes.stereo.with", "before": null, "after": { "block": 9 } }]);
     assert_eq!(block["experiment"], set);
-    let of = |of: &Json, name: &str| -> Json {
-        let nodes = of["nodes"].as_array().expect("nodes");
-        nodes.iter().find(|node| node["node"] == name).unwrap_or_else(|| panic!("{name} in {of}")).clone()
+    let node = |comparison: &Json, name: &str| -> Json {
+        let nodes = comparison["nodes"].as_array().expect("nodes");
+        nodes.iter().find(|node| node["node"] == name).unwrap_or_else(|| panic!("{name} in {comparison}")).clone()
     };
-    let changed: Vec<String> = of(&block, "stereo")["differences"]
+    let changed: Vec<String> = node(&block, "stereo")["differences"]
         .as_array()
         .expect("a list")
         .iter()
@@ -229,7 +232,7 @@ fn why_two_runs_differ_is_said_by_parameter_source_and_what_follows() {
         .collect();
     assert_eq!(changed, ["\"block\" 5 9", "\"p1\" 200 648", "\"p2\" 800 2592"]);
     assert_eq!(
-        of(&block, "depth")["differences"],
+        node(&block, "depth")["differences"],
         json!([{ "what": "upstream", "port": "disparity", "from": "stereo/disparity" }])
     );
     assert_eq!(
@@ -237,35 +240,41 @@ fn why_two_runs_differ_is_said_by_parameter_source_and_what_follows() {
         json!([{ "stage": "look", "source": [], "both": 2, "same": 2, "only_before": 0, "only_after": 0 }])
     );
 
-    let told = text(&succeed(&mut here.command(&["runs", "why", "first", "block"])));
-    assert!(told.contains("\nnodes\n  look.stereo  block: 5 -> 9; p1: 200 -> 648; p2: 800 -> 2592\n"), "{told}");
-    assert!(told.contains("\nnodes that follow, for they read those\n  look.depth, look.score.stereo\n"), "{told}");
+    let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "block"])));
+    assert!(printed.contains("\nnodes\n  look.stereo  block: 5 -> 9; p1: 200 -> 648; p2: 800 -> 2592\n"), "{printed}");
+    assert!(
+        printed.contains("\nnodes that follow, for they read those\n  look.depth, look.score.stereo\n"),
+        "{printed}"
+    );
 
-    // Other frames: every node is the same, and its values are not.
+    // Other frames: every node is the same, but its values differ.
     let street = here.json(&["runs", "why", "first", "street"]);
     let frames = &street["frames"][0];
     assert_eq!((&frames["both"], &frames["same"], &frames["only_before"]), (&json!(1), &json!(0), &json!(1)));
-    let stereo = of(&street, "stereo");
+    let stereo = node(&street, "stereo");
     assert_eq!((&stereo["differences"], &stereo["same"]), (&json!([]), &json!(false)));
-    let told = text(&succeed(&mut here.command(&["runs", "why", "first", "street"])));
-    assert!(told.contains("source of look: seed: 1 -> 7"), "{told}");
-    assert!(told.contains("read other values\n  look.stereo (0 of 1 equal), look.depth (0 of 1 equal)"), "{told}");
+    let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "street"])));
+    assert!(printed.contains("source of look: seed: 1 -> 7"), "{printed}");
+    assert!(
+        printed.contains("read other values\n  look.stereo (0 of 1 equal), look.depth (0 of 1 equal)"),
+        "{printed}"
+    );
 
-    // By recordings too, wherever they lie.
-    let elsewhere = here.path().join("copy.mcap");
-    std::fs::copy(first.join("recording.mcap"), elsewhere).expect("copied");
+    // Recordings outside of the folder of runs can be compared as well.
+    let copy = here.path().join("copy.mcap");
+    std::fs::copy(first.join("recording.mcap"), copy).expect("copied");
     assert_eq!(here.json(&["runs", "why", "copy.mcap", "block"])["nodes"], block["nodes"]);
-    // Without a frame in common nothing can be said of values.
+    // Without a common frame, no values are compared.
     here.run("runs/later", &["--set", "sources.street.with.frames=7..9"]);
-    let told = text(&succeed(&mut here.command(&["runs", "why", "first", "later"])));
-    assert!(told.contains("look: 0 in both, 2 only before, 2 only after"), "{told}");
-    let said = "all nodes are the same; no values were compared, because no frame with values is in both runs";
-    assert!(told.contains(said) && !told.contains("so are their values"), "{told}");
+    let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "later"])));
+    assert!(printed.contains("look: 0 in both, 2 only before, 2 only after"), "{printed}");
+    let message = "all nodes are the same; no values were compared, because no frame with values is in both runs";
+    assert!(printed.contains(message) && !printed.contains("so are their values"), "{printed}");
     assert!(here.fails(&["runs", "why", "first", "none"], 2).contains("none"));
 }
 
 #[test]
-fn a_run_is_shown_with_how_it_was_made_and_what_lies_there() {
+fn runs_show_prints_how_a_run_was_made_and_its_files() {
     let here = Here::new();
     let run = here.run("runs/first", &["-j", "1"]);
     let shown = here.json(&["runs", "show", "first"]);
@@ -280,65 +289,71 @@ fn a_run_is_shown_with_how_it_was_made_and_what_lies_there() {
     let size = std::fs::metadata(run.join("recording.mcap")).expect("a recording").len();
     assert!(files.contains(&json!({ "name": "recording.mcap", "bytes": size })), "{files:?}");
     assert_eq!(files.len(), std::fs::read_dir(&run).expect("a folder").count());
-    let told = text(&succeed(&mut here.command(&["runs", "show", "@latest"])));
-    assert!(told.contains("-j 1") && told.contains("look: 2 frames of street (synthetic/road), 3 nodes"), "{told}");
-    let said = here.fails(&["runs", "show", "look.yaml"], 2);
-    assert!(said.contains("look.yaml is not a run: it is a file"), "{said}");
+    let printed = text(&succeed(&mut here.command(&["runs", "show", "@latest"])));
+    assert!(
+        printed.contains("-j 1") && printed.contains("look: 2 frames of street (synthetic/road), 3 nodes"),
+        "{printed}"
+    );
+    let error = here.fails(&["runs", "show", "look.yaml"], 2);
+    assert!(error.contains("look.yaml is not a run: it is a file"), "{error}");
 }
 
 #[test]
-fn info_tells_topics_sizes_and_keys_and_what_is_damaged() {
+fn info_reports_topics_sizes_keys_and_damage() {
     let here = Here::new();
     let run = here.run("runs/first", &[]);
     let recording = run.join("recording.mcap");
-    let told = here.json(&["info", "first", "--keys", "--check"]);
-    assert_eq!((&told["condition"], &told["checked"], &told["damage"]), (&json!("whole"), &json!(true), &json!([])));
-    let topics = told["topics"].as_array().expect("topics");
-    let of = |name: &str| topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("{name}"));
-    let depth = of("/look/depth/depth");
+    let info = here.json(&["info", "first", "--keys", "--check"]);
+    assert_eq!((&info["condition"], &info["checked"], &info["damage"]), (&json!("whole"), &json!(true), &json!([])));
+    let topics = info["topics"].as_array().expect("topics");
+    let topic = |name: &str| topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("{name}"));
+    let depth = topic("/look/depth/depth");
     assert_eq!((&depth["type"], &depth["messages"], &depth["keys"]), (&json!("depth"), &json!(2), &json!(2)));
-    let raw = of("/look/stereo/disparity")["raw_bytes"].as_u64().expect("a size");
+    let raw = topic("/look/stereo/disparity")["raw_bytes"].as_u64().expect("a size");
     assert!((2 * 320 * 96 * 2..2 * 320 * 96 * 2 + 400).contains(&raw), "{raw}");
-    // The recipe is the plan's, and keys are told by frame and node.
+    // The node hash equals that of the plan, and keys are listed by frame and node.
     let plan = here.json(&["plan", "look.yaml"]);
     let planned = plan["runs"][0]["nodes"].as_array().expect("nodes").iter().find(|node| node["name"] == "depth");
     assert_eq!(depth["recipe"], planned.expect("depth")["recipe"]);
-    let keys = told["keys"].as_array().expect("keys");
+    let keys = info["keys"].as_array().expect("keys");
     assert_eq!(keys.len(), 2 * 4, "a source and three nodes on two frames");
-    // What topics, attachments and the rest take is the file.
+    // The topics take a part of the file's size; attachments and the rest take the remainder.
     let stored: u64 = topics.iter().map(|topic| topic["stored_bytes"].as_u64().expect("a size")).sum();
     let size = std::fs::metadata(&recording).expect("a recording").len();
-    assert!(told["bytes"] == size && stored < size && stored > size / 2, "{stored} of {size}");
+    assert!(info["bytes"] == size && stored < size && stored > size / 2, "{stored} of {size}");
     let text = text(&succeed(&mut here.command(&["info", "first"])));
     assert!(text.contains("recording.mcap: whole by its summary; --check reads every byte\n"), "{text}");
 
-    // A bit flipped in the middle of a chunk is found by reading every byte alone.
+    // A flipped bit within a chunk is found only with `--check`, which reads every byte.
     let mut bytes = std::fs::read(&recording).expect("a recording");
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     std::fs::write(&recording, &bytes).expect("written");
     succeed(&mut here.command(&["info", "first"]));
-    let said = here.command(&["info", "first", "--check"]).output().expect("the binary starts");
-    let said = String::from_utf8(said.stdout).expect("UTF-8");
-    assert!(said.lines().next().is_some_and(|line| line.ends_with("recording.mcap: damaged in 1 place")), "{said}");
+    let output = here.command(&["info", "first", "--check"]).output().expect("the binary starts");
+    let printed = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(
+        printed.lines().next().is_some_and(|line| line.ends_with("recording.mcap: damaged in 1 place")),
+        "{printed}"
+    );
     let output = here.command(&["info", "first", "--check", "--json"]).output().expect("the binary starts");
     assert_eq!(output.status.code(), Some(3));
-    let told = json_of(&output);
-    assert_eq!((&told["condition"], &told["error"]["exit_code"]), (&json!("damaged"), &json!(3)));
-    let damage = &told["damage"][0];
+    let info = json_of(&output);
+    assert_eq!((&info["condition"], &info["error"]["exit_code"]), (&json!("damaged"), &json!(3)));
+    let damage = &info["damage"][0];
     let from = damage["offset"].as_u64().expect("a place") as usize;
     assert!((from..from + damage["bytes"].as_u64().expect("a size") as usize).contains(&middle), "{damage}");
 }
 
 #[test]
-fn runs_are_removed_by_name_all_or_none() {
+fn runs_rm_removes_all_named_runs_or_none() {
     let here = Here::new();
     let (first, second) = (here.run("runs/first", &[]), here.run("runs/second", &[]));
     let third = here.run("runs/third", &[]);
     std::fs::write(second.join("notes.txt"), "years").expect("written");
-    let said = here.fails(&["runs", "rm", "first", "second"], 2);
-    assert!(said.contains("it holds notes.txt, which no run wrote"), "{said}");
-    assert!(first.exists() && second.exists(), "none is removed where one may not be");
+    let error = here.fails(&["runs", "rm", "first", "second"], 2);
+    assert!(error.contains("it holds notes.txt, which no run wrote"), "{error}");
+    assert!(first.exists() && second.exists(), "no run is removed if one of them must not be removed");
     let refused = here.fails(&["runs", "rm", "fir"], 2);
     assert!(refused.contains("no run in runs is named `fir`") && refused.contains("`first` begins so"), "{refused}");
     let removed = text(&succeed(&mut here.command(&["runs", "rm", "first", "runs/third", "runs/first"])));
@@ -353,8 +368,8 @@ fn runs_are_removed_by_name_all_or_none() {
     let wrong =
         [("first", "there is nothing"), ("look.yaml", "it is a file"), ("runs", "it is a folder, but not of a run")];
     for (wrong, why) in wrong {
-        let said = here.fails(&["runs", "rm", wrong], 2);
-        assert!(said.contains(&format!("{wrong} is not removed: {why}")), "{said}");
+        let error = here.fails(&["runs", "rm", wrong], 2);
+        assert!(error.contains(&format!("{wrong} is not removed: {why}")), "{error}");
     }
     std::fs::remove_file(second.join("notes.txt")).expect("removed");
     let removed = here.json(&["runs", "rm", "@latest"]);
@@ -363,13 +378,13 @@ fn runs_are_removed_by_name_all_or_none() {
 }
 
 #[test]
-fn pruning_keeps_what_rules_keep_and_what_others_read() {
+fn prune_keeps_runs_by_its_rules_and_runs_that_others_read() {
     let here = Here::new();
     let runs: Vec<PathBuf> = (1..=4).map(|day| format!("runs/look/{day}")).map(|out| here.run(&out, &[])).collect();
     for (day, run) in (1..).zip(&runs) {
-        done_at(run, &format!("2020-11-0{day}T10-00-00Z"));
+        set_finished(run, &format!("2020-11-0{day}T10-00-00Z"));
     }
-    // Another experiment is made of the oldest.
+    // Another experiment reads the oldest run.
     std::fs::write(here.path().join("other.yaml"), "extends: look.yaml\nexperiment: other\n").expect("written");
     succeed(&mut here.command(&["run", "--no-page", "other.yaml", "--quiet", "--out", "runs/other"]));
     let resolved = here.path().join("runs/other/experiment.resolved.yaml");
@@ -378,21 +393,24 @@ fn pruning_keeps_what_rules_keep_and_what_others_read() {
     text_of.push_str(&format!("# model: {}/models/learn.teacher.onnx\n", oldest.display()));
     std::fs::write(&resolved, text_of).expect("written");
 
-    assert!(here.fails(&["runs", "prune"], 2).contains("--keep"), "a rule is wanted");
-    let would = here.json(&["runs", "prune", "--keep", "1", "--experiment", "look", "--dry-run"]);
-    let paths = |told: &Json| -> Vec<Json> {
-        told["removed"].as_array().expect("a list").iter().map(|run| run["path"].clone()).collect()
+    assert!(here.fails(&["runs", "prune"], 2).contains("--keep"), "a rule is required");
+    let planned = here.json(&["runs", "prune", "--keep", "1", "--experiment", "look", "--dry-run"]);
+    let paths = |prune: &Json| -> Vec<Json> {
+        prune["removed"].as_array().expect("a list").iter().map(|run| run["path"].clone()).collect()
     };
-    assert_eq!(paths(&would), ["runs/look/2", "runs/look/3"]);
-    assert_eq!(would["kept"], json!([{ "path": "runs/look/1", "why": "other reads it" }]));
-    assert!(runs.iter().all(|run| run.exists()), "nothing is removed");
+    assert_eq!(paths(&planned), ["runs/look/2", "runs/look/3"]);
+    assert_eq!(planned["kept"], json!([{ "path": "runs/look/1", "why": "other reads it" }]));
+    assert!(runs.iter().all(|run| run.exists()), "a dry run removes nothing");
 
-    let told = text(&succeed(&mut here.command(&["runs", "prune", "--older-than", "3d", "--keep", "2"])));
-    let lines: Vec<&str> = told.lines().collect();
-    assert!(lines[0].starts_with("removed runs/look/2 (") && lines[1] == "kept runs/look/1: other reads it", "{told}");
-    assert!(lines[2].starts_with("removed 1 of 5 runs, "), "{told}");
+    let printed = text(&succeed(&mut here.command(&["runs", "prune", "--older-than", "3d", "--keep", "2"])));
+    let lines: Vec<&str> = printed.lines().collect();
+    assert!(
+        lines[0].starts_with("removed runs/look/2 (") && lines[1] == "kept runs/look/1: other reads it",
+        "{printed}"
+    );
+    assert!(lines[2].starts_with("removed 1 of 5 runs, "), "{printed}");
     assert_eq!(runs.iter().map(|run| run.exists()).collect::<Vec<_>>(), [true, false, true, true]);
-    // Of an unknown experiment there are none, and all that is left is removed once nothing stays that reads it.
+    // An unknown experiment has no runs. All remaining runs can be removed, because no other run reads them.
     assert_eq!(paths(&here.json(&["runs", "prune", "--keep", "0", "--experiment", "none"])), [""; 0]);
     assert_eq!(paths(&here.json(&["runs", "prune", "--max-size", "0"])).len(), 4);
     assert_eq!(here.json(&["runs"])["runs"], json!([]));

@@ -1,4 +1,4 @@
-//! What a network is taught of real frames is what OpenCV makes of them.
+//! Training samples of real frames, checked against OpenCV.
 
 use std::process::Command;
 
@@ -7,8 +7,8 @@ use depthloom_recording::{RecordedContent, Recording};
 use crate::support::{depthloom, python, shared, succeed, workspace};
 
 #[test]
-fn samples_of_real_frames_are_opencvs() {
-    const TEST: &str = "samples_of_real_frames_are_opencvs";
+fn samples_of_real_frames_match_opencv() {
+    const TEST: &str = "samples_of_real_frames_match_opencv";
     let (Some(shared), Some(python)) = (shared(TEST), python(TEST)) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("samples.yaml");
@@ -41,6 +41,6 @@ stages:
     let script = workspace().join("tests/python/check_samples.py");
     let disparities = shared.join("oracle/golden/ground_plane");
     let output = succeed(Command::new(python).arg(script).arg(&file).arg(kitti.join("training")).arg(disparities));
-    let told = String::from_utf8(output.stdout).expect("UTF-8");
-    assert!(told.contains("000150_10") && told.contains("000155_10"), "{told}");
+    let printed = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(printed.contains("000150_10") && printed.contains("000155_10"), "{printed}");
 }

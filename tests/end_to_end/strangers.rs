@@ -1,4 +1,4 @@
-//! Files of strangers: folders with links and pipes, and texts with control characters.
+//! Files from somebody else: folders with links and pipes, and texts with control characters.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ fn small_run(folder: &Path) -> PathBuf {
 }
 
 fn report(run: &Path, out: &Path) -> Output {
-    // One that waits for a pipe is ended.
+    // A report that waits for a pipe is killed.
     let binary = depthloom();
     let mut command = Command::new("timeout");
     command.args(["--signal=KILL", "100"]).arg(binary.get_program()).arg("report").arg(run).arg("--out").arg(out);
@@ -34,7 +34,7 @@ fn make_pipe(path: &Path) {
 const REPORTS: [&str; 6] = ["scores.csv", "table.csv", "table.md", "table.tex", "scores.parquet", "report.html"];
 
 #[test]
-fn fault_11_a_report_follows_no_link_of_a_strangers_run() {
+fn fault_11_a_report_does_not_follow_links_in_a_run_folder() {
     use std::os::unix::fs::symlink;
 
     let folder = tempfile::tempdir().expect("a folder");
@@ -50,42 +50,42 @@ fn fault_11_a_report_follows_no_link_of_a_strangers_run() {
     }
     let output = report(&run, &run);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert_eq!(fs::read_to_string(&precious).expect("it is there"), "years");
+    assert_eq!(fs::read_to_string(&precious).expect("the file"), "years");
     assert!(REPORTS.iter().all(|name| !run.join(name).is_symlink()));
 }
 
 #[test]
-fn fault_11_no_pipe_holds_up_a_report() {
+fn fault_11_pipes_do_not_block_a_report() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = small_run(folder.path());
     make_pipe(&run.join("table.md.partial"));
     let output = report(&run, &run);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    // In place of the file itself it is not replaced.
+    // A pipe in place of the file itself is not replaced.
     fs::remove_file(run.join("table.md")).expect("removed");
     make_pipe(&run.join("table.md"));
     let output = report(&run, &run);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("table.md") && said.contains("not a regular file"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("table.md") && stderr.contains("not a regular file"), "{stderr}");
 }
 
 #[test]
-fn a_report_replaces_nothing_in_a_persons_own_folder() {
+fn a_report_does_not_replace_the_users_files() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = small_run(folder.path());
     for name in ["scores.csv", "table.md", "error_vs_distance.svg"] {
         let own = folder.path().join(format!("own-{name}"));
         fs::create_dir(&own).expect("a folder");
-        // As a table of a report begins.
+        // The file starts like a table of a report.
         fs::write(own.join(name), "stage,variant,mine\n").expect("written");
         let output = report(&run, &own);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && said.contains(name), "{said}");
-        assert_eq!(fs::read_to_string(own.join(name)).expect("it is there"), "stage,variant,mine\n");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && stderr.contains(name), "{stderr}");
+        assert_eq!(fs::read_to_string(own.join(name)).expect("the file"), "stage,variant,mine\n");
         assert_eq!(fs::read_dir(&own).expect("a folder").count(), 1);
     }
-    // Its own reports it replaces, beside what else is there.
+    // It replaces its own earlier files, and keeps other files in the folder.
     let notes = folder.path().join("notes");
     fs::create_dir(&notes).expect("a folder");
     fs::write(notes.join("notes.txt"), "mine").expect("written");
@@ -93,10 +93,10 @@ fn a_report_replaces_nothing_in_a_persons_own_folder() {
         let output = report(&run, &notes);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
-    assert_eq!(fs::read_to_string(notes.join("notes.txt")).expect("it is there"), "mine");
+    assert_eq!(fs::read_to_string(notes.join("notes.txt")).expect("the file"), "mine");
 }
 
-/// Experiments with control characters where a person may write text.
+/// Experiments with control characters in names and texts.
 const HOSTILE: [(&str, &str); 3] = [
     (
         "esc.yaml",
@@ -119,12 +119,12 @@ stages:
       far: { kind: dora, inputs: { depth: source/depth }, with: { path: "rm -rf ~\e[2K\rerror: node `look.far` (dora): it would start `ls", ports: { inputs: { depth: depth }, outputs: { far: mask } } } }
 "#,
     ),
-    // Not escaped, but as it is.
+    // Unescaped control characters.
     ("raw.yaml", "experiment: x\nsources: { s\u{9b}2K\u{202e}: 1 }\nnodes: \u{85}\u{2066}\n"),
 ];
 
 #[test]
-fn fault_13_no_control_character_of_a_stranger_is_printed() {
+fn fault_13_control_characters_from_files_are_not_printed() {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, text) in HOSTILE {
         let path = folder.path().join(name);
@@ -150,39 +150,38 @@ fn fault_13_no_control_character_of_a_stranger_is_printed() {
                     for own in ["\u{1b}[0m", "\u{1b}[31m", "\u{1b}[36m", "\u{1b}[1m", "\u{1b}[4m"] {
                         text = text.replace(own, "");
                     }
-                    // What is left of miette's own: a sequence of numbers that ends in `m`.
+                    // Other sequences of miette end in `m`; these here would not come from it.
                     assert!(!text.contains("\u{1b}]") && !text.contains("\u{1b}[2K") && !text.contains("\u{1b}[8m"));
                     continue;
                 }
-                let is_obeyed = |c: char| {
+                let is_control = |c: char| {
                     c.is_control() && !matches!(c, '\n' | '\t')
                         || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
                 };
-                assert!(!text.contains(is_obeyed), "{name} {command:?}: {text:?}");
+                assert!(!text.contains(is_control), "{name} {command:?}: {text:?}");
             }
         }
     }
 }
 
 #[test]
-fn fault_13_the_question_for_permission_shows_what_would_be_started() {
+fn fault_13_the_permission_error_escapes_the_command() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("dora.yaml");
     fs::write(&path, HOSTILE[1].1).expect("written");
     let output = depthloom().arg("dora").arg(&path).env("HOME", folder.path()).env_remove("XDG_CONFIG_HOME").output();
     let output = output.expect("started");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains(r#"it would start `"rm -rf ~\u{1b}[2K\rerror: node"#), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains(r#"it would start `"rm -rf ~\u{1b}[2K\rerror: node"#), "{stderr}");
 }
 
-/// A run whose recording has the values of one experiment under the keys of another: as somebody makes it who means
-/// harm.
+/// Writes a forged run: its recording has the values of one experiment under the keys of another.
 fn forge(experiment: &Path, folder: &Path) {
     let registry = depthloom::registry();
     let ready = |set: &[(String, String)]| {
         let options = Options { set: set.to_vec(), ..Options::default() };
-        let plan = load(experiment, &registry, &options).expect("it is right").plan;
+        let plan = load(experiment, &registry, &options).expect("a valid experiment").plan;
         Ready::new(plan, &registry).unwrap_or_else(|missing| panic!("{missing:?}"))
     };
     let claimed = ready(&[]).plan;
@@ -201,7 +200,7 @@ fn forge(experiment: &Path, folder: &Path) {
 }
 
 #[test]
-fn suspicion_g_wrong_values_under_right_keys_are_never_reused_in_silence() {
+fn suspicion_g_wrong_values_under_valid_keys_are_detected() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = workspace().join("experiments/first-look.yaml");
     forge(&experiment, &folder.path().join("runs/forged"));
@@ -209,9 +208,8 @@ fn suspicion_g_wrong_values_under_right_keys_are_never_reused_in_silence() {
     let mut run = depthloom();
     run.args(["run", "--no-page"]).arg(&experiment).arg("--out").arg(&out).env_remove("DEPTHLOOM_FRESH");
     let output = run.current_dir(folder.path()).output().expect("started");
-    // Of what is reused a sample is recomputed: wrong values fail the run, which names the recording that they are
-    // from.
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success(), "{said}");
-    assert!(said.contains("a reused value is not what") && said.contains("forged"), "{said}");
+    // A sample of the reused values is recomputed. Wrong values fail the run, and the error names their recording.
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{stderr}");
+    assert!(stderr.contains("a reused value is not what") && stderr.contains("forged"), "{stderr}");
 }

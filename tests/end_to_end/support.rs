@@ -1,4 +1,4 @@
-//! What the tests share: the binary, and how its answers are read.
+//! Helpers of the tests: the binary under test, and readers of its output.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -13,7 +13,7 @@ pub(crate) fn depthloom() -> Command {
     depthloom_test_needs::signals::as_usual();
     let mut command = Command::new(env!("CARGO_BIN_EXE_depthloom"));
     command.current_dir(workspace()).env_remove("KITTI_STEREO_2015").env_remove("MONO_MODEL").env("NO_COLOR", "1");
-    // What is compared is to be made, not taken from the run beside it.
+    // Tests compare computed results, not values reused from neighbouring runs.
     command.env("DEPTHLOOM_FRESH", "1");
     command
 }
@@ -22,8 +22,8 @@ pub(crate) fn depthloom() -> Command {
 pub(crate) fn succeed(command: &mut Command) -> Output {
     let output = loop {
         match command.output() {
-            // A binary that was just copied: another test's child, begun meanwhile, holds it open for writing until it
-            // is itself.
+            // The binary was just copied: a child process that another test forked meanwhile may hold it open for writing
+            // until its exec.
             Err(error) if error.kind() == std::io::ErrorKind::ExecutableFileBusy => std::thread::yield_now(),
             output => break output.expect("the binary starts"),
         }
@@ -41,7 +41,7 @@ pub(crate) fn succeed(command: &mut Command) -> Output {
 /// A row of a small CSV file, by column name.
 pub(crate) type Row = std::collections::BTreeMap<String, String>;
 
-/// Reads a CSV file without quoting: what the oracle writes, and what we write.
+/// Reads a CSV file without quoting, as depthloom and the reference implementation write them.
 pub(crate) fn read_csv(path: &Path) -> Vec<Row> {
     let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut lines = text.lines();
@@ -51,8 +51,8 @@ pub(crate) fn read_csv(path: &Path) -> Vec<Row> {
         .collect()
 }
 
-/// The label of a row's estimate, `variant/estimate`, or `estimate` where all variants share it. The oracle calls the
-/// column `estimator` and writes the label there.
+/// The label of a row's estimate, `variant/estimate`, or `estimate` if all variants share it. The reference
+/// implementation writes the label to a column `estimator`.
 pub(crate) fn label(row: &Row) -> String {
     let estimate = row.get("estimate").unwrap_or_else(|| &row["estimator"]);
     match row.get("variant").map(String::as_str) {
@@ -61,7 +61,7 @@ pub(crate) fn label(row: &Row) -> String {
     }
 }
 
-/// The pixel set of a row of ours, or of the oracle, which calls `valid` answered.
+/// The pixel set of a row, also of the reference implementation, which calls `valid` answered.
 pub(crate) fn set(row: &Row) -> &str {
     match row.get("set") {
         Some(set) => set,

@@ -1,4 +1,4 @@
-//! `table` and `explain`: a run's scores asked, against what the run wrote itself and against arithmetic done here.
+//! `table` and `explain`, checked against the run's own files and against calculations in the tests.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use serde_json::Value as Json;
 
 use crate::support::{Row, depthloom, label, number, read_csv, skipped, succeed};
 
-/// Stereo with 2 x 2 x 2 settings on two small frames, scored as it is and filtered.
+/// Stereo with 2 x 2 x 2 settings on two small frames, scored with and without a median filter.
 const SWEEP: &str = "experiment: sweep
 sources:
   street: { kind: synthetic/road, with: { frames: 0..2, seed: 3, width: 320, height: 96 } }
@@ -39,11 +39,11 @@ fn run(folder: &Path, experiment: &str) -> (PathBuf, String) {
     (out, String::from_utf8(output.stdout).expect("UTF-8"))
 }
 
-fn ask(run: &Path, arguments: &[&str]) -> Output {
+fn table(run: &Path, arguments: &[&str]) -> Output {
     succeed(depthloom().arg("table").arg(run).args(arguments))
 }
 
-/// What is said of a question that is refused.
+/// Standard error of a `table` command that is refused.
 fn refused(run: &Path, arguments: &[&str]) -> String {
     let output = depthloom().arg("table").arg(run).args(arguments).output().expect("the binary starts");
     assert_eq!(output.status.code(), Some(2), "{arguments:?}");
@@ -54,16 +54,16 @@ fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).expect("UTF-8")
 }
 
-fn near(a: f64, b: f64, what: &str) {
-    assert!((a - b).abs() <= 1e-12 * (1.0 + b.abs()), "{what}: {a} is not {b}");
+fn assert_near(a: f64, b: f64, what: &str) {
+    assert!((a - b).abs() <= 1e-12 * (1.0 + b.abs()), "{what}: {a} differs from {b}");
 }
 
 #[test]
-fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned_by_hand() {
+fn table_matches_the_runs_files_and_effects_match_a_calculation() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
     let csv = folder.path().join("rows.csv");
-    ask(&run, &["--format", "csv", "--out", csv.to_str().expect("UTF-8")]);
+    table(&run, &["--format", "csv", "--out", csv.to_str().expect("UTF-8")]);
     let rows = read_csv(&csv);
     let written: BTreeMap<String, Row> = read_csv(&run.join("table.csv"))
         .into_iter()
@@ -78,26 +78,26 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
         let same = ["stage", "variant", "estimate", "set"].into_iter().chain(axes);
         assert!(same.into_iter().all(|column| row[column] == written[name][column]), "{row:?}");
         for score in ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"] {
-            near(number(row, score), number(&written[name], score), name);
+            assert_near(number(row, score), number(&written[name], score), name);
         }
         assert!(number(row, "ms") > 0.0);
     }
     assert!(rows.is_sorted_by(|a, b| number(a, "abs_rel") <= number(b, "abs_rel")));
 
-    // Filtering costs on top of what it filters, of the same variant.
-    let of = |name: &str| rows.iter().find(|row| label(row) == name).expect("a row");
+    // The time of a filtered estimate includes that of its input.
+    let row_of = |name: &str| rows.iter().find(|row| label(row) == name).expect("a row");
     for row in rows.iter().filter(|row| row["estimate"] == "smooth") {
-        assert!(number(row, "ms") > number(of(&label(row).replace("/smooth", "/raw")), "ms"));
+        assert!(number(row, "ms") > number(row_of(&label(row).replace("/smooth", "/raw")), "ms"));
     }
 
-    // No row of the front is dominated, and every other row is, by a row of the front. Times that differ by 5 % or less
-    // are equal, as the table says.
-    let front = text(&ask(&run, &["--pareto", "abs_rel,ms", "--format", "csv"]));
+    // No row of the front is dominated, and every other row is dominated by a row of the front. Times that differ by at
+    // most 5 % count as equal, as the table states.
+    let front = text(&table(&run, &["--pareto", "abs_rel,ms", "--format", "csv"]));
     let named = |line: &str| line.split(',').skip(1).take(2).collect::<Vec<_>>().join("/");
     let front: Vec<String> = front.lines().skip(1).map(named).collect();
     for row in &rows {
         let beats = |other: &String| {
-            let other = of(other);
+            let other = row_of(other);
             let [(error, other_error), (ms, other_ms)] =
                 ["abs_rel", "ms"].map(|column| (number(row, column), number(other, column)));
             let slower = other_ms > ms && other_ms - ms > 0.05 * ms;
@@ -107,14 +107,14 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
     }
 
     // Marginal means and eta squared, from the rows.
-    let effects: Json = serde_json::from_slice(&ask(&run, &["--effects", "abs_rel", "--json"]).stdout).expect("JSON");
+    let effects: Json = serde_json::from_slice(&table(&run, &["--effects", "abs_rel", "--json"]).stdout).expect("JSON");
     let mean = |rows: &mut dyn Iterator<Item = &Row>| {
         let values: Vec<f64> = rows.map(|row| number(row, "abs_rel")).collect();
         (values.len() as f64, values.iter().sum::<f64>() / values.len() as f64)
     };
     let (_, all) = mean(&mut rows.iter());
     let spread: f64 = rows.iter().map(|row| (number(row, "abs_rel") - all).powi(2)).sum();
-    let mut left = 1.0;
+    let mut remainder = 1.0;
     for axis in ["block", "uniqueness", "mode", "estimate"] {
         let levels: Vec<&Json> =
             effects["rows"].as_array().expect("rows").iter().filter(|row| row["axis"] == axis).collect();
@@ -126,23 +126,23 @@ fn a_tables_numbers_are_those_that_the_run_wrote_and_its_effects_are_as_reckoned
             assert_eq!(level["level"].is_number(), ["block", "uniqueness"].contains(&axis), "{level}");
             let (count, expected) = mean(&mut rows.iter().filter(|row| name == row[axis]));
             assert_eq!(level["rows"].as_f64(), Some(count));
-            near(level["abs_rel"].as_f64().expect("a mean"), expected, axis);
+            assert_near(level["abs_rel"].as_f64().expect("a mean"), expected, axis);
             between += count * (expected - all).powi(2);
         }
-        near(levels[0]["share"].as_f64().expect("a share"), between / spread, axis);
-        left -= between / spread;
+        assert_near(levels[0]["share"].as_f64().expect("a share"), between / spread, axis);
+        remainder -= between / spread;
     }
     let interactions = effects["rows"].as_array().expect("rows").iter().find(|row| row["axis"] == "interactions");
-    assert!((interactions.expect("what is left")["share"].as_f64().expect("a share") - left).abs() < 1e-9);
+    assert!((interactions.expect("the interactions")["share"].as_f64().expect("a share") - remainder).abs() < 1e-9);
 }
 
 #[test]
-fn explain_says_what_made_a_number() {
+fn explain_prints_the_origin_of_a_number() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
     let estimate = "block=3+uniqueness=0+mode=hh/smooth";
     let explain = |arguments: &[&str]| succeed(depthloom().arg("explain").arg(&run).args(arguments));
-    let told = text(&explain(&["abs_rel", estimate]));
+    let printed = text(&explain(&["abs_rel", estimate]));
     for part in [
         "mean(|y - t| / t) (as in Martins et al. 2018)",
         "preset paper",
@@ -154,7 +154,7 @@ fn explain_says_what_made_a_number() {
         "(filter/median version",
         "frames that made it worse most",
     ] {
-        assert!(told.contains(part), "{part}: {told}");
+        assert!(printed.contains(part), "{part}: {printed}");
     }
     let json: Json = serde_json::from_slice(&explain(&["abs_rel", estimate, "--json"]).stdout).expect("JSON");
     let frames: Vec<Row> = read_csv(&run.join("scores.csv"))
@@ -162,17 +162,17 @@ fn explain_says_what_made_a_number() {
         .filter(|row| label(row) == estimate && row["set"] == "all")
         .collect();
     let values: Vec<f64> = frames.iter().map(|row| number(row, "abs_rel")).collect();
-    near(json["value"].as_f64().expect("a value"), (values[0] + values[1]) / 2.0, "mean");
+    assert_near(json["value"].as_f64().expect("a value"), (values[0] + values[1]) / 2.0, "mean");
     for (frame, row) in json["frames"].as_array().expect("frames").iter().zip(&frames) {
         assert_eq!(frame["frame"], row["frame"].as_str());
         assert_eq!(frame["pixels"].as_f64(), Some(number(row, "pixels")));
-        near(frame["value"].as_f64().expect("a value"), number(row, "abs_rel"), "a frame");
+        assert_near(frame["value"].as_f64().expect("a value"), number(row, "abs_rel"), "a frame");
     }
-    // Of two frames the worse one made it worse; without it there is the other's.
+    // The worse of two frames raised the mean; without it, the value is that of the other frame.
     let worst = usize::from(values[1] > values[0]);
-    let told = json["worst"].as_array().expect("frames");
-    assert_eq!((told.len(), &told[0]["frame"]), (1, &Json::from(frames[worst]["frame"].as_str())));
-    near(told[0]["without"].as_f64().expect("a value"), values[1 - worst], "without it");
+    let worst_frames = json["worst"].as_array().expect("frames");
+    assert_eq!((worst_frames.len(), &worst_frames[0]["frame"]), (1, &Json::from(frames[worst]["frame"].as_str())));
+    assert_near(worst_frames[0]["without"].as_f64().expect("a value"), values[1 - worst], "without it");
 
     let wrong = depthloom().arg("explain").arg(&run).args(["abs_rel", "block=3+uniqueness=0+mode=hh/smoth"]).output();
     let wrong = wrong.expect("the binary starts");
@@ -182,7 +182,7 @@ fn explain_says_what_made_a_number() {
 }
 
 #[test]
-fn of_many_variants_a_run_prints_the_best_in_rows() {
+fn a_run_of_many_variants_prints_the_best_rows() {
     let folder = tempfile::tempdir().expect("a folder");
     let sweep = SWEEP.replace("[3, 9]", "[3, 5, 7, 9]");
     let (run, printed) = run(folder.path(), &sweep);
@@ -194,27 +194,27 @@ fn of_many_variants_a_run_prints_the_best_in_rows() {
     assert_eq!(markdown.lines().filter(|line| line.starts_with('|')).count(), 2 + 32);
     let latex = std::fs::read_to_string(run.join("table.tex")).expect("the table");
     assert!(latex.contains("the first 20 of 32 rows by abs\\_rel") && !latex.contains("resizebox"), "{latex}");
-    // The table with scores in rows is there for who asks.
-    let few = text(&ask(&run, &["--rows", "score", "--estimates", "block=3*/smooth", "--set", "all"]));
+    // The table with metrics in rows is available on request.
+    let few = text(&table(&run, &["--rows", "score", "--estimates", "block=3*/smooth", "--set", "all"]));
     assert!(few.lines().any(|line| line.starts_with("abs_rel ↓")), "{few}");
 }
 
 #[test]
-fn every_format_is_what_it_says_and_latex_compiles() {
+fn every_format_is_valid_and_latex_compiles() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
     let parquet = folder.path().join("rows.parquet");
-    ask(&run, &["--format", "parquet", "--out", parquet.to_str().expect("UTF-8")]);
+    table(&run, &["--format", "parquet", "--out", parquet.to_str().expect("UTF-8")]);
     let bytes = std::fs::read(&parquet).expect("a file");
     assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"));
     assert!(
-        text(&ask(&run, &["--format", "md", "--top", "2"])).lines().filter(|line| line.starts_with('|')).count() == 4
+        text(&table(&run, &["--format", "md", "--top", "2"])).lines().filter(|line| line.starts_with('|')).count() == 4
     );
 
     let tables = [&["--top", "5"][..], &["--effects", "abs_rel"], &["--rows", "score", "--estimates", "*hh/raw"]];
     let mut document = "\\documentclass{article}\n\\usepackage{booktabs}\n\\begin{document}\n".to_owned();
     for arguments in tables {
-        let latex = text(&ask(&run, &[arguments, &["--format", "latex"]].concat()));
+        let latex = text(&table(&run, &[arguments, &["--format", "latex"]].concat()));
         assert!(latex.contains("\\caption{") && latex.contains("\\label{tab:sweep") && !latex.contains("resizebox"));
         document.push_str(&latex);
     }
@@ -228,7 +228,7 @@ fn every_format_is_what_it_says_and_latex_compiles() {
         command.arg("tables.tex").current_dir(folder.path()).output().ok()
     });
     match compiled {
-        None => skipped("every_format_is_what_it_says_and_latex_compiles", "there is no TeX (tectonic, pdflatex)"),
+        None => skipped("every_format_is_valid_and_latex_compiles", "there is no TeX (tectonic, pdflatex)"),
         Some(output) => {
             assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
             assert!(folder.path().join("tables.pdf").is_file());
@@ -236,10 +236,10 @@ fn every_format_is_what_it_says_and_latex_compiles() {
     }
 }
 
-/// Where one estimate is dense, the pixels valid in both are those valid in the other: its scores are those over its
-/// own pixels.
+/// If one estimate is dense, the pixels that are valid in both are those valid in the other, so the metrics of the other
+/// equal those over its own valid pixels.
 #[test]
-fn what_all_valid_is_scored_from_recorded_maps() {
+fn the_common_pixel_set_is_scored_from_recorded_maps() {
     let experiment = "experiment: common
 sources:
   street: { kind: synthetic/road, with: { frames: 0..2, seed: 3, width: 320, height: 96 } }
@@ -259,22 +259,22 @@ stages:
       estimates: { sparse: depth/depth, dense: smooth/depth }
 ";
     let folder = tempfile::tempdir().expect("a folder");
-    let (kept, _) = run(folder.path(), experiment);
-    let rows: Json = serde_json::from_slice(&ask(&kept, &["--set", "common", "--json"]).stdout).expect("JSON");
+    let (recorded, _) = run(folder.path(), experiment);
+    let rows: Json = serde_json::from_slice(&table(&recorded, &["--set", "common", "--json"]).stdout).expect("JSON");
     let rows = rows["rows"].as_array().expect("rows");
     let row = |name: &str| rows.iter().find(|row| row["estimate"] == name).expect("a row");
-    let written = read_csv(&kept.join("table.csv"));
+    let written = read_csv(&recorded.join("table.csv"));
     let own = written.iter().find(|row| row["estimate"] == "sparse" && row["set"] == "valid");
     let own = own.expect("a row");
     for score in ["a1", "abs_rel", "rmse", "silog", "mae", "median_error"] {
-        near(row("sparse")[score].as_f64().expect("a score"), number(own, score), score);
+        assert_near(row("sparse")[score].as_f64().expect("a score"), number(own, score), score);
     }
-    assert!(row("sparse").get("sq_rel").is_none(), "it was not taken");
+    assert!(row("sparse").get("sq_rel").is_none(), "sq_rel is not in `metrics`");
     assert!(row("dense")["abs_rel"].as_f64() != row("sparse")["abs_rel"].as_f64());
     assert_eq!(row("dense")["density"], row("sparse")["density"]);
-    near(row("dense")["density"].as_f64().expect("a share"), number(own, "density"), "density");
+    assert_near(row("dense")["density"].as_f64().expect("a share"), number(own, "density"), "density");
 
-    // Without maps it says which to record.
+    // Without recorded maps, the error names those to record.
     let other = tempfile::tempdir().expect("a folder");
     let (bare, _) = run(other.path(), &format!("{experiment}record: []\n"));
     let refused = refused(&bare, &["--set", "common"]);
@@ -282,7 +282,7 @@ stages:
 }
 
 #[test]
-fn a_table_takes_the_place_of_nothing_that_is_no_table() {
+fn table_out_does_not_replace_other_files() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
     let recording = run.join("recording.mcap");
@@ -306,7 +306,7 @@ fn a_table_takes_the_place_of_nothing_that_is_no_table() {
     let nowhere = refusal(&folder.path().join("not/there.csv"));
     assert!(nowhere.contains("there is no folder") && nowhere.contains("mkdir -p"), "{nowhere}");
     assert!(std::fs::read(&recording).expect("read") == before);
-    // A link is not followed: in a stranger's folder it may lead to anything.
+    // A link is not followed, because its target may be any file.
     #[cfg(unix)]
     {
         let (link, file) = (folder.path().join("link.csv"), folder.path().join("file.csv"));
@@ -319,47 +319,47 @@ fn a_table_takes_the_place_of_nothing_that_is_no_table() {
 }
 
 #[test]
-fn the_model_ablation_is_valid_by_three_commands() {
+fn the_model_ablation_is_evaluated_with_three_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("run");
     let small = ["frames=0..2", "width=320", "height=96"].map(|set| format!("sources.frames.with.{set}"));
     let mut run = depthloom();
     run.args(["run", "--no-page", "experiments/sgbm-ablation.yaml", "--quiet", "--out"]).arg(&out);
     succeed(small.iter().fold(&mut run, |run, set| run.args(["--set", set.as_str()])));
-    let first = text(&ask(&out, &["--sort", "abs_rel", "--top", "3", "--estimates", "*/depth"]));
+    let first = text(&table(&out, &["--sort", "abs_rel", "--top", "3", "--estimates", "*/depth"]));
     let heads = ["block", "uniqueness", "mode", "holes"];
     assert!(
         heads.iter().all(|head| first.contains(head)) && first.contains("the first 3 of 32 rows by abs_rel"),
         "{first}"
     );
-    // A depth and the disparity that it is made of are one row, holes kept or filled.
-    let both: Json = serde_json::from_slice(&ask(&out, &["--json"]).stdout).expect("JSON");
+    // A depth and the disparity that it is computed from share one row, with holes kept or filled.
+    let both: Json = serde_json::from_slice(&table(&out, &["--json"]).stdout).expect("JSON");
     let both = both["rows"].as_array().expect("rows");
     assert_eq!(both.len(), 32);
     assert!(both.iter().all(|row| row["abs_rel"].is_number() && row["d1"].is_number()), "{:?}", both[0]);
-    let front: Json = serde_json::from_slice(&ask(&out, &["--pareto", "abs_rel,d1", "--json"]).stdout).expect("JSON");
+    let front: Json = serde_json::from_slice(&table(&out, &["--pareto", "abs_rel,d1", "--json"]).stdout).expect("JSON");
     assert!(front["about"].to_string().contains("on the Pareto front of abs_rel and d1"), "{front}");
-    let [variant, name] = ["variant", "estimate"].map(|of| both[0][of].as_str().expect("a name"));
+    let [variant, name] = ["variant", "estimate"].map(|column| both[0][column].as_str().expect("a name"));
     let label = format!("{variant}/{name}");
-    let told = succeed(depthloom().arg("explain").arg(&out).args(["d1", &label, "--json"]));
-    let told: Json = serde_json::from_slice(&told.stdout).expect("JSON");
-    assert_eq!(told["value"], both[0]["d1"]);
-    let zones = text(&ask(&out, &["--best-per-zone", "abs_rel"]));
+    let output = succeed(depthloom().arg("explain").arg(&out).args(["d1", &label, "--json"]));
+    let explained: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(explained["value"], both[0]["d1"]);
+    let zones = text(&table(&out, &["--best-per-zone", "abs_rel"]));
     assert!(zones.contains("whole image") && zones.contains("10..20"), "{zones}");
-    let effects = text(&ask(&out, &["--effects", "abs_rel"]));
+    let effects = text(&table(&out, &["--effects", "abs_rel"]));
     assert!(heads.iter().all(|head| effects.contains(head)) && effects.contains("interactions"), "{effects}");
     // The page has both tables.
     succeed(depthloom().arg("report").arg(&out));
     let page = std::fs::read_to_string(out.join("report.html")).expect("a page");
     let data = page.split_once("id=\"data\">").and_then(|(_, rest)| rest.split_once("</script>")).expect("data").0;
     let data: Json = serde_json::from_str(data).expect("JSON");
-    for (answer, asked) in data["answers"].as_array().expect("tables").iter().zip(["--effects", "--best-per-zone"]) {
-        let told: Json = serde_json::from_slice(&ask(&out, &[asked, "abs_rel", "--json"]).stdout).expect("JSON");
-        assert_eq!(answer["table"]["about"], told["about"]);
-        assert_eq!(answer["table"]["rows"].as_array().map(Vec::len), told["rows"].as_array().map(Vec::len));
+    for (answer, option) in data["answers"].as_array().expect("tables").iter().zip(["--effects", "--best-per-zone"]) {
+        let printed: Json = serde_json::from_slice(&table(&out, &[option, "abs_rel", "--json"]).stdout).expect("JSON");
+        assert_eq!(answer["table"]["about"], printed["about"]);
+        assert_eq!(answer["table"]["rows"].as_array().map(Vec::len), printed["rows"].as_array().map(Vec::len));
     }
     assert_eq!(data["answers"].as_array().map(Vec::len), Some(2));
-    // A matcher runs once for kept holes and for filled ones.
+    // A matcher runs once for both treatments of holes.
     let plan = succeed(depthloom().args(["plan", "experiments/sgbm-ablation.yaml", "--json"]));
     let plan: Json = serde_json::from_slice(&plan.stdout).expect("JSON");
     let is_matcher = |node: &&Json| node["kind"] == "stereo/sgbm";
@@ -368,33 +368,33 @@ fn the_model_ablation_is_valid_by_three_commands() {
 }
 
 #[test]
-fn options_of_rows_of_variants_are_refused_with_rows_of_scores() {
+fn options_for_variant_rows_are_refused_with_score_rows() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
     for (option, value) in [("--columns", "rmse"), ("--sort", "rmse"), ("--top", "2"), ("--pareto", "rmse,ms")] {
-        let said = refused(&run, &["--rows", "score", option, value]);
-        assert!(said.contains(&format!("{option} needs variants in rows")), "{said}");
+        let error = refused(&run, &["--rows", "score", option, value]);
+        assert!(error.contains(&format!("{option} needs variants in rows")), "{error}");
     }
 }
 
 #[test]
-fn answers_of_a_damaged_recording_end_with_3_and_damaged_timings_cost_their_column() {
+fn a_damaged_recording_exits_with_3_and_damaged_timings_remove_a_column() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
-    let table = |run: &Path| depthloom().args(["table", "--format", "csv"]).arg(run).output().expect("it runs");
+    let csv_table = |run: &Path| depthloom().args(["table", "--format", "csv"]).arg(run).output().expect("it runs");
     let timings = run.join("timings.parquet");
     std::fs::write(&timings, b"PAR1 damaged PAR1").expect("written");
-    let output = table(&run);
+    let output = csv_table(&run);
     let warning = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{warning}");
     assert!(warning.contains("no `ms`") && warning.contains("timings.parquet"), "{warning}");
     std::fs::remove_file(&timings).expect("removed");
-    // Without its summary, and with bytes behind its first frames that were not written.
+    // A recording without its summary, and with damaged bytes after its first frames.
     let recording = run.join("recording.mcap");
     let mut bytes = std::fs::read(&recording).expect("read");
     bytes.truncate(bytes.len() - 100);
     let sound = bytes.clone();
-    let mut answers = 0;
+    let mut tables = 0;
     for percent in (20..100).step_by(5) {
         let at = sound.len() * percent / 100;
         bytes.copy_from_slice(&sound);
@@ -402,23 +402,23 @@ fn answers_of_a_damaged_recording_end_with_3_and_damaged_timings_cost_their_colu
         std::fs::write(&recording, &bytes).expect("written");
         let condition = depthloom().args(["info", "--json"]).arg(&run).output().expect("it runs");
         let is_damaged = String::from_utf8_lossy(&condition.stdout).contains("\"condition\": \"damaged");
-        let output = table(&run);
-        // Where the damage leaves no frame there is no answer.
+        let output = csv_table(&run);
+        // If the damage leaves no frame, there is no table.
         if output.stdout.is_empty() || !is_damaged {
             continue;
         }
-        answers += 1;
+        tables += 1;
         let warning = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(3), "{percent} %: {warning}");
         assert!(warning.contains("recording.mcap is damaged at byte"), "{percent} %: {warning}");
     }
-    assert!(answers > 0, "no damage left a frame");
+    assert!(tables > 0, "no damage left a frame");
 }
 
-/// A stranger's run folder may have a pipe in the place of the marker: whoever lists runs must not wait for it.
+/// A run folder from somebody else may have a pipe in place of the marker: listing runs must not wait for it.
 #[cfg(unix)]
 #[test]
-fn a_pipe_in_the_place_of_a_marker_holds_up_no_list_of_runs() {
+fn a_pipe_in_place_of_a_marker_does_not_block_the_list_of_runs() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
     let marker = run.join("depthloom-run.json");

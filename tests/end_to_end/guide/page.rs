@@ -1,35 +1,35 @@
-//! A page of the guide: its blocks, and what the comments before them say.
+//! A page of the guide: its code blocks, and the comments that declare their use.
 
 use std::path::{Path, PathBuf};
 
 use super::book;
 
-/// A fenced block, and the comment right before it.
+/// A fenced block, and the comment directly before it.
 pub(super) struct Block {
-    /// The line of its fence, from 1.
+    /// The line of its opening fence, from 1.
     pub line: usize,
     pub language: String,
     pub text: String,
-    /// What the comment says: `not run: why`, `run: expect=3 needs=kitti`, `file: name`; of a picture, which has no
-    /// fence, `figure: ...` or `screenshot: ...`.
+    /// The comment: `not run: why`, `run: expect=3 needs=kitti`, or `file: name`; for a picture, which has no fence,
+    /// `figure: ...` or `screenshot: ...`.
     comment: Option<String>,
 }
 
-/// What a page wants done with a block.
+/// The use of a block.
 #[derive(Debug, PartialEq)]
 pub(super) enum Use {
-    /// Its commands are run; they end with this code, and are skipped where what they need is not here.
+    /// The test runs its commands and expects this exit code; it skips them if a requirement is missing.
     Run { expect: i32, needs: Option<String> },
-    /// Its commands are not run, for this reason.
+    /// The test does not run its commands, for this reason.
     NotRun(String),
-    /// The reader writes it to this file.
+    /// The test writes it to this file, as the reader does.
     File(String),
-    /// `depthloom figure` with these arguments draws the file of the picture that follows. Numbers in it may differ by
-    /// `tolerance`: a network computes other last bits on other processors.
+    /// `depthloom figure` with these arguments draws the file of the next picture. Numbers in it may differ by
+    /// `tolerance`, because the last bits of a network's output depend on the processor.
     Figure { file: String, tolerance: f64, arguments: String },
-    /// A section of a run's `report.html` is the file of the picture that follows.
+    /// The file of the next picture is a section of a run's `report.html`.
     Screenshot(Screenshot),
-    /// It is shown.
+    /// Output or another text.
     Shown,
 }
 
@@ -37,41 +37,45 @@ pub(super) enum Use {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Screenshot {
     pub file: String,
-    /// The experiment's file and the run's folder, from the folder in which the page is run.
+    /// The experiment's file and the run's folder, from the working folder of the page.
     pub experiment: String,
     pub run: String,
     /// The `id` of the section.
     pub section: String,
-    /// The checksum of what the picture was made from.
+    /// The checksum of the picture's inputs.
     pub inputs: String,
 }
 
 impl Block {
-    /// What is done with it.
+    /// The use that its comment and language declare.
     ///
     /// # Panics
-    /// If its comment is none that is known.
-    pub(super) fn used(&self, page: &str) -> Use {
+    /// If the comment is invalid.
+    pub(super) fn declared_use(&self, page: &str) -> Use {
         let comment = self.comment.as_deref();
-        let with = |name: &str| comment.and_then(|comment| comment.strip_prefix(name)).map(str::trim);
-        if let Some(why) = with("not run:") {
-            assert!(!why.is_empty() && self.language == "sh", "{page}:{}: a reason is wanted, of commands", self.line);
+        let value_of = |name: &str| comment.and_then(|comment| comment.strip_prefix(name)).map(str::trim);
+        if let Some(why) = value_of("not run:") {
+            assert!(
+                !why.is_empty() && self.language == "sh",
+                "{page}:{}: `not run:` needs a reason, and commands",
+                self.line
+            );
             return Use::NotRun(why.to_owned());
         }
-        if let Some(name) = with("file:") {
+        if let Some(name) = value_of("file:") {
             return Use::File(name.to_owned());
         }
-        if let Some(picture) = with("figure:") {
+        if let Some(picture) = value_of("figure:") {
             return self.figure(page, picture);
         }
-        if let Some(picture) = with("screenshot:") {
+        if let Some(picture) = value_of("screenshot:") {
             return self.screenshot(page, picture);
         }
         if self.language != "sh" {
             return Use::Shown;
         }
         let (mut expect, mut needs) = (0, None);
-        for word in with("run:").into_iter().flat_map(str::split_whitespace) {
+        for word in value_of("run:").into_iter().flat_map(str::split_whitespace) {
             match word.split_once('=') {
                 Some(("expect", code)) => expect = code.parse().expect("an exit code"),
                 Some(("needs", what)) => needs = Some(what.to_owned()),
@@ -106,12 +110,12 @@ impl Block {
         })
     }
 
-    /// Its commands: lines that begin one. What goes on behind a `\`, or is said behind a `#`, is none.
+    /// The number of commands: lines except comments and continuations after a `\`.
     pub(super) fn commands(&self) -> usize {
-        let mut goes_on = false;
+        let mut is_continued = false;
         let begins = |line: &&str| {
-            let begins = !goes_on && !line.trim().is_empty() && !line.trim_start().starts_with('#');
-            goes_on = line.ends_with('\\');
+            let begins = !is_continued && !line.trim().is_empty() && !line.trim_start().starts_with('#');
+            is_continued = line.ends_with('\\');
             begins
         };
         self.text.lines().filter(begins).count()
@@ -128,7 +132,7 @@ pub(super) fn blocks(text: &str) -> Vec<Block> {
             match content.trim_end() {
                 "```" => is_open = false,
                 _ => {
-                    let block = blocks.last_mut().expect("it is open");
+                    let block = blocks.last_mut().expect("an open block");
                     block.text.push_str(content);
                     block.text.push('\n');
                 }
@@ -137,14 +141,14 @@ pub(super) fn blocks(text: &str) -> Vec<Block> {
             let (language, comment) = (language.trim().to_owned(), comment.take());
             blocks.push(Block { line, language, text: String::new(), comment });
             is_open = true;
-        } else if let Some(said) = content.strip_prefix("<!--").and_then(|rest| rest.trim_end().strip_suffix("-->")) {
-            let said = said.trim().to_owned();
-            if said.starts_with("figure:") || said.starts_with("screenshot:") {
-                let block = Block { line, language: String::new(), text: String::new(), comment: Some(said) };
+        } else if let Some(text) = content.strip_prefix("<!--").and_then(|rest| rest.trim_end().strip_suffix("-->")) {
+            let text = text.trim().to_owned();
+            if text.starts_value_of("figure:") || text.starts_value_of("screenshot:") {
+                let block = Block { line, language: String::new(), text: String::new(), comment: Some(text) };
                 blocks.push(block);
                 comment = None;
             } else {
-                comment = Some(said);
+                comment = Some(text);
             }
         } else if !content.trim().is_empty() {
             comment = None;
@@ -153,7 +157,7 @@ pub(super) fn blocks(text: &str) -> Vec<Block> {
     blocks
 }
 
-/// A page without its blocks, line for line.
+/// A page with its code blocks replaced by empty lines.
 pub(super) fn prose(text: &str) -> String {
     let mut is_open = false;
     let line = |line: &str| {
@@ -165,13 +169,13 @@ pub(super) fn prose(text: &str) -> String {
     text.lines().map(line).collect()
 }
 
-/// Every page of the book but its list, by its path from the book's folder.
+/// Every page of the book except its summary, by its path from the book's folder.
 pub(super) fn pages() -> Vec<String> {
     fn below(folder: &Path, found: &mut Vec<PathBuf>) {
         for entry in std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()) {
             if entry.is_dir() {
                 below(&entry, found);
-            } else if entry.extension().is_some_and(|ending| ending == "md") {
+            } else if entry.extension().is_some_and(|extension| extension == "md") {
                 found.push(entry);
             }
         }
@@ -180,7 +184,7 @@ pub(super) fn pages() -> Vec<String> {
     below(&book(), &mut found);
     let name = |path: &PathBuf| path.strip_prefix(book()).expect("below").to_str().expect("UTF-8").to_owned();
     let mut names: Vec<String> = found.iter().map(name).filter(|name| name != "SUMMARY.md").collect();
-    // Runs of the notebook lie here, and are nobody's pages.
+    // Runs of the notebook may be here; they are not pages.
     names.retain(|name| !name.starts_with("runs/"));
     names.sort();
     names
@@ -192,17 +196,17 @@ pub(super) fn read(page: &str) -> String {
 }
 
 #[test]
-fn comments_say_what_is_done_with_the_block_behind_them() {
+fn comments_declare_the_use_of_the_next_block() {
     let text = "<!-- run: expect=3 needs=kitti -->\n```sh\none \\\n  two\n# three\nfour\n```\n\n```text\nfive\n```\n<!-- not run: it takes a day -->\n\n```sh\nsix\n```\n<!-- file: a.yaml -->\nwords\n```yaml\nseven\n```\n";
     let blocks = blocks(text);
-    let used: Vec<Use> = blocks.iter().map(|block| block.used("page")).collect();
+    let uses: Vec<Use> = blocks.iter().map(|block| block.declared_use("page")).collect();
     let run = Use::Run { expect: 3, needs: Some("kitti".to_owned()) };
-    assert_eq!(used, [run, Use::Shown, Use::NotRun("it takes a day".to_owned()), Use::Shown]);
+    assert_eq!(uses, [run, Use::Shown, Use::NotRun("it takes a day".to_owned()), Use::Shown]);
     assert_eq!((blocks[0].line, blocks[0].commands()), (2, 2));
     let pictures = "<!-- figure: a.svg tolerance=0.5: run cdf -->\n![a](a.svg)\n<!-- screenshot: b.jpg: b.yaml runs/b #frames inputs=12 -->\n";
-    let used: Vec<Use> = super::page::blocks(pictures).iter().map(|block| block.used("page")).collect();
+    let uses: Vec<Use> = super::page::blocks(pictures).iter().map(|block| block.declared_use("page")).collect();
     let figure = Use::Figure { file: "a.svg".to_owned(), tolerance: 0.5, arguments: "run cdf".to_owned() };
-    assert_eq!(used[0], figure);
-    assert!(matches!(&used[1], Use::Screenshot(of) if of.section == "frames" && of.inputs == "12"), "{used:?}");
+    assert_eq!(uses[0], figure);
+    assert!(matches!(&uses[1], Use::Screenshot(shot) if shot.section == "frames" && shot.inputs == "12"), "{uses:?}");
     assert_eq!(prose(text).lines().filter(|line| !line.starts_with("<!--")).collect::<String>(), "words");
 }

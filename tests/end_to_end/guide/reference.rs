@@ -1,5 +1,5 @@
-//! The reference of the guide, from what the program says of itself: kinds, commands, the language, JSON outputs, exit
-//! codes; and from the pages, what of the guide is run.
+//! The reference of the guide, generated from the program: kinds, commands, the language, JSON outputs, exit codes; and
+//! from the pages: which of their commands are run.
 
 use std::fmt::Write as _;
 
@@ -9,23 +9,23 @@ use super::page::{self, Use, blocks, pages};
 use super::{book, writes};
 use crate::support::{depthloom, succeed, workspace};
 
-/// What stands in front of every generated page, behind its title.
+/// The comment after the title of every generated page.
 const GENERATED: &str = "<!-- Generated: DEPTHLOOM_WRITE_GUIDE=1 cargo test --release -p depthloom -p depthloom-analysis --test end_to_end -- guide::reference -->";
 
-/// What the program prints.
-fn said(arguments: &[&str]) -> String {
+/// Standard output of the program.
+fn stdout_of(arguments: &[&str]) -> String {
     String::from_utf8(succeed(depthloom().args(arguments)).stdout).expect("UTF-8")
 }
 
 fn json(arguments: &[&str]) -> Json {
-    serde_json::from_str(&said(arguments)).expect("JSON")
+    serde_json::from_str(&stdout_of(arguments)).expect("JSON")
 }
 
 fn head(title: &str, about: &str) -> String {
     format!("# {title}\n\n{GENERATED}\n\n{about}\n")
 }
 
-/// Kinds, sources or nodes, each as `depthloom nodes KIND` explains it.
+/// Kinds of sources or of nodes, each as printed by `depthloom nodes KIND`.
 fn kinds(title: &str, about: &str, is_source: bool) -> String {
     let all = json(&["nodes", "--json"]);
     let all = all["kinds"].as_array().expect("a list");
@@ -36,7 +36,7 @@ fn kinds(title: &str, about: &str, is_source: bool) -> String {
     for kind in kinds {
         let (name, summary) = (kind["kind"].as_str().expect("a name"), kind["summary"].as_str().expect("a sentence"));
         let _ = writeln!(text, "| [`{name}`](#{}) | {} |", name.replace('/', ""), summary.replace('|', "\\|"));
-        for line in said(&["nodes", name]).lines() {
+        for line in stdout_of(&["nodes", name]).lines() {
             let _ = match (line.strip_prefix("# "), line.strip_prefix("## ")) {
                 (Some(title), _) => writeln!(explained, "\n## {title}"),
                 (_, Some(part)) => writeln!(explained, "**{part}**"),
@@ -54,24 +54,24 @@ fn sources() -> String {
 }
 
 fn nodes() -> String {
-    let about = "What can stand in a stage: `nodes: { NAME: { kind: KIND, inputs: { PORT: NODE/PORT }, with: { PARAMETER: VALUE } } }`. A *pure* node has no memory \
-                 between frames, an *ordered* one sees them one by one, a *once* node fires when all frames are through. `depthloom nodes KIND` prints the same in a \
+    let about = "The nodes of a stage: `nodes: { NAME: { kind: KIND, inputs: { PORT: NODE/PORT }, with: { PARAMETER: VALUE } } }`. A *pure* node has no memory \
+                 between frames, an *ordered* one gets them one by one in order, a *once* node runs after the last frame. `depthloom nodes KIND` prints the same in a \
                  terminal.";
     kinds("Nodes", about, false)
 }
 
 /// The commands that a help text lists.
 fn commands_of(command: &[&str]) -> Vec<String> {
-    let help = said(&[command, &["--help"]].concat());
+    let help = stdout_of(&[command, &["--help"]].concat());
     let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
     let names = lines.filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
     names.filter(|name| !name.is_empty() && *name != "help").map(str::to_owned).collect()
 }
 
-/// All commands, those of commands behind them, each with its help.
+/// All commands and their subcommands, each with its help.
 fn helps() -> Vec<(String, String)> {
     fn below(command: &[&str], found: &mut Vec<(String, String)>) {
-        found.push((command.join(" "), said(&[command, &["--help"]].concat())));
+        found.push((command.join(" "), stdout_of(&[command, &["--help"]].concat())));
         for name in commands_of(command) {
             below(&[command, &[&name]].concat(), found);
         }
@@ -82,7 +82,7 @@ fn helps() -> Vec<(String, String)> {
 }
 
 fn commands() -> String {
-    let about = "What each command takes, as `depthloom help COMMAND` says it; `depthloom man --out DIR` writes the same as manual pages.";
+    let about = "The arguments of each command, as printed by `depthloom help COMMAND`. `depthloom man --out DIR` writes the same as manual pages.";
     let mut text = head("Commands", about);
     for (command, help) in helps() {
         let title = format!("depthloom {command}");
@@ -95,7 +95,7 @@ fn commands() -> String {
 fn exit_codes() -> String {
     let about = "What a command's exit code means. A script that asks for no more than `0` or not is right with all of them; `3` is an answer (frames failed, \
                  values differ, a limit of `compare --fail-if` was passed) and not a fault of the command.";
-    let help = said(&["--help"]);
+    let help = stdout_of(&["--help"]);
     let lines = help.lines().skip_while(|line| *line != "Exit codes:").skip(1).map(str::trim);
     let mut rows: Vec<String> = Vec::new();
     for line in lines.take_while(|line| !line.is_empty()) {
@@ -103,7 +103,7 @@ fn exit_codes() -> String {
             (Some((code, meaning)), _) if code.parse::<u8>().is_ok() => {
                 rows.push(format!("| {code} | {}", meaning.trim()));
             }
-            // A long meaning goes on in the next line.
+            // A long meaning continues on the next line.
             (_, Some(row)) => row.push_str(&format!(" {line}")),
             (_, None) => {}
         }
@@ -112,22 +112,22 @@ fn exit_codes() -> String {
     format!("{head}\n| code | meaning |\n|---|---|\n{} |\n", rows.join(" |\n"))
 }
 
-/// What a schema allows, in a few words.
+/// A short description of the values that a schema allows.
 fn kind_of(schema: &Json) -> String {
     let code = |value: &Json| format!("`{}`", value.to_string().trim_matches('"'));
-    if let Some(of) = schema["$ref"].as_str() {
-        return of.rsplit('/').next().unwrap_or(of).to_owned();
+    if let Some(reference) = schema["$ref"].as_str() {
+        return reference.rsplit('/').next().unwrap_or(reference).to_owned();
     }
     if let Some(constant) = schema.get("const") {
         return code(constant);
     }
     if let Some(values) = schema["enum"].as_array() {
-        // Kinds have pages of their own.
+        // Kinds are listed on other pages.
         let shown: Vec<String> = values.iter().map(code).collect();
         return if schema.get("markdownEnumDescriptions").is_some() { "a kind".to_owned() } else { shown.join(", ") };
     }
     for any in ["anyOf", "oneOf"] {
-        // What a variable of the environment stands for is of no type before it is read.
+        // An environment variable may stand for a value of any type, so it is left out.
         let is_variable = |schema: &&Json| schema["pattern"].as_str().is_some_and(|pattern| pattern.starts_with("\\$"));
         if let Some(others) = schema[any].as_array() {
             let mut words: Vec<String> = Vec::new();
@@ -139,15 +139,18 @@ fn kind_of(schema: &Json) -> String {
             return words.join(" or ");
         }
     }
-    let of =
-        |word: &str, of: &Json| if of.is_object() { format!("{word} of {}", kind_of(of)) } else { word.to_owned() };
+    let container = |word: &str, items: &Json| {
+        if items.is_object() { format!("{word} of {}", kind_of(items)) } else { word.to_owned() }
+    };
     let word = |name: &str| match name {
-        "object" if schema["additionalProperties"]["$ref"].is_string() => of("map", &schema["additionalProperties"]),
+        "object" if schema["additionalProperties"]["$ref"].is_string() => {
+            container("map", &schema["additionalProperties"])
+        }
         "object" => "map".to_owned(),
         "integer" => "whole number".to_owned(),
         "string" => "text".to_owned(),
         "boolean" => "true or false".to_owned(),
-        "array" => of("list", &schema["items"]),
+        "array" => container("list", &schema["items"]),
         other => other.to_owned(),
     };
     match &schema["type"] {
@@ -157,8 +160,8 @@ fn kind_of(schema: &Json) -> String {
     }
 }
 
-/// A table of an object's keys; those of maps within as `outer.inner`, of keys that may be called anything as `NAME`.
-/// Keys that a map around has, too, stand there alone.
+/// A table of an object's keys. Nested keys are written `outer.inner`; a key with any name is `NAME`. Keys that an
+/// enclosing map has as well are listed only there.
 fn keys(text: &mut String, schema: &Json) {
     let mut rows = String::new();
     push_keys(&mut rows, "", schema, &[]);
@@ -175,21 +178,21 @@ fn push_keys(rows: &mut String, above: &str, schema: &Json, around: &[&Json]) {
     let is_new = |(key, property): &(&str, &Json)| around.iter().all(|map| map["properties"][*key] != **property);
     for (key, property) in named.chain(others).filter(is_new) {
         let cell = |text: &str| text.replace('|', "\\|").replace('\n', " ");
-        let wanted = if required.contains(&key) { "; required" } else { "" };
+        let required = if required.contains(&key) { "; required" } else { "" };
         let meaning = property["description"].as_str().unwrap_or_default();
-        let _ = writeln!(rows, "| `{above}{key}` | {}{wanted} | {} |", cell(&kind_of(property)), cell(meaning));
-        let within = format!("{above}{key}.");
+        let _ = writeln!(rows, "| `{above}{key}` | {}{required} | {} |", cell(&kind_of(property)), cell(meaning));
+        let prefix = format!("{above}{key}.");
         let ways = property["anyOf"].as_array().into_iter().flatten().chain([property]);
         let around = [around, &[schema]].concat();
-        ways.filter(|way| way["type"] == "object").for_each(|way| push_keys(rows, &within, way, &around));
+        ways.filter(|way| way["type"] == "object").for_each(|way| push_keys(rows, &prefix, way, &around));
     }
 }
 
 fn language() -> String {
     let schema = json(&["schema"]);
-    let about = "The keys of an experiment file, from the schema that editors check it with (`depthloom schema`). Where a value is allowed, a variable of the \
-                 environment is too: `\"${NAME}\"`, or `\"${NAME:-default}\"`. Parameters of kinds are in [Sources](sources.md) and [Nodes](nodes.md); what a path is, \
-                 and all of `matrix:`, in [Axes](../axes.md). What an estimate has that `score` has, too, is listed there alone.";
+    let about = "The keys of an experiment file, from the schema that editors check it with (`depthloom schema`). A value may be an environment \
+                 variable: `\"${NAME}\"`, or `\"${NAME:-default}\"`. Parameters of kinds are in [Sources](sources.md) and [Nodes](nodes.md); [Axes](../axes.md) \
+                 describes paths and `matrix:`. Keys that an estimate shares with `score` are listed only under `score`.";
     let mut text = head("The experiment language", about);
     text.push_str("\n## The file\n");
     keys(&mut text, &schema);
@@ -233,21 +236,21 @@ fn checked() -> String {
     let about = "The tests run the commands of this guide, each page in a folder of its own, and compare what a page shows of their output. \
                  Some commands are not run, for the reason given below. Those that need data or Python run where these are available.";
     let mut text = head("What of this guide is checked", about);
-    let (mut rows, mut left_out) = (String::new(), String::new());
+    let (mut rows, mut skipped) = (String::new(), String::new());
     let (mut all, mut none) = (0, 0);
     for name in pages() {
         let (mut run, mut not_run, mut needs) = (0, 0, Vec::new());
         for block in blocks(&page::read(&name)) {
-            match block.used(&name) {
-                Use::Run { needs: wanted, .. } => {
+            match block.declared_use(&name) {
+                Use::Run { needs: needed, .. } => {
                     run += block.commands();
-                    needs.extend(wanted);
+                    needs.extend(needed);
                 }
                 Use::NotRun(why) => {
                     not_run += block.commands();
                     for command in block.text.lines().filter(|line| !line.trim_start().starts_with('#')) {
                         let _ = writeln!(
-                            left_out,
+                            skipped,
                             "| [{name}](../{name}) | `{}` | {why} |",
                             command.trim().replace('|', "\\|")
                         );
@@ -266,13 +269,13 @@ fn checked() -> String {
         text,
         "\n| page | commands run | not run | some need |\n|---|---|---|---|\n{rows}| all | {all} | {none} | |\n"
     );
-    let _ = write!(text, "\n## Not run\n\n| page | command | why |\n|---|---|---|\n{left_out}");
+    let _ = write!(text, "\n## Not run\n\n| page | command | why |\n|---|---|---|\n{skipped}");
     text
 }
 
 #[test]
-fn the_reference_is_what_the_program_says() {
-    let made = [
+fn the_reference_is_up_to_date() {
+    let generated = [
         ("sources.md", sources()),
         ("nodes.md", nodes()),
         ("commands.md", commands()),
@@ -283,7 +286,7 @@ fn the_reference_is_what_the_program_says() {
     ];
     let folder = book().join("reference");
     let mut stale = Vec::new();
-    for (name, text) in made {
+    for (name, text) in generated {
         if writes() {
             std::fs::write(folder.join(name), &text).expect("written");
         }

@@ -1,4 +1,4 @@
-//! The commands of the guide, page by page, as a reader gives them.
+//! Runs the commands of the guide, page by page, as a reader does.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,10 +9,10 @@ use super::pictures;
 use super::{book, writes};
 use crate::support::{full, python_package, shared, skipped, workspace};
 
-/// The folder that the guide calls KITTI's; the tests put theirs in its place.
+/// The path of KITTI data in the guide; the tests replace it by the real path.
 const KITTI: &str = "/data/kitti_stereo_2015";
 
-/// A test a page: its name, and the page.
+/// One test per page: its name, and the page.
 macro_rules! pages {
     ($($name:ident: $page:literal,)*) => {
         $(#[test]
@@ -62,12 +62,12 @@ pages! {
 }
 
 #[test]
-fn every_page_with_commands_is_run() {
-    let is_run = |name: &str, block: &Block| matches!(block.used(name), Use::Run { .. });
+fn every_page_with_commands_has_a_test() {
+    let is_run = |name: &str, block: &Block| matches!(block.declared_use(name), Use::Run { .. });
     let has_commands = |name: &String| blocks(&page::read(name)).iter().any(|block| is_run(name, block));
-    let mut there: Vec<String> = pages().into_iter().filter(has_commands).collect();
-    there.retain(|name| !PAGES.contains(&&**name));
-    assert_eq!(there, [""; 0], "pages with commands that no test runs: a line each in `pages!`");
+    let mut untested: Vec<String> = pages().into_iter().filter(has_commands).collect();
+    untested.retain(|name| !PAGES.contains(&&**name));
+    assert_eq!(untested, [""; 0], "pages with commands and without a test: add them to `pages!`");
 }
 
 /// Runs all blocks of a page in order, in a folder with the checkout's `experiments` and `examples` and the program on
@@ -94,10 +94,10 @@ fn run(name: &str) {
     fs::hard_link(env!("CARGO_BIN_EXE_depthloom"), &program)
         .or_else(|_| fs::copy(env!("CARGO_BIN_EXE_depthloom"), &program).map(|_| ()))
         .expect("the program");
-    let mut mended = text.clone();
+    let mut updated = text.clone();
     let mut wrong = Vec::new();
-    for (place, block) in blocks.iter().enumerate() {
-        match block.used(name) {
+    for (index, block) in blocks.iter().enumerate() {
+        match block.declared_use(name) {
             Use::File(file) => fs::write(here.join(file), &block.text).expect("written"),
             Use::NotRun(_) | Use::Shown => {}
             Use::Figure { file, tolerance, arguments } => {
@@ -111,34 +111,35 @@ fn run(name: &str) {
             Use::Screenshot(picture) => match pictures::check_screenshot(&picture, &here, &test) {
                 Ok(inputs) => {
                     let old = format!("inputs={} ", picture.inputs);
-                    mended = mended.replacen(&old, &format!("inputs={inputs} "), 1);
+                    updated = updated.replacen(&old, &format!("inputs={inputs} "), 1);
                 }
                 Err(error) => wrong.push(format!("docs/{name}:{}: {error}", block.line)),
             },
             Use::Run { expect, needs } => {
-                let Some(needs) = needs.map_or_else(|| Some(Needs::default()), |what| Needs::of(&what, &test)) else {
+                let Some(needs) = needs.map_or_else(|| Some(Needs::default()), |what| Needs::parse(&what, &test))
+                else {
                     continue;
                 };
                 let output = needs.run(&block.text, &here, &bin);
                 if output.code != Some(expect) {
                     wrong.push(format!(
-                        "docs/{name}:{}: ended with {:?}, not {expect}\n{}\n{}{}",
+                        "docs/{name}:{}: exit code {:?} instead of {expect}\n{}\n{}{}",
                         block.line, output.code, block.text, output.out, output.err
                     ));
                     break;
                 }
-                let shown = blocks.get(place + 1).filter(|next| next.language == "text" && is_next(&text, block, next));
+                let shown = blocks.get(index + 1).filter(|next| next.language == "text" && is_next(&text, block, next));
                 if let Some(shown) = shown
                     && let Err(line) = is_shown(&shown.text, &format!("{}{}", output.out, output.err))
                 {
-                    let is_whole = !shown.text.contains(['…']) && !shown.text.lines().any(|line| line == "...");
-                    if writes() && is_whole {
-                        let told = if output.out.is_empty() { &output.err } else { &output.out };
-                        let (old, new) = (&shown.text, &trimmed(told));
-                        mended = mended.replacen(&format!("```text\n{old}```"), &format!("```text\n{new}```"), 1);
+                    let is_complete = !shown.text.contains(['…']) && !shown.text.lines().any(|line| line == "...");
+                    if writes() && is_complete {
+                        let printed = if output.out.is_empty() { &output.err } else { &output.out };
+                        let (old, new) = (&shown.text, &trimmed(printed));
+                        updated = updated.replacen(&format!("```text\n{old}```"), &format!("```text\n{new}```"), 1);
                     } else {
                         wrong.push(format!(
-                            "docs/{name}:{}: not what the commands print: {line}\nthey print\n{}{}",
+                            "docs/{name}:{}: the commands do not print: {line}\nthey print\n{}{}",
                             shown.line, output.out, output.err
                         ));
                     }
@@ -146,26 +147,26 @@ fn run(name: &str) {
             }
         }
     }
-    if mended != text {
-        fs::write(book().join(name), mended).expect("written");
+    if updated != text {
+        fs::write(book().join(name), updated).expect("written");
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n\n"));
 }
 
-/// Whether nothing but words stand between commands and what they print, and few of them.
+/// Whether only prose without a heading is between the commands and the shown output.
 fn is_next(text: &str, block: &Block, shown: &Block) -> bool {
     let from = block.line + block.text.lines().count() + 1;
     text.lines().take(shown.line - 1).skip(from).all(|line| !line.starts_with('#'))
 }
 
-/// What commands need beside the program.
+/// Requirements of commands besides the program.
 #[derive(Default)]
 struct Needs {
     kitti: Option<PathBuf>,
     python: Option<PathBuf>,
 }
 
-/// What commands printed, and how they ended.
+/// Output and exit code of commands.
 struct Printed {
     code: Option<i32>,
     out: String,
@@ -173,19 +174,19 @@ struct Printed {
 }
 
 impl Needs {
-    /// `None`, and the test is skipped by name, where it is not here.
-    fn of(what: &str, test: &str) -> Option<Self> {
+    /// `None` if the requirement is missing; the test is then reported as skipped.
+    fn parse(what: &str, test: &str) -> Option<Self> {
         match what {
             "kitti" => {
                 let kitti = shared(test)?.join("data/kitti_stereo_2015");
                 Some(Self { kitti: Some(kitti), ..Self::default() })
             }
             "python" => Some(Self { python: Some(python_package(test)?), ..Self::default() }),
-            other => panic!("{test}: nobody knows what `needs={other}` is"),
+            other => panic!("{test}: unknown requirement `needs={other}`"),
         }
     }
 
-    /// Runs a block as a script that ends at the first command that fails.
+    /// Runs a block as a script that stops at the first failing command.
     fn run(&self, commands: &str, here: &Path, bin: &Path) -> Printed {
         #[cfg(unix)]
         depthloom_test_needs::signals::as_usual();
@@ -221,17 +222,17 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Without spaces at lines' ends, and without empty lines around.
+/// Removes spaces at the ends of lines, and empty lines at both ends.
 fn trimmed(text: &str) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim_end).collect();
     format!("{}\n", lines.join("\n").trim_matches('\n'))
 }
 
-/// Whether an output holds what is shown of it: its lines, in order and one behind the other but where a line `...`
-/// leaves some out; `…` within a line stands for anything.
+/// Whether the output contains the shown lines in this order. They must be consecutive except where a line `...` stands
+/// for omitted lines; `…` within a line stands for any text.
 ///
 /// # Errors
-/// The first line that is not there.
+/// The first line that is missing.
 fn is_shown(shown: &str, printed: &str) -> Result<(), String> {
     let printed: Vec<&str> = printed.lines().map(str::trim_end).collect();
     let mut rest = &printed[..];
@@ -249,7 +250,7 @@ fn is_shown(shown: &str, printed: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether a line is the one that is shown: `…` stands for anything.
+/// Whether a printed line matches the shown one: `…` stands for any text.
 fn is_line(shown: &str, printed: &str) -> bool {
     let mut parts = shown.split('…');
     let first = parts.next().unwrap_or_default();
@@ -269,7 +270,7 @@ fn is_line(shown: &str, printed: &str) -> bool {
 }
 
 #[test]
-fn what_is_shown_may_leave_out_lines_and_parts_of_lines() {
+fn shown_output_may_omit_lines_and_parts_of_lines() {
     let printed = "a 1\nb 22 c\nd\ne\n";
     for right in ["a 1\nb 22 c\n", "d\n", "a 1\n...\ne\n", "...\nb … c\nd\n", "b …\n", "… c\n"] {
         assert_eq!(is_shown(right, printed), Ok(()), "{right}");

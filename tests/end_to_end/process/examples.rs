@@ -1,4 +1,4 @@
-//! The examples of nodes in other languages and libraries.
+//! The example nodes in other languages and libraries.
 
 use std::process::Command;
 
@@ -7,8 +7,8 @@ use super::run;
 use crate::support::{full, label, number, python_package, read_csv, skipped, succeed, workspace};
 
 #[test]
-fn a_node_in_javascript_speaks_the_protocol_by_arrows_library_alone() {
-    const TEST: &str = "a_node_in_javascript_speaks_the_protocol_by_arrows_library_alone";
+fn a_javascript_node_works_with_only_arrows_library() {
+    const TEST: &str = "a_javascript_node_works_with_only_arrows_library";
     // It installs a package with npm.
     if !full(TEST) {
         return;
@@ -32,15 +32,14 @@ fn a_node_in_javascript_speaks_the_protocol_by_arrows_library_alone() {
     let rows = read_csv(&out.join("scores.csv"));
     assert_eq!(rows.len(), 4);
     for row in rows {
-        // Where the mask of the pixels with ground truth is, one of the two has nearly always an answer nearer than 60
-        // m.
+        // Nearly every pixel with ground truth has a valid depth below 60 m in one of the two inputs.
         assert!(label(&row) == "nearest" && number(&row, "a1") > 0.8, "{row:?}");
     }
 }
 
 #[test]
-fn a_network_of_pytorch_is_a_node() {
-    const TEST: &str = "a_network_of_pytorch_is_a_node";
+fn a_pytorch_network_runs_as_a_node() {
+    const TEST: &str = "a_pytorch_network_runs_as_a_node";
     let Some(python) = python_package(TEST) else { return };
     if !Command::new(&python).args(["-c", "import torch"]).output().is_ok_and(|output| output.status.success()) {
         skipped(TEST, "the Python of the tests has no torch");

@@ -1,16 +1,16 @@
-//! Faults of processes: each a clear error that names node and frame, no process left, no wait without end, and a
-//! recording that can be read.
+//! Faults of processes: each yields a clear error with node and frame, leaves no process, does not hang, and leaves a
+//! readable recording.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use super::{Peer, processes, run, said, until};
+use super::{Peer, output_of, processes, run, until};
 use crate::support::{depthloom, succeed, system_python};
 
-/// What a process does, and a part of what is said of it.
+/// Modes of the script, and a part of the expected message.
 const FAULTS: [(&str, &str); 66] = [
-    // Before it is ready.
+    // Before the process is ready.
     (
         "exits-at-once",
         "did not start: it ended, or closed its standard output, before it said anything; it ended with exit code 3",
@@ -38,7 +38,7 @@ const FAULTS: [(&str, &str); 66] = [
     ("raises", "KeyError: 'weights'"),
     ("floods-stderr-and-exits", "the end of its standard error: no weights"),
     ("floods-stdout", "it begins with \"xxxx\" where a message is wanted"),
-    // While it is called.
+    // During a call.
     ("exits-within-a-call", "gave no answer: it ended, or closed its standard output; it ended with exit code 4"),
     ("exits", "it ended with exit code 7; its standard error: the model is gone"),
     ("segfaults", "it was killed by signal 11"),
@@ -60,7 +60,7 @@ const FAULTS: [(&str, &str); 66] = [
     ("shorter-than-it-says", "did not answer within 2 s, and was ended"),
     ("floods-stderr-and-hangs", "the end of its standard error: still here"),
     ("tells-a-failure", "failed: ValueError: too dark line 7, in fuse"),
-    // What it answers is no answer.
+    // Invalid replies.
     ("wrong-type", "`data` is of type list<float64>, and list<float32> is wanted"),
     ("too-few-samples", "what it gave at `depth` is not a valid depth: it has 2047 samples, which is not 64x32 pixels"),
     ("no-samples", "it has 0 samples, which is not 64x32 pixels"),
@@ -79,13 +79,13 @@ const FAULTS: [(&str, &str); 66] = [
     ("infinite-depth", "returned an invalid depth at port `depth`: inf m at row 31, column 63: a depth must be finite"),
     ("zero-depth", "0.0 m at row 0, column 0 (2048 of 2048 pixels are invalid): a depth must be finite"),
     ("offsets-lead-out", "the offsets of `data` lead out of its values"),
-    // Of shared memory.
+    // Shared memory.
     ("shared-wrong-word", "it says that its row is in shared memory, and it was given none"),
     ("shared-not-agreed", "it says that its row is in shared memory, and it was given none"),
     ("shared-not-given", "it says that its row is in shared memory, and it was given none"),
 ];
 
-/// Faults of later frames, or that need no reply.
+/// Faults in later frames, or without a reply.
 const LATER: [(&str, &str, &str); 16] = [
     ("answers-twice", "answered call 1 where call 2 is to be answered", "000001_10"),
     ("answers-and-floods", "answered call 9 where call 1 is to be answered", "000000_10"),
@@ -109,56 +109,56 @@ const LATER: [(&str, &str, &str); 16] = [
     ("shared-shrinks", "it ended with exit code 9", "000001_10"),
 ];
 
-/// Runs two frames through a process; what is said of it must hold `expected`.
+/// Runs two frames through a process; the output must contain `expected`.
 fn fails(peer: &Peer, mode: &str, expected: &str, frame: &str) -> Result<(), String> {
-    // A time is short only where the process is silent for ever: a slow machine must not be what fails.
+    // A time-out is short only if the process never replies, so that a slow machine does not cause failures.
     let is_silent = expected.contains("did not answer within 2 s") || mode == "floods-stderr-and-hangs";
     let times = match expected.contains("was not ready") {
         true => "start_timeout_s: 2, timeout_s: 120",
         false if is_silent => "start_timeout_s: 120, timeout_s: 2",
-        // What it leaves behind holds its standard output open.
+        // A remaining child process keeps the standard output open.
         false if mode == "forks-and-exits" => "start_timeout_s: 120, timeout_s: 20",
         false => "start_timeout_s: 120, timeout_s: 120",
     };
-    let experiment = peer.of_mode(mode, "0..2", times);
+    let experiment = peer.experiment_in_mode(mode, "0..2", times);
     let (out, mark) = (peer.path(&format!("run-{mode}")), format!("{}-{mode}", std::process::id()));
-    let begun = Instant::now();
+    let start = Instant::now();
     let output = run(&experiment, &out, &mark).args(["--workers", "1", "--keep-going"]).output();
     let output = output.map_err(|error| error.to_string())?;
-    let (said, took) = (said(&output), begun.elapsed());
+    let (printed, took) = (output_of(&output), start.elapsed());
     if output.status.code() != Some(3) {
-        return Err(format!("ended with {}: {said}", output.status));
+        return Err(format!("ended with {}: {printed}", output.status));
     }
     for part in [expected, "own", frame] {
-        if !said.contains(&part.split_whitespace().collect::<Vec<_>>().join(" ")) {
-            return Err(format!("{part:?} is not said: {said}"));
+        if !printed.contains(&part.split_whitespace().collect::<Vec<_>>().join(" ")) {
+            return Err(format!("{part:?} is missing: {printed}"));
         }
     }
-    // Two frames, each with start, time-out and two graces, on a loaded machine; much more is a hang.
+    // Enough for two frames, each with start, time-out and two grace periods, on a loaded machine.
     if took > Duration::from_secs(200) {
         return Err(format!("took {took:?}"));
     }
-    let left = processes(&mark);
-    if !left.is_empty() {
-        return Err(format!("left {left:?}"));
+    let remaining = processes(&mark);
+    if !remaining.is_empty() {
+        return Err(format!("{remaining:?} still run"));
     }
     let info = depthloom().arg("info").arg(&out).output().map_err(|error| error.to_string())?;
     if !info.status.success() {
-        return Err(format!("its recording cannot be read: {}", self::said(&info)));
+        return Err(format!("its recording cannot be read: {}", output_of(&info)));
     }
     Ok(())
 }
 
 #[test]
-fn each_of_82_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_behind() {
-    if !system_python("each_of_82_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_behind") {
+fn each_of_82_faults_is_an_error_with_node_and_frame_and_leaves_no_process() {
+    if !system_python("each_of_82_faults_is_an_error_with_node_and_frame_and_leaves_no_process") {
         return;
     }
     let peer = Peer::new();
     let first = FAULTS.iter().map(|(mode, expected)| (*mode, *expected, "000000_10"));
     let all: Vec<(&str, &str, &str)> = first.chain(LATER).collect();
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    // Most of the time they wait.
+    // Four threads, because the tests mostly wait.
     std::thread::scope(|scope| {
         for _ in 0..4 {
             scope.spawn(|| {
@@ -175,32 +175,32 @@ fn each_of_82_faults_is_an_error_that_names_node_and_frame_and_leaves_nothing_be
 }
 
 #[test]
-fn a_program_that_prints_to_standard_output_gets_the_hint_to_use_standard_error() {
-    if !system_python("a_program_that_prints_to_standard_output_gets_the_hint_to_use_standard_error") {
+fn printing_to_standard_output_is_an_error_that_suggests_standard_error() {
+    if !system_python("printing_to_standard_output_is_an_error_that_suggests_standard_error") {
         return;
     }
     let peer = Peer::new();
-    let experiment = peer.of_mode("prints-text", "0..1", "start_timeout_s: 120");
+    let experiment = peer.experiment_in_mode("prints-text", "0..1", "start_timeout_s: 120");
     let output = run(&experiment, &peer.path("run"), "prints").output().expect("started");
-    let said = said(&output);
-    assert_eq!(output.status.code(), Some(3), "{said}");
-    assert!(said.contains("it begins with \"load\" where a message is wanted"), "{said}");
-    assert!(said.contains("help: print to standard error (`print(..., file=sys.stderr)` in Python)"), "{said}");
+    let printed = output_of(&output);
+    assert_eq!(output.status.code(), Some(3), "{printed}");
+    assert!(printed.contains("it begins with \"load\" where a message is wanted"), "{printed}");
+    assert!(printed.contains("help: print to standard error (`print(..., file=sys.stderr)` in Python)"), "{printed}");
 }
 
 #[test]
-fn an_answer_lies_in_shared_memory_and_one_that_changes_while_it_is_read_is_no_more_than_wrong() {
-    if !system_python("an_answer_lies_in_shared_memory_and_one_that_changes_while_it_is_read_is_no_more_than_wrong") {
+fn replies_in_shared_memory_work_and_concurrent_changes_are_harmless() {
+    if !system_python("replies_in_shared_memory_work_and_concurrent_changes_are_harmless") {
         return;
     }
     let peer = Peer::new();
     for mode in ["shared-works", "shared-scribbles"] {
         let mark = format!("{}-{mode}", std::process::id());
-        let experiment = peer.of_mode(mode, "0..2", "timeout_s: 20");
+        let experiment = peer.experiment_in_mode(mode, "0..2", "timeout_s: 20");
         let output = run(&experiment, &peer.path(&format!("run-{mode}")), &mark).args(["--workers", "1"]).output();
         let output = output.expect("started");
-        let is_right = output.status.success() || mode == "shared-scribbles" && output.status.code() == Some(3);
-        assert!(is_right, "{mode}: {}", said(&output));
+        let is_expected = output.status.success() || mode == "shared-scribbles" && output.status.code() == Some(3);
+        assert!(is_expected, "{mode}: {}", output_of(&output));
         assert_eq!(processes(&mark), Vec::<String>::new());
     }
 }
@@ -215,26 +215,26 @@ fn fault_60_a_program_that_cannot_be_started_is_reported_before_the_run() {
         let out = peer.path(&format!("run-{name}"));
         let output =
             run(&peer.experiment(name, "0..1", command, "timeout_s: 5"), &out, "none").output().expect("started");
-        let said = said(&output);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains("cannot be started") && !said.contains("frame 000000_10"), "{said}");
+        let printed = output_of(&output);
+        assert_eq!(output.status.code(), Some(2), "{printed}");
+        assert!(printed.contains("cannot be started") && !printed.contains("frame 000000_10"), "{printed}");
     }
 }
 
 #[test]
-fn a_process_that_ended_is_followed_by_another_and_none_stays_a_zombie() {
-    if !system_python("a_process_that_ended_is_followed_by_another_and_none_stays_a_zombie") {
+fn an_ended_process_is_replaced_and_leaves_no_zombie() {
+    if !system_python("an_ended_process_is_replaced_and_leaves_no_zombie") {
         return;
     }
     let peer = Peer::new();
-    // Twelve end; the last call waits while we look.
-    let experiment = peer.of_mode("exits", "0..12", "timeout_s: 30");
+    // All twelve processes end.
+    let experiment = peer.experiment_in_mode("exits", "0..12", "timeout_s: 30");
     let (out, mark) = (peer.path("run"), format!("{}-zombies", std::process::id()));
     let output = run(&experiment, &out, &mark).args(["--keep-going", "--workers", "2"]).output().expect("started");
-    assert!(said(&output).contains("12 frames failed"), "{}", said(&output));
+    assert!(output_of(&output).contains("12 frames failed"), "{}", output_of(&output));
     assert_eq!(processes(&mark), Vec::<String>::new());
 
-    let experiment = peer.of_mode("hangs", "0..1", "timeout_s: 20");
+    let experiment = peer.experiment_in_mode("hangs", "0..1", "timeout_s: 20");
     let mut child = run(&experiment, &peer.path("waits"), &mark).spawn().expect("started");
     until("a process is called", || processes(&mark).len() >= 3);
     let zombies = || {
@@ -242,43 +242,43 @@ fn a_process_that_ended_is_followed_by_another_and_none_stays_a_zombie() {
         let stat =
             |process: std::fs::DirEntry| std::fs::read_to_string(process.path().join("stat")).unwrap_or_default();
         let of_run = all.map(stat).filter(|stat| {
-            let mut behind = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
-            behind.next() == Some("Z") && behind.next() == Some(&child.id().to_string())
+            let mut fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
+            fields.next() == Some("Z") && fields.next() == Some(&child.id().to_string())
         });
         of_run.count()
     };
     assert_eq!(zombies(), 0);
     child.kill().expect("killed");
     child.wait().expect("ended");
-    until("all that a killed run started is gone", || processes(&mark).is_empty());
+    until("all processes of a killed run have ended", || processes(&mark).is_empty());
 }
 
 #[test]
-fn a_killed_run_leaves_no_process_whatever_it_ignores() {
-    if !system_python("a_killed_run_leaves_no_process_whatever_it_ignores") {
+fn a_killed_run_leaves_no_process_even_if_it_ignores_signals() {
+    if !system_python("a_killed_run_leaves_no_process_even_if_it_ignores_signals") {
         return;
     }
     let peer = Peer::new();
     for mode in ["works", "ignores-sigterm", "forks-and-hangs"] {
         let mark = format!("{}-killed-{mode}", std::process::id());
-        let experiment = peer.of_mode(mode, "0..100000", "timeout_s: 60");
+        let experiment = peer.experiment_in_mode(mode, "0..100000", "timeout_s: 60");
         let mut child = run(&experiment, &peer.path(mode), &mark).spawn().expect("started");
         until("a process is called", || processes(&mark).iter().any(|line| line.contains("peer.py")));
         child.kill().expect("killed");
         child.wait().expect("ended");
-        until("all of it is gone", || processes(&mark).is_empty());
+        until("all processes have ended", || processes(&mark).is_empty());
     }
 }
 
 #[test]
-fn an_interrupted_run_lets_calls_end_and_an_aborted_one_ends_them() {
-    if !system_python("an_interrupted_run_lets_calls_end_and_an_aborted_one_ends_them") {
+fn an_interrupt_waits_for_calls_and_a_second_one_kills_them() {
+    if !system_python("an_interrupt_waits_for_calls_and_a_second_one_kills_them") {
         return;
     }
     let peer = Peer::new();
     for (mode, times) in [("works", 1), ("ignores-sigterm", 2)] {
         let mark = format!("{}-interrupted-{mode}", std::process::id());
-        let experiment = peer.of_mode(mode, "0..100000", "timeout_s: 60");
+        let experiment = peer.experiment_in_mode(mode, "0..100000", "timeout_s: 60");
         let out = peer.path(&format!("interrupted-{mode}"));
         let child = run(&experiment, &out, &mark).stderr(std::process::Stdio::piped()).spawn().expect("started");
         until("a process is called", || processes(&mark).iter().any(|line| line.contains("peer.py")));
@@ -293,18 +293,18 @@ fn an_interrupted_run_lets_calls_end_and_an_aborted_one_ends_them() {
             std::thread::sleep(Duration::from_millis(300));
         }
         let output = child.wait_with_output().expect("ended");
-        assert_eq!(output.status.code(), Some(130), "{mode}: {}", said(&output));
-        until("all of it is gone", || processes(&mark).is_empty());
+        assert_eq!(output.status.code(), Some(130), "{mode}: {}", output_of(&output));
+        until("all processes have ended", || processes(&mark).is_empty());
     }
 }
 
 #[test]
-fn a_process_that_works_gives_the_same_bytes_with_one_worker_and_with_eight() {
-    if !system_python("a_process_that_works_gives_the_same_bytes_with_one_worker_and_with_eight") {
+fn a_process_yields_the_same_recording_with_one_and_eight_workers() {
+    if !system_python("a_process_yields_the_same_recording_with_one_and_eight_workers") {
         return;
     }
     let peer = Peer::new();
-    let experiment = peer.of_mode("works-with-noise", "0..8", "version: 1");
+    let experiment = peer.experiment_in_mode("works-with-noise", "0..8", "version: 1");
     let bytes = |workers: &str| {
         let out = peer.path(&format!("run-{workers}"));
         succeed(run(&experiment, &out, "works").args(["--workers", workers]));
@@ -314,27 +314,26 @@ fn a_process_that_works_gives_the_same_bytes_with_one_worker_and_with_eight() {
 }
 
 #[test]
-fn code_that_changes_before_it_was_read_fails_the_frame_and_a_program_beside_the_file_is_that_one() {
-    if !system_python("code_that_changes_before_it_was_read_fails_the_frame_and_a_program_beside_the_file_is_that_one")
-    {
+fn changed_code_fails_the_frame_and_programs_are_found_next_to_the_experiment() {
+    if !system_python("changed_code_fails_the_frame_and_programs_are_found_next_to_the_experiment") {
         return;
     }
     let peer = Peer::new();
     std::fs::write(peer.path("code.txt"), "one").expect("written");
     let works = format!("exec python3 peer.py works {}", peer.folder.path().display());
-    // The program changes it as it starts.
+    // The program changes the file when it starts.
     let command = format!("[sh, -c, {:?}]", format!("echo two > code.txt; {works}"));
     let experiment = peer.experiment("changes", "0..1", &command, "code: [code.txt]");
     let output =
         run(&experiment, &peer.path("out"), "code-changes").current_dir(peer.folder.path()).output().expect("runs");
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(3), "{}", output_of(&output));
     assert!(
-        said(&output).contains("code.txt, which `code` or `command` names, changed since the run began"),
+        output_of(&output).contains("code.txt, which `code` or `command` names, changed since the run began"),
         "{}",
-        said(&output)
+        output_of(&output)
     );
 
-    // Also where the file is named without a folder.
+    // The experiment is given without a folder.
     let program = peer.path("prog.sh");
     std::fs::write(&program, format!("#!/bin/sh\n{works}\n")).expect("written");
     std::process::Command::new("chmod").arg("+x").arg(&program).status().expect("chmod");
@@ -343,5 +342,5 @@ fn code_that_changes_before_it_was_read_fails_the_frame_and_a_program_beside_the
         .current_dir(peer.folder.path())
         .output();
     let output = output.expect("runs");
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", output_of(&output));
 }

@@ -1,13 +1,13 @@
-//! What a program can observe is in the cache keys of its results: a run that reuses them equals one that computes all.
+//! Cache keys contain everything that a program can observe: a run that reuses results equals one that computes all.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::python::path_of;
-use super::{run, said};
+use super::{output_of, run};
 use crate::support::{depthloom, python_package, succeed};
 
-/// A folder with an experiment of one node in Python, whose runs are beside each other.
+/// A folder with an experiment of one Python node, and a common folder of its runs.
 struct Programs {
     folder: tempfile::TempDir,
     python: PathBuf,
@@ -69,14 +69,14 @@ impl Programs {
         command
     }
 
-    /// The recording of a run that reuses what earlier runs computed.
+    /// The recording of a run that reuses results of earlier runs.
     fn recording(&self, experiment: &Path, out: &str) -> Vec<u8> {
         succeed(&mut self.command(experiment, out));
         std::fs::read(self.path("runs").join(out).join("recording.mcap")).expect("a recording")
     }
 
-    /// That a run which may reuse results gives the recording of one that may not.
-    fn equals_fresh(&self, experiment: &Path, out: &str) {
+    /// Asserts that a run with reuse writes the same recording as one with `--fresh`.
+    fn assert_equals_fresh(&self, experiment: &Path, out: &str) {
         let reusing = self.recording(experiment, out);
         let fresh = format!("{out}-fresh");
         succeed(self.command(experiment, &fresh).arg("--fresh"));
@@ -84,7 +84,7 @@ impl Programs {
         assert!(reusing == fresh, "{out}: the recording of the reusing run differs from a fresh one");
     }
 
-    /// How many of the node's frames the next run would compute.
+    /// The number of the node's frames that the next run would compute.
     fn computed(&self, experiment: &Path) -> u64 {
         let mut plan = depthloom();
         plan.args(["plan", "--reuse", "--json", "--allow-exec", "--out"]).arg(self.path("runs/next")).arg(experiment);
@@ -97,8 +97,8 @@ impl Programs {
 }
 
 #[test]
-fn an_imported_module_that_changes_is_noticed_by_its_content() {
-    const TEST: &str = "an_imported_module_that_changes_is_noticed_by_its_content";
+fn a_changed_imported_module_changes_the_key() {
+    const TEST: &str = "a_changed_imported_module_changes_the_key";
     let Some(programs) = Programs::new(TEST) else { return };
     for with in ["code: [node.py]", "version: 1"] {
         let experiment = programs.experiment(with);
@@ -107,9 +107,9 @@ fn an_imported_module_that_changes_is_noticed_by_its_content() {
         programs.recording(&experiment, &format!("{name}-first"));
         assert_eq!(programs.computed(&experiment), 0, "{with}: nothing changed");
         programs.write("mylib/k.py", "K = 2.0\n");
-        programs.equals_fresh(&experiment, &format!("{name}-second"));
+        programs.assert_equals_fresh(&experiment, &format!("{name}-second"));
     }
-    // The report can be switched off: then nobody notices.
+    // With `imports: false`, the change is not detected.
     let experiment = programs.experiment("code: [node.py], imports: false");
     programs.recording(&experiment, "off");
     programs.write("mylib/k.py", "K = 3.0\n");
@@ -117,8 +117,8 @@ fn an_imported_module_that_changes_is_noticed_by_its_content() {
 }
 
 #[test]
-fn a_map_of_another_size_costs_its_frame_and_no_report() {
-    const TEST: &str = "a_map_of_another_size_costs_its_frame_and_no_report";
+fn a_map_of_another_size_fails_only_its_frame() {
+    const TEST: &str = "a_map_of_another_size_fails_only_its_frame";
     let Some(programs) = Programs::new(TEST) else { return };
     let sizes = "
 import depthloom
@@ -133,15 +133,15 @@ depthloom.serve(Node)
     programs.write("node.py", sizes);
     let experiment = programs.experiment("contract: ordered, code: [node.py]");
     let output = programs.command(&experiment, "sizes").arg("--keep-going").output().expect("it runs");
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(3), "{}", output_of(&output));
     let table = crate::support::read_csv(&programs.path("runs/sizes/table.csv"));
     assert_eq!(table[0]["frames"], "2", "{table:?}");
     succeed(depthloom().arg("samples").arg(programs.path("runs/sizes")));
 }
 
 #[test]
-fn parameters_in_another_order_are_other_parameters() {
-    const TEST: &str = "parameters_in_another_order_are_other_parameters";
+fn the_order_of_parameters_is_part_of_the_key() {
+    const TEST: &str = "the_order_of_parameters_is_part_of_the_key";
     let Some(programs) = Programs::new(TEST) else { return };
     let steps = "
 import depthloom
@@ -160,13 +160,13 @@ depthloom.serve(node)
         let experiment = programs.experiment(&format!("{with}, params: {{ steps: {{ times: 2, plus: 10 }} }}"));
         programs.recording(&experiment, &format!("{out}-first"));
         let experiment = programs.experiment(&format!("{with}, params: {{ steps: {{ plus: 10, times: 2 }} }}"));
-        programs.equals_fresh(&experiment, &format!("{out}-second"));
+        programs.assert_equals_fresh(&experiment, &format!("{out}-second"));
     }
 }
 
 #[test]
-fn a_file_that_reads_does_not_name_fails_the_frame_and_without_reads_is_a_warning() {
-    const TEST: &str = "a_file_that_reads_does_not_name_fails_the_frame_and_without_reads_is_a_warning";
+fn reading_an_undeclared_file_fails_the_frame_or_warns_without_reads() {
+    const TEST: &str = "reading_an_undeclared_file_fails_the_frame_or_warns_without_reads";
     let Some(programs) = Programs::new(TEST) else { return };
     let reading = "
 import depthloom
@@ -188,69 +188,73 @@ depthloom.serve(node)
     let program = |path: &str| programs.write("node.py", &reading.replace("FRAME", "frame").replace("PATH", path));
     program("f'factors/{frame.id}.txt'");
     let output = programs.command(&programs.experiment(with), "named").output().expect("it runs");
-    assert!(output.status.success() && !said(&output).contains("factors"), "{}", said(&output));
+    assert!(output.status.success() && !output_of(&output).contains("factors"), "{}", output_of(&output));
     program("f'others/{frame.id}.txt'");
     let output = programs.command(&programs.experiment(with), "others").output().expect("it runs");
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
-    assert!(said(&output).contains("others") && said(&output).contains("neither `reads`"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(3), "{}", output_of(&output));
+    assert!(
+        output_of(&output).contains("others") && output_of(&output).contains("neither `reads`"),
+        "{}",
+        output_of(&output)
+    );
     programs.write("node.py", &reading.replace(", FRAME", "").replace("PATH", "'factors/000000_10.txt'"));
     let output = succeed(&mut programs.command(&programs.experiment("code: [node.py]"), "warned"));
-    assert!(said(&output).contains("000000_10.txt after it began to serve"), "{}", said(&output));
+    assert!(output_of(&output).contains("000000_10.txt after it began to serve"), "{}", output_of(&output));
 }
 
 #[test]
-fn a_module_that_is_imported_late_fails_the_frame_unless_code_names_it() {
-    const TEST: &str = "a_module_that_is_imported_late_fails_the_frame_unless_code_names_it";
+fn a_late_import_fails_the_frame_unless_code_names_the_module() {
+    const TEST: &str = "a_late_import_fails_the_frame_unless_code_names_the_module";
     let Some(programs) = Programs::new(TEST) else { return };
     let late =
         NODE.replace("from mylib.k import K\n", "").replace("    return", "    from mylib.k import K\n    return");
     programs.write("node.py", &late);
     let output = programs.command(&programs.experiment("code: [node.py]"), "late").output().expect("it runs");
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
-    let said = said(&output);
-    assert!(said.contains("k.py after it was started") && said.contains("name it in `code`"), "{said}");
+    assert_eq!(output.status.code(), Some(3), "{}", output_of(&output));
+    let printed = output_of(&output);
+    assert!(printed.contains("k.py after it was started") && printed.contains("name it in `code`"), "{printed}");
     let experiment = programs.experiment("code: [node.py, mylib]");
     programs.recording(&experiment, "named");
     programs.write("mylib/k.py", "K = 2.0\n");
-    programs.equals_fresh(&experiment, "named-again");
+    programs.assert_equals_fresh(&experiment, "named-again");
 }
 
 #[test]
-fn a_package_that_is_imported_late_is_a_warning_that_no_recording_contains() {
-    const TEST: &str = "a_package_that_is_imported_late_is_a_warning_that_no_recording_contains";
+fn a_late_package_import_is_a_warning_outside_the_recording() {
+    const TEST: &str = "a_late_package_import_is_a_warning_outside_the_recording";
     let Some(programs) = Programs::new(TEST) else { return };
     programs.write("node.py", &NODE.replace("    return", "    import fontTools\n    return"));
     let experiment = programs.experiment("code: [node.py]");
     let recording = |workers: &str| {
         let output = succeed(programs.command(&experiment, workers).args(["--fresh", "--workers", workers]));
-        assert!(said(&output).contains("imported the package `fonttools`"), "{}", said(&output));
+        assert!(output_of(&output).contains("imported the package `fonttools`"), "{}", output_of(&output));
         std::fs::read(programs.path("runs").join(workers).join("recording.mcap")).expect("a recording")
     };
     assert!(recording("1") == recording("3"), "the recordings differ");
 }
 
 #[test]
-fn code_takes_folders_and_patterns_and_check_names_what_is_missing() {
-    const TEST: &str = "code_takes_folders_and_patterns_and_check_names_what_is_missing";
+fn code_accepts_folders_and_patterns_and_check_reports_missing_files() {
+    const TEST: &str = "code_accepts_folders_and_patterns_and_check_reports_missing_files";
     let Some(programs) = Programs::new(TEST) else { return };
     for (code, name) in [("mylib", "folder"), ("'my*/*.py'", "pattern")] {
         let experiment = programs.experiment(&format!("code: [node.py, {code}], imports: false"));
         programs.recording(&experiment, name);
         assert_eq!(programs.computed(&experiment), 0, "{name}: nothing changed");
         programs.write("mylib/new.py", name);
-        programs.equals_fresh(&experiment, &format!("{name}-again"));
+        programs.assert_equals_fresh(&experiment, &format!("{name}-again"));
     }
-    for (code, told) in [("gone.py", "gone.py"), ("'mylib/*.rs'", "mylib/*.rs, which matches no file")] {
+    for (code, message) in [("gone.py", "gone.py"), ("'mylib/*.rs'", "mylib/*.rs, which matches no file")] {
         let mut check = depthloom();
         let output = check.arg("check").arg(programs.experiment(&format!("code: [{code}]"))).output().expect("it runs");
-        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-        assert!(said(&output).replace(' ', "").contains(&told.replace(' ', "")), "{}", said(&output));
+        assert_eq!(output.status.code(), Some(2), "{}", output_of(&output));
+        assert!(output_of(&output).replace(' ', "").contains(&message.replace(' ', "")), "{}", output_of(&output));
     }
 }
 
 #[test]
-fn files_that_a_node_reads_for_a_frame_are_in_the_key_of_that_frame() {
-    const TEST: &str = "files_that_a_node_reads_for_a_frame_are_in_the_key_of_that_frame";
+fn files_in_reads_are_part_of_the_frames_key() {
+    const TEST: &str = "files_in_reads_are_part_of_the_frames_key";
     let Some(programs) = Programs::new(TEST) else { return };
     programs.write(
         "node.py",
@@ -283,17 +287,17 @@ depthloom.serve(Node, pure)
             .expect("written");
         programs.recording(&experiment, &format!("{contract}-first"));
         programs.write("preds/000000_10.txt", "2.5");
-        // What an ordered node remembers comes of all frames before.
+        // The state of an ordered node depends on all earlier frames.
         assert_eq!(programs.computed(&experiment), changed, "{contract}");
-        programs.equals_fresh(&experiment, &format!("{contract}-changed"));
+        programs.assert_equals_fresh(&experiment, &format!("{contract}-changed"));
         std::fs::remove_file(programs.path("preds/000002_10.txt")).expect("removed");
-        programs.equals_fresh(&experiment, &format!("{contract}-removed"));
+        programs.assert_equals_fresh(&experiment, &format!("{contract}-removed"));
     }
 }
 
 #[test]
-fn an_ordered_node_behind_a_recording_sees_other_times_and_shares_no_results() {
-    const TEST: &str = "an_ordered_node_behind_a_recording_sees_other_times_and_shares_no_results";
+fn an_ordered_node_on_a_recording_gets_other_times_and_shares_no_results() {
+    const TEST: &str = "an_ordered_node_on_a_recording_gets_other_times_and_shares_no_results";
     let Some(programs) = Programs::new(TEST) else { return };
     programs.write(
         "node.py",
@@ -321,5 +325,5 @@ depthloom.serve(Clock)
     let second = first.replace("kind: synthetic/road, with: { frames: [3, 7, 8], width: 96, height: 32 }", source);
     assert_ne!(first, second);
     programs.write("second.yaml", &second);
-    programs.equals_fresh(&programs.path("second.yaml"), "second");
+    programs.assert_equals_fresh(&programs.path("second.yaml"), "second");
 }

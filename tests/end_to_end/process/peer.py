@@ -1,4 +1,4 @@
-"""A process that does what no process should: the first argument says what, the second where the replies lie that the test has made."""
+"""A faulty process for tests. Arguments: the mode, and the folder with the replies that the test has written."""
 
 import mmap
 import os
@@ -10,25 +10,25 @@ import sys
 import time
 
 mode, folder = sys.argv[1], sys.argv[2]
-calls, answers = sys.stdin.buffer, sys.stdout.buffer
+calls, replies = sys.stdin.buffer, sys.stdout.buffer
 
 
-def say(*names):
+def send(*names):
     for name in names:
         with open(os.path.join(folder, name), "rb") as file:
-            answers.write(file.read())
-    answers.flush()
+            replies.write(file.read())
+    replies.flush()
 
 
-def answer(number):
-    """Answers a call with values."""
+def reply(number):
+    """Replies to a call with values."""
     with open(os.path.join(folder, "values-any"), "rb") as file:
-        answers.write(file.read().replace(struct.pack("<q", 0x1122334455667788), struct.pack("<q", number)))
-    answers.flush()
+        replies.write(file.read().replace(struct.pack("<q", 0x1122334455667788), struct.pack("<q", number)))
+    replies.flush()
 
 
 def message():
-    """The next message of the stream of calls; `None` at its end."""
+    """Return the next message of the stream of calls; `None` at its end."""
     head = calls.read(8)
     if len(head) < 8 or head[4:] == bytes(4):
         return None
@@ -39,30 +39,30 @@ def message():
 
 
 def file():
-    """Opens the file in memory that the next message names last."""
+    """Open the last memory file that the next message names."""
     return os.open(re.findall(rb"/proc/\d+/fd/\d+", message())[-1], os.O_RDWR)
 
 
-def lay(name=None, noise=b""):
-    """Lays a reply, or something else, into the memory for the answer to the next call."""
-    there = file()
-    os.pwrite(there, noise or open(os.path.join(folder, name), "rb").read(), 0)
-    return there
+def store(name=None, noise=b""):
+    """Write a reply, or noise, into the shared memory for the next call's reply."""
+    descriptor = file()
+    os.pwrite(descriptor, noise or open(os.path.join(folder, name), "rb").read(), 0)
+    return descriptor
 
 
 def scribble():
-    """Answers for ever, and changes the answer while it is read."""
-    size = os.fstat(there := lay("shared-values-2")).st_size
-    view = mmap.mmap(there, size)
-    say("shared-lies")
+    """Reply, and keep changing the reply while it is read."""
+    size = os.fstat(descriptor := store("shared-values-2")).st_size
+    view = mmap.mmap(descriptor, size)
+    send("shared-memory")
     while True:
         view[:4096] = os.urandom(4096)
 
 
 def shrink():
-    """What is sealed stays as large as it is."""
-    there = lay("shared-values-2")
-    for change in (lambda: os.ftruncate(there, 4096), lambda: os.ftruncate(there, 1 << 30)):
+    """Try to resize a sealed file, which must fail."""
+    descriptor = store("shared-values-2")
+    for change in (lambda: os.ftruncate(descriptor, 4096), lambda: os.ftruncate(descriptor, 1 << 30)):
         try:
             change()
         except PermissionError:
@@ -77,7 +77,7 @@ def forever():
 
 
 def child():
-    """Another process of the group, which does not end when it is told."""
+    """Start another process of the group, which ignores SIGTERM."""
     subprocess.Popen(["/bin/sh", "-c", "trap '' TERM; while :; do sleep 60; done"])
 
 
@@ -86,70 +86,70 @@ AT_START = {
     "exits-silently": lambda: sys.exit(0),
     "kills-itself-at-start": lambda: os.kill(os.getpid(), signal.SIGKILL),
     "prints-text": lambda: (print("loading the model ...", flush=True), forever()),
-    "prints-zeros": lambda: (answers.write(bytes(4096)), answers.flush(), forever()),
-    "prints-three-bytes": lambda: (answers.write(b"\xff\xff\xff"), answers.flush(), sys.exit(0)),
+    "prints-zeros": lambda: (replies.write(bytes(4096)), replies.flush(), forever()),
+    "prints-three-bytes": lambda: (replies.write(b"\xff\xff\xff"), replies.flush(), sys.exit(0)),
     "hangs-at-start": forever,
-    "closes-stdout-at-start": lambda: (answers.close(), os.close(1), forever()),
-    "cut-schema": lambda: (say("cut-schema"), sys.exit(0)),
-    "batch-before-schema": lambda: (say("ready"), forever()),
-    "ready-never": lambda: (say("schema"), forever()),
+    "closes-stdout-at-start": lambda: (replies.close(), os.close(1), forever()),
+    "cut-schema": lambda: (send("cut-schema"), sys.exit(0)),
+    "batch-before-schema": lambda: (send("ready"), forever()),
+    "ready-never": lambda: (send("schema"), forever()),
     "floods-stderr-and-exits": lambda: (sys.stderr.write("no weights\n" * 4_000_000), sys.exit(1)),
     "raises": lambda: {}["weights"],
-    "floods-stdout": lambda: [answers.write(b"x" * 65536) for _ in iter(int, 1)],
+    "floods-stdout": lambda: [replies.write(b"x" * 65536) for _ in iter(int, 1)],
 }
-# What is said at the start, and then nothing more.
-SAYS = {"no-protocol", "other-protocol", "no-says", "huge-head", "huge-body", "negative-body", "random-head"}
+# Modes that send one reply at the start, and then nothing more.
+ONE_REPLY = {"no-protocol", "other-protocol", "no-says", "huge-head", "huge-body", "negative-body", "random-head"}
 
 if mode in AT_START:
     AT_START[mode]()
-if mode in SAYS:
-    say(mode)
+if mode in ONE_REPLY:
+    send(mode)
     forever()
 
 if mode in ("values-before-ready", "fails-at-start", "ready-of-another-call"):
-    say("schema", {"values-before-ready": "values-0", "fails-at-start": "failure-0", "ready-of-another-call": "ready-5"}[mode])
+    send("schema", {"values-before-ready": "values-0", "fails-at-start": "failure-0", "ready-of-another-call": "ready-5"}[mode])
     forever()
 
-# In shared memory the first call is answered as ever, with a large value, so that the second one has a place for its answer.
+# The reply to the first call uses the pipe and is large, so that the second call offers shared memory for its reply.
 LATER = {
-    "shared-nowhere": lambda: (message(), say("shared-lies-nowhere")),
-    "shared-beyond": lambda: (message(), say("shared-lies-beyond")),
-    "shared-before": lambda: (message(), say("shared-lies-before")),
-    "shared-nothing-there": lambda: (message(), say("shared-lies")),
-    "shared-cut": lambda: (lay("shared-values-2"), say("shared-lies-cut")),
-    "shared-noise": lambda: (lay(noise=b"loading the model ..."), say("shared-lies")),
-    "shared-another-number": lambda: (lay("shared-values-5"), say("shared-lies")),
-    "shared-leads-on": lambda: (lay("shared-leads-on"), say("shared-lies")),
-    "shared-a-schema": lambda: (lay("shared-schema"), say("shared-lies")),
-    "shared-holds-others": lambda: (message(), say("shared-holds")),
+    "shared-nowhere": lambda: (message(), send("shared-memory-nowhere")),
+    "shared-beyond": lambda: (message(), send("shared-memory-beyond")),
+    "shared-before": lambda: (message(), send("shared-memory-before")),
+    "shared-nothing-there": lambda: (message(), send("shared-memory")),
+    "shared-cut": lambda: (store("shared-values-2"), send("shared-memory-cut")),
+    "shared-noise": lambda: (store(noise=b"loading the model ..."), send("shared-memory")),
+    "shared-another-number": lambda: (store("shared-values-5"), send("shared-memory")),
+    "shared-leads-on": lambda: (store("shared-leads-on"), send("shared-memory")),
+    "shared-a-schema": lambda: (store("shared-schema"), send("shared-memory")),
+    "shared-holds-others": lambda: (message(), send("shared-holds")),
     "shared-shrinks": shrink,
     "shared-scribbles": scribble,
-    "shared-works": lambda: (lay("shared-values-2"), say("shared-lies")),
+    "shared-works": lambda: (store("shared-values-2"), send("shared-memory")),
 }
 if mode.startswith("shared"):
-    offered = file()
-    word = b"f" * 32 if mode == "shared-wrong-word" else os.read(offered, 32)
+    descriptor = file()
+    word = b"f" * 32 if mode == "shared-wrong-word" else os.read(descriptor, 32)
     with open(os.path.join(folder, "schema" if mode == "shared-not-agreed" else "shared-schema"), "rb") as schema:
-        answers.write(schema.read().replace(b"f" * 32, word))
+        replies.write(schema.read().replace(b"f" * 32, word))
     if mode == "shared-not-agreed":
-        say("ready")
+        send("ready")
     else:
-        say("shared-ready")
+        send("shared-ready")
     message()
     if mode in LATER:
-        say("shared-values-1")
+        send("shared-values-1")
         LATER[mode]()
     elif mode == "shared-not-agreed":
-        say("shared-not-agreed")
+        send("shared-not-agreed")
     else:
-        say("shared-first")
+        send("shared-first")
     message() if mode == "shared-works" else forever()
     sys.exit(0)
 
 if mode == "wrong-type":
-    say("float64-schema", "ready")
+    send("float64-schema", "ready")
 else:
-    say("schema", "ready")
+    send("schema", "ready")
 if mode == "reads-nothing":
     forever()
 if mode == "closes-stdin":
@@ -190,32 +190,32 @@ while message() is not None:
     elif mode == "kills-its-group":
         os.kill(0, signal.SIGKILL)
     elif mode == "closes-stdout":
-        answers.close()
+        replies.close()
         os.close(1)
         forever()
     elif mode == "ends-the-stream":
-        say("end")
+        send("end")
         forever()
     elif mode == "half-a-batch-and-exits":
-        say("half")
+        send("half")
         os._exit(0)
     elif mode == "half-a-batch-and-hangs":
-        say("half")
+        send("half")
         forever()
     elif mode == "answers-twice":
-        say(f"values-{number}", f"values-{number}")
+        send(f"values-{number}", f"values-{number}")
     elif mode == "answers-and-floods":
         while True:
-            say("values-9")
+            send("values-9")
     elif mode == "floods-stderr-and-hangs":
         sys.stderr.write("still here\n" * 2_000_000)
         sys.stderr.flush()
         forever()
     elif mode == "works":
-        answer(number)
+        reply(number)
     elif mode == "works-with-noise":
         sys.stderr.write("noise\n" * 200_000)
-        answer(number)
+        reply(number)
     else:
-        # Every other fault is a reply of that name.
-        say(mode)
+        # All other modes are names of replies.
+        send(mode)

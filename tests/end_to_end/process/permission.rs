@@ -1,19 +1,19 @@
-//! A stranger's YAML starts nothing.
+//! An experiment from somebody else starts no program without permission.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use super::{Peer, run, said};
+use super::{Peer, output_of, run};
 use crate::support::{depthloom, skipped, system_python};
 
-/// An experiment that would leave a mark of having been started, as a node and as a source.
+/// An experiment whose node creates a marker file if it is started.
 fn hostile(peer: &Peer) -> (std::path::PathBuf, std::path::PathBuf) {
     let marker = peer.path("started");
     let command = format!("[/bin/sh, -c, {:?}]", format!("touch {}", marker.display()));
     (peer.experiment("hostile", "0..1", &command, "version: 1"), marker)
 }
 
-/// The commands that look at an experiment, and those that would run it; none was given permission.
+/// Commands that inspect or run an experiment, without permission to start programs.
 fn commands<'a>(experiment: &'a str, out: &'a str) -> Vec<Vec<&'a str>> {
     vec![
         vec!["check", experiment],
@@ -26,7 +26,7 @@ fn commands<'a>(experiment: &'a str, out: &'a str) -> Vec<Vec<&'a str>> {
 }
 
 #[test]
-fn without_permission_nothing_is_started_and_the_error_names_what_would_be() {
+fn without_permission_no_program_is_started_and_the_error_names_it() {
     let peer = Peer::new();
     let (experiment, marker) = hostile(&peer);
     let out = peer.path("out");
@@ -35,25 +35,25 @@ fn without_permission_nothing_is_started_and_the_error_names_what_would_be() {
             depthloom().args(&arguments).env("HOME", peer.folder.path()).env_remove("XDG_CONFIG_HOME").output();
         let output = output.expect("started");
         let refuses = arguments[0] == "run" || arguments.contains(&"--reuse");
-        assert_eq!(output.status.code(), Some(if refuses { 2 } else { 0 }), "{arguments:?}: {}", said(&output));
+        assert_eq!(output.status.code(), Some(if refuses { 2 } else { 0 }), "{arguments:?}: {}", output_of(&output));
         if refuses {
-            let said = said(&output);
+            let printed = output_of(&output);
             for part in
                 ["node `look.own` (process)", "it would start `/bin/sh -c \"touch ", "--allow-exec", "allow_exec"]
             {
-                assert!(said.contains(part), "{part:?} is not said: {said}");
+                assert!(printed.contains(part), "{part:?} is missing: {printed}");
             }
         }
-        assert!(!marker.exists(), "{arguments:?} started it");
+        assert!(!marker.exists(), "{arguments:?} started the program");
     }
     assert!(!out.exists());
-    // With it, it is.
+    // With permission, the program is started.
     let _ = run(&experiment, &out, "hostile").output().expect("started");
     assert!(marker.exists());
 }
 
 #[test]
-fn a_source_asks_for_permission_too() {
+fn a_source_needs_permission_as_well() {
     let peer = Peer::new();
     let marker = peer.path("started");
     let command = format!("[/bin/sh, -c, {:?}]", format!("touch {}", marker.display()));
@@ -67,20 +67,20 @@ fn a_source_asks_for_permission_too() {
         let mut command = depthloom();
         command.arg(arguments[0]).arg(&experiment).args(&arguments[1..]).env("HOME", peer.folder.path());
         let output = command.env_remove("XDG_CONFIG_HOME").current_dir(peer.folder.path()).output().expect("started");
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", said(&output));
-        assert!(!marker.exists(), "{arguments:?} started it");
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", output_of(&output));
+        assert!(!marker.exists(), "{arguments:?} started the program");
     }
 }
 
-/// Every program that is started, seen from outside by `strace`.
+/// Observes every started program with `strace`.
 #[test]
-fn traced_without_permission_no_program_is_started_but_depthloom_itself() {
-    const TEST: &str = "traced_without_permission_no_program_is_started_but_depthloom_itself";
+fn strace_sees_no_other_program_without_permission() {
+    const TEST: &str = "strace_sees_no_other_program_without_permission";
     let peer = Peer::new();
     let traces =
         |command: &mut Command| command.stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|s| s.success());
     if !traces(Command::new("strace").args(["-f", "-e", "trace=execve", "true"])) {
-        skipped(TEST, "strace is not there, or may not trace");
+        skipped(TEST, "strace is missing, or not permitted to trace");
         return;
     }
     let (experiment, _) = hostile(&peer);
@@ -103,17 +103,17 @@ fn traced_without_permission_no_program_is_started_but_depthloom_itself() {
         let started = programs(&arguments, &trace);
         assert_eq!(started.len(), 1, "{arguments:?} started {started:?}");
     }
-    // The trace would have seen it.
+    // With permission, the trace contains the program.
     assert!(programs(&["run", &experiment, "--out", &out, "--allow-exec"], &trace).len() > 1);
 }
 
 #[test]
-fn a_persons_own_configuration_gives_permission_to_the_files_it_lists() {
-    if !system_python("a_persons_own_configuration_gives_permission_to_the_files_it_lists") {
+fn the_users_configuration_permits_the_listed_files() {
+    if !system_python("the_users_configuration_permits_the_listed_files") {
         return;
     }
     let peer = Peer::new();
-    let experiment = peer.of_mode("works", "0..1", "version: 1");
+    let experiment = peer.experiment_in_mode("works", "0..1", "version: 1");
     let config = peer.path("config/depthloom/config.yaml");
     std::fs::create_dir_all(config.parent().expect("a folder")).expect("made");
     let runs = |name: &str| {
@@ -126,13 +126,13 @@ fn a_persons_own_configuration_gives_permission_to_the_files_it_lists() {
     assert_eq!(runs("other").status.code(), Some(2));
     list(&format!("allow_exec: [{:?}]\n", experiment.to_string_lossy()));
     let listed = runs("listed");
-    assert_eq!(listed.status.code(), Some(0), "{}", said(&listed));
-    for (wrong, told) in
+    assert_eq!(listed.status.code(), Some(0), "{}", output_of(&listed));
+    for (wrong, message) in
         [("allow_exec: [works.yaml]\n", "is not an absolute path"), ("allow_exe: []\n", "is not a valid configuration")]
     {
         list(wrong);
         let output = runs("wrong");
         assert_eq!(output.status.code(), Some(2));
-        assert!(said(&output).contains(told), "{}", said(&output));
+        assert!(output_of(&output).contains(message), "{}", output_of(&output));
     }
 }

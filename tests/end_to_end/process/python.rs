@@ -1,12 +1,12 @@
-//! Nodes in Python by the package `depthloom`: the paper's fusion, nodes with memory, sources, sinks, errors.
+//! Python nodes with the package `depthloom`: the paper's fusion, nodes with memory, sources, sinks, errors.
 
 use std::path::Path;
 use std::process::Command;
 
-use super::{run, said};
+use super::{output_of, run};
 use crate::support::{depthloom, label, number, python_package, read_csv, set, succeed, workspace};
 
-/// The PATH on which `python3` is the one with the package.
+/// A PATH whose `python3` has the package.
 pub(crate) fn path_of(python: &Path) -> std::ffi::OsString {
     let own = python.parent().expect("a folder").to_owned();
     let others = std::env::var_os("PATH").unwrap_or_default();
@@ -14,8 +14,8 @@ pub(crate) fn path_of(python: &Path) -> std::ffi::OsString {
 }
 
 #[test]
-fn the_papers_fusion_in_python_gives_the_table_of_the_engines_nodes() {
-    const TEST: &str = "the_papers_fusion_in_python_gives_the_table_of_the_engines_nodes";
+fn the_papers_fusion_in_python_matches_the_built_in_nodes() {
+    const TEST: &str = "the_papers_fusion_in_python_matches_the_built_in_nodes";
     let Some(python) = python_package(TEST) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = workspace().join("experiments/own-python-node.yaml");
@@ -26,23 +26,23 @@ fn the_papers_fusion_in_python_gives_the_table_of_the_engines_nodes() {
     };
     start("one", "1");
     let rows = read_csv(&out("one").join("scores.csv"));
-    let of = |name: &str| rows.iter().filter(|row| label(row) == name && set(row) == "all").collect::<Vec<_>>();
-    let (engine, own) = (of("fused"), of("own"));
-    assert_eq!((engine.len(), own.len()), (4, 4), "four frames each");
-    for (engine, own) in engine.iter().zip(own) {
+    let rows_of = |name: &str| rows.iter().filter(|row| label(row) == name && set(row) == "all").collect::<Vec<_>>();
+    let (built_in, own) = (rows_of("fused"), rows_of("own"));
+    assert_eq!((built_in.len(), own.len()), (4, 4), "four frames each");
+    for (built_in, own) in built_in.iter().zip(own) {
         for column in ["a1", "a2", "a3", "abs_rel", "sq_rel", "rmse", "rmse_log", "silog"] {
-            let (engine, own) = (number(engine, column), number(own, column));
-            assert!((engine - own).abs() <= 1e-6 * engine.abs().max(1.0), "{column}: {engine} and {own}");
+            let (built_in, own) = (number(built_in, column), number(own, column));
+            assert!((built_in - own).abs() <= 1e-6 * built_in.abs().max(1.0), "{column}: {built_in} and {own}");
         }
     }
     start("four", "4");
     let bytes = |name: &str| std::fs::read(out(name).join("recording.mcap")).expect("a recording");
     assert!(bytes("one") == bytes("four"), "the recordings of one worker and of four differ");
 
-    // What it made is taken again as long as its code is the same.
+    // Its results are reused as long as its code is the same.
     let mut plan = depthloom();
     plan.arg("plan").arg(&experiment).args(["--reuse", "--allow-exec", "--json", "--out"]).arg(out("next"));
-    // Keys contain what the program imports: it has to be the same Python.
+    // Keys contain the imported modules, so the Python must be the same.
     let plan = plan.env_remove("DEPTHLOOM_FRESH").env("PATH", path_of(&python));
     let plan: serde_json::Value = serde_json::from_slice(&succeed(plan).stdout).expect("JSON");
     let own =
@@ -141,64 +141,65 @@ stages:
         inputs: { depth: mean/depth }
         with: { command: [python3, nodes.py, Log], contract: ordered, ports: { inputs: { depth: depth } }, params: { to: LOG } }
       edges: { kind: confidence/edges, inputs: { image: source/left } }
-    score: { truth: source/depth, estimates: { mean: { from: mean/depth, sets: [answered] } } }
+    score: { truth: source/depth, estimates: { mean: { from: mean/depth, sets: [valid] } } }
 ";
 
 #[test]
-fn sources_nodes_with_memory_and_sinks_in_python_stand_in_a_graph() {
-    let Some(python) = python_package("sources_nodes_with_memory_and_sinks_in_python_stand_in_a_graph") else { return };
+fn python_sources_ordered_nodes_and_sinks_work_in_a_graph() {
+    let Some(python) = python_package("python_sources_ordered_nodes_and_sinks_work_in_a_graph") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let (experiment, log) = (folder.path().join("own.yaml"), folder.path().join("log.txt"));
     std::fs::write(folder.path().join("nodes.py"), NODES).expect("written");
     std::fs::write(&experiment, EXPERIMENT.replace("LOG", &log.to_string_lossy())).expect("written");
     let out = folder.path().join("run");
     let output = succeed(run(&experiment, &out, "own").args(["--workers", "3"]).env("PATH", path_of(&python)));
-    let said = said(&output);
-    assert!(said.contains("96 pixels of the top row"), "{said}");
+    let printed = output_of(&output);
+    assert!(printed.contains("96 pixels of the top row"), "{printed}");
     assert_eq!(std::fs::read_to_string(log).expect("a log"), "ramp0 6.0\nramp1 6.5\nramp2 7.0\nend\n");
     let rows = read_csv(&out.join("scores.csv"));
-    // Of depths 5 + row + frame the mean of all frames so far: half a metre short on the second, a metre on the third.
+    // The node outputs the mean over the frames so far of 5 + row + frame: 0.5 m too small on the second frame, 1 m on
+    // the third.
     let rmse: Vec<f64> = rows.iter().map(|row| number(row, "rmse")).collect();
     assert!(rmse.iter().zip([0.0, 0.5, 1.0]).all(|(found, expected)| (found - expected).abs() < 1e-6), "{rmse:?}");
-    assert!(out.join("learning_curves.csv").is_file(), "the curve is not there");
+    assert!(out.join("learning_curves.csv").is_file(), "the curve is missing");
 }
 
 #[test]
-fn an_exception_is_told_with_its_place_in_the_code_and_the_next_frame_is_called() {
-    const TEST: &str = "an_exception_is_told_with_its_place_in_the_code_and_the_next_frame_is_called";
+fn an_exception_is_reported_with_its_line_and_the_next_frame_runs() {
+    const TEST: &str = "an_exception_is_reported_with_its_line_and_the_next_frame_runs";
     let Some(python) = python_package(TEST) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("broken.yaml");
     std::fs::write(folder.path().join("nodes.py"), NODES).expect("written");
-    let of = |function: &str, inputs: &str| {
+    let run_function = |function: &str, inputs: &str| {
         let text = format!(
             "experiment: broken\nsources: {{ ramp: {{ kind: process/source, with: {{ command: [python3, nodes.py, Ramp], \
              outputs: {{ left: image, depth: depth, disparity: disparity, mask: mask, calibration: calibration }}, params: {{ count: 3 }} }} }} }}\n\
              stages:\n  look:\n    source: ramp\n    nodes:\n      own: {{ kind: process, inputs: {{ {inputs} }}, with: {{ \
              command: [python3, nodes.py, {function}], ports: {{ inputs: {{ depth: depth }}, outputs: {{ depth: depth }} }} }} }}\n\
-             \x20   score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [answered] }} }} }}\n"
+             \x20   score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [valid] }} }} }}\n"
         );
         std::fs::write(&experiment, text).expect("written");
         let out = folder.path().join(function);
         let mut command: Command = run(&experiment, &out, "broken");
         let output =
             command.args(["--workers", "1", "--keep-going"]).env("PATH", path_of(&python)).output().expect("started");
-        (output.status.code(), said(&output), out)
+        (output.status.code(), output_of(&output), out)
     };
-    let (code, said, out) = of("broken", "depth: source/depth");
-    assert_eq!(code, Some(3), "{said}");
+    let (code, printed, out) = run_function("broken", "depth: source/depth");
+    assert_eq!(code, Some(3), "{printed}");
     for part in ["ValueError: too deep", "nodes.py", "in broken", "ramp1", "2 frames failed"] {
-        assert!(said.contains(part), "{part:?} is not said: {said}");
+        assert!(printed.contains(part), "{part:?} is missing: {printed}");
     }
     assert_eq!(read_csv(&out.join("scores.csv")).len(), 1, "the first frame is scored");
-    // Ports that are not those of the code, and a class called as a function.
-    let (_, said, _) = of("Mean", "depth: source/depth");
-    let told = "the inputs of the node in Python are left: image, depth: depth, disparity: disparity, mask: mask, calibration: calibration; the experiment declares depth: depth";
-    assert!(said.contains(told), "{said}");
-    let (_, said, _) = of("nobody", "depth: source/depth");
+    // Ports that differ from those of the code, and an unknown name.
+    let (_, printed, _) = run_function("Mean", "depth: source/depth");
+    let message = "the inputs of the node in Python are left: image, depth: depth, disparity: disparity, mask: mask, calibration: calibration; the experiment declares depth: depth";
+    assert!(printed.contains(message), "{printed}");
+    let (_, printed, _) = run_function("absent", "depth: source/depth");
     assert!(
-        said.contains("the first argument names one of the nodes Ramp, Mean, Log, broken; it is 'nobody'"),
-        "{said}"
+        printed.contains("the first argument names one of the nodes Ramp, Mean, Log, broken; it is 'absent'"),
+        "{printed}"
     );
 }
 
@@ -224,14 +225,14 @@ class Frames:
 
 @depthloom.node(inputs={"image": "image", "depth": "depth"}, outputs={"depth": "depth"})
 class Keeps:
-    """Keeps what it was given: the last two, then all, then nothing."""
+    """Keeps its inputs: the last two, then all, then none."""
     def __init__(self):
         self.kept, self.files = [], set()
     def process(self, image, depth, frame):
         if frame.index == 6:
             depthloom.progress(1, 2)
-        for of, copy in self.kept:
-            assert np.array_equal(of, copy), "what was kept has changed"
+        for array, copy in self.kept:
+            assert np.array_equal(array, copy), "a kept array has changed"
         assert not image.flags.writeable and not depth.flags.writeable
         assert image[5, 7].tolist() == [5, 7, frame.index] and (depth[:, 0] == np.arange(len(depth)) + 1 + frame.index).all()
         self.kept.append((depth[::2], depth[::2].copy()))
@@ -266,12 +267,12 @@ stages:
         kind: process
         inputs: { image: source/image, depth: source/depth }
         with: { command: [python3, nodes.py, Keeps], contract: ordered, ports: { inputs: { image: image, depth: depth }, outputs: { depth: depth } }, version: 1 }
-    score: { truth: source/depth, estimates: { keeps: { from: keeps/depth, sets: [answered] } } }
+    score: { truth: source/depth, estimates: { keeps: { from: keeps/depth, sets: [valid] } } }
 ";
 
 #[test]
-fn what_a_node_keeps_does_not_change_and_shared_memory_gives_the_bytes_of_pipes() {
-    const TEST: &str = "what_a_node_keeps_does_not_change_and_shared_memory_gives_the_bytes_of_pipes";
+fn kept_inputs_do_not_change_and_shared_memory_equals_pipes() {
+    const TEST: &str = "kept_inputs_do_not_change_and_shared_memory_equals_pipes";
     let Some(python) = python_package(TEST) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("large.yaml");
@@ -285,8 +286,8 @@ fn what_a_node_keeps_does_not_change_and_shared_memory_gives_the_bytes_of_pipes(
         std::fs::read(out.join("recording.mcap")).expect("a recording")
     };
     let first = bytes("memory", "1");
-    assert!(first == bytes("memory", "3"), "one worker and three give other bytes");
-    assert!(first == bytes("pipes", "1"), "memory and pipes give other bytes");
+    assert!(first == bytes("memory", "3"), "recordings with one and three workers differ");
+    assert!(first == bytes("pipes", "1"), "recordings with shared memory and pipes differ");
 }
 
 const ONCE: &str = r#"
@@ -311,8 +312,8 @@ depthloom.serve(Collect, train)
 "#;
 
 #[test]
-fn once_nodes_in_python_fire_once_and_what_they_give_is_kept() {
-    let Some(python) = python_package("once_nodes_in_python_fire_once_and_what_they_give_is_kept") else { return };
+fn python_aggregate_nodes_run_once_and_their_values_are_recorded() {
+    let Some(python) = python_package("python_aggregate_nodes_run_once_and_their_values_are_recorded") else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let once = "curve: { type: curve, rate: once }";
     let text = format!(
@@ -330,9 +331,9 @@ fn once_nodes_in_python_fire_once_and_what_they_give_is_kept() {
     let model = std::fs::read(out.join("models/learn.train.onnx")).expect("a model");
     assert_eq!(model, b"the bytes of a model");
     let losses = read_csv(&out.join("learning_curves.csv"));
-    let of_train: Vec<f64> =
+    let train_losses: Vec<f64> =
         losses.iter().filter(|row| row["node"] == "train").map(|row| number(row, "loss")).collect();
-    assert_eq!(of_train, [0.0, 4.0, 8.0]);
+    assert_eq!(train_losses, [0.0, 4.0, 8.0]);
 }
 
 const INVALID: &str = r#"
@@ -346,15 +347,14 @@ OUTPUTS = {"depth": "depth", "weight": "weight", "camera": "calibration", "dispa
 @depthloom.node(inputs={"depth": "depth"}, outputs=OUTPUTS)
 def own(depth, params):
     def map(value, invalid):
-        of = np.full(depth.shape, value, np.float32)
+        samples = np.full(depth.shape, value, np.float32)
         if invalid is not None:
-            of[3, 7] = invalid
-        return of
-    given = params.get
-    if given("nulls"):
-        # A library that writes what is missing as null, not as NaN.
+            samples[3, 7] = invalid
+        return samples
+    if params.get("nulls"):
+        # Stands for a library that writes missing samples as null, not as NaN.
         _columns._list = lambda array: pa.ListArray.from_arrays(pa.array([0, array.size], pa.int32()), pa.array([None, *array.reshape(-1)[1:]], array.dtype.name))
-    camera = {"focal_px": 30.0, "cx_px": 16.0, "cy_px": 12.0, "baseline_m": 0.5, "doffs_px": 0.0} | given("camera", {})
+    camera = {"focal_px": 30.0, "cx_px": 16.0, "cy_px": 12.0, "baseline_m": 0.5, "doffs_px": 0.0} | params.get("camera", {})
     numbers = {name: float(params[name]) for name in ("depth", "weight", "disparity", "px") if name in params}
     return {
         "depth": map(5.0, numbers.get("depth")),
@@ -375,7 +375,7 @@ class Frames:
 depthloom.serve(own, Frames)
 "#;
 
-/// A run of the node `own` above with these parameters: its exit code and what it printed.
+/// Runs the node `own` with these parameters. Returns the exit code and the output.
 fn run_own(python: &Path, folder: &Path, name: &str, params: &str) -> (Option<i32>, String) {
     let outputs = "{ depth: depth, weight: weight, camera: calibration, disparity: disparity, px: true-disparity }";
     let text = format!(
@@ -388,18 +388,18 @@ fn run_own(python: &Path, folder: &Path, name: &str, params: &str) -> (Option<i3
     std::fs::write(&experiment, text).expect("written");
     let output =
         run(&experiment, &folder.join(name), "invalid").env("PATH", path_of(python)).output().expect("started");
-    (output.status.code(), said(&output))
+    (output.status.code(), output_of(&output))
 }
 
 #[test]
-fn values_that_are_none_of_their_type_fail_the_frame_with_node_port_and_pixel() {
-    const TEST: &str = "values_that_are_none_of_their_type_fail_the_frame_with_node_port_and_pixel";
+fn invalid_values_fail_the_frame_with_node_port_and_pixel() {
+    const TEST: &str = "invalid_values_fail_the_frame_with_node_port_and_pixel";
     let Some(python) = python_package(TEST) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("nodes.py"), INVALID).expect("written");
-    let (code, said) =
+    let (code, printed) =
         run_own(&python, folder.path(), "right", "depth: \"nan\", px: \"nan\", disparity: \"nan\", weight: 1");
-    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(code, Some(0), "{printed}");
     let cases = [
         (
             "depth: -5",
@@ -421,18 +421,17 @@ fn values_that_are_none_of_their_type_fail_the_frame_with_node_port_and_pixel() 
         ("nulls: true", "what it gave at `depth` is not a valid depth: an item of `data` is null"),
     ];
     for (at, (params, expected)) in cases.into_iter().enumerate() {
-        let (code, said) = run_own(&python, folder.path(), &format!("run-{at}"), params);
-        assert_eq!(code, Some(3), "{params}: {said}");
+        let (code, printed) = run_own(&python, folder.path(), &format!("run-{at}"), params);
+        assert_eq!(code, Some(3), "{params}: {printed}");
         for part in [expected, "look.own", "000000_10"] {
-            assert!(said.contains(part), "{params}: {part:?} is not in {said}");
+            assert!(printed.contains(part), "{params}: {part:?} is not in {printed}");
         }
     }
 }
 
 #[test]
-fn a_calibration_for_another_size_fails_the_frame_of_a_source_and_its_warnings_are_shown_with_their_count() {
-    const TEST: &str =
-        "a_calibration_for_another_size_fails_the_frame_of_a_source_and_its_warnings_are_shown_with_their_count";
+fn a_calibration_for_another_size_fails_the_frame_and_warnings_are_counted() {
+    const TEST: &str = "a_calibration_for_another_size_fails_the_frame_and_warnings_are_counted";
     let Some(python) = python_package(TEST) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("nodes.py"), INVALID).expect("written");
@@ -443,14 +442,14 @@ fn a_calibration_for_another_size_fails_the_frame_of_a_source_and_its_warnings_a
     std::fs::write(&experiment, text).expect("written");
     let output = run(&experiment, &folder.path().join("out"), "size").env("PATH", path_of(&python)).output();
     let output = output.expect("started");
-    let said = said(&output);
-    assert_eq!(output.status.code(), Some(3), "{said}");
-    assert!(said.contains("`camera` is for 128x64 pixels, and `left` is 64x32"), "{said}");
-    assert!(said.contains("3 folders without an image"), "{said}");
+    let printed = output_of(&output);
+    assert_eq!(output.status.code(), Some(3), "{printed}");
+    assert!(printed.contains("`camera` is for 128x64 pixels, and `left` is 64x32"), "{printed}");
+    assert!(printed.contains("3 folders without an image"), "{printed}");
 }
 
 #[test]
-fn numbers_that_no_program_can_get_as_they_are_written_are_refused_by_check() {
+fn check_refuses_numbers_that_cannot_be_passed_to_a_program() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = folder.path().join("own.yaml");
     let text = |params: &str| {
@@ -463,7 +462,7 @@ fn numbers_that_no_program_can_get_as_they_are_written_are_refused_by_check() {
     let check = |params: &str, more: &[&str]| {
         std::fs::write(&experiment, text(params)).expect("written");
         let output = depthloom().arg("check").arg(&experiment).args(more).output().expect("started");
-        (output.status.code(), said(&output))
+        (output.status.code(), output_of(&output))
     };
     let (code, printed) = check("{ a: 18446744073709551615, b: [1e300, \".nan\"], c: '99999999999999999999' }", &[]);
     assert_eq!(code, Some(0), "{printed}");

@@ -1,4 +1,4 @@
-//! Names that are exchanged between runs: variants, nodes, estimates. Results belong to what made them, not to a name.
+//! Names exchanged between runs: variants, nodes, estimates. Results belong to their parameters, not to a name.
 
 use super::{Case, text};
 
@@ -17,7 +17,7 @@ fn variants(case: &Case, name: &str, variants: &str) {
     case.write(name, format!("{STREET}{score}variants: {{ {variants} }}\n"));
 }
 
-/// Two median filters with a window each, and what is scored under which name.
+/// Two median filters with these window sizes, and estimates with these names.
 fn filters(case: &Case, name: &str, sizes: [u32; 2], estimates: &str) {
     let [small, large] = sizes;
     let nodes = format!(
@@ -36,8 +36,8 @@ fn variants_with_exchanged_parameters_have_their_own_results() {
     case.run("one.yaml", "runs/one", &[]);
     case.run_as_fresh("two.yaml", "runs/two", &[]);
     let scores = |run: &str| text(&case.path(run).join("scores.csv"));
-    assert_ne!(scores("runs/one"), scores("runs/two"), "block sizes decide the scores");
-    // And no later run takes a value under the name that it once had.
+    assert_ne!(scores("runs/one"), scores("runs/two"), "block sizes change the scores");
+    // A later run does not reuse a value by the name of its former variant.
     variants(&case, "three.yaml", "only: { compare.stereo.with.block: 9 }");
     case.run_as_fresh("three.yaml", "runs/three", &[]);
 }
@@ -64,8 +64,8 @@ fn a_base_parameter_that_becomes_a_variants_has_its_own_results() {
     case.run_as_fresh("two.yaml", "runs/two", &[]);
 }
 
-/// Found by `tests/fuzz_reuse`: values are named in their messages after the stage's run, which is one of its own where
-/// variants differ in their source.
+/// Found by `tests/fuzz_reuse`: messages name values after the run of a stage, and a variant with another source has a
+/// separate run.
 #[test]
 fn a_variant_that_no_longer_changes_the_source_is_named_after_the_stage() {
     let case = Case::new();

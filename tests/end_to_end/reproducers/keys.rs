@@ -1,8 +1,8 @@
-//! Keys contain what decides a program's values: each argument and variable by itself, the modules that it imports.
+//! Keys contain everything that a program's values depend on: each argument, each variable, the imported modules.
 
-use super::{Case, said};
+use super::{Case, stderr_of};
 
-/// A source whose depth is decided by a variable of the environment.
+/// A source whose depth depends on an environment variable.
 const CAMERA: &str = r#"
 import os
 import numpy as np, depthloom
@@ -105,13 +105,13 @@ fn new_values_of_an_ordered_node_that_runs_anyway_are_not_discarded_silently() {
     case.write("factor.txt", "2");
     case.write("own.yaml", scaling("ordered", "code: [own.py]", "0..2"));
     case.run("own.yaml", "runs/one", &[]);
-    // A file that `code` does not name. A further frame makes the node run on all.
+    // `code` does not name the file. An additional frame makes the node run on all frames.
     case.write("factor.txt", "3");
     case.write("own.yaml", scaling("ordered", "code: [own.py]", "0..3"));
     let output = case.attempt("own.yaml", "runs/two", &[]);
     if output.status.success() {
         case.assert_as_fresh("own.yaml", "runs/two", &[]);
     } else {
-        assert!(said(&output).contains("own"), "the error names the node: {}", said(&output));
+        assert!(stderr_of(&output).contains("own"), "the error names the node: {}", stderr_of(&output));
     }
 }

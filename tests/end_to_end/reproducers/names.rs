@@ -1,12 +1,11 @@
-//! Folders whose names are not UTF-8: the runs and data in them and beside them can be used, or are refused with a
-//! reason.
+//! Folders whose names are not UTF-8: runs and data in them and next to them can be used, or are refused with a reason.
 #![cfg(unix)]
 
 use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt as _;
 
-use super::{Case, said};
+use super::{Case, stderr_of};
 
 const STREET: &str = "experiment: names
 sources: { street: { kind: synthetic/road, with: { frames: 0..2, seed: 2, width: 64, height: 32 } } }
@@ -32,7 +31,7 @@ fn an_earlier_run_in_a_folder_without_a_utf8_name_is_reused_and_listed() {
         &["run", "--no-page", "street.yaml", "--json"],
     ] {
         let output = case.depthloom(arguments).output().expect("the program starts");
-        assert!(output.status.success(), "{arguments:?}: {}", said(&output));
+        assert!(output.status.success(), "{arguments:?}: {}", stderr_of(&output));
     }
 }
 
@@ -44,7 +43,7 @@ fn data_in_a_folder_without_a_utf8_name_is_described_or_refused() {
     for arguments in [&["data"][..], &["data", "--json"]] {
         let output = case.depthloom(arguments).arg(&folder).output().expect("the program starts");
         let code = output.status.code().expect("it ends by itself");
-        assert!((1..=3).contains(&code), "{arguments:?}: {code} {}", said(&output));
-        assert!(!said(&output).contains("panicked"), "{arguments:?}: {}", said(&output));
+        assert!((1..=3).contains(&code), "{arguments:?}: {code} {}", stderr_of(&output));
+        assert!(!stderr_of(&output).contains("panicked"), "{arguments:?}: {}", stderr_of(&output));
     }
 }

@@ -1,8 +1,8 @@
-//! Ordered nodes know id, index and time of their frames: so do the keys of their values.
+//! Ordered nodes get id, index and time of their frames, so the keys of their values contain these as well.
 
 use super::Case;
 
-/// In every pixel the seconds since the frame before, as a temporal filter uses them.
+/// A node that writes the seconds since the previous frame to every pixel, as a temporal filter might use them.
 const CLOCK: &str = r#"
 import numpy as np, depthloom
 @depthloom.node(inputs={"image": "image"}, outputs={"depth": "depth"})
@@ -16,7 +16,7 @@ class Clock:
 depthloom.serve(Clock)
 "#;
 
-/// An experiment with the clock and a filter behind it.
+/// An experiment with the clock node, followed by a filter.
 fn clock(source: &str) -> String {
     format!(
         "experiment: clock
@@ -39,8 +39,8 @@ stages:
 }
 
 #[test]
-fn changed_times_of_frames_reach_ordered_nodes_and_what_follows_them() {
-    let Some(case) = Case::with_python("changed_times_of_frames_reach_ordered_nodes_and_what_follows_them") else {
+fn changed_frame_times_recompute_ordered_nodes_and_their_consumers() {
+    let Some(case) = Case::with_python("changed_frame_times_recompute_ordered_nodes_and_their_consumers") else {
         return;
     };
     let date = "raw/2011_09_26";
@@ -106,7 +106,7 @@ stages:
     case.run_as_fresh("samples.yaml", "runs/two", &[]);
 }
 
-/// A network contains the cache key of its training, which an audit gives it, too.
+/// A network contains the cache key of its training; a network recomputed by the audit must contain it as well.
 #[test]
 fn a_trained_network_that_is_reused_passes_the_audit_of_all_values() {
     let case = Case::new();

@@ -1,8 +1,8 @@
-//! A run that is resumed after its data changed: no frame of the old data stays in it.
+//! A run that resumes after its data changed: it must not keep a frame of the old data.
 
 use std::fs;
 
-use super::{Case, said};
+use super::{Case, stderr_of};
 use crate::support::depthloom;
 
 const IMAGES: &str = "experiment: images
@@ -15,7 +15,7 @@ stages:
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
 ";
 
-/// Nodes behind those of [`IMAGES`] that make an aggregate value of all frames, and another of that.
+/// Nodes after those of [`IMAGES`]: an aggregate value over all frames, and a second one computed from it.
 const LEARNING: &str = "      edges: { kind: confidence/edges, inputs: { image: source/left } }
       samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }, with: { size: [32, 32] } }
       learnt: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 1, batch: 1 } }
@@ -35,8 +35,8 @@ fn remove(case: &Case, frame: u32) {
     }
 }
 
-/// A run on six frames that ended in the middle, and then a change of the data.
-fn resumed_after(text: &str, change: impl FnOnce(&Case)) {
+/// Interrupts a run on six frames, changes the data, and resumes.
+fn resume_after(text: &str, change: impl FnOnce(&Case)) {
     let case = Case::new();
     (0..FRAMES).for_each(|number| frame(&case, number, number));
     case.write("images.yaml", text);
@@ -50,22 +50,22 @@ fn resumed_after(text: &str, change: impl FnOnce(&Case)) {
 
 #[test]
 fn images_that_were_replaced_are_read_again() {
-    resumed_after(IMAGES, |case| (0..FRAMES).for_each(|number| frame(case, number, 100 + number)));
+    resume_after(IMAGES, |case| (0..FRAMES).for_each(|number| frame(case, number, 100 + number)));
 }
 
 #[test]
 fn one_image_that_was_replaced_is_read_again() {
-    resumed_after(IMAGES, |case| frame(case, 1, 100));
+    resume_after(IMAGES, |case| frame(case, 1, 100));
 }
 
 #[test]
 fn frames_that_were_removed_are_removed() {
-    resumed_after(IMAGES, |case| remove(case, 1));
+    resume_after(IMAGES, |case| remove(case, 1));
 }
 
 #[test]
 fn frames_that_moved_are_not_lost() {
-    resumed_after(IMAGES, |case| {
+    resume_after(IMAGES, |case| {
         remove(case, 0);
         frame(case, 8, 0);
     });
@@ -73,13 +73,13 @@ fn frames_that_moved_are_not_lost() {
 
 #[test]
 fn fewer_frames_than_were_recorded_are_fewer_frames() {
-    resumed_after(IMAGES, |case| (1..FRAMES).for_each(|number| remove(case, number)));
+    resume_after(IMAGES, |case| (1..FRAMES).for_each(|number| remove(case, number)));
 }
 
-/// Aggregate values and later stages are recorded behind the last frame of a stage: where another frame was added, they
-/// are computed again.
+/// Aggregate values and later stages are recorded after the last frame of a stage. They are recomputed after a frame was
+/// added.
 #[test]
-fn an_added_frame_is_before_what_follows_the_frames() {
+fn an_added_frame_is_recorded_before_aggregate_values_and_later_stages() {
     let second = IMAGES.split_once("stages:\n").expect("stages").1.replace("look:", "again:");
     for (experiment, shares) in
         [(format!("{IMAGES}{LEARNING}"), [0.6, 0.7, 0.8, 0.9]), (format!("{IMAGES}{second}"), [0.4, 0.5, 0.6, 0.7])]
@@ -96,7 +96,7 @@ fn an_added_frame_is_before_what_follows_the_frames() {
     }
 }
 
-/// What a resume set aside since the data changed is kept by a run that fails before its first frame.
+/// A resumed run sets outdated frames aside. They are kept if the run fails before its first frame.
 #[test]
 fn frames_that_were_set_aside_survive_a_failure_before_the_first_frame() {
     let case = Case::new();
@@ -107,15 +107,15 @@ fn frames_that_were_set_aside_survive_a_failure_before_the_first_frame() {
     frame(&case, 1, 100);
     case.write("data/left/000.png", "not an image");
     let failed = case.attempt("images.yaml", "runs/one", &[]);
-    assert!(!failed.status.success(), "{}", said(&failed));
-    assert!(case.path("runs/one.partial/recording.outdated.mcap").is_file(), "{}", said(&failed));
+    assert!(!failed.status.success(), "{}", stderr_of(&failed));
+    assert!(case.path("runs/one.partial/recording.outdated.mcap").is_file(), "{}", stderr_of(&failed));
 
     // Another experiment, or --fresh, does not replace these frames either.
     case.write("other.yaml", IMAGES.replace("disparities: 16", "disparities: 32"));
     for (experiment, more) in [("other.yaml", &[][..]), ("images.yaml", &["--fresh"])] {
         let refused = case.attempt(experiment, "runs/one", more);
-        assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
-        assert!(said(&refused).contains("--overwrite"), "{}", said(&refused));
+        assert_eq!(refused.status.code(), Some(2), "{}", stderr_of(&refused));
+        assert!(stderr_of(&refused).contains("--overwrite"), "{}", stderr_of(&refused));
     }
 
     frame(&case, 0, 0);
@@ -129,12 +129,12 @@ fn frames_that_were_set_aside_survive_a_failure_before_the_first_frame() {
     assert!(
         output.status.success() && report["reused"]["nodes"][0]["reused"].as_u64() > Some(0),
         "{report:#} {}",
-        said(&output)
+        stderr_of(&output)
     );
     case.assert_as_fresh("images.yaml", "runs/one", &[]);
 }
 
-/// Reports of a partial run do not survive in the whole one.
+/// Reports of a partial run do not remain in the finished run.
 #[test]
 fn reports_of_the_partial_run_are_removed() {
     let case = Case::new();
@@ -144,13 +144,13 @@ fn reports_of_the_partial_run_are_removed() {
     case.interrupt("runs/one", 0.7);
     let report = depthloom().current_dir(case.folder.path()).args(["report", "runs/one.partial"]).output();
     let report = report.expect("the program starts");
-    assert!(report.status.success() && case.path("runs/one.partial/report.html").is_file(), "{}", said(&report));
+    assert!(report.status.success() && case.path("runs/one.partial/report.html").is_file(), "{}", stderr_of(&report));
     case.run_as_fresh("images.yaml", "runs/one", &[]);
     assert!(!case.path("runs/one/report.html").exists(), "a page of fewer frames");
 }
 
-/// A failure is not a result: what failed before the interruption is tried again, and fails or succeeds as in a fresh
-/// run.
+/// A failure is not a result: frames that failed before the interruption are tried again, and fail or succeed as in a
+/// fresh run.
 #[test]
 fn frames_that_failed_before_the_interruption_are_tried_again() {
     for is_repaired in [false, true] {
@@ -159,22 +159,26 @@ fn frames_that_failed_before_the_interruption_are_tried_again() {
         case.write("data/left/001.png", "not an image");
         case.write("images.yaml", IMAGES);
         let first = case.attempt("images.yaml", "runs/one", &["--keep-going"]);
-        assert_eq!(first.status.code(), Some(3), "{}", said(&first));
+        assert_eq!(first.status.code(), Some(3), "{}", stderr_of(&first));
         case.interrupt("runs/one", 0.95);
         if is_repaired {
             frame(&case, 1, 1);
         }
         let again = case.attempt("images.yaml", "runs/one", &["--keep-going"]);
         let fresh = case.attempt("images.yaml", "fresh", &["--keep-going", "--fresh"]);
-        assert_eq!(again.status.code(), Some(if is_repaired { 0 } else { 3 }), "{}", said(&again));
-        assert_eq!(again.status.code(), fresh.status.code(), "{}", said(&fresh));
-        assert!(case.read("runs/one", "recording.mcap") == case.read("fresh", "recording.mcap"), "{}", said(&again));
+        assert_eq!(again.status.code(), Some(if is_repaired { 0 } else { 3 }), "{}", stderr_of(&again));
+        assert_eq!(again.status.code(), fresh.status.code(), "{}", stderr_of(&fresh));
+        assert!(
+            case.read("runs/one", "recording.mcap") == case.read("fresh", "recording.mcap"),
+            "{}",
+            stderr_of(&again)
+        );
     }
 }
 
 #[test]
 fn samples_of_replaced_images_are_collected_again() {
-    resumed_after(&format!("{IMAGES}{LEARNING}"), |case| {
+    resume_after(&format!("{IMAGES}{LEARNING}"), |case| {
         (0..FRAMES).for_each(|number| frame(case, number, 100 + number));
     });
 }
@@ -209,8 +213,8 @@ stages:
     score: { truth: source/depth, estimates: { mono: mono/depth, scaled: scaled/depth } }
 ";
 
-/// The same of programs in Python whose module changes.
-fn resumed_after_a_module_changed(test: &str, source: &str, before: &str, after: &str, files: &[&str]) {
+/// Interrupts a run with Python programs, changes their module, and resumes.
+fn resume_after_a_module_changed(test: &str, source: &str, before: &str, after: &str, files: &[&str]) {
     let Some(case) = Case::with_python(test) else { return };
     case.write("camera.py", CAMERA);
     case.write("camera.yaml", PYTHON.replace("SOURCE", source));
@@ -220,27 +224,27 @@ fn resumed_after_a_module_changed(test: &str, source: &str, before: &str, after:
     case.write("value.py", after);
     let output = case.attempt("camera.yaml", "runs/one", &[]);
     if !output.status.success() {
-        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        assert_eq!(output.status.code(), Some(2), "{}", stderr_of(&output));
         case.run("camera.yaml", "runs/one", &["--overwrite"]);
     }
     case.assert_files_as_fresh("camera.yaml", "runs/one", &[], files);
 }
 
 #[test]
-fn a_program_without_version_and_code_is_asked_for_all_frames_again() {
-    resumed_after_a_module_changed(
-        "a_program_without_version_and_code_is_asked_for_all_frames_again",
+fn a_program_without_version_and_code_recomputes_all_frames() {
+    resume_after_a_module_changed(
+        "a_program_without_version_and_code_recomputes_all_frames",
         "{ kind: process/source, with: { command: [python3, camera.py, Camera], outputs: { left: image, depth: depth, calibration: calibration } } }",
         "SOURCE, NODE = 10, 2\n",
         "SOURCE, NODE = 40, 2\n",
-        // Each run makes up keys of such values, which the recording contains.
+        // The keys of such values are random per run, and the recording contains them.
         &["scores.csv", "table.csv"],
     );
 }
 
 #[test]
 fn a_changed_module_of_a_node_does_not_mix_frames_of_two_versions() {
-    resumed_after_a_module_changed(
+    resume_after_a_module_changed(
         "a_changed_module_of_a_node_does_not_mix_frames_of_two_versions",
         "{ kind: process/source, with: { command: [python3, camera.py, Camera], version: 1, outputs: { left: image, depth: depth, calibration: calibration } } }",
         "SOURCE, NODE = 10, 2\n",
