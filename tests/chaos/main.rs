@@ -74,7 +74,7 @@ mod yaml;
 
 #[cfg(unix)]
 fn main() -> std::process::ExitCode {
-    depthloom_test_needs::signals::as_usual();
+    depthloom_test_needs::signals::restore_defaults();
     match arguments::parse(std::env::args().skip(1)) {
         Ok(arguments) => session::run(&arguments),
         Err(what) => {

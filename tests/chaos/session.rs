@@ -206,7 +206,7 @@ fn one(arguments: &Arguments, ground: &Ground, kind: &Kind, name: &str) -> Verdi
     let folder = home.join("in");
     fs::create_dir_all(&folder).expect("a folder for the case can be made");
     let mut case =
-        Case { random: Random::of(arguments.seed, name), folder, home: home.clone(), ground, notes: Vec::new() };
+        Case { random: Random::new(arguments.seed, name), folder, home: home.clone(), ground, notes: Vec::new() };
     let verdict = catch_unwind(AssertUnwindSafe(|| (kind.run)(&mut case)))
         .unwrap_or_else(|_| Verdict::different("the case itself failed; see above"));
     let (what, why) = match &verdict {

@@ -491,7 +491,7 @@ fn tables_have_intervals_if_requested() {
     let latex = std::fs::read_to_string(folder.join("tables/table.tex")).expect("the table");
     let stated = "in square brackets its interval (95 \\% BCa bootstrap over frames, 100000 resamples, seed 1)";
     assert!(latex.contains(stated) && latex.contains("\\label{tab:compared}"), "{latex}");
-    // Higher confidence yields wider intervals, and by default there are none.
+    // Higher confidence yields wider intervals. Intervals are not written by default.
     let wider = rows(&["table", "run", "--ci=99", "--format", "csv", "--out", "rows.csv"], "rows.csv");
     assert!(wider.iter().zip(&variants).all(|(wider, row)| ends(wider)[0] < ends(row)[0]));
     assert!(!read_csv(&folder.join("run/table.csv"))[0].contains_key("abs_rel_low"));

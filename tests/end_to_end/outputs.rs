@@ -192,7 +192,7 @@ fn every_json_output_matches_its_schema() {
     check("info", 3, &["info", "flipped.mcap", "--check", "--json"]);
 
     let published = fs::read_dir(workspace().join("docs/schemas")).expect("schemas");
-    let names = published.map(|file| file.expect("a file").path().file_stem().expect("a name").display().to_string());
+    let names = published.map(|file| file.expect("a file").path().file_stem().expect("its name").display().to_string());
     let mut untested: Vec<String> = names.filter(|name| !seen.contains_key(name)).collect();
     untested.sort();
     assert_eq!(untested, [] as [&str; 0], "schemas of outputs that this test does not check");

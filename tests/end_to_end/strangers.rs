@@ -1,4 +1,4 @@
-//! Files from somebody else: folders with links and pipes, and texts with control characters.
+//! Untrusted files: folders with links and pipes, and texts with control characters.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -10,7 +10,7 @@ pub(crate) use depthloom_test_needs::{
 /// The binary under test.
 pub(crate) fn depthloom() -> Command {
     #[cfg(unix)]
-    depthloom_test_needs::signals::as_usual();
+    depthloom_test_needs::signals::restore_defaults();
     let mut command = Command::new(env!("CARGO_BIN_EXE_depthloom"));
     command.current_dir(workspace()).env_remove("KITTI_STEREO_2015").env_remove("MONO_MODEL").env("NO_COLOR", "1");
     // Tests compare computed results, not values reused from neighbouring runs.

@@ -415,7 +415,7 @@ fn a_damaged_recording_exits_with_3_and_damaged_timings_remove_a_column() {
     assert!(tables > 0, "no damage left a frame");
 }
 
-/// A run folder from somebody else may have a pipe in place of the marker: listing runs must not wait for it.
+/// An untrusted run folder may have a pipe in place of the marker: listing runs must not wait for it.
 #[cfg(unix)]
 #[test]
 fn a_pipe_in_place_of_a_marker_does_not_block_the_list_of_runs() {

@@ -71,7 +71,7 @@ fn main() -> std::process::ExitCode {
     if filters.clone().next().is_some() && !filters.any(|filter| "fuzz_reuse".contains(filter.as_str())) {
         return ExitCode::SUCCESS;
     }
-    depthloom_test_needs::signals::as_usual();
+    depthloom_test_needs::signals::restore_defaults();
     let registry = depthloom::registry();
     let nodes = registry.nodes().map(|kind| kind.declaration.kind.to_owned()).collect();
     let sources = registry.sources().map(|kind| kind.declaration.kind.to_owned()).collect();

@@ -64,7 +64,7 @@ pub(crate) struct EarlierRun {
 impl Sequence {
     /// The sequence of a seed. Where there is a Python, one in fifty has a node in Python.
     pub(crate) fn new(seed: u64, has_python: bool) -> Self {
-        let random = &mut Random::of(seed, "reuse");
+        let random = &mut Random::new(seed, "reuse");
         let has_python = has_python && seed.is_multiple_of(50);
         let mut state = State {
             experiment: generate::experiment(random, &[]),

@@ -1,4 +1,4 @@
-"""Holds samples and what `depthloom analyse` says of them to NumPy: check_analysis.py SAMPLES NPY_FOLDER INQUIRY.json..., each with its `--by` as its name."""
+"""Checks samples and the output of `depthloom analyse` against NumPy: check_analysis.py SAMPLES NPY_FOLDER QUERY.json..., each named after its `--by`."""
 import json
 import pathlib
 import sys

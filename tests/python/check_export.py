@@ -25,12 +25,12 @@ recording, export = map(pathlib.Path, sys.argv[1:])
 with recording.open("rb") as file:
     reader = make_reader(file, decoder_factories=[DecoderFactory()])
     decoded = reader.iter_decoded_messages()
-    # Images and calibrations lie where viewers look for them; their topic in the plan is told.
+    # Viewers expect images and calibrations on other topics; a message's metadata names the topic in the plan.
     named = [(of.metadata.get("topic_in_plan", of.topic), at.log_time, message) for _, of, at, message in decoded]
     messages = [of for of in named if "/view/" not in of[0]]
     [about] = [record.metadata for record in reader.iter_metadata() if record.name == "depthloom"]
 ids = {at: message.frame for topic, at, message in messages if topic.endswith("/commit")}
-# A disparity and a true disparity are both 16UC1: the plan says which is which.
+# Estimated and ground-truth disparities are both 16UC1; the plan distinguishes them.
 outputs = [out for run in json.loads(about["plan"])["runs"] for of in [run["source"], *run["nodes"]] for out in of["outputs"]]
 types = {out["topic"]: out["type"] for out in outputs}
 

@@ -83,7 +83,7 @@ def content(schema, message):
         numbers = (getattr(message, number) if message.HasField(number) else 0.0 for number in CURVE_NUMBERS)
         present = (message.HasField(number) for number in CURVE_NUMBERS)
         return struct.pack("<Q3d3?", message.step, *numbers, *present)
-    raise SystemExit(f"read_recording.py: {schema} is no schema of a recording")
+    raise SystemExit(f"read_recording.py: {schema} is not a schema of a recording")
 
 
 def add_numbers(topic, data):

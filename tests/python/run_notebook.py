@@ -64,7 +64,7 @@ def main(path, save):
         return
     for number, (before, now) in enumerate(zip(texts(saved), texts(executed), strict=True)):
         if before != now:
-            sys.exit(f"cell {number} of code printed\n{''.join(map(str, now))}\nand when it was saved\n{''.join(map(str, before))}\nrun_notebook.py --save writes it anew")
+            sys.exit(f"cell {number} of code printed\n{''.join(map(str, now))}\nand when it was saved\n{''.join(map(str, before))}\nrun_notebook.py --save updates the notebook")
 
 
 if __name__ == "__main__":

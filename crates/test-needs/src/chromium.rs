@@ -1,13 +1,13 @@
-//! Chromium, for what a page does in a browser.
+//! Chromium, for tests of pages in a browser.
 
 use std::path::PathBuf;
 
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
-/// A browser of Chromium's family. `None`, and the test is skipped, where there is none.
+/// A browser of Chromium's family. `None` without a browser: the test is then reported as skipped.
 ///
 /// # Panics
-/// If there is none and `DEPTHLOOM_REQUIRE_CHROMIUM` is set.
+/// Without a browser, if `DEPTHLOOM_REQUIRE_CHROMIUM` is set.
 #[must_use]
 pub fn chromium(test: &str) -> Option<PathBuf> {
     if !crate::full(test) {
@@ -20,7 +20,7 @@ pub fn chromium(test: &str) -> Option<PathBuf> {
     let found =
         NAMES.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file());
     if found.is_none() {
-        crate::miss("DEPTHLOOM_REQUIRE_CHROMIUM", test, "there is no Chromium in $PATH, and $CHROMIUM names none");
+        crate::miss("DEPTHLOOM_REQUIRE_CHROMIUM", test, "there is no Chromium in $PATH, and $CHROMIUM is not set");
     }
     found
 }

@@ -1,13 +1,11 @@
-//! What tests need and may not find: the folder of reference data, Python with packages, ONNX Runtime, Chromium.
+//! Optional requirements of tests: the folder of reference data, Python with packages, ONNX Runtime, Chromium.
 //!
 //! Tests that need more than the reference data belong to the full suite, which runs with `DEPTHLOOM_FULL_TESTS=1`.
 //!
-//! A test that cannot have it is skipped: it passes, says so on the standard error itself (the test harness swallows
-//! what a
-//! passing test prints), and [leaves a record](skips) that `tests/skipped.rs`, the last program of `cargo test
-//! --workspace`,
-//! counts. Where `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON` or `DEPTHLOOM_REQUIRE_CHROMIUM` is set (and not
-//! `0`), it fails instead.
+//! A test without its requirement is skipped: it passes and prints a line to standard error, which the test harness does
+//! not capture. It also [leaves a record](skips). `tests/skipped.rs`, the last program of `cargo test --workspace`, counts
+//! these records. If `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON` or `DEPTHLOOM_REQUIRE_CHROMIUM` is set (and
+//! not `0`), the test fails instead.
 
 mod book;
 mod chromium;
@@ -36,17 +34,17 @@ use std::path::{Path, PathBuf};
 /// The root of the workspace.
 ///
 /// # Panics
-/// Never: this crate lies two folders below it.
+/// Never: this crate is two folders below it.
 #[must_use]
 pub fn workspace() -> &'static Path {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
     manifest.ancestors().nth(2).expect("this crate is crates/test-needs")
 }
 
-/// The folder that this test program was built into: `target`, or what `CARGO_TARGET_DIR` says.
+/// The folder that this test program was built into: `target`, or `CARGO_TARGET_DIR`.
 ///
 /// # Panics
-/// If this is no test program that cargo built.
+/// If this is not a test program that cargo built.
 #[must_use]
 pub fn target() -> PathBuf {
     let program = std::env::current_exe().expect("a running program has a path");

@@ -8,10 +8,11 @@ use std::sync::OnceLock;
 use crate::python::output_of;
 use crate::{target, workspace};
 
-/// A command that looks at a recording with Lichtblick's code: `tests/lichtblick/check.mjs` and its first argument.
-/// What it needs of npm lies in `target/lichtblick-tests`, which the first test that asks makes. Lichtblick itself is
-/// in no registry: `DEPTHLOOM_LICHTBLICK` names a checkout. `None`, and the test is skipped, where that is not set, or
-/// there is no Node or no registry.
+/// A command that reads a recording with Lichtblick's code: `tests/lichtblick/check.mjs` and its first argument.
+///
+/// The first test that needs it installs the npm packages to `target/lichtblick-tests`. Lichtblick itself is not in a
+/// registry: `DEPTHLOOM_LICHTBLICK` names a checkout. `None` if that is not set, or without Node or a registry: the test
+/// is then reported as skipped.
 #[must_use]
 pub fn lichtblick(test: &str) -> Option<Command> {
     if !crate::full(test) {
@@ -43,16 +44,16 @@ fn installed() -> Result<(PathBuf, PathBuf), String> {
     for name in ["package.json", "package-lock.json", "check.mjs"] {
         fs::copy(workspace().join("tests/lichtblick").join(name), folder.join(name)).map_err(failed)?;
     }
-    let wanted = fs::read_to_string(folder.join("package-lock.json")).map_err(failed)?;
+    let lockfile = fs::read_to_string(folder.join("package-lock.json")).map_err(failed)?;
     let done = folder.join("installed.json");
-    if !fs::read_to_string(&done).is_ok_and(|have| have == wanted) {
+    if !fs::read_to_string(&done).is_ok_and(|installed| installed == lockfile) {
         output_of(Command::new("npm").current_dir(&folder).args([
             "ci",
             "--no-audit",
             "--no-fund",
             "--ignore-scripts",
         ]))?;
-        fs::write(&done, wanted).map_err(failed)?;
+        fs::write(&done, lockfile).map_err(failed)?;
     }
     Ok((checkout, folder.join("check.mjs")))
 }

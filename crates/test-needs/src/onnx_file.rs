@@ -1,7 +1,7 @@
-//! Tiny ONNX files, written field by field from the public protobuf schema, so that tests of networks need no file
-//! beside the project.
+//! Tiny ONNX files, written field by field from the public protobuf schema, so that tests of networks need no additional
+//! files.
 
-/// A protobuf message in the making.
+/// A protobuf message that is being built.
 #[derive(Default)]
 struct Message(Vec<u8>);
 
@@ -36,9 +36,9 @@ impl Message {
     }
 }
 
-/// ONNX's element type of 32-bit floats.
+/// The element type of 32-bit floats in ONNX.
 pub const F32: u64 = 1;
-/// ONNX's element type of bytes.
+/// The element type of bytes in ONNX.
 pub const U8: u64 = 2;
 
 /// A named tensor of an element type; a side of -1 is open.
@@ -57,7 +57,7 @@ impl Tensor<'_> {
     }
 }
 
-/// A model of one node `op` that reads the first input and gives `output`.
+/// A model of one node `op` that reads the first input and writes `output`.
 ///
 /// `axes`: the attribute of that name, if the operator has one.
 #[must_use]
@@ -66,7 +66,7 @@ pub fn model(op: &str, axes: Option<i64>, inputs: &[Tensor<'_>], output: &Tensor
     model_with(op, &attributes, inputs, output)
 }
 
-/// The same with any attributes that are lists of integers.
+/// Like [`model`], with attributes that are lists of integers.
 #[must_use]
 pub fn model_with(op: &str, attributes: &[(&str, &[i64])], inputs: &[Tensor<'_>], output: &Tensor<'_>) -> Vec<u8> {
     let mut node = Message::default().text(1, inputs[0].0).text(2, output.0).text(4, op);

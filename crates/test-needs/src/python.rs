@@ -1,4 +1,4 @@
-//! Python with the packages of `tests/python/requirements.txt`, in an environment of the tests' own.
+//! Python environments of the tests, with the packages of `tests/python/requirements*.txt`.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -7,10 +7,10 @@ use std::sync::OnceLock;
 
 use crate::{miss, target, workspace};
 
-/// Whether there is a `python3` on the PATH, without any package. If not, the test is skipped.
+/// Whether there is a `python3` on the PATH, without packages. If not, the test is reported as skipped.
 ///
 /// # Panics
-/// If there is none and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+/// Without Python, if `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn system_python(test: &str) -> bool {
     if !crate::full(test) {
@@ -23,53 +23,56 @@ pub fn system_python(test: &str) -> bool {
     runs
 }
 
-/// The Python of `target/python-tests`, which the first test that asks makes; `None`, and the test is skipped, where
-/// there is no Python or no package index.
+/// The Python of `target/python-tests`, which the first test that needs it creates. `None` without Python or a package
+/// index: the test is then reported as skipped.
 ///
 /// # Panics
-/// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+/// If it cannot be created and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn python(test: &str) -> Option<PathBuf> {
-    static PYTHON: Made<PathBuf> = OnceLock::new();
-    made(test, &PYTHON, || environment("python-tests", "requirements.txt"))
+    static PYTHON: Shared<PathBuf> = OnceLock::new();
+    get_or_create(test, &PYTHON, || environment("python-tests", "requirements.txt"))
 }
 
-/// A Python that has the package `python/` as people install it, and the packages of
-/// `tests/python/requirements-package.txt`, in `target/package-tests`; `None`, and the test is skipped, where there is
-/// no Python or no package index.
+/// A Python in `target/package-tests` with the installed package `python/` and the packages of
+/// `tests/python/requirements-package.txt`. `None` without Python or a package index: the test is then reported as skipped.
 ///
 /// # Panics
-/// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set, or the package cannot be installed.
+/// If it cannot be created and `DEPTHLOOM_REQUIRE_PYTHON` is set, or the package cannot be installed.
 #[must_use]
 pub fn python_package(test: &str) -> Option<PathBuf> {
-    static PYTHON: Made<PathBuf> = OnceLock::new();
-    let python = made(test, &PYTHON, || environment("package-tests", "requirements-package.txt"))?;
+    static PYTHON: Shared<PathBuf> = OnceLock::new();
+    let python = get_or_create(test, &PYTHON, || environment("package-tests", "requirements-package.txt"))?;
     static INSTALLED: OnceLock<()> = OnceLock::new();
     INSTALLED.get_or_init(|| install_package(&python).expect("the package can be installed"));
     Some(python)
 }
 
-/// A folder of programs with `dora`, and a `python` that has its library, of `target/dora-tests`; `None`, and the test
-/// is skipped, where there is no Python or no package index.
+/// A folder of `target/dora-tests` with the programs `dora` and a `python` with its library. `None` without Python or a
+/// package index: the test is then reported as skipped.
 ///
 /// # Panics
-/// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+/// If it cannot be created and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn dora(test: &str) -> Option<PathBuf> {
-    static PYTHON: Made<PathBuf> = OnceLock::new();
-    made(test, &PYTHON, || environment("dora-tests", "requirements-dora.txt"))?.parent().map(Path::to_owned)
+    static PYTHON: Shared<PathBuf> = OnceLock::new();
+    get_or_create(test, &PYTHON, || environment("dora-tests", "requirements-dora.txt"))?.parent().map(Path::to_owned)
 }
 
-/// What the first test that needs it makes for the others.
-pub(crate) type Made<T> = OnceLock<Result<T, String>>;
+/// A value that the first test that needs it creates for the others.
+pub(crate) type Shared<T> = OnceLock<Result<T, String>>;
 
-/// `None` outside of the full suite, and if it cannot be made: then the test is skipped.
-pub(crate) fn made<T: Clone>(test: &str, once: &Made<T>, make: impl FnOnce() -> Result<T, String>) -> Option<T> {
+/// Creates a value once. `None` outside of the full suite, or if that fails: the test is then reported as skipped.
+pub(crate) fn get_or_create<T: Clone>(
+    test: &str,
+    once: &Shared<T>,
+    create: impl FnOnce() -> Result<T, String>,
+) -> Option<T> {
     if !crate::full(test) {
         return None;
     }
-    match once.get_or_init(make) {
-        Ok(made) => Some(made.clone()),
+    match once.get_or_init(create) {
+        Ok(value) => Some(value.clone()),
         Err(why) => {
             miss("DEPTHLOOM_REQUIRE_PYTHON", test, why);
             None
@@ -87,20 +90,20 @@ fn install_package(python: &Path) -> Result<(), String> {
     files.extend(sources.flatten().map(|file| file.path()).filter(|path| path.is_file()));
     files.sort_unstable();
     let texts = files.iter().map(|file| Ok(format!("{}\n{}", file.display(), fs::read_to_string(file)?)));
-    let wanted = texts.collect::<std::io::Result<String>>().map_err(failed)?;
+    let contents = texts.collect::<std::io::Result<String>>().map_err(failed)?;
     let done = target().join("package-tests/package.txt");
-    if fs::read_to_string(&done).is_ok_and(|have| have == wanted) {
+    if fs::read_to_string(&done).is_ok_and(|installed| installed == contents) {
         return Ok(());
     }
     let pip = ["-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation"];
     output_of(Command::new(python).args(pip).arg(&package))?;
-    fs::write(done, wanted).map_err(failed)
+    fs::write(done, contents).map_err(failed)
 }
 
 /// The ONNX Runtime library of [that Python](python).
 ///
 /// # Panics
-/// If there is none and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+/// Without Python, if `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn onnx_runtime(test: &str) -> Option<PathBuf> {
     let code = "import onnxruntime, pathlib; print(next((pathlib.Path(onnxruntime.__file__).parent / 'capi').glob('libonnxruntime*.*')))";
@@ -113,16 +116,16 @@ pub(crate) fn environment(name: &str, requirements: &str) -> Result<PathBuf, Str
     let requirements = workspace().join("tests/python").join(requirements);
     let python = venv.join("bin/python");
     let done = venv.join("installed.txt");
-    let wanted = fs::read_to_string(&requirements).map_err(|error| format!("{}: {error}", requirements.display()))?;
-    // Test programs run at once, under several cargos: the first makes the environment, the others wait for it.
+    let required = fs::read_to_string(&requirements).map_err(|error| format!("{}: {error}", requirements.display()))?;
+    // Test programs run concurrently, also of several cargos: the first creates the environment, the others wait.
     let lock = File::create(venv.with_extension("lock")).map_err(|error| format!("{}: {error}", venv.display()))?;
     lock.lock().map_err(|error| format!("{}: {error}", venv.display()))?;
-    if fs::read_to_string(&done).is_ok_and(|have| have == wanted) {
+    if fs::read_to_string(&done).is_ok_and(|installed| installed == required) {
         return Ok(python);
     }
     output_of(Command::new("python3").args(["-m", "venv", "--clear"]).arg(venv))?;
     output_of(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&requirements))?;
-    fs::write(&done, wanted).map_err(|error| format!("{}: {error}", done.display()))?;
+    fs::write(&done, required).map_err(|error| format!("{}: {error}", done.display()))?;
     Ok(python)
 }
 

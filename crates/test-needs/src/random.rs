@@ -7,9 +7,9 @@ use std::ops::Range;
 pub struct Random(u64);
 
 impl Random {
-    /// The choices of one case.
+    /// A generator for one case.
     #[must_use]
-    pub fn of(seed: u64, case: &str) -> Self {
+    pub fn new(seed: u64, case: &str) -> Self {
         // FNV-1a: the name of a case is short, and its hash must be the same on every machine.
         let hash = case
             .bytes()
@@ -45,7 +45,7 @@ impl Random {
         items[self.below(items.len())]
     }
 
-    /// Flips one bit; returns which, in words.
+    /// Flips one bit. Returns a description of it.
     pub fn flip(&mut self, bytes: &mut [u8]) -> String {
         let (at, bit) = (self.below(bytes.len()), self.below(8));
         bytes[at] ^= 1 << bit;

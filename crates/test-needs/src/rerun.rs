@@ -1,11 +1,11 @@
-//! Rerun, in an environment of the tests' own, and a Vulkan without a graphics card for its viewer.
+//! Rerun, in a separate Python environment, and a Vulkan driver without a graphics card for its viewer.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use crate::python::{Made, environment, made, output_of};
+use crate::python::{Shared, environment, get_or_create, output_of};
 use crate::target;
 
 const SYSTEM_DRIVERS: [&str; 2] = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
@@ -15,20 +15,20 @@ pub struct Rerun {
     program: PathBuf,
 }
 
-/// Rerun as `tests/python/requirements-rerun.txt` names it, in `target/rerun-tests`, which the first test that asks
-/// makes; `None`, and the test is skipped, where there is no Python or no package index.
+/// Rerun in the version of `tests/python/requirements-rerun.txt`, in `target/rerun-tests`, which the first test that
+/// needs it creates. `None` without Python or a package index: the test is then reported as skipped.
 ///
 /// # Panics
-/// If it cannot be made and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+/// If it cannot be created and `DEPTHLOOM_REQUIRE_PYTHON` is set.
 #[must_use]
 pub fn rerun(test: &str) -> Option<Rerun> {
-    static PYTHON: Made<PathBuf> = OnceLock::new();
-    let python = made(test, &PYTHON, || environment("rerun-tests", "requirements-rerun.txt"))?;
+    static PYTHON: Shared<PathBuf> = OnceLock::new();
+    let python = get_or_create(test, &PYTHON, || environment("rerun-tests", "requirements-rerun.txt"))?;
     Some(Rerun { program: python.with_file_name("rerun") })
 }
 
 impl Rerun {
-    /// Its command line, in a folder; it tells nobody that it runs.
+    /// Its program in a folder, with telemetry disabled.
     #[must_use]
     pub fn command(&self, folder: &Path) -> Command {
         let mut command = Command::new(&self.program);
@@ -79,18 +79,18 @@ fn vulkan() -> Result<Option<PathBuf>, String> {
     fs::create_dir_all(&root).map_err(failed)?;
     let depends = output_of(Command::new("apt-cache").args(["depends", "mesa-vulkan-drivers"]))?;
     let depends = String::from_utf8_lossy(&depends.stdout).into_owned();
-    // The driver compiles shaders with it.
+    // The driver compiles shaders with LLVM.
     let llvm = depends.split_whitespace().find(|word| word.starts_with("libllvm")).map(str::to_owned);
     let packages = ["mesa-vulkan-drivers", "libvulkan1"].map(str::to_owned).into_iter().chain(llvm);
     output_of(Command::new("apt-get").current_dir(&root).arg("download").args(packages))?;
     for entry in fs::read_dir(&root).map_err(failed)?.flatten() {
-        if entry.path().extension().is_some_and(|ending| ending == "deb") {
+        if entry.path().extension().is_some_and(|extension| extension == "deb") {
             output_of(Command::new("dpkg").current_dir(&root).arg("-x").arg(entry.path()).arg("."))?;
         }
     }
-    let of_system = root.join("usr/share/vulkan/icd.d").join(format!("lvp_icd.{}.json", std::env::consts::ARCH));
-    let text = fs::read_to_string(&of_system).map_err(failed)?;
-    // The manifest has the library's name or its path in a system; here it is elsewhere.
+    let system_manifest = root.join("usr/share/vulkan/icd.d").join(format!("lvp_icd.{}.json", std::env::consts::ARCH));
+    let text = fs::read_to_string(&system_manifest).map_err(failed)?;
+    // The manifest contains the library's name or its path in a system; here it is in `root`.
     let library = root.join("usr/lib").join(format!("{}-linux-gnu", std::env::consts::ARCH)).join("libvulkan_lvp.so");
     let line = |line: &str| match line.contains("\"library_path\"") {
         true => {

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use crate::{miss, workspace};
 
-/// The folder that `DEPTHLOOM_SHARED` names (a relative one from the root of the workspace), or `shared` beside the
-/// checkout; `None`, and the test is skipped, where neither holds reference data.
+/// The folder `DEPTHLOOM_SHARED` (relative to the root of the workspace), or `shared` next to the checkout. `None` if it
+/// has no reference data: the test is then reported as skipped.
 ///
 /// # Panics
-/// If there is none and `DEPTHLOOM_REQUIRE_SHARED` is set.
+/// Without reference data, if `DEPTHLOOM_REQUIRE_SHARED` is set.
 #[must_use]
 pub fn shared(test: &str) -> Option<PathBuf> {
     let named = std::env::var_os("DEPTHLOOM_SHARED").map_or_else(|| "../shared".into(), PathBuf::from);

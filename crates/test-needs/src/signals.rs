@@ -1,4 +1,4 @@
-//! Signals as a terminal's programs have them.
+//! Default handling of signals in started programs.
 
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Once};
@@ -6,14 +6,14 @@ use std::sync::{Arc, Once};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag::register_conditional_shutdown;
 
-/// Makes programs that are started from here take hangups, interrupts and terminations, whoever ignored them when the
-/// tests began: `nohup` does, and a shell of its background jobs. Here they end the tests, as ever.
+/// Restores the default handling of SIGHUP, SIGINT and SIGTERM for started programs. `nohup` and shells with background
+/// jobs ignore them, and programs inherit that. In the tests themselves these signals end the program.
 ///
 /// # Panics
-/// If the system lets nobody handle signals.
-pub fn as_usual() {
+/// If the system refuses to handle signals.
+pub fn restore_defaults() {
     static ONCE: Once = Once::new();
-    // What is handled here is at its default in a program that is started: only what is ignored is inherited.
+    // Only ignored signals are inherited. A signal that is handled here has its default handling in a started program.
     ONCE.call_once(|| {
         for signal in [SIGHUP, SIGINT, SIGTERM] {
             let always = Arc::new(AtomicBool::new(true));

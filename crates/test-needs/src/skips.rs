@@ -1,32 +1,31 @@
-//! Records of skipped tests, from all test programs of one `cargo test`, whichever run at once.
+//! Records of skipped tests, from all test programs of one `cargo test`.
 //!
-//! A record is a file `target/skipped/<run>/<test>`. A run is the process that started the test program: one cargo
-//! starts them all. Its
-//! number alone would come again one day, so that the moment it started goes with it.
+//! A record is a file `target/skipped/<run>/<test>`. A run is the process that started the test program: one cargo starts
+//! all of them. Process numbers repeat, so a run is identified by number and start time.
 
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Says that a test did not run, and leaves a record of it.
+/// Reports that a test did not run, and leaves a record of it.
 ///
 /// # Panics
 /// If the record cannot be written: a skip must not go unseen.
 pub fn skipped(test: &str, why: &str) {
-    // Not `eprintln!`: the test harness captures that alone.
+    // Not `eprintln!`, because the test harness captures it.
     let line = format!("SKIPPED {test}: {why}\n");
     io::stderr().write_all(line.as_bytes()).expect("standard error is open");
     Records::of_this_run().add(test, why).expect("a skipped test leaves a record under target/skipped");
 }
 
-/// Where a run's records lie.
+/// The folder of a run's records.
 pub struct Records {
     folder: PathBuf,
     run: String,
 }
 
 impl Records {
-    /// Those of the run that started this test program.
+    /// The records of the run that started this test program.
     #[must_use]
     pub fn of_this_run() -> Self {
         let parent = parent();
@@ -44,8 +43,8 @@ impl Records {
         fs::write(run.join(name), format!("{test}: {why}"))
     }
 
-    /// What this run has skipped, by name, each `test: why`. Takes the records away, and those that runs left which are
-    /// over: of one package alone, or stopped by a failure.
+    /// The skipped tests of this run, sorted, each `test: why`. Removes their records, and records of other runs that have
+    /// ended (runs of a single package, or stopped by a failure).
     ///
     /// # Errors
     /// If a record cannot be read or removed.
@@ -57,7 +56,7 @@ impl Records {
                 for record in entries(&run)? {
                     skipped.push(fs::read_to_string(record)?);
                 }
-            } else if is_going_on(&name) {
+            } else if is_running(&name) {
                 continue;
             }
             match fs::remove_dir_all(&run) {
@@ -91,12 +90,12 @@ fn parent() -> u32 {
 /// A process as number and start time; `None` if it has ended or the system does not report it.
 fn run_of(process: u32) -> Option<String> {
     let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
-    // The second field, the program's name in brackets, may hold anything; the moment is the 22nd.
+    // The second field, the program's name in brackets, may contain anything; the start time is the 22nd.
     let started = stat.rsplit_once(')')?.1.split_whitespace().nth(19)?;
     Some(format!("{process}-{started}"))
 }
 
-fn is_going_on(run: &str) -> bool {
+fn is_running(run: &str) -> bool {
     let process = run.split('-').next().and_then(|number| number.parse().ok());
     process.and_then(run_of).is_some_and(|now| now == run)
 }
@@ -118,17 +117,17 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn what_other_runs_left_is_not_counted_and_goes_when_they_are_over() {
+    fn records_of_ended_runs_are_removed_without_being_counted() {
         let folder = tempfile::tempdir().expect("a folder");
-        let going_on = run_of(parent()).expect("cargo runs");
-        // A process of that number runs, but it is not the one that wrote the record.
-        let number_came_again = format!("{}-1", parent());
-        for run in [&going_on, &number_came_again, "4194305-7", "no number"] {
+        let running = run_of(parent()).expect("cargo runs");
+        // A running process has this number, but another start time than the one that wrote the record.
+        let reused_number = format!("{}-1", parent());
+        for run in [&running, &reused_number, "4194305-7", "no number"] {
             Records::new(folder.path(), run).add("theirs", "no data").expect("written");
         }
         assert_eq!(Records::new(folder.path(), "1-1").take().expect("read"), [""; 0]);
-        let left: Vec<_> =
+        let remaining: Vec<_> =
             std::fs::read_dir(folder.path()).expect("read").flatten().map(|run| run.file_name()).collect();
-        assert_eq!(left, [going_on.as_str()]);
+        assert_eq!(remaining, [running.as_str()]);
     }
 }

@@ -1,4 +1,4 @@
-//! The last test program of `cargo test --workspace`: counts what the others skipped, and writes it to
+//! The last test program of `cargo test --workspace`: lists the tests that the others skipped, and writes the list to
 //! `target/skipped.txt`.
 
 use std::fmt::Write;
@@ -7,7 +7,7 @@ use depthloom_test_needs::skips::Records;
 use depthloom_test_needs::target;
 
 fn main() -> std::io::Result<()> {
-    // A runner that asks for the names of tests gets none.
+    // With `--list`, runners expect names of tests. This program has no named tests.
     if std::env::args().any(|argument| argument == "--list") {
         return Ok(());
     }

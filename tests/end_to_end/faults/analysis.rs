@@ -151,7 +151,7 @@ fn fault_43_a_report_works_without_additional_threads() {
     let mut command = Command::new("timeout");
     // `timeout` counts too.
     command.args(["120", "prlimit", "--nproc=3"]).arg(&binary).arg("report").arg(&out).arg("--out").arg(&alone);
-    // The limit counts the threads of a user, and root has none: use an otherwise unused user.
+    // The limit counts the threads of a user and does not apply to root, so use an otherwise unused user.
     if std::fs::metadata("/proc/self").expect("a process").uid() == 0 {
         command.uid(61_043).gid(61_043);
     }

@@ -90,7 +90,7 @@ fn fault_25_a_trained_model_is_a_file_of_its_run() {
     let is_model = |name: &&depthloom_recording::AttachmentEntry| name.name.starts_with("artifacts/");
     let models: Vec<_> = recording.attachments().iter().filter(is_model).collect();
     assert!(models.iter().any(|entry| recording.attachment(&entry.name).expect("its bytes") == model));
-    // A run from somebody else may contain links: the model is not written through them to another file or folder.
+    // An untrusted run may contain links: the model is not written through them to another file or folder.
     use std::os::unix::fs::symlink;
     let precious = folder.path().join(".bashrc");
     fs::write(&precious, "years").expect("written");

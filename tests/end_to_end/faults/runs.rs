@@ -123,17 +123,17 @@ fn fault_64_prune_keeps_a_run_that_another_run_reads_through_a_variable() {
         succeed(command.env("FIRST", &first));
     };
     again("runs/second");
-    let kept = |prune: &[&str]| here.json(&[&["runs", "prune", "--dry-run"], prune].concat())["kept"].clone();
+    let kept_runs = |prune: &[&str]| here.json(&[&["runs", "prune", "--dry-run"], prune].concat())["kept"].clone();
     let kept_for = |by: &str| serde_json::json!([{ "path": "runs/first", "why": format!("{by} reads it") }]);
     let prune = ["--keep", "0", "--experiment", "look"];
-    assert_eq!(kept(&prune), kept_for("second"));
+    assert_eq!(kept_runs(&prune), kept_for("second"));
     // An incomplete run reads it as well.
     let bytes = fs::metadata(here.path().join("runs/second/recording.mcap")).expect("a recording").len();
     succeed(&mut here.command(&["runs", "rm", "second"]));
-    assert_eq!(kept(&prune), serde_json::json!([]));
+    assert_eq!(kept_runs(&prune), serde_json::json!([]));
     let mut limited = under("prlimit", &[&format!("--fsize={}", bytes * 2 / 3)]);
     limited.current_dir(here.path()).args(["run", "--no-page", "again.yaml", "--quiet", "--out", "runs/third"]);
     let ended = limited.env("FIRST", &first).output().expect("prlimit");
     assert_eq!(ended.status.code(), Some(1), "{}", stderr_of(&ended));
-    assert_eq!(kept(&prune), kept_for("third.partial"));
+    assert_eq!(kept_runs(&prune), kept_for("third.partial"));
 }

@@ -143,7 +143,7 @@ pub(super) fn blocks(text: &str) -> Vec<Block> {
             is_open = true;
         } else if let Some(text) = content.strip_prefix("<!--").and_then(|rest| rest.trim_end().strip_suffix("-->")) {
             let text = text.trim().to_owned();
-            if text.starts_value_of("figure:") || text.starts_value_of("screenshot:") {
+            if text.starts_with("figure:") || text.starts_with("screenshot:") {
                 let block = Block { line, language: String::new(), text: String::new(), comment: Some(text) };
                 blocks.push(block);
                 comment = None;

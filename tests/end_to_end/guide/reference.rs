@@ -48,8 +48,8 @@ fn kinds(title: &str, about: &str, is_source: bool) -> String {
 }
 
 fn sources() -> String {
-    let about = "Where frames come from: `sources: { NAME: { kind: KIND, with: { PARAMETER: VALUE } } }`. `depthloom nodes KIND` prints the same in a terminal. \
-                 A type in the column \"carries\" is what a node's input of that type takes.";
+    let about = "Sources of frames: `sources: { NAME: { kind: KIND, with: { PARAMETER: VALUE } } }`. `depthloom nodes KIND` prints the same in a terminal. \
+                 A node's input accepts an output whose type, in the column \"carries\", equals its own.";
     kinds("Sources", about, true)
 }
 
@@ -93,8 +93,8 @@ fn commands() -> String {
 }
 
 fn exit_codes() -> String {
-    let about = "What a command's exit code means. A script that asks for no more than `0` or not is right with all of them; `3` is an answer (frames failed, \
-                 values differ, a limit of `compare --fail-if` was passed) and not a fault of the command.";
+    let about = "The meaning of a command's exit code. A script that only tests for `0` works with all commands. `3` is a result, not a fault of the command: \
+                 frames failed, values differ, or a limit of `compare --fail-if` was exceeded.";
     let help = stdout_of(&["--help"]);
     let lines = help.lines().skip_while(|line| *line != "Exit codes:").skip(1).map(str::trim);
     let mut rows: Vec<String> = Vec::new();
@@ -215,13 +215,13 @@ fn capital(text: &str) -> String {
 }
 
 fn outputs() -> String {
-    let about = "What commands print with `--json`: one object, which begins with `format: { name, version }`. A version is raised where a key goes or means something \
-                 else; another key more is no other version. Each links its JSON Schema, which `depthloom schema --output NAME` prints. Where a command does not end with 0, \
-                 the object holds `error`.";
+    let about = "With `--json`, a command prints one object, which begins with `format: { name, version }`. The version increases if a key is removed or changes its \
+                 meaning; additional keys do not change it. Each section links the JSON Schema, which `depthloom schema --output NAME` prints. If the exit code is not 0, \
+                 the object contains `error`.";
     let mut text = head("JSON outputs", about);
     let files = std::fs::read_dir(workspace().join("docs/schemas")).expect("schemas");
     let mut names: Vec<String> =
-        files.map(|file| file.expect("a file").path().file_stem().expect("a name").display().to_string()).collect();
+        files.map(|file| file.expect("a file").path().file_stem().expect("its name").display().to_string()).collect();
     names.sort();
     for name in names {
         let schema = json(&["schema", "--output", &name]);

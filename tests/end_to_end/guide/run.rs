@@ -189,7 +189,7 @@ impl Needs {
     /// Runs a block as a script that stops at the first failing command.
     fn run(&self, commands: &str, here: &Path, bin: &Path) -> Printed {
         #[cfg(unix)]
-        depthloom_test_needs::signals::as_usual();
+        depthloom_test_needs::signals::restore_defaults();
         let mut path = vec![bin.to_owned()];
         path.extend(self.python.as_ref().and_then(|python| python.parent()).map(Path::to_owned));
         path.extend(std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()));

@@ -1,4 +1,4 @@
-//! An experiment from somebody else starts no program without permission.
+//! An experiment starts no program without permission.
 
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -61,10 +61,11 @@ fn put_shared_memory_replies(put: &dyn Fn(&str, &[u8])) {
         .push(Field::new("held", DataType::List(Offsets::Narrow, Box::new(Field::new("item", I64)))).nullable());
     let samples = vec![7.5_f32; (LARGE.0 * LARGE.1) as usize];
     let size = (i64::from(LARGE.0), i64::from(LARGE.1));
-    let row = |says: &'static str, number: i64, outputs: Data<'_>, bytes: Option<i64>, held: Option<i64>| {
+    let row = |says: &'static str, number: i64, outputs: Data<'_>, bytes: Option<i64>, held_file: Option<i64>| {
         let bytes = bytes.map_or(Data::Null, Data::Int);
-        let held = held.map_or(Data::Null, |held| Data::List(Items::I64(vec![held])));
-        let columns = vec![Data::Text(says.into()), Data::Int(number), Data::Null, Data::Null, outputs, bytes, held];
+        let held_files = held_file.map_or(Data::Null, |file| Data::List(Items::I64(vec![file])));
+        let columns =
+            vec![Data::Text(says.into()), Data::Int(number), Data::Null, Data::Null, outputs, bytes, held_files];
         let mut row = Vec::new();
         encode(&schema, columns).write(&mut row).expect("memory");
         row
