@@ -131,7 +131,7 @@ mod tests {
         let count = |layout: ParameterLayout| layout.parameters.iter().map(super::Parameter::len).sum::<usize>();
         assert_eq!(count(layout(Network::UnetLite, size)), 1_071_417);
         assert_eq!(layout(Network::UnetLite, size).map, size);
-        assert_eq!(count(layout(Network::UnetTiny, size)), 70_792);
+        assert_eq!(count(layout(Network::UnetTiny, size)), 70_791);
         // VGG-16's convolutions have 14,714,688 parameters (torchvision: `vgg16().features`).
         let vgg = layout(Network::FcnVgg16, size);
         let of_vgg = vgg.parameters.iter().filter(|parameter| parameter.name.starts_with("features."));
