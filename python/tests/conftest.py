@@ -1,4 +1,4 @@
-"""Runs to look at, made by the program that `DEPTHLOOM` names, or that lies on the PATH."""
+"""Runs for the tests, written by the program that `DEPTHLOOM` names, or by the one on the PATH."""
 
 from __future__ import annotations
 

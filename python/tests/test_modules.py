@@ -29,7 +29,7 @@ def test_own_modules_are_reported_by_content_and_installed_ones_by_version(tmp_p
     report = json.loads(imports.news() or "")
     names = {module["name"] for module in report["modules"]}
     assert "own_of_test.py" in names and "late_of_test.py" not in names
-    assert not any(name.startswith("json") for name in names), "Python's own modules are no modules of the program"
+    assert not any(name.startswith("json") for name in names), "Python's own modules are not modules of the program"
     assert report["packages"]["numpy"].partition(" ")[0] == np.__version__
     assert imports.news() is None
     importlib.import_module("late_of_test")
@@ -39,7 +39,7 @@ def test_own_modules_are_reported_by_content_and_installed_ones_by_version(tmp_p
         sys.modules.pop(name)
 
 
-def test_python_without_assertions_is_another_python() -> None:
+def test_python_without_assertions_is_reported_as_a_different_python() -> None:
     report = "import json; from depthloom._modules import Imports; print(json.loads(Imports().news())['packages']['python'])"
     command = [sys.executable, "-c", report]
     versions = [subprocess.run([*command[:1], *flags, *command[1:]], check=True, capture_output=True, text=True).stdout for flags in ([], ["-O"], ["-OO"])]
@@ -64,7 +64,7 @@ def test_files_that_were_opened_before_serving_are_reported_by_content(tmp_path:
     assert {file["hash"] for file in files} == {hashlib.sha256(b"1").hexdigest()}
 
 
-def test_files_that_were_opened_to_be_changed_and_were_not_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_opened_for_writing_but_unchanged_count_as_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_opened, "_read", set())
     for name in ("read", "changed"):
         (tmp_path / name).write_text("1")
@@ -75,7 +75,7 @@ def test_files_that_were_opened_to_be_changed_and_were_not_are_read(tmp_path: Pa
     assert [os.path.basename(file) for file in _opened.take() if file.startswith(str(tmp_path))] == ["read"]
 
 
-def test_a_file_that_is_opened_later_is_reported_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_opened_later_is_reported_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_opened, "_read", set())
     (tmp_path / "late.txt").write_text("1")
     imports = Imports()
@@ -88,7 +88,7 @@ def test_a_file_that_is_opened_later_is_reported_once(tmp_path: Path, monkeypatc
     assert imports.news() is None
 
 
-def test_a_compiled_file_that_runs_instead_of_a_module_is_part_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiled_files_that_run_instead_of_a_module_are_hashed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     module = tmp_path / "compiled_of_test.py"
 
@@ -109,7 +109,7 @@ def test_a_compiled_file_that_runs_instead_of_a_module_is_part_of_it(tmp_path: P
     assert reported() != plain
 
 
-def test_modules_of_an_archive_and_modules_that_are_forgotten_are_opened_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modules_in_archives_and_removed_modules_count_as_opened_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_opened, "_read", set())
     with zipfile.ZipFile(tmp_path / "archive.zip", "w") as archive:
         archive.writestr("of_archive.py", "K = 1\n")

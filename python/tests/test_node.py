@@ -23,12 +23,12 @@ def there_and_back(value_type: str, value: Any) -> Any:
 
 
 @pytest.mark.parametrize("value_type", ["depth", "weight", "true-disparity"])
-def test_maps_of_floats_come_back_as_they_were(value_type: str) -> None:
+def test_float_maps_are_unchanged_after_a_round_trip(value_type: str) -> None:
     given = np.array([[1.5, np.nan, -0.0], [np.inf, 3.0, 1e-40]], np.float32)
     back = there_and_back(value_type, given)
     assert back.dtype == np.float32 and back.tobytes() == given.tobytes()
     assert not back.flags.writeable
-    # Rows that do not lie together, and doubles.
+    # Rows that are not contiguous, and doubles.
     wide = np.arange(24.0).reshape(4, 6)[::2, ::3]
     assert there_and_back(value_type, wide).tolist() == wide.tolist()
 
@@ -42,7 +42,7 @@ def test_disparities_are_floats_and_may_be_negative() -> None:
             there_and_back("disparity", np.array([[0.0, np.nan], [infinite, 1.0]]))
 
 
-def test_masked_pixels_are_no_answer() -> None:
+def test_masked_pixels_are_missing() -> None:
     masked = np.ma.masked_greater(np.array([[1.0, 30.0]], np.float32), 20)
     assert np.array_equal(there_and_back("depth", masked), [[1.0, np.nan]], equal_nan=True)
     everything = np.ma.masked_array(np.ones((1, 2), np.float32), mask=True)
@@ -59,7 +59,7 @@ def test_disparities_in_fixed_point_are_read_as_pixels() -> None:
     assert np.array_equal(_columns.value("disparity", column), [[np.nan, -1.0, 1.5]], equal_nan=True)
 
 
-def test_images_masks_and_the_rest_come_back() -> None:
+def test_images_masks_and_other_values_are_unchanged_after_a_round_trip() -> None:
     grey, rgb = np.arange(6, dtype=np.uint8).reshape(2, 3), np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
     assert np.array_equal(there_and_back("image", grey), grey) and np.array_equal(there_and_back("image", rgb), rgb)
     mask = grey > 2
@@ -72,7 +72,7 @@ def test_images_masks_and_the_rest_come_back() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value_type", "value", "told"),
+    ("value_type", "value", "message"),
     [
         ("depth", np.zeros((2, 2, 1), np.float32), r"has the shape \(2, 2, 1\)"),
         ("depth", np.zeros((2, 2), np.uint8), "is of uint8, and a depth is of float32"),
@@ -83,12 +83,12 @@ def test_images_masks_and_the_rest_come_back() -> None:
         ("model", "text", "is a str, and a model is bytes"),
     ],
 )
-def test_what_is_no_value_of_its_type_is_told(value_type: str, value: Any, told: str) -> None:
-    with pytest.raises((TypeError, ValueError), match=told):
+def test_invalid_values_are_refused(value_type: str, value: Any, message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
         _columns.column(value_type, value)
 
 
-def test_names_that_are_no_output_are_told_with_the_nearest() -> None:
+def test_unknown_outputs_suggest_similar_names() -> None:
     class Server(_Server):
         def __init__(self, outputs: dict[str, str]) -> None:
             self.pa, self.columns, self.outputs = pa, _columns, outputs
@@ -115,7 +115,7 @@ def test_names_that_are_no_output_are_told_with_the_nearest() -> None:
         learning._values({"step": [1], "los": [0.5]}, {"curve"})
 
 
-def test_what_is_declared_is_kept_and_what_cannot_be_a_node_is_refused() -> None:
+def test_declarations_are_stored_and_invalid_ones_refused() -> None:
     @depthloom.node(inputs={"depth": "depth"}, outputs={"weight": "weight"})
     def near(depth: Any) -> Any:
         return depth < 10
@@ -142,7 +142,7 @@ def test_what_is_declared_is_kept_and_what_cannot_be_a_node_is_refused() -> None
         declared(len)
 
 
-def test_what_the_package_has_is_there_and_nothing_else() -> None:
+def test_the_package_exports_exactly_its_public_names() -> None:
     assert all(getattr(depthloom, name) is not None for name in depthloom.__all__)
     with pytest.raises(AttributeError, match="has no attribute"):
         _ = depthloom.nothing  # type: ignore[attr-defined]

@@ -25,7 +25,7 @@ def street(frames: str, seed: int) -> dict[str, object]:
     return {"kind": "synthetic/road", "with": {"frames": frames, "seed": seed, "width": 320, "height": 96}}
 
 
-def test_frames_of_one_id_are_told_apart_by_their_position(tmp_path: Path) -> None:
+def test_frames_with_the_same_id_are_distinguished_by_position(tmp_path: Path) -> None:
     twice = {"join": [street("0..2", 1), street("1..3", 2)]}
     run = depthloom.run(experiment(tmp_path / "twice.yaml", twice), out=tmp_path / "run")
     assert list(run.frames) == ["000000_10", "000001_10", "000002_10"]
@@ -36,8 +36,8 @@ def test_frames_of_one_id_are_told_apart_by_their_position(tmp_path: Path) -> No
     assert (one["source/left"] != other["source/left"]).any()
 
 
-def test_a_map_is_there_if_it_can_be_read_also_where_frames_share_a_time(tmp_path: Path) -> None:
-    # Both frames are of time 0, and the values of the first alone are recorded.
+def test_a_map_exists_if_it_is_readable_even_if_frames_share_a_time(tmp_path: Path) -> None:
+    # Both frames have the time 0, and only the values of the first are recorded.
     twice = {"join": [street("0..1", 1), street("0..1", 2)]}
     recorded = {"record": {"every": 2, "topics": ["source/depth"]}}
     run = depthloom.run(experiment(tmp_path / "twice.yaml", twice, **recorded), out=tmp_path / "run")
@@ -47,13 +47,13 @@ def test_a_map_is_there_if_it_can_be_read_also_where_frames_share_a_time(tmp_pat
     assert "source/depth" not in second and list(second) == [] and second.get("source/depth") is None
 
 
-def test_what_was_not_recorded_is_told_with_the_remedy(tmp_path: Path) -> None:
+def test_values_that_were_not_recorded_are_an_error_with_a_remedy(tmp_path: Path) -> None:
     recorded = {"record": {"every": 2, "topics": ["source/depth"]}}
     run = depthloom.run(experiment(tmp_path / "part.yaml", street("0..2", 1), **recorded), out=tmp_path / "run")
     first, second = run.frames.values()
     assert list(first) == ["/look/source/depth"] and list(second) == []
     assert "source/depth" in first and "source/depth" not in second and "stereo" not in first
-    with pytest.raises(depthloom.NotRecorded, match="let `record:` keep them"):
+    with pytest.raises(depthloom.NotRecorded, match="add them to `record:`"):
         first["stereo"]
     with pytest.raises(depthloom.NotRecorded, match="has no value of /look/source/depth"):
         second["source/depth"]
@@ -62,7 +62,7 @@ def test_what_was_not_recorded_is_told_with_the_remedy(tmp_path: Path) -> None:
     assert len(run.table) == 2
 
 
-def test_a_frame_that_failed_says_what(tmp_path: Path) -> None:
+def test_a_failed_frame_lists_its_failures(tmp_path: Path) -> None:
     data = tmp_path / "data"
     subprocess.run([program(), "synth", data, "--frames", "3", "--width", "320", "--height", "96", "--quiet"], check=True)
     (data / "training/image_2/000001_10.png").write_bytes(b"no image")

@@ -13,7 +13,7 @@ import depthloom
 from conftest import EXPERIMENTS, SMALL
 
 
-def test_a_value_is_set_as_it_is(look: depthloom.Run, tmp_path: Path) -> None:
+def test_values_are_set_unchanged(look: depthloom.Run, tmp_path: Path) -> None:
     run = depthloom.run(
         EXPERIMENTS / "first-look.yaml",
         set={"sources.street.with": {"frames": "3..4", "width": np.int64(320), "height": 96}, "look.stereo.with.block": np.int32(7)},
@@ -76,7 +76,7 @@ stages:
     return path
 
 
-def test_programs_start_if_they_are_allowed_to_and_what_they_print_is_kept(tmp_path: Path) -> None:
+def test_programs_start_with_permission_and_their_output_is_stored(tmp_path: Path) -> None:
     path = with_node(tmp_path, "depth", 0)
     with pytest.raises(depthloom.ProgramError, match="it would start"):
         depthloom.run(path, out=tmp_path / "refused")
@@ -88,26 +88,26 @@ def test_programs_start_if_they_are_allowed_to_and_what_they_print_is_kept(tmp_p
     assert printed == f"== {Path(sys.executable).name} node.py: its standard error\nlooking at (32, 64)\nlooking at (32, 64)\n"
 
 
-def test_a_program_that_fails_after_its_last_answer_is_a_warning(tmp_path: Path) -> None:
+def test_a_failure_after_the_last_reply_is_a_warning(tmp_path: Path) -> None:
     with pytest.warns(depthloom.DepthloomWarning) as warned:
         depthloom.run(with_node(tmp_path, "depth", 3), out=tmp_path / "run", allow_exec=True, fresh=True, workers=1)
     assert any("node.py` ended with exit code 3 after its last answer; its standard error" in str(one.message) for one in warned)
 
 
-def test_an_output_that_is_none_is_told_with_the_nearest(tmp_path: Path) -> None:
+def test_an_unknown_output_suggests_similar_names(tmp_path: Path) -> None:
     with pytest.raises(depthloom.ProgramError, match="there is no output `dpth`; did you mean `depth`"):
         depthloom.run(with_node(tmp_path, "dpth", 0), out=tmp_path / "run", allow_exec=True, fresh=True)
 
 
-def test_a_mistake_says_where_it_is(tmp_path: Path) -> None:
+def test_errors_in_the_experiment_have_a_place(tmp_path: Path) -> None:
     with pytest.raises(depthloom.ProgramError, match="there is no stage `nonsense`") as error:
         depthloom.run(EXPERIMENTS / "first-look.yaml", set={"nonsense.x": 1}, out=tmp_path / "run")
     assert error.value.exit_code == 2
-    assert error.value.told["diagnostics"][0]["file"] == "--set"
+    assert error.value.report["diagnostics"][0]["file"] == "--set"
     assert not (tmp_path / "run").exists()
 
 
-def test_without_the_program_the_error_says_how_to_have_it(look: depthloom.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_program_the_error_names_a_remedy(look: depthloom.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DEPTHLOOM", "/nowhere/depthloom")
     with pytest.raises(depthloom.ProgramError, match="/nowhere/depthloom"):
         depthloom.run(EXPERIMENTS / "first-look.yaml")
@@ -115,5 +115,5 @@ def test_without_the_program_the_error_says_how_to_have_it(look: depthloom.Run, 
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(depthloom.ProgramError, match="cargo build --release"):
         depthloom.run(EXPERIMENTS / "first-look.yaml")
-    # What is recorded is read without it.
+    # Recorded values can be read without the program.
     assert len(depthloom.open(look.path).frames) == 3

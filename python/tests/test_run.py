@@ -24,7 +24,7 @@ def test_a_run_is_opened_by_its_folder_its_recording_and_its_name(look: depthloo
     assert error.value.exit_code == 2
 
 
-def test_a_table_is_what_the_folder_has(table1: depthloom.Run) -> None:
+def test_tables_equal_the_files_in_the_folder(table1: depthloom.Run) -> None:
     theirs = pl.read_parquet(table1.path / "table.parquet")
     assert table1.table.equals(theirs)
     assert len(table1.table) == 9 + 1, "nine estimates, stereo over two sets"
@@ -35,7 +35,7 @@ def test_a_table_is_what_the_folder_has(table1: depthloom.Run) -> None:
     assert table1.units("table")["abs_rel"] == "1"
 
 
-def test_scores_are_those_that_the_table_is_the_mean_of(table1: depthloom.Run) -> None:
+def test_the_table_is_the_mean_of_the_scores(table1: depthloom.Run) -> None:
     means = table1.scores.filter(set="all")["abs_rel"].mean()
     table = table1.table.filter(set="all")["abs_rel"].mean()
     assert means == pytest.approx(table, rel=1e-12)
@@ -57,27 +57,27 @@ def test_scores_of_zones_do_not_mix_with_those_of_whole_images(tmp_path: Path) -
     assert set(zones["frame"]) == set(run.frames)
 
 
-def test_no_zones_are_no_rows(look: depthloom.Run) -> None:
+def test_without_zones_there_are_no_rows(look: depthloom.Run) -> None:
     assert len(look.zone_scores) == 0 and "zone" in look.zone_scores.columns
 
 
-def test_a_table_that_is_not_there_is_told_with_the_remedy(look: depthloom.Run) -> None:
+def test_a_missing_table_is_an_error_with_a_remedy(look: depthloom.Run) -> None:
     with pytest.raises(depthloom.DepthloomError, match="depthloom report"):
         _ = look.learning_curves
 
 
-def test_an_estimate_says_its_variant_and_how_it_was_scored(table1: depthloom.Run) -> None:
+def test_an_estimate_has_its_variant_and_scoring(table1: depthloom.Run) -> None:
     assert table1.variants == ("full", "no_weighting", "no_scaling", "average_scaling")
     assert [estimate.label for estimate in table1.estimates][:3] == ["stereo", "full/mono", "full/fused"]
     by_label = {estimate.label: estimate for estimate in table1.estimates}
     assert by_label["stereo"].variant is None
     assert by_label["no_scaling/fused"].variant == "no_scaling"
-    # What variants share was recorded once.
+    # A map that variants share was recorded once.
     assert by_label["no_weighting/mono"].topic == by_label["full/mono"].topic == "/compare/full/scaled/depth"
     assert by_label["stereo"].scoring["sets"] == ["valid", "all"]
 
 
-def test_an_estimate_is_a_row_of_the_table(table1: depthloom.Run) -> None:
+def test_every_estimate_has_a_row_in_the_table(table1: depthloom.Run) -> None:
     for estimate in table1.estimates:
         rows = table1.table.filter(pl.col("variant").eq_missing(pl.lit(estimate.variant)), stage=estimate.stage, estimate=estimate.name)
         assert set(rows["set"]) == set(estimate.scoring["sets"])
@@ -96,12 +96,12 @@ def test_the_experiment_is_the_one_that_was_run(look: depthloom.Run) -> None:
     assert stereo.inputs == {"left": "/look/source/left", "right": "/look/source/right"}
 
 
-def test_a_run_goes_to_another_process(look: depthloom.Run) -> None:
+def test_a_run_can_be_passed_to_another_process(look: depthloom.Run) -> None:
     there = pickle.loads(pickle.dumps(look))
     assert list(there.frames) == list(look.frames)
 
 
-def test_a_recording_alone_has_frames_and_experiment_and_no_tables(look: depthloom.Run, tmp_path: Path) -> None:
+def test_a_recording_without_a_folder_has_frames_and_experiment_but_no_tables(look: depthloom.Run, tmp_path: Path) -> None:
     alone = tmp_path / "alone.mcap"
     alone.write_bytes((look.path / "recording.mcap").read_bytes())
     run = depthloom.open(alone)
@@ -110,7 +110,7 @@ def test_a_recording_alone_has_frames_and_experiment_and_no_tables(look: depthlo
         _ = run.table
 
 
-def test_samples_are_a_query_over_the_file_that_is_there(look: depthloom.Run, tmp_path: Path) -> None:
+def test_samples_are_a_query_over_the_existing_file(look: depthloom.Run, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / "recording.mcap").symlink_to(look.path / "recording.mcap")
@@ -120,7 +120,7 @@ def test_samples_are_a_query_over_the_file_that_is_there(look: depthloom.Run, tm
     assert samples.select(pl.col("truth_m").max()).collect().item() == 5
 
 
-def test_the_lines_of_the_readme_do_what_they_say(table1: depthloom.Run) -> None:
+def test_the_readmes_example_works(table1: depthloom.Run) -> None:
     readme = (Path(__file__).parents[1] / "README.md").read_text()
     lines = readme.partition("```python\n")[2].partition("```")[0]
     lines = lines.replace("runs/table1/2026-11-21T10-00-00Z", str(table1.path)).replace("000150_10", "000002_10")

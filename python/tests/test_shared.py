@@ -1,4 +1,4 @@
-"""Memory that is shared with depthloom: views of it, what is held, what is laid into it."""
+"""Memory that is shared with depthloom: views of it, what is held, what is size into it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from depthloom._shared import Shared, agreed
+from depthloom._shared import Shared, shared_word
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="there is such memory on Linux alone")
 
@@ -44,7 +44,7 @@ def data(batch: pa.RecordBatch) -> Any:
     return batch.column("data").flatten().to_numpy(zero_copy_only=True)
 
 
-def test_what_is_kept_is_held_until_it_is_gone(descriptors: list[int]) -> None:
+def test_files_are_held_until_their_views_are_gone(descriptors: list[int]) -> None:
     shared = Shared(SCHEMA)
     batch = shared.call(place(descriptors, 1, 7))
     assert batch.column("number")[0].as_py() == 7
@@ -56,14 +56,14 @@ def test_what_is_kept_is_held_until_it_is_gone(descriptors: list[int]) -> None:
     assert shared.held() == [1, 2]
     del kept
     assert shared.held() == [2]
-    # The same file again, with what lies there now.
+    # The same file again, with other content.
     assert data(shared.call(place(descriptors, 1, 9)))[0] == 9
     assert shared.held() == [2] and other[3] == 8
     del other
     assert shared.held() == []
 
 
-def test_files_are_let_go_and_what_is_held_stays(descriptors: list[int]) -> None:
+def test_old_files_are_closed_and_held_ones_stay_mapped(descriptors: list[int]) -> None:
     shared = Shared(SCHEMA)
     kept = data(shared.call(place(descriptors, 0, 5)))
     for file in range(1, 20):
@@ -72,24 +72,24 @@ def test_files_are_let_go_and_what_is_held_stays(descriptors: list[int]) -> None
     assert shared.held() == [0] and (kept == 5).all()
 
 
-def test_answers_are_laid_where_they_fit(descriptors: list[int]) -> None:
+def test_replies_are_written_to_shared_memory_if_they_fit(descriptors: list[int]) -> None:
     shared = Shared(SCHEMA)
     there = place(descriptors, 3)
-    assert shared.lay(row(1, 100), there) is None, "small ones go through the pipe"
-    assert shared.lay(row(1, SIZE), there) is None, "so do those that are too large"
+    assert shared.write(row(1, 100), there) is None, "small replies go through the pipe"
+    assert shared.write(row(1, SIZE), there) is None, "replies that are too large go through the pipe"
     for number in (1, 2):
-        laid = shared.lay(row(number), there)
-        assert laid is not None
-        message = pa.ipc.read_message(os.pread(descriptors[3], laid, 0))
+        size = shared.write(row(number), there)
+        assert size is not None
+        message = pa.ipc.read_message(os.pread(descriptors[3], size, 0))
         assert pa.ipc.read_record_batch(message, SCHEMA).equals(row(number))
 
 
-def test_a_word_that_cannot_be_read_is_none(tmp_path: Any) -> None:
+def test_an_unreadable_word_is_none(tmp_path: Any) -> None:
     (tmp_path / "word").write_text("0123456789" * 4)
-    assert agreed(os.fsencode(tmp_path / "word")) == b"01234567890123456789012345678901"
-    assert agreed(b"/proc/1/fd/99999") is None
-    assert agreed(os.fsencode(tmp_path)) is None
-    # Another file under that path, as where process numbers are a container's own.
+    assert shared_word(os.fsencode(tmp_path / "word")) == b"01234567890123456789012345678901"
+    assert shared_word(b"/proc/1/fd/99999") is None
+    assert shared_word(os.fsencode(tmp_path)) is None
+    # Another file at that path, as in a container with its own process numbers.
     for other in (b"", b"0123456789", b"the first bytes of another file ...", b"\xff" * 40):
         (tmp_path / "word").write_bytes(other)
-        assert agreed(os.fsencode(tmp_path / "word")) is None
+        assert shared_word(os.fsencode(tmp_path / "word")) is None

@@ -10,14 +10,14 @@ import pytest
 import depthloom
 
 
-def test_of_a_run_that_was_killed_the_whole_frames_are_there(look: depthloom.Run, tmp_path: Path) -> None:
+def test_a_killed_run_has_its_complete_frames(look: depthloom.Run, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     whole = (look.path / "recording.mcap").read_bytes()
     commits = []
     for share in (0.5, 0.9, 0.999):
         cut.write_bytes(whole[: int(len(whole) * share)])
         killed = depthloom.open(cut)
-        assert not killed.is_whole and look.is_whole
+        assert not killed.is_complete and look.is_complete
         assert list(killed.frames) == list(look.frames)[: len(killed.frames)]
         for name, frame in killed.frames.items():
             assert list(frame) == list(look.frames[name])
@@ -27,7 +27,7 @@ def test_of_a_run_that_was_killed_the_whole_frames_are_there(look: depthloom.Run
     assert commits == [1, 2, 3]
 
 
-def test_a_damaged_chunk_gives_no_number(look: depthloom.Run, tmp_path: Path) -> None:
+def test_a_damaged_chunk_is_an_error(look: depthloom.Run, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged.mcap"
     data = bytearray((look.path / "recording.mcap").read_bytes())
     middle = len(data) // 2
@@ -44,12 +44,12 @@ def test_a_damaged_chunk_gives_no_number(look: depthloom.Run, tmp_path: Path) ->
                 assert "damaged at byte" in str(error)
                 wrong += 1
     assert wrong <= 1
-    # Without its end, it is read up to the damage.
+    # Without its index, the recording is read up to the damage.
     damaged.write_bytes(data[:-8])
     assert len(depthloom.open(damaged).frames) < len(look.frames)
 
 
-def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+def test_files_that_are_not_recordings_are_refused(tmp_path: Path) -> None:
     for name, data in {"empty": b"", "text": b"frame,estimate\n", "magic": b"\x89MCAP0\r\n", "twice": b"\x89MCAP0\r\n" * 2}.items():
         path = tmp_path / f"{name}.mcap"
         path.write_bytes(data)

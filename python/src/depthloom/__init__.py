@@ -3,7 +3,7 @@
 >>> import depthloom
 >>> run = depthloom.open("runs/table1/2026-11-21T10-00-00Z")    # or "@latest"
 >>> run.table                                                   # a polars DataFrame; so are run.scores, run.timings, ...
->>> run.frames["000150_10"]["no_scaling/fused"]                 # a NumPy array: float32 metres, NaN = no answer
+>>> run.frames["000150_10"]["no_scaling/fused"]                 # a NumPy array: float32 metres, NaN = missing
 >>> run.samples()                                               # a polars LazyFrame: one row per scored pixel
 >>> run.experiment["stages"]["compare"]["nodes"]["stereo"]      # the experiment as it was run
 >>> depthloom.run("experiments/table1.yaml", set={"compare.stereo.with.block": 7})
@@ -15,8 +15,8 @@ A node or a source of an experiment is written with :func:`node`, :func:`source`
 ...     return np.where(np.isnan(stereo), mono, stereo)
 >>> depthloom.serve(fuse)
 
-What a recording holds is read here, without the program. The program `depthloom` makes what is not there yet: runs, samples and tables. It is looked for
-on the PATH, or where the environment's `DEPTHLOOM` says.
+The package reads recordings without the program `depthloom`. It calls the program for new runs, samples and tables. The program must be on the PATH, or the
+environment variable `DEPTHLOOM` must name it.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""What is known of a pair's cameras."""
+"""The calibration of a rectified pair."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Calibration:
-    """A rectified pair's cameras: pixels, except the baseline, which is in metres."""
+    """The cameras of a rectified pair. All values are pixels, except the baseline, which is in metres."""
 
     width: int
     height: int
@@ -16,5 +16,5 @@ class Calibration:
     cy_px: float
     #: The distance between the two cameras' centres, metres.
     baseline_m: float
-    #: How much farther right the right camera's principal point lies: depth is `focal_px * baseline_m / (disparity + doffs_px)`.
+    #: The right camera's principal point minus the left one's, in x: depth is `focal_px * baseline_m / (disparity + doffs_px)`.
     doffs_px: float

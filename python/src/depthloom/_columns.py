@@ -14,10 +14,10 @@ from ._calibration import Calibration
 _SIZE = [pa.field("width", pa.int32()), pa.field("height", pa.int32())]
 _CAMERA = ["focal_px", "cx_px", "cy_px", "baseline_m", "doffs_px"]
 _CURVE = ["step", "loss", "validation", "learning_rate"]
-#: What a curve consists of.
+#: The parts of a curve.
 CURVE = frozenset(_CURVE)
 
-#: By type, the columns' struct.
+#: The struct of the columns, by type.
 TYPES: dict[str, pa.StructType] = {
     "image": pa.struct([*_SIZE, pa.field("channels", pa.int32()), pa.field("data", pa.list_(pa.uint8()))]),
     "disparity": pa.struct([*_SIZE, pa.field("min_disparity", pa.int32()), pa.field("data", pa.list_(pa.int16())), pa.field("px", pa.list_(pa.float32()))]),
@@ -31,7 +31,7 @@ _MEDIA_TYPES = {"model": "application/onnx", "samples": "samples/depthloom"}
 
 
 def value(value_type: str, column: pa.StructArray) -> Any:
-    """The value of the one row of a column; `None` where there is none. Maps lie where they were received."""
+    """The value in a column of one row; `None` if it is missing. Maps are views of the received memory."""
     if not column[0].is_valid:
         return None
     part = {field.name: column.field(position) for position, field in enumerate(column.type)}
@@ -52,9 +52,9 @@ def value(value_type: str, column: pa.StructArray) -> Any:
     if value_type == "mask":
         return numbers != 0
     if value_type == "disparity":
-        least = part["min_disparity"][0].as_py()
+        minimum = part["min_disparity"][0].as_py()
         px = numbers.astype(np.float32) / np.float32(16)
-        px[numbers < least * 16] = np.nan
+        px[numbers < minimum * 16] = np.nan
         return px
     return numbers
 
@@ -64,39 +64,39 @@ def _numbers(lists: pa.ListArray) -> NDArray[Any]:
     return numbers
 
 
-def column(value_type: str, given: Any) -> pa.StructArray:
+def column(value_type: str, item: Any) -> pa.StructArray:
     """A value as a column of one row.
 
-    Raises `TypeError` or `ValueError` where it is none of its type, in words that go behind the port's name.
+    Raises `TypeError` or `ValueError` for an invalid value. The message continues a sentence that starts with the port's name.
     """
     struct = TYPES[value_type]
-    if given is None:
+    if item is None:
         return pa.nulls(1, struct)
     if value_type == "calibration":
-        if not isinstance(given, Calibration):
-            raise TypeError(f"is {_type_name(given)}, and a calibration is depthloom.Calibration(width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px)")
-        arrays = [pa.array([getattr(given, field.name)], field.type) for field in struct]
+        if not isinstance(item, Calibration):
+            raise TypeError(f"is {_type_name(item)}, and a calibration is depthloom.Calibration(width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px)")
+        arrays = [pa.array([getattr(item, field.name)], field.type) for field in struct]
     elif value_type in _MEDIA_TYPES:
-        if not isinstance(given, (bytes, bytearray, memoryview)):
-            raise TypeError(f"is {_type_name(given)}, and a {value_type} is bytes")
-        arrays = [pa.array([_MEDIA_TYPES[value_type]]), pa.array([bytes(given)], pa.large_binary())]
+        if not isinstance(item, (bytes, bytearray, memoryview)):
+            raise TypeError(f"is {_type_name(item)}, and a {value_type} is bytes")
+        arrays = [pa.array([_MEDIA_TYPES[value_type]]), pa.array([bytes(item)], pa.large_binary())]
     elif value_type == "curve":
-        if not isinstance(given, Mapping) or set(given) != set(_CURVE):
-            raise TypeError(f"is {_type_name(given)}, and a curve is a mapping of {', '.join(_CURVE)}")
-        arrays = [_list(np.asarray(given[name], np.int64 if name == "step" else np.float64)) for name in _CURVE]
+        if not isinstance(item, Mapping) or set(item) != set(_CURVE):
+            raise TypeError(f"is {_type_name(item)}, and a curve is a mapping of {', '.join(_CURVE)}")
+        arrays = [_list(np.asarray(item[name], np.int64 if name == "step" else np.float64)) for name in _CURVE]
     else:
-        arrays = _map(value_type, _filled(value_type, given))
+        arrays = _map(value_type, _filled(value_type, item))
     return pa.StructArray.from_arrays(arrays, fields=list(struct))
 
 
-def _filled(value_type: str, given: Any) -> NDArray[Any]:
+def _filled(value_type: str, item: Any) -> NDArray[Any]:
     """A map as an array; masked pixels are NaN."""
-    array = np.asarray(given)
-    if not np.ma.is_masked(given):
+    array = np.asarray(item)
+    if not np.ma.is_masked(item):
         return array
     if not np.issubdtype(array.dtype, np.floating):
         raise TypeError(f"is of {array.dtype} with masked pixels, and each pixel of `{value_type}` has a value")
-    return np.ma.filled(given, np.nan)
+    return np.ma.filled(item, np.nan)
 
 
 def _map(value_type: str, array: NDArray[Any]) -> list[pa.Array]:
@@ -108,7 +108,7 @@ def _map(value_type: str, array: NDArray[Any]) -> list[pa.Array]:
         raise ValueError(f"has the shape {array.shape}: there is no pixel in it")
     size = [pa.array([array.shape[1]], pa.int32()), pa.array([array.shape[0]], pa.int32())]
     if value_type == "image":
-        _wants(array, np.uint8, value_type)
+        _require_dtype(array, np.uint8, value_type)
         return [*size, pa.array([3 if is_colours else 1], pa.int32()), _list(array)]
     if value_type == "mask":
         if array.dtype != np.bool_:
@@ -121,17 +121,17 @@ def _map(value_type: str, array: NDArray[Any]) -> list[pa.Array]:
     return [*size, _list(array.astype(np.float32, copy=False))]
 
 
-def _wants(array: NDArray[Any], dtype: type, value_type: str) -> None:
+def _require_dtype(array: NDArray[Any], dtype: type, value_type: str) -> None:
     if array.dtype != dtype:
         raise TypeError(f"is of {array.dtype}, and an {value_type} is of {np.dtype(dtype)}")
 
 
 def _finite_px(px: NDArray[Any]) -> pa.ListArray:
-    """Disparities in floating point, NaN where nothing was found; depthloom keeps whole sixteenths as such."""
+    """Disparities in floating point, NaN = missing. depthloom stores multiples of 1/16 px as integers."""
     infinite = np.argwhere(np.isinf(px))
     if len(infinite):
         row, column = infinite[0]
-        raise ValueError(f"is {px[row, column]} px at row {row}, column {column}: a disparity must be finite, or NaN where nothing was found")
+        raise ValueError(f"is {px[row, column]} px at row {row}, column {column}: a disparity must be finite, or NaN if missing")
     return _list(px.astype(np.float32, copy=False))
 
 
@@ -140,5 +140,5 @@ def _list(array: NDArray[Any]) -> pa.ListArray:
     return pa.ListArray.from_arrays(pa.array([0, numbers.size], pa.int32()), pa.array(numbers))
 
 
-def _type_name(given: Any) -> str:
-    return f"a {type(given).__name__}"
+def _type_name(item: Any) -> str:
+    return f"a {type(item).__name__}"

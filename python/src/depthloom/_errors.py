@@ -1,4 +1,4 @@
-"""What can go wrong."""
+"""Exceptions and warnings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class DepthloomWarning(UserWarning):
 
 
 class RecordingError(DepthloomError):
-    """A file that is not a recording, or has a format that this package does not know."""
+    """A file that is not a recording, or has an unknown format."""
 
 
 class NotRecorded(DepthloomError, KeyError):
@@ -26,15 +26,15 @@ class NotRecorded(DepthloomError, KeyError):
 
 
 class Ambiguous(NotRecorded):
-    """A name that stands for several things; the message lists names that stand for one."""
+    """A name that matches several items; the message lists unique names."""
 
 
 class ProgramError(DepthloomError):
-    """The program `depthloom` is not there, or did not do what it was asked."""
+    """The program `depthloom` was not found, or failed."""
 
-    def __init__(self, message: str, *, exit_code: int | None = None, told: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, message: str, *, exit_code: int | None = None, report: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
-        #: 1: the engine, the disk or learning failed; 2: found before any frame; 3: frames failed; 130: interrupted; `None`: it never ran.
+        #: 1: the engine, the disk or a training failed; 2: an error before the first frame; 3: frames failed; 130: interrupted; `None`: the program did not start.
         self.exit_code = exit_code
         #: The program's error as its `--json` prints it: `message`, `help`, `diagnostics` with file, line and column.
-        self.told: Mapping[str, Any] = told or {}
+        self.report: Mapping[str, Any] = report or {}

@@ -33,18 +33,18 @@ def run(
 
     Args:
         experiment: The experiment file (YAML).
-        set: What to set in it before its variants do: paths to values, `{"compare.stereo.with.block": 7}`. `None` takes away.
-        matrix: A variant of each value: paths to lists of values, or to ranges, `{"from": 0, "to": 20, "steps": 3}`.
-        variants: Names of the variants to run; `*` matches any run of characters.
+        set: Values to set before variants are applied, by path: `{"compare.stereo.with.block": 7}`. `None` removes the key.
+        matrix: One variant per value. Paths to lists of values, or to ranges, `{"from": 0, "to": 20, "steps": 3}`.
+        variants: Names of the variants to run; `*` matches any characters.
         out: The folder to write; by default `runs/<experiment>/<UTC time>`.
         overwrite: Replace the folder if it holds a finished run.
         fresh: Reuse nothing from earlier runs.
-        keep_going: Continue after a failed frame: then failed frames are a warning.
-        workers: Worker threads, by default one per core; never changes a result.
-        allow_exec: Allow the experiment to start the programs that it names (`process`, `process/source`). Read what it starts first.
+        keep_going: Continue after a failed frame, with a warning.
+        workers: Number of worker threads, by default one per core. It does not change results.
+        allow_exec: Allow the experiment to start the programs that it names (`process`, `process/source`). Check these programs first.
 
     Raises:
-        ProgramError: If there is no program, the experiment has mistakes (`told["diagnostics"]` says where), or a frame failed.
+        ProgramError: If there is no program, the experiment has errors (`report["diagnostics"]` has the places), or a frame failed.
     """
     arguments: list[StrPath] = ["run", experiment]
     for option, values in (("--set", set), ("--matrix", matrix)):
@@ -61,7 +61,7 @@ def run(
     report = ask(*arguments, accepted=(0, _FRAMES_FAILED) if keep_going else (0,))
     if "run" not in report:
         error = report.get("error") or {}
-        raise ProgramError(error.get("message") or "the program did not report the run", exit_code=_FRAMES_FAILED, told=error)
+        raise ProgramError(error.get("message") or "the program did not report the run", exit_code=_FRAMES_FAILED, report=error)
     for warning in report.get("warnings") or []:
         warnings.warn(str(warning), DepthloomWarning, stacklevel=2)
     if report.get("error"):
@@ -70,7 +70,7 @@ def run(
 
 
 def _text(value: object) -> str:
-    """A value as the program reads it: JSON, which is YAML; NumPy's numbers as numbers, paths as text."""
+    """A value in JSON, which is valid YAML; NumPy's numbers as numbers, paths as text."""
 
     def other(value: Any) -> object:
         return os.fspath(value) if isinstance(value, os.PathLike) else value.item()

@@ -1,4 +1,4 @@
-"""Frames, and the maps that were recorded of them."""
+"""Frames, and their recorded maps."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ from ._recording import Commit, Recording
 class Place:
     """A frame of a stage."""
 
-    #: Its place in the stage, from 0.
+    #: Its position in the stage, from 0.
     position: int
     commit: Commit
 
 
 class Frame(Mapping[str, NDArray[Any]]):
-    """The maps that were recorded of a frame, by name; each is read when it is asked for.
+    """The recorded maps of a frame, by name; each is read on access.
 
-    A name is an estimate's (`"no_scaling/fused"`), a topic (`"/compare/weight/weight"`), its end (`"weight/weight"`) or that of its node (`"weight"`). All arrays are
-    `(height, width)`: depths are float32 metres and disparities float32 pixels, both NaN = no answer; weights float32 in [0, 1]; masks bool; images uint8, those of
-    colours `(height, width, 3)` RGB. Where stages or variants share a name, what stands before it in the topic tells them apart: `"compare/source/left"`.
+    A name is that of an estimate (`"no_scaling/fused"`), a topic (`"/compare/weight/weight"`), its end (`"weight/weight"`) or that of its node (`"weight"`). If stages
+    or variants share a name, put more of the topic before it: `"compare/source/left"`.
+
+    All arrays are `(height, width)`. Depths are float32 metres and disparities float32 pixels, both NaN = missing. Confidences are float32 in [0, 1], masks bool, images
+    uint8; colour images are `(height, width, 3)` RGB. Maps are those before alignment (`score.align`) and clamping.
     """
 
     def __init__(self, recording: Recording, plan: Plan, places: tuple[Place, ...]) -> None:
@@ -46,19 +48,19 @@ class Frame(Mapping[str, NDArray[Any]]):
 
     @property
     def stages(self) -> dict[str, int]:
-        """The stages that it ran through, and its position in each."""
+        """The stages that processed it, and its position in each."""
         return {self._plan.stages[run]: place.position for run, place in self._places.items()}
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What failed on it."""
-        return tuple(what for place in self._places.values() for what in place.commit.failures)
+        """The failures on it."""
+        return tuple(failure for place in self._places.values() for failure in place.commit.failures)
 
     def truth(self, estimate: str) -> NDArray[Any]:
-        """The ground truth that an estimate is compared with: float32 metres (of a disparity pixels), NaN = unknown."""
+        """The ground truth that an estimate is compared with: float32 metres (pixels for a disparity), NaN = unknown."""
         found = self._plan.estimate(estimate, self._runs)
         if found.truth_topic is None:
-            raise NotRecorded(f"the truth of `{estimate}` was not recorded: let `record:` keep it, and run the experiment again")
+            raise NotRecorded(f"the ground truth of `{estimate}` was not recorded: add it to `record:`, and run the experiment again")
         return self[found.truth_topic]
 
     @property
@@ -68,7 +70,7 @@ class Frame(Mapping[str, NDArray[Any]]):
         if not found:
             raise NotRecorded(f"no calibration of frame `{self.id}` was recorded")
         if len(found) > 1:
-            raise Ambiguous(f"frame `{self.id}` has several calibrations: take it from a stage, `run.stages[...].frames[...]`")
+            raise Ambiguous(f"frame `{self.id}` has several calibrations: choose a stage, `run.stages[...].frames[...]`")
         return found.pop()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -139,7 +141,7 @@ class Frames(Mapping[str, Frame]):
         if twice is not None:
             stage = self._plan.stages[twice]
             at = " and ".join(str(place.position) for place in places if place.commit.run == twice)
-            raise Ambiguous(f'`{frame}` is the id of several frames of stage `{stage}`: take one by its position, `run.stages["{stage}"].frames[...]`, of {at}')
+            raise Ambiguous(f'`{frame}` is the id of several frames of stage `{stage}`: choose one by its position, `run.stages["{stage}"].frames[...]`, of {at}')
         return Frame(self._recording, self._plan, tuple(places))
 
     def __contains__(self, frame: object) -> bool:

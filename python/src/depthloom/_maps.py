@@ -13,18 +13,18 @@ from PIL import Image
 from ._calibration import Calibration
 from ._errors import RecordingError
 
-#: The types of outputs that are maps, and can be asked of a frame.
+#: The types of outputs that are maps, which a frame can return.
 MAP_TYPES = frozenset({"image", "depth", "disparity", "true-disparity", "weight", "mask"})
 
 
 def array(value_type: str, schema: str, message: Any) -> NDArray[Any]:
-    """The map that a message holds.
+    """The map in a message.
 
-    - depth: float32 metres, NaN = no answer; `(height, width)`, as all maps
-    - disparity: float32 pixels, NaN = nothing found (of a true one: unknown)
+    - depth: float32 metres, NaN = missing; `(height, width)`, as all maps
+    - disparity: float32 pixels, NaN = missing (in ground truth: unknown)
     - weight: float32 shares in [0, 1]
     - mask: bool
-    - image: uint8, `(height, width)` of a grey one, else `(height, width, 3)` RGB
+    - image: uint8, `(height, width)` if grey, otherwise `(height, width, 3)` RGB
     """
     match value_type, schema:
         case "image", "foxglove.CompressedImage":
@@ -37,22 +37,22 @@ def array(value_type: str, schema: str, message: Any) -> NDArray[Any]:
             is_set: NDArray[np.bool_] = _samples(message, "u1") != 0
             return is_set
         case "disparity", "foxglove.RawImage":
-            # Sixteenths from one below the smallest that was searched, which stands for none found.
-            found = _samples(message, "<u2").astype(np.float32)
-            return np.where(found > 0, found / 16 + np.float32(message.min_disparity_px - 1), np.float32(np.nan))
+            # Sixteenths of a pixel. The value 0 is missing; 16 is the smallest disparity that was searched.
+            sixteenths = _samples(message, "<u2").astype(np.float32)
+            return np.where(sixteenths > 0, sixteenths / 16 + np.float32(message.min_disparity_px - 1), np.float32(np.nan))
         case "true-disparity", "foxglove.RawImage":
-            known = _samples(message, "<u2").astype(np.float32)
-            return np.where(known > 0, known / 256, np.float32(np.nan))
+            scaled = _samples(message, "<u2").astype(np.float32)
+            return np.where(scaled > 0, scaled / 256, np.float32(np.nan))
         case _, "depthloom.FloatMap":
             return _floats(message)
         case _, "foxglove.RawImage" if message.encoding == "32FC1":
             return _samples(message, "<f4").astype(np.float32)
         case _:
-            raise RecordingError(f"a message of {schema} holds no {value_type}")
+            raise RecordingError(f"a message of {schema} does not contain a {value_type}")
 
 
 def calibration(message: Any) -> Calibration:
-    """The calibration that a message holds."""
+    """The calibration in a message."""
     return Calibration(
         width=message.width,
         height=message.height,
@@ -60,7 +60,7 @@ def calibration(message: Any) -> Calibration:
         cx_px=message.K[2],
         cy_px=message.K[5],
         baseline_m=message.baseline_m,
-        # Of recordings from before it is no field.
+        # Older recordings do not have this field.
         doffs_px=getattr(message, "doffs_px", 0.0),
     )
 
@@ -75,10 +75,10 @@ def _decompressed(data: bytes) -> NDArray[np.uint8]:
 
 
 def _floats(message: Any) -> NDArray[np.float32]:
-    """The samples of a `depthloom.FloatMap`: as they are, or as the differences of their bits.
+    """The samples of a `depthloom.FloatMap`: stored unchanged, or as differences of their bits.
 
-    The bits of a sample less those of the one before, the sign in the lowest bit, are of four classes: nothing, 16, 20 or 32 bits are kept of them.
-    `lows` are the low 16 bits; `codes` is a zstd frame of the classes, two bits each, of the four bits more of class 2, and of the high 16 bits of class 3.
+    A difference is the bits of a sample minus those of the previous one, with the sign in the lowest bit. It has one of four classes, which store 0, 16, 20 or 32 bits.
+    `lows` contains the low 16 bits. `codes` is a zstd frame with the classes (two bits each), the additional four bits of class 2, and the high 16 bits of class 3.
     """
     shape = (message.height, message.width)
     count = message.height * message.width

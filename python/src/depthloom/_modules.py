@@ -1,4 +1,4 @@
-"""What a program has imported, and the files that it opened before it serves: its own by content, installed packages by version."""
+"""The modules and files that the cache keys of a program contain: its own files by content, installed packages by version."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _SHARED = ("/etc/", "/usr/")
 
 
 class Imports:
-    """The modules of this process, looked at again when there are more."""
+    """The imported modules of this process, updated when more are imported."""
 
     def __init__(self) -> None:
         self._names: set[str] = set()
-        #: By file: its name relative to the program, and a hash of its content.
+        #: For each file its name relative to the program, and a hash of its content.
         self._modules: dict[str, tuple[str, str]] = {}
         # With PYTHONOPTIMIZE=1 or -O, assertions of the program do not run.
         optimized = f", optimized ({sys.flags.optimize})" if sys.flags.optimize else ""
@@ -34,14 +34,14 @@ class Imports:
             os.path.abspath(path) + os.sep for path in {sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")} if path
         )
         self._main = _file_of(sys.modules.get("__main__")) or ""
-        #: Files that were opened for reading so far: what is opened later depends on frames.
+        #: Files that were opened for reading before the program serves. Files that are opened later depend on frames.
         self._opened = _opened.take()
         #: Files that were opened for reading after the program began to serve.
         self._late: set[str] = set()
         self._roots = [os.path.dirname(self._main), *(os.path.abspath(path) for path in sys.path)]
 
     def news(self) -> str | None:
-        """All of it as JSON, if more has been imported since this was last called."""
+        """All modules and files as JSON, if there are more than at the previous call."""
         late = {file for file in _opened.take() if self._is_own(file) and file not in self._opened and not file.startswith(_SHARED)}
         is_later = not late <= self._late
         self._late |= late
@@ -58,7 +58,7 @@ class Imports:
         return json.dumps({"main": self._main, "modules": modules, "packages": self._packages, "files": files, "late": sorted(self._late)})
 
     def _is_own(self, file: str) -> bool:
-        """Whether a file that was opened is neither a module that is reported nor Python's or an installed package's."""
+        """Whether an opened file belongs to the program: not a reported module, not Python's, and not of an installed package."""
         is_installed = not _INSTALLED.isdisjoint(file.split(os.sep)) or file.startswith(self._standard)
         is_package = file.startswith(os.path.dirname(os.path.abspath(__file__)) + os.sep)
         return not (is_installed or is_package or file == self._main or file in self._modules)
@@ -68,7 +68,7 @@ class Imports:
             return
         if _INSTALLED.isdisjoint(file.split(os.sep)):
             if name.partition(".")[0] == __package__:
-                # This package from its sources: whole, since it imports parts of itself when they are needed.
+                # This package, imported from its sources. All of it counts, because it imports its parts on demand.
                 folder = os.path.dirname(os.path.abspath(__file__))
                 for part in _entries(folder):
                     if part.endswith(".py"):
@@ -104,7 +104,7 @@ class Imports:
                 return
 
     def _relative(self, file: str) -> str:
-        """The path of a module from the program's folder, or from where Python looks for modules: equal wherever the folder is."""
+        """The path of a module relative to the program's folder, or to a folder of Python's search path. It does not depend on where the folder is."""
         for root in self._roots:
             if root and file.startswith(root.rstrip(os.sep) + os.sep):
                 return os.path.relpath(file, root)
@@ -112,7 +112,7 @@ class Imports:
 
 
 def _file_of(module: object) -> str | None:
-    # Not by `getattr`: modules that are loaded when something of them is needed would be loaded.
+    # Not with `getattr`, which would load lazily loaded modules.
     file = getattr(module, "__dict__", {}).get("__file__")
     return os.path.abspath(file) if isinstance(file, str) and not file.startswith("<") else None
 
@@ -132,8 +132,8 @@ def _other_bytecode(file: str) -> str:
             # The compiled file names the hash of its source; bit 1 says whether Python compares it.
             is_run = not flags & 2 or importlib.util.source_hash(source) == data[8:16]
         else:
-            made_of = (int.from_bytes(data[8:12], "little"), int.from_bytes(data[12:16], "little"))
-            is_run = made_of == (int(state.st_mtime) & 0xFFFFFFFF, state.st_size & 0xFFFFFFFF)
+            compiled_from = (int.from_bytes(data[8:12], "little"), int.from_bytes(data[12:16], "little"))
+            is_run = compiled_from == (int(state.st_mtime) & 0xFFFFFFFF, state.st_size & 0xFFFFFFFF)
         if not is_run or marshal.loads(data[16:]) == compile(source, file, "exec", dont_inherit=True):
             return ""
         return ", compiled " + hashlib.sha256(data).hexdigest()
@@ -153,7 +153,7 @@ def _hash(file: str) -> str:
 
 
 class _Installed:
-    """The packages in a folder of installed ones. `importlib.metadata` knows them too, and takes a second where there are many."""
+    """The installed packages in a folder. `importlib.metadata` takes a second if there are many."""
 
     def __init__(self, folder: str) -> None:
         self._infos: dict[str, str] = {}
@@ -185,16 +185,16 @@ class _Installed:
         return {line.partition(",")[0].partition("/")[0].partition(".")[0] for line in _lines(os.path.join(info, "RECORD"))}
 
     def content_of(self, name: str) -> str:
-        """A hash of what was installed, by the hashes that the installer noted: packages of one version may differ."""
+        """A hash of the installed content, from the hashes that the installer recorded, because packages of the same version may differ."""
         digest = hashlib.sha256()
-        noted = False
+        has_hashes = False
         for line in _lines(os.path.join(self._infos[name], "RECORD")):
             path, _, content = line.partition(",")
-            # Scripts and notes of the installer differ from place to place.
+            # Scripts and metadata of the installer depend on the place of installation.
             if content.startswith("sha256=") and not path.startswith("..") and ".dist-info/" not in path:
                 digest.update(line.encode())
-                noted = True
-        return f" ({digest.hexdigest()[:16]})" if noted else ""
+                has_hashes = True
+        return f" ({digest.hexdigest()[:16]})" if has_hashes else ""
 
     def needed_by(self, name: str) -> list[str]:
         needed = []

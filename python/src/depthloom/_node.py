@@ -9,17 +9,17 @@ from typing import Any, TypeVar
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
 
-#: Where a decorated function or class keeps what it was decorated with.
+#: The attribute of a decorated function or class that contains its declaration.
 _MARK = "__depthloom_node__"
 
 
 @dataclass(frozen=True)
 class Instant:
-    """The frame that a node with memory, or a source, is called for."""
+    """The frame of a call."""
 
-    #: The source's own name for it.
+    #: The source's name of the frame.
     id: str
-    #: Its place in the source, before any selection.
+    #: Its index in the source, before any selection.
     index: int
     #: Nanoseconds.
     time_ns: int
@@ -27,28 +27,28 @@ class Instant:
 
 @dataclass(frozen=True)
 class Declared:
-    """What a function or a class was declared to be."""
+    """The declaration of a function or a class."""
 
-    #: The types of its ports, by name; of a source no inputs.
+    #: The types of its ports, by name. Sources have no inputs.
     inputs: dict[str, str]
     outputs: dict[str, str]
     is_source: bool
 
 
 def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[_Any], _Any]:
-    """Declares a function, or a class with `process` and maybe `finish`, to be a node.
+    """Declare a function, or a class with `process` and optionally `finish`, as a node.
 
     >>> @depthloom.node(inputs={"stereo": "depth", "mono": "depth"}, outputs={"depth": "depth"})
     ... def fuse(stereo, mono):
     ...     return np.where(np.isnan(stereo), mono, stereo)
 
-    Ports have the names and types of the experiment's `ports`. Inputs come as keywords: an optional one that has no value on a frame is `None`. What comes back is a
-    mapping of outputs, or the value itself where there is one output; what is left out, or `None`, is absent on this frame.
+    Ports have the names and types of the experiment's `ports`. Inputs are passed as keywords; an optional input without a value on a frame is `None`. The result is a
+    mapping of outputs, or the value itself if there is one output. An output that is left out, or `None`, is absent on this frame.
 
     | type | value |
     |---|---|
-    | `depth` | float32 `(height, width)`, metres, finite and greater than 0, NaN = no answer |
-    | `disparity` | float32 `(height, width)`, pixels, NaN = nothing found |
+    | `depth` | float32 `(height, width)`, metres, finite and greater than 0, NaN = missing |
+    | `disparity` | float32 `(height, width)`, pixels, NaN = missing |
     | `true-disparity` | float32 `(height, width)`, pixels, NaN = unknown |
     | `weight` | float32 `(height, width)`, shares in [0, 1], without NaN |
     | `mask` | bool `(height, width)` |
@@ -57,11 +57,11 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
     | `model`, `samples` | bytes |
     | `curve` | a mapping of `step`, `loss`, `validation`, `learning_rate` to arrays |
 
-    Arrays that come in are read-only: they lie where they were received.
+    Input arrays are read-only views of the received memory.
 
-    A function is `contract: pure`, or `once`. A class is `contract: ordered`: one object sees all frames in order, `process` gives the outputs of a frame, `finish` those that are
-    declared with `rate: once`. A parameter `params` gets what the experiment says under `params`: of a function, or of a class' `__init__`. A parameter `frame` of a class' `process`
-    gets the :class:`Instant`.
+    A function is `contract: pure`, or `once`. A class is `contract: ordered`: one object gets all frames in order. `process` returns the outputs of a frame, `finish` those that
+    are declared with `rate: once`. A parameter `params`, of a function or of a class' `__init__`, gets the experiment's `params`. A parameter `frame` of a class' `process` gets
+    the :class:`Instant`.
     """
 
     def mark(what: _Any) -> _Any:
@@ -73,10 +73,10 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
 
 
 def source(*, outputs: Mapping[str, str]) -> Callable[[_Any], _Any]:
-    """Declares a class with `frames` and `read` to be a source.
+    """Declare a class with `frames` and `read` as a source.
 
-    `frames()` gives the ids of all frames in order, or pairs of id and time in nanoseconds; `read(frame)` gives the outputs of one :class:`Instant`, as a node does: in any
-    order, the same every time, for several processes ask.
+    `frames()` returns the ids of all frames in order, or pairs of id and time in nanoseconds. `read(frame)` returns the outputs of one :class:`Instant`, as a node does.
+    Several processes call it, in any order, so it must return the same values every time.
     """
 
     def mark(what: _Any) -> _Any:
@@ -86,9 +86,9 @@ def source(*, outputs: Mapping[str, str]) -> Callable[[_Any], _Any]:
 
 
 def _marked(what: _Any, declared: Declared) -> _Any:
-    wanted = ("frames", "read") if declared.is_source else ("process",)
+    required = ("frames", "read") if declared.is_source else ("process",)
     if inspect.isclass(what):
-        missing = [name for name in wanted if not callable(getattr(what, name, None))]
+        missing = [name for name in required if not callable(getattr(what, name, None))]
         if missing:
             raise TypeError(f"class {what.__name__} has no method {missing[0]}()")
     elif declared.is_source:
@@ -98,14 +98,14 @@ def _marked(what: _Any, declared: Declared) -> _Any:
 
 
 def declared(what: Any) -> Declared:
-    """What a function or a class was declared to be."""
-    found = getattr(what, _MARK, None)
-    if not isinstance(found, Declared):
+    """The declaration of a function or a class."""
+    declaration = getattr(what, _MARK, None)
+    if not isinstance(declaration, Declared):
         raise TypeError(f"{getattr(what, '__name__', what)!r} is not a node: put @depthloom.node(inputs=..., outputs=...) before it")
-    return found
+    return declaration
 
 
 def accepts(function: Callable[..., Any], name: str) -> bool:
     """Whether a function has a parameter of this name."""
     parameters = inspect.signature(function).parameters.values()
-    return any(of.name == name and of.kind is not of.VAR_KEYWORD for of in parameters)
+    return any(parameter.name == name and parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters)

@@ -9,19 +9,19 @@ from typing import Any
 #: Set by depthloom for the programs that it starts.
 STARTED = "DEPTHLOOM_PROGRAM"
 
-#: Files that a system makes up.
+#: Folders of virtual files.
 _SYSTEM = ("/dev/", "/proc/", "/run/", "/sys/")
 
 _read: set[str] = set()
 _written: set[str] = set()
-#: Files that were opened for reading and writing, and what they were then: time of the last change, and size.
+#: Files that were opened for reading and writing, with their state at that time: time of the last change, and size.
 _both: dict[str, tuple[int, int] | None] = {}
 _is_on = False
 _is_installed = False
 
 
 def watch() -> None:
-    """Notes from now on which files are opened, until they are taken."""
+    """Record which files are opened, until :func:`take`."""
     global _is_on, _is_installed
     _is_on = True
     if not _is_installed:
@@ -57,7 +57,7 @@ def _state(path: str) -> tuple[int, int] | None:
 
 
 def take() -> list[str]:
-    """The regular files that were opened for reading, and that the program did not write itself."""
+    """The regular files that were opened for reading and not written by the program itself."""
     global _is_on
     _is_on = False
     unchanged = {path for path, state in _both.items() if state is not None and state == _state(path)}

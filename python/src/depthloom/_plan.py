@@ -20,15 +20,15 @@ _NEAR = 2
 class Estimate:
     """An estimate under `score:`."""
 
-    #: What a frame knows it by: `name` where all variants share it, else `variant/name`.
+    #: Its name in a frame: `name` if all variants share it, otherwise `variant/name`.
     label: str
     #: Its name in the experiment: `estimate` in tables.
     name: str
-    #: The variant; `None` where all share it.
+    #: The variant; `None` if all share it.
     variant: str | None
     #: The stage.
     stage: str
-    #: The topic of its maps; `None` where they were not recorded.
+    #: The topic of its maps; `None` if they were not recorded.
     topic: str | None
     #: The topic of the ground truth that it is compared with; `None` if it was not recorded.
     truth_topic: str | None
@@ -45,11 +45,11 @@ class Node:
     version: int
     #: Its parameters, every default filled in.
     params: Mapping[str, Any]
-    #: By port, where its input comes from; `None`: an optional one left unwired.
+    #: The source of each input, by port; `None` for an optional input that is not connected.
     inputs: Mapping[str, str | None]
     #: The variants that use it.
     variants: tuple[str, ...]
-    #: The key of kind, version, parameters and the recipes of its inputs.
+    #: The node hash: a hash of kind, version, parameters and the hashes of its inputs.
     recipe: str
 
 
@@ -64,7 +64,7 @@ class Output:
     names: tuple[str, ...]
     value_type: str
 
-    def is_called(self, name: str) -> bool:
+    def matches(self, name: str) -> bool:
         """Whether a name is the topic (`/look/depth/depth`), or its end: `depth/depth`, or of its node: `depth`."""
         if name.startswith("/"):
             return name in self.names
@@ -87,8 +87,8 @@ class Plan:
         factors = plan.get("factors") or [[] for _ in plan["variants"]]
         #: By variant, the values of the matrix' axes.
         self.factors: dict[str, dict[str, str]] = {
-            variant: {factor["axis"]: factor["value"] for factor in of}
-            for variant, of in zip(plan["variants"], factors, strict=True)
+            variant: {factor["axis"]: factor["value"] for factor in axes}
+            for variant, axes in zip(plan["variants"], factors, strict=True)
             if variant
         }
         #: The names of the stage runs.
@@ -96,32 +96,32 @@ class Plan:
         self.nodes: tuple[tuple[Node, ...], ...] = tuple(
             tuple(_node(node, plan["variants"]) for node in run["nodes"]) for run in plan["runs"]
         )
-        #: By stage run, what was scored.
+        #: The estimates by stage run.
         self._scored: tuple[tuple[Estimate, ...], ...] = tuple(
             tuple(_estimate(estimate, run["stage"], plan["variants"]) for estimate in run["estimates"]) for run in plan["runs"]
         )
-        self.estimates: tuple[Estimate, ...] = tuple(estimate for of in self._scored for estimate in of)
+        self.estimates: tuple[Estimate, ...] = tuple(estimate for estimates in self._scored for estimate in estimates)
         self.outputs: tuple[Output, ...] = tuple(
             output for index, run in enumerate(plan["runs"]) for output in _outputs(index, run)
         )
         self._by_topic = {output.topic: output for output in self.outputs}
 
     def output(self, name: str, runs: frozenset[int]) -> Output:
-        """The output that is called so, among those of some stage runs: an estimate by its label, or a topic."""
-        # A label is that of an estimate on any frame: on one of another stage it is not the node that happens to be called so.
+        """The output of this name, among those of some stage runs: an estimate by its label, or a topic."""
+        # A label always means an estimate. On a frame of another stage it must not match a node with the same name.
         if self._labelled(name):
             estimate = self.estimate(name, runs)
             if estimate.topic is None:
-                raise NotRecorded(f"the maps of `{name}` were not recorded: let `record:` keep them, and run the experiment again")
+                raise NotRecorded(f"the maps of `{name}` were not recorded: add them to `record:`, and run the experiment again")
             return self._by_topic[estimate.topic]
-        called = [output for output in self.outputs if output.is_called(name)]
-        here = [output for output in called if output.run in runs]
+        matching = [output for output in self.outputs if output.matches(name)]
+        here = [output for output in matching if output.run in runs]
         if len(here) == 1:
             return here[0]
         if here:
-            raise Ambiguous(f"`{name}` is several topics: {_listed([output.topic for output in here])}")
-        if called:
-            raise NotRecorded(f"{called[0].topic} is of stage `{self.stages[called[0].run]}`; {self._not_there(runs)}")
+            raise Ambiguous(f"`{name}` matches several topics: {_listed([output.topic for output in here])}")
+        if matching:
+            raise NotRecorded(f"{matching[0].topic} is of stage `{self.stages[matching[0].run]}`; {self._not_there(runs)}")
         raise NotRecorded(self._unknown(name, runs))
 
     def estimate(self, name: str, runs: frozenset[int]) -> Estimate:
@@ -154,15 +154,15 @@ class Plan:
         ports = [_end(topic, topics) for topic in topics if topic.rpartition("/")[2] == name]
         ends = [end for topic in topics for end in (topic, _end(topic, topics), topic.rpartition("/")[0].rpartition("/")[2])]
         near = ports[:_NEAR] or get_close_matches(name, dict.fromkeys(labels + ends), n=_NEAR)
-        also = f"did you mean {' or '.join(f'`{of}`' for of in near)}?" if near else "`list(frame)` has all names"
-        return f"nothing that was recorded here is called `{name}`; {also}"
+        also = f"did you mean {' or '.join(f'`{candidate}`' for candidate in near)}?" if near else "`list(frame)` has all names"
+        return f"no recorded map is named `{name}`; {also}"
 
 
 def _end(topic: str, topics: list[str]) -> str:
-    """The shortest end of a topic of two parts or more that is no other topic's."""
+    """The shortest unique suffix of a topic that has at least two parts."""
     parts = topic.split("/")
     ends = ("/".join(parts[-count:]) for count in range(2, len(parts)))
-    return next((end for end in ends if sum(f"/{end}" == of[-len(end) - 1 :] for of in topics) == 1), topic)
+    return next((end for end in ends if sum(f"/{end}" == other[-len(end) - 1 :] for other in topics) == 1), topic)
 
 
 def _node(node: Mapping[str, Any], variants: list[str]) -> Node:
@@ -171,7 +171,7 @@ def _node(node: Mapping[str, Any], variants: list[str]) -> Node:
         kind=node["kind"],
         version=node["version"],
         params=node["params"],
-        inputs={of["port"]: of["from"] for of in node["inputs"]},
+        inputs={port["port"]: port["from"] for port in node["inputs"]},
         variants=tuple(variants[variant] for variant in node["variants"] if variants[variant]),
         recipe=node["recipe"],
     )
@@ -191,8 +191,8 @@ def _estimate(estimate: Mapping[str, Any], stage: str, variants: list[str]) -> E
 
 
 def _outputs(index: int, run: Mapping[str, Any]) -> Iterator[Output]:
-    of_nodes = (output for node in run["nodes"] for output in node["outputs"])
-    for output in (*run["source"]["outputs"], *of_nodes):
+    node_outputs = (output for node in run["nodes"] for output in node["outputs"])
+    for output in (*run["source"]["outputs"], *node_outputs):
         if output["recorded"] and not output["once"]:
             topic = output["topic"]
             names = (topic, *(alias for alias in output["aliases"] if alias != topic))

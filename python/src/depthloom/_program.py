@@ -1,4 +1,4 @@
-"""Calls the program `depthloom`, which alone makes runs, tables and samples."""
+"""Calls the program `depthloom`, which writes runs, tables and samples."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ StrPath = str | os.PathLike[str]
 
 
 def program() -> str:
-    """The program's path: what `DEPTHLOOM` in the environment names, or what is found on the PATH."""
+    """The program's path, from the environment variable `DEPTHLOOM` or the PATH."""
     named = os.environ.get("DEPTHLOOM")
     found = shutil.which(named or "depthloom")
     if found is None:
         what = f"DEPTHLOOM names `{named}`, which is not a program" if named else "there is no program `depthloom` on the PATH"
-        remedy = "build it (`cargo build --release` in its repository), and let DEPTHLOOM name `target/release/depthloom`"
+        remedy = "build it (`cargo build --release` in its repository), and set DEPTHLOOM to `target/release/depthloom`"
         raise ProgramError(f"{what}; {remedy}")
     return found
 
@@ -28,12 +28,12 @@ def program() -> str:
 def ask(*arguments: StrPath, accepted: tuple[int, ...] = (0,)) -> dict[str, Any]:
     """The program's report as JSON.
 
-    It shares the terminal, so that an interrupt reaches it too; then it is waited for while it writes what is finished.
+    It shares the terminal, so that it receives interrupts as well. After an interrupt, wait until it has written finished frames.
     """
     command = [program(), *(os.fspath(argument) for argument in arguments), "--json"]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8") as process:
         try:
-            out, complaints = process.communicate()
+            out, errors = process.communicate()
         except KeyboardInterrupt:
             process.communicate()
             raise
@@ -44,9 +44,9 @@ def ask(*arguments: StrPath, accepted: tuple[int, ...] = (0,)) -> dict[str, Any]
     if process.returncode in accepted and report:
         return dict(report)
     error = report.get("error") or {}
-    message = error.get("message") or complaints.strip() or f"depthloom ended with {process.returncode}"
+    message = error.get("message") or errors.strip() or f"depthloom ended with {process.returncode}"
     lines = [message, *_diagnosed(error), error.get("help")]
-    raise ProgramError("\n".join(line for line in lines if line), exit_code=process.returncode, told=error)
+    raise ProgramError("\n".join(line for line in lines if line), exit_code=process.returncode, report=error)
 
 
 def _diagnosed(error: Mapping[str, Any]) -> list[str]:

@@ -1,7 +1,7 @@
-"""A recording's file: where its messages lie, and the messages.
+"""The file of a recording: its index, and its messages.
 
-It is an MCAP file of protobuf messages. A frame is some chunks of values and then one chunk with its `depthloom.Commit`; all of its messages have its time, and its
-index in the source as `sequence`. What stands behind the last commit of a file that was not finished belongs to no frame.
+It is an MCAP file of protobuf messages. A frame consists of chunks of values and a final chunk with its `depthloom.Commit`. All messages of a frame have its time, and
+its index in the source as `sequence`. In an unfinished file, data after the last commit do not belong to a frame.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _PIECE = 1 << 20
 
 
 class _Place(NamedTuple):
-    """Where a chunk lies, and of what it holds messages."""
+    """The position of a chunk, and the channels of its messages."""
 
     offset: int
     time_ns: int
@@ -50,7 +50,7 @@ class _Index:
     schemas: dict[int, Schema] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     chunks: list[_Place] = field(default_factory=list)
-    #: By name, where attachments lie.
+    #: The offsets of attachments, by name.
     attachments: dict[str, int] = field(default_factory=dict)
 
     def is_commit(self, channel: int) -> bool:
@@ -58,16 +58,16 @@ class _Index:
 
 
 class Commit(NamedTuple):
-    """What closes a frame."""
+    """The record that completes a frame."""
 
     #: The stage run, as an index into those of the plan.
     run: int
     #: The frame's id.
     frame: str
     time_ns: int
-    #: The frame's index in its source, which all of its messages have.
+    #: The frame's index in its source, which all of its messages contain.
     sequence: int
-    #: What failed on the frame.
+    #: The failures on the frame.
     failures: tuple[str, ...]
 
 
@@ -84,15 +84,15 @@ class Recording:
             self._index = indexed or self._scanned(file)
             about = self._index.metadata.get("depthloom")
             if about is None:
-                raise RecordingError(f"{path} holds no plan: it is not a recording of depthloom, or one that was cut at its beginning")
+                raise RecordingError(f"{path} does not contain a plan: it is not a recording of depthloom, or it was truncated near its start")
             if about.get("format") not in KNOWN_FORMATS:
                 known = ", ".join(KNOWN_FORMATS)
                 raise RecordingError(f"{path} is of format {about.get('format')}; this package knows {known}")
-            #: Whether the run came to its end.
-            self.is_whole = indexed is not None and "depthloom.ended" not in self._index.metadata
+            #: Whether the run finished.
+            self.is_complete = indexed is not None and "depthloom.ended" not in self._index.metadata
             #: The plan as JSON.
             self.plan = about["plan"]
-            #: By topic in the plan, the channels that hold its values.
+            #: The channels with the values of a topic, by topic in the plan.
             self.channels: dict[str, list[int]] = {}
             for channel in self._index.channels.values():
                 if "beside" not in channel.metadata:
@@ -100,30 +100,30 @@ class Recording:
                     self.channels.setdefault(topic, []).append(channel.id)
             self._chunks: dict[tuple[int, int], list[int]] = {}
             for place in self._index.chunks:
-                for of in place.channels:
-                    self._chunks.setdefault((of, place.time_ns), []).append(place.offset)
-            #: Of all frames, in the order in which they were written.
+                for channel_id in place.channels:
+                    self._chunks.setdefault((channel_id, place.time_ns), []).append(place.offset)
+            #: The commits of all frames, in the order in which they were written.
             self.commits = list(self._commits(file))
             times = Counter((commit.run, commit.time_ns) for commit in self.commits)
-            #: The times that several frames of a stage have.
+            #: Times that several frames of a stage share.
             self._ambiguous = {time_ns for (_, time_ns), count in times.items() if count > 1}
 
     def has(self, topic: str, time_ns: int, sequence: int) -> bool:
         """Whether a topic has messages on a frame."""
-        is_there = any((of, time_ns) in self._chunks for of in self.channels.get(topic, ()))
+        is_there = any((channel, time_ns) in self._chunks for channel in self.channels.get(topic, ()))
         if is_there and time_ns in self._ambiguous:
-            # The index knows times alone: of which frame the messages are, they say themselves.
+            # The index contains only times; the messages themselves contain the frame's index.
             return any(True for _ in self.messages(topic, time_ns, sequence))
         return is_there
 
     def messages(self, topic: str, time_ns: int, sequence: int) -> Iterator[tuple[str, Any]]:
         """The messages of a topic on a frame, each with its schema's name."""
-        wanted = [(of, offset) for of in self.channels.get(topic, ()) for offset in self._chunks.get((of, time_ns), ())]
-        if not wanted:
+        chunks = [(channel, offset) for channel in self.channels.get(topic, ()) for offset in self._chunks.get((channel, time_ns), ())]
+        if not chunks:
             return
         with self.path.open("rb") as file:
-            for of, offset in wanted:
-                yield from (decoded for at, decoded in self._of_chunk(file, offset, of) if at.sequence == sequence)
+            for channel, offset in chunks:
+                yield from (decoded for message, decoded in self._messages_in(file, offset, channel) if message.sequence == sequence)
 
     def attachment(self, name: str) -> bytes | None:
         """An attached file."""
@@ -137,17 +137,17 @@ class Recording:
 
     def _commits(self, file: IO[bytes]) -> Iterator[Commit]:
         for place in self._index.chunks:
-            for of in filter(self._index.is_commit, place.channels):
-                for at, (_, commit) in self._of_chunk(file, place.offset, of):
+            for channel in filter(self._index.is_commit, place.channels):
+                for message, (_, commit) in self._messages_in(file, place.offset, channel):
                     yield Commit(
                         run=commit.run,
                         frame=commit.frame,
-                        time_ns=at.log_time,
-                        sequence=at.sequence,
+                        time_ns=message.log_time,
+                        sequence=message.sequence,
                         failures=tuple(failure.what for failure in commit.failures),
                     )
 
-    def _of_chunk(self, file: IO[bytes], offset: int, channel: int) -> Iterator[tuple[Message, tuple[str, Any]]]:
+    def _messages_in(self, file: IO[bytes], offset: int, channel: int) -> Iterator[tuple[Message, tuple[str, Any]]]:
         file.seek(offset + _RECORD_HEAD.size)
         try:
             chunk = Chunk.read(ReadDataStream(file))
@@ -167,8 +167,8 @@ class Recording:
         return schema.name, decode
 
     def _scanned(self, file: IO[bytes]) -> _Index:
-        """The index of a file without an end, up to the last commit before which every byte is what was written."""
-        index, kept = _Index(), 0
+        """The index of an unfinished file, up to the last commit whose checksum matches all bytes before it."""
+        index, complete = _Index(), 0
         # CRC-32 of all bytes so far, and of all before the last chunk.
         crc = crc_before = zlib.crc32(_MAGIC)
         file.seek(len(_MAGIC))
@@ -179,13 +179,13 @@ class Recording:
             if opcode == Opcode.CHUNK:
                 crc_before = crc
             crc = zlib.crc32(head, crc)
-            wanted = opcode in _SCANNED
-            payload, left = bytearray(), length
-            while left and (piece := file.read(min(left, _PIECE))):
-                crc, left = zlib.crc32(piece, crc), left - len(piece)
-                if wanted:
+            is_scanned = opcode in _SCANNED
+            payload, remaining = bytearray(), length
+            while remaining and (piece := file.read(min(remaining, _PIECE))):
+                crc, remaining = zlib.crc32(piece, crc), remaining - len(piece)
+                if is_scanned:
                     payload += piece
-            if left:
+            if remaining:
                 break
             stream = ReadDataStream(BytesIO(payload))
             try:
@@ -203,20 +203,20 @@ class Recording:
                         chunk = Chunk.read(stream)
                         index.chunks.append(_Place(offset, chunk.message_start_time, frozenset()))
                     case Opcode.MESSAGE_INDEX if chunk is not None:
-                        of = MessageIndex.read(stream).channel_id
+                        indexed = MessageIndex.read(stream).channel_id
                         place = index.chunks[-1]
-                        index.chunks[-1] = place._replace(channels=place.channels | {of})
-                        if index.is_commit(of):
-                            if not self._closes(index, of, chunk, crc_before):
+                        index.chunks[-1] = place._replace(channels=place.channels | {indexed})
+                        if index.is_commit(indexed):
+                            if not self._closes(index, indexed, chunk, crc_before):
                                 break
-                            kept = len(index.chunks)
+                            complete = len(index.chunks)
             except (McapError, ValueError, KeyError, struct.error):
                 break
-        del index.chunks[kept:]
+        del index.chunks[complete:]
         return index
 
     def _closes(self, index: _Index, channel: int, chunk: Chunk, crc_before: int) -> bool:
-        """Whether a chunk is a commit of just the bytes that stand before it."""
+        """Whether a chunk is a commit whose checksum matches the bytes before it."""
         _, decode = self._decoder(index, channel)
         messages = [record for record in breakup_chunk(chunk, validate_crc=True) if isinstance(record, Message)]
         return bool(messages) and all(decode(message.data).crc32_before == crc_before for message in messages)
@@ -227,7 +227,7 @@ _SCANNED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE_INDEX, O
 
 
 def _indexed(file: IO[bytes]) -> _Index | None:
-    """The index that stands at the end of a file; `None` where there is none."""
+    """The index at the end of a finished file; `None` without an index."""
     try:
         file.seek(-len(_MAGIC), 2)
         if file.read() != _MAGIC:
@@ -242,10 +242,10 @@ def _indexed(file: IO[bytes]) -> _Index | None:
             schemas=summary.schemas,
             metadata={metadata.name: metadata.metadata for metadata in reader.iter_metadata()},
             chunks=[
-                _Place(of.chunk_start_offset, of.message_start_time, frozenset(of.message_index_offsets))
-                for of in sorted(summary.chunk_indexes, key=lambda of: of.chunk_start_offset)
+                _Place(chunk.chunk_start_offset, chunk.message_start_time, frozenset(chunk.message_index_offsets))
+                for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
             ],
-            attachments={of.name: of.offset for of in summary.attachment_indexes},
+            attachments={attachment.name: attachment.offset for attachment in summary.attachment_indexes},
         )
     except (McapError, ValueError, OSError, struct.error):
         return None

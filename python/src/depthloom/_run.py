@@ -23,14 +23,14 @@ RECORDING = "recording.mcap"
 
 
 class Stage:
-    """A stage of a run; one per variant where variants have sources of their own."""
+    """A stage of a run. If variants have different sources, each has its own stage."""
 
     def __init__(self, name: str, nodes: tuple[Node, ...], frames: tuple[Frame, ...]) -> None:
-        #: What the tables call it.
+        #: Its name in tables.
         self.name = name
-        #: Its nodes: those that variants share are there once.
+        #: Its nodes. A node that several variants share occurs once.
         self.nodes = nodes
-        #: Its frames by position, also where several have one id.
+        #: Its frames by position, also if several have the same id.
         self.frames: Sequence[Frame] = frames
 
     def __repr__(self) -> str:
@@ -38,9 +38,9 @@ class Stage:
 
 
 class Run:
-    """A run, or a recording alone. `depthloom.open` makes it.
+    """A run, or a recording without a run's folder. Created by `depthloom.open`.
 
-    Tables are polars DataFrames, as the run's folder has them (`docs/tables.md` explains each column). They are read when they are asked for and kept.
+    Tables are polars DataFrames of the files in the run's folder (`docs/tables.md` explains each column). They are read on first access and cached.
     """
 
     def __init__(self, recording: Recording, folder: Path | None) -> None:
@@ -59,13 +59,13 @@ class Run:
         return open, (str(self.path),)
 
     def __repr__(self) -> str:
-        of = f", {len(self.variants)} variants" if self.variants else ""
-        unfinished = "" if self.is_whole else ", unfinished"
-        return f"<Run {self.name!r} at {self.path}: {len(self.frames)} frames{of}, {len(self.estimates)} estimates{unfinished}>"
+        variants = f", {len(self.variants)} variants" if self.variants else ""
+        unfinished = "" if self.is_complete else ", unfinished"
+        return f"<Run {self.name!r} at {self.path}: {len(self.frames)} frames{variants}, {len(self.estimates)} estimates{unfinished}>"
 
     @property
     def path(self) -> Path:
-        """The run's folder; of a recording alone the file."""
+        """The run's folder, or the file of a recording without one."""
         return self._folder or self._recording.path
 
     @property
@@ -79,28 +79,28 @@ class Run:
         return self._plan.about
 
     @property
-    def is_whole(self) -> bool:
-        """Whether the run came to its end; of one that did not, the frames up to the last whole one are there."""
-        return self._recording.is_whole
+    def is_complete(self) -> bool:
+        """Whether the run finished. An unfinished run has its complete frames."""
+        return self._recording.is_complete
 
     @property
     def variants(self) -> tuple[str, ...]:
-        """The variants' names; none if the experiment declares none."""
+        """The variants' names; empty if the experiment has no variants."""
         return self._plan.variants
 
     @property
     def factors(self) -> dict[str, dict[str, str]]:
-        """By variant, the values of the matrix' axes as they are written in the file; in tables they are columns."""
+        """The values of the matrix' axes by variant, as written in the file. In tables they are columns."""
         return self._plan.factors
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """What was scored."""
+        """The estimates that were scored."""
         return self._plan.estimates
 
     @cached_property
     def experiment(self) -> dict[str, Any]:
-        """The experiment as it was run: `extends`, the environment and `--set` are in it."""
+        """The experiment as it was run, with `extends`, environment variables and `--set` resolved."""
         text = self._recording.attachment("experiment.resolved.yaml")
         if text is None and self._folder is not None:
             try:
@@ -108,7 +108,7 @@ class Run:
             except FileNotFoundError:
                 pass
         if text is None:
-            raise NotRecorded(f"{self.path} does not have its experiment")
+            raise NotRecorded(f"{self.path} does not contain its experiment")
         # YAML 1.2, as the program reads it: `no` is a text, `1e-3` a number.
         experiment: dict[str, Any] = YAML(typ="safe", pure=True).load(text)
         return experiment
@@ -130,45 +130,45 @@ class Run:
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """The means of the scores: one row per stage, variant, estimate and pixel set."""
+        """The means of the metrics: one row per stage, variant, estimate and pixel set."""
         return self._table("table")
 
     @cached_property
     def scores(self) -> pl.DataFrame:
-        """The scores of whole images: one row per frame, stage, variant, estimate and pixel set. Choose a pixel set before you average: `run.scores.filter(set="all")`."""
+        """The metrics of whole images: one row per frame, stage, variant, estimate and pixel set. Choose a pixel set before you average: `run.scores.filter(set="all")`."""
         scores = self._table("scores")
         return scores.filter(pl.col("zone").is_null()).drop("zone") if "zone" in scores.columns else scores
 
     @cached_property
     def zone_scores(self) -> pl.DataFrame:
-        """The scores of parts of images: as :attr:`scores`, one row per zone."""
+        """The metrics of parts of images: like :attr:`scores`, with one row per zone."""
         scores = self._table("scores")
         return scores.filter(pl.col("zone").is_not_null()) if "zone" in scores.columns else scores.clear().with_columns(pl.lit(None, pl.String).alias("zone"))
 
     @cached_property
     def error_vs_distance(self) -> pl.DataFrame:
-        """Percentiles of the absolute error, metres: one row per stage, variant, estimate, pixel set and bin of true distance."""
+        """Percentiles of the absolute error, metres: one row per stage, variant, estimate, pixel set and bin of ground-truth distance."""
         return self._table("error_vs_distance")
 
     @cached_property
     def learning_curves(self) -> pl.DataFrame:
-        """Losses of learning nodes: one row per point."""
+        """Losses of training nodes: one row per point."""
         return self._table("learning_curves")
 
     @cached_property
     def timings(self) -> pl.DataFrame:
-        """Where the time went: one row per node and phase."""
+        """CPU times: one row per node and phase."""
         return self._table("timings")
 
     def units(self, table: str) -> dict[str, str]:
-        """The units of a table's columns, `run.units("scores")`: `m`, `px`, ..., `1` of numbers without one; columns of text have none."""
+        """The units of a table's columns, e.g. `run.units("scores")`: `m`, `px`, ..., or `1` for numbers without a unit. Columns of text are left out."""
         units: dict[str, str] = json.loads(pl.read_parquet_metadata(self._table_file(table)).get("depthloom.units", "{}"))
         return units
 
     def samples(self) -> pl.LazyFrame:
-        """One row per scored pixel: `stage`, `frame`, `x`, `y`, `truth_m`, one column per estimate, metres, and one per weight.
+        """One row per scored pixel: `stage`, `frame`, `x`, `y`, `truth_m`, one column per estimate, metres, and one per confidence.
 
-        A query over `samples.parquet`, of which no more is read than it needs; the program makes the file where there is none, which takes time and disk.
+        A lazy query over `samples.parquet`, which reads only what it needs. If the file does not exist, the program writes it, which takes time and disk space.
         """
         path = self._file("samples.parquet")
         if not path.exists():
@@ -177,7 +177,7 @@ class Run:
 
     def _file(self, name: str) -> Path:
         if self._folder is None:
-            raise DepthloomError(f"{self.path} is a recording without a run's folder, where {name} would lie")
+            raise DepthloomError(f"{self.path} is a recording without a run's folder, so there is no {name}")
         return self._folder / name
 
     def _table(self, name: str) -> pl.DataFrame:
@@ -186,7 +186,7 @@ class Run:
     def _table_file(self, name: str) -> Path:
         path = self._file(f"{name}.parquet")
         if not path.exists():
-            raise DepthloomError(f"{path} is not there: `depthloom report {path.parent}` makes the tables that the recording has anything for")
+            raise DepthloomError(f"{path} does not exist: `depthloom report {path.parent}` writes the tables for which the recording has data")
         return path
 
 
@@ -194,11 +194,11 @@ def open(run: StrPath) -> Run:
     """Opens a run.
 
     Args:
-        run: Its folder, its recording, or what `depthloom` takes for one: `"@latest"`, `"table1/@latest"`, or the beginning of its name under `runs/`.
+        run: Its folder, its recording, or a name that `depthloom` accepts: `"@latest"`, `"table1/@latest"`, or the beginning of its name under `runs/`.
 
     Raises:
         RecordingError: If there is no recording, or it cannot be read.
-        ProgramError: If it is no path, and the program knows no run of that name.
+        ProgramError: If it is not a path, and the program finds no run of that name.
     """
     path = Path(run)
     if not path.exists():

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-#: From this size on an answer lies in memory, bytes.
+#: Replies of at least this size go through shared memory, bytes.
 _LARGE = 1 << 16
-#: What depthloom writes into the file that it offers.
+#: The content of the file that depthloom offers.
 _WORD = re.compile(rb"[0-9a-f]{32}")
 #: How many files are kept open: depthloom has five at most.
 _OPEN = 8
 
 
 class Shared:
-    """The files of one depthloom.
+    """The shared files of one depthloom process.
 
-    What lies in a file is handed out as views. A file is held as long as one of them is there, and depthloom is told so at each answer: it writes nothing into such a
-    file. So a node may keep what it was given.
+    Values in a file are passed to the node as views. A file is held as long as a view of it exists. Each reply lists the held files, and depthloom does not overwrite them.
+    So a node may keep its inputs.
     """
 
     def __init__(self, schema: pa.Schema) -> None:
@@ -34,19 +34,19 @@ class Shared:
         self.writer: Any = None
 
     def call(self, place: dict[str, Any]) -> pa.RecordBatch:
-        """The call that lies there."""
-        # All that is made of it refers to this array, directly or by others that do.
-        whole = np.frombuffer(self._open(place, mmap.PROT_READ), np.uint8, place["bytes"])
-        self.views[place["file"]] = weakref.ref(whole)
-        return pa.ipc.read_record_batch(pa.ipc.read_message(pa.py_buffer(whole)), self.schema)
+        """The call in this file."""
+        # All views refer to this array, directly or through other arrays.
+        content = np.frombuffer(self._open(place, mmap.PROT_READ), np.uint8, place["bytes"])
+        self.views[place["file"]] = weakref.ref(content)
+        return pa.ipc.read_record_batch(pa.ipc.read_message(pa.py_buffer(content)), self.schema)
 
-    def lay(self, row: pa.RecordBatch, place: dict[str, Any]) -> int | None:
-        """Lays an answer there: how many bytes it takes. `None`: it is small, or too large."""
+    def write(self, row: pa.RecordBatch, place: dict[str, Any]) -> int | None:
+        """Write a reply to this file, and return its size in bytes. `None` if it is small, or too large for the file."""
         size = pa.ipc.get_record_batch_size(row)
         if not _LARGE <= size <= place["size"]:
             return None
         if self.writer is None:
-            # A stream begins with its schema, which is written with the first row: nowhere, for it went through the pipe.
+            # A stream starts with its schema, which is written with the first row. Both are discarded here, because they go through the pipe.
             self.writer = pa.ipc.new_stream(self.sink, row.schema)
             self.writer.write_batch(row)
         self.sink.into, self.sink.at = self._open(place, mmap.PROT_READ | mmap.PROT_WRITE), 0
@@ -55,7 +55,7 @@ class Shared:
         return self.sink.at
 
     def held(self) -> list[int]:
-        """The files that somebody still has a view of."""
+        """The files with existing views."""
         self.views = {file: view for file, view in self.views.items() if view() is not None}
         return list(self.views)
 
@@ -63,7 +63,7 @@ class Shared:
         file: int = place["file"]
         if file not in self.files:
             while len(self.files) >= _OPEN:
-                # Whoever has a view of it keeps it mapped.
+                # Existing views keep the file mapped.
                 del self.files[next(iter(self.files))]
             descriptor = os.open(place["path"], os.O_RDWR if access & mmap.PROT_WRITE else os.O_RDONLY)
             try:
@@ -73,10 +73,10 @@ class Shared:
         return self.files[file]
 
 
-def agreed(path: bytes) -> bytes | None:
-    """The word that lies in the file that depthloom offers; `None` where there is none: then all goes through the pipes.
+def shared_word(path: bytes) -> bytes | None:
+    """The word in the file that depthloom offers. `None` if it cannot be read: then all values go through the pipes.
 
-    Where process numbers are a container's own, the path may name another file, or none.
+    In a container with its own process numbers, the path may name another file, or a missing one.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -92,7 +92,7 @@ def agreed(path: bytes) -> bytes | None:
 
 
 class _Sink:
-    """What Arrow writes a stream to: into memory, or nowhere."""
+    """The target of an Arrow stream: memory, or nothing."""
 
     closed = False
 
@@ -108,7 +108,7 @@ class _Sink:
         return len(view)
 
     def flush(self) -> None:
-        """All is there already."""
+        """Nothing is buffered."""
 
     def writable(self) -> bool:
         return True

@@ -198,7 +198,7 @@ fn an_exception_is_reported_with_its_line_and_the_next_frame_runs() {
     assert!(printed.contains(message), "{printed}");
     let (_, printed, _) = run_function("absent", "depth: source/depth");
     assert!(
-        printed.contains("the first argument names one of the nodes Ramp, Mean, Log, broken; it is 'absent'"),
+        printed.contains("the first argument must be one of the nodes Ramp, Mean, Log, broken; it is 'absent'"),
         "{printed}"
     );
 }
@@ -211,7 +211,7 @@ from depthloom import _serve, _shared
 
 pipes = os.environ["DEPTHLOOM_TEST_LANE"] == "pipes"
 if pipes:
-    _shared.agreed = lambda path: None
+    _shared.shared_word = lambda path: None
 
 @depthloom.source(outputs={"image": "image", "depth": "depth"})
 class Frames:
@@ -410,7 +410,7 @@ fn invalid_values_fail_the_frame_with_node_port_and_pixel() {
         ("weight: 7.5", "invalid weight at port `weight`: 7.5 at row 3, column 7: a weight must be in [0, 1]"),
         ("weight: -0.1", "invalid weight at port `weight`: -0.1 at row 3, column 7"),
         ("weight: \"nan\"", "invalid weight at port `weight`: NaN at row 3, column 7"),
-        ("disparity: \"inf\"", "what the node gave at 'disparity' is inf px at row 3, column 7"),
+        ("disparity: \"inf\"", "the value of output 'disparity' is inf px at row 3, column 7"),
         ("px: \"-inf\"", "invalid true-disparity at port `px`: -inf px at row 3, column 7"),
         (
             "camera: { focal_px: -90 }",
