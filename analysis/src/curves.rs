@@ -38,13 +38,13 @@ pub(crate) struct LearningCurve {
 /// All learning curves of a recording, in the order they were recorded.
 pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve>, AnalysisError> {
     let mut curves = Vec::new();
-    for once in recording.once_values() {
+    for once in recording.aggregate_values() {
         let node = recording.plan().runs.get(once.run.0).and_then(|run| run.nodes.get(once.node.0));
         let Some(output) = node.and_then(|node| node.outputs.get(once.port.0)) else { continue };
         if once.value_type != "curve" {
             continue;
         }
-        if let Value::Curve(curve) = recording.once_value(once)? {
+        if let Value::Curve(curve) = recording.aggregate_value(once)? {
             let topic = output.topic.trim_start_matches('/');
             let label = topic.strip_suffix("/curve").unwrap_or(topic).to_owned();
             curves.push(LearningCurve { label, ..learning_curve(recording.plan(), once.run, once.node, &curve) });

@@ -1,7 +1,7 @@
 //! Checksums over what MCAP itself leaves unchecked.
 //!
-//! Every metadata record holds a checksum over itself. It and every commit record hold the CRC-32 of all bytes before
-//! them, so that a file without an end is checked, byte for byte, up to the last of them.
+//! Every metadata record contains a checksum of itself. Metadata and commit records also contain the CRC-32 of all
+//! bytes before them: an unfinished file can be checked, byte for byte, up to the last such record.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ const CHECKSUM: &str = "checksum";
 /// The entry of a metadata record with the CRC-32 of all bytes before it.
 const CRC32_BEFORE: &str = "crc32_before";
 
-/// Adds the checksums to the entries of a metadata record that stands behind bytes of that CRC-32.
+/// Adds the checksums to the entries of a metadata record; `crc_before` is the CRC-32 of all bytes before the record.
 pub(crate) fn seal(name: &str, mut values: BTreeMap<String, String>, crc_before: u32) -> BTreeMap<String, String> {
     values.insert(CRC32_BEFORE.to_owned(), crc_before.to_string());
     let sum = sum(name, &values);
@@ -23,7 +23,7 @@ pub(crate) fn seal(name: &str, mut values: BTreeMap<String, String>, crc_before:
     values
 }
 
-/// The CRC-32 of all bytes before a metadata record; `None` if the record is not what was written.
+/// The CRC-32 of all bytes before a metadata record; `None` if the record was changed after it was written.
 pub(crate) fn unseal(name: &str, values: &BTreeMap<String, String>) -> Option<u32> {
     let whole = *values.get(CHECKSUM)? == sum(name, values).to_string();
     whole.then(|| values.get(CRC32_BEFORE)?.parse().ok()).flatten()
@@ -35,7 +35,7 @@ fn sum(name: &str, values: &BTreeMap<String, String>) -> Key {
     entries.fold(builder, |builder, (key, value)| builder.text(key).text(value)).finish()
 }
 
-/// The CRC-32 of a file's bytes up to places that only move forward.
+/// The CRC-32 of a file's bytes before an offset; offsets only increase.
 pub(crate) struct CrcBefore<'a> {
     file: &'a PositionedFile,
     crc: Hasher,
@@ -48,13 +48,13 @@ impl<'a> CrcBefore<'a> {
         Self { file, crc: Hasher::new(), at: 0, block: Vec::new() }
     }
 
-    /// Takes it as known that all bytes before a place have that CRC-32.
-    pub(crate) fn take_as_known(&mut self, offset: u64, crc: u32) {
+    /// Sets the CRC-32 of all bytes before an offset, where it is known.
+    pub(crate) fn set_known(&mut self, offset: u64, crc: u32) {
         (self.at, self.crc) = (offset, Hasher::new_with_initial(crc));
     }
 
-    /// The CRC-32 of all bytes before a place, which is not before the one asked for last.
-    pub(crate) fn place(&mut self, offset: u64) -> Result<u32, FileError> {
+    /// The CRC-32 of all bytes before an offset, which must not be less than that of the previous call.
+    pub(crate) fn up_to(&mut self, offset: u64) -> Result<u32, FileError> {
         const BLOCK: u64 = 1 << 18;
         while self.at < offset {
             let length = BLOCK.min(offset - self.at);
@@ -65,12 +65,12 @@ impl<'a> CrcBefore<'a> {
         Ok(self.crc.clone().finalize())
     }
 
-    /// The CRC-32 of the bytes from the previous place up to another one.
-    pub(crate) fn stretch(&mut self, end: u64) -> Result<u32, FileError> {
+    /// The CRC-32 of the bytes from the previous offset to `end`.
+    pub(crate) fn section(&mut self, end: u64) -> Result<u32, FileError> {
         let before = std::mem::replace(&mut self.crc, Hasher::new());
-        let crc = self.place(end);
-        let stretch = std::mem::replace(&mut self.crc, before);
-        self.crc.combine(&stretch);
+        let crc = self.up_to(end);
+        let section = std::mem::replace(&mut self.crc, before);
+        self.crc.combine(&section);
         crc
     }
 }
@@ -82,7 +82,7 @@ mod tests {
     use super::{seal, unseal};
 
     #[test]
-    fn every_change_of_a_sealed_record_is_seen() {
+    fn every_change_of_a_sealed_record_is_detected() {
         let values = BTreeMap::from([("plan".to_owned(), "{}".to_owned()), ("format".to_owned(), "2".to_owned())]);
         let sealed = seal("depthloom", values, 77);
         assert_eq!(unseal("depthloom", &sealed), Some(77));

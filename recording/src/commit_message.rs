@@ -4,7 +4,7 @@ use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Commit, Failure, NodeWarning, Slot, SlotKey};
 use depthloom_graphs::plan::{NodeId, PortId};
 
-/// `depthloom.Commit`: closes a frame: everything between it and the commit before belongs to the frame.
+/// `depthloom.Commit`: completes a frame. Everything between it and the previous commit belongs to the frame.
 ///
 /// The CRC-32 is of all bytes of the file before the chunk of this record, so that an unfinished file is checked up to
 /// it. A node that is neither under `keys` nor under `failures` did not run on the frame.
@@ -54,7 +54,7 @@ pub(crate) struct WarningMessage {
     pub(crate) node: Option<u32>,
     #[prost(string, tag = "2")]
     pub(crate) what: String,
-    /// How many of the thing there were; 0 if it cannot be counted.
+    /// The number of affected things; 0 if it cannot be counted.
     #[prost(uint64, tag = "3")]
     pub(crate) count: u64,
 }
@@ -112,7 +112,7 @@ impl CommitMessage {
                 .map(|of| WarningMessage {
                     node: of.node.map(|node| node.0 as u32),
                     what: of.what.clone(),
-                    count: of.count,
+                    count: warning.count,
                 })
                 .collect(),
         }
@@ -133,12 +133,12 @@ impl CommitMessage {
             .map(|of| NodeWarning {
                 node: of.node.map(|node| NodeId(node as usize)),
                 what: of.what.clone(),
-                count: of.count,
+                count: warning.count,
             })
             .collect()
     }
 
-    /// The key of the source's values, if it gave any; `None` if the text is not a key.
+    /// The key of the source's values, if the source succeeded; `None` if the text is not a key.
     pub(crate) fn source_key(&self) -> Option<Option<Key>> {
         if self.source_key.is_empty() { Some(None) } else { Key::parse(&self.source_key).map(Some) }
     }

@@ -1,34 +1,34 @@
-//! In what condition a recording was found.
+//! The condition of a recording that was opened.
 
 use std::fmt;
 
-/// In what condition a recording was found.
+/// The condition of a recording that was opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Condition {
-    /// Its writer finished it, and all that was read of it is what was written.
+    /// Its writer finished it, and no damage was found in what was read.
     Whole,
-    /// Its writer did not finish it: it was killed or still writes, or it says that its run was interrupted or failed.
-    /// Every frame that was committed is there.
+    /// Its writer did not finish it: the process was killed, still writes, or ended early after an interrupt or a
+    /// failure. Every committed frame can be read.
     Unfinished {
-        /// How many bytes stand behind the last of them, and belong to no frame.
+        /// The number of bytes after the last complete frame; they belong to no frame.
         rest_bytes: u64,
     },
-    /// `recover` made it of one that was unfinished or damaged: frames may be missing at its end.
+    /// `recover` copied it from an unfinished or damaged recording: frames may be missing at its end.
     Recovered,
-    /// Bytes are not what was written.
+    /// Some bytes were changed after they were written.
     Damaged {
-        /// Where.
+        /// The offset of the damage.
         offset: u64,
         /// What is wrong there.
         what: String,
-        /// Whether frames or once-values that stood behind may be lost: then it is read up to the last commit before.
-        /// Otherwise only the summary was damaged, and was not needed.
+        /// Whether frames or aggregate values after the damage may be lost: then the recording is read up to the last
+        /// commit before it. Otherwise only the summary is damaged, which was not needed.
         cut: bool,
     },
 }
 
 impl Condition {
-    /// Its name, for programs: `whole`, `unfinished`, `recovered` or `damaged`.
+    /// The name of the condition in JSON: `whole`, `unfinished`, `recovered` or `damaged`.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
@@ -41,7 +41,7 @@ impl Condition {
 }
 
 impl fmt::Display for Condition {
-    /// What is wrong, as a lower-case fragment.
+    /// The condition as a lower-case fragment.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Whole => f.write_str("whole"),
@@ -49,9 +49,9 @@ impl fmt::Display for Condition {
             Self::Unfinished { rest_bytes } => {
                 write!(f, "unfinished, and its last {rest_bytes} bytes belong to no whole frame")
             }
-            Self::Recovered => f.write_str("recovered from an unfinished or damaged one"),
+            Self::Recovered => f.write_str("recovered from an unfinished or damaged recording"),
             Self::Damaged { offset, what, cut: true } => {
-                write!(f, "damaged at byte {offset}: {what}; what comes behind was left out")
+                write!(f, "damaged at byte {offset}: {what}; what follows was left out")
             }
             Self::Damaged { offset, what, cut: false } => {
                 write!(f, "damaged at byte {offset}: {what}; nothing is lost")

@@ -1,7 +1,8 @@
-//! What differs between two plans, and so why their values do: which parameter, version, input or file of which node.
+//! The differences between two plans, which explain why their values differ: parameter, version, input or file of a
+//! node.
 //!
-//! Nodes that have one recipe compute the same from equal inputs, whatever they are called and wherever they stand. Of
-//! the others it is said what a person would change to make them equal.
+//! Nodes with equal node hashes compute the same from equal inputs, whatever their names and stages. For other nodes,
+//! the differences are what a user would change to make them equal.
 
 use std::fmt;
 
@@ -21,62 +22,62 @@ pub struct NodePair {
     pub stage: String,
     /// Its name in the experiment.
     pub name: String,
-    /// The variants of the later plan that it is of, of a node that is gone those of the earlier; none where there are
-    /// no variants.
+    /// The variants of the later plan that the node belongs to; for a removed node, those of the earlier plan. Empty if
+    /// the plan declares no variants.
     pub variants: Vec<String>,
     /// The node in the earlier plan; `None` if it has no such node.
     pub before: Option<NodeRef>,
     /// The node in the later plan; `None` if it has no such node.
     pub after: Option<NodeRef>,
-    /// What differs; nothing if the recipes are equal, or one of the plans lacks it.
+    /// What differs; empty if the node hashes are equal, or one of the plans lacks the node.
     pub differences: Vec<PlanDifference>,
 }
 
-/// Something in which two nodes or sources differ. In JSON, `what` is the name of the variant.
+/// A difference between two nodes or sources. In JSON, `what` is the name of the variant.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 #[serde(tag = "what", rename_all = "lowercase")]
 pub enum PlanDifference {
-    /// They are of other kinds.
+    /// They are of different kinds.
     Kind {
         /// The earlier one's.
         before: String,
         /// The later one's.
         after: String,
     },
-    /// Outputs of the kind have changed since.
+    /// The version of the kind differs: its outputs have changed.
     Version {
         /// The earlier one's.
         before: u32,
         /// The later one's.
         after: u32,
     },
-    /// A parameter; a file by the hash of its content.
+    /// A parameter; a file is compared by the hash of its content.
     Parameter {
-        /// Its name, with dots where it lies in others.
+        /// Its path, with dots between nested names.
         path: String,
         /// The earlier value; `None` where there was no such parameter.
         before: Option<Json>,
         /// The later value.
         after: Option<Json>,
     },
-    /// An input is wired to something else.
+    /// An input is wired differently.
     Input {
         /// The port.
         port: String,
-        /// What the earlier one was wired to; `None`: to nothing.
+        /// The earlier wiring; `None` if the input was not wired.
         before: Option<String>,
-        /// What the later one is wired to.
+        /// The later wiring.
         after: Option<String>,
     },
-    /// An input is wired alike, but the node that it reads is another one.
+    /// An input is wired to the same node as before, but that node differs.
     Upstream {
         /// The port.
         port: String,
         /// The node, and its output.
         from: String,
     },
-    /// Nothing that a plan says differs: it is the content of these input files, or, where there are none, the engine
-    /// that computes the node, what its program imports, or a variable of the environment.
+    /// The plans do not show the difference. It is the content of these input files. Without such files it is the
+    /// engine that computes the node, what its program imports, or a variable of the environment.
     Unseen {
         /// The names of the files.
         files: Vec<String>,
@@ -84,7 +85,7 @@ pub enum PlanDifference {
 }
 
 impl NodePair {
-    /// `stage.node`, with at most `most` of its variants where it does not serve all those of `plan`.
+    /// `stage.node`, with at most `most` of its variants if it does not serve all variants of `plan`.
     #[must_use]
     pub fn label(&self, plan: &RecordedPlan, most: usize) -> String {
         let Self { stage, name, variants, .. } = self;
@@ -97,17 +98,17 @@ impl NodePair {
 }
 
 impl PlanDifference {
-    /// Whether the node differs only because one that it reads does.
+    /// Whether the node differs only because a node that it reads differs.
     #[must_use]
     pub const fn is_upstream(&self) -> bool {
         matches!(self, Self::Upstream { .. })
     }
 }
 
-/// The nodes of two plans side by side: those of the later in their order, then those that only the earlier has.
+/// The nodes of two plans in pairs: those of the later plan in plan order, then those that only the earlier plan has.
 ///
-/// A node's counterpart is that of its name in its stage and variant; where no variant has the same name, one of the
-/// same recipe, or the first of the name.
+/// A node is paired with the node of the same name in the same stage and variant. If no variant has the same name, it
+/// is paired with a node of the same node hash, or with the first node of that name.
 #[must_use]
 pub fn node_pairs(before: &RecordedPlan, after: &RecordedPlan) -> Vec<NodePair> {
     let mut pairs: Vec<NodePair> = Vec::new();
@@ -132,7 +133,7 @@ pub fn node_pairs(before: &RecordedPlan, after: &RecordedPlan) -> Vec<NodePair> 
     pairs
 }
 
-/// What differs between the sources of two stage runs.
+/// The differences between the sources of two stage runs.
 #[must_use]
 pub fn source_differences(before: &RecordedSource, after: &RecordedSource) -> Vec<PlanDifference> {
     if before.parts.len() != after.parts.len() {
@@ -143,7 +144,11 @@ pub fn source_differences(before: &RecordedSource, after: &RecordedSource) -> Ve
     }
     let mut found = Vec::new();
     for (one, other) in before.parts.iter().zip(&after.parts) {
-        of_kind((&one.kind, one.version, &one.params), (&other.kind, other.version, &other.params), &mut found);
+        add_kind_differences(
+            (&one.kind, one.version, &one.params),
+            (&other.kind, other.version, &other.params),
+            &mut found,
+        );
     }
     found
 }
@@ -161,7 +166,7 @@ fn names<'a>(plan: &'a RecordedPlan, node: &'a RecordedNode) -> impl Iterator<It
     node.variants.iter().filter_map(|&variant| plan.variants.get(variant.0)).map(String::as_str)
 }
 
-/// Adds a variant to the pair of these nodes, or makes it.
+/// Adds a variant to the pair of these nodes, or adds the pair.
 fn add(
     pairs: &mut Vec<NodePair>,
     plan: &RecordedPlan,
@@ -180,28 +185,28 @@ fn add(
 }
 
 fn counterpart(before: &RecordedPlan, after: &RecordedPlan, place: NodeRef, variant: &str) -> Option<NodeRef> {
-    let (stage, of) = (&after.runs[place.run].stage, node(after, place));
+    let (stage, later) = (&after.runs[place.run].stage, node(after, place));
     let of_stage = || places(before).filter(|place| before.runs[place.run].stage == *stage);
-    let named = || of_stage().filter(|&place| node(before, place).name == of.name);
+    let named = || of_stage().filter(|&place| node(before, place).name == later.name);
     let of_variant = named().find(|&place| names(before, node(before, place)).any(|name| name == variant));
-    let same = || of_stage().find(|&place| node(before, place).recipe == of.recipe);
+    let same = || of_stage().find(|&place| node(before, place).recipe == later.recipe);
     of_variant.or_else(same).or_else(|| named().next())
 }
 
-/// What differs between two nodes; nothing if they have one recipe.
+/// The differences between two nodes; empty if their node hashes are equal.
 fn differences(before: &RecordedPlan, one: NodeRef, after: &RecordedPlan, other: NodeRef) -> Vec<PlanDifference> {
     let (earlier, later) = (node(before, one), node(after, other));
     if earlier.recipe == later.recipe {
         return Vec::new();
     }
     let mut found = Vec::new();
-    let of = |node: &RecordedNode| (node.kind.clone(), node.version, node.params.clone());
-    let ((one_kind, one_version, one_params), (kind, version, params)) = (of(earlier), of(later));
-    of_kind((&one_kind, one_version, &one_params), (&kind, version, &params), &mut found);
+    let kind_of = |node: &RecordedNode| (node.kind.clone(), node.version, node.params.clone());
+    let ((one_kind, one_version, one_params), (kind, version, params)) = (kind_of(earlier), kind_of(later));
+    add_kind_differences((&one_kind, one_version, &one_params), (&kind, version, &params), &mut found);
     let mut files = Vec::new();
     for input in &later.inputs {
         let wire = wire(after, other, input);
-        let counterpart = earlier.inputs.iter().find(|of| of.port == input.port);
+        let counterpart = earlier.inputs.iter().find(|other| other.port == input.port);
         let was = counterpart.map_or(Wire::Nothing, |input| self::wire(before, one, input));
         let port = input.port.clone();
         match (&was, &wire) {
@@ -214,7 +219,7 @@ fn differences(before: &RecordedPlan, one: NodeRef, after: &RecordedPlan, other:
             (was, is) => found.push(PlanDifference::Input { port, before: was.text(), after: is.text() }),
         }
     }
-    for input in earlier.inputs.iter().filter(|input| !later.inputs.iter().any(|of| of.port == input.port)) {
+    for input in earlier.inputs.iter().filter(|input| !later.inputs.iter().any(|other| other.port == input.port)) {
         let was = wire(before, one, input);
         if was != Wire::Nothing {
             found.push(PlanDifference::Input { port: input.port.clone(), before: was.text(), after: None });
@@ -226,10 +231,10 @@ fn differences(before: &RecordedPlan, one: NodeRef, after: &RecordedPlan, other:
     found
 }
 
-fn of_kind(before: (&str, u32, &Json), after: (&str, u32, &Json), found: &mut Vec<PlanDifference>) {
+fn add_kind_differences(before: (&str, u32, &Json), after: (&str, u32, &Json), found: &mut Vec<PlanDifference>) {
     if before.0 != after.0 {
         found.push(PlanDifference::Kind { before: before.0.to_owned(), after: after.0.to_owned() });
-        // Of the parameters those that both kinds have: a new kind drops the values that the old one was given.
+        // Only the parameters that both kinds have: a new kind drops the values of the old one's parameters.
         let shared = |params: &Json, other: &Json| {
             let entries = params.as_object().into_iter().flatten();
             let entries = entries.filter(|(name, _)| other.get(name.as_str()).is_some());
@@ -243,7 +248,7 @@ fn of_kind(before: (&str, u32, &Json), after: (&str, u32, &Json), found: &mut Ve
     found.extend(json_differences(before.2, after.2));
 }
 
-/// The places at which two values differ, each a [`PlanDifference::Parameter`]. Lists are compared as a whole.
+/// The paths at which two values differ, each a [`PlanDifference::Parameter`]. Lists are compared as one value.
 #[must_use]
 pub fn json_differences(before: &Json, after: &Json) -> Vec<PlanDifference> {
     fn add(path: &str, before: Option<&Json>, after: Option<&Json>, found: &mut Vec<PlanDifference>) {
@@ -270,7 +275,7 @@ pub fn json_differences(before: &Json, after: &Json) -> Vec<PlanDifference> {
 enum Wire {
     Nothing,
     Source(String),
-    /// The output of a node, and the node's recipe.
+    /// The output of a node, and the node hash.
     Node(String, Key),
     File(String),
 }
@@ -292,31 +297,32 @@ fn wire(plan: &RecordedPlan, place: NodeRef, input: &RecordedInput) -> Wire {
     }
     if let Some(once) = from.strip_prefix("once ") {
         let is_read = |of: &&RecordedNode| of.variants.iter().any(|of| node(plan, place).variants.contains(of));
-        let gives = |run: &RecordedRun, of: &RecordedNode| {
+        let has_output = |run: &RecordedRun, node: &RecordedNode| {
             of.outputs.iter().any(|output| format!("{}.{}/{}", run.stage, of.name, output.port) == once)
         };
-        let mut found = plan.runs.iter().flat_map(|run| run.nodes.iter().filter(|of| gives(run, of)).filter(is_read));
+        let mut found =
+            plan.runs.iter().flat_map(|run| run.nodes.iter().filter(|node| has_output(run, node)).filter(is_read));
         return found.next().map_or_else(|| Wire::Source(once.to_owned()), |of| Wire::Node(once.to_owned(), of.recipe));
     }
     match plan.find(place.run, from) {
         Some((Slot::Source { .. }, output)) => Wire::Source(format!("source/{}", output.port)),
         Some((Slot::Node { node, .. }, output)) => {
-            let of = &plan.runs[place.run].nodes[node];
-            Wire::Node(format!("{}/{}", of.name, output.port), of.recipe)
+            let node = &plan.runs[place.run].nodes[node];
+            Wire::Node(format!("{}/{}", node.name, output.port), node.recipe)
         }
         None => Wire::Source(from.clone()),
     }
 }
 
 impl fmt::Display for PlanDifference {
-    /// As a lower-case fragment, the earlier before the later.
+    /// As a lower-case fragment, the earlier value first.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let wired = |to: &Option<String>| to.clone().unwrap_or_else(|| "nothing".to_owned());
         match self {
             Self::Kind { before, after } => write!(f, "kind: {before} -> {after}"),
             Self::Version { before, after } => write!(f, "version of the kind: {before} -> {after}"),
             Self::Parameter { path, before, after } => {
-                write!(f, "{path}: {} -> {}", told(before.as_ref()), told(after.as_ref()))
+                write!(f, "{path}: {} -> {}", one_line(before.as_ref()), one_line(after.as_ref()))
             }
             Self::Input { port, before, after } => write!(f, "input {port}: {} -> {}", wired(before), wired(after)),
             Self::Upstream { port, from } => write!(f, "input {port}: {from} differs"),
@@ -330,8 +336,8 @@ impl fmt::Display for PlanDifference {
     }
 }
 
-/// A value on one line; of a file's content the beginning of its hash.
-fn told(value: Option<&Json>) -> String {
+/// A value on one line; for a file, the beginning of its content hash.
+fn one_line(value: Option<&Json>) -> String {
     const SHOWN: usize = 60;
     let text = match value {
         None => return "(none)".to_owned(),
@@ -387,21 +393,21 @@ mod tests {
         RecordedPlan::deserialize(&plan).unwrap()
     }
 
-    fn told(before: &RecordedPlan, after: &RecordedPlan) -> Vec<String> {
+    fn pair_lines(before: &RecordedPlan, after: &RecordedPlan) -> Vec<String> {
         let line = |pair: &super::NodePair| {
-            let there = match (pair.before, pair.after) {
+            let change = match (pair.before, pair.after) {
                 (Some(_), Some(_)) => "",
                 (None, _) => " new",
                 (_, None) => " gone",
             };
             let what: Vec<String> = pair.differences.iter().map(ToString::to_string).collect();
-            format!("{}{:?}{there} {}", pair.name, pair.variants, what.join("; "))
+            format!("{}{:?}{change} {}", pair.name, pair.variants, what.join("; "))
         };
         node_pairs(before, after).iter().map(line).collect()
     }
 
     #[test]
-    fn what_differs_is_said_where_it_differs_and_of_what_follows_what_it_follows() {
+    fn a_difference_is_reported_once_and_nodes_after_it_as_upstream() {
         let reads = |topic: &str| json!([{ "port": "in", "from": topic }]);
         let none = json!({});
         let before = plan(
@@ -440,7 +446,7 @@ mod tests {
             ],
         );
         assert_eq!(
-            told(&before, &after),
+            pair_lines(&before, &after),
             [
                 "a[] block: 5 -> 9; deep.q: (none) -> [1,2]",
                 "b[] input in: a/out differs",
@@ -451,19 +457,19 @@ mod tests {
                 "new[] new ",
             ]
         );
-        assert!(told(&after, &before).contains(&"new[] gone ".to_owned()));
+        assert!(pair_lines(&after, &before).contains(&"new[] gone ".to_owned()));
         let seed = source_differences(&before.runs[0].source, &after.runs[0].source);
         assert_eq!(seed.iter().map(ToString::to_string).collect::<Vec<_>>(), ["seed: 6 -> 7"]);
     }
 
     #[test]
     fn variants_are_compared_by_name() {
-        let of = |cap: u32, variants: &[VariantId]| {
+        let capped = |cap: u32, variants: &[VariantId]| {
             node("a", &json!({ "cap": cap }), &json!([]), &recipe(&cap.to_string()), variants)
         };
-        let before = plan(&["x", "y"], &[of(1, &[VariantId(0)]), of(2, &[VariantId(1)])]);
-        let after = plan(&["y", "x", "z"], &[of(2, &[VariantId(0)]), of(3, &[VariantId(1), VariantId(2)])]);
-        // `z` is new: of the nodes of that name it is held against the first.
-        assert_eq!(told(&before, &after), ["a[\"y\"] ", "a[\"x\", \"z\"] cap: 1 -> 3"]);
+        let before = plan(&["x", "y"], &[capped(1, &[VariantId(0)]), capped(2, &[VariantId(1)])]);
+        let after = plan(&["y", "x", "z"], &[capped(2, &[VariantId(0)]), capped(3, &[VariantId(1), VariantId(2)])]);
+        // `z` is new: it is compared with the first node of that name.
+        assert_eq!(pair_lines(&before, &after), ["a[\"y\"] ", "a[\"x\", \"z\"] cap: 1 -> 3"]);
     }
 }

@@ -1,4 +1,4 @@
-//! What can go wrong with a recording, naming file, place and remedy.
+//! The errors of recordings, which name file, place and remedy.
 
 use std::io;
 use std::path::PathBuf;
@@ -13,35 +13,35 @@ use crate::read::damaged_content::DamagedContent;
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum RecordingError {
-    /// The file could not be made.
+    /// The file could not be created.
     #[error("failed to create {}", path.display())]
     Create { path: PathBuf, source: io::Error },
-    /// Bytes of the file cannot be read, or are not what was written.
+    /// Bytes of the file cannot be read or are damaged.
     #[error(transparent)]
     File(FileError),
-    /// The disk refused bytes.
+    /// The system refused to write bytes.
     #[error("failed to write {} at byte {offset}", path.display())]
     Write { path: PathBuf, offset: u64, source: io::Error },
-    /// Something was written after a failure, or after the end.
-    #[error("{} takes no more values: {why}", path.display())]
+    /// A write after a failure, or after the end.
+    #[error("{} cannot be written any more: {why}", path.display())]
     Closed { path: PathBuf, why: &'static str },
     /// The plan cannot be recorded.
     #[error("topic {topic}: {what}")]
     Plan { topic: String, what: String },
-    /// A value cannot be kept.
+    /// A value cannot be recorded.
     #[error("frame {frame}, topic {topic}: {what}")]
     Value { frame: String, topic: String, what: String },
-    /// The file does not start as an MCAP file does.
+    /// The file does not start like an MCAP file.
     #[error("{} is not an MCAP file", path.display())]
     NotMcap { path: PathBuf },
-    /// An MCAP file of somebody else, or one cut off before its plan was written.
-    #[error("{} is an MCAP file, but holds no plan of depthloom", path.display())]
+    /// An MCAP file that another program wrote, or one that was cut off before its plan was written.
+    #[error("{} is an MCAP file, but not a recording of depthloom: it has no plan", path.display())]
     NotARecording { path: PathBuf },
     /// A recording of another format version.
     #[error("{} has recording format {found}; this engine reads formats {}", path.display(), known.join(" and "))]
     Format { path: PathBuf, found: String, known: &'static [&'static str] },
-    /// A recording that says what none of ours does, though its checksums hold.
-    #[error("{} cannot be what depthloom wrote: {what}", path.display())]
+    /// The checksums are right, but the content is invalid: depthloom does not write this.
+    #[error("{} has invalid content, although its checksums are right: {what}", path.display())]
     Content { path: PathBuf, what: String },
     /// A topic that the stage run does not have, or that was not recorded.
     #[error("{} has no values of topic {topic} in {prefix}", path.display())]
@@ -83,13 +83,13 @@ impl From<RecordingError> for ErrorMessage {
 }
 
 impl RecordingError {
-    /// Whether bytes were found that are not what was written.
+    /// Whether the error is damage: bytes were changed after they were written.
     #[must_use]
     pub const fn is_damage(&self) -> bool {
         matches!(self, Self::File(FileError::Damaged { .. }))
     }
 
-    /// Says what the damaged bytes held.
+    /// Adds to the message what the damaged bytes contained.
     pub(crate) fn with_content(self, content: &DamagedContent) -> Self {
         match self {
             Self::File(FileError::Damaged { path, offset, what }) => {
@@ -103,7 +103,7 @@ impl RecordingError {
 impl From<FileError> for RecordingError {
     fn from(error: FileError) -> Self {
         Self::File(match error {
-            // depthloom compresses with zstd alone.
+            // depthloom compresses only with zstd.
             FileError::Compression { path, offset, compression } => {
                 FileError::Damaged { path, offset, what: format!("a chunk is compressed as `{compression}`") }
             }

@@ -1,4 +1,4 @@
-//! What a recording says of the plan that made it: enough to analyse it without the experiment file.
+//! The plan that is stored in a recording: enough to analyse it without the experiment file.
 
 mod check;
 
@@ -12,7 +12,7 @@ use depthloom_graphs::{Key, Rate, ValueType};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
-/// The plan of a recording, as kept in its metadata.
+/// The plan of a recording, as stored in its metadata.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedPlan {
@@ -22,16 +22,16 @@ pub struct RecordedPlan {
     pub about: String,
     /// The variants' names, in the order of the file; one empty name if it declared none.
     pub variants: Vec<String>,
-    /// By variant, the values that the axes of the experiment's `matrix` had in it, in the order of its name; empty
+    /// By variant, the values of the axes of the experiment's `matrix`, in the order of the variant's name; empty
     /// without a matrix.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub factors: Vec<Vec<Factor>>,
-    /// Of how many frames of a stage run the first has its values kept (in 0.1.0: those whose index is a multiple of
-    /// it).
+    /// Only the first of this many frames of a stage run has its values recorded (in 0.1.0: frames whose index is a
+    /// multiple of it).
     pub every: u64,
-    /// Whether maps were also kept as pictures, for looking at.
+    /// Whether maps were also recorded as previews.
     pub view: bool,
-    /// The stage runs, in the order they were executed.
+    /// The stage runs, in the order of execution.
     pub runs: Vec<RecordedRun>,
 }
 
@@ -59,13 +59,13 @@ pub struct RecordedRun {
 pub struct RecordedSource {
     /// Its name under `sources:`.
     pub name: String,
-    /// The sources joined, one after the other; usually one.
+    /// The sources that are concatenated; usually one.
     pub parts: Vec<RecordedSourcePart>,
     /// Its output ports.
     pub outputs: Vec<RecordedOutput>,
 }
 
-/// One of the sources joined into a stage's source.
+/// One of the sources that are concatenated into a stage's source.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedSourcePart {
@@ -73,7 +73,7 @@ pub struct RecordedSourcePart {
     pub kind: String,
     /// Its version.
     pub version: u32,
-    /// Its parameters, every default filled in; paths by content or last name, so that equal runs are equal files.
+    /// Its parameters, every default filled in; paths by content or last name, so that equal runs write equal files.
     pub params: Json,
 }
 
@@ -95,7 +95,7 @@ pub struct RecordedNode {
     pub inputs: Vec<RecordedInput>,
     /// Its output ports.
     pub outputs: Vec<RecordedOutput>,
-    /// Its recipe.
+    /// Its node hash.
     pub recipe: Key,
     /// The variants that use it.
     pub variants: Vec<VariantId>,
@@ -107,7 +107,7 @@ pub struct RecordedNode {
 pub struct RecordedInput {
     /// The port.
     pub port: String,
-    /// `topic`, `once stage.node/port` or `file name`; `None` for an optional port left unwired.
+    /// `topic`, `once stage.node/port` or `file name`; `None` for an optional port that is not wired.
     pub from: Option<String>,
 }
 
@@ -120,7 +120,7 @@ pub struct RecordedOutput {
     /// What it carries: the name of a [`ValueType`].
     #[serde(rename = "type")]
     pub value_type: String,
-    /// Whether it carries one value for the whole stage.
+    /// Whether it has one value for the whole stage.
     pub once: bool,
     /// Its topic.
     pub topic: String,
@@ -130,7 +130,7 @@ pub struct RecordedOutput {
     pub recorded: bool,
 }
 
-/// Something that was scored against the truth.
+/// An estimate that was evaluated against ground truth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedEstimate {
@@ -142,7 +142,7 @@ pub struct RecordedEstimate {
     pub variant: Option<VariantId>,
     /// The topic of the estimated depth; `None` if it was not recorded.
     pub estimate_topic: Option<String>,
-    /// The topic of the true depth; `None` if it was not recorded.
+    /// The topic of the ground truth; `None` if it was not recorded.
     pub truth_topic: Option<String>,
     /// The topic of the scores; `None` if they were not recorded.
     pub score_topic: Option<String>,
@@ -153,9 +153,9 @@ pub struct RecordedEstimate {
 }
 
 impl RecordedPlan {
-    /// What is kept of a plan: nothing that depends on the machine, the moment, or the number of workers.
+    /// The recorded part of a plan: nothing that depends on the machine, the time, or the number of workers.
     #[must_use]
-    pub fn of(plan: &Plan) -> Self {
+    pub fn from_plan(plan: &Plan) -> Self {
         Self {
             experiment: plan.experiment.clone(),
             about: plan.about.clone(),
@@ -167,15 +167,15 @@ impl RecordedPlan {
         }
     }
 
-    /// The plan as a recording of it gives it back: numbers need not come back to the last bit.
+    /// The plan as it reads from a recording: numbers may differ in the last bit.
     ///
     /// # Errors
-    /// If it would be none, in words.
+    /// If a recording with this plan could not be read, in words.
     pub fn read_back(plan: &Plan) -> Result<Self, String> {
         Self::from_json(&json(&Self::of(plan)))
     }
 
-    /// The values that the axes of the matrix had in a variant; none without a matrix.
+    /// The values of the matrix axes in a variant; empty without a matrix.
     #[must_use]
     pub fn factors_of(&self, variant: VariantId) -> &[Factor] {
         self.factors.get(variant.0).map_or(&[], Vec::as_slice)
@@ -207,7 +207,7 @@ impl RecordedPlan {
 }
 
 impl RecordedRun {
-    /// What people call it: the stage, and the variant where its source differs between variants.
+    /// The name in messages: the stage, and the variant if the source differs between variants.
     #[must_use]
     pub fn name(&self) -> &str {
         self.prefix.trim_start_matches('/')
@@ -215,7 +215,7 @@ impl RecordedRun {
 }
 
 impl RecordedOutput {
-    /// What it carries; `None` if a later version of the engine wrote a type this one does not know.
+    /// What type its values have; `None` if a later version wrote a type that this version does not know.
     #[must_use]
     pub fn value_type(&self) -> Option<ValueType> {
         ValueType::from_name(&self.value_type)

@@ -1,4 +1,4 @@
-//! Reading a recording: where its bytes are, what was committed, what is damaged.
+//! Reads a recording: the places of its records, its committed frames, its damage.
 
 pub(crate) mod attachment;
 pub(crate) mod chunk_messages;

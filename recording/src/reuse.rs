@@ -1,4 +1,4 @@
-//! Values of earlier recordings, found by their cache keys and copied as the bytes that they are stored in.
+//! Values of earlier recordings, found by their cache keys and copied as stored bytes.
 
 pub(crate) mod earlier_runs;
 pub(crate) mod stored_bytes;

@@ -1,4 +1,4 @@
-//! A recording as a source: what it has of a stage, as output ports.
+//! The source kind `mcap`: the recorded values of a stage as output ports.
 
 use std::path::{Path, PathBuf};
 
@@ -28,16 +28,16 @@ const IN_A_RUN: &str = "recording.mcap";
 pub struct McapParams {
     /// The recording, or the folder of its run.
     pub path: DataPath,
-    /// Which stage of it. Need not be said where there is one.
+    /// The stage to read. Required only if the recording has several stages.
     pub stage: Option<String>,
-    /// Whose values, of nodes that differ between the variants recorded. Without it, such nodes have no outputs here.
+    /// The variant to read. Without it, nodes that differ between the recorded variants have no outputs.
     pub variant: Option<String>,
-    /// What it gives: the outputs of the recorded source by their names (`left`), those of nodes with the node's
-    /// (`stereo.disparity`); `*` stands for any run of characters. By default all that the recorded source gave: then
-    /// it stands for that source, with the same keys.
+    /// The outputs to read: those of the recorded source by their names (`left`), those of nodes as `node.output`
+    /// (`stereo.disparity`); `*` matches any characters. By default all recorded outputs of the source, with the cache
+    /// keys of that source.
     pub outputs: Vec<String>,
-    /// Which frames, by the index they had: `1..=40`, `0..48`, `[3, 7]` or a file of ids. By default (`available`) all
-    /// whose values are recorded.
+    /// The frames to read, by their recorded index: `1..=40`, `0..48`, `[3, 7]` or a file of ids. By default
+    /// (`available`) all frames whose values are recorded.
     pub frames: FrameSelection,
 }
 
@@ -45,18 +45,18 @@ pub struct McapParams {
 pub struct Mcap {
     recording: Recording,
     run: RunId,
-    given: Vec<RecordedPort>,
+    ports: Vec<RecordedPort>,
     frames: Vec<Frame>,
-    /// By frame, its position among the recorded.
+    /// By frame, its position in the recorded stage.
     positions: Vec<FrameIndex>,
     warnings: Vec<String>,
 }
 
-/// An output port, and what was recorded of it.
+/// An output port, and its recorded topic.
 struct RecordedPort {
     port: Port,
     topic: String,
-    /// The node that gave it; `None`: the source.
+    /// The node that computed it; `None` for the source.
     node: Option<NodeId>,
 }
 
@@ -67,15 +67,17 @@ impl SourceKind for Mcap {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "A recording of ours: what it has of a stage, as outputs.",
+            summary: "A recording: the values of one of its stages.",
             doc: "\
-`path` is a `recording.mcap`, or the folder of a run. Its outputs are declared by the recording: what its source gave has the same names (`left`, \
-`calibration`, `depth`), what a node gave is `node.output`, so that `source/stereo.disparity` reads recorded disparities; `outputs` says which are \
-there. `depthloom info` lists the topics of a recording.\n\n\
-Frames keep id, index and time; their key is that of the recorded values, so that nothing is decoded for it. With the outputs of its source alone it \
-*is* that source to everything behind it: what earlier runs made of the same frames is taken from them. Of `record: { every: n }` there are the \
-frames whose values were kept. Scores, and values once a stage (models, samples), are no outputs of a source: a model is read with `{ file: PATH }`. A \
-recording that was cut off gives the frames that are whole, and says so.",
+`path` is a `recording.mcap`, or the folder of a run. The recording determines the outputs. An output of the recorded source keeps its name (`left`, \
+`calibration`, `depth`). An output of a node is `node.output`: `source/stereo.disparity` reads recorded disparities. `outputs` selects among them. \
+`depthloom info` lists the topics of a recording.
+
+\
+Frames keep id, index and time. Their cache key is that of the recorded values, so nothing is decoded to determine it. If only outputs of the recorded \
+source are used, cached results for that source stay valid. With `record: { every: n }`, the source has the frames whose values were recorded. Scores \
+and aggregate values (models, samples) are not outputs: read a model with `{ file: PATH }`. If the recording was cut off, its complete frames are read, \
+with a warning.",
             outputs: Vec::new(),
         }
     }
@@ -90,7 +92,7 @@ recording that was cut off gives the frames that are whole, and says so.",
     fn outputs(params: &McapParams) -> Result<Vec<Port>, Fault> {
         let recording = open(params)?;
         let run = run_of(&recording, params)?;
-        Ok(given(&recording, run, params)?.into_iter().map(|given| given.port).collect())
+        Ok(selected_ports(&recording, run, params)?.into_iter().map(|port| port.port).collect())
     }
 
     fn open(params: McapParams) -> Result<Box<dyn Source>, Fault> {
@@ -100,7 +102,8 @@ recording that was cut off gives the frames that are whole, and says so.",
     fn survey(params: McapParams) -> Survey {
         match Self::opened(&params) {
             Ok(source) => {
-                let faults = if params.frames == FrameSelection::All { lost(&source.recording) } else { None };
+                let faults =
+                    if params.frames == FrameSelection::All { missing_frames(&source.recording) } else { None };
                 Survey { faults: faults.into_iter().collect(), source: Some(Box::new(source)), facts: Vec::new() }
             }
             Err(fault) => Survey::failed(fault),
@@ -113,13 +116,13 @@ recording that was cut off gives the frames that are whole, and says so.",
         }
         let params = McapParams { path: DataPath(root.to_owned()), ..McapParams::default() };
         let Ok(recording) = open(&params) else {
-            // A file of somebody else, or of no MCAP at all, is nothing of ours, except within a run.
+            // Other programs' files are not recordings, except in a run's folder.
             let is_recording = root.join(IN_A_RUN).is_file() || is_of_ours(&path_of(&params));
-            let damaged = || Recognised::new("a recording of ours that cannot be opened", json!({ "path": root }));
+            let damaged = || Recognised::new("a recording of depthloom that cannot be opened", json!({ "path": root }));
             return is_recording.then(damaged).into_iter().collect();
         };
         let one = |run: &RecordedRun| {
-            let what = format!("a recording of ours, stage {}", run.name());
+            let what = format!("a recording of depthloom, stage {}", run.name());
             Recognised::new(what, json!({ "path": root, "stage": run.name() }))
         };
         recording.plan().runs.iter().map(one).collect()
@@ -139,56 +142,57 @@ impl Mcap {
             ));
         }
         let run = run_of(&recording, params)?;
-        let given = given(&recording, run, params)?;
+        let ports = selected_ports(&recording, run, params)?;
         let every = usize::try_from(recording.plan().every).unwrap_or(usize::MAX).max(1);
         let recorded = recording.frames(run);
-        let mut kept: Vec<FrameIndex> = FrameIndex::all(recorded.len()).step_by(every).collect();
-        kept.sort_by_key(|position| recorded[*position].index);
-        let known: Vec<(u64, &str)> = kept.iter().map(|at| (recorded[*at].index, &*recorded[*at].id)).collect();
+        let mut positions_by_index: Vec<FrameIndex> = FrameIndex::all(recorded.len()).step_by(every).collect();
+        positions_by_index.sort_by_key(|position| recorded[*position].index);
+        let frame_ids: Vec<(u64, &str)> =
+            positions_by_index.iter().map(|at| (recorded[*at].index, &*recorded[*at].id)).collect();
         if known.is_empty() {
             let (path, stage) = (recording.path().display(), recording.plan().runs[run].name());
             let what = match recording.condition() {
-                Condition::Whole => format!("{path} holds no frame of stage `{stage}`"),
-                condition => format!("{path} holds no whole frame of stage `{stage}`: it is {condition}"),
+                Condition::Whole => format!("{path} has no frames of stage `{stage}`"),
+                condition => format!("{path} has no complete frame of stage `{stage}`: it is {condition}"),
             };
             return Err(Fault::new(what).remedy(
-                "repeat `depthloom run` with the same --out to resume after the complete frames; `depthloom info` lists what a recording holds",
+                "repeat `depthloom run` with the same --out to resume after the complete frames; `depthloom info` lists the content of a recording",
             ));
         }
-        let chosen = params.frames.select(&known)?;
-        let mut warnings: Vec<String> = params.frames.left_out(&known).into_iter().collect();
+        let chosen = params.frames.select(&frame_ids)?;
+        let mut warnings: Vec<String> = params.frames.left_out(&frame_ids).into_iter().collect();
         if *recording.condition() != Condition::Whole {
             let path = recording.path().display();
             warnings.push(format!(
                 "{path} is {}: {} frames of the stage can be read",
                 recording.condition(),
-                known.len()
+                frame_ids.len()
             ));
         }
-        let positions: Vec<FrameIndex> = chosen.into_iter().map(|at| kept[at]).collect();
+        let positions: Vec<FrameIndex> = chosen.into_iter().map(|at| positions_by_index[at]).collect();
         let frame = |position: &FrameIndex| {
-            let of = &recorded[*position];
-            Frame { id: of.id.clone(), index: of.index, time_ns: of.time_ns }
+            let recorded = &recorded[*position];
+            Frame { id: recorded.id.clone(), index: recorded.index, time_ns: recorded.time_ns }
         };
         let frames = positions.iter().map(frame).collect();
-        Ok(Self { run, given, frames, positions, warnings, recording })
+        Ok(Self { run, ports, frames, positions, warnings, recording })
     }
 }
 
-/// Whether a path is called as a recording or a run's folder is.
+/// Whether a path has the name of a recording or of a run's folder.
 fn may_be_one(root: &Path) -> bool {
     root.is_file() && root.extension().is_some_and(|ending| ending == "mcap") || root.join(IN_A_RUN).is_file()
 }
 
-/// Whether a file's head names our library as its writer, whatever follows.
+/// Whether a file's first bytes name depthloom as its writer.
 fn is_of_ours(path: &Path) -> bool {
     let mut head = [0; 64];
     let read = std::fs::File::open(path).and_then(|mut file| std::io::Read::read(&mut file, &mut head));
     read.is_ok_and(|count| head[..count].windows(LIBRARY.len()).any(|window| window == LIBRARY.as_bytes()))
 }
 
-/// That a recording does not hold all frames of its run.
-fn lost(recording: &Recording) -> Option<Fault> {
+/// The fault that a recording lacks frames of its run.
+fn missing_frames(recording: &Recording) -> Option<Fault> {
     let is_lost = match recording.condition() {
         Condition::Whole => false,
         Condition::Unfinished { .. } | Condition::Recovered => true,
@@ -197,7 +201,7 @@ fn lost(recording: &Recording) -> Option<Fault> {
     is_lost.then(|| {
         let what = format!("{} is {}: frames of the run are missing", recording.path().display(), recording.condition());
         Fault::new(what).remedy(
-            "repeat `depthloom run` with the same --out to record them; a run reads the frames that are there, and `frames:` selects among \
+            "repeat `depthloom run` with the same --out to record the missing frames, or use the recorded frames; `frames:` selects among \
              them",
         )
     })
@@ -216,28 +220,29 @@ impl Source for Mcap {
         let frame = &self.recording.frames(self.run)[self.positions[position]];
         let of_source = frame.source_key.ok_or_else(|| {
             let what = format!("{} has no values of frame `{}`", self.recording.path().display(), frame.id);
-            Fault::new(format!("{what}: its source failed when it was recorded")).remedy("leave the frame out")
+            Fault::new(format!("{what}: its source failed when it was recorded"))
+                .remedy("exclude the frame with `frames:`")
         })?;
-        if self.given.iter().all(|given| given.node.is_none()) {
+        if self.ports.iter().all(|port| port.node.is_none()) {
             return Ok(of_source);
         }
-        let of_node = |node: NodeId| frame.keys.iter().find(|of| of.node == node).map(|SlotKey { key, .. }| *key);
+        let of_node = |node: NodeId| frame.keys.iter().find(|slot| slot.node == node).map(|SlotKey { key, .. }| *key);
         let mut key = Key::build(KIND).number(VERSION.into());
-        for given in &self.given {
-            let of = given.node.map_or(Some(of_source), of_node);
-            // What was not there is named by no bytes.
-            key = key.text(given.port.name).bytes(of.as_ref().map_or(&[][..], |of| of.as_bytes()));
+        for port in &self.ports {
+            let key_of_port = port.node.map_or(Some(of_source), of_node);
+            // A port without a value has no bytes.
+            key = key.text(port.port.name).bytes(key_of_port.as_ref().map_or(&[][..], |key| key.as_bytes()));
         }
         Ok(key.finish())
     }
 
     fn read(&self, position: FrameIndex, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
         let key = self.key(position)?;
-        let topics: Vec<&str> = self.given.iter().map(|given| given.topic.as_str()).collect();
+        let topics: Vec<&str> = self.ports.iter().map(|port| port.topic.as_str()).collect();
         let mut reader = self.recording.reader(self.run, &topics).map_err(fault)?;
         let values = reader.read(self.positions[position]).map_err(fault)?;
-        let there = self.given.iter().zip(values).filter_map(|(given, value)| Some((given.port.name, value?)));
-        let outputs = there.fold(Outputs::none(), |outputs, (port, value)| outputs.with(port, value));
+        let present = self.ports.iter().zip(values).filter_map(|(port, value)| Some((port.port.name, value?)));
+        let outputs = present.fold(Outputs::none(), |outputs, (port, value)| outputs.with(port, value));
         Ok(SourceOutputs { outputs, key })
     }
 }
@@ -288,55 +293,56 @@ fn variant_of(recording: &Recording, params: &McapParams) -> Result<Option<Varia
     })
 }
 
-/// What there is of a stage run and is asked for.
-fn given(recording: &Recording, run: RunId, params: &McapParams) -> Result<Vec<RecordedPort>, Fault> {
+/// The recorded ports of a stage run that the parameters select.
+fn selected_ports(recording: &Recording, run: RunId, params: &McapParams) -> Result<Vec<RecordedPort>, Fault> {
     let planned = &recording.plan().runs[run];
     let variant = variant_of(recording, params)?;
-    let of = |node: Option<NodeId>, name: String, output: &RecordedOutput| {
-        let value_type = output.value_type().filter(|of| *of != ValueType::Scores)?;
-        let doc = Port::intern(&format!("As recorded under {}.", output.topic));
+    let port_of = |node: Option<NodeId>, name: String, output: &RecordedOutput| {
+        let value_type = output.value_type().filter(|value_type| *value_type != ValueType::Scores)?;
+        let doc = Port::intern(&format!("Recorded as topic {}.", output.topic));
         let port = Port::frame(Port::intern(&name), value_type, doc).optional();
         (output.recorded && !output.once).then(|| RecordedPort { port, topic: output.topic.clone(), node })
     };
     let mut all: Vec<RecordedPort> =
-        planned.source.outputs.iter().filter_map(|output| of(None, output.port.clone(), output)).collect();
+        planned.source.outputs.iter().filter_map(|output| port_of(None, output.port.clone(), output)).collect();
     let serves = |node: &RecordedNode| match variant {
         Some(variant) => node.variants.contains(&variant),
         None => node.variants.len() == planned.variants.len(),
     };
     for (index, node) in NodeId::enumerate(&planned.nodes).filter(|(_, node)| serves(node)) {
         let outputs = node.outputs.iter();
-        let outputs = outputs.filter_map(|output| of(Some(index), format!("{}.{}", node.name, output.port), output));
+        let outputs =
+            outputs.filter_map(|output| port_of(Some(index), format!("{}.{}", node.name, output.port), output));
         let outputs: Vec<RecordedPort> = outputs.collect();
-        if outputs.iter().all(|given| all.iter().all(|known| known.port.name != given.port.name)) {
+        if outputs.iter().all(|port| all.iter().all(|known| known.port.name != port.port.name)) {
             all.extend(outputs);
         }
     }
     if params.outputs.is_empty() {
-        all.retain(|given| given.node.is_none());
+        all.retain(|port| port.node.is_none());
     } else {
-        let fits = |pattern: &String, given: &RecordedPort| glob(pattern, given.port.name);
-        if let Some(none) = params.outputs.iter().find(|pattern| !all.iter().any(|given| fits(pattern, given))) {
+        let fits = |pattern: &String, port: &RecordedPort| glob(pattern, port.port.name);
+        if let Some(none) = params.outputs.iter().find(|pattern| !all.iter().any(|port| fits(pattern, port))) {
             return Err(no_output(recording, none, &all, variant.is_none()));
         }
-        all.retain(|given| params.outputs.iter().any(|pattern| fits(pattern, given)));
+        all.retain(|port| params.outputs.iter().any(|pattern| fits(pattern, port)));
     }
     if all.is_empty() {
         let what = format!("{} has no values of the source of stage `{}`", recording.path().display(), planned.name());
-        return Err(Fault::new(what).remedy("say with `outputs` which values of its nodes are wanted"));
+        return Err(Fault::new(what).remedy("select outputs of its nodes with `outputs`"));
     }
     Ok(all)
 }
 
 fn no_output(recording: &Recording, pattern: &str, all: &[RecordedPort], of_all_variants: bool) -> Fault {
     let fault = Fault::new(format!("{} has no output `{pattern}`", recording.path().display()));
-    let names = || all.iter().map(|given| given.port.name);
+    let names = || all.iter().map(|port| port.port.name);
     let remedy = match nearest(pattern, names()) {
         Some(near) => format!("did you mean `{near}`?"),
         None => format!("it has {}", names().collect::<Vec<_>>().join(", ")),
     };
     match of_all_variants && recording.plan().variants.len() > 1 {
-        true => fault.remedy(format!("{remedy}; what differs between variants needs `variant`")),
+        true => fault.remedy(format!("{remedy}; set `variant` to read nodes that differ between variants")),
         false => fault.remedy(remedy),
     }
 }

@@ -1,4 +1,4 @@
-//! Writing a recording: the parts of frames, the file, its end, and how an interrupted one goes on.
+//! Writes a recording: the parts of frames, the file, its end, and the continuation of an interrupted recording.
 
 pub(crate) mod attachments;
 pub(crate) mod background_sync;

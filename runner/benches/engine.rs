@@ -1,7 +1,7 @@
 //! The engine's own cost: nodes that do nothing, beside a bare crossbeam channel.
 //!
 //! `cargo bench -p depthloom-runner --bench engine`. An element is a task of the engine, a message of a channel. What
-//! costs is processor time, of all threads together: unlike the time on the wall it says the same on a machine that has
+//! costs is CPU time, of all threads together: unlike the time on the wall it says the same on a machine that has
 //! other work.
 
 #[path = "../tests/support/mod.rs"]
@@ -89,7 +89,7 @@ fn graph(is_chain: bool) -> Bench {
     bench
 }
 
-/// The processor time that `f` takes `times` times, of all threads. Setting up is not counted.
+/// The CPU time of `times` calls of `f`, over all threads. Setup is not counted.
 fn cpu_time<S>(times: u64, set_up: impl Fn() -> S, f: impl Fn(S)) -> Duration {
     let now = || {
         let now = clock_gettime(ClockId::ProcessCPUTime);

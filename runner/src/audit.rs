@@ -51,7 +51,7 @@ enum NotRecomputed {
 
 impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
     /// `None` if nothing is audited or reused.
-    pub(crate) fn of(stage: &'s Stage<'a, T>) -> Option<Self> {
+    pub(crate) fn new(stage: &'s Stage<'a, T>) -> Option<Self> {
         Some(Self { stage, reuse: stage.reuse.as_ref()?, comparison: stage.comparison()? })
     }
 

@@ -38,7 +38,7 @@ pub(crate) enum Refused {
 }
 
 impl Checkpoints {
-    /// The folder is created with the first checkpoint; without one there are none.
+    /// The folder is created with the first checkpoint; without a folder, no checkpoints are written.
     pub(crate) fn new(folder: Option<PathBuf>) -> Self {
         Self(Arc::new(Shared { folder, locks: Mutex::default() }))
     }
@@ -156,10 +156,10 @@ mod tests {
         assert_ne!(second.take(&other).unwrap(), Some(path.clone()));
         fs::write(&path, b"half way").unwrap();
         first.release(&key);
-        assert!(matches!(second.take(&key), Err(Refused::InUse)), "it is held until the run is safe");
+        assert!(matches!(second.take(&key), Err(Refused::InUse)), "it is locked until the run is complete");
         assert_eq!(first.take(&key).unwrap(), Some(path.clone()));
         drop(first);
-        // A run that did not come to its end leaves the file, and no lock.
+        // An interrupted run leaves the file, but not the lock.
         assert_eq!(second.take(&key).unwrap(), Some(path.clone()));
         assert_eq!(fs::read(&path).unwrap(), b"half way");
         second.remove();

@@ -119,7 +119,7 @@ pub use observer::{Observer, Unwatched};
 pub use options::{Audit, Options};
 pub use report::{FrameFailure, Report, StageReport};
 pub use reuse::foresee::{Foreseen, foresee};
-pub use reuse::kept::{KeptValues, outdated};
+pub use reuse::recorded::{RecordedValues, outdated};
 pub use run::run;
 pub use timing::{Phase, Sample, Spread, Timing};
 pub use warnings::Warning;

@@ -6,7 +6,7 @@ use depthloom_graphs::plan::{NodeId, RunId};
 
 /// Receives the events of a run. Calls should return at once.
 pub trait Observer: Sync {
-    /// A stage run starts with so many frames.
+    /// A stage run with this many frames starts.
     fn stage_started(&self, run: RunId, frames: u64) {
         let _ = (run, frames);
     }

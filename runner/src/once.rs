@@ -35,7 +35,7 @@ pub(crate) enum Job {
 }
 
 impl Job {
-    /// The key of its values; `None` if it has none because a required input is absent.
+    /// The key of its values; `None` if a required input is absent.
     fn key(&self, planned: &PlannedNode) -> Option<Key> {
         match self {
             Self::Run(_, inputs) => {

@@ -1,4 +1,4 @@
-//! Aggregate values (once-values), and the inputs that read them.
+//! Aggregate values (aggregate values), and the inputs that read them.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;

@@ -5,7 +5,7 @@
 //! its values are neither stored nor derivable.
 
 pub(crate) mod foresee;
-pub(crate) mod kept;
+pub(crate) mod recorded;
 
 use std::sync::OnceLock;
 
@@ -57,7 +57,7 @@ impl FramePlan {
 
 /// What is known of a step on a frame before it runs.
 #[derive(Clone, Debug)]
-enum Known {
+enum StepState {
     /// Nothing.
     Unknown,
     /// A required input is absent.
@@ -153,9 +153,9 @@ impl<'a> Reuse<'a> {
             let Some(chain) = chain else { continue };
             let step = StepId::of_node(node);
             match &known[step] {
-                Known::Unknown => (chain.last, chain.runs) = (None, true),
-                Known::Absent => chain.last = chain.before.get(position.0).copied(),
-                Known::Stored(key, outputs) => {
+                StepState::Unknown => (chain.last, chain.runs) = (None, true),
+                StepState::Absent => chain.last = chain.before.get(position.0).copied(),
+                StepState::Stored(key, outputs) => {
                     chain.last = Some(Some(*key));
                     chain.runs |= OutputId::enumerate(outputs).any(|(output, state)| {
                         let id = StepOutput { step, output };
@@ -201,18 +201,18 @@ impl<'a> Reuse<'a> {
         if replays { 0 } else { self.written }
     }
 
-    fn known(&self, graph: &FrameGraph, position: FrameIndex, source: Option<Key>) -> Vec<Known> {
+    fn known(&self, graph: &FrameGraph, position: FrameIndex, source: Option<Key>) -> Vec<StepState> {
         let mut known = Vec::with_capacity(graph.producers.len());
-        known.push(source.map_or(Known::Unknown, |key| self.find(graph, StepId::SOURCE, key)));
+        known.push(source.map_or(StepState::Unknown, |key| self.find(graph, StepId::SOURCE, key)));
         for (node, planned) in NodeId::enumerate(&self.plan.nodes) {
             let step = StepId::of_node(node);
             known.push(if planned.contract == Contract::Once {
-                Known::Absent
+                StepState::Absent
             } else {
                 match self.key(graph, position, node, &known) {
                     Ok(Some(key)) => self.find(graph, step, key),
-                    Ok(None) => Known::Absent,
-                    Err(Unknown) => Known::Unknown,
+                    Ok(None) => StepState::Absent,
+                    Err(Unknown) => StepState::Unknown,
                 }
             });
         }
@@ -225,12 +225,12 @@ impl<'a> Reuse<'a> {
         graph: &FrameGraph,
         position: FrameIndex,
         node: NodeId,
-        known: &[Known],
+        known: &[StepState],
     ) -> Result<Option<Key>, Unknown> {
         let producer = &graph.producers[StepId::of_node(node)];
         // A step that may fail counts, whether or not another input is absent: nodes after a failure report it.
         let is_unknown =
-            |feed: &Feed| matches!(feed, Feed::Place { step, .. } if matches!(known[*step], Known::Unknown));
+            |feed: &Feed| matches!(feed, Feed::Place { step, .. } if matches!(known[*step], StepState::Unknown));
         if producer.feeds.iter().any(is_unknown) {
             return Err(Unknown);
         }
@@ -240,9 +240,9 @@ impl<'a> Reuse<'a> {
                 Feed::Unwired | Feed::Once(None) => None,
                 Feed::Once(Some(once)) => Some(once.key),
                 Feed::Place { place, step } => match &known[*step] {
-                    Known::Unknown => return Err(Unknown),
-                    Known::Absent => None,
-                    Known::Stored(key, outputs) => {
+                    StepState::Unknown => return Err(Unknown),
+                    StepState::Absent => None,
+                    StepState::Stored(key, outputs) => {
                         let output = graph.producers[*step].output_at(*place);
                         match outputs[output] {
                             OutputState::Unknown => return Err(Unknown),
@@ -273,8 +273,8 @@ impl<'a> Reuse<'a> {
         }
     }
 
-    fn find(&self, graph: &FrameGraph, step: StepId, key: Key) -> Known {
-        let Some(held) = self.store.find(&key) else { return Known::Unknown };
+    fn find(&self, graph: &FrameGraph, step: StepId, key: Key) -> StepState {
+        let Some(held) = self.store.find(&key) else { return StepState::Unknown };
         let state = |port: &Port| match held.iter().find(|held| held.port == port.name).map(|held| held.state) {
             Some(StoredState::Stored) => OutputState::Stored,
             Some(StoredState::Absent) if port.optional => OutputState::Absent,
@@ -283,7 +283,7 @@ impl<'a> Reuse<'a> {
             _ if !port.optional => OutputState::NotStored,
             _ => OutputState::Unknown,
         };
-        Known::Stored(key, graph.producers[step].outputs.iter().map(state).collect())
+        StepState::Stored(key, graph.producers[step].outputs.iter().map(state).collect())
     }
 
     /// What to do on a frame, by its source's key.
@@ -299,9 +299,9 @@ impl<'a> Reuse<'a> {
                 state.must_be_computed() && is_recorded(tap, self.run, self.plan, StepOutput { step, output }, position)
             };
             runs[step] |= match &known[step] {
-                Known::Absent => false,
-                Known::Unknown => !is_written || chain.is_some(),
-                Known::Stored(_, outputs) => {
+                StepState::Absent => false,
+                StepState::Unknown => !is_written || chain.is_some(),
+                StepState::Stored(_, outputs) => {
                     chain.is_some_and(|chain| chain.runs) || !is_written && OutputId::enumerate(outputs).any(lacks)
                 }
             };
@@ -312,10 +312,10 @@ impl<'a> Reuse<'a> {
                 let Feed::Place { place, step: from } = feed else { continue };
                 let output = graph.producers[*from].output_at(*place);
                 match &known[*from] {
-                    Known::Unknown => runs[*from] = true,
-                    Known::Stored(_, outputs) if outputs[output].must_be_computed() => runs[*from] = true,
-                    Known::Stored(_, outputs) if outputs[output] == OutputState::Stored => load[*from].push(output),
-                    Known::Stored(..) | Known::Absent => {}
+                    StepState::Unknown => runs[*from] = true,
+                    StepState::Stored(_, outputs) if outputs[output].must_be_computed() => runs[*from] = true,
+                    StepState::Stored(_, outputs) if outputs[output] == OutputState::Stored => load[*from].push(output),
+                    StepState::Stored(..) | StepState::Absent => {}
                 }
             }
         }
@@ -323,7 +323,7 @@ impl<'a> Reuse<'a> {
         for (step, known) in StepId::enumerate(known) {
             let mut action = if runs[step] { StepAction::Run } else { StepAction::Skip };
             let mut own = None;
-            if let Known::Stored(key, outputs) = known {
+            if let StepState::Stored(key, outputs) = known {
                 if !runs[step] {
                     let mut load = std::mem::take(&mut load[step]);
                     load.sort_unstable();
@@ -343,8 +343,8 @@ impl<'a> Reuse<'a> {
     /// By step, the key of its values on a frame, if the store has them.
     pub(crate) fn keys(&self, graph: &FrameGraph, position: FrameIndex, source: Key) -> Vec<Option<Key>> {
         let key = |known: Known| match known {
-            Known::Stored(key, _) => Some(key),
-            Known::Unknown | Known::Absent => None,
+            StepState::Stored(key, _) => Some(key),
+            StepState::Unknown | StepState::Absent => None,
         };
         self.known(graph, position, Some(source)).into_iter().map(key).collect()
     }
@@ -371,11 +371,11 @@ pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key:
     if planned.contract == Contract::Ordered && outputs.peek().is_none() {
         return Some(Vec::new());
     }
-    let held = store.find(key)?;
+    let ports = store.find(key)?;
     let value = |port: &str| {
-        let held = held.iter().find(|held| held.port == port)?;
+        let stored = ports.iter().find(|stored| stored.port == port)?;
         // A damaged value is recomputed.
-        match held.state {
+        match stored.state {
             StoredState::Stored => store.value(key, port).ok(),
             StoredState::Absent => Some(None),
             StoredState::NotKept => None,

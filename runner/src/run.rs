@@ -31,7 +31,7 @@ use depthloom_threads::{Budget, look_for_room};
 /// The calling thread admits frames and writes them. It returns when all threads that it started have ended.
 ///
 /// # Errors
-/// Why the run ended early. An interrupted run is not an error: the report says so.
+/// Why the run ended early. An interrupted run is not an error: see the report.
 pub fn run<T: Tap>(
     ready: Ready,
     tap: &T,
@@ -153,7 +153,7 @@ fn pass<T: Tap>(
         .map_err(|error| unrunnable(error.what))?;
     let reuse = once.reuse(&graph, source);
     let mut stage = Stage::new(once.context, run, plan, graph, source, nodes, reuse);
-    if let Some(auditor) = Auditor::of(&stage) {
+    if let Some(auditor) = Auditor::new(&stage) {
         let permit = stage.context.budget.permit();
         ledger.stage.audited += auditor.before_frames(builders)?;
         drop(permit);
@@ -161,7 +161,7 @@ fn pass<T: Tap>(
     if run_frames(&stage, ledger)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
     }
-    if let Some(auditor) = Auditor::of(&stage) {
+    if let Some(auditor) = Auditor::new(&stage) {
         let permit = stage.context.budget.permit();
         ledger.stage.audited += auditor.after_frames()?;
         drop(permit);
@@ -190,7 +190,7 @@ fn pass<T: Tap>(
 
 /// Runs the frames on workers; this thread admits and writes.
 fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Completion, RunError> {
-    // Never full: so many frames are in flight at most.
+    // Never full: it has room for all frames in flight.
     let (send, done) = bounded(stage.context.window);
     scope(|scope| {
         // Stops the workers on every exit path; otherwise the scope would wait for them.

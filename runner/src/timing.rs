@@ -69,7 +69,7 @@ pub struct Timing {
     pub wall: Spread,
     /// Times of single tasks in the order of the frames: every [`Timing::stride`]th, at most [`Timing::KEPT`].
     pub samples: Vec<Sample>,
-    /// One sample was kept per so many tasks.
+    /// The distance between two samples, in tasks.
     pub stride: u64,
 }
 
@@ -84,10 +84,10 @@ impl Timing {
     pub(crate) fn add(&mut self, frame_index: u64, spent: Spent) {
         if self.count.is_multiple_of(self.stride) {
             if self.samples.len() == Self::KEPT {
-                let mut kept = 0_usize;
+                let mut index = 0_usize;
                 self.samples.retain(|_| {
-                    kept += 1;
-                    kept % 2 == 1
+                    index += 1;
+                    index % 2 == 1
                 });
                 self.stride *= 2;
             }

@@ -11,7 +11,7 @@ use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Rat
 use depthloom_runner::{Audit, Interrupt, Options, RunError, Unwatched, run};
 use proptest::prelude::*;
 use support::any_graph::{AnyGraph, any_graph, bench};
-use support::{Bench, Notebook, once_key, part_of, told_commit, told_part, told_value, without_place};
+use support::{Bench, Notebook, commit_text, once_key, part_of, part_text, told_value, without_place};
 
 /// A run's end, in words without a panic's place.
 fn told_error(error: &RunError) -> String {
@@ -19,7 +19,7 @@ fn told_error(error: &RunError) -> String {
     format!("{error}: {}", without_place(&beneath))
 }
 
-fn told_run(graph: &AnyGraph, workers: usize, window: Option<usize>) -> (Vec<String>, Option<String>) {
+fn run_text(graph: &AnyGraph, workers: usize, window: Option<usize>) -> (Vec<String>, Option<String>) {
     let notebook = Notebook::with_parts(graph.parts);
     let options = Options { workers, window, keep_going: graph.keep_going, checkpoints: None, audit: Audit::None };
     let result = run(bench(graph).ready(), &notebook, &options, &Unwatched, &Interrupt::default());
@@ -29,10 +29,10 @@ fn told_run(graph: &AnyGraph, workers: usize, window: Option<usize>) -> (Vec<Str
 // --- the reference -------------------------------------------------------------------------------------------------
 
 type Keyed = Option<(Value, Key)>;
-/// Once-values by node and port.
+/// Aggregate values by node and port.
 type Once = BTreeMap<(NodeRef, PortId), (Value, Key)>;
 
-/// What a step gave on a frame: its values by port, or why not.
+/// What a step results on a frame: its values by port, or why not.
 enum Gave {
     Values(Key, Vec<Keyed>),
     Nothing,
@@ -64,7 +64,7 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
         for (position, frame) in FrameIndex::enumerate(ready.source.frames()) {
             let source_ports: Vec<Port> = planned.source.outputs.iter().map(|o| o.port.clone()).collect();
             let read = ready.source.read(position, &mut ctx);
-            let mut gave = vec![match read.and_then(|r| Ok((r.outputs.in_order_of(&source_ports)?, r.key))) {
+            let mut results = vec![match read.and_then(|r| Ok((r.outputs.in_order_of(&source_ports)?, r.key))) {
                 Ok((values, key)) => Gave::Values(key, keyed(values, &source_ports, &key)),
                 Err(fault) => Gave::Failed(fault),
             }];
@@ -72,11 +72,11 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                 let at = |from: &Origin| match from {
                     Origin::Here(Slot::Source { port }) => (0, *port),
                     Origin::Here(Slot::Node { node, port }) => (1 + node.0, *port),
-                    _ => unreachable!("asked of per-frame inputs only"),
+                    _ => unreachable!("called for per-frame inputs only"),
                 };
                 let before = node.inputs.iter().filter_map(|i| i.from.as_ref());
                 let before = before.filter(|from| matches!(from, Origin::Here(_)));
-                let failed = before.map(|from| at(from).0).find_map(|step| match &gave[step] {
+                let failed = before.map(|from| at(from).0).find_map(|step| match &results[step] {
                     Gave::Failed(_) if step == 0 => Some("not run: source `numbers` failed".to_owned()),
                     Gave::Failed(_) => Some(format!("not run: `{}` failed", planned.nodes[step - 1].name)),
                     Gave::NotRun(why) => Some(why.clone()),
@@ -89,7 +89,7 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                         Origin::Once { run, node, port } => {
                             once.get(&(NodeRef { run: *run, node: *node }, *port)).cloned()
                         }
-                        here => match &gave[at(here).0] {
+                        here => match &results[at(here).0] {
                             Gave::Values(_, values) => values[at(here).1].clone(),
                             Gave::Nothing | Gave::Failed(_) | Gave::NotRun(_) => None,
                         },
@@ -102,7 +102,7 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                 let out_ports = ports(node, Rate::Frame);
                 let in_order = |given: Outputs| given.in_order_of(&out_ports);
                 let inputs = Inputs::new(&in_ports, &values);
-                gave.push(match (failed, instance) {
+                results.push(match (failed, instance) {
                     (_, Instance::Once(_)) => Gave::Nothing,
                     (Some(why), _) => Gave::NotRun(why),
                     (None, _) if is_absent => Gave::Nothing,
@@ -131,8 +131,8 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
             }
             let is_fatal =
                 |step: usize| !graph.keep_going || step > 0 && planned.nodes[step - 1].contract == Contract::Ordered;
-            for (step, gave) in gave.iter().enumerate() {
-                let Gave::Failed(fault) = gave else { continue };
+            for (step, results) in results.iter().enumerate() {
+                let Gave::Failed(fault) = results else { continue };
                 if is_fatal(step) {
                     let who = match step {
                         0 => format!("source `numbers` of stage `{}`", planned.stage),
@@ -141,7 +141,7 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                     return (lines, Some(format!("{who} failed on frame {}: {fault}", frame.id)));
                 }
             }
-            lines.push(commit(run, graph.parts, frame, &gave));
+            lines.push(commit(run, graph.parts, frame, &results));
         }
         if let Some(error) = finish(run, planned, ready.nodes, &last_keys, &mut once, &mut lines) {
             return (lines, Some(error));
@@ -150,11 +150,11 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
     (lines, None)
 }
 
-fn commit(run: RunId, parts: usize, frame: &depthloom_graphs::Frame, gave: &[Gave]) -> String {
+fn commit(run: RunId, parts: usize, frame: &depthloom_graphs::Frame, results: &[Gave]) -> String {
     let (mut taken, mut keys, mut failures) = (vec![Vec::new(); parts], Vec::new(), Vec::new());
-    for (step, gave) in gave.iter().enumerate() {
+    for (step, results) in results.iter().enumerate() {
         let node = step.checked_sub(1).map(NodeId);
-        match gave {
+        match results {
             Gave::Values(key, values) => {
                 keys.extend(node.map(|node| SlotKey { node, key: *key }));
                 for (port, value) in PortId::enumerate(values) {
@@ -169,9 +169,9 @@ fn commit(run: RunId, parts: usize, frame: &depthloom_graphs::Frame, gave: &[Gav
             Gave::NotRun(why) => failures.push(Failure { node, what: why.clone() }),
         }
     }
-    let source_key = if let Gave::Values(key, _) = &gave[0] { Some(*key) } else { None };
-    let told: Vec<_> = PartId::enumerate(&taken).map(|(part, values)| told_part(part, values)).collect();
-    told_commit(&Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[] }, &told)
+    let source_key = if let Gave::Values(key, _) = &results[0] { Some(*key) } else { None };
+    let text: Vec<_> = PartId::enumerate(&taken).map(|(part, values)| part_text(part, values)).collect();
+    commit_text(&Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[] }, &text)
 }
 
 fn finish(
@@ -224,9 +224,9 @@ proptest! {
     fn any_graph_gives_what_the_reference_gives(graph in any_graph()) {
         let expected = reference(&graph);
         for workers in [1, 2, 8] {
-            let told = told_run(&graph, workers, Some(graph.window));
-            prop_assert_eq!(&told, &expected, "workers {}", workers);
+            let text = run_text(&graph, workers, Some(graph.window));
+            prop_assert_eq!(&text, &expected, "workers {}", workers);
         }
-        prop_assert_eq!(&told_run(&graph, 3, None), &expected, "default window");
+        prop_assert_eq!(&run_text(&graph, 3, None), &expected, "default window");
     }
 }

@@ -1,5 +1,5 @@
 //! A run that takes from a store what it has gives what a run without one gives, whatever the store has forgotten; and
-//! a run that is taken up writes what was still to be written.
+//! a resumed run writes what was missing.
 
 mod support;
 
@@ -33,7 +33,7 @@ struct Memory {
 impl Store for Memory {
     fn find(&self, key: &Key) -> Option<Vec<StoredPort>> {
         let ports = self.values.get(key).filter(|_| (self.knows)(key))?;
-        let held = ports.iter().map(|(port, value)| StoredPort {
+        let stored = ports.iter().map(|(port, value)| StoredPort {
             port: (*port).to_owned(),
             state: match value {
                 None => StoredState::Absent,
@@ -41,16 +41,16 @@ impl Store for Memory {
                 Some(_) => StoredState::NotKept,
             },
         });
-        Some(held.collect())
+        Some(stored.collect())
     }
 
     fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
         let value = self.values.get(key).and_then(|ports| ports.get(port));
-        value.cloned().ok_or_else(|| Fault::new("asked for what it has not"))
+        value.cloned().ok_or_else(|| Fault::new("this value is not stored"))
     }
 }
 
-/// What was written down at once: a frame, or a once-value.
+/// What was written down at once: a frame, or an aggregate value.
 struct Entry {
     run: RunId,
     /// `None`: a frame.
@@ -62,7 +62,7 @@ struct Entry {
 fn values_of(entries: &[Entry]) -> Values {
     let mut values = Values::new();
     for entry in entries {
-        // Keys are known of what was not kept, too.
+        // Keys are known of what was not recorded, too.
         for key in &entry.keys {
             values.entry(*key).or_default();
         }
@@ -76,13 +76,13 @@ fn values_of(entries: &[Entry]) -> Values {
 /// Values by run and frame.
 type Encoded = HashMap<(RunId, u64), Vec<(Slot, Value)>>;
 
-/// A notebook that remembers under which keys it was told what, and may have a store.
+/// A notebook that records the keys of the values it receives, and may have a store.
 struct Remembering {
     notebook: Notebook,
     /// A plan of the same graph, for the names of ports.
     plan: Plan,
     store: Option<Memory>,
-    /// Every how many frames values are kept.
+    /// Every how many frames values are recorded.
     every: usize,
     /// What was encoded and waits for its keys.
     encoded: Mutex<Encoded>,
@@ -102,11 +102,11 @@ impl Remembering {
     }
 
     fn remember(&self, entry: Entry) {
-        self.entries.lock().expect("nobody panics with the lock").push(entry);
+        self.entries.lock().expect("the lock is not poisoned").push(entry);
     }
 
     fn entries(self) -> Vec<Entry> {
-        self.entries.into_inner().expect("nobody panics with the lock")
+        self.entries.into_inner().expect("the lock is not poisoned")
     }
 }
 
@@ -128,24 +128,24 @@ impl Tap for Remembering {
         part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<String, ErrorMessage> {
-        let kept = values.iter().filter(|(slot, _)| self.keeps(run, *slot, position));
-        let kept: Vec<(Slot, Value)> = kept.cloned().collect();
-        let mut encoded = self.encoded.lock().expect("nobody panics with the lock");
-        encoded.entry((run, frame.index)).or_default().extend(kept.iter().cloned());
-        self.notebook.encode(run, (position, frame), part, &kept)
+        let recorded = values.iter().filter(|(slot, _)| self.keeps(run, *slot, position));
+        let recorded: Vec<(Slot, Value)> = recorded.cloned().collect();
+        let mut encoded = self.encoded.lock().expect("the lock is not poisoned");
+        encoded.entry((run, frame.index)).or_default().extend(recorded.iter().cloned());
+        self.notebook.encode(run, (position, frame), part, &recorded)
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<String>) -> Result<(), ErrorMessage> {
-        let values =
-            self.encoded.lock().expect("nobody panics with the lock").remove(&(commit.run, commit.frame.index));
+        let values = self.encoded.lock().expect("the lock is not poisoned").remove(&(commit.run, commit.frame.index));
         let key = |slot: Slot| match slot {
             Slot::Source { .. } => commit.source_key,
             Slot::Node { node, .. } => commit.keys.iter().find(|of| of.node == node).map(|of| of.key),
         };
-        let given = values.into_iter().flatten().map(|(slot, value)| (slot, Some(value)));
-        let given = given.chain(commit.absent.iter().map(|slot| (*slot, None)));
+        let outputs = values.into_iter().flatten().map(|(slot, value)| (slot, Some(value)));
+        let outputs = outputs.chain(commit.absent.iter().map(|slot| (*slot, None)));
         let port = |slot| self.output(commit.run, slot).port.name;
-        let values = given.map(|(slot, value)| (key(slot).expect("what gave a value has a key"), port(slot), value));
+        let values =
+            outputs.map(|(slot, value)| (key(slot).expect("a node with a value has a key"), port(slot), value));
         let keys = commit.source_key.into_iter().chain(commit.keys.iter().map(|of| of.key)).collect();
         self.remember(Entry { run: commit.run, once: None, keys, values: values.collect() });
         self.notebook.write(commit, parts)
@@ -189,7 +189,7 @@ fn lines_and_error(bench: Bench, tap: &Remembering, workers: usize, keep_going: 
     (tap.notebook.lines(), result.err().map(|error| error.to_string()))
 }
 
-/// Graphs tried; `DEPTHLOOM_CASES` asks for another number.
+/// The number of graphs; `DEPTHLOOM_CASES` sets another.
 fn cases() -> u32 {
     std::env::var("DEPTHLOOM_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(128)
 }
@@ -216,7 +216,7 @@ proptest! {
         every in 1..3_usize,
         // By node, a bit each.
         unrecorded in any::<u64>(),
-        // Of eight: how many values are not kept, how many keys not known.
+        // Of eight: how many values are not recorded, how many keys not known.
         lost in (0..8_u64, 0..4_u64),
     ) {
         let bench = || unrecorded_by(bench(&graph), unrecorded);

@@ -1,4 +1,4 @@
-//! What a run does: sharing, order, once-values, failures, interrupts, bounds.
+//! What a run does: sharing, order, aggregate values, failures, interrupts, bounds.
 
 mod support;
 
@@ -75,7 +75,7 @@ fn the_lowest_failing_frame_ends_the_run_and_those_before_it_are_kept() {
         // Both fail on frame 9: `c` is first in plan order, and serves one variant only.
         assert_eq!(error.to_string(), "node `compare.c` (variant mean) failed on frame f9");
         let RunError::NodeFailed { fault, .. } = &error else { panic!("{error:?}") };
-        assert!(fault.to_string().contains("told to panic") && fault.to_string().contains("support"), "{fault}");
+        assert!(fault.to_string().contains("requested panic") && fault.to_string().contains("support"), "{fault}");
         assert!(error.remedy().is_some() && error.is_of_a_frame());
         assert_eq!(frames(&notebook.lines()), ["f1", "f2", "f3", "f4", "f5", "f6", "f7", "f8"]);
     }
@@ -89,7 +89,7 @@ fn keep_going_leaves_tombstones_and_siblings_go_on() {
     let report = run(chain(6, [a, b, c, d]).ready(), &notebook, &options, &Unwatched, &Interrupt::default()).unwrap();
     let lines = notebook.lines();
     assert_eq!(frames(&lines), ["f1", "f2", "f3", "f4", "f5", "f6"]);
-    assert!(lines[2].contains(r#"["Some(1) told to fail", "Some(2) not run: `b` failed"]"#), "{}", lines[2]);
+    assert!(lines[2].contains(r#"["Some(1) requested failure", "Some(2) not run: `b` failed"]"#), "{}", lines[2]);
     assert_eq!(report.stages[0].firings, [6, 5, 5, 6]);
     assert_eq!(report.stages[0].failed, 1);
     assert_eq!(report.failures.len(), 1, "what was not run is not listed: {:?}", report.failures);
@@ -130,7 +130,7 @@ fn an_ordered_node_that_fails_leaves_failure_records_to_the_end_of_its_stage() {
         let report = run(bench.ready(), &notebook, &options, &Unwatched, &Interrupt::default()).unwrap();
         let lines = notebook.lines();
         assert_eq!(frames(&lines), ["f1", "f2", "f3", "f4", "f5", "f6"]);
-        assert!(lines[3].contains(r#"["Some(0) told to fail", "Some(1) not run: `sum` failed"]"#), "{}", lines[3]);
+        assert!(lines[3].contains(r#"["Some(0) requested failure", "Some(1) not run: `sum` failed"]"#), "{}", lines[3]);
         for line in &lines[4..] {
             let failures = r#"["Some(0) not run: failed on an earlier frame", "Some(1) not run: `sum` failed"]"#;
             assert!(line.contains(failures), "{line}");
@@ -182,7 +182,7 @@ fn once_values_reach_later_stages_and_nodes_of_their_own_stage() {
     assert_eq!(events.last().map(String::as_str), Some("finished 1"));
 }
 
-/// Tells how it learned: a point for every frame there was.
+/// Outputs a learning curve: one point per frame.
 struct Teacher;
 
 impl OnceNode for Teacher {
@@ -258,7 +258,7 @@ fn the_keys_of_an_ordered_node_contain_id_and_time_of_the_frame_and_those_of_a_p
     let [observing, _] = keys_at(|_| {}, Some(Observation::default()));
     for change in changes {
         let [pure_then, ordered_then] = keys_at(change, None);
-        assert_eq!(pure, pure_then, "a pure node is not told which frame it is");
+        assert_eq!(pure, pure_then, "a pure node does not receive the frame");
         assert!(ordered.iter().zip(&ordered_then).all(|(now, then)| now != then));
         let [observing_then, _] = keys_at(change, Some(Observation::default()));
         assert!(observing.iter().zip(&observing_then).all(|(now, then)| now != then));
@@ -316,12 +316,15 @@ fn equal_once_nodes_fire_once_in_whichever_stages_they_stand() {
         let firings: Vec<_> = report.stages.iter().map(|stage| stage.firings.clone()).collect();
         assert_eq!(firings, [vec![2, 1, 0], vec![0, 1, 2]]);
         let lines = notebook.lines();
-        let given = |node: usize, run: usize| {
+        let stored_key = |node: usize, run: usize| {
             let start = format!("{run} {:?} ", node_slot(node, 0));
-            lines.iter().find_map(|line| line.strip_prefix(&start)).expect("it is handed over").to_owned()
+            lines.iter().find_map(|line| line.strip_prefix(&start)).expect("the value is written").to_owned()
         };
-        assert!(given(1, 0) == given(2, 0) && given(1, 0) == given(0, 1), "each has the value under the key of all");
-        assert_ne!(given(1, 0), given(1, 1));
+        assert!(
+            stored_key(1, 0) == stored_key(2, 0) && stored_key(1, 0) == stored_key(0, 1),
+            "each has the value under the key of all"
+        );
+        assert_ne!(stored_key(1, 0), stored_key(1, 1));
     }
 }
 
@@ -362,7 +365,9 @@ fn a_failing_once_node_is_named() {
     bench.toy("teacher", Contract::Once, [once(0, 0, 2), None, None], teacher);
     let error = run(bench.ready(), &Notebook::default(), &options(2), &Unwatched, &Interrupt::default()).unwrap_err();
     assert_eq!(error.to_string(), "node `learn.teacher` failed");
-    assert!(matches!(&error, RunError::NodeFailed { frame: None, fault, .. } if fault.to_string() == "told to fail"));
+    assert!(
+        matches!(&error, RunError::NodeFailed { frame: None, fault, .. } if fault.to_string() == "requested failure")
+    );
 }
 
 #[test]
@@ -452,14 +457,14 @@ impl PureNode for Endless {
     }
 }
 
-/// Learns until the run is asked to end, and puts down where it is.
+/// Learns until the run is interrupted, and then writes a checkpoint.
 struct Patient(Interrupt);
 
 impl OnceNode for Patient {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         assert!(!ctx.host.stopping());
         self.0.raise();
-        assert!(ctx.host.stopping() && !ctx.host.cancelled(), "it has the time to put down where it is");
+        assert!(ctx.host.stopping() && !ctx.host.cancelled(), "it has the time to write a checkpoint");
         Err(Fault::Cancelled)
     }
 }
@@ -525,7 +530,7 @@ struct Watcher(Mutex<Vec<String>>);
 
 impl Watcher {
     fn note(&self, event: String) {
-        self.0.lock().expect("nobody panics with the lock").push(event);
+        self.0.lock().expect("the lock is not poisoned").push(event);
     }
 }
 
@@ -561,7 +566,7 @@ struct Nursery {
 impl Nursery {
     fn bear(&self, frame: u8) -> Value {
         let mask = Arc::new(Mask { set: Raster::from_raw(1, 1, vec![frame]).expect("one pixel") });
-        let mut born = self.born.lock().expect("nobody panics with the lock");
+        let mut born = self.born.lock().expect("the lock is not poisoned");
         born.retain(|(_, mask)| mask.strong_count() > 0);
         born.push((frame, Arc::downgrade(&mask)));
         let frames: BTreeSet<u8> = born.iter().map(|(frame, _)| *frame).collect();
@@ -723,24 +728,24 @@ fn a_tile_counts_as_its_nodes_time_whoever_ran_it() {
     assert!(a.cpu.min_ns >= 8 * 500_000, "{a:?}");
 }
 
-/// Tells of three pixels on every frame, and of every call.
+/// Warns about three pixels on every frame, and on every call.
 struct Warner;
 
 impl PureNode for Warner {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        ctx.host.warn_n(3, "pixels are no numbers");
+        ctx.host.warn_n(3, "pixels are not numbers");
         ctx.host.warn("was called");
         Ok(Outputs::one("x", Value::Calibration(Arc::clone(inputs.get("a")?))))
     }
 }
 
-/// Counts what it is told of.
+/// Counts the warnings that it receives.
 #[derive(Default)]
-struct Told(Mutex<Vec<String>>);
+struct WarningCollector(Mutex<Vec<String>>);
 
-impl Observer for Told {
+impl Observer for WarningCollector {
     fn warned(&self, run: RunId, node: Option<NodeId>, what: &str) {
-        self.0.lock().expect("nobody panics with the lock").push(format!("{run} {node:?} {what}"));
+        self.0.lock().expect("the lock is not poisoned").push(format!("{run} {node:?} {what}"));
     }
 }
 
@@ -751,16 +756,16 @@ fn equal_warnings_of_a_node_are_counted_and_told_once_with_any_number_of_workers
         bench.stage("compare", Numbers::new(40));
         bench.toy("quiet", Contract::Pure, [source(0), None, None], Toy::salted(1));
         bench.node(planned("loud", Contract::Pure, [source(0), None, None]), Instance::Pure(Box::new(Warner)));
-        let (plan, told) = (bench.plan.clone(), Told::default());
+        let (plan, collector) = (bench.plan.clone(), WarningCollector::default());
         let report =
-            run(bench.ready(), &Notebook::with_parts(2), &options(workers), &told, &Interrupt::default()).unwrap();
+            run(bench.ready(), &Notebook::with_parts(2), &options(workers), &collector, &Interrupt::default()).unwrap();
         let texts: Vec<String> = report.warnings.iter().map(|warning| warning.text(&plan)).collect();
         assert_eq!(
             texts,
-            ["compare.loud: 120 pixels are no numbers, on 40 frames", "compare.loud: was called, on 40 frames"]
+            ["compare.loud: 120 pixels are not numbers, on 40 frames", "compare.loud: was called, on 40 frames"]
         );
-        let mut told = told.0.into_inner().unwrap();
-        told.sort_unstable();
-        assert_eq!(told, ["0 Some(1) pixels are no numbers", "0 Some(1) was called"]);
+        let mut collector = collector.0.into_inner().unwrap();
+        collector.sort_unstable();
+        assert_eq!(collector, ["0 Some(1) pixels are not numbers", "0 Some(1) was called"]);
     }
 }

@@ -20,7 +20,7 @@ impl EarlyEnd {
         let mut stop = self.why;
         let (partial, checkpoints) = (folder.partial.clone(), folder.checkpoints());
         let frames = self.frames;
-        if self.is_suspect && folder.goes_on {
+        if self.is_suspect && folder.resumes {
             let partial = partial.display();
             return stop.also(format!("{partial} holds values that may be wrong: replace it with --fresh --overwrite"));
         }

@@ -56,7 +56,7 @@ pub(super) fn make_folder(
     };
     match write_experiment(&folder, kept, read) {
         Ok(()) => Ok((folder, recording)),
-        Err(stop) if folder.goes_on => Err(stop),
+        Err(stop) if folder.resumes => Err(stop),
         Err(stop) => {
             folder.discard();
             Err(stop)

@@ -48,7 +48,7 @@ pub(crate) fn street(folder: &Path, checkpoint_every: u64) -> PathBuf {
 pub(crate) fn learned(out: &Path) -> (String, String, Vec<u8>) {
     let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
     let hash = |value_type: &str| {
-        let mut found = recording.once_values().iter().filter(|value| value.value_type == value_type);
+        let mut found = recording.aggregate_values().iter().filter(|value| value.value_type == value_type);
         let value = found.next().unwrap_or_else(|| panic!("no {value_type} in {}", out.display()));
         let RecordedContent::Attachment { hash, name, .. } = &value.content else {
             panic!("{value_type} is not an attachment")

@@ -174,7 +174,7 @@ fn a_recovered_recording_contains_the_committed_frames() {
         for run in 0..2 {
             assert_eq!(before.frames(RunId(run)), after.frames(RunId(run)));
         }
-        assert_eq!(before.once_values(), after.once_values());
+        assert_eq!(before.aggregate_values(), after.aggregate_values());
         assert!(after.damage(&|| false).is_empty());
         // Other readers find the summary and all messages.
         let bytes = fs::read(&recovered).expect("the file");

@@ -34,7 +34,7 @@ stages:
     run.args(["run", "--no-page"]).arg(&experiment).args(["--quiet", "--out"]).arg(&out);
     succeed(run.env("KITTI_STEREO_2015", &kitti));
     let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
-    let samples = recording.once_values().iter().find(|value| value.value_type == "samples").expect("samples");
+    let samples = recording.aggregate_values().iter().find(|value| value.value_type == "samples").expect("samples");
     let RecordedContent::Attachment { name, .. } = &samples.content else { panic!("samples are an attachment") };
     let file = folder.path().join("samples.bin");
     std::fs::write(&file, recording.attachment(name).expect("their bytes")).expect("written");

@@ -3,7 +3,7 @@
 use depthloom_analysis::{AnalysisError, TopicRows, curve_rows, topic_rows};
 use depthloom_graphs::Value;
 use depthloom_graphs::contracts::Slot;
-use depthloom_recording::{RecordedOnce, Recording, RecordingError};
+use depthloom_recording::{RecordedAggregate, Recording, RecordingError};
 use depthloom_runs::read_failed;
 use depthloom_terminal::{CliError, ExitCode};
 
@@ -16,9 +16,9 @@ use crate::{Chosen, Exported, Folder, Frames};
 /// If the recording is damaged there, or the file cannot be written.
 pub fn write_model(recording: &Recording, chosen: &Chosen<'_>, folder: &Folder) -> Result<Exported, CliError> {
     let format = ExportFormat::Onnx;
-    let once = once_value(recording, chosen);
+    let once = aggregate_value(recording, chosen);
     let value = once
-        .map(|once| recording.once_value(once))
+        .map(|once| recording.aggregate_value(once))
         .transpose()
         .map_err(|error| read_failed("failed to read a trained model", &error))?;
     let model = value.as_ref().and_then(Value::artifact).map(|model| &*model.bytes);
@@ -36,13 +36,13 @@ pub fn write_rows(
     folder: &Folder,
     stop: &dyn Fn() -> bool,
 ) -> Result<Option<(Exported, Vec<RecordingError>)>, CliError> {
-    let of_curve = |once: &RecordedOnce| -> Result<Option<TopicRows>, AnalysisError> {
-        match recording.once_value(once)? {
+    let of_curve = |once: &RecordedAggregate| -> Result<Option<TopicRows>, AnalysisError> {
+        match recording.aggregate_value(once)? {
             Value::Curve(curve) => curve_rows(recording.plan(), once.run, once.node, &curve).map(Some),
             _ => Ok(None),
         }
     };
-    let rows = match once_value(recording, chosen) {
+    let rows = match aggregate_value(recording, chosen) {
         Some(once) => of_curve(once),
         None => topic_rows(recording, chosen.run, chosen.topic, &frames.positions, stop).map(Some),
     };
@@ -59,12 +59,12 @@ pub fn write_rows(
     Ok(Some((exported, damaged.unwrap_or_default())))
 }
 
-fn once_value<'a>(recording: &'a Recording, chosen: &Chosen<'_>) -> Option<&'a RecordedOnce> {
-    let is_it = |once: &&RecordedOnce| {
+fn once_value<'a>(recording: &'a Recording, chosen: &Chosen<'_>) -> Option<&'a RecordedAggregate> {
+    let is_it = |once: &&RecordedAggregate| {
         let Slot::Node { node, port } = chosen.slot else { return false };
         (once.run, once.node, once.port) == (chosen.run, node, port)
     };
-    recording.once_values().iter().find(is_it)
+    recording.aggregate_values().iter().find(is_it)
 }
 
 /// Writes the file of a topic, if it has anything.

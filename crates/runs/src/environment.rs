@@ -1,4 +1,4 @@
-//! What differs between machines and moments: kept beside the recording, never in it.
+//! What differs between machines and times: stored beside the recording, never in it.
 
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -12,16 +12,16 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
 
-/// The name of the file that says where and when a run was made.
+/// The file with place and time of a run.
 pub const ENVIRONMENT: &str = "environment.json";
 
 /// How it writes a time, for `chrono`: see [`utc_stamp`].
 pub const STAMP: &str = "%Y-%m-%dT%H-%M-%SZ";
 
-/// How much of it is read, bytes.
+/// The most bytes of it that are read.
 const LARGEST: u64 = 16 << 20;
 
-/// Where and when a run was made: `environment.json`.
+/// Place and time of a run: `environment.json`.
 #[derive(JsonSchema, Serialize)]
 pub struct Environment {
     /// The version of the program.
@@ -49,14 +49,14 @@ pub fn mark_start() {
     LazyLock::force(&STARTED);
 }
 
-/// What a run's folder says of where and when it was made; nothing where it says nothing.
+/// The content of `environment.json` in a run's folder; null if there is none.
 pub fn read(run: &Path) -> Json {
     let bytes = regular_file::read(&run.join(ENVIRONMENT), LARGEST).unwrap_or_default();
     serde_json::from_slice(&bytes).unwrap_or_default()
 }
 
-/// The files and folders that a run reads, as `environment.json` holds them: where they lie, whatever variables and
-/// links led there.
+/// The files and folders that a run reads, as stored in `environment.json`: absolute paths, with variables and links
+/// resolved.
 pub fn reads(read: &[PathBuf]) -> Vec<String> {
     let mut lie: Vec<PathBuf> = read.iter().filter_map(|path| std::fs::canonicalize(path).ok()).collect();
     lie.sort();
@@ -66,7 +66,7 @@ pub fn reads(read: &[PathBuf]) -> Vec<String> {
 
 /// The engine's version, the machine, the run's size and time.
 pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf]) -> Environment {
-    // JSON holds text: of an argument that is none, what can be read of it.
+    // JSON strings are UTF-8: other bytes of an argument are replaced.
     let arguments = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
     Environment {
         depthloom: env!("CARGO_PKG_VERSION"),
@@ -90,7 +90,7 @@ fn wall_seconds() -> f64 {
 }
 
 impl Environment {
-    /// Measures time and memory again, when more was done since.
+    /// Measures time and memory again, after more work.
     pub fn measure_again(&mut self) {
         self.wall_s = wall_seconds();
         self.peak_resident_bytes = peak_resident_bytes();
@@ -120,7 +120,7 @@ pub struct Engine {
     build: Option<String>,
     path: Option<String>,
     found_by: String,
-    /// Why it is not the one that was looked for first.
+    /// Why it is not the preferred one.
     instead_of: Option<String>,
     refused: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -157,12 +157,12 @@ impl From<&onnx::Engine> for Engine {
     }
 }
 
-/// Providers by name.
+/// The names of providers.
 pub fn names(providers: &[Provider]) -> Vec<String> {
     providers.iter().map(|provider| provider.name().to_owned()).collect()
 }
 
-/// How many threads can run at once here.
+/// The number of threads that can run at once on this machine.
 pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
@@ -172,7 +172,7 @@ pub fn simd() -> Vec<&'static str> {
     Level::available().into_iter().filter(|level| *level != Level::PORTABLE).map(Level::name).collect()
 }
 
-/// The most memory this process has held at once; `None` where the system does not tell.
+/// The most memory of this process so far; `None` if the system does not report it.
 fn peak_resident_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -1,4 +1,4 @@
-//! The frames of a run, and what failed on them, for programs.
+//! The frames of a run and their failures, for JSON.
 
 use depthloom_analysis::RowKeys;
 use depthloom_graphs::plan::RunId;
@@ -10,23 +10,23 @@ use serde::Serialize;
 #[derive(JsonSchema, Serialize)]
 pub struct Frames {
     stage: String,
-    /// Where variants have sources of their own, the first of this one.
+    /// If variants have different sources, the first variant with this one.
     variant: Option<String>,
     /// The frames' ids; the place in this list is `position` in tables.
     ids: Vec<String>,
-    /// How many of them failed somewhere.
+    /// The number of frames with a failure.
     failed: u64,
 }
 
-/// What failed on a frame.
+/// A failure on a frame.
 #[derive(JsonSchema, Serialize)]
 pub struct FrameFailure {
     stage: String,
-    /// Null where all variants share the node; of several, the first.
+    /// Null if all variants share the node; of several, the first.
     variant: Option<String>,
     position: u64,
     frame: String,
-    /// Null where the source failed.
+    /// Null if the source failed.
     node: Option<String>,
     message: String,
 }

@@ -1,4 +1,4 @@
-//! Which runs lie in a folder.
+//! Finds the runs in a folder.
 
 use std::fs;
 use std::io;
@@ -12,17 +12,17 @@ use crate::environment::{self, STAMP};
 use crate::files::{MARKER, RECORDING};
 use crate::run_folder::PathState;
 
-/// How many folders deep runs lie at most: `runs/<experiment>/<time>` is two.
+/// The depth of folders that are searched: `runs/<experiment>/<time>` is two.
 const DEPTH: u32 = 3;
 
 /// A run's folder.
 #[derive(Clone, Debug)]
 pub struct FoundRun {
-    /// How it is called: its path in the folder of runs, with `/` between.
+    /// Its name: its path in the folder of runs, with `/` between.
     pub name: String,
     /// The folder.
     pub path: PathBuf,
-    /// When it was done; of one that never was, when it last wrote.
+    /// When it finished; for an unfinished run, when it last wrote.
     pub time: DateTime<Utc>,
 }
 
@@ -37,7 +37,7 @@ impl FoundRun {
         self.name == name || self.last_name() == name
     }
 
-    /// The run of a folder, named as it is in the folder of runs, or by its path if it lies elsewhere.
+    /// The run in a folder; its name is relative to the folder of runs, or its path if it is elsewhere.
     ///
     /// # Errors
     /// If it is not a run, or its metadata cannot be read.
@@ -52,29 +52,30 @@ impl FoundRun {
                 PathState::Nothing | PathState::Run => "not there",
             };
             let stop = CliError::new(ExitCode::Usage, format!("{} is not a run: it is {what}", path.display()));
-            return Err(stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its folder"));
+            return Err(stop.remedy("`depthloom runs` lists the runs; for a run elsewhere, give its folder"));
         }
         let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
         Ok(Self { name, time: time(path), path: path.to_owned() })
     }
 
-    /// Its time, for programs.
+    /// Its time, for JSON.
     pub fn time_utc(&self) -> String {
         self.time.format("%Y-%m-%dT%H:%M:%SZ").to_string()
     }
 
-    /// Whether it has its final name: it is over.
-    pub fn is_over(&self) -> bool {
+    /// Whether it has its final name, and so has finished.
+    pub fn has_finished(&self) -> bool {
         self.path.extension().is_none_or(|ending| ending != depthloom_durable::PARTIAL)
     }
 }
 
 /// All runs in a folder and in its folders, oldest first.
 ///
-/// A link to a run is no run, for removing one must not reach beyond the folder; the folder itself may be one.
+/// A symbolic link to a run is ignored, because removing it must not reach beyond the folder; the folder itself may be
+/// a link.
 ///
 /// # Errors
-/// If the folder cannot be read. Of a folder in it that cannot, a warning is told.
+/// If the folder cannot be read. A folder in it that cannot be read only causes a warning.
 pub fn all(folder: &Path) -> io::Result<Vec<FoundRun>> {
     let mut runs = Vec::new();
     look_into(folder, "", DEPTH, &mut runs)?;
@@ -82,10 +83,10 @@ pub fn all(folder: &Path) -> io::Result<Vec<FoundRun>> {
     Ok(runs)
 }
 
-/// The runs that lie directly in a folder.
+/// The runs directly in a folder.
 pub fn in_folder(folder: &Path) -> Vec<FoundRun> {
     let mut runs = Vec::new();
-    // Of a folder that cannot be read nothing can be taken.
+    // A folder that cannot be read has no reusable values.
     let _ = look_into(folder, "", 1, &mut runs);
     runs
 }
@@ -101,19 +102,19 @@ fn look_into(folder: &Path, prefix: &str, depth: u32, runs: &mut Vec<FoundRun>) 
                     say(format_args!("warning: failed to look into {}: {error}", path.display()));
                 }
             }
-            // Gone in the meantime, or none.
+            // Removed in the meantime, or not a folder.
             _ => {}
         }
     }
     Ok(())
 }
 
-/// A link to a folder is none.
+/// False for a symbolic link to a folder.
 fn is_folder(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_dir())
 }
 
-/// When a run was done: what it says itself, for a copy has other times.
+/// When a run finished, according to its own record, because a copy has other file times.
 fn time(folder: &Path) -> DateTime<Utc> {
     let environment = environment::read(folder);
     let finished = environment["finished_utc"].as_str();
@@ -138,13 +139,13 @@ mod tests {
     }
 
     #[test]
-    fn runs_are_listed_by_the_time_they_tell_and_links_lead_nowhere() {
+    fn runs_are_sorted_by_their_recorded_time_and_links_are_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let root = folder.path().join("runs");
         make(&root.join("b/second"), "2026-11-22T02-00-00Z");
         make(&root.join("first"), "2026-11-22T01-00-00Z");
         make(&root.join("a/third"), "2026-11-22T03-00-00Z");
-        // A run in a run, one too deep, and a folder of somebody.
+        // A run in a run, one that is too deep, and a foreign folder.
         make(&root.join("first/inner"), "2026-11-22T04-00-00Z");
         make(&root.join("a/b/c/deep"), "2026-11-22T05-00-00Z");
         fs::create_dir_all(root.join("notes")).unwrap();

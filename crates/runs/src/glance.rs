@@ -1,5 +1,4 @@
-//! What can be said of a run at a glance: what its recording's summary tells, how much room it takes, and its best
-//! score.
+//! A summary of a run: what its recording's summary contains, its size on disk, and its best score.
 
 use depthloom_graphs::plan::RunId;
 use std::fs;
@@ -16,24 +15,24 @@ use crate::files::RECORDING;
 use crate::found::FoundRun;
 use crate::run_folder::is_held;
 
-/// How far a run came.
+/// The state of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
-    /// A process writes it.
+    /// A process is writing it.
     Running,
-    /// Over, and whole.
+    /// It has finished, and is complete.
     Whole,
-    /// It ended before its end.
+    /// It ended early.
     Unfinished,
-    /// Bytes of its recording are not what was written, as far as its summary tells.
+    /// Bytes of its recording are damaged, according to its summary.
     Damaged,
     /// Its recording cannot be read.
     Unreadable,
 }
 
 impl State {
-    /// Its name, for people.
+    /// Its name in messages.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Running => "running",
@@ -45,24 +44,24 @@ impl State {
     }
 }
 
-/// A run at a glance.
+/// A summary of a run.
 #[derive(JsonSchema, Serialize)]
 pub struct Glance {
     /// Its path in the folder of runs.
     pub name: String,
     /// Its folder.
     pub path: String,
-    /// When it was finished; of one that was not, when it last wrote.
+    /// When it finished; for an unfinished run, when it last wrote.
     pub time_utc: String,
-    /// How far it came.
+    /// Its state.
     pub state: State,
-    /// Its experiment; null where its recording was not read.
+    /// Its experiment; null if its recording was not read.
     pub experiment: Option<String>,
-    /// How many.
+    /// The number of variants.
     pub variants: u64,
-    /// How many frames it recorded, of all stages.
+    /// The number of recorded frames, of all stages.
     pub frames: u64,
-    /// How many of them failed somewhere.
+    /// The number of frames with a failure.
     pub failed_frames: u64,
     /// The size of all its files.
     pub bytes: u64,
@@ -75,9 +74,9 @@ pub struct Glance {
 }
 
 impl Glance {
-    /// Looks at a run; what another process writes at this moment is not read.
+    /// Summarises a run; a run that another process is writing is not read.
     pub fn at(run: &FoundRun) -> Self {
-        let state = if is_held(&run.path) && !run.is_over() { State::Running } else { State::Unfinished };
+        let state = if is_held(&run.path) && !run.has_finished() { State::Running } else { State::Unfinished };
         let glance = Self {
             name: run.name.clone(),
             path: run.path.to_string_lossy().into_owned(),
@@ -98,10 +97,10 @@ impl Glance {
         let path = run.path.join(RECORDING);
         match Recording::open(&path) {
             Ok(recording) => {
-                Self { warning: reused::warning(&recording, &run.path), ..glance.with(&recording, run.is_over()) }
+                Self { warning: reused::warning(&recording, &run.path), ..glance.with(&recording, run.has_finished()) }
             }
-            // Of a run that ended before its first frame.
-            Err(_) if !run.is_over() && !path.exists() => glance,
+            // For a run that ended before its first frame.
+            Err(_) if !run.has_finished() && !path.exists() => glance,
             Err(error) => {
                 let trouble = match error.remedy() {
                     Some(remedy) => format!("{}; {remedy}", chain(&error)),
@@ -112,13 +111,13 @@ impl Glance {
         }
     }
 
-    fn with(self, recording: &Recording, is_over: bool) -> Self {
+    fn with(self, recording: &Recording, has_finished: bool) -> Self {
         let plan = recording.plan();
         let (state, trouble) = match recording.condition() {
-            Condition::Whole if is_over => (State::Whole, None),
+            Condition::Whole if has_finished => (State::Whole, None),
             Condition::Whole => (State::Unfinished, None),
             condition @ (Condition::Unfinished { .. } | Condition::Recovered) => {
-                (State::Unfinished, is_over.then(|| condition.to_string()))
+                (State::Unfinished, has_finished.then(|| condition.to_string()))
             }
             condition @ Condition::Damaged { .. } => (State::Damaged, Some(condition.to_string())),
         };
@@ -129,14 +128,14 @@ impl Glance {
             variants: plan.variants.len() as u64,
             frames: frames().count() as u64,
             failed_frames: frames().filter(|frame| !frame.failures.is_empty()).count() as u64,
-            // A run that scored nothing has no best score.
+            // A run without scores has no best score.
             best: depthloom_analysis::best_value(recording, &|| false).ok().flatten().map(Best::from),
             trouble,
             ..self
         }
     }
 
-    /// How far it came, in words.
+    /// Its state, in words.
     pub fn state_text(&self) -> String {
         match self.failed_frames {
             0 => self.state.name().to_owned(),
@@ -179,13 +178,13 @@ impl Best {
 /// A file.
 #[derive(PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize)]
 pub struct File {
-    /// With the folders in which it lies.
+    /// Its path in the folder.
     pub name: String,
-    /// How large it is, bytes.
+    /// Its size, bytes.
     pub bytes: u64,
 }
 
-/// The files in a folder and in its folders, by name.
+/// The files in a folder and in its subfolders, by name.
 pub fn files_in(folder: &Path) -> Vec<File> {
     files_below(folder, "")
 }
@@ -204,7 +203,7 @@ fn files_below(folder: &Path, prefix: &str) -> Vec<File> {
     files
 }
 
-/// What the files in a folder and in its folders hold; what a link leads to does not lie there.
+/// The size of the files in a folder and in its subfolders; the targets of links are not counted.
 pub fn bytes_in(folder: &Path) -> u64 {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let bytes = |entry: fs::DirEntry| match entry.metadata() {

@@ -1,7 +1,7 @@
-//! The folder of runs: which lie there, how each is called, and what can be said of one at a glance.
+//! The folder of runs: finds runs, resolves their names, and summarises them.
 //!
-//! Nothing is kept of it: a run is opened by its recording's summary, in milliseconds, so that a list of hundreds needs
-//! no index that could be out of date.
+//! Nothing is cached: a run is opened by its recording's summary in milliseconds, so a list of hundreds needs no index,
+//! which could be out of date.
 
 #![forbid(unsafe_code)]
 

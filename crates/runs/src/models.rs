@@ -1,19 +1,19 @@
-//! A run's learnt models as files, under names that a person understands: `models/<stage>.<node>[.<variant>].onnx`.
+//! A run's trained models as files with readable names: `models/<stage>.<node>[.<variant>].onnx`.
 
 use std::collections::BTreeSet;
 use std::io;
 use std::path::Path;
 
-use depthloom_recording::{RecordedContent, RecordedOnce, RecordedPlan, Recording};
+use depthloom_recording::{RecordedAggregate, RecordedContent, RecordedPlan, Recording};
 use depthloom_terminal::{CliError, ExitCode};
 
 use crate::files::MODELS;
 use crate::opening::read_failed;
 
-/// Writes the models that a recording holds into `<folder>/models`.
+/// Writes the models of a recording into `<folder>/models`.
 ///
 /// # Errors
-/// If a model cannot be read, or its file not be written.
+/// If a model cannot be read or its file cannot be written.
 pub fn write(recording: &Recording, folder: &Path) -> Result<(), CliError> {
     let folder = folder.join(MODELS);
     let failed = |error: &io::Error| {
@@ -29,10 +29,10 @@ pub fn write(recording: &Recording, folder: &Path) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The models that a recording holds, and the names of their files.
-pub fn names(recording: &Recording) -> Vec<(&RecordedOnce, String)> {
+/// The models of a recording, and the names of their files.
+pub fn names(recording: &Recording) -> Vec<(&RecordedAggregate, String)> {
     let mut taken = BTreeSet::new();
-    let is_model = |value: &&RecordedOnce| {
+    let is_model = |value: &&RecordedAggregate| {
         value.value_type == "model" && matches!(value.content, RecordedContent::Attachment { .. })
     };
     let named = |value| {
@@ -42,12 +42,12 @@ pub fn names(recording: &Recording) -> Vec<(&RecordedOnce, String)> {
         taken.insert(name.clone());
         (value, name)
     };
-    recording.once_values().iter().filter(is_model).map(named).collect()
+    recording.aggregate_values().iter().filter(is_model).map(named).collect()
 }
 
 /// `<stage>.<node>`, with the first of its variants where it does not serve them all, and its port unless that is
 /// `model`.
-fn stem(plan: &RecordedPlan, value: &RecordedOnce) -> String {
+fn stem(plan: &RecordedPlan, value: &RecordedAggregate) -> String {
     let Some(run) = plan.runs.get(value.run.0) else { return "model".to_owned() };
     let Some(node) = run.nodes.get(value.node.0) else { return run.stage.clone() };
     let variant = node.variants.first().filter(|_| node.variants.len() < plan.variants.len());

@@ -1,4 +1,4 @@
-//! Which run is meant: a path, the beginning of a name, or the latest.
+//! Resolves the name of a run: a path, the beginning of a name, or the latest.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -7,28 +7,28 @@ use depthloom_terminal::{CliError, ExitCode};
 
 use crate::found::{FoundRun, all};
 
-/// The newest run that is over; behind `experiment/` the newest of those whose names begin so.
+/// The newest finished run; after `experiment/`, the newest one whose name begins so.
 const LATEST: &str = "@latest";
 
-/// How many runs are told where one is wanted.
-const TOLD: usize = 4;
+/// The number of runs that a message about an ambiguous name lists.
+const MOST_LISTED: usize = 4;
 
-/// The run that `run` names: a file or folder that is there; `@latest`, or `EXPERIMENT/@latest`; the beginning of a
-/// name in the folder of runs, or of the last part of one, if no other run's begins so.
+/// The run that `run` names: an existing file or folder; `@latest`, or `EXPERIMENT/@latest`; the beginning of a run's
+/// name in the folder of runs, or of its last part, if only one run matches.
 ///
-/// What names none stays as it is: who opens it says what is wrong with it.
+/// If nothing matches, returns `run` unchanged: opening it then reports the error.
 ///
 /// # Errors
-/// If several runs are meant, or there is no latest.
+/// If several runs match, or there is no latest.
 pub fn named(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
     find(run, folder, by_beginning)
 }
 
-/// As [`named`], but a name is given in full: for commands that remove runs. Once a run is gone, the beginning of its
-/// name may be another's.
+/// As [`named`], but requires the full name: for commands that remove runs. After a run is removed, the beginning of
+/// its name may match another run.
 ///
 /// # Errors
-/// As [`named`], if `run` is only the beginning of a name, and if it is the name of a run here and of another one in
+/// As [`named`], if `run` is only the beginning of a name, and if it is the name of both a run here and another one in
 /// `folder`.
 pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
     if let Some(other) = namesake(run, folder) {
@@ -42,11 +42,11 @@ pub fn named_in_full(run: &Path, folder: &Path) -> Result<PathBuf, CliError> {
             return Ok(found);
         };
         let what = format!("no run in {} is named `{text}`", folder.display());
-        Err(CliError::usage(what, format!("give the name in full: `{}` begins so", longer.name)))
+        Err(CliError::usage(what, format!("give the full name: `{}` begins with it", longer.name)))
     })
 }
 
-/// The run in `folder` that has the name `run`, where something else in the current directory has this name too.
+/// The run in `folder` named `run`, if another file in the current directory has this name too.
 fn namesake(run: &Path, folder: &Path) -> Option<PathBuf> {
     let text = run.to_str().filter(|text| !text.contains(std::path::is_separator))?;
     let here = run.canonicalize().ok()?;
@@ -64,39 +64,39 @@ fn find(
     let Some(text) = run.to_str().filter(|text| is_nothing && !text.is_empty()) else { return Ok(run.to_owned()) };
     let runs = all(folder).unwrap_or_default();
     match text.strip_suffix(LATEST) {
-        Some(of) if of.is_empty() || of.ends_with('/') => latest(&runs, of, folder),
+        Some(prefix) if prefix.is_empty() || prefix.ends_with('/') => latest(&runs, prefix, folder),
         _ => by_name(&runs, text, folder).map(|found| found.unwrap_or_else(|| run.to_owned())),
     }
 }
 
-fn latest(runs: &[FoundRun], of: &str, folder: &Path) -> Result<PathBuf, CliError> {
-    let of_these = || runs.iter().filter(|run| run.name.starts_with(of));
-    let newest = of_these().rfind(|run| run.is_over());
+fn latest(runs: &[FoundRun], prefix: &str, folder: &Path) -> Result<PathBuf, CliError> {
+    let candidates = || runs.iter().filter(|run| run.name.starts_with(prefix));
+    let newest = candidates().rfind(|run| run.has_finished());
     newest.map(|run| run.path.clone()).ok_or_else(|| {
-        let of = if of.is_empty() { String::new() } else { format!(" of `{}`", of.trim_end_matches('/')) };
-        let stop = CliError::new(ExitCode::Usage, format!("no run{of} in {} has finished", folder.display()));
-        match of_these().next_back() {
-            Some(run) => stop.remedy(format!("one is running, or was interrupted: {}", run.name)),
-            None => stop.remedy("`depthloom runs` lists those there are; elsewhere a run is named by its path"),
+        let suffix = if prefix.is_empty() { String::new() } else { format!(" of `{}`", prefix.trim_end_matches('/')) };
+        let stop = CliError::new(ExitCode::Usage, format!("no run{suffix} in {} has finished", folder.display()));
+        match candidates().next_back() {
+            Some(run) => stop.remedy(format!("it is running, or was interrupted: {}", run.name)),
+            None => stop.remedy("`depthloom runs` lists the runs; for a run elsewhere, give its path"),
         }
     })
 }
 
 fn by_beginning(runs: &[FoundRun], text: &str, folder: &Path) -> Result<Option<PathBuf>, CliError> {
-    // A name in full is that run's, whatever others begin with it.
-    let whole: Vec<&FoundRun> = runs.iter().filter(|run| run.is_named(text)).collect();
-    let meant = match whole.as_slice() {
+    // A full name wins, even if other names begin with it.
+    let exact: Vec<&FoundRun> = runs.iter().filter(|run| run.is_named(text)).collect();
+    let matching = match exact.as_slice() {
         [] => runs.iter().filter(|run| run.name.starts_with(text) || run.last_name().starts_with(text)).collect(),
-        _ => whole,
+        _ => exact,
     };
-    match meant.as_slice() {
+    match matching.as_slice() {
         [] => Ok(None),
         [run] => Ok(Some(run.path.clone())),
         several => {
-            let names: Vec<&str> = several.iter().rev().take(TOLD).map(|run| run.name.as_str()).collect();
-            let others = if several.len() > TOLD { ", ..." } else { "" };
+            let names: Vec<&str> = several.iter().rev().take(MOST_LISTED).map(|run| run.name.as_str()).collect();
+            let others = if several.len() > MOST_LISTED { ", ..." } else { "" };
             let what = format!("`{text}` names {} runs in {}", several.len(), folder.display());
-            let remedy = format!("write more of a name ({}{others}), or @latest", names.join(", "));
+            let remedy = format!("write more of the name ({}{others}), or @latest", names.join(", "));
             Err(CliError::usage(what, remedy))
         }
     }
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_is_named_by_what_only_it_begins_with() {
+    fn a_run_is_found_by_a_unique_beginning_of_its_name() {
         let folder = folder_of(&[
             ("table1/2026-11-21T10-00-00Z", "2026-11-21T10-00-00Z"),
             ("table1/2026-11-22T10-00-00Z", "2026-11-22T10-00-00Z"),
@@ -143,8 +143,8 @@ mod tests {
             ("first-2", "2026-11-19T11-00-00Z"),
             ("later.partial", "2026-11-23T11-00-00Z"),
         ]);
-        let of = |text: &str| named(Path::new(text), folder.path());
-        let found = |text: &str| of(text).unwrap().strip_prefix(folder.path()).unwrap().to_owned();
+        let resolve = |text: &str| named(Path::new(text), folder.path());
+        let found = |text: &str| resolve(text).unwrap().strip_prefix(folder.path()).unwrap().to_owned();
         for (text, run) in [
             ("look", "look/2026-11-20T10-00-00Z"),
             ("2026-11-20", "look/2026-11-20T10-00-00Z"),
@@ -157,12 +157,12 @@ mod tests {
         ] {
             assert_eq!(found(text), PathBuf::from(run), "{text}");
         }
-        let several = of("table1").unwrap_err();
+        let several = resolve("table1").unwrap_err();
         assert!(several.message.what.starts_with("`table1` names 2 runs in "), "{}", several.message.what);
         assert!(several.message.remedy.unwrap().contains("table1/2026-11-22T10-00-00Z, table1/2026-11-21T10-00-00Z"));
-        assert!(of("later/@latest").unwrap_err().message.what.starts_with("no run of `later` in "));
-        // What is none is told by who opens it, and what is there under that name is meant.
-        assert_eq!(of("none").unwrap(), PathBuf::from("none"));
+        assert!(resolve("later/@latest").unwrap_err().message.what.starts_with("no run of `later` in "));
+        // A name that matches nothing is returned unchanged; an existing file wins.
+        assert_eq!(resolve("none").unwrap(), PathBuf::from("none"));
         let here = folder.path().join("first");
         assert_eq!(named(&here, folder.path()).unwrap(), here);
     }

@@ -1,4 +1,4 @@
-//! The recording of a run, and why a question to it has no answer.
+//! Opens the recording of a run, and reports why that fails.
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Read as _};
@@ -16,8 +16,8 @@ use crate::named::named;
 
 const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";
 
-/// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` is what to
-/// do with it.
+/// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` appears in
+/// remedies.
 ///
 /// # Errors
 /// If no recording has this name, or several have.
@@ -25,7 +25,7 @@ pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, CliError> {
     recording_in(Path::new(FOLDER), run, command)
 }
 
-/// The same of another folder of runs.
+/// As [`recording_of`], in another folder of runs.
 ///
 /// # Errors
 /// As [`recording_of`].
@@ -58,27 +58,26 @@ pub fn recording_in(folder: &Path, run: &Path, command: &str) -> Result<PathBuf,
     let stop = failed(format!("it has no {RECORDING}"));
     Err(match runs.as_slice() {
         [] => stop.remedy(NAME_A_RUN),
-        [one] => stop.remedy(format!("it holds a run: `depthloom {command} {}`", one.display())),
+        [one] => stop.remedy(format!("it contains a run: `depthloom {command} {}`", one.display())),
         [.., newest] => stop.remedy(format!(
-            "it holds {} runs, one of which is `depthloom {command} {}`",
+            "it contains {} runs, for example `depthloom {command} {}`",
             runs.len(),
             newest.display()
         )),
     })
 }
 
-/// The run with this file that would have this name, were it whole: `<run>.partial`, or that of a run which `run` is a
-/// file of.
+/// The unfinished run with this file: `<run>.partial`, or the same if `run` is a file in a run's folder.
 #[must_use]
 pub fn partial_with(run: &Path, file: &str) -> Option<PathBuf> {
-    let of = |run: &Path| {
+    let partial_of = |run: &Path| {
         let partial = run.file_name().map(|_| depthloom_durable::partial_name(run))?;
         partial.join(file).is_file().then_some(partial)
     };
-    of(run).or_else(|| of(run.parent()?))
+    partial_of(run).or_else(|| partial_of(run.parent()?))
 }
 
-/// What helps where only a partial run is there; `command` is what to do with it.
+/// The remedy if only an unfinished run exists; `command` is the command that failed.
 #[must_use]
 pub fn remedy_of_partial(partial: &Path, command: &str) -> String {
     let partial = partial.display();
@@ -87,7 +86,7 @@ pub fn remedy_of_partial(partial: &Path, command: &str) -> String {
     )
 }
 
-/// The runs in a folder and, up to a depth, in its folders; by name, and so by time.
+/// The runs in a folder and its subfolders, up to a depth; by name, and so by time.
 fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut folders: Vec<_> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
@@ -100,7 +99,7 @@ fn runs_below(folder: &Path, depth: u32) -> Vec<PathBuf> {
     folders.into_iter().flat_map(below).collect()
 }
 
-/// Whether a file begins as a recording does.
+/// Whether a file starts like a recording.
 #[must_use]
 pub fn is_recording(path: &Path) -> bool {
     let mut start = [0; 8];
@@ -160,7 +159,7 @@ pub fn open_frames(path: &Path) -> Result<Recording, CliError> {
     }
 }
 
-/// Why a request to an analysis failed: it was wrong, or the recording is, or the analysis.
+/// Why a request to an analysis failed: the request, the recording or the analysis is at fault.
 #[must_use]
 pub fn failed(error: AnalysisError) -> CliError {
     let exit = match error {
@@ -172,7 +171,7 @@ pub fn failed(error: AnalysisError) -> CliError {
     CliError::remedied(exit, "failed to analyse the recording", &error)
 }
 
-/// Why a run ended before its end.
+/// Why a run ended early.
 #[must_use]
 pub fn run_failed(error: &RunError) -> CliError {
     let exit = match error {

@@ -1,10 +1,9 @@
-//! Names of files made of texts that somebody else chose.
+//! File names made from arbitrary text.
 
-/// The longest name without its ending, bytes: every file system takes it, with what stands behind it until it is
-/// whole.
+/// The longest name without its extension, bytes: every file system accepts it, with the suffix of unfinished files.
 const LONGEST: usize = 200;
 
-/// What of a text every file system takes as a name: another character stands as `_`, and so do points alone, which
+/// A text as a name that every file system accepts: other characters become `_`, and so do names of dots only, which
 /// would be another folder.
 pub fn file_name(text: &str) -> String {
     let is_plain = |c: char| c.is_alphanumeric() || "-_.=,+".contains(c);
@@ -19,7 +18,7 @@ mod tests {
     use super::file_name;
 
     #[test]
-    fn no_name_leads_elsewhere() {
+    fn no_name_leads_to_another_folder() {
         let names = ["000150_10", "block=3+p1=8.5", "a/b\\c:d", "..", ".", "", "größe 1", "..x"];
         let plain = ["000150_10", "block=3+p1=8.5", "a_b_c_d", "__", "_", "_", "größe_1", "..x"];
         assert_eq!(names.map(file_name), plain);

@@ -1,4 +1,4 @@
-//! What a run takes from earlier ones: those beside it, and those under `runs/`.
+//! What a run reuses of earlier runs: those in the same folder, and those in `runs/`.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, Plan, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Frame, Key, chain, counted};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
-use depthloom_runner::{Audit, KeptValues, Report};
+use depthloom_runner::{Audit, RecordedValues, Report};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -18,8 +18,8 @@ use crate::files::{FOLDER, OUTDATED, RECORDING};
 use crate::found::{all, in_folder};
 use crate::run_folder::RunFolder;
 
-/// The recordings that a run may reuse, the newest first: those of its own folder, of the runs beside it, and of those
-/// under `runs/`. None with `--fresh`.
+/// The recordings that a run may reuse, newest first: those of its own folder, of the runs beside it, and in `runs/`.
+/// Empty with `--fresh`.
 pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierRuns {
     let mut recordings = Vec::new();
     if !is_fresh {
@@ -31,10 +31,10 @@ pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierR
     EarlierRuns::new(recordings, plan)
 }
 
-/// What an interrupted run recorded, to be compared with what the same run records today.
+/// The recording of an interrupted run, for comparison with what the same run would record today.
 struct RecordedKeys<'a>(&'a Recording);
 
-impl KeptValues for RecordedKeys<'_> {
+impl RecordedValues for RecordedKeys<'_> {
     fn frames(&self, run: RunId) -> usize {
         self.0.frames(run).len()
     }
@@ -56,13 +56,13 @@ impl KeptValues for RecordedKeys<'_> {
     }
 
     fn aggregates(&self, run: RunId) -> Vec<(NodeId, Key)> {
-        let values = self.0.once_values().iter().filter(|value| value.run == run);
+        let values = self.0.aggregate_values().iter().filter(|value| value.run == run);
         values.map(|value| (value.node, value.key)).collect()
     }
 }
 
-/// Why what an interrupted run recorded is not what this run would record; `None` if it is, and the run can resume
-/// after it.
+/// Why the recording of an interrupted run differs from what this run would record; `None` if it does not, and the run
+/// can resume it.
 ///
 /// # Errors
 /// If today's keys cannot be computed.
@@ -74,11 +74,11 @@ pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> 
     outdated.map_err(|error| CliError::new(ExitCode::Engine, format!("failed to compare cache keys: {error}")))
 }
 
-/// The recordings of the runs in a folder, if one is given, and of those that `depthloom runs` lists.
-fn found(beside: Option<&Path>) -> Vec<PathBuf> {
+/// The recordings of the runs beside `out`, and of those that `depthloom runs` lists.
+fn found(out: Option<&Path>) -> Vec<PathBuf> {
     let folder = |beside: &Path| if beside.as_os_str().is_empty() { PathBuf::from(".") } else { beside.to_owned() };
-    let beside = beside.into_iter().flat_map(|beside| in_folder(&folder(beside)));
-    let found = beside.chain(all(Path::new(FOLDER)).unwrap_or_default());
+    let siblings = out.into_iter().flat_map(|out| in_folder(&folder(out)));
+    let found = siblings.chain(all(Path::new(FOLDER)).unwrap_or_default());
     let (mut seen, mut recordings) = (BTreeSet::new(), Vec::new());
     for path in found.map(|run| run.path.join(RECORDING)) {
         let Ok(metadata) = std::fs::metadata(&path) else { continue };
@@ -91,12 +91,12 @@ fn found(beside: Option<&Path>) -> Vec<PathBuf> {
     recordings.into_iter().rev().map(|(_, path)| path).collect()
 }
 
-/// The recordings that a run beside `out` may take from.
+/// The recordings that a run at `out` may reuse.
 pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
     EarlierRuns::new(found(out.and_then(Path::parent)), plan)
 }
 
-/// How many frames a recording holds, over all stage runs.
+/// The number of frames in a recording, over all stage runs.
 pub fn frames(recording: &Recording) -> u64 {
     RunId::all(recording.plan().runs.len()).map(|run| recording.frames(run).len() as u64).sum()
 }
@@ -106,19 +106,19 @@ pub fn frames(recording: &Recording) -> u64 {
 pub fn reports(earlier: &EarlierRuns, audit: Audit) -> Vec<PathBuf> {
     match audit {
         Audit::All => Vec::new(),
-        Audit::Sample | Audit::None => earlier.taken().filter_map(|path| path.parent().map(Path::to_owned)).collect(),
+        Audit::Sample | Audit::None => earlier.reused().filter_map(|path| path.parent().map(Path::to_owned)).collect(),
     }
 }
 
-/// The earlier runs that cannot be read, of which nothing is taken.
+/// The earlier runs that cannot be read, so that nothing of them is reused.
 pub fn unreadable(earlier: &EarlierRuns) -> Vec<String> {
-    let told = |(path, error): &(PathBuf, RecordingError)| {
-        format!("nothing is taken from {}: {}", path.parent().unwrap_or(path).display(), chain(error))
+    let message = |(path, error): &(PathBuf, RecordingError)| {
+        format!("cannot reuse values of {}: {}", path.parent().unwrap_or(path).display(), chain(error))
     };
-    earlier.unreadable().iter().map(told).collect()
+    earlier.unreadable().iter().map(message).collect()
 }
 
-/// What was damaged and made afresh.
+/// The damaged values that were recomputed.
 pub fn warnings(earlier: &EarlierRuns) -> Vec<String> {
     let damage = earlier.damage().into_iter();
     damage.map(|(path, what)| format!("recomputed damaged values of {}: {what}", path.display())).collect()
@@ -128,13 +128,13 @@ pub fn warnings(earlier: &EarlierRuns) -> Vec<String> {
 #[derive(JsonSchema, Serialize)]
 pub struct Reused {
     nodes: Vec<ReusedNode>,
-    /// The recordings that hold the reused values.
+    /// The recordings with the reused values.
     from: Vec<String>,
-    /// How many reused values the audit recomputed and found equal.
+    /// The number of reused values that the audit recomputed and found equal.
     audited: u64,
 }
 
-/// How often a node's values were taken.
+/// How often a node's values were reused.
 #[derive(JsonSchema, Serialize)]
 pub struct ReusedNode {
     stage: String,
@@ -143,16 +143,16 @@ pub struct ReusedNode {
     of: u64,
 }
 
-/// What a run took from earlier ones, of all its nodes.
+/// What a run reused of earlier runs, for all its nodes.
 pub struct ReuseCounts {
-    /// By stage run and node: how often it was taken, of how many times.
+    /// By stage run and node: how often its values were reused, of how many times.
     nodes: Vec<(String, String, u64, u64)>,
     from: Vec<PathBuf>,
-    /// How many reused values were recomputed and found equal.
+    /// The number of reused values that were recomputed and found equal.
     audited: u64,
 }
 
-/// What a run took from earlier ones.
+/// What a run reused of earlier runs.
 pub fn reuse_counts(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> ReuseCounts {
     let mut nodes = Vec::new();
     for (run, stage) in plan.runs.iter().zip(&report.stages) {
@@ -161,11 +161,11 @@ pub fn reuse_counts(report: &Report, plan: &Plan, earlier: &EarlierRuns) -> Reus
         }
     }
     let audited = report.stages.iter().map(|stage| stage.audited).sum();
-    ReuseCounts { nodes, from: earlier.taken().map(Path::to_owned).collect(), audited }
+    ReuseCounts { nodes, from: earlier.reused().map(Path::to_owned).collect(), audited }
 }
 
 impl ReuseCounts {
-    /// A line, if anything was taken.
+    /// A line, if anything was reused.
     pub fn text(&self) -> Option<String> {
         let (whole, part): (Vec<_>, Vec<_>) =
             self.nodes.iter().filter(|(.., reused, _)| *reused > 0).partition(|(.., reused, all)| reused == all);
@@ -185,7 +185,7 @@ impl ReuseCounts {
         Some(text)
     }
 
-    /// The same for programs.
+    /// The same for JSON.
     pub fn output(&self) -> Reused {
         let nodes = self.nodes.iter().filter(|(.., reused, _)| *reused > 0);
         let node = |(stage, node, reused, all): &(String, String, u64, u64)| ReusedNode {
@@ -194,7 +194,7 @@ impl ReuseCounts {
             reused: *reused,
             of: *all,
         };
-        // A path need not be UTF-8.
+        // A path may contain bytes that are not UTF-8.
         let from = self.from.iter().map(|path| path.to_string_lossy().into_owned()).collect();
         Reused { nodes: nodes.map(node).collect(), from, audited: self.audited }
     }

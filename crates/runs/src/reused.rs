@@ -44,7 +44,9 @@ fn has_reused(recording: &Recording, timings: &[Timing]) -> bool {
         for name in keys.filter_map(|key| name(key.node)) {
             *stored.entry((name, "process")).or_default() += 1;
         }
-        for name in recording.once_values().iter().filter(|once| once.run == run).filter_map(|once| name(once.node)) {
+        for name in
+            recording.aggregate_values().iter().filter(|once| once.run == run).filter_map(|once| name(once.node))
+        {
             stored.insert((name, "once"), 1);
         }
     }

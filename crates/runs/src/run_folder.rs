@@ -1,7 +1,7 @@
-//! A run's folder: written as `<out>.partial`, renamed when whole, and replaced by nobody but who was asked to.
+//! A run's folder: written as `<out>.partial`, renamed when complete, and replaced only on request.
 //!
-//! Under the final name there is a whole run or none at every moment: an old one goes aside before the new one takes
-//! its name, and is removed after.
+//! At every moment, the final name belongs to a complete run or to nothing: an old run is moved aside before the new
+//! one takes its name, and is removed afterwards.
 
 mod contents;
 mod lock;
@@ -21,7 +21,7 @@ pub use remove::Removal;
 
 use paths::{aside, failed, failed_to, found, harm, normalize_lexically};
 
-/// The folder beside runs where trainings put down their checkpoints.
+/// The folder beside runs with the checkpoints of trainings.
 pub const CHECKPOINTS: &str = "checkpoints";
 
 /// The folder a run writes to, not yet under its final name.
@@ -30,31 +30,31 @@ pub struct RunFolder {
     pub partial: PathBuf,
     /// The final name.
     pub out: PathBuf,
-    /// Held as long as the run writes.
+    /// Locked as long as the run writes.
     lock: Lock,
-    /// The run that had the final name when this one began, over and kept so, if it is to be replaced.
+    /// The finished run with the final name, locked, if it is to be replaced.
     replaced: Option<Lock>,
-    /// Whether an earlier process began it, and what it wrote stays.
-    pub goes_on: bool,
+    /// Whether the run resumes one that an earlier process started.
+    pub resumes: bool,
 }
 
-/// What a partial folder holds for a run that would write there.
+/// The content of a partial folder, for a run that would write there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PartialContent {
     /// Frames of the same experiment, by an earlier process.
     This,
-    /// Nothing that anybody could want.
+    /// Nothing of value.
     Nothing,
-    /// Another run's frames, or what is not known.
+    /// Frames of another run, or unknown content.
     Other,
 }
 
 impl RunFolder {
-    /// Makes `<out>.partial`.
+    /// Creates `<out>.partial`.
     ///
-    /// What stands under either name is somebody's results: it is replaced only when asked for, and only a run that is
-    /// over and holds none of the files and folders `read`. A partial folder with nothing in it is what a run left that
-    /// ended as it began; of one with something in it `begun` says what this run makes of it.
+    /// A run under either name is replaced only with `overwrite`, and only if it has finished and contains none of the
+    /// files and folders `read`. An empty partial folder is left of a run that ended at its start, and is replaced. If
+    /// it has content, `begun` classifies it.
     ///
     /// # Errors
     /// If something that must not be replaced has either name, another process writes there, or the system refuses.
@@ -67,7 +67,7 @@ impl RunFolder {
         let out = &normalize_lexically(out)?;
         let partial = partial_name(out)?;
         make_parent(out)?;
-        // So long a name would be refused when the run is done.
+        // A name that is too long would be refused only at the end of the run.
         found(&aside(out))?;
         for path in [out, &partial] {
             match found(path)? {
@@ -77,7 +77,7 @@ impl RunFolder {
                 }
                 PathState::Empty => return Err(no_run(path, "a folder, but not of a run")),
                 PathState::Other(what) => return Err(no_run(path, what)),
-                // It may be this very run, begun.
+                // It may be the same run, interrupted.
                 PathState::Run if path == &partial => {}
                 PathState::Run if overwrite => keep_from_harm(path, read)?,
                 PathState::Run => return Err(exists(path)),
@@ -91,10 +91,10 @@ impl RunFolder {
                     contents::remove_abandoned(&partial);
                     contents::remove_reports(&partial)
                         .map_err(|error| failed("remove the reports in", &partial, &error))?;
-                    return Ok(Self { partial, out: out.clone(), lock: old, replaced, goes_on: true });
+                    return Ok(Self { partial, out: out.clone(), lock: old, replaced, resumes: true });
                 }
                 PartialContent::Other if !overwrite => {
-                    let what = format!("{} holds frames that this run cannot resume", partial.display());
+                    let what = format!("{} contains frames that this run cannot resume", partial.display());
                     let why = "they are of another experiment or other parameters, or --fresh was requested";
                     return Err(CliError::usage(
                         format!("{what}: {why}"),
@@ -118,10 +118,10 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// Makes `<parent>/<name>.partial`, or `<name>-2` and so on: the first that is nobody's.
+    /// Creates `<parent>/<name>.partial`, or `<name>-2` and so on: the first that is free.
     ///
     /// # Errors
-    /// If the folder cannot be made, or not be marked.
+    /// If the folder cannot be created or marked.
     pub fn create_new(parent: &Path, name: &str) -> Result<Self, CliError> {
         let mut number = 1_u32;
         loop {
@@ -133,7 +133,7 @@ impl RunFolder {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
                 made => made.map_err(|error| failed("create", &partial, &error))?,
             }
-            // Looked for only now: who had the partial name until a moment ago has the final one.
+            // Checked only now: the process that had the partial name may just have renamed its folder.
             if found(&out)? == PathState::Nothing {
                 return Self::marked(partial, &out, None);
             }
@@ -143,10 +143,10 @@ impl RunFolder {
 
     fn marked(partial: PathBuf, out: &Path, replaced: Option<Lock>) -> Result<Self, CliError> {
         match Lock::mark(&partial) {
-            Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced, goes_on: false }),
+            Ok(lock) => Ok(Self { partial, out: out.to_owned(), lock, replaced, resumes: false }),
             Err(error) => {
-                // Not with all it holds: that takes a descriptor, which there may not be, and what is in it now is not
-                // ours.
+                // Removes only the folder, not its content: that needs a file descriptor, which may not be available,
+                // and files in it now were written by others.
                 let _ = fs::remove_dir(&partial);
                 let intent = format_args!("failed to mark {}", partial.display());
                 Err(match error {
@@ -157,7 +157,7 @@ impl RunFolder {
         }
     }
 
-    /// A file in the folder, as long as it is partial.
+    /// A file in the folder while it is partial.
     pub fn file(&self, name: &str) -> PathBuf {
         self.partial.join(name)
     }
@@ -173,33 +173,34 @@ impl RunFolder {
         })
     }
 
-    /// Where trainings put down their checkpoints: beside the run, so that the next one finds them.
+    /// The folder for checkpoints of trainings: beside the run, so that the next run finds them.
     pub fn checkpoints(&self) -> PathBuf {
         self.out.with_file_name(CHECKPOINTS)
     }
 
-    /// Removes the folder, which holds nothing worth keeping.
+    /// Removes the folder, whose content is not needed.
     pub fn discard(self) {
         if let Err(error) = fs::remove_dir_all(&self.partial) {
             say(format_args!("warning: failed to remove {}: {error}", self.partial.display()));
         }
     }
 
-    /// Gives the folder its final name, once all it holds is on the disk.
+    /// Gives the folder its final name, once its content is on the disk.
     ///
     /// # Errors
-    /// If the name was taken meanwhile, or the system refuses to rename: the run is whole under its partial name.
+    /// If the name was taken in the meantime, or the system refuses to rename: the run is complete under its partial
+    /// name.
     pub fn finish(self) -> Result<PathBuf, CliError> {
         let Self { partial, out, lock, replaced, .. } = self;
         let unnamed = |what: String| {
             CliError::new(ExitCode::Engine, what)
-                .remedy(format!("the run is whole in {}: rename it", partial.display()))
+                .remedy(format!("the run is complete in {}: rename it", partial.display()))
         };
         let rename = |from: &Path, to: &Path| {
             depthloom_durable::rename(from, to)
                 .map_err(|error| unnamed(format!("failed to rename {} to {}: {error}", from.display(), to.display())))
         };
-        // Where folders with open files cannot be renamed the lock goes now, else when the run has its name.
+        // Where folders with open files cannot be renamed, the lock is released now; otherwise after the rename.
         let lock = cfg!(unix).then_some(lock);
         depthloom_durable::sync_tree(&partial)
             .map_err(|error| unnamed(format!("failed to synchronise {}: {error}", partial.display())))?;
@@ -211,7 +212,7 @@ impl RunFolder {
                 rename(&out, &aside)?;
                 Some(aside)
             }
-            _ => return Err(unnamed(format!("{} appeared while the run went on", out.display()))),
+            _ => return Err(unnamed(format!("{} was created by another program during the run", out.display()))),
         };
         if let Err(stop) = rename(&partial, &out) {
             if let Some(old) = &old {
@@ -223,25 +224,25 @@ impl RunFolder {
         if let Some(old) = old
             && let Err(error) = fs::remove_dir_all(&old)
         {
-            say(format_args!("warning: failed to remove the run before, {}: {error}", old.display()));
+            say(format_args!("warning: failed to remove the replaced run {}: {error}", old.display()));
         }
         Ok(out)
     }
 }
 
-/// The run's folder that a path is, or lies in.
+/// The run's folder at a path or around it.
 pub fn around(path: &Path) -> Option<PathBuf> {
-    let there = path.ancestors().find_map(|folder| {
+    let folder = path.ancestors().find_map(|folder| {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         fs::canonicalize(folder).ok()
     })?;
-    there
+    folder
         .ancestors()
         .find(|folder| PathState::at(folder).is_ok_and(|found| found == PathState::Run))
         .map(Path::to_owned)
 }
 
-/// The lock of a run's folder for who writes more into it, or `None` if the folder is not a run's.
+/// The lock of a run's folder, to write more into it, or `None` if the folder is not a run's.
 ///
 /// # Errors
 /// If another process writes there, or the system refuses.
@@ -273,7 +274,7 @@ fn partial_name(out: &Path) -> Result<PathBuf, CliError> {
         )
     })?;
     if Path::new(name).extension().is_some_and(|extension| extension == depthloom_durable::PARTIAL) {
-        let what = format!("{}: a folder with that ending is a run that is not whole yet", out.display());
+        let what = format!("{}: a folder with this extension is an unfinished run", out.display());
         return Err(CliError::usage(what, "choose another --out"));
     }
     if name == CHECKPOINTS {
@@ -290,7 +291,7 @@ fn make_parent(out: &Path) -> Result<(), CliError> {
     }
 }
 
-/// Refuses to replace what the person stands in, the run was made from, or somebody put there.
+/// Refuses to replace the current folder, inputs of the run, or foreign files.
 fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), CliError> {
     match harm(path, read)? {
         None => Ok(()),

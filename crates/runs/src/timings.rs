@@ -18,16 +18,16 @@ pub fn write_timings(
     recorder: &Recorder,
     path: &Path,
 ) -> Result<(), CliError> {
-    let failed = |what: String| CliError::new(ExitCode::Engine, format!("failed to keep the timings: {what}"));
+    let failed = |what: String| CliError::new(ExitCode::Engine, format!("failed to write the timings: {what}"));
     let recorded = RecordedPlan::read_back(plan).map_err(failed)?;
     let leads = RowKeys::new(&recorded);
     let rows: Vec<depthloom_analysis::Timing> =
         timings.iter().flat_map(|timing| rows(timing, plan, &leads, recorder)).collect();
     depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
-        .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to keep the timings", &error))
+        .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to write the timings", &error))
 }
 
-/// A timing's rows: one, or two where compression is a share of encoding.
+/// The rows of a timing: one, or two if compression is a part of encoding.
 fn rows(
     timing: &depthloom_runner::Timing,
     plan: &Plan,

@@ -1,5 +1,5 @@
-//! Nodes whose failure ends a run: guarded, so that it ends no comparison of others. What they fail of is kept, and
-//! from there on they give nothing.
+//! Guards for nodes whose failure ends a run: the failure is stored, the node has no outputs from then on, and the
+//! comparison of other nodes continues.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -14,12 +14,12 @@ use depthloom_threads::{Caught, caught, locked};
 pub struct Failures(Arc<Mutex<BTreeMap<NodeRef, String>>>);
 
 impl Failures {
-    /// What a node failed of, if it did.
-    pub fn of(&self, node: NodeRef) -> Option<String> {
+    /// The failure of a node, if it failed.
+    pub fn find(&self, node: NodeRef) -> Option<String> {
         locked(&self.0).get(&node).cloned()
     }
 
-    /// The node under guard. A pure one needs none, for its failure is that of a frame.
+    /// The node with a guard. A pure node does not need one: its failure affects only one frame.
     pub fn guard(&self, at: NodeRef, instance: Instance, outputs: &[Port]) -> Instance {
         let guard = Guard { at, failures: self.clone() };
         let at_rate = |is_once| outputs.iter().filter(|port| (port.rate == Rate::Once) == is_once).cloned().collect();
@@ -40,19 +40,19 @@ struct Guard {
 }
 
 impl Guard {
-    /// What a node gives at its ports; `None` if it fails, which is put down with where it did. That it was cancelled
-    /// is no failure.
-    fn given(
+    /// The outputs of a node by port; `None` if it failed, which is stored with its place. A cancelled call is not a
+    /// failure.
+    fn outputs(
         &self,
         ports: &[Port],
         place: &str,
         fire: impl FnOnce() -> Result<Outputs, Fault>,
     ) -> Result<Option<Outputs>, Fault> {
-        let given = caught(fire).unwrap_or_else(|Caught(told)| Err(Fault::new(format!("panicked {told}"))));
-        match given.and_then(|given| given.in_order_of(ports)) {
+        let outcome = caught(fire).unwrap_or_else(|Caught(message)| Err(Fault::new(format!("panicked {message}"))));
+        match outcome.and_then(|outputs| outputs.in_order_of(ports)) {
             Ok(values) => {
-                let there = ports.iter().zip(values).filter_map(|(port, value)| Some((port.name, value?)));
-                Ok(Some(there.fold(Outputs::none(), |outputs, (name, value)| outputs.with(name, value))))
+                let present = ports.iter().zip(values).filter_map(|(port, value)| Some((port.name, value?)));
+                Ok(Some(present.fold(Outputs::none(), |outputs, (name, value)| outputs.with(name, value))))
             }
             Err(Fault::Cancelled) => Err(Fault::Cancelled),
             Err(fault) => {
@@ -72,8 +72,8 @@ struct GuardedOnce {
 
 impl OnceNode for GuardedOnce {
     fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let given = self.guard.given(&self.outputs, "", || self.node.run(inputs, ctx))?;
-        Ok(given.unwrap_or_else(Outputs::none))
+        let outputs = self.guard.outputs(&self.outputs, "", || self.node.run(inputs, ctx))?;
+        Ok(outputs.unwrap_or_else(Outputs::none))
     }
 }
 
@@ -89,16 +89,16 @@ impl OrderedNode for GuardedOrdered {
     fn process(&mut self, frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let Some(node) = &mut self.node else { return Ok(Outputs::none()) };
         let place = format!("frame `{}`: ", frame.id);
-        let given = self.guard.given(&self.outputs, &place, || node.process(frame, inputs, ctx))?;
-        if given.is_none() {
+        let outputs = self.guard.outputs(&self.outputs, &place, || node.process(frame, inputs, ctx))?;
+        if outputs.is_none() {
             self.node = None;
         }
-        Ok(given.unwrap_or_else(Outputs::none))
+        Ok(outputs.unwrap_or_else(Outputs::none))
     }
 
     fn finish(self: Box<Self>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let Self { node, finished, guard, .. } = *self;
         let Some(node) = node else { return Ok(Outputs::none()) };
-        Ok(guard.given(&finished, "", || node.finish(ctx))?.unwrap_or_else(Outputs::none))
+        Ok(guard.outputs(&finished, "", || node.finish(ctx))?.unwrap_or_else(Outputs::none))
     }
 }

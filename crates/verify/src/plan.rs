@@ -1,4 +1,4 @@
-//! What is made again: the nodes asked for, their inputs from the recording, as a plan that the runner runs.
+//! The plan of a replay: the requested nodes, with inputs from the recording, for the runner.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
@@ -14,32 +14,32 @@ use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::registry::{NodeKind, ParamError};
 use depthloom_graphs::{Rate, Registry, Value};
 use depthloom_recording::{
-    Condition, RecordedContent, RecordedInput, RecordedNode, RecordedOnce, RecordedOutput, Recording,
+    Condition, RecordedAggregate, RecordedContent, RecordedInput, RecordedNode, RecordedOutput, Recording,
 };
 
 use crate::guard::Failures;
 use crate::source::RecordedFrames;
 
-/// What is made again, and what of it is compared.
+/// The nodes that are recomputed, and what they are compared with.
 pub struct Replay {
     /// The plan with its nodes built; its stage runs are the recording's.
     pub ready: Ready,
     /// By stage run and node of that plan.
     pub nodes: Vec<Vec<Replayed>>,
-    /// The nodes that were asked for and cannot be made again.
+    /// The requested nodes that cannot be recomputed.
     pub unchecked: Vec<Unchecked>,
-    /// What nodes fail of, as they are made.
+    /// The failures of nodes while they are recomputed.
     pub failures: Failures,
 }
 
-/// A node that is made again.
+/// A node that is recomputed.
 pub struct Replayed {
     /// The node of the recording.
     pub recorded: NodeId,
-    /// By output port, what it is compared with; `None` where nothing was recorded, or the node is made only for others
-    /// to read.
+    /// By output port, what it is compared with; `None` if nothing was recorded, or the node only provides inputs for
+    /// others.
     pub expected: Vec<Option<Expected>>,
-    /// What is to be said of it.
+    /// Remarks about it for the report.
     pub remarks: Vec<String>,
 }
 
@@ -50,25 +50,25 @@ pub enum Expected {
         /// The source's port.
         port: PortId,
     },
-    /// A once-value of the recording.
+    /// An aggregate value of the recording.
     Once {
-        /// The once-value; `None` if it is known that there was none.
-        value: Option<RecordedOnce>,
+        /// The aggregate value; `None` if it is known that there was none.
+        value: Option<RecordedAggregate>,
     },
 }
 
 enum Baseline {
     Frames,
-    Once(Option<RecordedOnce>),
+    Once(Option<RecordedAggregate>),
 }
 
-/// A node that cannot be made again.
+/// A node that cannot be recomputed.
 pub struct Unchecked {
     /// The node of the recording.
     pub node: NodeRef,
     /// Why, as a lower-case fragment.
     pub why: String,
-    /// Whether the recording is damaged where it would be read.
+    /// Whether the recording is damaged where it would have to be read.
     pub is_damage: bool,
 }
 
@@ -86,18 +86,18 @@ impl From<String> for Obstacle {
 enum Feed {
     Nothing,
     Topic(String),
-    Recorded(RecordedOnce),
-    /// An output of a node that is made again too.
+    Recorded(RecordedAggregate),
+    /// An output of a node that is recomputed too.
     Made {
         node: NodeRef,
         port: PortId,
     },
 }
 
-struct Making<'a> {
+struct Builder<'a> {
     recording: &'a Recording,
     registry: &'a Registry,
-    /// Whether a node can be made again; where not, why.
+    /// By node, why it cannot be recomputed; `None` if it can.
     known: HashMap<NodeRef, Option<String>>,
     runs: Vec<MadeRun>,
     files: BTreeMap<PathBuf, Value>,
@@ -113,14 +113,14 @@ struct MadeRun {
 }
 
 impl Replay {
-    /// The nodes of a recording whose names fit one of the patterns, or all that gave anything recorded; none of them
-    /// has run yet.
+    /// The nodes of a recording whose names match one of the patterns, or all with recorded outputs; nothing is
+    /// computed yet.
     ///
     /// # Errors
-    /// The first pattern that fits no node.
+    /// The first pattern that matches no node.
     pub fn new(recording: &Arc<Recording>, registry: &Registry, patterns: &[String]) -> Result<Self, String> {
         let recorded = recording.plan();
-        let mut making = Making {
+        let mut making = Builder {
             recording,
             registry,
             known: HashMap::new(),
@@ -134,7 +134,7 @@ impl Replay {
                 unchecked.push(Unchecked { node, why, is_damage });
             }
         }
-        let Making { runs, files, failures, .. } = making;
+        let Builder { runs, files, failures, .. } = making;
         let (mut planned, mut ready, mut nodes) = (Vec::new(), Vec::new(), Vec::new());
         for (run, made) in RunId::enumerate(runs) {
             let recorded_run = &recorded.runs[run];
@@ -170,8 +170,7 @@ impl Replay {
     }
 }
 
-/// The nodes that patterns name: `stereo`, `compare.stereo`, `compare.*`; without patterns all that give anything
-/// recorded.
+/// The nodes that patterns name: `stereo`, `compare.stereo`, `compare.*`; without patterns all with recorded outputs.
 fn requested(recording: &Recording, patterns: &[String]) -> Result<BTreeSet<NodeRef>, String> {
     let mut requested = BTreeSet::new();
     let mut unmatched: BTreeSet<&String> = patterns.iter().collect();
@@ -191,7 +190,7 @@ fn requested(recording: &Recording, patterns: &[String]) -> Result<BTreeSet<Node
     }
 }
 
-impl<'a> Making<'a> {
+impl<'a> Builder<'a> {
     fn check(&mut self, node: NodeRef) -> Result<(), Obstacle> {
         let recorded = self.node(node);
         let expected: Vec<_> = PortId::all(recorded.outputs.len()).map(|port| self.expected(node, port)).collect();
@@ -215,7 +214,7 @@ impl<'a> Making<'a> {
         Ok(())
     }
 
-    /// What there is to compare an output with.
+    /// The recorded values of an output.
     fn expected(&self, node: NodeRef, port: PortId) -> Option<Baseline> {
         let output = &self.node(node).outputs[port];
         if !output.recorded {
@@ -224,21 +223,21 @@ impl<'a> Making<'a> {
         if !output.once {
             return Some(Baseline::Frames);
         }
-        let value = self.once_value(node, port).cloned();
-        // What is not in a recording that was cut off may have been there.
+        let value = self.aggregate_value(node, port).cloned();
+        // A value that is missing in an interrupted recording may have existed.
         (value.is_some() || *self.recording.condition() == Condition::Whole).then_some(Baseline::Once(value))
     }
 
-    fn once_value(&self, node: NodeRef, port: PortId) -> Option<&'a RecordedOnce> {
-        let is_meant = |once: &&RecordedOnce| (once.run, once.node, once.port) == (node.run, node.node, port);
-        self.recording.once_values().iter().find(is_meant)
+    fn aggregate_value(&self, node: NodeRef, port: PortId) -> Option<&'a RecordedAggregate> {
+        let matches_port = |once: &&RecordedAggregate| (once.run, once.node, once.port) == (node.run, node.node, port);
+        self.recording.aggregate_values().iter().find(matches_port)
     }
 
     fn node(&self, node: NodeRef) -> &'a RecordedNode {
         &self.recording.plan().runs[node.run].nodes[node.node]
     }
 
-    /// Why a node cannot be made again, if it cannot.
+    /// Why a node cannot be recomputed; `None` if it can.
     fn obstacle(&mut self, node: NodeRef) -> Option<String> {
         if let Some(known) = self.known.get(&node) {
             return known.clone();
@@ -256,7 +255,7 @@ impl<'a> Making<'a> {
         fits(&signature, recorded)?;
         if signature.contract == Contract::Ordered && self.recording.plan().every > 1 {
             let every = self.recording.plan().every;
-            return Err(format!("it sees every frame, and the recording has the values of one in {every}"));
+            return Err(format!("it reads every frame, but the recording has the values of only one in {every}"));
         }
         for input in &recorded.inputs {
             self.feed(node, input).map_err(|why| format!("input `{}` {why}", input.port))?;
@@ -266,10 +265,10 @@ impl<'a> Making<'a> {
 
     fn kind(&self, recorded: &RecordedNode) -> Result<&'a NodeKind, String> {
         let kind = self.registry.node_kind(&recorded.kind);
-        kind.ok_or_else(|| format!("this program has no kind `{}`", recorded.kind))
+        kind.ok_or_else(|| format!("this version has no kind `{}`", recorded.kind))
     }
 
-    /// Where an input comes from; if from nowhere, why not.
+    /// The origin of an input, or why it is not available.
     fn feed(&mut self, reader: NodeRef, input: &RecordedInput) -> Result<Feed, String> {
         let Some(from) = &input.from else { return Ok(Feed::Nothing) };
         if let Some(file) = from.strip_prefix("file") {
@@ -285,7 +284,7 @@ impl<'a> Making<'a> {
                 }
             },
         };
-        if let Some(once) = self.once_value(node, port)
+        if let Some(once) = self.aggregate_value(node, port)
             && matches!(once.content, RecordedContent::Attachment { .. })
         {
             return Ok(Feed::Recorded(once.clone()));
@@ -301,8 +300,8 @@ impl<'a> Making<'a> {
         }
     }
 
-    /// The output whose aggregate value a node of these variants read: of equal names that of the node that served them
-    /// all.
+    /// The output whose aggregate value a node of these variants read: of several nodes with that name, the one that
+    /// served all of them.
     fn aggregate_output(&self, from: &str, variants: &[VariantId]) -> Result<(NodeRef, PortId), String> {
         let mut found = Vec::new();
         for (run_id, run) in RunId::enumerate(&self.recording.plan().runs) {
@@ -322,7 +321,7 @@ impl<'a> Making<'a> {
         }
     }
 
-    /// Adds a node and those it reads whose values are not recorded; its index in the plan.
+    /// Adds a node and the nodes that it reads whose values are not recorded. Returns its index in the plan.
     fn add(&mut self, node: NodeRef) -> Result<NodeId, Obstacle> {
         if let Some(index) = self.runs[node.run].nodes.iter().position(|made| made.recorded == node.node) {
             return Ok(NodeId(index));
@@ -351,7 +350,7 @@ impl<'a> Making<'a> {
         let output = |port: &Port| {
             let topic = recorded.outputs.iter().find(|output| output.port == port.name);
             let topic = topic.map(|output| output.topic.clone()).unwrap_or_default();
-            // One that fails gives nothing.
+            // A node that failed has no outputs.
             let port = if is_guarded { port.clone().optional() } else { port.clone() };
             PlannedOutput { port, topic, aliases: Vec::new(), recorded: false }
         };
@@ -372,7 +371,7 @@ impl<'a> Making<'a> {
             inputs,
             outputs,
             observes: signature.observes,
-            // It tells the node from others of the plan, which is what the runner asks of it.
+            // It distinguishes the node from others of the plan, as the runner requires.
             recipe: recorded.recipe,
             variants: recorded.variants.clone(),
         });
@@ -400,7 +399,7 @@ impl<'a> Making<'a> {
             Feed::Recorded(once) => {
                 let name = PathBuf::from(format!("{}.{}.{}", once.run, once.node, once.port));
                 if !self.files.contains_key(&name) {
-                    let value = self.recording.once_value(&once);
+                    let value = self.recording.aggregate_value(&once);
                     let value = value.map_err(|error| Obstacle { why: error.to_string(), is_damage: true })?;
                     self.files.insert(name.clone(), value);
                 }
@@ -420,7 +419,7 @@ impl MadeRun {
     }
 }
 
-/// Whether a node can still be of its kind, by contract and ports.
+/// Whether a node still fits its kind, by contract and ports.
 fn fits(declared: &Signature, recorded: &RecordedNode) -> Result<(), String> {
     if declared.contract.name() != recorded.contract {
         return Err(format!("its kind is {} now, and was {}", declared.contract.name(), recorded.contract));
@@ -443,7 +442,7 @@ fn fits(declared: &Signature, recorded: &RecordedNode) -> Result<(), String> {
     Ok(())
 }
 
-/// Why a kind does not take the parameters that were recorded.
+/// Why a kind does not accept the recorded parameters.
 fn misfit(recorded: &RecordedNode, error: &ParamError) -> String {
     let name = error.path.join(".");
     let at = error

@@ -1,4 +1,4 @@
-//! The report of a replay: as text, and as JSON.
+//! The report of a replay: as text and as JSON.
 
 use depthloom_graphs::counted;
 use depthloom_graphs::plan::NodeRef;
@@ -12,7 +12,7 @@ use serde_json::{Value as Json, json};
 use crate::plan::{Replayed, Unchecked};
 use crate::tally::{Placed, Tally};
 
-/// How many nodes that differ are shown one by one; with `--json` all are.
+/// The number of differing nodes that are shown; `--json` lists all.
 pub const SHOWN: usize = 20;
 
 /// The name of a node.
@@ -30,7 +30,7 @@ pub struct NodeName {
 pub struct ComparedNode {
     #[serde(flatten)]
     node: NodeName,
-    /// How many values were compared.
+    /// The number of values that were compared.
     compared: u64,
     different: u64,
     numbers: u64,
@@ -48,7 +48,7 @@ pub struct OtherNode {
     why: String,
 }
 
-/// Where a value differs.
+/// The place where a value differs.
 #[derive(JsonSchema, Serialize)]
 pub struct NumberDifference {
     frame: Option<String>,
@@ -63,7 +63,7 @@ pub struct NumberDifference {
     byte: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     name: Option<String>,
-    /// A number, a text, or null where there is no answer.
+    /// A number, a text, or null for an invalid value.
     recorded: Json,
     now: Json,
     // Of numbers; null where they do not differ by a finite number.
@@ -71,7 +71,7 @@ pub struct NumberDifference {
     by: Option<Option<f64>>,
 }
 
-/// The result of a replay, for people and for programs.
+/// The result of a replay, as text and as JSON.
 pub struct Report<'a> {
     /// The recording.
     pub recording: &'a Recording,
@@ -79,7 +79,7 @@ pub struct Report<'a> {
     pub checked: Vec<(NodeRef, Replayed, Tally)>,
     /// The nodes that were not compared.
     pub unchecked: Vec<Unchecked>,
-    /// The nodes that failed where a run would have ended.
+    /// The nodes that failed in a way that would have ended a run.
     pub failed: Vec<Unchecked>,
     /// The bytes of the recording that could not be read.
     pub damage: Vec<String>,
@@ -95,12 +95,12 @@ impl Report<'_> {
         self.different().next().is_none() && self.failed.is_empty()
     }
 
-    /// What is wrong; `None` if nothing is.
+    /// What is wrong; `None` if all values are equal.
     pub fn verdict(&self) -> Option<String> {
         let has_failed = |node: NodeRef| self.failed.iter().any(|failed| failed.node == node);
         let different = self.different().filter(|(node, ..)| !has_failed(*node)).count() as u64;
         let all = counted(self.checked.len(), "node");
-        let differ = (different > 0).then(|| format!("{different} of {all} gave other values than recorded"));
+        let differ = (different > 0).then(|| format!("{different} of {all} computed other values than recorded"));
         let failed = self.failed.len() as u64;
         let failed = (failed > 0).then(|| format!("{} failed", counted(failed, "node")));
         let damaged = (!self.damage.is_empty()).then(|| "the recording is damaged".to_owned());
@@ -108,7 +108,7 @@ impl Report<'_> {
         if what.is_empty() { damaged } else { Some(what.join(", ")) }
     }
 
-    /// The comparison for a person.
+    /// The comparison as text.
     pub fn text(&self) -> String {
         let mut rows = vec![["node", "kind", "compared", "different"].map(str::to_owned)];
         rows.extend(self.checked.iter().map(|(node, _, tally)| self.row(*node, tally)));
@@ -117,7 +117,7 @@ impl Report<'_> {
             text.push_str(&format!("\n{}\n", self.differences(*node, tally)));
         }
         if let more @ 1.. = self.different().count().saturating_sub(SHOWN) {
-            text.push_str(&format!("\nand {more} more that differ: --json tells all\n"));
+            text.push_str(&format!("\nand {more} more that differ: use --json to list all\n"));
         }
         for (node, replayed, _) in self.checked.iter().filter(|(_, replayed, _)| !replayed.remarks.is_empty()) {
             let name = node_name(self.recording, *node);
@@ -133,7 +133,7 @@ impl Report<'_> {
         }
         let plan = self.recording.plan();
         if plan.every > 1 {
-            text.push_str(&format!("compared are the frames whose values are recorded: one in {}\n", plan.every));
+            text.push_str(&format!("only the frames with recorded values were compared: one in {}\n", plan.every));
         }
         if self.is_equal() {
             let values: u64 = self.checked.iter().map(|(.., tally)| tally.values).sum();
@@ -161,7 +161,7 @@ impl Report<'_> {
         text
     }
 
-    /// The compared nodes for programs.
+    /// The compared nodes for JSON.
     pub fn compared(&self) -> Vec<ComparedNode> {
         let compared = self.checked.iter().map(|(node, replayed, tally)| ComparedNode {
             node: self.node(*node),
@@ -176,7 +176,7 @@ impl Report<'_> {
         compared.collect()
     }
 
-    /// Other nodes for programs: those that were not compared, or failed.
+    /// Other nodes for JSON: those that were not compared, or failed.
     pub fn others(&self, nodes: &[Unchecked]) -> Vec<OtherNode> {
         let other = |node: &Unchecked| OtherNode { node: self.node(node.node), why: node.why.clone() };
         nodes.iter().map(other).collect()
@@ -195,7 +195,7 @@ impl Report<'_> {
     }
 }
 
-/// A node's name, with its stage, and with its variants where it does not serve all of the stage's.
+/// A node's name, with its stage, and with its variants if it does not serve all variants of the stage.
 pub fn node_name(recording: &Recording, node: NodeRef) -> String {
     let plan = recording.plan();
     let (run, node) = (&plan.runs[node.run], &plan.runs[node.run].nodes[node.node]);

@@ -1,4 +1,4 @@
-//! Why the values of two runs differ: what their recordings say of experiment, plan, frames and cache keys.
+//! Why the values of two runs differ: compares experiment, plan, frames and cache keys of their recordings.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -20,10 +20,10 @@ const RESOLVED: &str = "experiment.resolved.yaml";
 /// The largest number of frames per node on which values are compared because their chunks differ.
 const MOST_COMPARED: usize = 64;
 
-/// How many variants of a node are named.
+/// The number of variants of a node that are named.
 const NAMED: usize = 4;
 
-/// Of `runs why`: in what two runs differ.
+/// The output of `runs diff`: the differences between two runs.
 #[derive(JsonSchema, Serialize)]
 pub struct RunDifference {
     before: String,
@@ -42,14 +42,14 @@ pub(crate) struct Frames {
     stage: String,
     source: Vec<PlanDifference>,
     both: u64,
-    /// How many have equal values.
+    /// The number of frames with equal source values.
     same: u64,
     only_before: u64,
     only_after: u64,
     /// The positions of the frames in both.
     #[serde(skip)]
     positions: Vec<(FrameIndex, FrameIndex)>,
-    /// Stage runs in the earlier and later recording; one of them may have none.
+    /// The stage runs in the earlier and later recording; one of them may be missing.
     #[serde(skip)]
     runs: (Option<RunId>, Option<RunId>),
 }
@@ -70,7 +70,7 @@ pub(crate) struct Node {
     /// The first frame on which its stored values differ although their cache keys are equal.
     #[serde(skip)]
     unequal: Option<String>,
-    /// Its name, with its variants where it does not serve them all.
+    /// Its name, with its variants if it does not serve all.
     #[serde(skip)]
     label: String,
 }
@@ -79,7 +79,7 @@ impl RunDifference {
     /// Compares two runs, the first of which counts as the earlier.
     ///
     /// # Errors
-    /// If a recording does not hold its experiment.
+    /// If a recording does not contain its experiment.
     pub fn new(before: &Recording, after: &Recording) -> Result<Self, CliError> {
         let frames = frames(before, after);
         let pairs = node_pairs(before.plan(), after.plan()).into_iter();
@@ -94,7 +94,7 @@ impl RunDifference {
         })
     }
 
-    /// The differences for a person.
+    /// The differences as text.
     pub fn text(&self) -> String {
         let mut text = format!("from {}\nto   {}\n", self.before, self.after);
         let mut section = |title: &str, lines: Vec<String>| {
@@ -108,22 +108,28 @@ impl RunDifference {
         section("frames", self.frames.iter().flat_map(Frames::lines).collect());
         section("variants", self.variants());
         let shown: Vec<&Node> = self.nodes.iter().filter(|node| self.is_shown(node)).collect();
-        let of = |verdict: Verdict| shown.iter().copied().filter(move |node| node.verdict() == verdict);
-        let widest = of(Verdict::Differs).map(|node| node.label.chars().count()).max().unwrap_or(0);
-        section("nodes", of(Verdict::Differs).map(|node| format!("{:widest$}  {}", node.label, node.text())).collect());
-        section("nodes that follow, for they read those", listed(of(Verdict::Follows).map(|node| node.label.clone())));
+        let with_verdict = |verdict: Verdict| shown.iter().copied().filter(move |node| node.verdict() == verdict);
+        let widest = with_verdict(Verdict::Differs).map(|node| node.label.chars().count()).max().unwrap_or(0);
+        section(
+            "nodes",
+            with_verdict(Verdict::Differs).map(|node| format!("{:widest$}  {}", node.label, node.text())).collect(),
+        );
+        section(
+            "nodes that differ because they read those",
+            listed(with_verdict(Verdict::Follows).map(|node| node.label.clone())),
+        );
         let fed =
             |node: &Node| format!("{} ({} of {} equal)", node.label, node.frames_of_equal_values, node.frames_in_both);
-        section("nodes that are the same, but read other values", listed(of(Verdict::Fed).map(fed)));
+        section("equal nodes that read other values", listed(with_verdict(Verdict::Fed).map(fed)));
         let unequal =
             |node: &Node| format!("{} (first on {})", node.label, node.unequal.as_deref().unwrap_or_default());
         section(
-            "nodes with equal cache keys and different values: the keys lack what changed (a variable, a file, an order)",
-            listed(of(Verdict::Unequal).map(unequal)),
+            "nodes with equal cache keys but different values: the keys do not include what changed (a variable, a file, an order)",
+            listed(with_verdict(Verdict::Unequal).map(unequal)),
         );
-        let same = of(Verdict::Same).count();
+        let same = with_verdict(Verdict::Same).count();
         let nodes = match (shown.len(), same) {
-            (0, _) => "no node is of both",
+            (0, _) => "no node is in both runs",
             (all, same) if all == same => "all nodes are the same",
             (_, 0) => "no node is the same",
             (_, 1) => "1 node is the same",
@@ -131,7 +137,7 @@ impl RunDifference {
         };
         let values = match same {
             0 => "",
-            _ if of(Verdict::Same).all(|node| node.frames_in_both == 0) => {
+            _ if with_verdict(Verdict::Same).all(|node| node.frames_in_both == 0) => {
                 "; no values were compared, because no frame with values is in both runs"
             }
             1 => ", and so are its values on all frames in both",
@@ -141,7 +147,7 @@ impl RunDifference {
         text
     }
 
-    /// The variants that one of them alone has, where they have others in common.
+    /// The variants that only one of them has, if they share others.
     fn variants(&self) -> Vec<String> {
         let (before, after) = &self.plans;
         let only = |plan: &RecordedPlan, other: &RecordedPlan, which: &str| {
@@ -153,8 +159,7 @@ impl RunDifference {
         only(before, after, "before").into_iter().chain(only(after, before, "after")).collect()
     }
 
-    /// Whether a person is shown a node: not one of a stage or variant which one of the runs lacks, for that is printed
-    /// already.
+    /// Whether the text shows a node: not if one of the runs lacks its stage or variant, which is printed already.
     fn is_shown(&self, node: &Node) -> bool {
         let (before, after) = &self.plans;
         let has_stage = |plan: &RecordedPlan| plan.runs.iter().any(|run| run.stage == node.stage);
@@ -167,19 +172,19 @@ impl RunDifference {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Verdict {
-    /// The same, and so are its values.
+    /// The node and its values are equal.
     Same,
-    /// The same, but it read other values.
+    /// The node is equal, but it read other values.
     Fed,
-    /// The same by its cache keys, and with other values: the keys lack what decides them.
+    /// The cache keys are equal, but not the values: the keys do not include what changed.
     Unequal,
-    /// Different only because it reads one that differs.
+    /// It differs only because a node that it reads differs.
     Follows,
-    /// Different by itself.
+    /// The node itself differs.
     Differs,
 }
 
-/// A list on lines of a readable length, of which no more are shown than a screen takes.
+/// A list in lines of readable length, limited to about a screen.
 fn listed(names: impl Iterator<Item = String>) -> Vec<String> {
     const SHOWN: usize = 24;
     const WIDE: usize = 100;
@@ -223,7 +228,7 @@ fn resolved(recording: &Recording) -> Result<Json, CliError> {
     })
 }
 
-/// What computed a run, if it is stored beside its recording: version, system and engine, not how long it took.
+/// What computed a run, if it is stored beside its recording: version, system and engine, but not times.
 fn engine(recording: &Recording) -> Json {
     let environment = folder(recording).map(|folder| environment::read(&folder)).unwrap_or_default();
     let Json::Object(mut environment) = environment else { return json!({}) };
@@ -234,13 +239,13 @@ fn engine(recording: &Recording) -> Json {
     Json::Object(environment)
 }
 
-/// A run that computed no network names no engine of networks.
+/// A run without networks does not name an engine.
 fn is_in_both(difference: &PlanDifference) -> bool {
     let is_something = |side: &Option<Json>| side.as_ref().is_some_and(|side| !side.is_null());
     !matches!(difference, PlanDifference::Parameter { before, after, .. } if !(is_something(before) && is_something(after)))
 }
 
-/// The stage runs side by side: by stage, and where a stage has several, by the names of their variants.
+/// The stage runs in pairs: by stage, and if a stage has several, by the names of their variants.
 fn frames(before: &Recording, after: &Recording) -> Vec<Frames> {
     let (earlier, later) = (before.plan(), after.plan());
     let names = |plan: &RecordedPlan, run: RunId| -> Vec<String> {
@@ -266,7 +271,7 @@ impl Frames {
     fn new(before: &Recording, was: Option<RunId>, after: &Recording, is: Option<RunId>) -> Self {
         let earlier = was.map_or(&[][..], |run| before.frames(run));
         let later = is.map_or(&[][..], |run| after.frames(run));
-        // Sources that are joined may repeat an id: then the first is compared with the first.
+        // Concatenated sources may repeat an id: then the first is compared with the first.
         let mut places: BTreeMap<(&str, u64), VecDeque<FrameIndex>> = BTreeMap::new();
         for (position, frame) in FrameIndex::enumerate(earlier) {
             places.entry((&*frame.id, frame.index)).or_default().push_back(position);
@@ -298,9 +303,9 @@ impl Frames {
         let source = self.source.iter().map(|difference| format!("source of {stage}: {difference}"));
         let same = match (self.both, self.same) {
             (0, _) => String::new(),
-            (_, 0) => ", none of equal source values".to_owned(),
-            (both, same) if same == both => ", all of equal source values".to_owned(),
-            (_, same) => format!(", {same} of equal source values"),
+            (_, 0) => ", none with equal source values".to_owned(),
+            (both, same) if same == both => ", all with equal source values".to_owned(),
+            (_, same) => format!(", {same} with equal source values"),
         };
         let only = |count: u64, which: &str| match count {
             0 => String::new(),
@@ -309,7 +314,7 @@ impl Frames {
         let (before, after) = (only(self.only_before, "only before"), only(self.only_after, "only after"));
         let frames = match self.runs {
             (Some(_), Some(_)) => format!("{stage}: {} in both{same}{before}{after}", self.both),
-            (Some(_), None) => format!("{stage}: a stage that is gone"),
+            (Some(_), None) => format!("{stage}: the stage was removed"),
             (None, _) => format!("{stage}: a new stage"),
         };
         source.chain([frames]).collect()
@@ -321,7 +326,7 @@ fn key(frame: &RecordedFrame, node: NodeId) -> Option<Key> {
     frame.keys.iter().find(|entry| entry.node == node).map(|entry| entry.key)
 }
 
-/// The frames of both on which stored values of a node differ although their cache keys are equal.
+/// The frames in both runs on which stored values of a node differ although their cache keys are equal.
 fn unequal(before: &Recording, one: NodeRef, after: &Recording, other: NodeRef, frames: &[Frames]) -> Vec<String> {
     let outputs = |recording: &Recording, NodeRef { run, node }: NodeRef| -> Vec<(String, String)> {
         let outputs = recording.plan().runs[run].nodes[node].outputs.iter();
@@ -337,7 +342,8 @@ fn unequal(before: &Recording, one: NodeRef, after: &Recording, other: NodeRef, 
         let readers = (before.reader(one.run, &[&topic]), after.reader(other.run, &[later_topic]));
         let (Ok(mut earlier_values), Ok(mut later_values)) = readers else { continue };
         for frames in frames.iter().filter(|frames| frames.runs == (Some(one.run), Some(other.run))) {
-            // Chunks of equal values differ where runs have other topics: then the values are compared, of some frames.
+            // Chunks of equal values differ if the runs have different topics: then the values of some frames are
+            // compared.
             let mut compared = 0;
             for &(was, is) in &frames.positions {
                 let (first, second) = (&before.frames(one.run)[was], &after.frames(other.run)[is]);
@@ -378,7 +384,11 @@ impl Node {
                 }
             }
             let once = |recording: &Recording, NodeRef { run, node }: NodeRef| {
-                recording.once_values().iter().find(|once| (once.run, once.node) == (run, node)).map(|once| once.key)
+                recording
+                    .aggregate_values()
+                    .iter()
+                    .find(|once| (once.run, once.node) == (run, node))
+                    .map(|once| once.key)
             };
             add(once(before, one), once(after, other));
             unequal = self::unequal(before, one, after, other, frames);
@@ -421,7 +431,7 @@ impl Node {
     fn text(&self) -> String {
         match self.runs {
             "after" => "is new".to_owned(),
-            "before" => "is gone".to_owned(),
+            "before" => "was removed".to_owned(),
             _ => self.differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
         }
     }

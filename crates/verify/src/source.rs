@@ -1,4 +1,4 @@
-//! A stage run's frames as the recording has them: a source whose ports are topics.
+//! The recorded frames of a stage run as a source; its ports are topics.
 
 use std::sync::Arc;
 
@@ -6,22 +6,22 @@ use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutputs};
 use depthloom_recording::Recording;
 
-/// The frames of a stage run that have values, and of each the values of some topics.
+/// The frames of a stage run with values, and for each the values of some topics.
 pub(crate) struct RecordedFrames {
     recording: Arc<Recording>,
     run: RunId,
     topics: Vec<&'static str>,
     frames: Vec<Frame>,
-    /// By frame, its position among the recorded.
+    /// By frame, its position in the recorded stage.
     positions: Vec<FrameIndex>,
 }
 
 impl RecordedFrames {
-    /// The frames of a stage run; none if there are no topics to read.
+    /// The frames of a stage run; empty if there are no topics to read.
     pub(crate) fn new(recording: Arc<Recording>, run: RunId, topics: Vec<&'static str>) -> Self {
         let every = usize::try_from(recording.plan().every).unwrap_or(usize::MAX).max(1);
         let all = if topics.is_empty() { 0 } else { recording.frames(run).len() };
-        // Of the frames between, scores alone are kept.
+        // On the frames between, only scores are recorded.
         let positions: Vec<FrameIndex> = FrameIndex::all(all).step_by(every).collect();
         let frames = positions.iter().map(|position| &recording.frames(run)[*position]);
         let frames = frames.map(|of| Frame { id: of.id.clone(), index: of.index, time_ns: of.time_ns }).collect();
@@ -42,8 +42,8 @@ impl Source for RecordedFrames {
         let unreadable = |error: depthloom_recording::RecordingError| Fault::new(error.to_string());
         let mut reader = self.recording.reader(self.run, &self.topics).map_err(unreadable)?;
         let values = reader.read(self.positions[position]).map_err(unreadable)?;
-        let there = self.topics.iter().zip(values).filter_map(|(topic, value)| Some((topic, value?)));
-        let outputs = there.fold(Outputs::none(), |outputs, (topic, value)| outputs.with(topic, value));
+        let present = self.topics.iter().zip(values).filter_map(|(topic, value)| Some((topic, value?)));
+        let outputs = present.fold(Outputs::none(), |outputs, (topic, value)| outputs.with(topic, value));
         Ok(SourceOutputs { outputs, key: self.key(position)? })
     }
 }

@@ -1,4 +1,5 @@
-//! The tap that compares: values made again with those recorded, on the workers, and counted in the order of frames.
+//! The sink of a replay: compares recomputed values with recorded ones on the workers, and counts in the order of
+//! frames.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,7 +15,7 @@ use crate::guard::Failures;
 use crate::plan::{Expected, Replay, Replayed, Unchecked};
 use crate::tolerance::Tolerances;
 
-/// Compares what a replay makes with what was recorded.
+/// Compares the values of a replay with the recorded ones.
 pub struct Checker {
     recording: Arc<Recording>,
     nodes: Vec<Vec<Replayed>>,
@@ -31,46 +32,46 @@ struct State {
     damage: Vec<String>,
 }
 
-/// What the comparison of a node came to.
+/// The result of the comparison of a node.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
-    /// How many frames, or once-values, were compared.
+    /// The number of frames or aggregate values that were compared.
     pub values: u64,
-    /// How many of them differ.
+    /// The number of those that differ.
     pub different: u64,
-    /// How many numbers were compared in them.
+    /// The number of numbers in them.
     pub numbers: u64,
-    /// How many of these differ.
+    /// The number of those that differ.
     pub different_numbers: u64,
-    /// The first that differs.
+    /// The first difference.
     pub first: Option<Placed>,
-    /// The one that differs most.
+    /// The largest difference.
     pub worst: Option<Placed>,
     came: Vec<PortId>,
 }
 
-/// A difference, and of which value.
+/// A difference, and the value it is in.
 #[derive(Clone, Debug)]
 pub struct Placed {
-    /// The frame's id; `None` of a once-value.
+    /// The frame's id; `None` for an aggregate value.
     pub frame: Option<Arc<str>>,
     /// The topic.
     pub topic: String,
-    /// The type of its values.
+    /// What type its values have.
     pub value_type: ValueType,
     /// The difference.
     pub differs: Differs,
 }
 
-/// What a replay came to.
+/// The result of a replay.
 pub struct Outcome {
-    /// Of each node that was compared, in plan order: the node of the recording, what was replayed, and the comparison.
+    /// For each compared node, in plan order: the node of the recording, what was replayed, and the comparison.
     pub checked: Vec<(NodeRef, Replayed, Tally)>,
-    /// The nodes that could not be compared, for they read what one that failed did not give.
+    /// The nodes that could not be compared because they read a node that failed.
     pub behind: Vec<Unchecked>,
-    /// The nodes that failed where a run would have ended.
+    /// The nodes that failed in a way that would have ended a run.
     pub failed: Vec<Unchecked>,
-    /// What could not be read of the recording.
+    /// What of the recording could not be read.
     pub damage: Vec<String>,
 }
 
@@ -78,11 +79,11 @@ const THERE: &str = "a value";
 const NONE: &str = "none";
 
 fn failed(why: &str) -> String {
-    format!("none, for it failed: {why}")
+    format!("none, because it failed: {why}")
 }
 
 impl Checker {
-    /// Of a replay; its nodes are taken out of it.
+    /// For a replay, whose nodes are moved out of it.
     pub fn new(recording: Arc<Recording>, replay: &mut Replay, tolerances: Tolerances) -> Self {
         let nodes = std::mem::take(&mut replay.nodes);
         let tallies = nodes.iter().map(|nodes| vec![Tally::default(); nodes.len()]).collect();
@@ -91,7 +92,7 @@ impl Checker {
         Self { recording, nodes, plan, tolerances, failures, state }
     }
 
-    /// What there is to tell.
+    /// The result.
     pub fn finish(mut self) -> Outcome {
         self.take_missing();
         let (failed, behind) = (self.failed(), self.behind_failed());
@@ -110,12 +111,12 @@ impl Checker {
         Outcome { checked, behind, failed, damage }
     }
 
-    /// The nodes that failed where a run would have ended.
+    /// The nodes that failed in a way that would have ended a run.
     fn failed(&self) -> Vec<Unchecked> {
         let mut failed = Vec::new();
         for (run, nodes) in RunId::enumerate(&self.nodes) {
             for (node, replayed) in NodeId::enumerate(nodes) {
-                if let Some(why) = self.failures.of(NodeRef { run, node }) {
+                if let Some(why) = self.failures.find(NodeRef { run, node }) {
                     failed.push(Unchecked { node: NodeRef { run, node: replayed.recorded }, why, is_damage: false });
                 }
             }
@@ -123,14 +124,14 @@ impl Checker {
         failed
     }
 
-    /// The nodes that read, made again, what one that failed did not give.
+    /// The nodes that read recomputed values of a node that failed.
     fn behind_failed(&self) -> Vec<Unchecked> {
         let mut without: BTreeMap<NodeRef, String> = BTreeMap::new();
         loop {
             let before = without.len();
             for (run, stage_run) in RunId::enumerate(&self.plan.runs) {
                 for (node, planned) in NodeId::enumerate(&stage_run.nodes) {
-                    let is_failed = |node: NodeRef| self.failures.of(node).is_some();
+                    let is_failed = |node: NodeRef| self.failures.find(node).is_some();
                     let mut read = planned.inputs.iter().filter_map(|input| input.node_read(run));
                     let failed = read.find(|read| is_failed(*read) || without.contains_key(read));
                     let node = NodeRef { run, node };
@@ -152,7 +153,7 @@ impl Checker {
         without.into_iter().filter_map(unchecked).collect()
     }
 
-    /// Counts the once-values that were recorded and did not come again.
+    /// Counts the recorded aggregate values that were not recomputed.
     fn take_missing(&mut self) {
         let state = self.state.get_mut().unwrap_or_else(PoisonError::into_inner);
         for (run, nodes) in RunId::enumerate(&self.nodes) {
@@ -164,7 +165,7 @@ impl Checker {
                         tally.values += 1;
                         tally.different += 1;
                         let value_type = output.port.value_type;
-                        let why = self.failures.of(NodeRef { run, node }).map(|why| failed(&why));
+                        let why = self.failures.find(NodeRef { run, node }).map(|why| failed(&why));
                         let now = why.as_deref().unwrap_or(NONE);
                         tally.take(None, (&output.topic, value_type), ValueDifference::whole(THERE, now));
                     }
@@ -193,7 +194,7 @@ impl Checker {
     /// Says why a value is not there, where it is known: what failed on its frame before, and what now.
     fn explain(&self, at: NodeRef, differs: &mut Differs, before: Option<&Failure>, now: Option<&Failure>) {
         let Differs::Whole { recorded, now: made } = differs else { return };
-        if let Some(why) = self.failures.of(at).filter(|_| made == NONE) {
+        if let Some(why) = self.failures.find(at).filter(|_| made == NONE) {
             *made = failed(&why);
         }
         if let Some(before) = before.filter(|_| recorded == NONE) {
@@ -301,7 +302,7 @@ impl Tap for Checker {
         let Slot::Node { node, port } = slot else { return Ok(()) };
         let Some(Expected::Once { value: recorded }) = &self.nodes[run][node].expected[port] else { return Ok(()) };
         let output = &self.plan.runs[run].nodes[node].outputs[port];
-        let recorded = match recorded.as_ref().map(|once| self.recording.once_value(once)).transpose() {
+        let recorded = match recorded.as_ref().map(|once| self.recording.aggregate_value(once)).transpose() {
             Ok(recorded) => recorded,
             Err(error) => {
                 self.state(|state| {

@@ -1,4 +1,4 @@
-//! A recorded plan is read as strictly as an experiment file: what it names must be there.
+//! Checks a recorded plan as strictly as an experiment file: everything that it names must exist.
 
 use std::collections::HashSet;
 
@@ -16,10 +16,10 @@ impl RecordedPlan {
 
     fn check(&self) -> Result<(), String> {
         if self.every == 0 {
-            return Err("values of every 0th frame are kept".to_owned());
+            return Err("`every` is 0".to_owned());
         }
         if !self.factors.is_empty() && self.factors.len() != self.variants.len() {
-            return Err(format!("{} variants have factors, of {}", self.factors.len(), self.variants.len()));
+            return Err(format!("{} of {} variants have factors", self.factors.len(), self.variants.len()));
         }
         for (factors, variant) in self.factors.iter().zip(&self.variants) {
             let mut axes = HashSet::new();
@@ -71,16 +71,16 @@ fn check_estimate(run: &RecordedRun, estimate: &RecordedEstimate) -> Result<(), 
         return Err("its scores have other parameters than their node".to_owned());
     }
     let anywhere = || run.source.outputs.iter().chain(run.nodes.iter().flat_map(|node| &node.outputs));
-    let (given, truth) = match score.kind.as_str() {
+    let (estimate, truth) = match score.kind.as_str() {
         "score/disparity" => (ValueType::Disparity, ValueType::TrueDisparity),
         _ => (ValueType::Depth, ValueType::Depth),
     };
-    is_topic("estimate", estimate.estimate_topic.as_ref(), given, anywhere())?;
-    is_topic("truth", estimate.truth_topic.as_ref(), truth, anywhere())?;
-    is_topic("scores", estimate.score_topic.as_ref(), ValueType::Scores, score.outputs.iter())
+    check_topic("estimate", estimate.estimate_topic.as_ref(), estimate, anywhere())?;
+    check_topic("truth", estimate.truth_topic.as_ref(), truth, anywhere())?;
+    check_topic("scores", estimate.score_topic.as_ref(), ValueType::Scores, score.outputs.iter())
 }
 
-/// Whether a topic, if there is one, is that of a recorded output with values of that type.
+/// Checks that a topic, if there is one, is that of a recorded output with per-frame values of that type.
 fn is_topic<'a>(
     what: &str,
     topic: Option<&String>,
@@ -90,7 +90,7 @@ fn is_topic<'a>(
     let Some(topic) = topic else { return Ok(()) };
     let is_of = |output: &RecordedOutput| output.recorded && !output.once && output.value_type() == Some(value_type);
     let found = outputs.any(|output| output.topic == *topic && is_of(output));
-    if found { Ok(()) } else { Err(format!("topic {topic} of its {what} holds no {value_type} of a frame")) }
+    if found { Ok(()) } else { Err(format!("topic {topic} of its {what} has no {value_type} per frame")) }
 }
 
 #[cfg(test)]
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_11_a_recorded_plan_names_nothing_that_is_not_there() {
+    fn fault_11_a_recorded_plan_that_names_missing_things_is_refused() {
         let read = |plan: &Json| RecordedPlan::from_json(&plan.to_string());
         let factor = |value: &str| json!({ "axis": "block", "value": value });
         assert!(read(&plan()).is_ok());
@@ -141,17 +141,17 @@ mod tests {
             ("/runs/0/variants/1", json!(2), "variant 2 is one of 2"),
             ("/runs/0/nodes/0/variants/0", json!(5), "variant 5 is one of 2"),
             ("/runs/0/estimates/0/score_node", json!(2), "its score is node 2 of 2"),
-            ("/runs/0/estimates/0/score_topic", json!("/estimate"), "topic /estimate of its scores holds no scores"),
-            ("/runs/0/estimates/0/truth_topic", json!("/scores"), "topic /scores of its truth holds no depth"),
+            ("/runs/0/estimates/0/score_topic", json!("/estimate"), "topic /estimate of its scores has no scores"),
+            ("/runs/0/estimates/0/truth_topic", json!("/scores"), "topic /scores of its truth has no depth"),
             ("/runs/0/estimates/0/score_params/preset", json!("x"), "other parameters than their node"),
             ("/runs/0/nodes/0/outputs/0/type", json!("depht"), "topic /estimate is of type `depht`"),
             ("/runs/0/nodes/0/outputs/0/topic", json!("/truth"), "two outputs have the topic /truth"),
             ("/runs/0/nodes/0/recipe", json!("0123"), "its plan cannot be read"),
             ("/runs/0/source/parts", json!([{}]), "its plan cannot be read"),
-            ("/factors", json!([[]]), "1 variants have factors, of 2"),
+            ("/factors", json!([[]]), "1 of 2 variants have factors"),
             ("/factors", json!([[], [{ "axis": "block", "value": 3 }]]), "its plan cannot be read"),
             ("/factors", json!([[], [factor("3"), factor("5")]]), "variant `b` has two values on the axis `block`"),
-            ("/every", json!(0), "every 0th frame"),
+            ("/every", json!(0), "`every` is 0"),
             ("/view", json!(1), "its plan cannot be read"),
         ];
         for (place, value, what) in refused {
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_11_every_digit_set_to_nine_is_refused_or_names_what_is_there() {
+    fn fault_11_a_plan_with_a_digit_set_to_nine_is_refused_or_valid() {
         let text = plan().to_string();
         for (place, _) in text.char_indices().filter(|(_, c)| c.is_ascii_digit()) {
             let mut changed = text.clone();

@@ -1,4 +1,4 @@
-//! Attachments read back, checked.
+//! Reads attachments, and checks them.
 
 use depthloom_mcap::records::AttachmentHeader;
 use depthloom_mcap::{FileError, PositionedFile, RECORD_HEADER, body_of, op, read};
@@ -17,13 +17,13 @@ pub struct AttachmentEntry {
 }
 
 impl AttachmentEntry {
-    /// Reads the content, checked.
+    /// Reads the content and checks it.
     pub(crate) fn read(&self, file: &PositionedFile) -> Result<Vec<u8>, FileError> {
         let mut record = Vec::new();
         file.read_range(&mut record, self.offset, self.length)?;
         let damaged = |what: &str| file.damaged(self.offset, what);
-        let body = body_of(op::ATTACHMENT, &record).ok_or_else(|| damaged("no attachment is there"))?;
-        let (head, content) = attachment_head(body).ok_or_else(|| damaged("no complete attachment is there"))?;
+        let body = body_of(op::ATTACHMENT, &record).ok_or_else(|| damaged("no attachment starts there"))?;
+        let (head, content) = attachment_head(body).ok_or_else(|| damaged("the attachment there is cut"))?;
         if head.size.checked_add(4) != Some(content.len() as u64) {
             return Err(damaged("the sizes of an attachment contradict each other"));
         }
@@ -32,7 +32,7 @@ impl AttachmentEntry {
             return Err(damaged("an attachment's checksum differs"));
         }
         if (&head.name, &head.media_type, head.size) != (&self.name, &self.media_type, self.size) {
-            return Err(damaged("an attachment is another than the summary says"));
+            return Err(damaged("an attachment differs from its entry in the summary"));
         }
         record.truncate(RECORD_HEADER as usize + crc);
         record.drain(..RECORD_HEADER as usize + start);
@@ -43,7 +43,7 @@ impl AttachmentEntry {
 pub(crate) struct AttachmentHead {
     pub(crate) name: String,
     pub(crate) media_type: String,
-    /// How many bytes the content has; a checksum of four bytes follows it.
+    /// The number of bytes of the content; a checksum of four bytes follows it.
     pub(crate) size: u64,
 }
 

@@ -5,7 +5,7 @@ use depthloom_mcap::{Chunk, FileError, Message, PositionedFile, Records, message
 use crate::LARGEST_CHUNK;
 use crate::read::index::ChunkEntry;
 
-/// Buffers for reading chunks, reused from one to the next.
+/// Buffers for reading chunks, reused for the next chunk.
 #[derive(Debug, Default)]
 pub(crate) struct ChunkBuffers {
     stored: Vec<u8>,

@@ -1,7 +1,7 @@
-//! Learning curves: messages of a topic of their own, outside frames.
+//! Learning curves: messages of a separate topic, outside frames.
 //!
-//! The points of a curve are one chunk, and the record `depthloom.once` that stands behind it says how many there are.
-//! Without that record, where a crash cut the file between the two, they belong to nothing.
+//! The points of a curve are one chunk. The record `depthloom.once` after it states their number. If a crash cut the
+//! file between the two, that record is missing and the points are ignored.
 
 use depthloom_graphs::values::Curve;
 use prost::Message;
@@ -14,10 +14,10 @@ use crate::read::recording::Recording;
 use crate::write::part::{Part, messages_outside_frames};
 use depthloom_codecs::messages::CurvePointMessage;
 
-/// How far apart in time two steps are shown, nanoseconds: a training has no time of its own.
+/// The time between two steps as shown, nanoseconds: a training has no clock.
 const STEP_NS: u64 = 1_000_000;
 
-/// The points of a curve as messages, the first step a millisecond after the stage's first frame.
+/// The points of a curve as messages: the first step is one millisecond after the stage's first frame.
 pub(crate) fn points_part(channel: u16, first_frame_ns: u64, curve: &Curve) -> Part {
     let message = |point| CurvePointMessage::new(point).encode_to_vec();
     let time_ns = |step: u64| first_frame_ns.saturating_add(step.saturating_mul(STEP_NS));
@@ -25,7 +25,7 @@ pub(crate) fn points_part(channel: u16, first_frame_ns: u64, curve: &Curve) -> P
 }
 
 impl Recording {
-    /// Reads the learning curve of a topic, of which its record says that it has `count` points.
+    /// Reads the learning curve of a topic, which has `count` points according to its record.
     pub(crate) fn curve(&self, topic: &str, count: u64) -> Result<Curve, RecordingError> {
         let of_topic = |chunk: &&ChunkEntry| {
             let [channel] = *chunk.channels else { return false };

@@ -1,6 +1,6 @@
-//! What in a recording is not what was written.
+//! The damage of a recording: bytes that were changed after they were written.
 //!
-//! Reading checks what it reads. All the rest is checked here: commits, metadata records and the end of the data
+//! Reading checks what it reads. This module checks all other bytes: commits, metadata records and the end of the data
 //! contain the CRC-32 of all bytes before them, and a chunk contains the CRC-32 of its content.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
@@ -12,23 +12,23 @@ use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, DATA_END};
 use crate::read::recording::Recording;
 
-/// A stretch of a recording that is not what was written.
+/// A damaged part of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
     /// Where it starts.
     pub offset: u64,
-    /// How many bytes it has; some of them are damaged.
+    /// Its number of bytes; at least one of them is damaged.
     pub bytes: u64,
     /// What it contained.
     pub content: DamagedContent,
 }
 
 impl Recording {
-    /// Checks every byte of a finished file: all that is damaged, in the order of the file; what cannot be read is
+    /// Checks every byte of a finished file. Returns all damage in the order of the file; what cannot be read is
     /// damaged, too.
     ///
-    /// Of a file that is unfinished or whose summary is damaged, [`Recording::open`] checked every byte: there is
-    /// nothing to be found. Ends early once `stop` says so, which is asked once a frame.
+    /// [`Recording::open`] checks every byte of a file that is unfinished or whose summary is damaged: then the result
+    /// is empty. Ends early if `stop` returns true, which is called once per frame.
     #[must_use]
     pub fn damage(&self, stop: &dyn Fn() -> bool) -> Vec<Damage> {
         let Some(data_end) = self.index.data_end else { return Vec::new() };
@@ -41,8 +41,8 @@ impl Recording {
             if stop() {
                 break;
             }
-            if !crc.place(place).is_ok_and(|found| found == stated) {
-                // The record of the end may be what is damaged.
+            if !crc.up_to(place).is_ok_and(|found| found == stated) {
+                // The record of the end may itself be damaged.
                 let to = if place == data_end.0 { place + DATA_END } else { place };
                 self.find_damage(from, to, &mut damage);
                 crc.take_as_known(place, stated);
@@ -53,7 +53,7 @@ impl Recording {
         damage
     }
 
-    /// Finds the chunks whose content is damaged although their bytes are those that were written: they were damaged
+    /// Finds chunks whose content is damaged although their stored bytes have the right checksum: the damage happened
     /// before they were copied here.
     fn find_damaged_chunks(&self, stop: &dyn Fn() -> bool, damage: &mut Vec<Damage>) {
         let known: BTreeSet<u64> = damage.iter().map(|damage| damage.offset).collect();
@@ -73,7 +73,7 @@ impl Recording {
         damage.sort_by_key(|damage| damage.offset);
     }
 
-    /// What is damaged between two places, between which something is.
+    /// Adds the damage between two offsets; at least one byte there is damaged.
     fn find_damage(&self, from: u64, to: u64, damage: &mut Vec<Damage>) {
         let found = damage.len();
         let mut buffers = ChunkBuffers::default();
@@ -98,7 +98,7 @@ impl Recording {
         damage[found..].sort_by_key(|damage| damage.offset);
     }
 
-    /// What a chunk held, by its place among the chunks.
+    /// The content of a chunk, by its index among the chunks.
     fn damaged_content(&self, place: usize, chunk: &ChunkEntry) -> DamagedContent {
         for run in RunId::all(self.plan().runs.len()) {
             if let Some(position) = self.frames(run).iter().position(|frame| frame.chunks.contains(&place)) {
@@ -111,7 +111,7 @@ impl Recording {
         }
     }
 
-    /// What a chunk of a frame held of some channels.
+    /// The content of a chunk of a frame, limited to some channels.
     pub(crate) fn frame_content(
         &self,
         run: RunId,
@@ -131,7 +131,7 @@ impl Recording {
         let channels = chunk.channels.iter().filter(|channel| is_one(**channel));
         let topics = channels.filter_map(|channel| Some(self.index.channels.get(channel)?.topic.clone()));
         let mut topics: Vec<String> = topics.collect();
-        // An image's topic has two channels.
+        // The topic of an image has two channels.
         topics.dedup();
         topics
     }

@@ -1,17 +1,17 @@
-//! The content of a damaged stretch of a recording.
+//! The content of a damaged part of a recording.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::fmt;
 use std::sync::Arc;
 
-/// The content of a stretch of a recording.
+/// The content of a part of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DamagedContent {
     /// Values of a frame.
     Frame {
         /// The stage run's name.
         stage: String,
-        /// The frame's position among the stage run's.
+        /// The frame's position in the stage run.
         position: FrameIndex,
         /// Its id.
         id: Arc<str>,
@@ -22,12 +22,12 @@ pub enum DamagedContent {
     Curve(String),
     /// The attachment of that name.
     Attachment(String),
-    /// Nothing that a value is read from: what stands around values, or says where they are a second time.
+    /// No value: bytes between values, or a second index of them.
     NoValue,
 }
 
 impl fmt::Display for DamagedContent {
-    /// What it was, as a lower-case fragment; of many topics the first.
+    /// The content as a lower-case fragment; of many topics only the first.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         const SHOWN: usize = 4;
         match self {

@@ -1,4 +1,4 @@
-//! Values of some topics, frame by frame.
+//! Reads the values of some topics, frame by frame.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::{Value, ValueType};
@@ -12,13 +12,14 @@ use depthloom_codecs::schema::Schema;
 
 /// Reads the values of some topics of a stage run, frame by frame.
 ///
-/// Chunks that hold none of the topics are neither read nor decompressed. Its buffers are reused; make one a thread.
+/// Chunks without any of the topics are neither read nor decompressed. The reader reuses its buffers; create one per
+/// thread.
 #[derive(Debug)]
 pub struct FrameReader<'a> {
     recording: &'a Recording,
     run: RunId,
     types: Vec<ValueType>,
-    /// Channel, its schema, and which of the topics it belongs to.
+    /// Channel, its schema, and the index of its topic in the request.
     channels: Vec<(u16, Schema, usize)>,
     buffers: ChunkBuffers,
     next: FrameIndex,
@@ -38,7 +39,7 @@ pub struct StoredMessage<'a> {
 }
 
 impl Recording {
-    /// A reader of some of a stage run's topics; each may be an alias.
+    /// A reader of some of a stage run's topics; each topic may be an alias.
     ///
     /// # Errors
     /// If the run has no such topic, or did not record it.
@@ -100,8 +101,8 @@ impl<'a> FrameReader<'a> {
         Ok(Self { recording, run, types, channels, buffers: ChunkBuffers::default(), next: FrameIndex(0) })
     }
 
-    /// The values of the frame at that position among [`Recording::frames`], one a topic, in the order the topics were
-    /// asked for; `None` where the topic has no value on the frame.
+    /// The values of the frame at that position in [`Recording::frames`], one per topic, in the order in which the
+    /// reader was created; `None` where the topic has no value on the frame.
     ///
     /// # Errors
     /// If there is no such frame, or its bytes are damaged.

@@ -1,4 +1,4 @@
-//! Where things are in a recording, from its summary. `recovery_scan.rs` finds the same where there is none.
+//! Finds the records of a recording from its summary. `recovery_scan.rs` does the same for files without one.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -22,9 +22,10 @@ use crate::{KNOWN_FORMATS, LONGEST_CHUNK_HEADER, ONCE_METADATA, PLAN_METADATA, T
 pub(crate) struct ChannelEntry {
     pub(crate) schema: u16,
     pub(crate) topic: String,
-    /// The topic in the file: another one where viewers would not find the camera of an image by the plan's.
+    /// The topic in the file. It differs from the topic in the plan if viewers would not find the camera of an image by
+    /// the latter.
     pub(crate) written_topic: String,
-    /// Whether all it says of itself is its stage: a commit's channel, and no other.
+    /// Whether its only metadata is its stage: true only for the channel of a stage's commits.
     pub(crate) is_of_a_stage: bool,
 }
 
@@ -36,19 +37,19 @@ impl From<Channel> for ChannelEntry {
     }
 }
 
-/// A chunk, and which channels it has messages of.
+/// A chunk, and the channels of its messages.
 #[derive(Clone, Debug)]
 pub(crate) struct ChunkEntry {
     pub(crate) start: u64,
-    /// How many bytes the record has.
+    /// The length of the record, bytes.
     pub(crate) length: u64,
     pub(crate) end: u64,
-    /// Ascending; chunks of equal channels share the list.
+    /// Ascending; chunks with equal channels share the list.
     pub(crate) channels: Arc<[u16]>,
 }
 
 impl ChunkEntry {
-    /// What the chunk says of its records; `None` if no chunk is there.
+    /// The header of the chunk; `None` if no chunk starts there.
     pub(crate) fn header(&self, file: &PositionedFile) -> Result<Option<ChunkHeader>, FileError> {
         let mut head = [0; LONGEST_CHUNK_HEADER as usize];
         let length = self.length.saturating_sub(RECORD_HEADER).min(LONGEST_CHUNK_HEADER);
@@ -64,12 +65,12 @@ pub(crate) struct MetadataEntry {
     pub(crate) values: BTreeMap<String, String>,
     pub(crate) offset: u64,
     pub(crate) end: u64,
-    /// The CRC-32 that all bytes before it had when it was written.
+    /// The CRC-32 of all bytes before it when it was written.
     pub(crate) crc_before: u32,
 }
 
 impl MetadataEntry {
-    /// Whether it says where the content of a once-value is.
+    /// Whether it states where the content of an aggregate value is.
     pub(crate) fn is_of_once(&self) -> bool {
         self.name.starts_with(ONCE_METADATA)
     }
@@ -83,8 +84,7 @@ pub(crate) struct Index {
     pub(crate) chunks: Vec<ChunkEntry>,
     pub(crate) attachments: Vec<AttachmentEntry>,
     pub(crate) metadata: Vec<MetadataEntry>,
-    /// Where the data ends, and the CRC-32 that all bytes before then had; `None` if that was not needed to find the
-    /// rest.
+    /// Where the data ends, and the CRC-32 of all bytes before that; `None` if the index was found without them.
     pub(crate) data_end: Option<(u64, u32)>,
     pub(crate) channel_lists: BTreeMap<Vec<u16>, Arc<[u16]>>,
 }
@@ -115,13 +115,13 @@ impl Index {
         let mut metadata = Vec::new();
         each_summary_record(file, (start, file.size - FOOTER), |at, opcode, body| {
             let known = index.add_summary_record(opcode, body, start, &mut metadata);
-            known.ok_or_else(|| file.damaged(at, "a record of the summary is not what was written"))
+            known.ok_or_else(|| file.damaged(at, "a record of the summary is damaged"))
         })?;
         let mut record = Vec::new();
         for MetadataIndex { offset, length, .. } in metadata {
             file.read_range(&mut record, offset, length)?;
             let body = body_of(op::METADATA, &record);
-            let body = body.ok_or_else(|| file.damaged(offset, "no metadata record is there"))?;
+            let body = body.ok_or_else(|| file.damaged(offset, "no metadata record starts there"))?;
             index.metadata.push(metadata_entry(file, offset, body)?);
         }
         index.chunks.sort_by_key(|chunk| chunk.start);
@@ -129,7 +129,7 @@ impl Index {
         Ok(Some(index))
     }
 
-    /// Adds a record of the summary, which starts at `summary`; `None` if no recording has it.
+    /// Adds a record of the summary, which starts at `summary`; `None` if the record is invalid.
     fn add_summary_record(
         &mut self,
         opcode: u8,
@@ -167,7 +167,7 @@ impl Index {
         self.schemas.get(&channel.schema).map(String::as_str)
     }
 
-    /// Whether a channel is one of commit records.
+    /// Whether a channel is the channel of commit records.
     pub(crate) fn is_of_commits(&self, channel: u16) -> bool {
         let schema = self.channels.get(&channel).and_then(|channel| self.schema_of(channel));
         schema == Some(Schema::Commit.name())
@@ -187,12 +187,12 @@ impl Index {
 
 /// A metadata record, checked.
 ///
-/// The format is looked at before the checksum: another one may have its checksums elsewhere.
+/// The format is checked before the checksum: other formats may store checksums elsewhere.
 pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) -> Result<MetadataEntry, RecordingError> {
-    let damaged = || file.damaged(offset, "a metadata record is not what was written");
+    let damaged = || file.damaged(offset, "a metadata record is damaged");
     let Metadata { name, metadata: values } = read_all(body).ok_or_else(damaged)?;
     if name == PLAN_METADATA {
-        // Another program's metadata may have the name.
+        // Metadata of another program may have the same name.
         let Some(found) = values.get("format").cloned() else {
             return Err(RecordingError::NotARecording { path: file.path.clone() });
         };
@@ -207,13 +207,13 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
 
 /// Where the summary starts, which ends with the file; `None` if the file's writer did not finish it.
 ///
-/// A bit flipped in the footer or after it must not make a finished file look like one that was not: either the magic
-/// bytes or a footer are enough for one that was.
+/// A flipped bit in the footer or after it must not make a finished file look unfinished: either the magic bytes or a
+/// footer suffices.
 fn summary_start(file: &PositionedFile) -> Result<Option<u64>, FileError> {
     let Some(FileEnd { offset, footer, has_magic }) = file_end(file)? else { return Ok(None) };
     let Some(start) = footer.map(|footer| footer.summary_start) else {
         return match has_magic {
-            true => Err(file.damaged(offset, "the footer is not what was written")),
+            true => Err(file.damaged(offset, "the footer is damaged")),
             false => Ok(None),
         };
     };
@@ -225,7 +225,7 @@ fn summary_start(file: &PositionedFile) -> Result<Option<u64>, FileError> {
     match (has_magic, follows_data) {
         (true, true) => Ok(Some(start)),
         (false, false) => Ok(None),
-        (true, false) => Err(file.damaged(offset, "the footer points to no summary")),
-        (false, true) => Err(file.damaged(file.size - MAGIC_LENGTH, "the file does not end as an MCAP file does")),
+        (true, false) => Err(file.damaged(offset, "the footer does not point to a summary")),
+        (false, true) => Err(file.damaged(file.size - MAGIC_LENGTH, "the file does not end like an MCAP file")),
     }
 }

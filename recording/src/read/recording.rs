@@ -1,4 +1,4 @@
-//! A recording being read.
+//! An open recording.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -22,10 +22,10 @@ use crate::read::recovery_scan::{Scanned, scan};
 use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA, RECOVERED};
 use depthloom_mcap::{FileError, PositionedFile, begins_as_mcap};
 
-/// A frame of a stage run, committed.
+/// A committed frame of a stage run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedFrame {
-    /// The source's own name for it.
+    /// The name that the source gave it.
     pub id: Arc<str>,
     /// Its index in the source, counted before any selection.
     pub index: u64,
@@ -33,45 +33,45 @@ pub struct RecordedFrame {
     pub time_ns: u64,
     /// The key of the source's values; `None` if the source failed.
     pub source_key: Option<Key>,
-    /// The keys of the nodes' values; a node that is neither here nor under `failures` did not fire.
+    /// The keys of the nodes' values; a node that is neither here nor under `failures` did not run.
     pub keys: Box<[SlotKey]>,
-    /// What failed on it.
+    /// The failures on it.
     pub failures: Vec<Failure>,
-    /// What was told of on it without failing.
+    /// The warnings on it.
     pub warnings: Vec<NodeWarning>,
-    /// The outputs that gave nothing although their source or node fired; `None` if the recording does not say it.
+    /// The outputs without a value although their source or node ran; `None` if the recording does not state them.
     pub absent: Option<Vec<Slot>>,
     pub(crate) chunks: Range<usize>,
     pub(crate) commit: usize,
 }
 
-/// A once-value, and where its content is.
+/// An aggregate value, and where its content is.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RecordedOnce {
+pub struct RecordedAggregate {
     /// The stage run.
     pub run: RunId,
-    /// The node that gave it.
+    /// The node that computed it.
     pub node: NodeId,
     /// Its output port.
     pub port: PortId,
-    /// What it is: the name of a `ValueType`.
+    /// Its type: the name of a `ValueType`.
     pub value_type: String,
-    /// Its key; all once-values of a node share it.
+    /// Its key; all aggregate values of a node share it.
     pub key: Key,
-    /// What its node told of without failing: what, and how many of it.
+    /// The warnings of its node: the message, and the number of affected things.
     pub warnings: Vec<(String, u64)>,
     /// Where its content is.
     pub content: RecordedContent,
 }
 
-/// Where the content of a once-value is.
+/// Where the content of an aggregate value is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RecordedContent {
     /// In an attachment: models and samples.
     Attachment {
         /// The hash of the content.
         hash: Key,
-        /// What the bytes are.
+        /// Its media type.
         media_type: String,
         /// The attachment's name.
         name: String,
@@ -80,7 +80,7 @@ pub enum RecordedContent {
     Messages {
         /// The topic.
         topic: String,
-        /// How many messages.
+        /// The number of messages.
         count: u64,
     },
 }
@@ -99,9 +99,9 @@ pub(crate) enum StoredValues {
     },
 }
 
-/// A recording open for reading: whole, or what a crash or damage left of one, up to its last commit.
+/// A recording open for reading: complete, or the undamaged part up to its last commit.
 ///
-/// The index is held in memory, values are not. Reading is by position, so several threads may read at once.
+/// Memory holds the index, not the values. Reading is by offset, so several threads may read at once.
 #[derive(Debug)]
 pub struct Recording {
     pub(crate) file: PositionedFile,
@@ -109,24 +109,24 @@ pub struct Recording {
     condition: Condition,
     plan: RecordedPlan,
     frames: Vec<Vec<RecordedFrame>>,
-    once: Vec<RecordedOnce>,
+    once: Vec<RecordedAggregate>,
     committed: u64,
-    /// By commit: where its chunk starts, and the CRC-32 that all bytes before had.
+    /// By commit: where its chunk starts, and the CRC-32 of all bytes before it.
     pub(crate) sealed: Vec<(u64, u32)>,
     pub(crate) by_key: OnceLock<BTreeMap<Key, StoredValues>>,
 }
 
 impl Recording {
-    /// Opens a recording: by its summary, in little time, or by reading all of it where it has no sound one.
+    /// Opens a recording: fast by its summary, or by reading the complete file if it has no undamaged summary.
     ///
-    /// Bytes that are not what was written are an error if they are of the plan; others leave out what stands behind
-    /// them, and [`Recording::condition`] says so. Values are checked when they are read.
+    /// Damaged bytes of the plan are an error. Other damage leaves out what follows it, and [`Recording::condition`]
+    /// reports it. Values are checked when they are read.
     ///
     /// # Errors
-    /// If the file cannot be read, is no recording, or its plan is damaged or one that no engine makes.
+    /// If the file cannot be read, is not a recording, or its plan is damaged or invalid.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let file = mcap_file(path.as_ref())?;
-        let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Loaded::of(&file, index)).transpose());
+        let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Loaded::new(&file, index)).transpose());
         let (found, condition) = match whole {
             Ok(Some(found)) => {
                 let condition = found.condition_by_metadata();
@@ -138,17 +138,17 @@ impl Recording {
             }
             Err(error) => return Err(error),
         };
-        Ok(Self::of(file, found, condition))
+        Ok(Self::new(file, found, condition))
     }
 
-    /// Opens a recording without its summary: checks every byte, and keeps what is before the first that is damaged.
+    /// Opens a recording without its summary: checks every byte, and keeps what is before the first damage.
     pub(crate) fn open_by_scan(path: &Path) -> Result<Self, RecordingError> {
         let file = mcap_file(path)?;
         let (found, condition) = Loaded::without_summary(&file, None)?;
-        Ok(Self::of(file, found, condition))
+        Ok(Self::new(file, found, condition))
     }
 
-    fn of(file: PositionedFile, found: Loaded, condition: Condition) -> Self {
+    fn new(file: PositionedFile, found: Loaded, condition: Condition) -> Self {
         let Loaded { index, plan, frames, once, committed, sealed } = found;
         Self { file, index, condition, plan, frames, once, committed, sealed, by_key: OnceLock::new() }
     }
@@ -159,25 +159,25 @@ impl Recording {
         &self.file.path
     }
 
-    /// In what condition it was found.
+    /// The condition in which the recording was found.
     #[must_use]
     pub const fn condition(&self) -> &Condition {
         &self.condition
     }
 
-    /// Where the last committed frame ends in the file.
+    /// The offset of the end of the last committed frame.
     #[must_use]
     pub const fn committed_bytes(&self) -> u64 {
         self.committed
     }
 
-    /// The plan that made it.
+    /// The plan of its run.
     #[must_use]
     pub const fn plan(&self) -> &RecordedPlan {
         &self.plan
     }
 
-    /// Whether it is of the format that is written now: then equal values are equal bytes, and no value is stored under
+    /// Whether it has the format that is written now: then equal values have equal bytes, and no value is stored under
     /// a wrong key.
     #[must_use]
     pub fn is_of_this_format(&self) -> bool {
@@ -185,15 +185,15 @@ impl Recording {
         of_plan.any(|metadata| metadata.values.get("format").is_some_and(|format| format == FORMAT))
     }
 
-    /// The committed frames of a stage run, in order; none if there is no such run.
+    /// The committed frames of a stage run, in order; empty if there is no such run.
     #[must_use]
     pub fn frames(&self, run: RunId) -> &[RecordedFrame] {
         self.frames.get(run.0).map_or(&[], Vec::as_slice)
     }
 
-    /// The once-values; [`Recording::once_value`] reads one.
+    /// The aggregate values; [`Recording::aggregate_value`] reads one.
     #[must_use]
-    pub fn once_values(&self) -> &[RecordedOnce] {
+    pub fn once_values(&self) -> &[RecordedAggregate] {
         &self.once
     }
 
@@ -206,7 +206,7 @@ impl Recording {
     /// The content of an attachment, checked.
     ///
     /// # Errors
-    /// If there is none of that name, or it is damaged.
+    /// If the recording has no attachment of that name, or it is damaged.
     pub fn attachment(&self, name: &str) -> Result<Vec<u8>, RecordingError> {
         let entry = self.index.attachments.iter().find(|entry| entry.name == name);
         let entry = entry.ok_or_else(|| RecordingError::Missing {
@@ -228,13 +228,13 @@ struct Loaded {
     index: Index,
     plan: RecordedPlan,
     frames: Vec<Vec<RecordedFrame>>,
-    once: Vec<RecordedOnce>,
+    once: Vec<RecordedAggregate>,
     committed: u64,
     sealed: Vec<(u64, u32)>,
 }
 
 impl Loaded {
-    fn of(file: &PositionedFile, index: Index) -> Result<Self, RecordingError> {
+    fn new(file: &PositionedFile, index: Index) -> Result<Self, RecordingError> {
         let plan = read_plan(file, &index)?;
         let once = read_once(file, &index, &plan)?;
         let frames = vec![Vec::new(); plan.runs.len()];
@@ -243,7 +243,7 @@ impl Loaded {
         Ok(found)
     }
 
-    /// What there is without a summary, or without the one that was found damaged.
+    /// The content without a summary, or without a damaged one.
     fn without_summary(
         file: &PositionedFile,
         damage: Option<(u64, String)>,
@@ -253,9 +253,9 @@ impl Loaded {
             (Condition::Unfinished { .. }, Some((offset, what))) => Condition::Damaged { offset, what, cut: false },
             (condition, _) => condition,
         };
-        match (Self::of(file, index), &condition) {
+        match (Self::new(file, index), &condition) {
             (Ok(found), _) => Ok((found, condition)),
-            // Without a plan there is nothing to read, and why is what stopped the scan.
+            // Without a plan nothing can be read; the error is what stopped the scan.
             (Err(RecordingError::NotARecording { .. }), Condition::Damaged { offset, what, .. }) => {
                 Err(file.damaged(*offset, what).into())
             }
@@ -263,7 +263,7 @@ impl Loaded {
         }
     }
 
-    /// The condition that the writer stated, which is right where the summary is.
+    /// The condition according to the metadata, which is right if the summary is.
     fn condition_by_metadata(&self) -> Condition {
         match self.index.metadata.iter().find(|metadata| metadata.name == ENDED_METADATA) {
             None => Condition::Whole,
@@ -272,13 +272,13 @@ impl Loaded {
         }
     }
 
-    /// Finds the frames: each is what stands between two commit records.
+    /// Finds the frames: each is between two commit records.
     fn read_commits(&mut self, file: &PositionedFile) -> Result<(), RecordingError> {
         let mut buffers = ChunkBuffers::default();
         let mut first = 0;
         for (position, chunk) in self.index.chunks.iter().enumerate() {
             if first == position && self.index.holds_points(chunk) {
-                // Between two frames, and of neither.
+                // Between two frames, and not part of either.
                 first = position + 1;
                 continue;
             }
@@ -298,7 +298,9 @@ impl Loaded {
             let is_of_plan = of_nodes.all(|node| node.0 < nodes);
             let frames = self.frames.get_mut(run.0).filter(|_| is_of_plan);
             frames
-                .ok_or_else(|| file.damaged(chunk.start, "a frame is of a run or a node that the plan does not have"))?
+                .ok_or_else(|| {
+                    file.damaged(chunk.start, "a frame belongs to a run or a node that the plan does not have")
+                })?
                 .push(frame);
             first = position + 1;
             self.committed = chunk.end;
@@ -308,27 +310,28 @@ impl Loaded {
     }
 }
 
-/// The stage run of a frame, the frame, and the CRC-32 that all bytes before its commit had.
+/// The stage run of a frame, the frame, and the CRC-32 of all bytes before its commit.
 fn committed(
     time_ns: u64,
     message: &[u8],
     chunks: Range<usize>,
     commit: usize,
 ) -> Result<(RunId, RecordedFrame, u32), String> {
-    let told = CommitMessage::decode(message).map_err(|error| format!("a commit record is invalid: {error}"))?;
+    let commit_message =
+        CommitMessage::decode(message).map_err(|error| format!("a commit record is invalid: {error}"))?;
     let frame = RecordedFrame {
-        id: told.frame.as_str().into(),
-        index: told.index,
+        id: commit_message.frame.as_str().into(),
+        index: commit_message.index,
         time_ns,
-        source_key: told.source_key().ok_or("a commit record has an invalid cache key")?,
-        keys: told.keys().ok_or("a commit record has an invalid cache key")?.into_boxed_slice(),
-        failures: told.failures(),
-        warnings: told.warnings(),
-        absent: told.absent(),
+        source_key: commit_message.source_key().ok_or("a commit record has an invalid cache key")?,
+        keys: commit_message.keys().ok_or("a commit record has an invalid cache key")?.into_boxed_slice(),
+        failures: commit_message.failures(),
+        warnings: commit_message.warnings(),
+        absent: commit_message.absent(),
         chunks,
         commit,
     };
-    Ok((RunId(told.run as usize), frame, told.crc32_before))
+    Ok((RunId(commit_message.run as usize), frame, commit_message.crc32_before))
 }
 
 fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, RecordingError> {
@@ -339,20 +342,24 @@ fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, Recor
     RecordedPlan::from_json(plan).map_err(|what| RecordingError::Content { path: path(), what })
 }
 
-fn read_once(file: &PositionedFile, index: &Index, plan: &RecordedPlan) -> Result<Vec<RecordedOnce>, RecordingError> {
+fn read_once(
+    file: &PositionedFile,
+    index: &Index,
+    plan: &RecordedPlan,
+) -> Result<Vec<RecordedAggregate>, RecordingError> {
     let once = index.metadata.iter().filter(|metadata| metadata.is_of_once());
     let read = |metadata: &MetadataEntry| {
         let text = |name: &str| metadata.values.get(name).cloned();
         let number = |name: &str| metadata.values.get(name)?.parse::<usize>().ok();
         let (run, node, port) = (RunId(number("run")?), NodeId(number("node")?), PortId(number("port")?));
         let output = plan.runs.get(run.0)?.nodes.get(node.0)?.outputs.get(port.0)?;
-        Some(RecordedOnce {
+        Some(RecordedAggregate {
             run,
             node,
             port,
             value_type: text("type").filter(|name| output.once && *name == output.value_type)?,
             key: Key::parse(&text("key")?)?,
-            warnings: text("warnings").map_or(Some(Vec::new()), |told| serde_json::from_str(&told).ok())?,
+            warnings: text("warnings").map_or(Some(Vec::new()), |warnings| serde_json::from_str(&warnings).ok())?,
             content: match text("attachment") {
                 Some(name) => RecordedContent::Attachment {
                     hash: Key::parse(&text("hash")?)?,
@@ -363,11 +370,11 @@ fn read_once(file: &PositionedFile, index: &Index, plan: &RecordedPlan) -> Resul
             },
         })
     };
-    let no_value = || RecordingError::Content {
+    let unknown_value = || RecordingError::Content {
         path: file.path.clone(),
-        what: "the record of a once-value names none that its plan has".to_owned(),
+        what: "the record of an aggregate value names an output that the plan does not have".to_owned(),
     };
-    once.map(|metadata| read(metadata).ok_or_else(no_value)).collect()
+    once.map(|metadata| read(metadata).ok_or_else(unknown_value)).collect()
 }
 
 impl RecordedFrame {

@@ -1,7 +1,7 @@
-//! The index of a recording without an intact summary, from a scan of its records.
+//! Indexes a recording without an intact summary by a scan of its records.
 //!
-//! Commit records, metadata records and the end of the data contain the CRC-32 of all bytes before them. Where it
-//! agrees, those bytes are what was written, and are kept; bytes after the last such record are dropped.
+//! Commit records, metadata records and the end of the data contain the CRC-32 of all bytes before them. If it agrees,
+//! these bytes are undamaged and are kept; bytes after the last such record are dropped.
 
 use depthloom_mcap::records::{Channel, ChunkHeader, SchemaHeader};
 use depthloom_mcap::{
@@ -20,9 +20,9 @@ use crate::read::index::{ChannelEntry, ChunkEntry, Index, metadata_entry};
 use crate::{LARGEST_CHUNK, LONGEST_CHUNK_HEADER};
 use depthloom_codecs::schema::Schema;
 
-/// The most bytes before a chunk's or an attachment's content that are looked at: names are short.
+/// The most bytes that are read before the content of a chunk or an attachment: names are short.
 const HEAD: u64 = 1 << 16;
-/// The most bytes a record may have that is no attachment: a chunk that was not compressed, and what surrounds it.
+/// The most bytes of a record that is not an attachment: an uncompressed chunk and its header.
 const LARGEST_RECORD: u64 = LARGEST_CHUNK + 1024;
 
 pub(crate) struct Scanned {
@@ -31,11 +31,11 @@ pub(crate) struct Scanned {
 }
 
 enum End {
-    /// At the end of the data: all of it is what was written.
+    /// At the end of the data, all of which is undamaged.
     Data,
     /// At a record that is cut, or at the file's end.
     Cut,
-    /// At what is not what was written, or cannot be read.
+    /// At damaged bytes, or at bytes that cannot be read.
     Error(RecordingError),
 }
 
@@ -79,7 +79,7 @@ pub(crate) fn scan(file: &PositionedFile) -> Result<Scanned, RecordingError> {
     Ok(Scanned { index: scan.index, condition })
 }
 
-/// How much of an index is what was written.
+/// How much of an index is undamaged.
 #[derive(Default)]
 struct SoundPart {
     chunks: usize,
@@ -96,19 +96,19 @@ struct Scan<'a> {
     buffers: ChunkBuffers,
     index: Index,
     kept: SoundPart,
-    /// A chunk whose message indexes come: start, length, channels.
+    /// A chunk whose message indexes follow: start, length, channels.
     chunk: Option<(u64, u64, Vec<u16>)>,
     at: u64,
-    /// All bytes before are what was written.
+    /// All bytes before this offset are undamaged.
     sound_to: u64,
-    /// There, or after the message index of a commit that ends there.
+    /// `sound_to`, or after the message index of a commit that ends there.
     rest_from: u64,
 }
 
 #[derive(Clone, Copy)]
 struct Here {
     at: u64,
-    /// Where its body starts, how many bytes it is said to have, and where it then ends.
+    /// Where its body starts, the length that its header states, and where it ends according to that.
     body: u64,
     length: u64,
     end: u64,
@@ -116,7 +116,7 @@ struct Here {
 }
 
 impl Here {
-    /// Continues only if the whole record is there.
+    /// Continues only if the complete record is there.
     const fn whole(self) -> Result<(), End> {
         if self.is_cut { Err(End::Cut) } else { Ok(()) }
     }
@@ -133,14 +133,14 @@ impl Scan<'_> {
             _ => false,
         };
         let end = body.checked_add(length).filter(|_| is_known);
-        let Some(end) = end else { return Err(self.damaged(at, "no record of a recording starts there")) };
+        let Some(end) = end else { return Err(self.damaged(at, "no record starts there")) };
         if opcode != op::ATTACHMENT && length > LARGEST_RECORD {
             let what = format!("a record states {length} bytes, more than the {LARGEST_RECORD} of the largest");
             return Err(self.damaged(at, &what));
         }
         let here = Here { at, body, length, end, is_cut: end > self.file.size };
         if opcode != op::MESSAGE_INDEX {
-            // The chunk before is complete: all its message indexes are.
+            // The previous chunk is complete: all its message indexes are read.
             self.close_chunk(at);
         }
         match opcode {
@@ -157,7 +157,7 @@ impl Scan<'_> {
                 self.keep(end);
                 return Err(End::Data);
             }
-            // The header says nothing that is needed, and the first checksum covers it.
+            // The header contains nothing that is needed, and the first checksum covers it.
             _ => here.whole()?,
         }
         self.at = end;
@@ -168,7 +168,7 @@ impl Scan<'_> {
         self.file.damaged(offset, what).into()
     }
 
-    /// As much of a record's body as there is, and is looked at.
+    /// The beginning of a record's body, as far as it is there and needed.
     fn head(&mut self, here: Here) -> Result<&[u8], End> {
         let length = here.length.min(HEAD).min(self.file.size - here.body);
         self.window.at(here.body, length)?.ok_or(End::Cut)
@@ -184,7 +184,7 @@ impl Scan<'_> {
                 self.kept.later_schemas.push(id);
                 Ok(())
             }
-            _ => Err(self.damaged(here.at, "a schema is not what was written")),
+            _ => Err(self.damaged(here.at, "a schema is damaged")),
         }
     }
 
@@ -197,12 +197,12 @@ impl Scan<'_> {
                 self.kept.later_channels.push(id);
                 Ok(())
             }
-            _ => Err(self.damaged(here.at, "a channel is not what was written")),
+            _ => Err(self.damaged(here.at, "a channel is damaged")),
         }
     }
 
-    /// Whether a channel's schema is there, and is that of commits where the channel is: otherwise all commits would be
-    /// hidden.
+    /// Whether a channel's schema is known, and is that of commits exactly if the channel is: otherwise all commits
+    /// would be missed.
     fn is_consistent(&self, channel: &ChannelEntry) -> bool {
         let schema = self.index.schemas.get(&channel.schema);
         schema.is_some_and(|name| (name == Schema::Commit.name()) == channel.is_of_a_stage)
@@ -224,7 +224,7 @@ impl Scan<'_> {
         };
         here.whole()?;
         if first.is_some_and(|channel| !self.index.channels.contains_key(&channel)) {
-            return Err(self.damaged(here.at, "a message is of no channel"));
+            return Err(self.damaged(here.at, "a message has an unknown channel"));
         }
         match first.filter(|channel| self.index.is_of_commits(*channel)) {
             Some(channel) => self.commit(here.at, here.end, channel)?,
@@ -236,21 +236,21 @@ impl Scan<'_> {
     fn message_index(&mut self, here: Here) -> Result<(), End> {
         let head = self.window.at(here.body, here.length.min(6))?.ok_or(End::Cut)?;
         let Some(channel) = message_index_channel(head, here.length) else {
-            return Err(self.damaged(here.at, "a message index is not what was written"));
+            return Err(self.damaged(here.at, "a message index is damaged"));
         };
         here.whole()?;
         if !self.index.channels.contains_key(&channel) {
-            return Err(self.damaged(here.at, "a message index is of no channel"));
+            return Err(self.damaged(here.at, "a message index has an unknown channel"));
         }
         let is_of_commit = self.sound_to == here.at && self.index.is_of_commits(channel);
         match (&mut self.chunk, self.index.chunks.last_mut()) {
             (Some((_, _, channels)), _) => channels.push(channel),
-            // The commit is whole without it.
+            // The commit is complete without it.
             (None, Some(commit)) if is_of_commit => {
                 commit.end = here.end;
                 self.rest_from = here.end;
             }
-            (None, _) => return Err(self.damaged(here.at, "a message index belongs to no chunk")),
+            (None, _) => return Err(self.damaged(here.at, "a message index does not follow a chunk")),
         }
         Ok(())
     }
@@ -285,14 +285,14 @@ impl Scan<'_> {
         Ok(())
     }
 
-    /// Keeps the commit record in a chunk, and with it everything before.
+    /// Keeps the commit record in a chunk, and everything before it.
     fn commit(&mut self, start: u64, end: u64, channel: u16) -> Result<(), FileError> {
         let channels = self.index.channel_list(vec![channel]);
         let chunk = ChunkEntry { start, length: end - start, end, channels };
         let mut crc_before = None;
         self.buffers.each_message(self.file, &chunk, |message| {
             if message.channel != channel || crc_before.is_some() {
-                return Err("a commit chunk holds another message".to_owned());
+                return Err("a commit chunk contains another message".to_owned());
             }
             let commit = CommitMessage::decode(message.data);
             crc_before = Some(commit.map_err(|error| format!("a commit record is invalid: {error}"))?.crc32_before);
@@ -305,12 +305,12 @@ impl Scan<'_> {
         Ok(())
     }
 
-    /// Compares the bytes before a place with the checksum that is stated there.
+    /// Compares the bytes before an offset with the checksum that is stored there.
     fn agree(&mut self, at: u64, stated: u32) -> Result<(), FileError> {
-        if self.crc.place(at)? == stated {
+        if self.crc.up_to(at)? == stated {
             return Ok(());
         }
-        let what = format!("between there and byte {at} something is not what was written");
+        let what = format!("bytes between there and byte {at} are damaged");
         Err(self.file.damaged(self.sound_to, what))
     }
 
@@ -340,9 +340,9 @@ impl Scan<'_> {
     }
 
     /// Distinguishes a file whose writer stopped from one that is damaged where the scan stopped: everything after the
-    /// last commit must be a beginning of what would have been written.
+    /// last commit must be the beginning of what would have been written.
     fn check_the_rest(&mut self) -> Result<(), FileError> {
-        // Where the file is cut among a chunk's message indexes, its last channels are missing.
+        // If the file is cut among a chunk's message indexes, its last channels are missing.
         let unindexed = self.chunk.take().map(|(start, length, _)| {
             let channels = self.index.channels.keys().copied().collect();
             (ChunkEntry { start, length, end: start + length, channels }, false)
@@ -359,7 +359,7 @@ impl Scan<'_> {
             let is_right =
                 if is_indexed { seen == *chunk.channels } else { seen.iter().all(|id| chunk.channels.contains(id)) };
             if !is_right {
-                let what = "a chunk holds other channels than its message indexes say";
+                let what = "the channels of a chunk differ from those of its message indexes";
                 return Err(self.file.damaged(chunk.start, what));
             }
         }
@@ -369,13 +369,14 @@ impl Scan<'_> {
         match self.chunk_behind(self.at)? {
             None => Ok(()),
             Some(place) => {
-                let what = format!("the record there has no end, and at byte {place} a chunk follows");
+                let what =
+                    format!("the record there states a length beyond the file, but a chunk follows at byte {place}");
                 Err(self.file.damaged(self.at, what))
             }
         }
     }
 
-    /// The first place after `at` where a complete chunk header is.
+    /// The first offset after `at` with a complete chunk header.
     fn chunk_behind(&mut self, at: u64) -> Result<Option<u64>, FileError> {
         const BLOCK: u64 = 1 << 20;
         const LONGEST: u64 = RECORD_HEADER + LONGEST_CHUNK_HEADER;
@@ -404,8 +405,7 @@ impl Scan<'_> {
     }
 }
 
-/// Whether a schema has the id that its name always has, and no other's: one that is damaged would hide all commits
-/// behind it.
+/// Whether a schema has the id that belongs to its name. A damaged schema would hide all commits after it.
 fn is_consistent(id: u16, name: &str) -> bool {
     match Schema::named(name) {
         Some(schema) => schema.id() == id,
@@ -413,14 +413,14 @@ fn is_consistent(id: u16, name: &str) -> bool {
     }
 }
 
-/// The schema that is all of a record.
+/// The schema that fills a record.
 fn schema(body: &[u8]) -> Option<SchemaHeader> {
     let (schema, mut rest) = read::<SchemaHeader>(body)?;
     counted(&mut rest)?;
     rest.is_empty().then_some(schema)
 }
 
-/// How many bytes a metadata record has by what its head says.
+/// The length of a metadata record according to its head.
 fn metadata_length(mut head: &[u8]) -> Option<u64> {
     let name = counted(&mut head)?.len() as u64;
     Some(8 + name + u64::from(u32::from_le_bytes(*head.first_chunk()?)))
@@ -433,7 +433,7 @@ pub(crate) fn message_index_channel(head: &[u8], length: u64) -> Option<u16> {
     (entries % 16 == 0 && length == 6 + u64::from(entries)).then_some(u16::from_le_bytes([c0, c1]))
 }
 
-/// The channel of the first message among a chunk's records, of which there may be only a beginning.
+/// The channel of the first message among a chunk's records, which may be cut.
 fn first_channel(records: &[u8]) -> Option<u16> {
     let (op::MESSAGE, _) = record_header(records)? else { return None };
     records[RECORD_HEADER as usize..].first_chunk().map(|channel| u16::from_le_bytes(*channel))

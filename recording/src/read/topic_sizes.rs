@@ -1,5 +1,4 @@
-//! What a recording's topics hold and take, without decompressing a value: by the message indexes that stand behind
-//! every chunk.
+//! The sizes of a recording's topics, without decompressing a value: from the message indexes after every chunk.
 
 use std::collections::BTreeMap;
 
@@ -15,32 +14,31 @@ use crate::read::recording::Recording;
 pub struct TopicSize {
     /// Its name.
     pub topic: String,
-    /// What its messages are, by the schema's name; of images that come in two forms, that of those which are there.
+    /// The schema of its messages; for images with two schemas, the one that is used.
     pub schema: String,
-    /// How many messages it has.
+    /// The number of messages.
     pub messages: u64,
-    /// What they take without compression, bytes.
+    /// Their size without compression, bytes.
     pub raw_bytes: u64,
-    /// What they take in the file. A chunk that several topics share is divided among them as their raw bytes are.
+    /// Their size in the file. The size of a chunk with several topics is divided in proportion to their raw bytes.
     pub stored_bytes: u64,
 }
 
 impl Recording {
-    /// How large the file is, bytes.
+    /// The size of the file, bytes.
     #[must_use]
     pub const fn file_bytes(&self) -> u64 {
         self.file.size
     }
 
-    /// The topics that have messages, by name. What the file holds besides (attachments, indexes, schemas) is in none
-    /// of them.
+    /// The topics with messages, by name. Other content of the file (attachments, indexes, schemas) is not included.
     ///
-    /// Ends early once `stop` says so, which is asked once a chunk.
+    /// Ends early if `stop` returns true, which is called once per chunk.
     ///
     /// # Errors
     /// If the file cannot be read, or an index of messages is damaged.
     pub fn topic_sizes(&self, stop: &dyn Fn() -> bool) -> Result<Vec<TopicSize>, RecordingError> {
-        let mut by_channel: BTreeMap<u16, Taken> = BTreeMap::new();
+        let mut by_channel: BTreeMap<u16, RawSizes> = BTreeMap::new();
         let mut bytes = Vec::new();
         for chunk in self.index.chunks.iter().take_while(|_| !stop()) {
             self.add_chunk(chunk, &mut bytes, &mut by_channel)?;
@@ -66,7 +64,7 @@ impl Recording {
         &self,
         chunk: &ChunkEntry,
         bytes: &mut Vec<u8>,
-        by_channel: &mut BTreeMap<u16, Taken>,
+        by_channel: &mut BTreeMap<u16, RawSizes>,
     ) -> Result<(), RecordingError> {
         let damaged = || self.file.damaged(chunk.start, "a chunk and its message indexes contradict each other");
         let header = chunk.header(&self.file)?.ok_or_else(damaged)?;
@@ -80,7 +78,7 @@ impl Recording {
             messages.extend(records.iter().map(|entry| (entry.offset, channel_id)));
         }
         if let ([], [channel]) = (messages.as_slice(), &*chunk.channels) {
-            // A commit that is whole without its index, where a file was cut behind it.
+            // A commit whose message index was cut off is complete without it.
             messages.push((0, *channel));
         }
         messages.sort_unstable();
@@ -90,17 +88,17 @@ impl Recording {
             if from > to || to > raw {
                 return Err(damaged().into());
             }
-            let taken = by_channel.entry(channel).or_default();
-            taken.messages += 1;
-            taken.raw += to - from;
-            taken.stored += share(to) - share(from);
+            let sizes = by_channel.entry(channel).or_default();
+            sizes.messages += 1;
+            sizes.raw += to - from;
+            sizes.stored += share(to) - share(from);
         }
         Ok(())
     }
 }
 
 #[derive(Default)]
-struct Taken {
+struct RawSizes {
     messages: u64,
     raw: u64,
     stored: u64,

@@ -1,4 +1,4 @@
-//! Digests of the stored values of a topic. By them a later run finds what was computed from the same values.
+//! Digests of the stored values of a topic. A later run uses them as keys of what it computes from these values.
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::Slot;
@@ -10,10 +10,10 @@ use crate::read::recording::{RecordedFrame, Recording};
 
 impl Recording {
     /// A digest of a topic's value on each of a stage run's [frames](Recording::frames): of the cache key that it is
-    /// stored under, and of size and checksum of its chunk. `None` where the topic has no value, or has it in one chunk
-    /// with other topics.
+    /// stored under, and of size and checksum of its chunk. `None` where the topic has no value, or shares a chunk with
+    /// other topics.
     ///
-    /// Only the heads of chunks are read. A reader of a value compares its bytes with the checksum.
+    /// Only the headers of chunks are read. A reader of a value compares its bytes with the checksum.
     ///
     /// # Errors
     /// If the run has no such topic, or the file cannot be read.
@@ -36,7 +36,7 @@ impl Recording {
     }
 
     fn chunk_digest(&self, chunk: &ChunkEntry, key: &Key) -> Result<Option<Key>, RecordingError> {
-        // MCAP: a checksum of 0 means that the chunk was written without one.
+        // In MCAP, a checksum of 0 stands for a missing one.
         let header = chunk.header(&self.file)?.filter(|header| header.uncompressed_crc != 0);
         Ok(header.map(|header| {
             let digest = Key::digest("depthloom value").key(key).number(header.uncompressed_size);
@@ -46,7 +46,7 @@ impl Recording {
 }
 
 impl RecordedFrame {
-    /// The cache key of what a source or a node gave on the frame.
+    /// The cache key of the values of a source or a node on the frame.
     fn key_of(&self, slot: Slot) -> Option<Key> {
         match slot {
             Slot::Source { .. } => self.source_key,

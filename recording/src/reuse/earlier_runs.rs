@@ -1,4 +1,4 @@
-//! Recordings of earlier runs as one store: what a run need not make again.
+//! Recordings of earlier runs as one store of values that a run can reuse.
 
 use std::collections::HashSet;
 use std::io::ErrorKind;
@@ -20,11 +20,10 @@ use crate::read::index::{ChunkEntry, metadata_entry};
 use crate::read::recording::{RecordedFrame, Recording, StoredValues};
 use crate::reuse::stored_values::{KeyedPlace, fault, unknown};
 
-/// Recordings of earlier runs as one store: what they made and a run needs need not be made again.
+/// Recordings of earlier runs as one store: a run reuses their values instead of computing them.
 ///
-/// What a key names is taken from the first recording that has it sound: every byte of a frame is checked before
-/// anything of it is taken, and a frame that is not what was written is left to the next recording, or to be made
-/// afresh.
+/// A value is reused from the first recording that has it undamaged. All bytes of a frame are checked before any of its
+/// values are reused. A damaged frame is looked up in the next recording, or recomputed.
 pub struct EarlierRuns {
     runs: Vec<EarlierRun>,
     unreadable: Vec<(PathBuf, RecordingError)>,
@@ -33,15 +32,15 @@ pub struct EarlierRuns {
 
 pub(crate) struct EarlierRun {
     pub(crate) recording: Recording,
-    /// By commit, the CRC-32 of each of the frame's chunks as it is stored; `None` if the frame's bytes are not what
-    /// was written. A frame is checked on first use.
+    /// By commit, the CRC-32 of each of the frame's chunks as stored; `None` if the frame is damaged. A frame is
+    /// checked when it is first used.
     checked: Vec<OnceLock<Option<Box<[u32]>>>>,
-    taken: AtomicBool,
+    is_reused: AtomicBool,
 }
 
 impl EarlierRuns {
-    /// A store of recordings, the one to be asked first in front. Of those that cannot be read, or have nothing of a
-    /// plan's nodes, no more than the plan is read.
+    /// A store of recordings; the first one is searched first. Of recordings that cannot be read, or have no values of
+    /// the plan's nodes, only the plan is read.
     pub fn new(recordings: impl IntoIterator<Item = impl AsRef<Path>>, plan: &Plan) -> Self {
         let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect();
         let is_of_use = |recorded: &RecordedPlan| {
@@ -57,7 +56,7 @@ impl EarlierRuns {
             match Recording::open(path) {
                 Ok(recording) if recording.is_of_this_format() && is_of_use(recording.plan()) => {
                     let checked = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
-                    runs.push(EarlierRun { recording, checked, taken: AtomicBool::new(false) });
+                    runs.push(EarlierRun { recording, checked, is_reused: AtomicBool::new(false) });
                 }
                 Ok(_) => {}
                 Err(error) if is_only_begun(path, &error) => {}
@@ -67,19 +66,19 @@ impl EarlierRuns {
         Self { runs, unreadable, damage: Mutex::default() }
     }
 
-    /// The recordings that cannot be read, and why. One whose run has only begun, or that is gone, is none of them.
+    /// The recordings that cannot be read, and why; except those whose run has just begun, and removed ones.
     #[must_use]
     pub fn unreadable(&self) -> &[(PathBuf, RecordingError)] {
         &self.unreadable
     }
 
-    /// Whether there is nothing to take.
+    /// Whether there is nothing to reuse.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.runs.is_empty()
     }
 
-    /// The recording that was made by most of a plan's nodes, and its plan.
+    /// The recording that shares the most nodes with a plan, and its plan.
     #[must_use]
     pub fn nearest(&self, plan: &Plan) -> Option<(&Path, &RecordedPlan)> {
         let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect();
@@ -87,17 +86,17 @@ impl EarlierRuns {
             let nodes = run.recording.plan().runs.iter().flat_map(|run| &run.nodes);
             nodes.filter(|node| wanted.contains(&node.recipe)).count()
         };
-        // Of equals the first: the last maximum of the reversed.
+        // Of equal counts the first: the last maximum in reverse order.
         let nearest = self.runs.iter().rev().max_by_key(shared)?;
         Some((nearest.recording.path(), nearest.recording.plan()))
     }
 
-    /// The recordings that something was taken of.
-    pub fn taken(&self) -> impl Iterator<Item = &Path> {
-        self.runs.iter().filter(|run| run.taken.load(Ordering::Relaxed)).map(|run| run.recording.path())
+    /// The recordings whose values were reused.
+    pub fn reused(&self) -> impl Iterator<Item = &Path> {
+        self.runs.iter().filter(|run| run.is_reused.load(Ordering::Relaxed)).map(|run| run.recording.path())
     }
 
-    /// What was found damaged and was not taken: the recording, and what is wrong.
+    /// The damage that was found, whose values were not reused: the recording, and what is wrong.
     #[must_use]
     pub fn damage(&self) -> Vec<(PathBuf, String)> {
         let mut damage = locked(&self.damage).clone();
@@ -105,30 +104,30 @@ impl EarlierRuns {
         damage
     }
 
-    /// The recordings that know a key, sound, and where in them, in order.
+    /// The recordings with undamaged values of a key, in order, and where they are.
     fn located(&self, key: &Key) -> impl Iterator<Item = (&EarlierRun, KeyedPlace)> {
         self.runs.iter().filter_map(|run| {
             let place = run.recording.place_of(key)?;
             let is_sound = match place.values() {
                 StoredValues::Frame { run: stage, position, .. } => self.checksums(run, stage, position).is_some(),
-                // An attachment has a checksum of its own, and is checked against the hash in its name.
+                // An attachment has its own checksum, and is checked against the hash in its name.
                 StoredValues::Once { .. } => true,
             };
             is_sound.then_some((run, place))
         })
     }
 
-    /// The first recording that has the value of a port under a key, and where in it: the newest may have kept less
-    /// than one before.
+    /// The first recording that has the value of a port under a key, and where it is. The newest recording may contain
+    /// fewer values than an older one.
     pub(crate) fn locate(&self, key: &Key, port: &str) -> Option<(&EarlierRun, KeyedPlace)> {
-        let has = |(run, place): &(&EarlierRun, KeyedPlace)| {
-            let held = run.recording.held_at(*place);
-            held.iter().any(|held| held.port == port && held.state == StoredState::Stored)
+        let has_value = |(run, place): &(&EarlierRun, KeyedPlace)| {
+            let ports = run.recording.stored_at(*place);
+            ports.iter().any(|stored| stored.port == port && stored.state == StoredState::Stored)
         };
-        self.located(key).find(has)
+        self.located(key).find(has_value)
     }
 
-    /// The CRC-32 of each chunk of a frame as it is stored; `None` if the frame's bytes are not what was written.
+    /// The CRC-32 of each chunk of a frame as stored; `None` if the frame is damaged.
     pub(crate) fn checksums<'a>(&self, run: &'a EarlierRun, stage: RunId, position: FrameIndex) -> Option<&'a [u32]> {
         let frame = &run.recording.frames(stage)[position];
         let checked = run.checked[frame.commit].get_or_init(|| match run.recording.check_frame(frame) {
@@ -144,9 +143,9 @@ impl EarlierRuns {
     }
 }
 
-/// Whether a recording cannot be read because nothing has been written of it yet, or it was removed in the meantime.
+/// Whether a recording cannot be read because nothing has been written yet, or because it was removed in the meantime.
 ///
-/// A run that is finished has a whole recording: one that holds nothing there is damaged.
+/// The recording of a finished run is complete: if it has no content, it is damaged.
 fn is_only_begun(path: &Path, error: &RecordingError) -> bool {
     let is_finished =
         path.parent().is_some_and(|run| run.extension().is_none_or(|ending| ending != depthloom_durable::PARTIAL));
@@ -159,7 +158,7 @@ fn is_only_begun(path: &Path, error: &RecordingError) -> bool {
     }
 }
 
-/// Format and plan of a recording, read from its head alone: of a file without an end all of it would have to be read.
+/// Format and plan of a recording, read from its first records: otherwise an unfinished file would be read completely.
 fn recorded_plan(path: &Path) -> Option<(String, RecordedPlan)> {
     let file = PositionedFile::open(path).ok()?;
     let (mut window, mut at) = (Window::new(&file), MAGIC_LENGTH);
@@ -176,29 +175,29 @@ fn recorded_plan(path: &Path) -> Option<(String, RecordedPlan)> {
 }
 
 impl EarlierRun {
-    pub(crate) fn take(&self) {
+    pub(crate) fn mark_reused(&self) {
         self.taken.store(true, Ordering::Relaxed);
     }
 }
 
 impl Recording {
-    /// Checks that the bytes from one commit to the next are what was written: those of a frame, compressed as they are
-    /// stored. The CRC-32 of each of its chunks.
+    /// Checks the bytes from one commit to the next: those of a frame, as stored. Returns the CRC-32 of each of its
+    /// chunks.
     fn check_frame(&self, frame: &RecordedFrame) -> Result<Box<[u32]>, RecordingError> {
         let mut crc = CrcBefore::new(&self.file);
         if let Some((start, before)) = frame.commit.checked_sub(1).map(|earlier| self.sealed[earlier]) {
-            crc.take_as_known(start, before);
+            crc.set_known(start, before);
         }
         let checksum = |chunk: &ChunkEntry| {
-            crc.place(chunk.start)?;
-            crc.stretch(chunk.end)
+            crc.up_to(chunk.start)?;
+            crc.section(chunk.end)
         };
         let checksums = frame.chunks(&self.index).iter().map(checksum).collect::<Result<_, _>>()?;
-        let (start, told) = self.sealed[frame.commit];
-        if crc.place(start)? == told {
+        let (start, stated) = self.sealed[frame.commit];
+        if crc.up_to(start)? == stated {
             return Ok(checksums);
         }
-        Err(self.file.damaged(start, "the bytes before are not what was written").into())
+        Err(self.file.damaged(start, "the bytes of the frame before are damaged").into())
     }
 }
 
@@ -206,21 +205,21 @@ impl Store for EarlierRuns {
     fn find(&self, key: &Key) -> Option<Vec<StoredPort>> {
         let mut located = self.located(key);
         let (run, place) = located.next()?;
-        let mut held = run.recording.held_at(place);
-        let is_whole = |held: &[StoredPort]| held.iter().all(|held| held.state != StoredState::NotKept);
-        // What one did not keep another may have.
+        let mut ports = run.recording.stored_at(place);
+        let is_complete = |ports: &[StoredPort]| ports.iter().all(|port| port.state != StoredState::NotKept);
+        // Another recording may have values that this one does not have.
         for (run, place) in located {
-            if is_whole(&held) {
+            if is_complete(&ports) {
                 break;
             }
-            for other in run.recording.held_at(place) {
-                match held.iter_mut().find(|held| held.port == other.port) {
-                    Some(held) => held.state = held.state.max(other.state),
-                    None => held.push(other),
+            for other in run.recording.stored_at(place) {
+                match ports.iter_mut().find(|port| port.port == other.port) {
+                    Some(port) => port.state = port.state.max(other.state),
+                    None => ports.push(other),
                 }
             }
         }
-        Some(held)
+        Some(ports)
     }
 
     fn origin(&self, key: &Key, port: &str) -> Option<String> {
@@ -234,14 +233,14 @@ impl Store for EarlierRuns {
 
     fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {
         let Some((run, place)) = self.locate(key, port) else {
-            // It is known to be nothing, or not known.
-            let held = self.find(key).and_then(|held| held.into_iter().find(|held| held.port == port));
-            return match held {
+            // The value is known to be absent, or is unknown.
+            let stored = self.find(key).and_then(|ports| ports.into_iter().find(|stored| stored.port == port));
+            return match stored {
                 Some(StoredPort { state: StoredState::Absent, .. }) => Ok(None),
                 _ => Err(unknown(key)),
             };
         };
-        run.take();
+        run.mark_reused();
         run.recording.value_at(place, port).map_err(|error| {
             if matches!(place.values(), StoredValues::Once { .. }) {
                 let mut damage = locked(&self.damage);
@@ -253,7 +252,7 @@ impl Store for EarlierRuns {
 
     fn values(&self, wanted: &[(Key, &str)]) -> Result<Vec<Option<Value>>, Fault> {
         let mut values = vec![None; wanted.len()];
-        // By recording and frame, which values are read there.
+        // By recording and frame, the values to read.
         let mut frames: Vec<(&EarlierRun, (RunId, FrameIndex), Vec<usize>)> = Vec::new();
         let mut topics = vec![""; wanted.len()];
         for (index, (key, port)) in wanted.iter().enumerate() {
@@ -270,9 +269,13 @@ impl Store for EarlierRuns {
             }
         }
         for (run, (stage, position), indexes) in frames {
-            run.take();
-            let of: Vec<&str> = indexes.iter().map(|index| topics[*index]).collect();
-            let read = run.recording.reader(stage, &of).and_then(|mut reader| reader.read(position)).map_err(fault)?;
+            run.mark_reused();
+            let frame_topics: Vec<&str> = indexes.iter().map(|index| topics[*index]).collect();
+            let read = run
+                .recording
+                .reader(stage, &frame_topics)
+                .and_then(|mut reader| reader.read(position))
+                .map_err(fault)?;
             indexes.into_iter().zip(read).for_each(|(index, value)| values[index] = value);
         }
         Ok(values)

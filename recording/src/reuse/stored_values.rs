@@ -12,11 +12,11 @@ use crate::condition::Condition;
 use crate::error::RecordingError;
 use crate::plan::RecordedOutput;
 use crate::read::index::ChunkEntry;
-use crate::read::recording::{RecordedContent, RecordedOnce, Recording, StoredValues};
+use crate::read::recording::{RecordedAggregate, RecordedContent, Recording, StoredValues};
 
-/// Where the values of one cache key are stored. Only [`Recording::place_of`] makes one, and stored bytes are reached
-/// through one alone: so whoever has bytes knows the key that they were stored under, and topic, node, variant and
-/// position never decide which bytes are read.
+/// Where the values of one cache key are stored. Only [`Recording::place_of`] creates a place, and stored bytes can be
+/// read only by a place. So the key of stored bytes is always known, and topic, node, variant and position never decide
+/// which bytes are read.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct KeyedPlace {
     key: Key,
@@ -24,7 +24,7 @@ pub(crate) struct KeyedPlace {
 }
 
 impl KeyedPlace {
-    /// The key that the values were stored under.
+    /// The key that the values are stored under.
     pub(crate) const fn key(&self) -> Key {
         self.key
     }
@@ -34,7 +34,7 @@ impl KeyedPlace {
     }
 }
 
-/// The chunk that holds a value of a port, and what the recording calls it.
+/// The chunk with a value of a port, and its topic in the recording.
 pub(crate) struct ValueChunk<'a> {
     pub(crate) channel: u16,
     /// The topic of its port in the recorded plan.
@@ -43,14 +43,14 @@ pub(crate) struct ValueChunk<'a> {
 }
 
 impl Recording {
-    /// Where what a key names lies.
+    /// Where the values of a key are stored.
     pub(crate) fn place_of(&self, key: &Key) -> Option<KeyedPlace> {
         let values = *self.by_key.get_or_init(|| self.keyed_places()).get(key)?;
         Some(KeyedPlace { key: *key, values })
     }
 
-    /// The chunk in which the value of a port is stored under the key of a place; `None` of aggregate values, and if
-    /// the port gave none.
+    /// The chunk with the value of a port under the key of a place; `None` for aggregate values, and if the port has no
+    /// value.
     pub(crate) fn value_chunk(&self, place: KeyedPlace, port: &str) -> Option<ValueChunk<'_>> {
         let StoredValues::Frame { run, position, node } = place.values else { return None };
         let topic = self.topic_of(run, node, port)?;
@@ -67,17 +67,17 @@ impl Recording {
     }
 
     /// What the recording has of a place, by output port: all ports of a node share its key. See [`Store::find`].
-    pub(crate) fn held_at(&self, place: KeyedPlace) -> Vec<StoredPort> {
+    pub(crate) fn stored_at(&self, place: KeyedPlace) -> Vec<StoredPort> {
         match place.values {
-            StoredValues::Once { run, node } => self.held_once(run, node),
+            StoredValues::Once { run, node } => self.stored_aggregates(run, node),
             StoredValues::Frame { run, position, node } => {
                 let frame = &self.frames(run)[position];
                 let is_there = |output: &RecordedOutput| self.value_chunk(place, &output.port).is_some();
                 let slot = |port| node.map_or(Slot::Source { port }, |node| Slot::Node { node, port });
-                let gave = |port: PortId| frame.absent.as_ref().map(|absent| !absent.contains(&slot(port)));
+                let has_value = |port: PortId| frame.absent.as_ref().map(|absent| !absent.contains(&slot(port)));
                 let of_frames = PortId::enumerate(self.outputs_of(run, node)).filter(|(_, output)| !output.once);
-                let held = of_frames.filter_map(|(port, output)| {
-                    let state = match (self.keeps(output, position), gave(port)) {
+                let ports = of_frames.filter_map(|(port, output)| {
+                    let state = match (self.keeps(output, position), has_value(port)) {
                         (true, _) if is_there(output) => StoredState::Stored,
                         (true, _) | (false, Some(false)) => StoredState::Absent,
                         (false, Some(true)) => StoredState::NotKept,
@@ -85,25 +85,25 @@ impl Recording {
                     };
                     Some(StoredPort { port: output.port.clone(), state })
                 });
-                held.collect()
+                ports.collect()
             }
         }
     }
 
-    /// Whether an output's values were kept of the frame at a position.
+    /// Whether an output's value on the frame at a position was recorded.
     fn keeps(&self, output: &RecordedOutput, position: FrameIndex) -> bool {
-        // Of the frames between, only scores are kept.
+        // On frames that `every` leaves out, only scores are recorded.
         let is_whole = (position.0 as u64).is_multiple_of(self.plan().every.max(1));
         let is_kept = is_whole || output.value_type() == Some(ValueType::Scores);
         output.recorded && !output.once && is_kept
     }
 
-    /// The channels of a topic: images have one for those with a file's own bytes, too.
+    /// The channels of a topic; for images including the channel for images with their file's bytes.
     pub(crate) fn channels_of(&self, topic: &str) -> impl Iterator<Item = u16> {
         self.index.channels.iter().filter(move |(_, channel)| channel.topic == topic).map(|(id, _)| *id)
     }
 
-    /// The value of a port at a place; `None` if the port gave none.
+    /// The value of a port at a place; `None` if the port has no value.
     pub(crate) fn value_at(&self, place: KeyedPlace, port: &str) -> Result<Option<Value>, RecordingError> {
         let missing =
             || RecordingError::Missing { path: self.path().to_owned(), what: format!("a value of port `{port}`") };
@@ -115,16 +115,20 @@ impl Recording {
                 Ok(self.reader(run, &[&output.topic])?.read(position)?.pop().flatten())
             }
             StoredValues::Once { run, node } => {
-                let held = self.held_once(run, node).into_iter().find(|held| held.port == port).ok_or_else(missing)?;
-                if held.state == StoredState::Absent {
+                let stored = self
+                    .stored_aggregates(run, node)
+                    .into_iter()
+                    .find(|stored| stored.port == port)
+                    .ok_or_else(missing)?;
+                if stored.state == StoredState::Absent {
                     return Ok(None);
                 }
-                let of_port = |once: &&RecordedOnce| {
+                let of_port = |once: &&RecordedAggregate| {
                     let output = self.plan().runs[run].nodes[node].outputs.get(once.port.0);
                     (once.run, once.node) == (run, node) && output.is_some_and(|output| output.port == port)
                 };
-                let once = self.once_values().iter().find(of_port).ok_or_else(missing)?;
-                self.once_value(once).map(Some)
+                let once = self.aggregate_values().iter().find(of_port).ok_or_else(missing)?;
+                self.aggregate_value(once).map(Some)
             }
         }
     }
@@ -135,31 +139,32 @@ impl Recording {
         outputs.find(|output| output.port == port && !output.once).map(|output| output.topic.as_str())
     }
 
-    /// What was told of when the values at a place were made.
+    /// The warnings that were reported when the values at a place were computed.
     pub(crate) fn warnings_at(&self, place: KeyedPlace) -> Vec<(String, u64)> {
         match place.values {
             StoredValues::Frame { run, position, node } => {
-                let told = self.frames(run)[position].warnings.iter().filter(|told| told.node == node);
-                told.map(|told| (told.what.clone(), told.count)).collect()
+                let warnings = self.frames(run)[position].warnings.iter().filter(|warning| warning.node == node);
+                warnings.map(|warning| (warning.what.clone(), warning.count)).collect()
             }
             StoredValues::Once { run, node } => {
-                let once = self.once_values().iter().find(|once| (once.run, once.node) == (run, node));
+                let once = self.aggregate_values().iter().find(|once| (once.run, once.node) == (run, node));
                 once.map(|once| once.warnings.clone()).unwrap_or_default()
             }
         }
     }
 
-    fn held_once(&self, run: RunId, node: NodeId) -> Vec<StoredPort> {
-        let mut held = Vec::new();
+    fn stored_aggregates(&self, run: RunId, node: NodeId) -> Vec<StoredPort> {
+        let mut ports = Vec::new();
         for (port, output) in PortId::enumerate(self.outputs_of(run, Some(node))) {
-            let is_there = self.once_values().iter().any(|once| (once.run, once.node, once.port) == (run, node, port));
-            // Of a node's once-values each has a record of its own: one that is not there may have been cut off.
+            let is_there =
+                self.aggregate_values().iter().any(|once| (once.run, once.node, once.port) == (run, node, port));
+            // Each aggregate value of a node has its own record: a missing one may have been cut off.
             if output.recorded && output.once && (is_there || *self.condition() == Condition::Whole) {
                 let state = if is_there { StoredState::Stored } else { StoredState::Absent };
-                held.push(StoredPort { port: output.port.clone(), state });
+                ports.push(StoredPort { port: output.port.clone(), state });
             }
         }
-        held
+        ports
     }
 
     /// The planned outputs of a source (`None`) or node.
@@ -172,17 +177,17 @@ impl Recording {
         outputs.into_iter().flatten()
     }
 
-    /// Reads a once-value.
+    /// Reads an aggregate value.
     ///
     /// # Errors
     /// If the recording cannot be read.
-    pub fn once_value(&self, once: &RecordedOnce) -> Result<Value, RecordingError> {
+    pub fn aggregate_value(&self, aggregate: &RecordedAggregate) -> Result<Value, RecordingError> {
         Ok(match &once.content {
             RecordedContent::Messages { topic, count } => self.curve(topic, *count)?.into(),
             RecordedContent::Attachment { media_type, name, hash } => {
                 let artifact = Arc::new(Artifact::new(media_type.clone(), self.attachment(name)?));
                 if artifact.hash != *hash {
-                    let what = format!("attachment `{name}` is another than the one of its once-value");
+                    let what = format!("attachment `{name}` is another than the one of its aggregate value");
                     return Err(RecordingError::Content { path: self.path().to_owned(), what });
                 }
                 match ValueType::from_name(&once.value_type) {
@@ -204,7 +209,7 @@ impl Recording {
                 }
             }
         }
-        let once = self.once_values().iter();
+        let once = self.aggregate_values().iter();
         places.extend(once.map(|once| (once.key, StoredValues::Once { run: once.run, node: once.node })));
         places
     }

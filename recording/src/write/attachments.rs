@@ -1,16 +1,16 @@
-//! The files that a recording contains: the experiment, the artefacts of aggregate nodes, and what a run adds.
+//! The files inside a recording: the experiment, the artefacts of aggregate nodes, and what a run adds.
 
 use std::path::Path;
 
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::values::Artifact;
 
-/// A file kept inside a recording.
+/// A file inside a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Attachment {
     /// Its name, with `/` between folders.
     pub name: String,
-    /// What it holds, e.g. `text/csv`.
+    /// Its media type, e.g. `text/csv`.
     pub media_type: String,
     /// Its content.
     pub bytes: Vec<u8>,
@@ -20,7 +20,7 @@ pub(crate) fn artifact_name(artifact: &Artifact) -> String {
     format!("artifacts/{}", artifact.hash)
 }
 
-/// The experiment's files, as written and as resolved, by the names they have as attachments: without folders, which
+/// The experiment's files, as written and as resolved, with the names of their attachments: without folders, which
 /// differ between machines.
 pub(crate) fn experiment_files(plan: &Plan) -> Vec<(String, &str)> {
     let mut files: Vec<(String, &str)> = Vec::new();

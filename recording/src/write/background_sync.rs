@@ -1,4 +1,4 @@
-//! Brings a recording to the disk while its run goes on, so that little is left to wait for at the end.
+//! Synchronises a recording with the disk during its run, so that the end of the run waits for little.
 
 use std::io;
 use std::sync::Arc;
@@ -9,13 +9,13 @@ use crate::write::disk::Disk;
 
 use depthloom_threads::look_for_room;
 
-/// After how many bytes the disk is asked again: what is left at the end is about as much.
+/// The number of written bytes after which the disk is synchronised again: about as much is left at the end.
 const STRIDE_BYTES: u64 = 16 << 20;
 
-/// Synchronises a file's data beside its writer, which never waits for it.
+/// Synchronises a file's data on another thread; the writer never waits for it.
 pub(crate) struct EarlySync {
     file: Arc<dyn Disk>,
-    /// Bytes written since the disk was last asked.
+    /// Bytes written since the last request.
     waiting: u64,
     worker: Option<Worker>,
 }
@@ -30,15 +30,14 @@ impl EarlySync {
         Self { file, waiting: 0, worker: None }
     }
 
-    /// Takes note of bytes that were written; asks the disk for them if they are enough, and it is not busy with
-    /// earlier ones.
+    /// Counts written bytes, and requests a synchronisation if they are enough and no earlier request is pending.
     pub(crate) fn written(&mut self, bytes: u64) {
         self.waiting += bytes;
         if self.waiting < STRIDE_BYTES {
             return;
         }
         if self.worker.is_none() {
-            // Where the system gives no thread, the end waits for the disk alone.
+            // If the system refuses a thread, all bytes are synchronised at the end.
             self.worker = Worker::start(Arc::clone(&self.file)).ok();
         }
         if self.worker.as_ref().is_some_and(|worker| worker.requests.try_send(()).is_ok()) {
@@ -70,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_disk_is_asked_for_every_stride_and_waited_for_at_the_end() {
+    fn every_stride_is_synchronised_and_the_end_waits() {
         let file = Arc::new(tempfile::tempfile().unwrap());
         let mut sync = EarlySync::new(file);
         sync.written(STRIDE_BYTES - 1);
@@ -83,8 +82,8 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn what_the_disk_refused_is_told_at_the_end() {
-        // A pipe's end cannot be synchronised.
+    fn a_failed_synchronisation_is_reported_at_the_end() {
+        // A pipe cannot be synchronised.
         let (_reader, writer) = io::pipe().unwrap();
         let mut sync = EarlySync::new(Arc::new(File::from(std::os::fd::OwnedFd::from(writer))));
         sync.written(STRIDE_BYTES);

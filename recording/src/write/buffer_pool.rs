@@ -1,18 +1,17 @@
-//! Buffers used again: a frame's parts are megabytes, and asking the system for fresh memory costs more than filling
-//! it.
+//! A pool of buffers: a frame's parts are megabytes, and new memory from the system costs more than filling it.
 
 use depthloom_threads::locked;
 use std::sync::Mutex;
 
-/// As many buffers as are kept for later; more than any window has frames in flight.
+/// The most buffers in a pool; more than the frames in flight of any window.
 const MOST: usize = 64;
 
-/// Buffers that were used for one kind of content, and so are of about the right size for the next.
+/// Buffers for one kind of content, which therefore have about the right size for the next use.
 #[derive(Debug, Default)]
 pub(crate) struct Pool(Mutex<Vec<Vec<u8>>>);
 
 impl Pool {
-    /// An empty buffer, the one last used if there is one.
+    /// An empty buffer: the one used last, or a new one.
     pub(crate) fn take(&self) -> Vec<u8> {
         locked(&self.0).pop().unwrap_or_default()
     }
@@ -29,8 +28,8 @@ impl Pool {
 /// The buffers of one part of a stage run's frames.
 #[derive(Debug, Default)]
 pub(crate) struct PartPools {
-    /// For the finished part, which waits to be written.
+    /// For a finished part that waits to be written.
     pub(crate) bytes: Pool,
-    /// For what is to be compressed, given back at once.
+    /// For uncompressed records, returned at once.
     pub(crate) records: Pool,
 }

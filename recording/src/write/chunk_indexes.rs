@@ -1,22 +1,22 @@
-//! The chunk indexes of a recording that is being written, which its summary will hold: the one thing that a writer has
-//! to remember of every chunk.
+//! The chunk indexes of a recording that is being written, for its summary: the only data about every chunk that a
+//! writer keeps in memory.
 
 use std::borrow::Cow;
 use std::io;
 
 use depthloom_codecs::compression::{bound, compress, decompress};
 
-/// Records are packed when there are so many bytes of them.
+/// Records are compressed once this many bytes are collected.
 const BLOCK: usize = 1 << 16;
 
-/// Records, in the bytes in which they will be written. They are some 90 bytes a chunk, and a frame may have a hundred
-/// chunks: packed, they are a fifth of that.
+/// Records as they will be written. They are about 90 bytes per chunk, and a frame may have a hundred chunks:
+/// compressed, they take a fifth of that.
 #[derive(Default)]
 pub(crate) struct ChunkIndexes {
-    /// Packed with zstd, each with its length before.
+    /// Compressed with zstd, each with its uncompressed length.
     packed: Vec<(usize, Box<[u8]>)>,
     open: Vec<u8>,
-    /// All records' length, bytes.
+    /// The length of all records, bytes.
     length: u64,
 }
 
@@ -27,7 +27,7 @@ impl ChunkIndexes {
         put(&mut self.open);
         self.length += (self.open.len() - before) as u64;
         if self.open.len() >= BLOCK {
-            // Where there is no memory to pack them in, they stay as they are.
+            // Without memory for compression, they stay uncompressed.
             let mut packed = Vec::with_capacity(bound(self.open.len()));
             if compress(&self.open, &mut packed).is_ok() {
                 self.packed.push((self.open.len(), packed.into_boxed_slice()));
@@ -36,12 +36,12 @@ impl ChunkIndexes {
         }
     }
 
-    /// How many bytes all records have.
+    /// The number of bytes of all records.
     pub(crate) const fn length(&self) -> u64 {
         self.length
     }
 
-    /// All records in their order, a block at a time.
+    /// All records in order, one block at a time.
     pub(crate) fn blocks(&self) -> impl Iterator<Item = io::Result<Cow<'_, [u8]>>> {
         let packed = self.packed.iter().map(|(length, packed)| {
             let mut records = Vec::with_capacity(*length);
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn records_come_out_as_they_went_in_and_take_less_room() {
+    fn records_read_back_unchanged_and_take_less_memory() {
         let (mut indexes, mut all) = (ChunkIndexes::default(), Vec::new());
         for chunk in 0..50_000_u64 {
             let record = [chunk * 1000, chunk % 7, 512, chunk * 1000 + 90].map(u64::to_le_bytes).concat();
@@ -66,7 +66,7 @@ mod tests {
         }
         let written = indexes.blocks().map(|block| block.unwrap().into_owned()).collect::<Vec<_>>().concat();
         assert!(written == all && indexes.length() == all.len() as u64);
-        let held: usize = indexes.packed.iter().map(|(_, packed)| packed.len()).sum();
-        assert!(held * 3 < all.len(), "{held} of {}", all.len());
+        let compressed: usize = indexes.packed.iter().map(|(_, packed)| packed.len()).sum();
+        assert!(compressed * 3 < all.len(), "{compressed} of {}", all.len());
     }
 }

@@ -1,5 +1,5 @@
-//! Which values are compressed, and how: measured on a few of a raster's own bytes, so that its chunk depends on it
-//! alone.
+//! Decides which values are compressed, and how, by a measurement of a few of a raster's own bytes: so its chunk
+//! depends only on the raster.
 
 use depthloom_codecs::compression;
 use depthloom_codecs::encode::{
@@ -13,23 +13,23 @@ use depthloom_graphs::{Frame, Value};
 use crate::write::layout::PortLayout;
 use crate::write::part::{Packing, PartBuilder, Unkept};
 
-/// An image is compressed if a sample of it shrinks to less than this share: else that costs more time than writing
-/// what it saves.
+/// An image is compressed if a sample of it shrinks to less than this share: otherwise compression takes more time than
+/// it saves in writing.
 const WORTH_COMPRESSING: f64 = 0.5;
-/// A map of floats is compressed as it is if a sample of it shrinks to less than this share; others are packed.
+/// A map of floats is compressed directly if a sample of it shrinks to less than this share; others are packed first.
 ///
-/// On KITTI frames zstd brings a ground plane to 0.001, sparse truth to 0.15, depths of fixed-point disparities to
-/// 0.25, means of these and a ground plane to 0.32, fused maps to 0.5-0.73 and weights to 0.8, in 4-7 ms a map.
-/// Packed, they come to 0.06, 0.33, 0.38, 0.36, 0.41-0.5 and 0.6, in 1.7 ms.
+/// On KITTI frames zstd alone shrinks a ground plane to 0.001, sparse ground truth to 0.15, depths of fixed-point
+/// disparities to 0.25, means of these and a ground plane to 0.32, fused maps to 0.5-0.73 and confidences to 0.8, in
+/// 4-7 ms per map. Packed, they shrink to 0.06, 0.33, 0.38, 0.36, 0.41-0.5 and 0.6, in 1.7 ms.
 const SHRINKS_AS_IT_IS: f64 = 0.2;
 
-/// Messages below this many bytes are kept as they are.
+/// Messages with fewer bytes are stored uncompressed.
 const SMALL: usize = 1024;
 /// The sample: this many windows of this many bytes, evenly spaced.
 const WINDOWS: usize = 8;
 const WINDOW: usize = 4096;
 
-/// Adds a value of a port to a part: rasters in chunks of their own, compressed where that pays.
+/// Adds a value of a port to a part: rasters in separate chunks, compressed if that pays.
 pub(crate) fn put_port_value(
     part: &mut PartBuilder<'_>,
     frame: &Frame,
@@ -88,7 +88,7 @@ pub(crate) fn put_port_value(
     })
 }
 
-/// Adds a map of floats to a part, compressed as it is or packed.
+/// Adds a map of floats to a part, compressed directly or packed.
 fn put_floats(part: &mut PartBuilder<'_>, channel: u16, stamp: Stamp<'_>, map: &Raster<f32>) -> Result<(), Unkept> {
     let (size, is_sparse) = (4 * map.len(), measured(map, encode::put_floats)? < SHRINKS_AS_IT_IS);
     let put = |out: &mut Vec<u8>, floats: &Floats<'_>| put_float_map(out, stamp, map.dimensions(), floats);
@@ -99,8 +99,8 @@ fn put_floats(part: &mut PartBuilder<'_>, channel: u16, stamp: Stamp<'_>, map: &
     part.alone(channel, Packing::Plain, size / 2, |out| put(out, &Floats::Packed(&packed)))
 }
 
-/// To which share of itself zstd brings a raster, measured on a few of its samples; `put` appends the bytes of a
-/// stretch of samples. Of what is too small to matter, one.
+/// The share to which zstd shrinks a raster, measured on a few of its samples; `put` appends the bytes of a range of
+/// samples. 1 for rasters that are too small.
 pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Result<f64, Unkept> {
     let window = WINDOW / size_of::<T>();
     let mut sample = Vec::with_capacity(WINDOWS * WINDOW);

@@ -1,32 +1,32 @@
-//! Where a recording's bytes go.
+//! The destination of a recording's bytes.
 
 use std::fs::File;
 use std::io::{self, ErrorKind};
 use std::sync::Arc;
 
-/// Where a recording's bytes go: its file, or in tests a double of it that fails.
+/// The destination of a recording's bytes: its file, or in tests a double that fails.
 pub trait Disk: Send + Sync {
-    /// Appends some of the bytes, at least one of them; how many.
+    /// Appends some of the bytes, at least one; returns how many.
     ///
     /// # Errors
-    /// What the system refused.
+    /// The error of the system.
     fn write(&self, bytes: &[u8]) -> io::Result<usize>;
 
     /// Waits until the bytes are on the disk.
     ///
     /// # Errors
-    /// What the system refused.
+    /// The error of the system.
     fn sync_data(&self) -> io::Result<()>;
 
-    /// Waits until the bytes, and what the file system knows of the file, are on the disk.
+    /// Waits until the bytes and the file's metadata are on the disk.
     ///
     /// # Errors
-    /// What the system refused.
+    /// The error of the system.
     fn sync_all(&self) -> io::Result<()>;
 }
 
-/// What stands between a recorder and the file it opened.
-pub type Through<'a> = &'a dyn Fn(File) -> Arc<dyn Disk>;
+/// Wraps the file that a recorder opened.
+pub type WrapFile<'a> = &'a dyn Fn(File) -> Arc<dyn Disk>;
 
 impl Disk for File {
     fn write(&self, bytes: &[u8]) -> io::Result<usize> {
@@ -47,7 +47,7 @@ pub(crate) fn itself(file: File) -> Arc<dyn Disk> {
     Arc::new(file)
 }
 
-/// Appends all of the bytes.
+/// Appends all bytes.
 pub(crate) fn write_all(disk: &dyn Disk, mut bytes: &[u8]) -> io::Result<()> {
     while !bytes.is_empty() {
         match disk.write(bytes) {

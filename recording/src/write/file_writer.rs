@@ -1,4 +1,4 @@
-//! The file of a recording being written: appends, and knows what the summary must say.
+//! The file of a recording that is being written: appends, and collects the summary.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -17,19 +17,19 @@ use crate::error::RecordingError;
 use crate::read::attachment::AttachmentEntry;
 use crate::write::background_sync::EarlySync;
 use crate::write::chunk_indexes::ChunkIndexes;
-use crate::write::disk::{Disk, Through, write_all};
+use crate::write::disk::{Disk, WrapFile, write_all};
 use crate::write::layout::ChannelLayout;
 use crate::write::part::Part;
 use depthloom_codecs::schema::Schema;
 
-/// The library named in the file's header: no version, since equal runs are equal files.
+/// The library named in the file's header: without a version, because equal runs write equal files.
 pub(crate) const LIBRARY: &str = "depthloom";
 const PROTOBUF: &str = "protobuf";
 
 /// Appends to a recording's file.
 ///
-/// Nothing is held back in this process, so what was written is there if the process is killed. Schemas and channels
-/// are written when the first message needs them.
+/// Nothing is buffered in this process, so everything written survives if the process is killed. Schemas and channels
+/// are written before the first message that needs them.
 pub(crate) struct Writer {
     path: PathBuf,
     file: Arc<dyn Disk>,
@@ -40,7 +40,7 @@ pub(crate) struct Writer {
     pub(crate) schemas_written: Vec<Schema>,
     pub(crate) channels_written: Vec<u16>,
     pub(crate) counts: Statistics,
-    /// The records of the summary, in the bytes in which they will be written: the least memory.
+    /// The records of the summary as bytes, which takes the least memory.
     pub(crate) schema_records: Vec<u8>,
     pub(crate) channel_records: Vec<u8>,
     chunk_indexes: ChunkIndexes,
@@ -53,18 +53,18 @@ impl Writer {
     pub(crate) fn create(
         path: &Path,
         channels: Vec<ChannelLayout>,
-        through: Through<'_>,
+        through: WrapFile<'_>,
     ) -> Result<Self, RecordingError> {
         let file = depthloom_durable::create_in_place(path)
             .map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
-        let mut writer = Self::of(path, through(file), channels);
+        let mut writer = Self::new(path, through(file), channels);
         let mut start = MAGIC.to_vec();
         put(&mut start, &Header { profile: String::new(), library: LIBRARY.to_owned() });
         writer.append(&start)?;
         Ok(writer)
     }
 
-    pub(crate) fn of(path: &Path, file: Arc<dyn Disk>, channels: Vec<ChannelLayout>) -> Self {
+    pub(crate) fn new(path: &Path, file: Arc<dyn Disk>, channels: Vec<ChannelLayout>) -> Self {
         Self {
             path: path.to_owned(),
             early_sync: EarlySync::new(Arc::clone(&file)),
@@ -103,7 +103,7 @@ impl Writer {
         *self.counts.channel_message_counts.entry(channel).or_default() += count;
     }
 
-    /// Adds the index of a chunk, which is `base` bytes farther than it says.
+    /// Adds the index of a chunk; `base` is added to its offsets.
     pub(crate) fn index_chunk(&mut self, base: u64, mut chunk: ChunkIndex) {
         chunk.chunk_start_offset += base;
         chunk.message_index_offsets.values_mut().for_each(|offset| *offset += base);
@@ -115,7 +115,7 @@ impl Writer {
         counts.chunk_count += 1;
     }
 
-    /// Appends the part that `make` makes of the CRC-32 of all bytes before it; its messages are of one channel.
+    /// Appends the part that `make` returns for the CRC-32 of all bytes before it; its messages have one channel.
     pub(crate) fn closing_part(
         &mut self,
         channel: u16,
@@ -159,7 +159,7 @@ impl Writer {
         self.counts.metadata_count += 1;
     }
 
-    /// Waits until all that was written is on the disk, and the file's name.
+    /// Waits until everything written and the file's name are on the disk.
     pub(crate) fn sync(&mut self) -> Result<(), RecordingError> {
         let early = self.early_sync.finish();
         let synchronised =
@@ -167,8 +167,8 @@ impl Writer {
         synchronised.map_err(|source| self.refused(source))
     }
 
-    /// Writes the summary, and waits until the file is on the disk; nothing can be written after it. Gives the file's
-    /// size and what it holds.
+    /// Writes the summary, and waits until the file is on the disk; nothing can be written afterwards. Returns the
+    /// file's size and statistics.
     pub(crate) fn finish(&mut self) -> Result<(u64, Statistics), RecordingError> {
         let mut end = Vec::new();
         put(&mut end, &DataEnd { data_section_crc: self.crc.clone().finalize() });
@@ -203,7 +203,7 @@ impl Writer {
         let mut crc = Hasher::new();
         crc.update(&before);
         self.append(&before)?;
-        // The chunks' indexes are by far the most: they never lie in memory as a whole.
+        // The chunk indexes are by far the largest part: they are never completely in memory.
         let chunks = std::mem::take(&mut self.chunk_indexes);
         for records in chunks.blocks() {
             let records = records.map_err(|source| self.refused(source))?;
@@ -218,7 +218,7 @@ impl Writer {
         Ok((self.position, self.counts.clone()))
     }
 
-    /// Appends the channels, and their schemas, that are not there already.
+    /// Appends the channels, and their schemas, that are not written yet.
     fn declare(&mut self, channels: &[u16]) -> Result<(), RecordingError> {
         let mut out = Vec::new();
         for &id in channels {
@@ -280,7 +280,7 @@ fn put_schema(out: &mut Vec<u8>, schema: Schema) {
     });
 }
 
-/// Appends an attachment, with its checksum. Its times are zero: equal runs are equal files.
+/// Appends an attachment, with its checksum. Its times are zero, because equal runs write equal files.
 fn put_attachment(out: &mut Vec<u8>, name: &str, media_type: &str, data: &[u8]) {
     put_record(out, op::ATTACHMENT, |out| {
         let (start, name, media_type) = (out.len(), name.to_owned(), media_type.to_owned());
@@ -292,8 +292,8 @@ fn put_attachment(out: &mut Vec<u8>, name: &str, media_type: &str, data: &[u8]) 
     });
 }
 
-/// Appends the footer to the end of a summary section, whose checksum it contains; `before` is that of what comes
-/// before this end.
+/// Appends the footer to the end of a summary section. The footer contains the section's checksum; `before` is the
+/// checksum of the bytes before this end.
 fn put_footer(summary: &mut Vec<u8>, before: Hasher, summary_start: u64, summary_offset_start: u64) {
     let (start, mut crc) = (summary.len(), before);
     let mut footer = Footer { summary_start, summary_offset_start, summary_crc: 0 };

@@ -1,7 +1,7 @@
-//! Where each output port of a plan goes: its channel, its camera, and the part of a frame it shares chunks with.
+//! Assigns each output port of a plan a channel, a camera, and the part of a frame in which it shares chunks.
 //!
-//! Which part a topic belongs to follows from the types of ports and wires alone, never from a node's name or kind or
-//! from the first frame's bytes, so that an interrupted and resumed run places everything as an uninterrupted one.
+//! The part of a topic follows only from the types of ports and wires, never from a node's name or kind or from the
+//! first frame's bytes: so a resumed run places everything like an uninterrupted one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -18,24 +18,25 @@ use crate::write::viewer::{Camera, Companion, Pose, picture_topic, points_of, po
 use depthloom_codecs::encode::Stamp;
 use depthloom_codecs::schema::Schema;
 
-/// The topics that share chunks: what is replayed together lies together.
+/// A class of topics that share chunks: what is replayed together is stored together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Class {
     Camera,
-    /// Everything else the source gives: truth, its masks.
+    /// The other outputs of the source: ground truth, its masks.
     Truth,
-    /// Disparities, masks, and depths made of nothing but fixed-point disparities: few distinct numbers, packed well.
+    /// Disparities, masks, and depths computed only from fixed-point disparities: few distinct numbers, which compress
+    /// well.
     FixedPoint,
-    /// The depths, weights and images that nodes compute.
+    /// The depths, confidences and images that nodes compute.
     Maps,
-    /// Scores; kept of every frame.
+    /// Scores; recorded for every frame.
     Rows,
 }
 
 impl Class {
     const ALL: [Self; 5] = [Self::Camera, Self::Truth, Self::FixedPoint, Self::Maps, Self::Rows];
 
-    /// The name under which a run's timings list it.
+    /// The name in a run's timings.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Camera => "camera",
@@ -53,23 +54,23 @@ pub(crate) struct PortLayout {
     pub(crate) class: Class,
     pub(crate) topic: Arc<str>,
     pub(crate) channel: u16,
-    /// The channel of what is kept in another form: images that come with a file's own bytes, true disparities that 16
-    /// bits do not hold.
+    /// The channel of values in the second form: images with their file's bytes, ground-truth disparities that do not
+    /// fit into 16 bits.
     pub(crate) other_channel: Option<u16>,
-    /// The messages that viewers need beside the value's.
+    /// The messages that viewers need besides the value's.
     pub(crate) companions: Vec<CompanionLayout>,
-    /// The camera whose pixels these are.
+    /// The camera with these pixels.
     pub(crate) frame_id: Arc<str>,
 }
 
 impl PortLayout {
-    /// The values that what stands beside this port's is made of, too.
+    /// The other values that this port's companions are computed from.
     pub(crate) fn needed(&self) -> impl Iterator<Item = Slot> + '_ {
-        let of = |companion: &CompanionLayout| match companion.what {
+        let inputs = |companion: &CompanionLayout| match companion.what {
             Companion::Points { calibration, image } => [Some(calibration), image],
             _ => [None, None],
         };
-        self.companions.iter().flat_map(of).flatten()
+        self.companions.iter().flat_map(inputs).flatten()
     }
 }
 
@@ -77,12 +78,12 @@ impl PortLayout {
 pub(crate) struct CompanionLayout {
     pub(crate) what: Companion,
     pub(crate) channel: u16,
-    /// The camera whose pixels these are.
+    /// The camera with these pixels.
     pub(crate) frame_id: Arc<str>,
 }
 
 impl CompanionLayout {
-    /// Adds the message of a value to a part.
+    /// Adds the companion message of a value to a part.
     pub(crate) fn put(
         &self,
         part: &mut PartBuilder<'_>,
@@ -99,9 +100,9 @@ impl CompanionLayout {
 pub(crate) struct RunLayout {
     pub(crate) parts: usize,
     pub(crate) classes: Vec<Class>,
-    /// The source's output ports, by which cameras are named.
+    /// The source's output ports, which determine the cameras' names.
     pub(crate) source_ports: Vec<(String, ValueType)>,
-    /// The source's name, by which coordinate frames are named where it has no image.
+    /// The source's name, which names the coordinate frames if it has no image.
     pub(crate) source_name: String,
     /// The prefix of its topics, with which the names of coordinate frames begin.
     pub(crate) prefix: String,
@@ -127,12 +128,12 @@ impl RunLayout {
         }
     }
 
-    /// The topic of a once-value; empty of what is none.
+    /// The topic of an aggregate value; empty for other slots.
     pub(crate) fn once_topic(&self, slot: Slot) -> &str {
         self.once.get(&slot).map_or("", String::as_str)
     }
 
-    /// The channel of a learning curve that is recorded.
+    /// The channel of a recorded learning curve.
     pub(crate) fn curve_channel(&self, slot: Slot) -> Option<u16> {
         self.curves.get(&slot).copied()
     }
@@ -153,7 +154,7 @@ pub(crate) struct FileLayout {
 }
 
 impl FileLayout {
-    pub(crate) fn of(plan: &Plan) -> Result<Self, RecordingError> {
+    pub(crate) fn new(plan: &Plan) -> Result<Self, RecordingError> {
         let mut layout = Self::default();
         let mut topics = BTreeSet::new();
         for run in &plan.runs {
@@ -164,8 +165,8 @@ impl FileLayout {
         Ok(layout)
     }
 
-    /// Gives disparities a channel for maps that 16 bits do not hold exactly: behind all others, whose numbers are as
-    /// in files of before.
+    /// Gives disparities a second channel for maps that do not fit into 16 bits exactly: after all others, whose
+    /// numbers stay those of earlier files.
     fn number_float_disparities(&mut self, plan: &Plan) -> Result<(), RecordingError> {
         for (run_id, run) in RunId::enumerate(&plan.runs) {
             for slot in run.slots().filter(|slot| is_disparity(run, *slot)) {
@@ -182,11 +183,12 @@ impl FileLayout {
         Ok(())
     }
 
-    /// The topics in the file that stand for others: for those of variants that share one, and where a channel has
-    /// another than the plan's.
+    /// The topics in the file that stand for others: those of variants that share one, and channels with another topic
+    /// than in the plan.
     pub(crate) fn aliases(&self, plan: &RecordedPlan) -> BTreeMap<String, String> {
-        let of = |channel: &ChannelLayout| Some((channel.metadata.get(TOPIC_IN_PLAN)?.clone(), channel.topic.clone()));
-        let mut aliases: BTreeMap<String, String> = self.channels.iter().filter_map(of).collect();
+        let renamed =
+            |channel: &ChannelLayout| Some((channel.metadata.get(TOPIC_IN_PLAN)?.clone(), channel.topic.clone()));
+        let mut aliases: BTreeMap<String, String> = self.channels.iter().filter_map(renamed).collect();
         for (alias, topic) in plan.aliases() {
             let written = aliases.get(topic).cloned().unwrap_or_else(|| topic.to_owned());
             aliases.insert(alias.to_owned(), written);
@@ -212,7 +214,7 @@ impl FileLayout {
                 curves.insert(slot, self.channel(layout, topics)?);
             }
             let Some(class) = class(run, slot) else { continue };
-            // Points are made of the source's values: who encodes them has these at hand.
+            // Points are computed from the source's values too: the encoder of a part must have these.
             let with = if points_of(plan, run, slot).is_some() { Class::Camera } else { class };
             let Some(part) = part_of(with) else { continue };
             let port = self.port(plan, run, slot, class, part, topics)?;
@@ -275,8 +277,8 @@ impl FileLayout {
         let channel = self.channel(channel, topics)?;
         let mut other_channel = None;
         if value_type == ValueType::Image {
-            // Whether images come with a file's bytes is known when the first one comes: a topic uses one of its two
-            // channels.
+            // Whether images have their file's bytes is known only when the first one is written: a topic uses one of
+            // its two channels.
             let layout = ChannelLayout { schema: Schema::CompressedImage, topic, metadata };
             other_channel = Some(self.numbered(layout)?);
         }
@@ -288,7 +290,7 @@ impl FileLayout {
             channel,
             other_channel,
             companions,
-            frame_id: Camera::of(run, slot).frame_id(run).into(),
+            frame_id: Camera::of_slot(run, slot).frame_id(run).into(),
         })
     }
 
@@ -309,7 +311,7 @@ impl FileLayout {
                 wanted.push((Schema::CompressedImage, topic, Camera::View.frame_id(run), Companion::Picture));
             }
             ValueType::Calibration if topic_shown(run, slot).is_some() => {
-                let reference = Camera::of(run, slot);
+                let reference = Camera::of_slot(run, slot);
                 let stage = run.prefix.trim_start_matches('/').to_owned();
                 let mut add = |schema, name: &str, camera: Camera<'_>, what| {
                     wanted.push((schema, format!("{}/{name}", camera.folder(run)), camera.frame_id(run), what));
@@ -329,22 +331,22 @@ impl FileLayout {
             _ => {}
         }
         if let Some(points) = points_of(plan, run, slot) {
-            let frame_id = Camera::of(run, slot).frame_id(run);
+            let frame_id = Camera::of_slot(run, slot).frame_id(run);
             wanted.push((Schema::PointCloud, points_topic(run, &output.topic), frame_id, points));
         }
-        let about = |of: &Companion| match of {
+        let description = |companion: &Companion| match companion {
             Companion::Points { .. } => {
-                "points to look at, of each fourth pixel and row, coloured by the image; metres"
+                "a preview point cloud, of every fourth pixel and row, coloured by the image; metres"
             }
-            Companion::Picture => "a picture to look at, of half the pixels a row and column; black = no answer",
+            Companion::Picture => "a preview picture, of every second pixel and row; black = invalid",
             Companion::RightCalibration => "the calibration of the pair's right camera",
-            Companion::ViewCalibration => "the calibration of the pictures",
-            Companion::Transform { .. } => "where the camera stands",
+            Companion::ViewCalibration => "the calibration of the previews",
+            Companion::Transform { .. } => "the pose of the camera",
         };
         let mut companions = Vec::new();
         for (schema, topic, frame_id, what) in wanted {
-            let of = [("about", about(&what).to_owned()), ("beside", output.topic.clone())];
-            let metadata = of.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+            let entries = [("about", description(&what).to_owned()), ("beside", output.topic.clone())];
+            let metadata = entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
             let channel = self.channel(ChannelLayout { schema, topic, metadata }, topics)?;
             companions.push(CompanionLayout { what, channel, frame_id: frame_id.into() });
         }
@@ -368,7 +370,7 @@ impl FileLayout {
     }
 }
 
-/// Whether an output is a learning curve, of one point after the other outside frames, and recorded.
+/// Whether an output is a recorded learning curve: points one after the other, outside frames.
 fn is_recorded_curve(output: &PlannedOutput) -> bool {
     output.recorded && output.port.rate == Rate::Once && output.port.value_type == ValueType::Curve
 }
@@ -377,7 +379,7 @@ fn is_disparity(run: &StageRun, slot: Slot) -> bool {
     matches!(run.output(slot).port.value_type, ValueType::Disparity | ValueType::TrueDisparity)
 }
 
-/// The class of a slot's values; `None` if they are not recorded frame by frame.
+/// The class of a slot's values; `None` if they are not recorded per frame.
 fn class(run: &StageRun, slot: Slot) -> Option<Class> {
     let output = run.output(slot);
     if !output.recorded || output.port.rate == Rate::Once {
@@ -393,8 +395,7 @@ fn class(run: &StageRun, slot: Slot) -> Option<Class> {
     })
 }
 
-/// Whether a node reads disparities and no other raster, frame by frame: then it gives as few distinct numbers as they
-/// have.
+/// Whether a node reads disparities and no other raster per frame: then its output has as few distinct numbers.
 fn from_fixed_point(node: &PlannedNode) -> bool {
     let reads = |wanted: &[ValueType]| {
         let mut wired = node.inputs.iter().filter(|input| matches!(input.from, Some(Origin::Here(_))));
@@ -406,13 +407,13 @@ fn from_fixed_point(node: &PlannedNode) -> bool {
 fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<String, String> {
     let unit = match output.port.value_type {
         ValueType::Disparity => {
-            "0 = nothing found; else disparity in pixels = value / 16 + min_disparity_px - 1, min_disparity_px being a field of the message"
+            "0 = invalid; else disparity in pixels = value / 16 + min_disparity_px - 1, min_disparity_px being a field of the message"
         }
         ValueType::TrueDisparity => "disparity in pixels = value / 256, 0 = unknown",
-        ValueType::Depth => "metres, NaN = no answer",
-        ValueType::Weight => "share in [0, 1]",
+        ValueType::Depth => "metres, NaN = invalid",
+        ValueType::Weight => "confidence in [0, 1]",
         ValueType::Mask => "255 = set, 0 = not",
-        ValueType::Curve => "losses in the unit of the loss that was trained with",
+        ValueType::Curve => "losses in the unit of the training loss",
         ValueType::Image | ValueType::Calibration | ValueType::Scores | ValueType::Samples | ValueType::Model => "",
     };
     let mut metadata = BTreeMap::from([

@@ -1,8 +1,8 @@
-//! A part of a frame as chunks: framed, checked and compressed by the worker that has its values.
+//! A part of a frame as chunks: encoded, checksummed and compressed by the worker that has its values.
 //!
-//! A raster has a chunk of its own, so that who reads one value reads and decompresses no other, and a run that takes
-//! it from an earlier one copies its chunk as it lies. Small messages share an uncompressed chunk behind those. Whether
-//! a raster is compressed is measured on a few of its own bytes, so that its chunk depends on it alone.
+//! A raster has its own chunk, so that a reader of one value reads and decompresses no other, and a run that reuses it
+//! copies its chunk unchanged. Small messages share an uncompressed chunk after those. Whether a raster is compressed
+//! is measured on a few of its own bytes, so that its chunk depends only on it.
 
 use std::io::Cursor;
 
@@ -16,10 +16,10 @@ use crate::LARGEST_CHUNK;
 use crate::write::buffer_pool::PartPools;
 use depthloom_codecs::compression;
 
-/// Room for what surrounds a message's pixels: record header, times, names.
+/// Space for the fields around a message's pixels: record header, times, names.
 const FIELDS: usize = 256;
 
-/// How the chunk of a raster is to be kept.
+/// How the chunk of a raster is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Packing {
     Plain,
@@ -35,15 +35,15 @@ impl Packing {
     }
 }
 
-/// An encoded part of a frame, or messages outside frames: whole chunks and their message indexes, at offsets from its
-/// start.
+/// An encoded part of a frame, or messages outside frames: complete chunks and their message indexes, at offsets from
+/// its start.
 #[derive(Debug)]
 pub struct Part {
     pub(crate) bytes: Vec<u8>,
     pub(crate) crc: Hasher,
     pub(crate) chunks: Vec<ChunkIndex>,
     pub(crate) messages: Vec<u16>,
-    /// Processor time that zstd took, nanoseconds.
+    /// CPU time of zstd, nanoseconds.
     pub(crate) compress_ns: u64,
 }
 
@@ -52,10 +52,10 @@ pub(crate) enum Unkept {
     /// A message is too large for a chunk.
     TooLarge {
         channel: u16,
-        /// Its size, with what surrounds it in a chunk.
+        /// The size of the chunk with this message alone.
         bytes: u64,
     },
-    /// zstd failed, which it does only without memory.
+    /// zstd failed, which happens only without memory.
     Compression(std::io::Error),
 }
 
@@ -112,7 +112,7 @@ impl<'a> PartBuilder<'a> {
         Ok(())
     }
 
-    /// Adds a message with a chunk of its own; `size` is about how many bytes `data` appends.
+    /// Adds a message with its own chunk; `size` is about the number of bytes that `data` appends.
     pub(crate) fn alone(
         &mut self,
         channel: u16,
@@ -154,9 +154,9 @@ impl<'a> PartBuilder<'a> {
         Ok(())
     }
 
-    /// Adds a chunk with one message, and its index, as they are stored in a recording: what [`PartBuilder::alone`]
-    /// made there. `crc` is the CRC-32 of these bytes. The inner error says that `read` appended others, or bytes that
-    /// are not such a chunk.
+    /// Adds a chunk with one message, and its index, as stored in a recording by [`PartBuilder::alone`]. `crc` is the
+    /// CRC-32 of these bytes. The inner error reports that `read` appended other bytes, or bytes that are not such a
+    /// chunk.
     pub(crate) fn copied<E>(
         &mut self,
         channel: u16,
@@ -169,7 +169,7 @@ impl<'a> PartBuilder<'a> {
         let mut of_stored = Hasher::new();
         of_stored.update(stored);
         if of_stored.clone().finalize() != crc {
-            return Ok(Err("a chunk changed while it was reused: run the same again"));
+            return Ok(Err("a chunk changed while it was reused: repeat the command"));
         }
         let place = placed(stored, start as u64).filter(|(_, messages)| *messages == [(channel, 1)]);
         let Some((place, _)) = place else { return Ok(Err("a chunk and its indexes contradict each other")) };
@@ -184,7 +184,7 @@ impl<'a> PartBuilder<'a> {
         self.part
     }
 
-    /// Closes the chunk of the messages that share one.
+    /// Closes the chunk of the small messages.
     fn close_shared(&mut self) {
         if self.placed.is_empty() {
             return;
@@ -198,7 +198,7 @@ impl<'a> PartBuilder<'a> {
 }
 
 impl Part {
-    /// Appends room for a chunk's header, and records, compressed.
+    /// Appends space for a chunk's header, and compressed records.
     fn compress(&mut self, header: usize, records: &[u8]) -> Result<(), Unkept> {
         let records_start = self.bytes.len() + header;
         self.bytes.reserve(header + compression::bound(records.len()));
@@ -212,9 +212,9 @@ impl Part {
         Ok(())
     }
 
-    /// Closes the chunk that starts there and ends the bytes: writes its header, for which there is room, appends its
-    /// message indexes, and notes where it is. `records` is the hasher of records that are stored as they are, so that
-    /// megabytes are not summed twice.
+    /// Closes the chunk from `start` to the end of the bytes: writes its header into the reserved space, appends its
+    /// message indexes, and adds it to the list. `records` is the hasher of uncompressed records, so that megabytes are
+    /// not hashed twice.
     fn close(
         &mut self,
         start: usize,
@@ -258,8 +258,8 @@ impl Part {
     }
 }
 
-/// A chunk and its message indexes, which start at `offset`; and how many messages it has of each channel. `None` if
-/// they are not whole.
+/// A chunk and its message indexes, which start at `offset`, and the number of its messages per channel. `None` if they
+/// are incomplete.
 pub(crate) fn placed(stored: &[u8], offset: u64) -> Option<(ChunkIndex, Vec<(u16, u64)>)> {
     let mut records = Records::new(stored);
     let Some(Ok((0, op::CHUNK, body))) = records.next() else { return None };
@@ -279,7 +279,7 @@ pub(crate) fn placed(stored: &[u8], offset: u64) -> Option<(ChunkIndex, Vec<(u16
     Some((place, messages))
 }
 
-/// Appends a message whose data `data` appends.
+/// Appends a message; `data` appends its data.
 fn put_message(out: &mut Vec<u8>, channel: u16, sequence: u32, time_ns: u64, data: impl FnOnce(&mut Vec<u8>)) {
     put_record(out, op::MESSAGE, |out| {
         out.extend_from_slice(&channel.to_le_bytes());
@@ -308,8 +308,8 @@ pub(crate) fn messages_outside_frames(channel: u16, content: impl IntoIterator<I
     part
 }
 
-/// The processor time of this thread, nanoseconds.
-#[expect(clippy::cast_sign_loss, reason = "a thread's processor time is not negative")]
+/// The CPU time of this thread, nanoseconds.
+#[expect(clippy::cast_sign_loss, reason = "a thread's CPU time is not negative")]
 fn thread_cpu_ns() -> u64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
@@ -328,12 +328,11 @@ mod tests {
     use crate::write::buffer_pool::PartPools;
 
     #[test]
-    fn fault_08_what_does_not_fit_into_a_chunk_lies_in_several() {
+    fn fault_08_messages_too_large_for_one_chunk_are_split() {
         const LARGEST: u64 = 5000;
         let (frame, pools) = (Frame::at_10_hz("000000_10", 0), PartPools::default());
         let mut part = PartBuilder { largest: LARGEST, ..PartBuilder::new(&frame, &pools) };
-        // Small ones, of which two fit into a chunk, one of them as large as a chunk can hold; and as many with chunks
-        // of their own.
+        // Small messages, of which two fit into a chunk, and one that fills a chunk; and as many with their own chunks.
         let room = LARGEST as usize - 31;
         let sizes = [2000, 2400, 2300, 100, room, 2000, 2000, 2000, 1, 0, 3000];
         let mut expected: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
@@ -363,12 +362,12 @@ mod tests {
             let entry = ChunkEntry { start, length, end, channels: channels.clone().into() };
             let mut seen = Vec::new();
             let mut buffers = ChunkBuffers::default();
-            let taken = buffers.each_message(&file, &entry, |message| {
+            let read = buffers.each_message(&file, &entry, |message| {
                 seen.push(message.channel);
                 assert_eq!(read.insert(message.channel, message.data.to_vec()), None);
                 Ok(())
             });
-            taken.unwrap();
+            read.unwrap();
             seen.sort_unstable();
             assert_eq!(seen, channels);
             assert!(channels.iter().all(|channel| *channel < 200) || channels.len() == 1);
@@ -378,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_08_a_message_that_no_reader_takes_is_refused_with_its_size() {
+    fn fault_08_a_message_that_is_too_large_is_refused_with_its_size() {
         let (frame, pools) = (Frame::at_10_hz("000000_10", 0), PartPools::default());
         for packing in [None, Some(Packing::Plain), Some(Packing::Compressed)] {
             let mut part = PartBuilder { largest: 5000, ..PartBuilder::new(&frame, &pools) };

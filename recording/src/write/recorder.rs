@@ -1,4 +1,4 @@
-//! A recording being written: the tap of a run.
+//! A recording that is being written: the sink of a run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ use crate::reuse::stored_bytes::{StoredBytes, Wanted};
 use crate::write::attachments::{Attachment, artifact_name, experiment_files};
 use crate::write::buffer_pool::PartPools;
 use crate::write::compression::put_port_value;
-use crate::write::disk::{Through, itself};
+use crate::write::disk::{WrapFile, itself};
 use crate::write::file_writer::Writer;
 use crate::write::layout::{Class, FileLayout, PortLayout, RunLayout};
 use crate::write::part::{Part, PartBuilder, Unkept};
@@ -30,54 +30,54 @@ use crate::{ENDED_METADATA, FORMAT, LARGEST_CHUNK, ONCE_METADATA, PLAN_METADATA}
 use depthloom_codecs::decode::nothing_found;
 use depthloom_threads::locked;
 
-/// What a recording came to.
+/// Statistics of a finished recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Written {
     /// The file's size.
     pub bytes: u64,
-    /// How many frames were committed, over all stage runs.
+    /// The number of committed frames, over all stage runs.
     pub frames: u64,
-    /// How many messages it holds.
+    /// The number of messages.
     pub messages: u64,
-    /// How many chunks they lie in.
+    /// The number of chunks.
     pub chunks: u64,
 }
 
-/// What compressing one class of topics took.
+/// The time for compressing one class of topics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Compression {
     /// The class: `camera`, `truth`, `fixed-point`, `maps`, `scores`.
     pub class: &'static str,
-    /// Processor time, over all frames written, nanoseconds.
+    /// CPU time, over all frames written, nanoseconds.
     pub cpu_ns: u64,
 }
 
 /// Writes the values of a run into one MCAP file.
 ///
-/// Parts are framed and compressed by [`Tap::encode`] on whichever thread calls it; [`Tap::write`] only appends bytes.
-/// After every frame the file is readable up to it, whatever happens to the process.
+/// Parts are encoded and compressed by [`Tap::encode`] on the calling thread; [`Tap::write`] only appends bytes. After
+/// every frame, the file can be read up to that frame, even if the process is killed.
 pub struct Recorder {
     path: PathBuf,
     layout: FileLayout,
     every: u64,
-    /// By stage run and part; the commit records' come last.
+    /// By stage run and part; the commit records' pools come last.
     pools: Vec<Vec<PartPools>>,
     state: Mutex<State>,
     earlier: Option<Arc<EarlierRuns>>,
-    /// Whether the disk is waited for after every frame.
+    /// Whether every frame waits for the disk.
     durable: bool,
-    /// What an earlier process wrote: frames by stage run, and once-values.
+    /// Frames by stage run, and aggregate values, that an earlier process wrote.
     written: Vec<usize>,
     once: BTreeMap<(NodeRef, PortId), Key>,
-    /// And what it told of, by stage run and frame.
-    told: Vec<Vec<Vec<NodeWarning>>>,
+    /// The warnings on these frames, by stage run and frame.
+    warnings: Vec<Vec<Vec<NodeWarning>>>,
 }
 
 struct State {
     writer: Writer,
     frames: u64,
     artifacts: BTreeSet<Key>,
-    /// How many frames of each stage run were committed, and the time of the first.
+    /// The number of committed frames of each stage run, and the time of the first.
     committed: Vec<usize>,
     first_ns: Vec<Option<u64>>,
     /// By stage run and part.
@@ -85,22 +85,27 @@ struct State {
 }
 
 impl Recorder {
-    /// Makes the file (usually one that is renamed when whole), and writes the plan and the experiment's files into it.
+    /// Creates the file (usually under a name that changes when it is complete), and writes the plan and the
+    /// experiment's files.
     ///
     /// # Errors
-    /// If the plan cannot be recorded, or the file cannot be made.
+    /// If the plan cannot be recorded, or the file cannot be created.
     pub fn create(path: impl Into<PathBuf>, plan: &Plan) -> Result<Self, RecordingError> {
         Self::create_through(path, plan, &itself)
     }
 
-    /// As [`Recorder::create`], with something between it and the file: what tests let fail.
+    /// As [`Recorder::create`], but tests can wrap the file to let writes fail.
     ///
     /// # Errors
     /// As [`Recorder::create`].
-    pub fn create_through(path: impl Into<PathBuf>, plan: &Plan, through: Through<'_>) -> Result<Self, RecordingError> {
+    pub fn create_through(
+        path: impl Into<PathBuf>,
+        plan: &Plan,
+        through: WrapFile<'_>,
+    ) -> Result<Self, RecordingError> {
         let path = path.into();
-        let layout = FileLayout::of(plan)?;
-        let recorded = RecordedPlan::of(plan);
+        let layout = FileLayout::new(plan)?;
+        let recorded = RecordedPlan::from_plan(plan);
         let mut writer = Writer::create(&path, layout.channels.clone(), through)?;
         let metadata = BTreeMap::from([
             ("format".to_owned(), FORMAT.to_owned()),
@@ -112,42 +117,42 @@ impl Recorder {
             writer.attachment(&name, "application/yaml", text.as_bytes())?;
         }
         let runs = layout.runs.len();
-        let (frames, first_ns, told) = (vec![0; runs], vec![None; runs], Vec::new());
-        let nothing = Resumed { writer, frames, once: BTreeMap::new(), artifacts: BTreeSet::new(), first_ns, told };
-        Ok(Self::of(path, plan, layout, nothing))
+        let (frames, first_ns, warnings) = (vec![0; runs], vec![None; runs], Vec::new());
+        let nothing = Resumed { writer, frames, once: BTreeMap::new(), artifacts: BTreeSet::new(), first_ns, warnings };
+        Ok(Self::new(path, plan, layout, nothing))
     }
 
-    /// Goes on with the recording of a run that did not come to its end, of which [`Recording::has_plan`] says that it
-    /// is of this plan: behind its last commit, as if it had never stopped. What it holds of the frames that are to
-    /// come again is taken from `earlier`, which must have the recording.
+    /// Resumes the recording of an interrupted run after its last commit; the bytes are those of an uninterrupted run.
+    /// The recording must have this plan ([`Recording::has_plan`]). Its values for frames that are processed again are
+    /// reused from `earlier`, which must contain the recording.
     ///
     /// # Errors
-    /// If the file cannot be read or written, or is not what was written.
+    /// If the file cannot be read or written, or is damaged.
     pub fn resume(recording: &Recording, plan: &Plan) -> Result<Self, RecordingError> {
         Self::resume_through(recording, plan, &itself)
     }
 
-    /// As [`Recorder::resume`], with something between it and the file: what tests let fail.
+    /// As [`Recorder::resume`], but tests can wrap the file to let writes fail.
     ///
     /// # Errors
     /// As [`Recorder::resume`].
-    pub fn resume_through(recording: &Recording, plan: &Plan, through: Through<'_>) -> Result<Self, RecordingError> {
-        let layout = FileLayout::of(plan)?;
+    pub fn resume_through(recording: &Recording, plan: &Plan, through: WrapFile<'_>) -> Result<Self, RecordingError> {
+        let layout = FileLayout::new(plan)?;
         match resume(recording, layout.channels.clone(), through)? {
-            Some(resumed) => Ok(Self::of(recording.path().to_owned(), plan, layout, resumed)),
+            Some(resumed) => Ok(Self::new(recording.path().to_owned(), plan, layout, resumed)),
             None => Self::create_through(recording.path(), plan, through),
         }
     }
 
-    fn of(path: PathBuf, plan: &Plan, layout: FileLayout, resumed: Resumed) -> Self {
+    fn new(path: PathBuf, plan: &Plan, layout: FileLayout, resumed: Resumed) -> Self {
         let pools_of = |run: &RunLayout| (0..=run.parts).map(|_| PartPools::default()).collect();
         let pools = layout.runs.iter().map(pools_of).collect();
         let compress_ns = layout.runs.iter().map(|run| vec![0; run.parts]).collect();
-        let Resumed { writer, frames: written, once, artifacts, first_ns, told } = resumed;
+        let Resumed { writer, frames: written, once, artifacts, first_ns, warnings } = resumed;
         let frames = written.iter().sum::<usize>() as u64;
         let state = Mutex::new(State { writer, frames, artifacts, committed: written.clone(), first_ns, compress_ns });
         let every = plan.record.every.max(1);
-        Self { path, layout, every, pools, state, earlier: None, durable: false, written, once, told }
+        Self { path, layout, every, pools, state, earlier: None, durable: false, written, once, warnings }
     }
 
     /// Waits for the disk after every frame.
@@ -156,13 +161,13 @@ impl Recorder {
         Self { durable, ..self }
     }
 
-    /// How many frames the recording holds so far, over all stage runs.
+    /// The number of frames in the recording so far, over all stage runs.
     #[must_use]
     pub fn frames(&self) -> u64 {
         self.state().frames
     }
 
-    /// Takes from earlier runs what they made and this one needs.
+    /// Reuses values of earlier runs.
     #[must_use]
     pub fn with_earlier(self, earlier: Arc<EarlierRuns>) -> Self {
         Self { earlier: Some(earlier).filter(|earlier| !earlier.is_empty()), ..self }
@@ -174,7 +179,7 @@ impl Recorder {
         &self.path
     }
 
-    /// What compression took in a stage run so far, by part.
+    /// The time for compression in a stage run so far, by class.
     ///
     /// # Panics
     /// If the plan has no such stage run.
@@ -197,7 +202,7 @@ impl Recorder {
         state.close()
     }
 
-    /// Writes the summary and closes the file of a run that ended before its end: who reads it is told.
+    /// Writes the summary and closes the file of a run that ended early, which the file then states.
     ///
     /// # Errors
     /// If the disk refuses, or did before.
@@ -209,11 +214,11 @@ impl Recorder {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        // A thread that panicked within left at worst a writer that refuses what follows.
+        // A thread that panicked in here can only leave a writer that refuses further writes.
         locked(&self.state)
     }
 
-    /// Adds a value to a part, if it is kept of the frame.
+    /// Adds a value to a part, if it is recorded on this frame.
     fn add(
         &self,
         part: &mut PartBuilder<'_>,
@@ -295,23 +300,23 @@ impl Tap for Recorder {
         stored: &[StoredValue<'_>],
     ) -> Result<Part, ErrorMessage> {
         let frame = &at_the_time_shown(position, frame);
-        let wanted = Wanted { layout: &self.layout.runs[run], channels: &self.layout.channels, frame, stored };
-        let kept = stored.iter().filter(|stored| self.keeps(run, stored.slot, position));
-        let found = kept
-            .map(|stored| (stored, self.earlier.as_ref().and_then(|earlier| earlier.stored_bytes(&wanted, stored))));
+        let target = CopyTarget { layout: &self.layout.runs[run], channels: &self.layout.channels, frame, stored };
+        let recorded = stored.iter().filter(|stored| self.keeps(run, stored.slot, position));
+        let found = recorded
+            .map(|stored| (stored, self.earlier.as_ref().and_then(|earlier| earlier.stored_bytes(&target, stored))));
         let (copied, others): (Vec<_>, Vec<_>) = found.partition(|(_, bytes)| bytes.is_some());
         let others = match &self.earlier {
             Some(earlier) => stored_values(earlier.as_ref(), others.into_iter().map(|(stored, _)| stored))?,
             None => Vec::new(),
         };
-        // What points are made of is needed as a value, wherever it lies.
+        // The inputs of points are needed as values, also if they are stored.
         let made = values.iter().chain(&others).filter_map(|(slot, _)| self.layout.runs[run].port(*slot));
         let needed: BTreeSet<Slot> = made.flat_map(PortLayout::needed).collect();
-        let mut at_hand: Vec<(Slot, Value)> =
+        let mut inputs: Vec<(Slot, Value)> =
             values.iter().chain(&others).filter(|(slot, _)| needed.contains(slot)).cloned().collect();
         if let Some(earlier) = &self.earlier {
             let missing = copied.iter().map(|(stored, _)| *stored).filter(|stored| needed.contains(&stored.slot));
-            at_hand.extend(stored_values(earlier.as_ref(), missing)?);
+            inputs.extend(stored_values(earlier.as_ref(), missing)?);
         }
         // In plan order, which is the order of slots.
         let mut all: Vec<(Slot, Content<'_>)> =
@@ -342,7 +347,7 @@ impl Tap for Recorder {
     }
 
     fn recorded_warnings(&self, run: RunId) -> Vec<Vec<NodeWarning>> {
-        self.told.get(run.0).cloned().unwrap_or_default()
+        self.warnings.get(run.0).cloned().unwrap_or_default()
     }
 
     fn written_aggregate(&self, run: RunId, slot: Slot) -> Option<Key> {
@@ -368,7 +373,7 @@ impl Tap for Recorder {
             pools.bytes.put(part.bytes);
         }
         let pools = &pools[layout.parts];
-        // All of a stage run's frames are committed, in order.
+        // All frames of a stage run are committed, in order.
         let frame = at_the_time_shown(FrameIndex(state.committed[commit.run]), commit.frame);
         let closing = |crc32_before| {
             let message = CommitMessage::new(commit, crc32_before).encode_to_vec();
@@ -396,47 +401,49 @@ impl Tap for Recorder {
         warnings: &[NodeWarning],
     ) -> Result<(), ErrorMessage> {
         let Slot::Node { node, port } = slot else {
-            return Err(ErrorMessage::new("a source has no once-values"));
+            return Err(ErrorMessage::new("a source has no aggregate values"));
         };
         let mut state = self.state();
-        let kept = match value {
+        let content = match value {
             Value::Samples(artifact) | Value::Model(artifact) => state.keep_artifact(artifact),
             Value::Curve(curve) => {
                 let channel = self.layout.runs[run]
                     .curve_channel(slot)
-                    .ok_or_else(|| ErrorMessage::new("a learning curve came of a port that is not recorded"))?;
+                    .ok_or_else(|| ErrorMessage::new("a learning curve of a port that is not recorded"))?;
                 state.keep_curve(run, channel, &self.layout.channels[usize::from(channel) - 1].topic, curve)
             }
             other => {
-                let what = format!("a once-value of type {} cannot be recorded", other.value_type());
+                let what = format!("an aggregate value of type {} cannot be recorded", other.value_type());
                 return Err(ErrorMessage::new(what));
             }
         };
-        let of = [
+        let entries = [
             ("run", run.to_string()),
             ("node", node.to_string()),
             ("port", port.to_string()),
             ("type", value.value_type().name().to_owned()),
             ("key", key.to_string()),
         ];
-        let kept = kept?;
-        let told: Vec<(&str, u64)> = warnings.iter().map(|of| (of.what.as_str(), of.count)).collect();
-        let told = (!told.is_empty()).then(|| ("warnings", json(&told)));
-        let metadata = of.into_iter().chain(kept).chain(told).map(|(name, text)| (name.to_owned(), text)).collect();
-        // What stands before this record and is not named by one is no once-value: this commits it. Hours may have gone
-        // into it.
+        let content = content?;
+        let warnings: Vec<(&str, u64)> =
+            warnings.iter().map(|warning| (warning.what.as_str(), warning.count)).collect();
+        let warnings = (!warnings.is_empty()).then(|| ("warnings", json(&warnings)));
+        let metadata =
+            entries.into_iter().chain(content).chain(warnings).map(|(name, text)| (name.to_owned(), text)).collect();
+        // Content before this record counts as an aggregate value only once this record names it: this commits it. It
+        // may be the result of hours.
         let name = format!("{ONCE_METADATA}{}", self.layout.runs[run].once_topic(slot));
         state.writer.metadata(&name, metadata).and_then(|()| state.writer.sync()).map_err(ErrorMessage::from)
     }
 }
 
-/// A value of a part: in memory, or as the bytes that an earlier run stored under its key.
+/// A value of a part: in memory, or as stored bytes of an earlier run.
 enum Content<'a> {
     Value(&'a Value),
     Stored(Key, StoredBytes<'a>),
 }
 
-/// What the record of a once-value says of where its content is.
+/// The entries of an aggregate value's record that state where its content is.
 type OnceEntries = Vec<(&'static str, String)>;
 
 impl State {
@@ -446,7 +453,7 @@ impl State {
         Ok(Written { bytes, frames: self.frames, messages, chunks })
     }
 
-    /// Keeps an artefact as an attachment; equal ones once.
+    /// Stores an artefact as an attachment; equal ones once.
     fn keep_artifact(&mut self, artifact: &Artifact) -> Result<OnceEntries, RecordingError> {
         let name = artifact_name(artifact);
         if self.artifacts.insert(artifact.hash) {
@@ -456,7 +463,7 @@ impl State {
         Ok(vec![("hash", hash), ("media_type", artifact.media_type.clone()), ("attachment", name)])
     }
 
-    /// Keeps a learning curve as messages of its topic.
+    /// Stores a learning curve as messages of its topic.
     fn keep_curve(
         &mut self,
         run: RunId,
@@ -475,5 +482,5 @@ impl State {
 }
 
 fn too_large(bytes: u64) -> String {
-    format!("{bytes} bytes are more than a recording keeps in one piece, which is {LARGEST_CHUNK}")
+    format!("{bytes} bytes are more than the {LARGEST_CHUNK} that a recording can store as one message")
 }

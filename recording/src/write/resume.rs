@@ -1,5 +1,5 @@
-//! A recording that its run did not finish, taken up again: what was committed stays, byte for byte, and the rest is
-//! written behind it.
+//! Resumes a recording that its run did not finish: what was committed stays, byte for byte, and the rest is written
+//! after it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Seek as _, SeekFrom, Write as _};
@@ -23,7 +23,7 @@ use crate::read::damage::Damage;
 use crate::read::index::ChunkEntry;
 use crate::read::recording::{RecordedContent, Recording};
 use crate::write::attachments::experiment_files;
-use crate::write::disk::{Through, itself, write_all};
+use crate::write::disk::{WrapFile, itself, write_all};
 use crate::write::file_writer::Writer;
 use crate::write::layout::ChannelLayout;
 use crate::write::part::placed;
@@ -34,27 +34,27 @@ impl Recording {
     /// Whether this recording has the plan of a run, in the format that is written now.
     #[must_use]
     pub fn has_plan(&self, plan: &Plan) -> bool {
-        // As it was written: numbers need not read back to the last bit.
+        // The written text is compared, because numbers may differ in the last bit when read.
         let recorded = self.index.metadata.iter().find(|metadata| metadata.name == PLAN_METADATA);
         let recorded = recorded.and_then(|metadata| metadata.values.get("plan"));
-        self.is_of_this_format() && recorded == Some(&json(&RecordedPlan::of(plan)))
+        self.is_of_this_format() && recorded == Some(&json(&RecordedPlan::from_plan(plan)))
     }
 
-    /// Whether a run of the same experiment wrote this recording, in the format that is written now. What the run reads
-    /// besides (data, programs, engines) may have changed since.
+    /// Whether a run of the same experiment wrote this recording, in the format that is written now. Other inputs of
+    /// the run (data, programs, engines) may have changed since.
     #[must_use]
     pub fn is_of_experiment(&self, plan: &Plan) -> bool {
         let files = experiment_files(plan);
-        let mut kept = self.attachments().iter().filter(|kept| !kept.name.starts_with("artifacts/"));
+        let mut files = self.attachments().iter().filter(|file| !file.name.starts_with("artifacts/"));
         let has_same_files = files.iter().all(|(name, text)| {
-            kept.next().is_some_and(|kept| kept.name == *name)
+            files.next().is_some_and(|file| file.name == *name)
                 && self.attachment(name).is_ok_and(|bytes| bytes == text.as_bytes())
         });
-        self.is_of_this_format() && has_same_files && kept.next().is_none()
+        self.is_of_this_format() && has_same_files && files.next().is_none()
     }
 
-    /// Whether the frame at a position of a stage run has the id, index and time with which this one would be recorded
-    /// there.
+    /// Whether the frame at a position of a stage run has the id, index and time with which this frame would be
+    /// recorded there.
     #[must_use]
     pub fn is_frame(&self, run: RunId, position: FrameIndex, frame: &Frame) -> bool {
         let frame = at_the_time_shown(position, frame);
@@ -64,18 +64,18 @@ impl Recording {
         })
     }
 
-    /// Whether nothing was committed.
+    /// Whether no frame or aggregate value was committed.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.end().is_none()
     }
 
-    /// Where the last complete frame or aggregate value ends; `None` if there is none.
+    /// The offset of the end of the last complete frame or aggregate value; `None` without one.
     fn end(&self) -> Option<u64> {
         self.end_before(u64::MAX)
     }
 
-    /// The same of those that end before a place.
+    /// The same, of those that end before `limit`.
     fn end_before(&self, limit: u64) -> Option<u64> {
         let values = self.index.metadata.iter().filter(|metadata| metadata.is_of_once()).map(|metadata| metadata.end);
         let is_commit =
@@ -104,7 +104,7 @@ impl Recording {
     }
 }
 
-/// What [`recover`] kept.
+/// The result of [`recover`].
 pub struct Recovered {
     /// The frames in the new file.
     pub frames: u64,
@@ -159,11 +159,11 @@ pub fn recover(from: &Recording, to: &Path) -> Result<Recovered, RecordingError>
     Ok(Recovered { frames, lost, damage })
 }
 
-/// Where a recording is first damaged, and what is wrong there: by its summary if it has one, because that can name the
+/// The first damage of a recording: its offset and a message. Uses the summary if there is one, because it can name the
 /// values.
 fn first_damage(indexed: &Recording, scanned: &Recording) -> Option<(u64, String)> {
     if let Some(Damage { offset, bytes, content }) = indexed.damage(&|| false).first() {
-        return Some((*offset, format!("{bytes} bytes from there on are not what was written; they held {content}")));
+        return Some((*offset, format!("{bytes} bytes from there are damaged; they contained {content}")));
     }
     match (indexed.condition(), scanned.condition()) {
         (Condition::Damaged { offset, what, .. }, _) | (_, Condition::Damaged { offset, what, .. }) => {
@@ -173,30 +173,30 @@ fn first_damage(indexed: &Recording, scanned: &Recording) -> Option<(u64, String
     }
 }
 
-/// A file that is taken up, and what stays of it.
+/// A resumed file, and what it already contains.
 pub(crate) struct Resumed {
     pub(crate) writer: Writer,
-    /// By stage run, how many frames it holds.
+    /// By stage run, the number of frames it contains.
     pub(crate) frames: Vec<usize>,
-    /// The keys of the aggregate values it holds, by node and port.
+    /// The keys of the aggregate values it contains, by node and port.
     pub(crate) once: BTreeMap<(NodeRef, PortId), depthloom_graphs::Key>,
     pub(crate) artifacts: BTreeSet<depthloom_graphs::Key>,
     /// The time of each stage run's first frame.
     pub(crate) first_ns: Vec<Option<u64>>,
-    /// What was told of on the frames it holds, by stage run and frame.
-    pub(crate) told: Vec<Vec<Vec<NodeWarning>>>,
+    /// The warnings on its frames, by stage run and frame.
+    pub(crate) warnings: Vec<Vec<Vec<NodeWarning>>>,
 }
 
-/// Cuts off what was not committed, and goes on behind it. `None` if nothing was committed.
+/// Cuts off what was not committed. The writer then appends to it. `None` if nothing was committed.
 pub(crate) fn resume(
     recording: &Recording,
     channels: Vec<ChannelLayout>,
-    through: Through<'_>,
+    through: WrapFile<'_>,
 ) -> Result<Option<Resumed>, RecordingError> {
     let Some(end) = recording.end() else { return Ok(None) };
     let writer = Writer::resume(recording, channels, end, through)?;
     let runs = RunId::all(recording.plan().runs.len());
-    let once = recording.once_values();
+    let once = recording.aggregate_values();
     let artifact = |content: &RecordedContent| match content {
         RecordedContent::Attachment { hash, .. } => Some(*hash),
         RecordedContent::Messages { .. } => None,
@@ -206,7 +206,7 @@ pub(crate) fn resume(
         frames: runs.clone().map(|run| recording.frames(run).len()).collect(),
         once: once.iter().map(|once| ((NodeRef { run: once.run, node: once.node }, once.port), once.key)).collect(),
         artifacts: once.iter().filter_map(|once| artifact(&once.content)).collect(),
-        told: runs
+        warnings: runs
             .clone()
             .map(|run| recording.frames(run).iter().map(|frame| frame.warnings.clone()).collect())
             .collect(),
@@ -220,7 +220,7 @@ impl Writer {
         recording: &Recording,
         channels: Vec<ChannelLayout>,
         end: u64,
-        through: Through<'_>,
+        through: WrapFile<'_>,
     ) -> Result<Self, RecordingError> {
         let path = recording.path();
         let failed = |source| RecordingError::Create { path: path.to_owned(), source };
@@ -233,22 +233,22 @@ impl Writer {
         write_all(&*file, &rest).map_err(failed)?;
         let end = end + rest.len() as u64;
         let read = PositionedFile::open(path)?;
-        let crc = CrcBefore::new(&read).place(end)?;
-        let mut writer = Self::of(path, file, channels);
+        let crc = CrcBefore::new(&read).up_to(end)?;
+        let mut writer = Self::new(path, file, channels);
         (writer.crc, writer.position) = (Hasher::new_with_initial_len(crc, end), end);
-        writer.take_up(&read, &recording.index.attachments, end)?;
+        writer.read_existing(&read, &recording.index.attachments, end)?;
         Ok(writer)
     }
 
-    /// Notes what the summary must say of the records that stay.
-    fn take_up(
+    /// Collects the summary of the records that stay.
+    fn read_existing(
         &mut self,
         file: &PositionedFile,
         attachments: &[AttachmentEntry],
         end: u64,
     ) -> Result<(), RecordingError> {
         let (mut window, mut at, mut stored) = (Window::new(file), MAGIC_LENGTH, Vec::new());
-        // A chunk, and the message indexes behind it so far.
+        // A chunk, and the message indexes after it so far.
         let mut chunk: Option<(u64, u64)> = None;
         loop {
             let record = if at < end { window.record(at)? } else { None };
@@ -256,12 +256,11 @@ impl Writer {
                 && let Some((start, end)) = chunk.take()
             {
                 file.read_range(&mut stored, start, end - start)?;
-                self.take_up_chunk(&stored, start)
-                    .ok_or_else(|| file.damaged(start, "a chunk is not what was written"))?;
+                self.read_existing_chunk(&stored, start).ok_or_else(|| file.damaged(start, "a chunk is damaged"))?;
             }
             let Some(RecordPlace { opcode, body, length }) = record else { return Ok(()) };
             let next = body + length;
-            let damaged = || file.damaged(at, "a record is not what was written");
+            let damaged = || file.damaged(at, "a record is damaged");
             match opcode {
                 op::CHUNK => chunk = Some((at, next)),
                 op::MESSAGE_INDEX => chunk = chunk.map(|(start, _)| (start, next)),
@@ -292,7 +291,7 @@ impl Writer {
         }
     }
 
-    fn take_up_chunk(&mut self, stored: &[u8], start: u64) -> Option<()> {
+    fn read_existing_chunk(&mut self, stored: &[u8], start: u64) -> Option<()> {
         let (place, messages) = placed(stored, 0)?;
         for (channel, count) in messages {
             self.count_messages(channel, count);
@@ -302,11 +301,11 @@ impl Writer {
     }
 }
 
-/// Compares the bytes that stay with what the last commit among them says of those before it.
+/// Compares the bytes that stay with the checksum in the last commit among them.
 fn check(recording: &Recording) -> Result<(), RecordingError> {
     match recording.sealed.last() {
-        Some((start, told)) if CrcBefore::new(&recording.file).place(*start)? != *told => {
-            Err(recording.file.damaged(*start, "the bytes before are not what was written").into())
+        Some((start, stated)) if CrcBefore::new(&recording.file).up_to(*start)? != *stated => {
+            Err(recording.file.damaged(*start, "the bytes before are damaged").into())
         }
         _ => Ok(()),
     }

@@ -1,9 +1,8 @@
-//! What viewers need beside the values: a camera's calibration where they look for it, maps in colours, a time to begin
-//! at.
+//! Data for viewers besides the values: a camera's calibration where they look for it, coloured maps, a start time.
 //!
-//! Foxglove takes for an image the calibration whose topic begins like the image's, up to its last `/`; so each camera
-//! is a folder of topics. Rerun refuses a coordinate frame that two topics define; so each camera of each stage run has
-//! a frame of its own.
+//! Foxglove uses for an image the calibration whose topic has the same prefix up to the last `/`, so each camera has a
+//! folder of topics. Rerun refuses a coordinate frame that two topics define, so each camera of each stage run has its
+//! own frame.
 
 use crate::write::part::{Packing, PartBuilder, Unkept};
 use depthloom_codecs::encode::{Stamp, put_camera, put_compressed_image, put_points, put_transform};
@@ -18,20 +17,21 @@ use depthloom_graphs::values::{Encoded, ImageFormat};
 
 /// A year, nanoseconds.
 const YEAR_NS: u64 = 365 * 24 * 3600 * 1_000_000_000;
-/// When stages begin whose frames have no clock, nanoseconds since 1970: 2000-01-01T00:00:00Z.
+/// The start of stages whose frames have no clock, nanoseconds since 1970: 2000-01-01T00:00:00Z.
 pub(crate) const BEGINNING_NS: u64 = 946_684_800 * 1_000_000_000;
-/// From one frame without a clock to the next, nanoseconds.
+/// The time between two frames without a clock, nanoseconds.
 const FRAME_NS: u64 = 100_000_000;
 
-/// Of how many pixels a row and a column a cloud has one, and how far its points are at most, metres.
+/// A point cloud has one point per this many pixels of a row and of a column. Its points are at most this far away,
+/// metres.
 const POINT_STEP: u32 = 4;
 const FARTHEST_M: f64 = 100.0;
 
-/// The frame with the time that viewers show it at: its own if its source has a clock. Of a source that counts from
-/// zero, a tenth of a second a frame from the beginning on, whatever the frames' numbers are: then all stages begin
-/// where a viewer opens, each with its first frame.
+/// The frame with the time at which viewers show it: its own if its source has a clock. Frames of a source that counts
+/// from zero follow each other in steps of 0.1 s, whatever their numbers are: then all stages begin with their first
+/// frame where a viewer opens.
 ///
-/// What was recorded so comes again the same from a recording as a source.
+/// A recording as a source reproduces these times.
 pub(crate) fn at_the_time_shown(position: FrameIndex, frame: &Frame) -> Frame {
     let has_clock = frame.time_ns >= YEAR_NS && !(BEGINNING_NS..BEGINNING_NS + YEAR_NS).contains(&frame.time_ns);
     let time_ns = if has_clock { frame.time_ns } else { BEGINNING_NS + FRAME_NS * position.0 as u64 };
@@ -41,20 +41,20 @@ pub(crate) fn at_the_time_shown(position: FrameIndex, frame: &Frame) -> Frame {
 /// A camera of a stage run: a folder of topics, and a coordinate frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Camera<'a> {
-    /// The source's first image, in whose pixels all maps are; `None`: the source has no image.
+    /// The source's first image, in whose pixels all maps are; `None` if the source has no image.
     Reference(Option<&'a str>),
     /// The other camera of the pair: the source's second image.
     Right(&'a str),
     Other(&'a str),
-    /// The reference camera, of half its pixels a row and column: maps to look at.
+    /// The reference camera with every second pixel and row: for previews of maps.
     View,
 }
 
 impl<'a> Camera<'a> {
-    /// The camera whose pixels a slot's values are.
-    pub(crate) fn of(run: &'a StageRun, slot: Slot) -> Self {
+    /// The camera with the pixels of a slot's values.
+    pub(crate) fn of_slot(run: &'a StageRun, slot: Slot) -> Self {
         let outputs = &run.source.outputs;
-        // A recording as a source may also give what nodes had made: `node.output`.
+        // A recording as a source may also have outputs of nodes: `node.output`.
         let is_camera =
             |port: PortId| outputs[port].port.value_type == ValueType::Image && !outputs[port].port.name.contains('.');
         let mut cameras = PortId::all(outputs.len()).filter(|port| is_camera(*port));
@@ -94,13 +94,13 @@ impl<'a> Camera<'a> {
     }
 }
 
-/// The topic under which viewers find a value with its camera; `None`: they do under its own.
+/// The topic under which viewers find a value with its camera; `None` if that is its own topic.
 pub(crate) fn topic_shown(run: &StageRun, slot: Slot) -> Option<String> {
     let Slot::Source { port } = slot else { return None };
     let output = &run.source.outputs[port];
     let of_type =
         |value_type| move |other: &&depthloom_graphs::plan::PlannedOutput| other.port.value_type == value_type;
-    let folder = Camera::of(run, slot).folder(run);
+    let folder = Camera::of_slot(run, slot).folder(run);
     match output.port.value_type {
         ValueType::Image if !output.port.name.contains('.') => Some(format!("{folder}/image")),
         ValueType::Calibration => {
@@ -119,21 +119,20 @@ pub(crate) fn points_topic(run: &StageRun, topic: &str) -> String {
     format!("{}/points/{}", run.prefix, within(run, topic))
 }
 
-/// A topic of a stage run as one part of a topic.
+/// A topic of a stage run as one segment of a topic.
 fn within(run: &StageRun, topic: &str) -> String {
     topic.strip_prefix(&run.prefix).unwrap_or(topic).trim_start_matches('/').replace('/', ".")
 }
 
-/// What the points of a slot's values are made of, if they are to be kept: they lie in one part of the frame with
-/// these.
+/// The inputs of the point cloud of a slot's values, if it is recorded: it is in the same part of the frame as these.
 pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Companion> {
     let output = run.output(slot);
     let node = match slot {
         Slot::Source { .. } => "source",
         Slot::Node { node, .. } => run.nodes[node].name.as_str(),
     };
-    let is_asked_for = || plan.record.points.iter().any(|points| points.names(&run.stage, node, output.port.name));
-    if !output.recorded || output.port.value_type != ValueType::Depth || !is_asked_for() {
+    let is_requested = || plan.record.points.iter().any(|points| points.names(&run.stage, node, output.port.name));
+    if !output.recorded || output.port.value_type != ValueType::Depth || !is_requested() {
         return None;
     }
     let first = |value_type| {
@@ -144,40 +143,40 @@ pub(crate) fn points_of(plan: &Plan, run: &StageRun, slot: Slot) -> Option<Compa
     Some(Companion::Points { calibration: first(ValueType::Calibration)?, image: first(ValueType::Image) })
 }
 
-/// A message beside that of a value: made of the value (of points: and of the source's), so that it lasts as long and
-/// comes again with it.
+/// A message besides that of a value. It is computed from the value (points: also from the source's values), so it is
+/// stored and reproduced together with it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Companion {
     Picture,
-    /// Of a depth: its points, by the calibration and coloured by the image of that part of the frame.
+    /// For a depth: its points, from the calibration and coloured by the image in that part of the frame.
     Points {
         calibration: Slot,
         image: Option<Slot>,
     },
-    /// Of a calibration: that of the right camera of the pair.
+    /// For a calibration: that of the right camera of the pair.
     RightCalibration,
-    /// Of a calibration: that of the pictures' camera.
+    /// For a calibration: that of the previews' camera.
     ViewCalibration,
-    /// Of a calibration: where a camera stands, in another's frame.
+    /// For a calibration: the pose of a camera in another one's frame.
     Transform {
         parent: String,
         pose: Pose,
     },
 }
 
-/// How a camera stands in a frame.
+/// The pose of a camera in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Pose {
-    /// A camera that looks along x, in a frame whose z is up.
+    /// A camera that looks along x, in a frame whose z points up.
     Level,
-    /// As the other camera.
+    /// The same pose as the other camera.
     Same,
-    /// A baseline to the right of the other.
+    /// One baseline to the right of the other camera.
     Right,
 }
 
 impl Companion {
-    /// Adds the message of a value to a part; a map without a pixel has no picture.
+    /// Adds the message of a value to a part; a map without pixels has no preview.
     pub(crate) fn put(
         &self,
         part: &mut PartBuilder<'_>,
@@ -194,27 +193,31 @@ impl Companion {
                 return part.alone(channel, Packing::Plain, encoded.bytes.len(), put);
             }
             (Self::Points { calibration, image }, value) => {
-                let of = |wanted: Slot| others.iter().find(|(slot, _)| *slot == wanted).map(|(_, value)| value);
-                let Some(Value::Calibration(calibration)) = of(*calibration) else { return Ok(()) };
-                let image = match image.and_then(of) {
+                let value_of = |input: Slot| others.iter().find(|(slot, _)| *slot == input).map(|(_, value)| value);
+                let Some(Value::Calibration(calibration)) = value_of(*calibration) else { return Ok(()) };
+                let image = match image.and_then(value_of) {
                     Some(Value::Image(image)) => Some(&**image),
                     _ => None,
                 };
-                // Of other sizes than the map's no point is known.
+                // A map of another size than the image has no points.
                 let Ok(cloud) = Cloud::of_each(POINT_STEP, value, calibration, image, (0.0, FARTHEST_M)) else {
                     return Ok(());
                 };
                 let size = 16 * cloud.points.len();
                 return part.alone(channel, Packing::Compressed, size, |out| put_points(out, stamp, &cloud));
             }
-            (Self::RightCalibration, Value::Calibration(of)) => put_camera(&mut message, stamp, of, true),
-            (Self::ViewCalibration, Value::Calibration(of)) => put_camera(&mut message, stamp, &reduced(of), false),
-            (Self::Transform { parent, pose }, Value::Calibration(of)) => {
+            (Self::RightCalibration, Value::Calibration(calibration)) => {
+                put_camera(&mut message, stamp, calibration, true)
+            }
+            (Self::ViewCalibration, Value::Calibration(calibration)) => {
+                put_camera(&mut message, stamp, &reduced(calibration), false)
+            }
+            (Self::Transform { parent, pose }, Value::Calibration(calibration)) => {
                 let same = [0.0, 0.0, 0.0, 1.0];
                 let (x, rotation) = match pose {
                     Pose::Level => (0.0, [-0.5, 0.5, -0.5, 0.5]),
                     Pose::Same => (0.0, same),
-                    Pose::Right => (of.baseline_m, same),
+                    Pose::Right => (calibration.baseline_m, same),
                 };
                 put_transform(&mut message, stamp, parent, [x, 0.0, 0.0], rotation);
             }

@@ -1,4 +1,4 @@
-//! What an earlier run made is taken over as it lies there.
+//! Values of an earlier run are copied unchanged.
 
 use std::sync::Arc;
 
@@ -61,7 +61,7 @@ fn values_of_an_earlier_run_and_made_ones_give_the_bytes_of_made_ones() {
         Slot::Node { node, port } => plan.runs[0].nodes[node].outputs[port].port.name,
     };
     let slots: Vec<Slot> = of_frame.iter().map(|(slot, _)| *slot).collect();
-    // Which of the values are made again: one after the other, none, and all but one that was read for a node.
+    // Which of the values are recomputed: each alone, none, and all except one that was read for a node.
     for again in 0..slots.len() + 2 {
         let earlier = Arc::new(EarlierRuns::new([path("made.mcap")], &plan));
         let recorder = Recorder::create(path("taken.mcap"), &plan).unwrap().with_earlier(earlier);

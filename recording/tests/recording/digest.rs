@@ -157,7 +157,7 @@ impl Topic {
             self.crc.update(&number.to_le_bytes());
         }
         self.crc.update(&baseline_m.to_le_bytes());
-        // Absent of most pairs, and of all recordings of before.
+        // Not present in most pairs, nor in recordings of older versions.
         if let Some(bits) = doffs_px {
             self.crc.update(&bits.to_le_bytes());
         }
@@ -220,7 +220,7 @@ impl Topic {
     }
 
     fn into_json(self) -> Json {
-        let mut told = json!({
+        let mut digest = json!({
             "schema": self.schema.name(),
             "count": self.count,
             "first_ns": self.first_ns,
@@ -228,10 +228,10 @@ impl Topic {
             "crc32": self.crc.finalize(),
         });
         if let Some(Numbers { sum, nan, infinite }) = self.numbers {
-            told["sum"] = json!(format!("{sum:.9}"));
-            told["nan"] = json!(nan);
-            told["infinite"] = json!(infinite);
+            digest["sum"] = json!(format!("{sum:.9}"));
+            digest["nan"] = json!(nan);
+            digest["infinite"] = json!(infinite);
         }
-        told
+        digest
     }
 }

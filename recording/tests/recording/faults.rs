@@ -1,4 +1,4 @@
-//! What a crash leaves is readable to the last commit; what is damaged or not ours is said to be so.
+//! After a crash, a recording can be read to the last commit; damage and foreign files are reported.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::fs::File;
@@ -19,7 +19,7 @@ const FRAMES: u64 = 6;
 const COMMIT_INDEX: u64 = 9 + 2 + 4 + 16;
 const TOPICS: [&str; 3] = ["/compare/fused/depth", "/compare/stereo/disparity", "/compare/score_fused/scores"];
 
-/// A finished file, where each of its frames ends, and where its once-values do.
+/// A finished file, where each of its frames ends, and where its aggregate values do.
 fn recorded() -> &'static (Vec<u8>, Vec<u64>, u64) {
     static RECORDED: OnceLock<(Vec<u8>, Vec<u64>, u64)> = OnceLock::new();
     RECORDED.get_or_init(|| {
@@ -51,8 +51,8 @@ fn read_all(path: &Path) -> Result<usize, RecordingError> {
     for position in 0..recording.frames(RunId(0)).len() {
         reader.read(FrameIndex(position))?;
     }
-    for once in recording.once_values() {
-        recording.once_value(once)?;
+    for once in recording.aggregate_values() {
+        recording.aggregate_value(once)?;
     }
     Ok(recording.frames(RunId(0)).len())
 }
@@ -77,9 +77,9 @@ proptest! {
                 if let Some(last) = committed.checked_sub(1) {
                     prop_assert!((ends[last] - COMMIT_INDEX..=ends[last]).contains(&recording.committed_bytes()));
                 }
-                let curves = recording.once_values().iter().filter(|once| once.value_type == "curve").count();
+                let curves = recording.aggregate_values().iter().filter(|once| once.value_type == "curve").count();
                 prop_assert_eq!(curves == 1, cut >= *once_end);
-                prop_assert!(recording.once_values().iter().all(|once| recording.once_value(once).is_ok()));
+                prop_assert!(recording.aggregate_values().iter().all(|once| recording.aggregate_value(once).is_ok()));
                 let read = read_all(&path);
                 prop_assert!(committed == 0 || read.is_ok_and(|frames| frames == committed));
             }
@@ -100,18 +100,18 @@ fn everything(path: &Path) -> Result<String, RecordingError> {
         .iter()
         .flat_map(|of| of.iter())
         .map(|of| (&of.id, of.index, of.time_ns, of.source_key, &of.keys, &of.failures));
-    let mut told = format!("{:?}\n{:?}\n", recording.plan(), frames.collect::<Vec<_>>());
-    told += &format!("{:?}\n", recording.once_values());
-    for once in recording.once_values() {
-        told += &format!("{:?}\n", recording.once_value(once)?);
+    let mut content = format!("{:?}\n{:?}\n", recording.plan(), frames.collect::<Vec<_>>());
+    content += &format!("{:?}\n", recording.aggregate_values());
+    for once in recording.aggregate_values() {
+        content += &format!("{:?}\n", recording.aggregate_value(once)?);
     }
     let topics = recording.plan().outputs(RunId(0)).filter(|(_, output)| output.recorded && !output.once);
     let topics: Vec<&str> = topics.map(|(_, output)| output.topic.as_str()).collect();
     let mut reader = recording.reader(RunId(0), &topics)?;
     for position in 0..recording.frames(RunId(0)).len() {
-        told += &format!("{:?}\n", reader.read(FrameIndex(position))?);
+        content += &format!("{:?}\n", reader.read(FrameIndex(position))?);
     }
-    Ok(told)
+    Ok(content)
 }
 
 /// How many bits are flipped: `DEPTHLOOM_FLIPS`, or few enough for every day.
@@ -126,14 +126,14 @@ fn sparse(distance: usize) -> usize {
 }
 
 /// Flips one bit after the other among the first `reach` bytes, and reads everything: it is the same, or an error, or
-/// said to be damaged.
+/// reported to be damaged.
 fn flip_bits(bytes: &[u8], reach: usize, seed: u64) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = written(folder.path(), bytes);
     let expected = everything(&path).expect("what was recorded can be read");
     let condition = Recording::open(&path).expect("what was recorded can be read").condition().clone();
     let (mut noise, mut bytes) = (Noise(seed), bytes.to_vec());
-    let (mut same, mut refused, mut said) = (0, 0, 0);
+    let (mut same, mut refused, mut reported) = (0, 0, 0);
     for _ in 0..flips() {
         let (place, bit) = (noise.bits() as usize % reach.min(bytes.len()), noise.bits() % 8);
         bytes[place] ^= 1 << bit;
@@ -143,7 +143,7 @@ fn flip_bits(bytes: &[u8], reach: usize, seed: u64) {
             Ok(told) => {
                 let recording = Recording::open(&path).expect("it was read before");
                 match recording.condition() {
-                    Condition::Damaged { .. } => said += 1,
+                    Condition::Damaged { .. } => reported += 1,
                     now => {
                         let differs = told.bytes().zip(expected.bytes()).position(|(a, b)| a != b).unwrap_or_default();
                         let around = |text: &str| text.get(differs.saturating_sub(80)..differs + 80).map(str::to_owned);
@@ -160,7 +160,7 @@ fn flip_bits(bytes: &[u8], reach: usize, seed: u64) {
         }
         bytes[place] ^= 1 << bit;
     }
-    println!("{} bits flipped: {same} change nothing, {refused} are refused, {said} are said", flips());
+    println!("{} bits flipped: {same} change nothing, {refused} are refused, {reported} are reported", flips());
 }
 
 #[test]
@@ -226,7 +226,7 @@ fn fault_49_a_recording_says_in_what_condition_it_is() {
     let cut = condition_of(&bytes[..ends[3] as usize + 500]);
     assert_eq!(cut, Condition::Unfinished { rest_bytes: 500 });
     assert_eq!(cut.to_string(), "unfinished, and its last 500 bytes belong to no whole frame");
-    // A record of the fourth frame that is said to have no end: what follows shows that it had one.
+    // A record of the fourth frame that is reported to have no end: what follows shows that it had one.
     let mut endless = bytes[..ends[4] as usize].to_vec();
     endless[ends[2] as usize + 4] ^= 1;
     let Condition::Damaged { offset, what, cut: true } = condition_of(&endless) else { panic!("not seen") };
@@ -247,11 +247,11 @@ fn fault_49_a_recording_says_in_what_condition_it_is() {
 fn a_recording_of_another_format_is_refused_with_the_remedy() {
     let (bytes, ends, _) = recorded();
     let folder = tempfile::tempdir().unwrap();
-    let told = b"\x06\0\0\0format\x01\0\0\x005";
-    let place = bytes.windows(told.len()).position(|window| window == told).unwrap();
+    let format_entry = b"\x06\0\0\0format\x01\0\0\x005";
+    let place = bytes.windows(format_entry.len()).position(|window| window == format_entry).unwrap();
     for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'1'), (bytes.clone(), b'3')] {
         let mut other = bytes;
-        other[place + told.len() - 1] = format;
+        other[place + format_entry.len() - 1] = format;
         let error = Recording::open(written(folder.path(), &other)).unwrap_err();
         let expected = format!("has recording format {}; this engine reads formats 2 and 4 and 5", format as char);
         assert!(error.to_string().ends_with(&expected), "{error}");
@@ -263,7 +263,7 @@ fn a_recording_of_another_format_is_refused_with_the_remedy() {
 fn a_flipped_pixel_is_found() {
     let (bytes, ..) = recorded();
     let folder = tempfile::tempdir().unwrap();
-    // A noisy map lies in a chunk of its own, uncompressed.
+    // A noisy map has its own chunk, uncompressed.
     let summary = mcap::Summary::read(bytes).unwrap().expect("a summary");
     let channel = summary.channels.values().find(|channel| channel.topic == TOPICS[0]).unwrap().id;
     let mut chunks = summary.chunk_indexes.iter();
@@ -276,10 +276,10 @@ fn a_flipped_pixel_is_found() {
     let Err(error) = read_all(&path) else { panic!("the flip was not found") };
     assert!(matches!(error, RecordingError::File(FileError::Damaged { .. })), "{error}");
     assert!(error.to_string().contains("recording.mcap is damaged at byte"), "{error}");
-    let held = "it held /compare/fused/depth of frame `000000_10` (position 0 of stage `compare`)";
-    assert!(error.to_string().ends_with(&format!("a chunk's checksum differs; {held}")), "{error}");
+    let content = "it contained /compare/fused/depth of frame `000000_10` (position 0 of stage `compare`)";
+    assert!(error.to_string().ends_with(&format!("a chunk's checksum differs; {content}")), "{error}");
     assert_eq!(error.remedy().unwrap(), "copy the file again, or run the experiment again");
-    // Only who wants the damaged topics reads their chunk.
+    // Only readers of the damaged topics read their chunk.
     let recording = Recording::open(&path).unwrap();
     let stereo = recording
         .reader(RunId(0), &["/compare/stereo/disparity", "/compare/source/left"])
@@ -331,8 +331,8 @@ fn damage_is_named_by_what_it_held() {
     let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
     assert_eq!(*recording.condition(), Condition::Whole);
     let damage = recording.damage(&|| false);
-    let held: Vec<String> = damage.iter().map(|damage| damage.content.to_string()).collect();
-    let [image, model, note] = &held[..] else { panic!("{held:?}") };
+    let contents: Vec<String> = damage.iter().map(|damage| damage.content.to_string()).collect();
+    let [image, model, note] = &contents[..] else { panic!("{contents:?}") };
     assert!(image.contains("/compare/source/left"), "{image}");
     assert!(image.ends_with("of frame `000001_10` (position 1 of stage `compare`)"), "{image}");
     assert!(model.starts_with("the attachment `artifacts/"), "{model}");
@@ -341,7 +341,7 @@ fn damage_is_named_by_what_it_held() {
         assert!((damage.offset..damage.offset + damage.bytes).contains(&(place as u64)), "{damage:?}");
     }
     let error = recording.attachment("note.txt").unwrap_err();
-    assert!(error.to_string().ends_with("it held the attachment `note.txt`"), "{error}");
+    assert!(error.to_string().ends_with("it contained the attachment `note.txt`"), "{error}");
 }
 
 #[test]
@@ -368,13 +368,13 @@ fn a_changed_record_of_a_once_value_is_seen() {
     record(&path, &plan(), 0..1, 16, 16);
     let mut bytes = std::fs::read(&path).unwrap();
     // The number of messages in the record that commits the curve, as text with its length.
-    let told = b"\x08\0\0\0messages\x01\0\0\x004";
-    let place = bytes.windows(told.len()).position(|window| window == told).unwrap();
-    bytes[place + told.len() - 1] = b'5';
+    let entry = b"\x08\0\0\0messages\x01\0\0\x004";
+    let place = bytes.windows(entry.len()).position(|window| window == entry).unwrap();
+    bytes[place + entry.len() - 1] = b'5';
     let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
     assert!(recording.condition().to_string().contains("a metadata record is not what was written"));
-    let [model] = recording.once_values() else { panic!("the curve is left out") };
-    let model = recording.once_value(model).unwrap();
+    let [model] = recording.aggregate_values() else { panic!("the curve is left out") };
+    let model = recording.aggregate_value(model).unwrap();
     assert!(matches!(model, depthloom_graphs::Value::Model(_)), "the model is whole");
 }
 
@@ -413,7 +413,7 @@ fn nothing_is_written_after_the_end() {
         warnings: &[],
     };
     let error = recorder.write(&commit, Vec::new()).unwrap_err();
-    assert!(error.to_string().ends_with("takes no more values: it is finished"), "{error}");
+    assert!(error.to_string().ends_with("cannot be written any more: it is finished"), "{error}");
     assert!(recorder.finish(&[]).is_err());
     assert_eq!(std::fs::metadata(&path).unwrap().len(), size);
     assert_eq!(Recording::open(&path).unwrap().frames(RunId(0)).len(), 0);

@@ -79,7 +79,7 @@ const NODES: &[NodeSpec] = &[
 const SOURCE: [Port; 4] = [
     Port::frame("left", ValueType::Image, "Left image."),
     Port::frame("right", ValueType::Image, "Right image."),
-    Port::frame("depth", ValueType::Depth, "True depth.").optional(),
+    Port::frame("depth", ValueType::Depth, "Ground-truth depth.").optional(),
     Port::frame("calibration", ValueType::Calibration, "Calibration."),
 ];
 
@@ -222,7 +222,8 @@ pub(crate) fn values(frame: &Frame, width: u32, height: u32) -> Vec<(Slot, Value
         baseline_m: 0.532_725_451_7,
         doffs_px: 0.0,
     };
-    // One with all scores of a recording of before, one in a zone with others, and numbers that are easily lost.
+    // One with all metrics of recordings of older versions, one in a zone with others, and numbers that are easily
+    // lost.
     let row = |set, a1| {
         let scores = [a1, 0.1 + 0.2, 1.0, f64::NAN, 0.0, 1e-300, -0.0, 0.25];
         let row = ScoreRow { pixels: 7 * frame.index, ..ScoreRow::new(set, "") };
@@ -326,7 +327,7 @@ pub(crate) fn curve() -> Curve {
     Curve { points }
 }
 
-/// Records the once-values of a stage run.
+/// Records the aggregate values of a stage run.
 pub(crate) fn record_once_values(recorder: &Recorder, run: RunId) {
     let key = Key::of_content(b"teacher");
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(0) }, &key, &model(), &[]).unwrap();

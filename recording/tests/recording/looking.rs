@@ -34,7 +34,7 @@ fn recorded(frames: impl Fn(u64) -> Frame) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-/// What is said of the last message of each topic: its frame, and of an image its size.
+/// A description of the last message of each topic: its frame, and for images the size.
 struct Shown {
     frame_id: String,
     size: Option<(u32, u32)>,
@@ -85,7 +85,7 @@ fn every_camera_and_every_picture_finds_its_calibration() {
         }
         let [calibration] = matching(&shown, topic)[..] else { panic!("{topic} has one calibration") };
         assert_eq!(calibration.frame_id, image.frame_id, "{topic}");
-        // The fixture's left image is no whole file.
+        // The fixture's left image is not a complete file.
         if let Some(size) = image.size {
             assert_eq!((calibration.width, calibration.height), size, "{topic}");
         }
@@ -179,7 +179,7 @@ fn pictures_lie_apart_and_are_left_out_where_they_are_not_wanted() {
     let without = std::fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&without).unwrap().unwrap();
     assert!(summary.channels.values().all(|channel| !channel.topic.contains("/view/")));
-    // Whoever reads values finds no more topics than before.
+    // Readers of values find no more topics than before.
     let recording = Recording::open(&path).unwrap();
     assert!(recording.reader(RunId(0), &["/compare/source/left", "/compare/source/calibration"]).is_ok());
     assert!(recording.reader(RunId(0), &["/compare/source/left/image"]).is_err());
@@ -204,11 +204,11 @@ fn points_of_a_depth_are_where_its_pixels_were_seen() {
     let fields: Vec<(&str, u32)> = cloud.fields.iter().map(|field| (field.name.as_str(), field.offset)).collect();
     let names = ["x", "y", "z", "red", "green", "blue", "alpha"];
     assert_eq!(fields, names.into_iter().zip([0, 4, 8, 12, 13, 14, 15]).collect::<Vec<_>>());
-    let of = |slot: Slot| values.iter().find(|(of, _)| *of == slot).map(|(_, value)| value).unwrap();
+    let value_of = |slot: Slot| values.iter().find(|(other, _)| *other == slot).map(|(_, value)| value).unwrap();
     let (Value::Depth(depth), Value::Calibration(calibration), Value::Image(image)) = (
-        of(Slot::Node { node: NodeId(3), port: PortId(0) }),
-        of(Slot::Source { port: PortId(3) }),
-        of(Slot::Source { port: PortId(0) }),
+        value_of(Slot::Node { node: NodeId(3), port: PortId(0) }),
+        value_of(Slot::Source { port: PortId(3) }),
+        value_of(Slot::Source { port: PortId(0) }),
     ) else {
         panic!("the fixture's values")
     };

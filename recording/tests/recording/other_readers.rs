@@ -54,32 +54,32 @@ fn what_topics_are_said_to_hold_is_what_a_stream_of_them_has() {
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 0..4, 70, 40);
     let bytes = std::fs::read(&path).expect("a recording");
-    let told_of = |path: &std::path::Path| {
+    let reported_sizes = |path: &std::path::Path| {
         let recording = depthloom_recording::Recording::open(path).expect("a recording");
         let sizes = recording.topic_sizes(&|| false).expect("sizes");
         let stored: u64 = sizes.iter().map(|of| of.stored_bytes).sum();
-        let of = |of: depthloom_recording::TopicSize| (of.topic, (of.messages, of.raw_bytes));
-        (sizes.into_iter().map(of).collect::<BTreeMap<_, _>>(), stored)
+        let counts = |size: depthloom_recording::TopicSize| (size.topic, (size.messages, size.raw_bytes));
+        (sizes.into_iter().map(counts).collect::<BTreeMap<_, _>>(), stored)
     };
-    let mut held: BTreeMap<String, (u64, u64)> = BTreeMap::new();
+    let mut counted: BTreeMap<String, (u64, u64)> = BTreeMap::new();
     for message in MessageStream::new(&bytes).unwrap() {
         let message = message.unwrap();
         let in_plan = message.channel.metadata.get("topic_in_plan").unwrap_or(&message.channel.topic);
-        let (count, size) = held.entry(in_plan.clone()).or_default();
+        let (count, size) = counted.entry(in_plan.clone()).or_default();
         *count += 1;
         *size += HEAD + message.data.len() as u64;
     }
-    let (told, stored) = told_of(&path);
-    assert_eq!(told, held);
+    let (reported, stored) = reported_sizes(&path);
+    assert_eq!(reported, counted);
     let chunks = Summary::read(&bytes).unwrap().expect("a summary").chunk_indexes;
     assert_eq!(stored, chunks.iter().map(|chunk| chunk.compressed_size).sum::<u64>());
     // Of a file without an end, the same of its whole frames.
     let cut = folder.path().join("cut.mcap");
     let last = chunks.iter().map(|chunk| chunk.chunk_start_offset + chunk.chunk_length).max().expect("chunks");
     std::fs::write(&cut, &bytes[..last as usize]).expect("written");
-    let (told, _) = told_of(&cut);
-    assert!(told.iter().all(|(topic, of)| held[topic] == *of), "{told:?} {held:?}");
-    assert!(told.len() > 5);
+    let (reported, _) = reported_sizes(&cut);
+    assert!(reported.iter().all(|(topic, counts)| counted[topic] == *counts), "{reported:?} {counted:?}");
+    assert!(reported.len() > 5);
 }
 
 #[test]
@@ -108,9 +108,9 @@ fn the_summary_tells_what_the_stream_holds() {
     assert_eq!(counted[CURVE], 4);
     let summary = Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.unwrap();
-    let told: BTreeMap<String, u64> =
+    let reported: BTreeMap<String, u64> =
         stats.channel_message_counts.iter().map(|(id, count)| (summary.channels[id].topic.clone(), *count)).collect();
-    assert_eq!(told, counted);
+    assert_eq!(reported, counted);
     assert_eq!(stats.message_count, counted.values().sum::<u64>());
     assert_eq!((stats.message_start_time, stats.message_end_time), (BEGINNING_NS, BEGINNING_NS + 300_000_000));
     assert_eq!(stats.chunk_count as usize, summary.chunk_indexes.len());

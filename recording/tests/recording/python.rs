@@ -35,7 +35,7 @@ fn python_decodes_the_same_numbers() {
     let Some(read) = read_with_python("python_decodes_the_same_numbers", &path, &[]) else { return };
     assert_eq!(read, digest(&path));
 
-    // The digest itself is held against the values that were recorded.
+    // The digest is checked against the values that were recorded.
     let fused: Vec<u8> = (0..3)
         .flat_map(|index| values(&frame(index), WIDTH, HEIGHT))
         .filter(|(slot, _)| *slot == Slot::Node { node: NodeId(3), port: PortId(0) })

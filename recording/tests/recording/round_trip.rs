@@ -117,7 +117,7 @@ fn the_plan_and_the_files_come_back() {
     record(&path, &plan(), 0..1, 16, 16);
     let recording = Recording::open(&path).unwrap();
     let recorded = recording.plan();
-    assert_eq!(*recorded, depthloom_recording::RecordedPlan::of(&plan()));
+    assert_eq!(*recorded, depthloom_recording::RecordedPlan::from_plan(&plan()));
     let estimate = &recorded.runs[0].estimates[0];
     assert_eq!(estimate.label, "fused");
     assert_eq!(estimate.estimate_topic.as_deref(), Some("/compare/fused/depth"));
@@ -190,7 +190,7 @@ fn a_store_tells_what_is_known_to_be_nothing_from_what_was_not_kept() {
     assert_eq!(ports(&finished, Key::of_content(b"teacher")), [model, curve]);
     let (weight, mask) = (("weight".to_owned(), true), ("mask".to_owned(), false));
     assert_eq!(ports(&finished, key(&frame(0), NodeId(2))), [weight, mask]);
-    assert_eq!(ports(&finished, key(&frame(1), NodeId(2))), Vec::new(), "of every second frame values are kept");
+    assert_eq!(ports(&finished, key(&frame(1), NodeId(2))), Vec::new(), "values are recorded on every second frame");
     assert_eq!(ports(&finished, key(&frame(1), NodeId(4))), [("scores".to_owned(), true)], "scores of all");
 }
 
@@ -207,16 +207,17 @@ fn a_learning_curve_lies_between_two_stages_and_in_no_frame() {
     }
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
-    let once = recording.once_values();
-    let told: Vec<_> = once.iter().map(|of| (of.run.0, of.node.0, of.port.0, of.value_type.as_str())).collect();
-    assert_eq!(told, [(0, 5, 0, "model"), (0, 5, 1, "curve"), (1, 5, 0, "model"), (1, 5, 1, "curve")]);
+    let once = recording.aggregate_values();
+    let outputs: Vec<_> =
+        once.iter().map(|value| (value.run.0, value.node.0, value.port.0, value.value_type.as_str())).collect();
+    assert_eq!(outputs, [(0, 5, 0, "model"), (0, 5, 1, "curve"), (1, 5, 0, "model"), (1, 5, 1, "curve")]);
     let topics = ["/learn/teacher/curve", CURVE];
     for (of, topic) in [&once[1], &once[3]].into_iter().zip(topics) {
         assert_eq!(of.content, RecordedContent::Messages { topic: topic.to_owned(), count: 4 });
-        assert_same(&curve().into(), &recording.once_value(of).unwrap());
+        assert_same(&curve().into(), &recording.aggregate_value(of).unwrap());
     }
     assert_eq!([0, 1].map(|run| recording.frames(RunId(run)).len()), [2, 2]);
-    assert!(recording.reader(RunId(1), &[CURVE]).is_err(), "a curve is no value of a frame");
+    assert!(recording.reader(RunId(1), &[CURVE]).is_err(), "a curve is not a value of a frame");
     // A millisecond a step, from the first frame of the stage on: all stages begin at once.
     let digest = digest(&path);
     for topic in topics {
@@ -237,7 +238,7 @@ fn a_curve_without_points_and_one_without_frames_come_back() {
     recorder.once(RunId(1), slot, &key, &curve().into(), &[]).unwrap();
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
-    let read = |place: usize| recording.once_value(&recording.once_values()[place]).unwrap();
+    let read = |place: usize| recording.aggregate_value(&recording.aggregate_values()[place]).unwrap();
     assert_same(&Curve::default().into(), &read(0));
     assert_same(&curve().into(), &read(1));
 }
@@ -251,12 +252,12 @@ fn every_second_frame_keeps_values_and_every_frame_its_scores() {
     record(&path, &plan, 0..4, 16, 16);
     let recording = Recording::open(&path).unwrap();
     let mut reader = recording.reader(RunId(0), &["/compare/fused/depth", "/compare/score_fused/scores"]).unwrap();
-    let kept: Vec<(bool, bool)> = (0..4)
+    let recorded: Vec<(bool, bool)> = (0..4)
         .map(|position| reader.read(FrameIndex(position)).unwrap())
         .map(|values| (values[0].is_some(), values[1].is_some()))
         .collect();
     // Frame 2 has no truth, and so no scores.
-    assert_eq!(kept, [(true, true), (false, true), (true, false), (false, true)]);
+    assert_eq!(recorded, [(true, true), (false, true), (true, false), (false, true)]);
 }
 
 #[test]
@@ -268,8 +269,8 @@ fn fault_29_every_nth_frame_counts_from_the_first_of_the_stage() {
     record(&path, &plan, 151..155, 16, 16);
     let recording = Recording::open(&path).unwrap();
     let mut reader = recording.reader(RunId(0), &["/compare/fused/depth"]).unwrap();
-    let kept: Vec<bool> = (0..4).map(|position| reader.read(FrameIndex(position)).unwrap()[0].is_some()).collect();
-    assert_eq!(kept, [true, false, false, false]);
+    let recorded: Vec<bool> = (0..4).map(|position| reader.read(FrameIndex(position)).unwrap()[0].is_some()).collect();
+    assert_eq!(recorded, [true, false, false, false]);
 }
 
 #[test]

@@ -60,14 +60,17 @@ fn each_frame_has_the_form_that_holds_it_and_comes_back_bit_for_bit() {
     // What has no such truths has its channels under the numbers it had; the floats' comes behind all.
     let channels = |bytes: &[u8]| {
         let summary = Summary::read(bytes).unwrap().expect("a summary");
-        let of = summary.channels.values().map(|channel| {
+        let units = summary.channels.values().map(|channel| {
             (channel.id, (channel.topic.clone(), channel.schema.as_ref().map(|schema| schema.name.clone())))
         });
-        of.collect::<BTreeMap<_, _>>()
+        units.collect::<BTreeMap<_, _>>()
     };
     let channels = channels(&std::fs::read(&path).unwrap());
-    let of_truth: Vec<_> =
-        channels.iter().filter(|(_, (topic, _))| topic == TOPIC).map(|(id, (_, of))| (*id, of.as_deref())).collect();
+    let of_truth: Vec<_> = channels
+        .iter()
+        .filter(|(_, (topic, _))| topic == TOPIC)
+        .map(|(id, (_, unit))| (*id, unit.as_deref()))
+        .collect();
     assert_eq!(of_truth.len(), 2);
     assert_eq!((of_truth[0].1, of_truth[1].1), (Some("foxglove.RawImage"), Some("depthloom.FloatMap")));
     // Behind it are channels for other disparities alone.

@@ -12,7 +12,7 @@ use crate::options::Audit;
 use crate::reuse::FramePlan;
 use crate::stage::frame_graph::StepId;
 
-/// One frame of so many is recomputed.
+/// One frame in this many is recomputed.
 const FRAMES_PER_SAMPLE: usize = 50;
 
 pub(crate) struct Sampler {

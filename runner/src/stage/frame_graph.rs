@@ -231,7 +231,7 @@ impl FrameGraph {
         Ok(())
     }
 
-    /// Makes a step wait for others, or for the source if there are none.
+    /// Makes a step wait for the others, or for the source if `others` is empty.
     fn wait(&mut self, mut others: Vec<StepId>, step: StepId) {
         others.sort_unstable();
         others.dedup();

@@ -14,7 +14,7 @@ use crate::stage::ordered::Ordered;
 type FrameInFlight<T> = Arc<InFlight<<T as Tap>::Part>>;
 
 impl<T: Tap> Stage<'_, T> {
-    /// Works until the stage is over. Complete frames are sent to `done`, which is never full.
+    /// Works until the stage ends. Complete frames are sent to `done`, which is never full.
     pub(crate) fn work(&self, done: &Sender<FrameInFlight<T>>) {
         // A worker that ends in a panic ends all others, which would wait for it.
         let _end_all = EndAll(self);
@@ -82,7 +82,7 @@ impl<T: Tap> Stage<'_, T> {
         }
         self.context.budget.wake(queued);
         if is_complete {
-            // Fails only if the writer has ended, and then the stage is over.
+            // Fails only if the writer has ended, and then the stage has ended too.
             let _ = done.send(frame);
         }
         next

@@ -77,7 +77,7 @@ pub(crate) fn bench(graph: &AnyGraph) -> Bench {
         (source.toy.fails_at, source.toy.absent_at) = (graph.source_fails_at.clone(), graph.source_absent_at.clone());
         bench.stage(&format!("stage{run}"), source);
         let mut slots = vec![Slot::Source { port: PortId(0) }, Slot::Source { port: PortId(1) }];
-        // Frames may read once-values of earlier stages, once-nodes those of their own stage too.
+        // Frames may read aggregate values of earlier stages, aggregate nodes those of their own stage too.
         let earlier = once_values.len();
         for (id, node) in NodeId::enumerate(nodes) {
             let contract = match node.contract {

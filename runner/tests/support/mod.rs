@@ -69,7 +69,7 @@ impl Toy {
     fn work(&self, frame: u64, inputs: &[Option<u64>], ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.calls.fetch_add(1, Ordering::Relaxed);
         let mixed = inputs.iter().fold(self.salt, |n, input| mix(n, input.unwrap_or(7)));
-        // Some calls take longer than others, so that workers come by in another order every time. To yield takes very
+        // Some calls take longer than others, so that the order of workers varies. To yield takes very
         // long on a machine that has other work: few do.
         (0..mixed % 300).for_each(|_| std::hint::spin_loop());
         if mixed.is_multiple_of(32) {
@@ -79,9 +79,9 @@ impl Toy {
         ctx.host.tiles(self.tiles, &|t| tiles[t].store(mix(mixed, t as u64), Ordering::Relaxed));
         let mixed = tiles.iter().fold(mixed, |n, tile| mix(n, tile.load(Ordering::Relaxed)));
         if self.fails_at.contains(&frame) {
-            return Err(Fault::new("told to fail").remedy("do not tell it to"));
+            return Err(Fault::new("requested failure").remedy("do not request it"));
         }
-        assert!(!self.panics_at.contains(&frame), "told to panic");
+        assert!(!self.panics_at.contains(&frame), "requested panic");
         let x = Outputs::one("x", number(at_frame(mixed, frame)));
         if self.absent_at.contains(&frame) { Ok(x) } else { Ok(x.with("y", number(at_frame(mixed ^ 1, frame)))) }
     }
@@ -110,7 +110,7 @@ pub(crate) struct OrderedToy {
 impl OrderedNode for OrderedToy {
     fn process(&mut self, frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let (index, [a, b, c]) = frame_inputs(inputs)?;
-        assert_eq!(index, frame.index, "the frame told is the frame at the inputs");
+        assert_eq!(index, frame.index, "the frame matches the inputs");
         self.state = mix(self.state, a.unwrap_or(0));
         self.toy.work(index, &[Some(self.state), a, b, c], ctx)
     }
@@ -130,7 +130,7 @@ impl OnceNode for Toy {
         self.calls.fetch_add(1, Ordering::Relaxed);
         ctx.host.progress(1, 1, "mixed");
         if self.fails_at.contains(&0) {
-            return Err(Fault::new("told to fail"));
+            return Err(Fault::new("requested failure"));
         }
         Ok(Outputs::one("model", artifact(mix(mix(self.salt, s), t.unwrap_or(3)))))
     }
@@ -296,13 +296,13 @@ pub(crate) fn without_place(what: &str) -> &str {
     if what.starts_with("panicked at ") { what.rsplit(": ").next().unwrap_or(what) } else { what }
 }
 
-pub(crate) fn told_commit(commit: &Commit<'_>, parts: &[String]) -> String {
+pub(crate) fn commit_text(commit: &Commit<'_>, parts: &[String]) -> String {
     let keys: Vec<_> = commit.keys.iter().map(|k| format!("{}:{}", k.node, k.key)).collect();
     let failures: Vec<_> = commit.failures.iter().map(|f| format!("{:?} {}", f.node, without_place(&f.what))).collect();
     format!("{} {} {:?} {keys:?} {failures:?} {parts:?}", commit.run, commit.frame.id, commit.source_key)
 }
 
-pub(crate) fn told_part(part: PartId, values: &[(Slot, Value)]) -> String {
+pub(crate) fn part_text(part: PartId, values: &[(Slot, Value)]) -> String {
     let values: Vec<_> = values.iter().map(|(slot, value)| format!("{slot:?}={}", told_value(value))).collect();
     format!("{part}: {}", values.join(" "))
 }
@@ -323,7 +323,7 @@ impl Notebook {
     }
 
     pub(crate) fn lines(&self) -> Vec<String> {
-        self.lines.lock().expect("nobody panics with the lock").clone()
+        self.lines.lock().expect("the lock is not poisoned").clone()
     }
 }
 
@@ -357,14 +357,14 @@ impl Tap for Notebook {
         if self.refuses_to_encode.contains(&frame.index) {
             return Err(ErrorMessage::new("no ink"));
         }
-        Ok(told_part(part, values))
+        Ok(part_text(part, values))
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<String>) -> Result<(), ErrorMessage> {
         if self.refuses_to_write.contains(&commit.frame.index) {
             return Err(ErrorMessage::new("no paper"));
         }
-        self.lines.lock().expect("nobody panics with the lock").push(told_commit(commit, &parts));
+        self.lines.lock().expect("the lock is not poisoned").push(commit_text(commit, &parts));
         self.on_write.iter().for_each(|f| f(commit.frame.index));
         Ok(())
     }
@@ -372,7 +372,7 @@ impl Tap for Notebook {
     fn once(&self, run: RunId, slot: Slot, key: &Key, value: &Value, _: &[NodeWarning]) -> Result<(), ErrorMessage> {
         self.lines
             .lock()
-            .expect("nobody panics with the lock")
+            .expect("the lock is not poisoned")
             .push(format!("{run} {slot:?} {key} {}", told_value(value)));
         Ok(())
     }

@@ -70,7 +70,7 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCod
     let foreseen = depthloom_runner::foresee(&ready, &earlier, &InlineHost)
         .map_err(|what| CliError::new(ExitCode::Engine, format!("failed to look ahead: {what}")))?;
     let nearest = earlier.nearest(&plan);
-    let pairs = nearest.map(|(_, before)| node_pairs(before, &RecordedPlan::of(&plan))).unwrap_or_default();
+    let pairs = nearest.map(|(_, before)| node_pairs(before, &RecordedPlan::from_plan(&plan))).unwrap_or_default();
     let why = |node: NodeRef, foreseen: Foreseen| {
         let pair = pairs.iter().find(|pair| pair.after == Some(node))?;
         match (pair.before, pair.differences.as_slice()) {

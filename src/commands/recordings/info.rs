@@ -150,7 +150,7 @@ impl Topic {
 
 /// The frames' positions and keys of a port's values.
 fn keys_of(recording: &Recording, run: RunId, slot: Slot) -> impl Iterator<Item = (FrameIndex, Key)> {
-    let of_once = recording.once_values().iter().filter(move |once| match slot {
+    let of_once = recording.aggregate_values().iter().filter(move |once| match slot {
         Slot::Source { .. } => false,
         Slot::Node { node, port } => (once.run, once.node, once.port) == (run, node, port),
     });
@@ -266,7 +266,7 @@ fn all_keys(recording: &Recording) -> Vec<KeyOf> {
             }
         }
     }
-    for once in recording.once_values() {
+    for once in recording.aggregate_values() {
         let Some(node) = plan.runs.get(once.run.0).and_then(|run| run.nodes.get(once.node.0)) else { continue };
         keys.push(entry(once.run, &node.variants, None, &node.name, once.key));
     }

@@ -50,7 +50,7 @@ pub(crate) fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode,
     let default = Options::default();
     let options = Options { workers: args.workers.map_or(default.workers, usize::from), keep_going: true, ..default };
     let progress = Progress::new(&replay.ready.plan, true);
-    let checker = Checker::new(Arc::clone(&recording), &mut replay, Tolerances::of(&args.tolerance));
+    let checker = Checker::new(Arc::clone(&recording), &mut replay, Tolerances::new(&args.tolerance));
     let report = run(replay.ready, &checker, &options, &progress, &interrupt).map_err(|error| run_failed(&error))?;
     if report.interrupted {
         return Err(CliError::new(ExitCode::Interrupted, "interrupted: not all was compared"));

@@ -73,7 +73,7 @@ fn fault_14_checkpoint_interval_and_sample_memory_do_not_change_keys() {
         run.args(set.iter().flat_map(|set| ["--set", *set]));
         succeed(&mut run);
         let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
-        (recording.plan().clone(), format!("{:?}", recording.once_values()), learned(&out))
+        (recording.plan().clone(), format!("{:?}", recording.aggregate_values()), learned(&out))
     };
     let usual = recorded("usual", &["learn.teacher.with.steps=5"]);
     let often = recorded(

@@ -1,4 +1,4 @@
-//! What a run's folder holds: whatever else lies there is somebody's, and keeps the folder from being replaced.
+//! The content of a run's folder. Any other file prevents that the folder is replaced.
 
 use std::ffi::OsString;
 use std::fs;
@@ -36,13 +36,13 @@ const REPORT: [&str; 15] = [
     SAMPLES,
     PAGE,
 ];
-/// The folders, and the endings of what they hold.
+/// The folders, and the extensions of the files in them.
 const FOLDERS: [(&str, &[&str]); 2] = [("experiment", &["yaml", "yml"]), (MODELS, &["onnx"])];
 
-/// Marks a folder that is not a run's as one whose report depthloom wrote, and may replace.
+/// Marks a folder that is not a run's, but has a report that depthloom wrote and may replace.
 const REPORT_MARKER: &str = ".depthloom-report";
 
-/// What has the name of a report's file or folder, in a folder that is not marked: somebody else's.
+/// A file or folder with a name of a report's, in a folder without the marker: it is foreign.
 pub fn in_the_way_of_a_report(folder: &Path) -> Option<&'static str> {
     let is_there = |name: &str| fs::symlink_metadata(folder.join(name));
     if is_there(REPORT_MARKER).is_ok_and(|marker| marker.is_file()) {
@@ -61,7 +61,7 @@ pub fn mark_for_reports(folder: &Path) -> io::Result<()> {
     depthloom_durable::write(&folder.join(REPORT_MARKER), b"")
 }
 
-/// Removes what killed writers left in a run's folder; for whoever has its lock.
+/// Removes what killed writers left in a run's folder, which the caller has locked.
 pub(super) fn remove_abandoned(folder: &Path) {
     let folders = FOLDERS.iter().map(|(below, _)| folder.join(below));
     for folder in folders.filter(|folder| fs::symlink_metadata(folder).is_ok_and(|there| there.is_dir())) {
@@ -70,8 +70,7 @@ pub(super) fn remove_abandoned(folder: &Path) {
     depthloom_durable::remove_abandoned(folder);
 }
 
-/// Removes the reports of what a folder's recording held before its run goes on: they would be taken for those of the
-/// whole run.
+/// Removes the reports in a folder before its run resumes: they cover only the frames so far.
 pub(super) fn remove_reports(folder: &Path) -> io::Result<()> {
     for name in REPORT {
         match fs::remove_file(folder.join(name)) {
@@ -82,7 +81,7 @@ pub(super) fn remove_reports(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// What lies in the folder that no run wrote there, if anything; of several the first by name.
+/// The first foreign file or folder by name, if any: one that no run wrote.
 pub(super) fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -100,14 +99,15 @@ pub(super) fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
     Ok(names.into_iter().min())
 }
 
-/// Also what a killed writer left: `.<name>.<random>.partial`, before 0.2 `<name>.partial`.
+/// Includes what a killed writer left: `.<name>.<random>.partial`, before 0.2 `<name>.partial`.
 fn is_file_of_a_run(name: &str) -> bool {
     let before = name.strip_suffix(depthloom_durable::PARTIAL).and_then(|name| name.strip_suffix('.'));
     let written = [Some(name), depthloom_durable::final_name(name), before];
     FILES.iter().chain(&REPORT).any(|file| written.contains(&Some(*file)))
 }
 
-/// Whether all files in a folder, and in those in it, have one of these endings, or are about to.
+/// Whether all files in a folder and its subfolders have one of these extensions, also with a suffix of unfinished
+/// files.
 fn holds_only(folder: &Path, endings: &[&str]) -> io::Result<bool> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -129,11 +129,11 @@ mod tests {
     use super::{FILES, FOLDERS, REPORT};
 
     #[test]
-    fn every_file_of_a_run_stands_in_the_guide() {
+    fn the_guide_describes_every_file_of_a_run() {
         let page = include_str!("../../../../docs/reference/files.md");
         let folders = FOLDERS.iter().map(|(folder, _)| format!("{folder}/"));
         let files = FILES.iter().chain(&REPORT).map(|file| (*file).to_owned());
         let missed: Vec<String> = files.chain(folders).filter(|name| !page.contains(&format!("`{name}`"))).collect();
-        assert_eq!(missed, [""; 0], "docs/reference/files.md does not say what these are");
+        assert_eq!(missed, [""; 0], "docs/reference/files.md does not describe these");
     }
 }

@@ -1,5 +1,5 @@
-//! Who writes in a run's folder: one process at a time. The lock is the system's, on the open marker: a crash leaves
-//! none behind.
+//! The lock of a run's folder: one process writes at a time. It is a system lock on the marker file, which a crash
+//! releases.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
@@ -11,7 +11,7 @@ use depthloom_terminal::say;
 use super::marker::is_of_0_1_0;
 use crate::files::MARKER;
 
-/// The right to write in a run's folder, until dropped.
+/// The right to write in a run's folder, until it is dropped.
 #[derive(Debug)]
 pub struct Lock {
     marker: File,
@@ -31,19 +31,19 @@ pub enum Refused {
 impl Lock {
     /// Marks a folder as a run's and locks it.
     ///
-    /// The marker has its name from the start, though it may not be whole yet: a folder is known by it at every moment
-    /// that a kill can leave behind, and of several who mark one folder only one does.
+    /// The marker has its final name from the start, although it may not be complete yet: so a kill always leaves a
+    /// folder that is recognised as a run's, and of several processes that mark one folder only one succeeds.
     ///
     /// # Errors
-    /// [`Refused::Busy`] if another process marked it first, or what the system gave.
+    /// [`Refused::Busy`] if another process marked it first, or the error of the system.
     pub fn mark(folder: &Path) -> Result<Self, Refused> {
         let path = folder.join(MARKER);
         let marker = match depthloom_durable::create_new(&path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Err(Refused::Busy),
             opened => opened?,
         };
-        // Who looks for a run that is over may have locked it by now: then the folder is theirs, and so is the marker.
-        let mut lock = Self::of(marker)?;
+        // A process that looks for finished runs may have locked the marker by now: then the folder belongs to it.
+        let mut lock = Self::lock(marker)?;
         let written = writeln!(lock.marker, "{}", content()).and_then(|()| lock.marker.sync_all());
         match written.and_then(|()| depthloom_durable::sync_name(&path)) {
             Ok(()) => Ok(lock),
@@ -54,26 +54,28 @@ impl Lock {
         }
     }
 
-    /// Locks a run's folder, if nobody has.
+    /// Locks a run's folder, unless another process has.
     ///
     /// # Errors
-    /// [`Refused::Busy`] if another process holds the lock, or what the system gave.
+    /// [`Refused::Busy`] if another process has the lock, or the error of the system.
     pub fn take(folder: &Path) -> Result<Self, Refused> {
         let marker = match depthloom_durable::open_regular(&folder.join(MARKER)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound && is_of_0_1_0(folder) => return Self::mark(folder),
             opened => opened?,
         };
-        let lock = Self::of(marker)?;
-        // Between opening and locking the folder may have been replaced by who had it.
+        let lock = Self::lock(marker)?;
+        // Between opening and locking, the previous owner may have replaced the folder.
         if lock.is_of(folder) { Ok(lock) } else { Err(Refused::Busy) }
     }
 
-    fn of(marker: File) -> Result<Self, Refused> {
+    fn lock(marker: File) -> Result<Self, Refused> {
         match marker.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Err(Refused::Busy),
             Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {
-                say("warning: this disk knows no locks: see to it that no other process writes to the same folder");
+                say(
+                    "warning: this file system does not support locks: make sure that no other process writes to the same folder",
+                );
             }
             Err(TryLockError::Error(error)) => return Err(error.into()),
         }
@@ -90,17 +92,17 @@ impl Lock {
 
 /// Whether a process is writing in a run's folder at this moment.
 ///
-/// Who asks shares a lock for that moment with others who ask, and writes nothing.
+/// Takes a shared lock for a moment, and writes nothing.
 pub fn is_held(folder: &Path) -> bool {
-    let asked = regular_file::open(&folder.join(MARKER)).map(|marker| marker.try_lock_shared());
-    matches!(asked, Ok(Err(TryLockError::WouldBlock)))
+    let shared = regular_file::open(&folder.join(MARKER)).map(|marker| marker.try_lock_shared());
+    matches!(shared, Ok(Err(TryLockError::WouldBlock)))
 }
 
 fn content() -> serde_json::Value {
     serde_json::json!({ "format": "depthloom run 1", "depthloom": env!("CARGO_PKG_VERSION") })
 }
 
-/// What tells a file from every other one, whatever its name.
+/// The identity of a file, whatever its name.
 #[cfg(unix)]
 fn identity(file: &File) -> io::Result<(u64, u64)> {
     use std::os::unix::fs::MetadataExt as _;
@@ -108,7 +110,7 @@ fn identity(file: &File) -> io::Result<(u64, u64)> {
     Ok((metadata.dev(), metadata.ino()))
 }
 
-/// As near as it comes without a file's number.
+/// An approximation on systems without file numbers.
 #[cfg(not(unix))]
 fn identity(file: &File) -> io::Result<std::time::SystemTime> {
     file.metadata()?.created()
@@ -121,7 +123,7 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn a_folder_has_one_writer_and_a_writer_that_is_gone_leaves_no_lock() {
+    fn a_folder_has_one_writer_and_an_ended_writer_leaves_no_lock() {
         let folder = tempfile::tempdir().unwrap();
         let first = Lock::mark(folder.path()).unwrap();
         assert!(matches!(Lock::take(folder.path()), Err(Refused::Busy)) && is_held(folder.path()));
@@ -138,13 +140,13 @@ mod tests {
         let first = Lock::mark(folder.path()).unwrap();
         assert!(matches!(Lock::mark(folder.path()), Err(Refused::Busy)));
         assert!(first.is_of(folder.path()));
-        // A folder that cannot be marked is left as it was.
+        // A folder that cannot be marked stays unchanged.
         assert!(Lock::mark(&folder.path().join("none")).is_err());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]
-    fn a_folder_that_replaced_the_locked_one_is_another() {
+    fn a_folder_that_replaced_the_locked_one_is_detected() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("out");
         fs::create_dir(&out).unwrap();

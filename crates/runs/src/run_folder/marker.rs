@@ -1,4 +1,4 @@
-//! What says that a folder is a run's: a file in it. Only such a folder is ever replaced.
+//! Recognises a run's folder by the marker file in it. Only such a folder is ever replaced.
 
 use std::fs;
 use std::io;
@@ -6,24 +6,24 @@ use std::path::Path;
 
 use crate::files::MARKER;
 
-/// What stands under a path.
+/// What exists at a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PathState {
     /// Nothing.
     Nothing,
-    /// A run's folder, over or still being written.
+    /// A run's folder, finished or still being written.
     Run,
-    /// A folder with nothing in it.
+    /// An empty folder.
     Empty,
     /// Something else, in words.
     Other(&'static str),
 }
 
 impl PathState {
-    /// Looks; a symbolic link is none of what it leads to.
+    /// Examines a path; symbolic links are not followed.
     ///
     /// # Errors
-    /// What the system gave.
+    /// The error of the system.
     pub fn at(path: &Path) -> io::Result<Self> {
         let kind = match fs::symlink_metadata(path) {
             Ok(metadata) => metadata.file_type(),
@@ -41,7 +41,7 @@ impl PathState {
     }
 }
 
-/// Whether it is a whole run's folder as version 0.1.0 left them: without a marker, these two files beside each other.
+/// Whether it is a complete run's folder of version 0.1.0: without a marker, but with both of these files.
 pub(super) fn is_of_0_1_0(folder: &Path) -> bool {
     has_file(folder, "recording.mcap") && has_file(folder, "experiment.resolved.yaml")
 }
@@ -74,7 +74,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_is_no_run_whatever_it_leads_to() {
+    fn a_symbolic_link_is_not_a_run() {
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join("link");
         std::os::unix::fs::symlink(folder.path().join("nowhere"), &link).unwrap();

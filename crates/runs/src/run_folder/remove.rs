@@ -1,4 +1,4 @@
-//! Removing a run that is over: a folder with a run's marker, under its lock, that holds nothing but what runs write.
+//! Removes finished runs: a folder with a run's marker, under its lock, that contains only files of runs.
 
 use std::fs;
 use std::io;
@@ -11,7 +11,7 @@ use super::marker::PathState;
 use super::paths::{aside, failed, found, harm, normalize_lexically};
 use crate::files::MARKER;
 
-/// A run that is about to be removed: nobody else writes in it, or can begin to.
+/// A run that is about to be removed; its lock keeps other processes from writing in it.
 #[derive(Debug)]
 pub struct Removal {
     folder: PathBuf,
@@ -19,11 +19,12 @@ pub struct Removal {
 }
 
 impl Removal {
-    /// Locks a run's folder and looks whether it may be removed.
+    /// Locks a run's folder and checks whether it may be removed.
     ///
     /// # Errors
-    /// If it is no run's folder, a link, of a run that goes on, where the person stands, or holds what no run wrote.
-    pub fn of(folder: &Path) -> Result<Self, CliError> {
+    /// If it is not a run's folder, is a link, is being written, contains the current folder, or contains foreign
+    /// files.
+    pub fn prepare(folder: &Path) -> Result<Self, CliError> {
         let folder = normalize_lexically(folder).map_err(may_not)?;
         let refuse = |why: &str, remedy: &str| {
             Err(CliError::usage(format!("{} is not removed: {why}", folder.display()), remedy))
@@ -31,9 +32,9 @@ impl Removal {
         match found(&folder).map_err(may_not)? {
             PathState::Run if folder.join(MARKER).exists() => {}
             PathState::Run => return refuse("it has no marker, for version 0.1.0 made it", "remove it yourself"),
-            PathState::Other(what) => return refuse(&format!("it is {what}"), "only folders of runs are removed"),
-            PathState::Empty => return refuse("it is an empty folder", "only folders of runs are removed"),
-            PathState::Nothing => return refuse("there is nothing", "`depthloom runs` lists the runs there are"),
+            PathState::Other(what) => return refuse(&format!("it is {what}"), "only folders of runs can be removed"),
+            PathState::Empty => return refuse("it is an empty folder", "only folders of runs can be removed"),
+            PathState::Nothing => return refuse("it does not exist", "`depthloom runs` lists the runs"),
         }
         let lock = Lock::take(&folder).map_err(|refused| {
             let stop =
@@ -51,11 +52,11 @@ impl Removal {
         &self.folder
     }
 
-    /// Removes it. Nothing is left under its name at any moment but the whole run; what a kill leaves, under another
-    /// name, is a run's folder still, and can be removed as one.
+    /// Removes it. At every moment, its name belongs to the complete run or to nothing. What a kill leaves has another
+    /// name, is still a run's folder, and can be removed as one.
     ///
     /// # Errors
-    /// What the system gave.
+    /// The error of the system.
     pub fn remove(self) -> Result<(), CliError> {
         let Self { folder, lock } = self;
         // Where folders with open files cannot be renamed the lock goes now.
@@ -72,14 +73,14 @@ impl Removal {
 }
 
 const RIGHT: &str =
-    "removing a run takes the right to write in its folder and in the one around it, on a disk that takes writes";
+    "removing a run requires write permission for its folder and for the parent folder, on a writable disk";
 
-/// What the system refuses, with a remedy for who removes: another folder to write is none.
+/// A refusal of the system, with a remedy: choosing another folder does not help here.
 fn may_not(stop: CliError) -> CliError {
     stop.remedy(RIGHT)
 }
 
-/// Removes a run's folder, the marker last. Links are removed, and never followed.
+/// Removes a run's folder, the marker last. Links are removed, not followed.
 fn remove_all(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -109,7 +110,7 @@ mod tests {
     }
 
     fn refused(folder: &Path) -> String {
-        let stop = Removal::of(folder).unwrap_err();
+        let stop = Removal::prepare(folder).unwrap_err();
         assert_eq!(stop.exit, ExitCode::Usage);
         stop.message.what
     }
@@ -121,36 +122,36 @@ mod tests {
         run(&out);
         fs::create_dir(out.join("models")).unwrap();
         fs::write(out.join("models/learn.teacher.onnx"), "network").unwrap();
-        let removal = Removal::of(&out).unwrap();
-        assert!(refused(&out).contains("another process is writing to it"), "who removes it has it alone");
+        let removal = Removal::prepare(&out).unwrap();
+        assert!(refused(&out).contains("another process is writing to it"), "a removal locks the folder");
         removal.remove().unwrap();
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
-        assert!(refused(&out).contains("there is nothing"));
+        assert!(refused(&out).contains("it does not exist"));
     }
 
     #[test]
-    fn what_a_kill_left_of_a_removal_is_removed_as_a_run() {
+    fn an_interrupted_removal_can_be_repeated() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("out.replaced-7");
         fs::create_dir(&out).unwrap();
         fs::write(out.join(MARKER), "").unwrap();
-        Removal::of(&out).unwrap().remove().unwrap();
+        Removal::prepare(&out).unwrap().remove().unwrap();
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
     #[test]
-    fn nothing_is_removed_that_is_not_a_runs() {
+    fn only_folders_of_runs_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("out");
         run(&out);
-        // Somebody's file, and a run in the run.
+        // A foreign file, and a run in the run.
         fs::write(out.join("thesis"), "years").unwrap();
-        assert!(refused(&out).contains("it holds thesis, which no run wrote"));
+        assert!(refused(&out).contains("it contains thesis, which no run wrote"));
         fs::remove_file(out.join("thesis")).unwrap();
         run(&out.join("inner"));
-        assert!(refused(&out).contains("it holds inner"));
-        Removal::of(&out.join("inner")).unwrap().remove().unwrap();
-        // Without the marker it is nobody's.
+        assert!(refused(&out).contains("it contains inner"));
+        Removal::prepare(&out.join("inner")).unwrap().remove().unwrap();
+        // Without the marker it is a foreign folder.
         let marker = fs::read(out.join(MARKER)).unwrap();
         fs::remove_file(out.join(MARKER)).unwrap();
         assert!(refused(&out).contains("not of a run"));
@@ -161,7 +162,7 @@ mod tests {
         fs::write(out.join(MARKER), marker).unwrap();
         let live = RunFolder::create(&folder.path().join("live"), false, &[], |_| PartialContent::Other).unwrap();
         assert!(refused(&live.partial).contains("another process is writing to it"));
-        Removal::of(&out).unwrap();
+        Removal::prepare(&out).unwrap();
     }
 
     #[cfg(unix)]
@@ -175,12 +176,12 @@ mod tests {
         let link = folder.path().join("link");
         std::os::unix::fs::symlink(&out, &link).unwrap();
         assert!(refused(&link).contains("it is a symbolic link"));
-        assert!(refused(&link.join("")).contains("it is a symbolic link"), "a slash behind it changes nothing");
+        assert!(refused(&link.join("")).contains("it is a symbolic link"), "a trailing slash changes nothing");
         std::os::unix::fs::symlink(&precious, out.join("models")).unwrap();
-        assert!(refused(&out).contains("it holds models, which no run wrote"));
+        assert!(refused(&out).contains("it contains models, which no run wrote"));
         fs::remove_file(out.join("models")).unwrap();
-        // One that comes behind the look is removed itself.
-        let removal = Removal::of(&out).unwrap();
+        // A link that is created after the check is removed itself.
+        let removal = Removal::prepare(&out).unwrap();
         std::os::unix::fs::symlink(&precious, out.join("models")).unwrap();
         removal.remove().unwrap();
         assert_eq!(fs::read_to_string(precious.join("years.onnx")).unwrap(), "years");

@@ -6,7 +6,7 @@ fn create(out: &Path, overwrite: bool) -> Result<RunFolder, ExitCode> {
     RunFolder::create(out, overwrite, &[], |_| PartialContent::Other).map_err(|stop| stop.exit)
 }
 
-/// A run that is over, with one file.
+/// A finished run with one file.
 fn whole_run(out: &Path, content: &str) {
     let folder = create(out, true).unwrap();
     folder.write("scores.csv", content).unwrap();
@@ -66,7 +66,7 @@ fn fault_41_a_run_that_goes_on_is_not_replaced_and_one_that_is_over_is() {
     live.write("scores.csv", "first").unwrap();
     assert_eq!(create(&out, true).err(), Some(ExitCode::Usage), "its partial folder is being written");
     live.finish().unwrap();
-    assert_eq!(create(&out, false).err(), Some(ExitCode::Usage), "nobody asked for it");
+    assert_eq!(create(&out, false).err(), Some(ExitCode::Usage), "without --overwrite it is refused");
 
     let next = create(&out, true).unwrap();
     assert_eq!(content(&out), "first", "until the new run is whole the old one stays");
@@ -190,7 +190,7 @@ fn a_run_that_ended_as_it_began_is_in_nobodys_way() {
         create(&out, true).unwrap().discard();
         assert_eq!(names(folder.path()), Vec::<String>::new());
     }
-    // Under the final name it is somebody's all the same.
+    // Under the final name it is foreign all the same.
     fs::create_dir(&out).unwrap();
     assert_eq!(create(&out, true).err(), Some(ExitCode::Usage));
     assert_eq!(names(folder.path()), ["out"]);

@@ -47,7 +47,7 @@ pub(super) fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliE
     let selected = || runs.iter().filter(|run| run.is_of(rules));
     let mut removed = RemovedRuns::default();
     for run in chosen.iter().map(|&run| &runs[run]) {
-        match Removal::of(&run.found.path) {
+        match Removal::prepare(&run.found.path) {
             Ok(removal) if rules.dry_run => removed.add("would remove", removal.folder(), run.bytes, args.json)?,
             Ok(removal) => removed.remove(removal, args.json)?,
             // Begun in the meantime, or not ours to remove.

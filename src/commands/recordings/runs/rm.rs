@@ -33,7 +33,7 @@ pub(super) fn rm(args: &RunsArgs, named: &RmArgs) -> Result<ExitCode, CliError> 
         // A run may be named twice.
         let is_taken = |removal: &Removal| same(removal.folder(), &folder);
         if !removals.iter().any(is_taken) {
-            removals.push(Removal::of(&folder)?);
+            removals.push(Removal::prepare(&folder)?);
         }
     }
     let mut done = RemovedRuns::default();

@@ -1,5 +1,5 @@
 //! Compares an interrupted run with what the same run would record today: frame by frame, by cache keys, before
-//! anything is kept.
+//! anything is recorded.
 
 use std::ops::ControlFlow;
 
@@ -12,7 +12,7 @@ use crate::reuse::foresee::{KnownStage, Preview, walk};
 use crate::stage::frame_graph::StepId;
 
 /// The frames and aggregate values that an interrupted run recorded.
-pub trait KeptValues {
+pub trait RecordedValues {
     /// How many frames of a stage run.
     fn frames(&self, run: RunId) -> usize;
 
@@ -40,40 +40,40 @@ pub trait KeptValues {
 pub fn outdated(
     ready: &Ready,
     store: &dyn Store,
-    kept: &dyn KeptValues,
+    recorded: &dyn RecordedValues,
     host: &dyn Host,
 ) -> Result<Option<String>, ErrorMessage> {
     let tap = Preview { plan: &ready.plan, store };
     let mut found = None;
     walk(ready, &tap, host, |stage| {
-        found = outdated_in(ready, stage, kept);
+        found = outdated_in(ready, stage, recorded);
         if found.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     Ok(found)
 }
 
-fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> Option<String> {
+fn outdated_in(ready: &Ready, known: &KnownStage<'_>, recorded: &dyn RecordedValues) -> Option<String> {
     let (run, planned) = (known.run, &ready.plan.runs[known.run]);
     let stage = &planned.stage;
-    for position in FrameIndex::all(kept.frames(run)) {
+    for position in FrameIndex::all(recorded.frames(run)) {
         let Some(frame) = known.source.frames().get(position.0) else {
             return Some(format!("stage `{stage}` has {position} frames today, and had more"));
         };
         let id = &frame.id;
-        if !kept.is_frame(run, position, frame) {
+        if !recorded.is_frame(run, position, frame) {
             let number = position.0 + 1;
             return Some(format!("frame {number} of stage `{stage}` is `{id}` today, and was another frame"));
         }
         // A failure is not a result: today it may succeed.
-        let Some(key) = kept.source_key(run, position).filter(|_| !kept.has_failed(run, position)) else {
+        let Some(key) = recorded.source_key(run, position).filter(|_| !recorded.has_failed(run, position)) else {
             return Some(format!("frame `{id}` of stage `{stage}` failed then"));
         };
         if known.source.key(position).ok() != Some(key) {
             return Some(format!("the data of frame `{id}` of stage `{stage}` changed"));
         }
         let keys = known.reuse.keys(known.graph, position, key);
-        let mut node_keys = kept.node_keys(run, position).iter();
-        if let Some(changed) = node_keys.find(|kept| keys[StepId::of_node(kept.node)] != Some(kept.key)) {
+        let mut node_keys = recorded.node_keys(run, position).iter();
+        if let Some(changed) = node_keys.find(|stored| keys[StepId::of_node(stored.node)] != Some(stored.key)) {
             let node = &planned.nodes[changed.node].name;
             return Some(format!(
                 "what node `{stage}.{node}` computes frame `{id}` from changed, or its recorded values are damaged"
@@ -81,13 +81,13 @@ fn outdated_in(ready: &Ready, known: &KnownStage<'_>, kept: &dyn KeptValues) -> 
         }
     }
     // Aggregate values and later stages are written after the last frame of a stage.
-    let (recorded, today) = (kept.frames(run), known.source.frames().len());
-    let is_written = |later: RunId| later > run && kept.frames(later) > 0 || !kept.aggregates(later).is_empty();
+    let (recorded, today) = (recorded.frames(run), known.source.frames().len());
+    let is_written = |later: RunId| later > run && recorded.frames(later) > 0 || !recorded.aggregates(later).is_empty();
     if recorded < today && RunId::all(ready.plan.runs.len()).skip(run.0).any(is_written) {
         return Some(format!("stage `{stage}` has {today} frames today, and ended after {recorded}"));
     }
     // One whose key is not known before the run is compared when it is written.
-    let mut aggregates = kept.aggregates(run).into_iter();
+    let mut aggregates = recorded.aggregates(run).into_iter();
     let (node, _) = aggregates.find(|(node, key)| known.aggregates.get(node).is_some_and(|today| today != key))?;
     let node = &planned.nodes[node].name;
     Some(format!("what node `{stage}.{node}` computes its aggregate values from changed, or they are incomplete"))
