@@ -71,7 +71,7 @@ class Browser:
         self.process.wait()
 
 
-# The slider is moved as a hand moves it: a frame further whenever the browser asks for the next picture; what is counted are pictures drawn.
+# The slider moves by one frame whenever the browser requests the next picture, as with a hand; the drawn pictures are counted.
 DRAG = """(async () => {
   const slider = document.getElementById("slider"), { state } = depthloomPage, last = Number(slider.max);
   slider.scrollIntoView({ behavior: "instant" });
@@ -94,12 +94,12 @@ for _ in range(rounds):
     drawn.append(seconds[1])
     cold.append(browser.eval(DRAG))
     warm.append(browser.eval(DRAG))
-    told = browser.eval("[depthloomPage.state.part.frames.length, depthloomPage.state.views.length, document.querySelector('.view:nth-child(2) canvas').width]")
+    counts = browser.eval("[depthloomPage.state.part.frames.length, depthloomPage.state.views.length, document.querySelector('.view:nth-child(2) canvas').width]")
     browser.close()
 print(f"page size-mb {os.path.getsize(file) / 1e6:.1f}")
-print(f"page frames {told[0]}")
-print(f"page views {told[1]}")
-print(f"page map-columns {told[2]}")
+print(f"page frames {counts[0]}")
+print(f"page views {counts[1]}")
+print(f"page map-columns {counts[2]}")
 print(f"page open-s {statistics.median(loaded):.2f}")
 print(f"page first-frame-s {statistics.median(drawn):.2f}")
 print(f"page slider-first-fps {statistics.median(cold):.1f}")

@@ -66,7 +66,7 @@ def dora_asks(rounds):
 
 
 def dora_answers():
-    """The dora node that gives back the first of three maps."""
+    """The dora node that returns the first of three maps."""
     import pyarrow as pa
     from dora import Node
 

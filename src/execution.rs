@@ -143,7 +143,7 @@ pub(crate) fn carry_out(
         report: report::Report::of(&report, None),
         error: incomplete.as_ref().map(Error::from),
     };
-    show(args, &report, output, &out).map_err(|stop| stop.also(format!("the run is whole in {}", out.display())))?;
+    show(args, &report, output, &out).map_err(|stop| stop.also(format!("the run is complete in {}", out.display())))?;
     if args.page.open {
         page::open(&out);
     }

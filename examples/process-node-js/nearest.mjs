@@ -35,7 +35,7 @@ const say = (says, number, values, message = '') => {
   writer.write(new RecordBatch(schema, struct(new Struct(schema.fields), columns)));
 };
 
-// The samples lie where they were received: no copy is made of them.
+// The samples stay in the received buffer and are not copied.
 const read = (value) => ({ width: value.width, height: value.height, data: value.data.toArray() });
 
 const calls = await (await RecordBatchReader.from(process.stdin)).open();
@@ -46,7 +46,7 @@ for await (const batch of calls) {
   const { number, inputs } = batch.get(0);
   try {
     const [one, other] = [read(inputs.one), read(inputs.other)];
-    // NaN is no answer: the other one stands.
+    // NaN is invalid: the other value is used.
     const nearer = one.data.map((z, i) => (z < other.data[i] || Number.isNaN(other.data[i]) ? z : other.data[i]));
     say('values', number, depth({ ...one, data: nearer.map((z) => (z > farthest ? NaN : z)) }));
   } catch (error) {

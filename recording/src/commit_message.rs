@@ -86,7 +86,7 @@ impl CommitMessage {
             frame: commit.frame.id.to_string(),
             index: commit.frame.index,
             source_key: commit.source_key.map_or_else(String::new, |key| key.to_string()),
-            keys: keys.map(|of| NodeKeyMessage { node: of.node.0 as u32, key: of.key.to_string() }).collect(),
+            keys: keys.map(|slot| NodeKeyMessage { node: slot.node.0 as u32, key: slot.key.to_string() }).collect(),
             failures: failures
                 .map(|failure| FailureMessage {
                     node: failure.node.map(|node| node.0 as u32),
@@ -109,9 +109,9 @@ impl CommitMessage {
             warnings: commit
                 .warnings
                 .iter()
-                .map(|of| WarningMessage {
-                    node: of.node.map(|node| node.0 as u32),
-                    what: of.what.clone(),
+                .map(|warning| WarningMessage {
+                    node: warning.node.map(|node| node.0 as u32),
+                    what: warning.what.clone(),
                     count: warning.count,
                 })
                 .collect(),
@@ -130,9 +130,9 @@ impl CommitMessage {
     pub(crate) fn warnings(&self) -> Vec<NodeWarning> {
         let warnings = self.warnings.iter();
         warnings
-            .map(|of| NodeWarning {
-                node: of.node.map(|node| NodeId(node as usize)),
-                what: of.what.clone(),
+            .map(|warning| NodeWarning {
+                node: warning.node.map(|node| NodeId(node as usize)),
+                what: warning.what.clone(),
                 count: warning.count,
             })
             .collect()
@@ -150,6 +150,8 @@ impl CommitMessage {
 
     pub(crate) fn failures(&self) -> Vec<Failure> {
         let failures = self.failures.iter();
-        failures.map(|of| Failure { node: of.node.map(|node| NodeId(node as usize)), what: of.what.clone() }).collect()
+        failures
+            .map(|failure| Failure { node: failure.node.map(|node| NodeId(node as usize)), what: failure.what.clone() })
+            .collect()
     }
 }

@@ -47,7 +47,7 @@ impl fmt::Display for Condition {
             Self::Whole => f.write_str("whole"),
             Self::Unfinished { rest_bytes: 0 } => f.write_str("unfinished"),
             Self::Unfinished { rest_bytes } => {
-                write!(f, "unfinished, and its last {rest_bytes} bytes belong to no whole frame")
+                write!(f, "unfinished: its last {rest_bytes} bytes are not part of a complete frame")
             }
             Self::Recovered => f.write_str("recovered from an unfinished or damaged recording"),
             Self::Damaged { offset, what, cut: true } => {

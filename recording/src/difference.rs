@@ -298,7 +298,7 @@ fn wire(plan: &RecordedPlan, place: NodeRef, input: &RecordedInput) -> Wire {
     if let Some(once) = from.strip_prefix("once ") {
         let is_read = |of: &&RecordedNode| of.variants.iter().any(|of| node(plan, place).variants.contains(of));
         let has_output = |run: &RecordedRun, node: &RecordedNode| {
-            of.outputs.iter().any(|output| format!("{}.{}/{}", run.stage, of.name, output.port) == once)
+            node.outputs.iter().any(|output| format!("{}.{}/{}", run.stage, node.name, output.port) == once)
         };
         let mut found =
             plan.runs.iter().flat_map(|run| run.nodes.iter().filter(|node| has_output(run, node)).filter(is_read));

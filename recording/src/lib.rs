@@ -60,7 +60,7 @@ pub use read::topic_sizes::TopicSize;
 pub use reuse::earlier_runs::EarlierRuns;
 pub use source::{Mcap, McapParams};
 pub use write::attachments::Attachment;
-pub use write::disk::{Disk, Through};
+pub use write::disk::{Disk, WrapFile};
 pub use write::part::Part;
 pub use write::recorder::{Compression, Recorder, Written};
 pub use write::resume::{Recovered, recover};

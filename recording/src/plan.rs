@@ -172,7 +172,7 @@ impl RecordedPlan {
     /// # Errors
     /// If a recording with this plan could not be read, in words.
     pub fn read_back(plan: &Plan) -> Result<Self, String> {
-        Self::from_json(&json(&Self::of(plan)))
+        Self::from_json(&json(&Self::from_plan(plan)))
     }
 
     /// The values of the matrix axes in a variant; empty without a matrix.

@@ -71,9 +71,7 @@ impl SourceKind for Mcap {
             doc: "\
 `path` is a `recording.mcap`, or the folder of a run. The recording determines the outputs. An output of the recorded source keeps its name (`left`, \
 `calibration`, `depth`). An output of a node is `node.output`: `source/stereo.disparity` reads recorded disparities. `outputs` selects among them. \
-`depthloom info` lists the topics of a recording.
-
-\
+`depthloom info` lists the topics of a recording.\n\n\
 Frames keep id, index and time. Their cache key is that of the recorded values, so nothing is decoded to determine it. If only outputs of the recorded \
 source are used, cached results for that source stay valid. With `record: { every: n }`, the source has the frames whose values were recorded. Scores \
 and aggregate values (models, samples) are not outputs: read a model with `{ file: PATH }`. If the recording was cut off, its complete frames are read, \
@@ -149,7 +147,7 @@ impl Mcap {
         positions_by_index.sort_by_key(|position| recorded[*position].index);
         let frame_ids: Vec<(u64, &str)> =
             positions_by_index.iter().map(|at| (recorded[*at].index, &*recorded[*at].id)).collect();
-        if known.is_empty() {
+        if frame_ids.is_empty() {
             let (path, stage) = (recording.path().display(), recording.plan().runs[run].name());
             let what = match recording.condition() {
                 Condition::Whole => format!("{path} has no frames of stage `{stage}`"),

@@ -342,7 +342,7 @@ impl<'a> Reuse<'a> {
 
     /// By step, the key of its values on a frame, if the store has them.
     pub(crate) fn keys(&self, graph: &FrameGraph, position: FrameIndex, source: Key) -> Vec<Option<Key>> {
-        let key = |known: Known| match known {
+        let key = |known: StepState| match known {
             StepState::Stored(key, _) => Some(key),
             StepState::Unknown | StepState::Absent => None,
         };

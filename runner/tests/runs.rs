@@ -95,7 +95,7 @@ fn keep_going_leaves_tombstones_and_siblings_go_on() {
     assert_eq!(report.failures.len(), 1, "what was not run is not listed: {:?}", report.failures);
     assert_eq!(
         (report.failures[0].node, report.failures[0].remedy.as_deref()),
-        (Some(NodeId(1)), Some("do not tell it to"))
+        (Some(NodeId(1)), Some("do not request it"))
     );
 }
 

@@ -19,7 +19,7 @@ pub(crate) struct Answer {
 
 impl Answer {
     /// What a child printed and left in a folder.
-    pub(crate) fn of(ended: &Ended, folder: &Path) -> Self {
+    pub(crate) fn new(ended: &Ended, folder: &Path) -> Self {
         Self { stdout: ended.stdout.clone(), files: files(folder) }
     }
 
@@ -75,8 +75,8 @@ fn collect(folder: &Path, prefix: &str, found: &mut BTreeMap<String, Vec<u8>>) {
     }
 }
 
-/// The numbers of a page: all but what it says of the moment and of the recording's condition, which is judged by what
-/// is printed, and its pictures, of which one that cannot be read is left out and counted. `None` of what is no page.
+/// The numbers of a page, except times and the recording's condition, which is judged by the printed text, and except
+/// its pictures, of which a damaged one is omitted and counted. `None` if it is not a page.
 fn numbers_of_page(page: &[u8]) -> Option<Vec<u8>> {
     let page = std::str::from_utf8(page).ok()?;
     let (_, rest) = page.split_once("id=\"data\">")?;

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// What was asked for.
+/// The arguments of the program.
 pub(crate) struct Arguments {
     pub seed: u64,
     /// Ten thousand cases, not some hundred.
     pub full: bool,
-    /// So many of each kind, instead.
+    /// The number of cases of each kind.
     pub cases: Option<usize>,
     /// Only areas and kinds whose name holds one of these.
     pub only: Vec<String>,

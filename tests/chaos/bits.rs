@@ -1,9 +1,9 @@
-//! Bits flipped one at a time, reported or taken up again by the program.
+//! Bits flipped one at a time, reported or resumed by the program.
 //!
 //! A bit of a whole recording: an error, or the very same answer. Where the bit makes the file look unfinished, the
 //! same tables with a word about it are the same answer, too. A bit of an unfinished recording: an error, the answer of
-//! the recording as it was, or that of one cut earlier: what is behind a damaged record cannot be told from what a kill
-//! left. The last must be said. Tables that come with an error are those of the recording or of a cut one, too. A bit
+//! the recording as it was, or that of one cut earlier: what follows a damaged record cannot be distinguished from what a kill
+//! left. The last must be reported. Tables that come with an error are those of the recording or of a cut one, too. A bit
 //! of a checkpoint: the training begun again ends with the same bytes, or in an error.
 
 use std::fs;
@@ -83,7 +83,7 @@ fn reported(case: &mut Case<'_>, recording: &[u8], within: usize) -> (crate::chi
     case.note(what);
     case.write("recording.mcap", bytes);
     let ended = case.run(&mut case.depthloom(&REPORT));
-    let answer = Answer::of(&ended, &case.at("out"));
+    let answer = Answer::new(&ended, &case.at("out"));
     (ended, answer)
 }
 
@@ -101,7 +101,7 @@ pub(crate) fn checkpoint(case: &mut Case<'_>) -> Verdict {
     fs::write(case.at("checkpoints").join(name), bytes).expect("written");
     case.write("experiment.yaml", reference.experiment);
     let ended = case.run(&mut case.depthloom(&RUN));
-    let answer = Answer::of(&ended, &case.at("run"));
+    let answer = Answer::new(&ended, &case.at("run"));
     judge(&ended, || match reference.run.difference(&answer) {
         None => Verdict::Equal,
         Some(difference) => Verdict::Different(difference),

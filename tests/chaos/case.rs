@@ -15,7 +15,7 @@ pub(crate) struct Case<'a> {
     pub random: Random,
     /// A private folder, empty at first; the program runs in it.
     pub folder: PathBuf,
-    /// The folder around it, for what is no business of the program's.
+    /// The folder around it, for files that the program does not see.
     pub home: PathBuf,
     pub ground: &'a Ground,
     /// What was done and how it ended: printed where the case fails.
@@ -79,7 +79,7 @@ impl Case<'_> {
     /// Waits for a child's end.
     pub(crate) fn end(&mut self, running: Running) -> Ended {
         let ended = running.end();
-        self.note(format!("  {}", ended.told()));
+        self.note(format!("  {}", ended.summary()));
         let count = self.notes.len();
         self.keep(&format!("said/{count}.err"), &ended.stderr);
         self.keep(&format!("said/{count}.out"), &ended.stdout);

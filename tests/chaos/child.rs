@@ -1,4 +1,4 @@
-//! A child: started in a group of its own, listened to, and ended when its time is over.
+//! A child process: started in its own group, with its output read, and ended at its time limit.
 
 use std::io::Read;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -31,7 +31,7 @@ impl Ended {
     }
 
     /// How it ended, in a few words.
-    pub(crate) fn told(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let how = match (self.hung, self.code, self.signal) {
             (true, ..) => "hung".to_owned(),
             (_, Some(code), _) => format!("exit {code}"),
@@ -76,7 +76,7 @@ fn listen(from: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
 
 impl Running {
     /// Whether it has ended by itself.
-    pub(crate) fn is_over(&mut self) -> bool {
+    pub(crate) fn has_ended(&mut self) -> bool {
         if self.ended.is_none() {
             self.ended = self.child.try_wait().expect("a child can be asked");
         }
@@ -91,19 +91,19 @@ impl Running {
 
     /// Sends a signal (`INT`, `TERM`, `HUP`, `KILL`) unless it has ended.
     pub(crate) fn signal(&mut self, name: &str) {
-        if !self.is_over() {
+        if !self.has_ended() {
             send(name, &self.child.id().to_string());
         }
     }
 
-    /// Waits for a moment of the child's life: until `come` says so, it has ended, or its time is over. Whether it
-    /// came.
+    /// Waits for a moment of the child's life: until `come` returns true, it has ended, or its time limit is reached.
+    /// Returns whether the moment came.
     pub(crate) fn until(&mut self, mut come: impl FnMut(&Self) -> bool) -> bool {
         loop {
             if come(self) {
                 return true;
             }
-            if self.is_over() || Instant::now() > self.deadline {
+            if self.has_ended() || Instant::now() > self.deadline {
                 return false;
             }
             std::thread::sleep(LOOK_EVERY);
@@ -113,19 +113,19 @@ impl Running {
     /// Waits some time, or until it has ended.
     pub(crate) fn wait(&mut self, time: Duration) {
         let end = Instant::now() + time;
-        while !self.is_over() && Instant::now() < end {
+        while !self.has_ended() && Instant::now() < end {
             std::thread::sleep(LOOK_EVERY.min(end.saturating_duration_since(Instant::now())));
         }
     }
 
-    /// Waits until it ends; ends it where it takes too long, and then tells what each of its threads was at.
+    /// Waits until it ends; ends it at the time limit, and then reports what each of its threads was doing.
     pub(crate) fn end(mut self) -> Ended {
-        // What this process or a `kill` before was late is no fault of the child: it may have waited for them.
+        // A delay of this process or of an earlier `kill` is not a fault of the child: it may have waited for them.
         let deadline = self.deadline.max(Instant::now() + AT_THE_END);
-        while !self.is_over() && Instant::now() < deadline {
+        while !self.has_ended() && Instant::now() < deadline {
             std::thread::sleep(LOOK_EVERY);
         }
-        let hung = !self.is_over();
+        let hung = !self.has_ended();
         let mut threads = String::new();
         if hung {
             threads = threads_of(self.child.id());
@@ -144,15 +144,15 @@ impl Running {
 
 /// Every thread of a process: its name, its state, and what it waits for in the system.
 fn threads_of(process: u32) -> String {
-    let mut told = String::from("== threads when its time was over\n");
+    let mut report = String::from("== threads at the time limit\n");
     for task in std::fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten() {
         let read = |name| std::fs::read_to_string(task.path().join(name)).unwrap_or_default();
         let status = read("status");
         let state = status.lines().find(|line| line.starts_with("State:")).unwrap_or("State: unknown");
         let (name, at, call) = (read("comm"), read("wchan"), read("syscall"));
-        told.push_str(&format!("{}: {state}, in {at}, system call {}\n", name.trim_end(), call.trim_end()));
+        report.push_str(&format!("{}: {state}, in {at}, system call {}\n", name.trim_end(), call.trim_end()));
     }
-    told
+    report
 }
 
 fn send(name: &str, to: &str) {

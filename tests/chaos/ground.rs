@@ -244,7 +244,7 @@ impl Ground {
         let mut command = self.command(&folder);
         command.args(REPORT);
         let ended = child::start(&mut command, None, None, self.patience).end();
-        ended.succeeded().then(|| Answer::of(&ended, &folder.join("out")))
+        ended.succeeded().then(|| Answer::new(&ended, &folder.join("out")))
     }
 
     fn succeed(&self, folder: &Path, arguments: &[&str]) -> (Duration, Answer) {
@@ -252,8 +252,8 @@ impl Ground {
         command.args(arguments);
         let began = Instant::now();
         let ended = child::start(&mut command, None, None, self.patience).end();
-        assert!(ended.succeeded(), "the undisturbed program fails: {command:?}: {}\n{}", ended.told(), ended.stderr);
-        (began.elapsed(), Answer::of(&ended, &folder.join("run")))
+        assert!(ended.succeeded(), "the undisturbed program fails: {command:?}: {}\n{}", ended.summary(), ended.stderr);
+        (began.elapsed(), Answer::new(&ended, &folder.join("run")))
     }
 
     fn fresh(&self, name: &str) -> PathBuf {
@@ -307,7 +307,7 @@ impl Reference {
             || answers.into_iter().any(|cut| whole().all(|(name, bytes)| cut.files.get(name) == Some(bytes)))
     }
 
-    /// The answer of a recording of so many frames.
+    /// The answer of a recording with this many frames.
     pub(crate) fn of_frames(&self, frames: usize) -> impl Iterator<Item = &Shorter> {
         self.shorter.iter().filter(move |shorter| shorter.frames == frames)
     }

@@ -167,7 +167,7 @@ fn run(case: &mut Case<'_>) -> Ended {
 
 fn run_and_compare(case: &mut Case<'_>) -> Verdict {
     let ended = run(case);
-    let answer = Answer::of(&ended, &case.at("run")).without_recording();
+    let answer = Answer::new(&ended, &case.at("run")).without_recording();
     let undamaged = case.ground.data().1.clone().without_recording();
     judge(&ended, || match undamaged.difference(&answer) {
         None => Verdict::Equal,

@@ -61,7 +61,7 @@ pub(crate) fn report(case: &mut Case<'_>) -> Verdict {
         return Verdict::different(format!("a killed report left a {name} that is not whole"));
     }
     let ended = case.run(&mut case.depthloom(&REPORT));
-    let mut answer = Answer::of(&ended, &case.at("out"));
+    let mut answer = Answer::new(&ended, &case.at("out"));
     // A file under another name than its final one may stay.
     answer.files.retain(|name, _| !name.ends_with(".partial"));
     judge(&ended, || match reference.report.difference(&answer) {

@@ -19,7 +19,7 @@ pub(crate) fn look(case: &mut Case<'_>, reference: &Reference, ended: &Ended, by
         return fault;
     }
     let whole = case.at("run");
-    let answer = Answer::of(ended, &whole);
+    let answer = Answer::new(ended, &whole);
     if ended.succeeded() {
         return match reference.run.difference_in_files(&answer) {
             None => Verdict::Equal,
@@ -27,7 +27,7 @@ pub(crate) fn look(case: &mut Case<'_>, reference: &Reference, ended: &Ended, by
         };
     }
     if ended.signal.is_some_and(|signal| !by.contains(&signal)) {
-        return Verdict::different(format!("ended by {}", ended.told()));
+        return Verdict::different(format!("ended by {}", ended.summary()));
     }
     if whole.exists() {
         // The folder has its final name when everything in it is whole: what came too late cost nothing.
@@ -47,7 +47,7 @@ fn look_at_recording(case: &mut Case<'_>, reference: &Reference, path: &Path, ki
     let frames = records::commits(&bytes).len();
     case.note(format!("  left {} bytes, {frames} whole frames", bytes.len()));
     if killed && !reference.recording.starts_with(&bytes) {
-        return Verdict::different("what a kill left is no beginning of the whole recording");
+        return Verdict::different("the rest after a kill is not a beginning of the complete recording");
     }
     let left = case.home.join("left");
     let ended = case.run(case.depthloom(&["report", "--out"]).arg(&left).arg(path));
@@ -57,10 +57,10 @@ fn look_at_recording(case: &mut Case<'_>, reference: &Reference, path: &Path, ki
     if !ended.succeeded() {
         return match frames {
             0 => Verdict::Error,
-            _ => Verdict::different(format!("{frames} whole frames cannot be read: {}", ended.told())),
+            _ => Verdict::different(format!("{frames} whole frames cannot be read: {}", ended.summary())),
         };
     }
-    let answer = Answer::of(&ended, &left);
+    let answer = Answer::new(&ended, &left);
     let _ = fs::remove_dir_all(&left);
     let is_right = |files: &Answer| files.difference_in_files(&answer).is_none();
     let right = reference.of_frames(frames).filter_map(|shorter| shorter.answer.as_ref()).any(is_right);
@@ -73,7 +73,7 @@ fn look_at_recording(case: &mut Case<'_>, reference: &Reference, path: &Path, ki
     }
 }
 
-/// Begins the same run again in its place, which must give the undisturbed answer; else the verdict of before.
+/// Repeats the same run in its place, which must give the undisturbed answer; otherwise returns the previous verdict.
 pub(crate) fn begin_again(case: &mut Case<'_>, reference: &Reference, before: Verdict) -> Verdict {
     if !matches!(before, Verdict::Error | Verdict::Said) {
         return before;
@@ -83,9 +83,9 @@ pub(crate) fn begin_again(case: &mut Case<'_>, reference: &Reference, before: Ve
         return fault;
     }
     if !ended.succeeded() {
-        return Verdict::different(format!("the run begun again ended with {}", ended.told()));
+        return Verdict::different(format!("the run begun again ended with {}", ended.summary()));
     }
-    match reference.run.difference(&Answer::of(&ended, &case.at("run"))) {
+    match reference.run.difference(&Answer::new(&ended, &case.at("run"))) {
         None => before,
         Some(difference) => Verdict::different(format!("the run begun again: {difference}")),
     }

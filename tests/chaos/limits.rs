@@ -97,7 +97,7 @@ fn report(case: &mut Case<'_>, by: &[String]) -> Verdict {
     if let Some(verdict) = not_started(&ended) {
         return verdict;
     }
-    judge(&ended, || match reference.report.difference(&Answer::of(&ended, &case.at("out"))) {
+    judge(&ended, || match reference.report.difference(&Answer::new(&ended, &case.at("out"))) {
         None => Verdict::Equal,
         Some(difference) => Verdict::Different(difference),
     })

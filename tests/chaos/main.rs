@@ -4,7 +4,7 @@
 //! ```sh
 //! cargo test --release --test chaos                                 # shortened: some hundred cases, as CI runs it
 //! cargo test --release --test chaos -- --full                       # more than ten thousand
-//! # One area, or one kind of it (bits/checkpoint); so many of each kind
+//! # One area, or one kind of it (bits/checkpoint); a number of cases per kind
 //! cargo test --release --test chaos -- bits --cases 2000 --seed 7
 //! cargo test --release --test chaos -- --seed 7 --case bits/whole/123
 //! ```

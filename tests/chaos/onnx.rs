@@ -1,6 +1,6 @@
 //! Spoilt networks.
 //!
-//! An ONNX file has no checksum: one with another weight is another network, whose answer nobody knows. So a spoilt
+//! An ONNX file has no checksum: a file with another weight is another network, whose answer is unknown. So a spoilt
 //! file may give any whole answer or an error; a panic, a hang or an error without a word is a fault. Where it is
 //! certain that a network gives NaN or infinity, exit 0 must come with a word about it. What can be seen before any
 //! frame (no ONNX, a wrong shape or type) must end with exit 2.
@@ -56,7 +56,7 @@ pub(crate) fn cuts(case: &mut Case<'_>) -> Verdict {
     any(case, &bytes[..at], "{}")
 }
 
-/// Bytes that are no network, or pieces of one in another order.
+/// Bytes that are not a network, or pieces of a network in another order.
 pub(crate) fn garbage(case: &mut Case<'_>) -> Verdict {
     let mut bytes = learned(case);
     match case.random.below(3) {
@@ -118,8 +118,8 @@ pub(crate) fn not_finite(case: &mut Case<'_>) -> Verdict {
     let bytes = model_with(operator, &[], &[Tensor("image", F32, &side)], &Tensor("share", F32, &side));
     let ended = run(case, &bytes, with);
     judge(&ended, || {
-        let said = format!("{}{}", ended.stdout, ended.stderr).to_lowercase();
-        match ["nan", "infin", "finite"].iter().any(|word| said.contains(word)) {
+        let printed = format!("{}{}", ended.stdout, ended.stderr).to_lowercase();
+        match ["nan", "infin", "finite"].iter().any(|word| printed.contains(word)) {
             true => Verdict::Said,
             false => Verdict::different("a network that gives nothing but NaN or infinity, and not a word"),
         }

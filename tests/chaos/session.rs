@@ -73,11 +73,11 @@ const KINDS: [Kind; 42] = [
     kind("streams/names", 4, 50, streams::names),
 ];
 
-/// How often it is told how far the session is.
-const TELL_EVERY: Duration = Duration::from_secs(20);
-/// So many folders of cases that failed are kept: disks are finite.
-const KEPT_AT_MOST: usize = 40;
-static KEPT: AtomicUsize = AtomicUsize::new(0);
+/// The time between two progress messages.
+const PROGRESS_EVERY: Duration = Duration::from_secs(20);
+/// At most this many folders of failed cases are stored: disks are finite.
+const MOST_STORED: usize = 40;
+static STORED: AtomicUsize = AtomicUsize::new(0);
 
 /// How many cases of a kind came to what.
 #[derive(Clone, Copy, Default)]
@@ -129,7 +129,7 @@ impl Tally {
     }
 }
 
-/// Runs what was asked for.
+/// Runs the selected cases.
 pub(crate) fn run(arguments: &Arguments) -> ExitCode {
     let cases = cases(arguments);
     if arguments.list {
@@ -143,12 +143,12 @@ pub(crate) fn run(arguments: &Arguments) -> ExitCode {
     println!("chaos: {} cases with seed {} in {}", cases.len(), arguments.seed, root.display());
     let (next, found) = (AtomicUsize::new(0), Mutex::new(BTreeMap::<&str, Tally>::new()));
     let skips = Mutex::new(BTreeMap::<(&str, String), u64>::new());
-    let told = Mutex::new(began);
+    let reported = Mutex::new(began);
     let work = || {
         loop {
-            let begun = next.fetch_add(1, Ordering::Relaxed);
-            let Some((kind, name)) = cases.get(begun) else { break };
-            tell(&told, began, begun, cases.len(), name);
+            let started = next.fetch_add(1, Ordering::Relaxed);
+            let Some((kind, name)) = cases.get(started) else { break };
+            report_progress(&reported, began, started, cases.len(), name);
             let verdict = one(arguments, &ground, kind, name);
             found.lock().unwrap_or_else(PoisonError::into_inner).entry(kind.name).or_default().add(&verdict);
             if let Verdict::Skipped(why) = verdict {
@@ -173,16 +173,16 @@ pub(crate) fn run(arguments: &Arguments) -> ExitCode {
     ExitCode::from(u8::from(all.faults() > 0))
 }
 
-/// Tells how far the session is, now and then.
-fn tell(told: &Mutex<Instant>, began: Instant, begun: usize, all: usize, name: &str) {
-    let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
-    if told.elapsed() >= TELL_EVERY {
-        *told = Instant::now();
-        eprintln!("chaos: {begun} of {all} cases begun in {:.0} s, now {name}", began.elapsed().as_secs_f64());
+/// Reports the progress of the session, from time to time.
+fn report_progress(reported: &Mutex<Instant>, began: Instant, started: usize, all: usize, name: &str) {
+    let mut reported = reported.lock().unwrap_or_else(PoisonError::into_inner);
+    if reported.elapsed() >= PROGRESS_EVERY {
+        *reported = Instant::now();
+        eprintln!("chaos: {started} of {all} cases started in {:.0} s, now {name}", began.elapsed().as_secs_f64());
     }
 }
 
-/// The cases asked for, kind by kind.
+/// The selected cases, kind by kind.
 fn cases(arguments: &Arguments) -> Vec<(&'static Kind, String)> {
     if let Some(case) = &arguments.case {
         let kind = KINDS.iter().find(|kind| case.strip_prefix(kind.name).is_some_and(|rest| rest.starts_with('/')));
@@ -199,7 +199,7 @@ fn cases(arguments: &Arguments) -> Vec<(&'static Kind, String)> {
     KINDS.iter().filter(wanted).flat_map(of_kind).collect()
 }
 
-/// Runs a case; tells of it, and keeps its folder, where it fails.
+/// Runs a case; if it fails, reports it and stores its folder.
 fn one(arguments: &Arguments, ground: &Ground, kind: &Kind, name: &str) -> Verdict {
     let home = ground.root.join(name.replace('/', "-"));
     let _ = fs::remove_dir_all(&home);
@@ -219,24 +219,27 @@ fn one(arguments: &Arguments, ground: &Ground, kind: &Kind, name: &str) -> Verdi
         }
         other => ("fine", &format!("{other:?}")),
     };
-    let before = KEPT.fetch_add(1, Ordering::Relaxed);
-    let kept = if before < KEPT_AT_MOST || arguments.case.is_some() {
-        kept(&home, name).display().to_string()
+    let before = STORED.fetch_add(1, Ordering::Relaxed);
+    let folder = if before < MOST_STORED || arguments.case.is_some() {
+        store_folder(&home, name).display().to_string()
     } else {
         "no more".to_owned()
     };
     let notes = case.notes.join("\n    ");
-    println!("{what} {name}: {why}\n    {notes}\n    kept: {kept}; again: --seed {} --case {name}", arguments.seed);
+    println!(
+        "{what} {name}: {why}\n    {notes}\n    stored in: {folder}; repeat with: --seed {} --case {name}",
+        arguments.seed
+    );
     let _ = fs::remove_dir_all(&home);
     verdict
 }
 
-/// Copies a case's folder to where it stays.
-fn kept(home: &Path, name: &str) -> PathBuf {
-    let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("chaos").join(name.replace('/', "-"));
-    let _ = fs::remove_dir_all(&kept);
-    let _ = catch_unwind(|| copy_folder(home, &kept));
-    kept
+/// Copies a case's folder to a permanent place.
+fn store_folder(home: &Path, name: &str) -> PathBuf {
+    let copy = Path::new(env!("CARGO_TARGET_TMPDIR")).join("chaos").join(name.replace('/', "-"));
+    let _ = fs::remove_dir_all(&copy);
+    let _ = catch_unwind(|| copy_folder(home, &copy));
+    copy
 }
 
 fn folder(arguments: &Arguments) -> PathBuf {

@@ -76,7 +76,7 @@ fn interrupted(case: &mut Case<'_>, reference: &Reference, ended: &Ended, number
     match (fault(ended), ended.code) {
         (Some(fault), _) => fault,
         (None, Some(0 | 130) | None) => look(case, reference, ended, &[number]),
-        (None, Some(_)) => Verdict::different(format!("an interrupted run ended with {}", ended.told())),
+        (None, Some(_)) => Verdict::different(format!("an interrupted run ended with {}", ended.summary())),
     }
 }
 
@@ -105,7 +105,7 @@ pub(crate) fn while_printing(case: &mut Case<'_>) -> Verdict {
     running.until(|_| whole.join("recording.mcap").exists());
     case.wait_within(&mut running, Duration::from_millis(30));
     let number = send(case, &mut running);
-    // Now somebody reads: a program that had been asked to stop must not wait for more.
+    // Now the output is read: a program that received a signal to stop must not wait for more.
     let read = std::thread::spawn(move || reader.read_to_end(&mut Vec::new()).map(drop));
     let ended = case.end(running);
     read.join().expect("reading does not panic").expect("a pipe can be read");
@@ -127,13 +127,13 @@ pub(crate) fn ignored(case: &mut Case<'_>) -> Verdict {
     }
     case.note(format!("  {name}, which is ignored"));
     let ended = case.end(running);
-    let answer = Answer::of(&ended, &case.at("run"));
+    let answer = Answer::new(&ended, &case.at("run"));
     let verdict = judge(&ended, || match reference.run.difference(&answer) {
         None => Verdict::Equal,
         Some(difference) => Verdict::Different(difference),
     });
     match verdict {
-        Verdict::Error => Verdict::different(format!("an ignored {name} ended the run: {}", ended.told())),
+        Verdict::Error => Verdict::different(format!("an ignored {name} ended the run: {}", ended.summary())),
         verdict => verdict,
     }
 }

@@ -1,8 +1,8 @@
-//! Closed, full and forsaken streams; files that are none; names that are no text.
+//! Closed, full and abandoned streams; files of other formats; names that are not text.
 //!
-//! What stands in files is whole whatever becomes of standard output and error. Only what could not be printed to a
-//! full standard output may give another exit code than 0; nobody can read a message that went to a broken standard
-//! error, so none is asked for.
+//! Files are complete whatever happens to standard output and error. Only output that could not be printed to a full
+//! standard output may change the exit code from 0. A message to a broken standard error cannot be read, so none is
+//! required.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -72,7 +72,7 @@ fn broken(case: &mut Case<'_>, arguments: &[&str], difference: impl FnOnce(&Case
             "full" => Some(fs::OpenOptions::new().write(true).open("/dev/full").ok()?.into()),
             "forsaken" => {
                 let (reader, writer) = std::io::pipe().expect("a pipe");
-                // Somebody reads a little and leaves.
+                // The reader reads a little and ends.
                 readers.push(std::thread::spawn(move || drop(reader.take(bytes).read_to_end(&mut Vec::new()))));
                 Some(writer.into())
             }
@@ -88,26 +88,26 @@ fn broken(case: &mut Case<'_>, arguments: &[&str], difference: impl FnOnce(&Case
 
     let is_wrong_file = arguments.contains(&"none.yaml");
     match (fault(&ended), ended.code) {
-        // Nobody hears a word.
+        // The message cannot be read.
         (Some(Verdict::Different(_)), Some(_)) if stderr.is_some() => {}
         (Some(fault), _) => return fault,
         _ => {}
     }
     if let Some(difference) = difference(case) {
-        return Verdict::different(format!("{}: {difference}", ended.told()));
+        return Verdict::different(format!("{}: {difference}", ended.summary()));
     }
     match (ended.code, stdout) {
         (Some(0), Some("full")) if !arguments.contains(&"none.yaml") => {
-            Verdict::different("exit 0, and what was asked for could not be printed")
+            Verdict::different("exit 0, although the output could not be printed")
         }
         (Some(2), _) if is_wrong_file => Verdict::Error,
         (Some(0), _) if !is_wrong_file => Verdict::Equal,
         (Some(1), Some("full")) if !is_wrong_file => Verdict::Error,
-        _ => Verdict::different(format!("only a stream was broken: {}", ended.told())),
+        _ => Verdict::different(format!("only a stream was broken: {}", ended.summary())),
     }
 }
 
-/// What is given as a recording or an experiment and is none.
+/// Files that are neither a recording nor an experiment.
 pub(crate) fn no_files(case: &mut Case<'_>) -> Verdict {
     case.write("folder/file", "");
     case.write("empty", "");
@@ -137,7 +137,7 @@ pub(crate) fn no_files(case: &mut Case<'_>) -> Verdict {
     judge(&ended, || Verdict::different(format!("{command} {file}: exit 0")))
 }
 
-/// Names that are no UTF-8, long, or nothing.
+/// Names that are not UTF-8, long, or empty.
 pub(crate) fn names(case: &mut Case<'_>) -> Verdict {
     let reference = case.ground.street();
     let long = "n".repeat(case.random.within(100..400) as usize);
@@ -162,7 +162,7 @@ pub(crate) fn names(case: &mut Case<'_>) -> Verdict {
         ended
     };
     // The experiment is kept in the recording under its file's name.
-    let [whole, answer] = [reference.run.clone(), Answer::of(&ended, &case.at("run"))].map(Answer::without_recording);
+    let [whole, answer] = [reference.run.clone(), Answer::new(&ended, &case.at("run"))].map(Answer::without_recording);
     judge(&ended, || match whole.difference_in_files(&answer) {
         None => Verdict::Equal,
         Some(difference) => Verdict::Different(difference),

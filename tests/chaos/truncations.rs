@@ -1,7 +1,7 @@
 //! Recordings that are cut.
 //!
-//! What a cut leaves is reported up to its last whole frame, and it is said that the file is cut. An error is right
-//! only where not even the plan is left, or where a program that reads whole files of that length refuses it, too.
+//! The rest of a cut file is reported up to its last complete frame, with a warning that the file is cut. An error is
+//! right only if the plan is missing too, or if a program that reads whole files of that length also refuses it.
 
 use crate::answer::Answer;
 use crate::case::Case;
@@ -28,7 +28,7 @@ fn cut(case: &mut Case<'_>, at: usize) -> Verdict {
     case.note(format!("cut to {at} of {} bytes", reference.recording.len()));
     case.write("recording.mcap", &reference.recording[..at]);
     let ended = case.run(&mut case.depthloom(&REPORT));
-    let answer = Answer::of(&ended, &case.at("out"));
+    let answer = Answer::new(&ended, &case.at("out"));
     let left = reference.up_to(at);
     let verdict = judge(&ended, || match left.answer.as_ref().map(|left| left.difference_in_files(&answer)) {
         Some(None) if says_it_is_not_whole(&ended) => Verdict::Said,
@@ -40,7 +40,7 @@ fn cut(case: &mut Case<'_>, at: usize) -> Verdict {
         Verdict::Error if left.frames > 0 => Verdict::different(format!(
             "{} whole frames are left, and it cannot be read: {}",
             left.frames,
-            ended.told()
+            ended.summary()
         )),
         verdict => verdict,
     }
@@ -55,7 +55,7 @@ pub(crate) fn zeros(case: &mut Case<'_>) -> Verdict {
     case.note(format!("zeros from byte {at} of {}", bytes.len()));
     case.write("recording.mcap", bytes);
     let ended = case.run(&mut case.depthloom(&REPORT));
-    let answer = Answer::of(&ended, &case.at("out"));
+    let answer = Answer::new(&ended, &case.at("out"));
     judge(&ended, || match reference.of_a_cut(&answer) {
         Some(_) if reference.report == answer => Verdict::Equal,
         Some(_) if says_it_is_not_whole(&ended) => Verdict::Said,

@@ -9,7 +9,7 @@ pub(crate) enum Verdict {
     Equal,
     /// A non-zero exit code with a message.
     Error,
-    /// Exit 0 with an answer of less, and it is said that it is less.
+    /// Exit 0 with a partial answer, and a warning about it.
     Said,
     /// The machine lacks what the case needs.
     Skipped(String),
@@ -32,8 +32,8 @@ const OWN_FAULT: [i32; 7] = [4, 5, 6, 7, 8, 11, 31];
 /// The exit codes that `depthloom --help` lists.
 const KNOWN: [i32; 5] = [0, 1, 2, 3, 130];
 
-/// What is said when there is no memory for what a thread needs before a line of ours runs in it: by glibc, which ends
-/// the program, and by the panics of Rust's own start of a thread.
+/// The messages if there is no memory for the start of a thread: from glibc, which ends the program, and from the
+/// panics of Rust's own start of a thread.
 const BY_A_THREADS_START: [&str; 4] = [
     "Fatal glibc error",
     "cannot allocate memory for thread-local data",
@@ -41,12 +41,12 @@ const BY_A_THREADS_START: [&str; 4] = [
     "failed to set up alternative stack guard page",
 ];
 
-/// What no area excuses: a hang, a panic, a code nobody knows, an error without a word.
+/// Faults in every area: a hang, a panic, an unknown exit code, an error without a message.
 pub(crate) fn fault(ended: &Ended) -> Option<Verdict> {
     if ended.hung {
-        return Some(Verdict::Hang(ended.told()));
+        return Some(Verdict::Hang(ended.summary()));
     }
-    // An error that nobody can catch.
+    // An error that the program cannot catch.
     if BY_A_THREADS_START.iter().any(|text| ended.stderr.contains(text)) {
         return Some(Verdict::Error);
     }
@@ -55,10 +55,10 @@ pub(crate) fn fault(ended: &Ended) -> Option<Verdict> {
         ["panicked at", "stack overflow", "memory allocation of"].iter().any(|text| ended.stderr.contains(text));
     if own || panicked || matches!(ended.code, Some(101 | 134)) {
         let place = ended.stderr.lines().find(|line| line.contains("panicked at")).unwrap_or_default();
-        return Some(Verdict::Panic(format!("{} {place}", ended.told())));
+        return Some(Verdict::Panic(format!("{} {place}", ended.summary())));
     }
     match ended.code {
-        Some(code) if !KNOWN.contains(&code) => Some(Verdict::different(format!("an unknown {}", ended.told()))),
+        Some(code) if !KNOWN.contains(&code) => Some(Verdict::different(format!("an unknown {}", ended.summary()))),
         Some(code) if code != 0 && ended.stderr.trim().is_empty() && ended.stdout.trim().is_empty() => {
             Some(Verdict::different(format!("exit {code} without a word")))
         }
@@ -80,8 +80,8 @@ pub(crate) fn judge(ended: &Ended, answered: impl FnOnce() -> Verdict) -> Verdic
 
 /// Whether a person who reads what was printed learns that the recording is not whole.
 pub(crate) fn says_it_is_not_whole(ended: &Ended) -> bool {
-    let said = format!("{}\n{}", ended.stdout, ended.stderr).to_lowercase();
-    ["unfinished", "not finished", " cut", "interrupted", "not whole", "damaged", "whole frame"]
+    let printed = format!("{}\n{}", ended.stdout, ended.stderr).to_lowercase();
+    ["unfinished", "not finished", " cut", "interrupted", "not whole", "damaged", "whole frame", "complete frame"]
         .iter()
-        .any(|word| said.contains(word))
+        .any(|word| printed.contains(word))
 }

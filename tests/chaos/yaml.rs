@@ -1,10 +1,10 @@
-//! Experiment files as nobody should write them.
+//! Invalid and unusual experiment files.
 //!
 //! - `neutral`: edits that mean nothing in YAML (comments, empty lines, line ends, quotes) leave the plan as it was.
 //! - `broken`: edits that no reading can make right are an error of `check`, `plan`, `graph` and `run`, with exit 2.
 //! - `hostile`: anything in any place: an error or an answer, and all four of one mind whether the file is right.
-//! - `values`: hostile values under known parameters, run with bounded memory. Whoever asks for much may wait long: a
-//!   run that goes on is asked to stop, and only one that does not is a hang.
+//! - `values`: hostile values under known parameters, run with bounded memory. A run with large values may take long: a
+//!   running program gets a signal to stop, and only one that ignores it hangs.
 
 use std::fs;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use crate::ground::{LEARN, STREET};
 use crate::verdict::{Verdict, fault, judge};
 use depthloom_test_needs::random::Random;
 
-/// What stands where a value is expected.
+/// Values in the place where a value is expected.
 const PIECES: [&str; 74] = [
     "null",
     "~",
@@ -145,7 +145,7 @@ pub(crate) fn neutral(case: &mut Case<'_>) -> Verdict {
         false => Verdict::different("an edit that means nothing gives another plan"),
     });
     match verdict {
-        Verdict::Error => Verdict::different(format!("an edit that means nothing is an error: {}", after.told())),
+        Verdict::Error => Verdict::different(format!("an edit that means nothing is an error: {}", after.summary())),
         verdict => verdict,
     }
 }
@@ -187,7 +187,7 @@ pub(crate) fn broken(case: &mut Case<'_>) -> Verdict {
         match fault(&ended) {
             Some(fault) => return fault,
             None if ended.code == Some(2) => {}
-            None => return Verdict::different(format!("{command} of a broken file: {}", ended.told())),
+            None => return Verdict::different(format!("{command} of a broken file: {}", ended.summary())),
         }
     }
     Verdict::Error
@@ -232,10 +232,10 @@ pub(crate) fn values(case: &mut Case<'_>) -> Verdict {
     }
     case.write("experiment.yaml", STREET);
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    // What it asks for beyond this is refused by the system.
+    // The system refuses memory beyond this.
     let mut running = case.start(&mut case.depthloom_by(&["prlimit", "--as=2147483648"], &arguments));
     running.wait(Duration::from_secs(5));
-    let long = !running.is_over();
+    let long = !running.has_ended();
     running.signal("TERM");
     let ended = case.end(running);
     match (fault(&ended), long) {
@@ -245,16 +245,16 @@ pub(crate) fn values(case: &mut Case<'_>) -> Verdict {
     }
 }
 
-/// A run that ended by itself has a folder exactly if it says so.
+/// A run that ended by itself has a folder exactly if it reports success.
 fn finished(case: &Case<'_>, ended: &Ended) -> Verdict {
-    let there = fs::metadata(case.at("run").join("recording.mcap")).is_ok();
-    match (ended.code, there) {
+    let exists = fs::metadata(case.at("run").join("recording.mcap")).is_ok();
+    match (ended.code, exists) {
         (Some(0), true) => Verdict::Equal,
         (Some(3), _) | (Some(1 | 2), false) => Verdict::Error,
         _ => Verdict::different(format!(
             "{}, and the folder is {}",
-            ended.told(),
-            if there { "there" } else { "not there" }
+            ended.summary(),
+            if exists { "there" } else { "not there" }
         )),
     }
 }

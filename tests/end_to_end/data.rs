@@ -333,7 +333,7 @@ fn a_run_is_recognised_as_a_source() {
     succeed(depthloom().args(["run", "--no-page"]).arg(rig.path("own.yaml")).args(["--quiet", "--out"]).arg(&run));
     let output = succeed(depthloom().arg("data").arg(&run));
     let printed = String::from_utf8(output.stdout).expect("UTF-8");
-    assert!(printed.starts_with("a recording of ours, stage look (mcap)\n"), "{printed}");
+    assert!(printed.starts_with("a recording of depthloom, stage look (mcap)\n"), "{printed}");
     check_pasted(&rig, &printed[printed.find("sources:\n").expect("a stanza")..]);
 }
 
@@ -420,7 +420,10 @@ fn frames_missing_from_a_truncated_recording_are_a_fault() {
     let (code, text) = data_of(&rig, &[&root]);
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("  wrong        ROOT/cut.mcap is unfinished, and its last "), "{text}");
-    assert!(text.contains(" bytes belong to no whole frame: frames of the run are missing\n    help       "), "{text}");
+    assert!(
+        text.contains(" bytes are not part of a complete frame: frames of the run are missing\n    help       "),
+        "{text}"
+    );
     let source = format!("sources: {{ own: {{ kind: mcap, with: {{ path: {root:?} }} }} }}\nstages:");
     let (head, rest) = EXPERIMENT.split_once("sources:").expect("it has some");
     let rest = rest.split_once("stages:").expect("it has some").1;
@@ -435,7 +438,7 @@ fn frames_missing_from_a_truncated_recording_are_a_fault() {
 
     // Without a complete frame, and without the plan.
     for (bytes, message) in
-        [(recording.len() / 40, "holds no whole frame of stage `look`: it is unfinished"), (60, "holds no plan")]
+        [(recording.len() / 40, "has no complete frame of stage `look`: it is unfinished"), (60, "it has no plan")]
     {
         fs::write(&cut, &recording[..bytes]).expect("written");
         let (code, text) = data_of(&rig, &[&root]);

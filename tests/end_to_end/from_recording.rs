@@ -136,7 +136,7 @@ fn check_validates_the_outputs_of_a_recording() {
     assert!(here.check_error("{ path: first, stage: lok }").contains("its stages are `look`"));
     assert!(here.check_error("{ path: first, variant: nin }").contains("did you mean `nine`?"));
     let error = here.check_error("{ path: first, outputs: [left, right, calibration, depth, stereo.disparity] }");
-    assert!(error.contains("what differs between variants needs `variant`"), "{error}");
+    assert!(error.contains("set `variant` to read nodes that differ between variants"), "{error}");
     let error = here.check_error("{ path: first, outputs: [left, calibration, depth] }");
     assert!(error.contains("source `street` has no output `right`"), "{error}");
     let error = here.check_error("{ path: first, outputs: [lfet] }");

@@ -151,7 +151,7 @@ fn only_a_changed_node_is_reported_with_its_first_and_worst_pixel() {
     assert_eq!((&node["different_numbers"], &node["numbers"]), (&json!(count), &json!(320 * 96 * FRAMES)));
 
     let (code, printed, stderr) = check(&recording, &["stereo"]);
-    assert_eq!((code, stderr.as_str()), (Some(3), "1 of 1 node gave other values than recorded\n"));
+    assert_eq!((code, stderr.as_str()), (Some(3), "1 of 1 node computed other values than recorded\n"));
     assert!(
         printed.contains("\n  first  frame ") && printed.contains(", /look/stereo/disparity, pixel ("),
         "{printed}"
@@ -193,11 +193,11 @@ fn nodes_that_cannot_be_recomputed_are_noted_or_refused_by_name() {
     });
     let (code, report) = check_json(&recording, &[]);
     assert_eq!((code, different(&report)), (Some(0), vec![("depth", 0), ("score.stereo", 0)]), "{report:#}");
-    assert_eq!(report["not_compared"][0]["why"], "this program has no kind `stereo/removed`");
+    assert_eq!(report["not_compared"][0]["why"], "this version has no kind `stereo/removed`");
     let remark = report["nodes"][0]["remarks"][0].as_str().expect("a remark");
     assert!(remark.starts_with("recorded by version ") && remark.contains("of its kind, recomputed by"), "{remark}");
     let (code, _, stderr) = check(&recording, &["stereo"]);
-    assert!(code == Some(2) && stderr.contains("this program has no kind `stereo/removed`"), "{stderr}");
+    assert!(code == Some(2) && stderr.contains("this version has no kind `stereo/removed`"), "{stderr}");
     let (code, _, stderr) = check(&recording, &["sterio"]);
     assert!(code == Some(2) && stderr.contains("did you mean `stereo`?"), "{stderr}");
 
@@ -294,7 +294,7 @@ fn a_failing_node_does_not_stop_the_comparison_of_others() {
     assert!(failed(&report)[0].1.starts_with("learning diverged"), "{report:#}");
     assert_eq!(report["error"]["message"], "1 node failed");
     assert!(
-        report["nodes"][3]["first"]["now"].as_str().is_some_and(|now| now.starts_with("none, for it failed: learning"))
+        report["nodes"][3]["first"]["now"].as_str().is_some_and(|now| now.starts_with("none, because it failed: training"))
     );
 
     // An ordered node that fails on its first frame. Its outputs are recorded, so its consumers are compared.

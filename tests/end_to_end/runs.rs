@@ -155,7 +155,7 @@ fn an_earlier_run_that_cannot_be_read_is_reported() {
     let mut run = here.command(&["run", "--no-page", "look.yaml", "--out", "runs/third"]);
     let output = succeed(run.env_remove("DEPTHLOOM_FRESH"));
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(stderr.contains("nothing is taken from runs/first: "), "{stderr}");
+    assert!(stderr.contains("cannot reuse values of runs/first: "), "{stderr}");
     assert!(!stderr.contains("second"), "{stderr}");
 }
 
@@ -243,7 +243,7 @@ fn differences_of_runs_are_listed_by_parameter_source_and_consumers() {
     let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "block"])));
     assert!(printed.contains("\nnodes\n  look.stereo  block: 5 -> 9; p1: 200 -> 648; p2: 800 -> 2592\n"), "{printed}");
     assert!(
-        printed.contains("\nnodes that follow, for they read those\n  look.depth, look.score.stereo\n"),
+        printed.contains("\nnodes that differ because they read those\n  look.depth, look.score.stereo\n"),
         "{printed}"
     );
 

@@ -22,7 +22,7 @@ pub(crate) const FACTOR: &str = "DEPTHLOOM_TEST_FACTOR";
 #[derive(Default)]
 pub(crate) struct ScaleParams {}
 
-/// A kind whose code somebody changes without raising its version.
+/// A kind whose code changes while its version does not.
 pub(crate) struct Scale {
     factor: f32,
 }

@@ -17,7 +17,7 @@ pub(crate) enum Equality {
     Values,
 }
 
-/// The first difference, in words; `None` if there is none.
+/// The first difference, in words; `None` without a difference.
 pub(crate) fn difference(reusing: &Path, fresh: &Path, equality: Equality) -> Option<String> {
     let (reusing_files, fresh_files) = (contents(reusing), contents(fresh));
     let names = reusing_files.keys().chain(fresh_files.keys());

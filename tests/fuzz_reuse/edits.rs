@@ -6,7 +6,7 @@ use crate::generate;
 use crate::sequence::{EarlierRun, State};
 use depthloom_test_needs::random::Random;
 
-/// An edit: says what it did; `None` where there is nothing that it can be done to.
+/// An edit: returns a description; `None` if it cannot be applied.
 type Edit = fn(&mut State, &mut Random, &[EarlierRun]) -> Option<String>;
 
 /// All edits, each with how often it is made relative to the others.
@@ -64,7 +64,7 @@ const EDITS: &[(usize, Edit)] = &[
     (3, reorder_axis),
 ];
 
-/// Makes one edit; says what it was.
+/// Makes one edit; returns its description.
 pub(crate) fn edit(state: &mut State, random: &mut Random, earlier: &[EarlierRun]) -> String {
     let total: usize = EDITS.iter().map(|(share, _)| share).sum();
     for _ in 0..50 {

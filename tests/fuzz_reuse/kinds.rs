@@ -4,7 +4,7 @@
 
 use std::collections::BTreeSet;
 
-/// The type of a value, as far as ports are connected by it.
+/// What type a value has, as far as it decides which ports can be connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Type {
     Image,

@@ -155,7 +155,7 @@ impl Program {
         })
     }
 
-    /// The frames of a source: as many as `params.frames`, so many nanoseconds apart as `params.interval_ns`.
+    /// The frames of a source: `params.frames` of them, at intervals of `params.interval_ns` nanoseconds.
     fn frames(&self) -> (Vec<String>, Vec<i64>) {
         let number = |name: &str, default: i64| self.params[name].as_i64().unwrap_or(default);
         let interval = number("interval_ns", 100_000_000);
@@ -167,7 +167,7 @@ impl Program {
     fn values(&mut self, frame: &Digest, inputs: &[Value], is_finish: bool) -> Vec<Option<Value>> {
         let mut digest = self.knowledge.clone();
         match self.contract.as_str() {
-            // Also a pure node, which is told its frame if it reads files of it.
+            // Also a pure node, which receives its frame if it reads files of it.
             "source" | "pure" => {
                 digest.write_u64(frame.finish());
                 digest.write_u64(content(inputs));

@@ -10,7 +10,7 @@ use serde_json::Value as Json;
 
 use crate::comparison::{self, Equality};
 use crate::files::{self, Files};
-use crate::sequence::{Ending, Sequence, State, Step};
+use crate::sequence::{RunEnd, Sequence, State, Step};
 
 /// A run that takes longer hangs.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -105,19 +105,19 @@ impl Runner {
             files::write(&self.folder, &files, &step.state.files).expect("input files can be written");
             files.clone_from(&step.state.files);
             let yaml = step.state.experiment.yaml(PROGRAM);
-            // All steps run the same file; those beside it are for whoever looks for the cause.
+            // All steps run the same file; the files beside it help to find the cause.
             for name in [EXPERIMENT, &yaml_name(place)] {
                 fs::write(self.folder.join(name), &yaml).expect("an experiment can be written");
             }
             is_edited |= !step.edits.is_empty();
             let failure = |what| Failure { step: place, what };
             match step.ending {
-                Ending::Complete => {
+                RunEnd::Complete => {
                     self.complete(step, is_edited, &mut statistics).map_err(failure)?;
                     is_edited = false;
                 }
-                Ending::Cut(share) => self.cut(step, share).map_err(failure)?,
-                Ending::Killed(share) => self.kill(place, step, share).map_err(failure)?,
+                RunEnd::Cut(share) => self.cut(step, share).map_err(failure)?,
+                RunEnd::Killed(share) => self.kill(place, step, share).map_err(failure)?,
             }
         }
         Ok(statistics)

@@ -28,7 +28,7 @@ pub(crate) struct State {
 
 /// How a run ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Ending {
+pub(crate) enum RunEnd {
     /// It completes, and is compared with a fresh run.
     Complete,
     /// It is left as a killed run leaves it whose recording has this share of its bytes. The next step resumes it.
@@ -43,7 +43,7 @@ pub(crate) struct Step {
     /// What changed since the step before.
     pub edits: Vec<String>,
     pub state: State,
-    pub ending: Ending,
+    pub ending: RunEnd,
     /// The folder to write, `r0`; steps that a killed run takes have the same.
     pub out: String,
 }
@@ -101,13 +101,13 @@ impl Sequence {
             }
             for _ in 0..random.pick(&[0, 0, 0, 0, 1, 1, 2]) {
                 let share = random.below(1000) as f64 / 1000.0;
-                let ending = if random.chance(4) { Ending::Killed(share) } else { Ending::Cut(share) };
+                let ending = if random.chance(4) { RunEnd::Killed(share) } else { RunEnd::Cut(share) };
                 steps.push(Step { edits: std::mem::take(&mut edits), state: state.clone(), ending, out: out.clone() });
                 if random.chance(2) {
                     edits = make_edits(&mut state, random, &earlier);
                 }
             }
-            steps.push(Step { edits, state: state.clone(), ending: Ending::Complete, out: out.clone() });
+            steps.push(Step { edits, state: state.clone(), ending: RunEnd::Complete, out: out.clone() });
             earlier.push(EarlierRun { folder: format!("runs/{out}"), experiment: state.experiment.clone() });
         }
         Self { seed, steps }

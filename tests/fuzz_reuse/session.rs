@@ -10,12 +10,12 @@ use std::time::{Duration, Instant};
 use crate::files::{Files, differences};
 use crate::minimise::minimise;
 use crate::running::{Failure, PROGRAM, Runner, Statistics, typed, yaml_name};
-use crate::sequence::{Ending, Sequence};
+use crate::sequence::{RunEnd, Sequence};
 
 /// How often progress is printed.
 const PROGRESS: Duration = Duration::from_secs(20);
-/// So many failing sequences are made smaller and kept; further ones are counted.
-const KEPT: usize = 12;
+/// At most this many failing sequences are minimised and stored; further ones are counted.
+const MOST_STORED: usize = 12;
 
 /// What is run.
 pub(crate) struct Options {
@@ -52,7 +52,7 @@ pub(crate) fn run(options: &Options) -> ExitCode {
                 Ok(of_sequence) => *statistics.lock().expect("no thread panicked") += of_sequence,
                 Err(failure) => {
                     let before = failures.fetch_add(1, Ordering::Relaxed);
-                    report(&runner, sequence, failure, before < KEPT);
+                    report(&runner, sequence, failure, before < MOST_STORED);
                 }
             }
             let _ = fs::remove_dir_all(&runner.folder);
@@ -98,18 +98,18 @@ fn report(runner: &Runner, sequence: Sequence, failure: Failure, is_kept: bool) 
         return;
     }
     let (small, failure) = minimise(runner, sequence, failure);
-    let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("fuzz_reuse").join(seed.to_string());
-    let _ = fs::remove_dir_all(&kept);
-    let is_copied = copy_folder(&runner.folder, &kept).is_ok();
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("fuzz_reuse").join(seed.to_string());
+    let _ = fs::remove_dir_all(&folder);
+    let is_copied = copy_folder(&runner.folder, &folder).is_ok();
     let mut text = format!("\nreuse: seed {seed} fails in step {}: {}\n", failure.step, failure.what);
     let mut files = small.steps.first().map_or_else(Files::new, |step| step.state.files.clone());
     for (place, step) in small.steps.iter().enumerate() {
         let ending = match step.ending {
-            Ending::Complete => String::new(),
-            Ending::Cut(share) => {
+            RunEnd::Complete => String::new(),
+            RunEnd::Cut(share) => {
                 format!("  (then its recording is cut to {share} of its bytes, and the run is made partial)")
             }
-            Ending::Killed(share) => format!("  (killed at {share} of the bytes of its recording)"),
+            RunEnd::Killed(share) => format!("  (killed at {share} of the bytes of its recording)"),
         };
         text.push_str(&format!("  step {place}: {}\n    {}{ending}\n", step.edits.join("; "), typed(place, step)));
         differences(&files, &step.state.files).iter().for_each(|line| text.push_str(&format!("    file {line}\n")));
@@ -118,7 +118,7 @@ fn report(runner: &Runner, sequence: Sequence, failure: Failure, is_kept: bool) 
         step.state.experiment.yaml(PROGRAM).lines().for_each(|line| text.push_str(&format!("      {line}\n")));
     }
     if is_copied {
-        text.push_str(&format!("  kept in {}\n", kept.display()));
+        text.push_str(&format!("  stored in {}\n", folder.display()));
     }
     text.push_str(&format!(
         "  run it again: DEPTHLOOM_FUZZ_REUSE_SEED={seed} DEPTHLOOM_FUZZ_REUSE=1 cargo test --release --test fuzz_reuse\n"

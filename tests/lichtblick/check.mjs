@@ -124,7 +124,7 @@ for (const [topic, { schema, message }] of topics) {
     raw[message.encoding](message.data, message.width, message.height, message.step, pixels);
     if (new Set(pixels).size < 8) faults.push(`${topic}: nothing is seen in it`);
   } else {
-    // A browser decodes it by this type; what a PNG's head says of it: size, 8 bits, indexed colours.
+    // A browser decodes it by this type; the PNG's header states size, 8 bits, indexed colours.
     if (message.format !== "png") faults.push(`${topic}: image/${message.format}`);
     const head = Buffer.from(message.data);
     if (head.toString("latin1", 1, 4) !== "PNG") faults.push(`${topic}: no PNG`);

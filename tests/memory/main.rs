@@ -48,8 +48,8 @@ fn peak_bytes(experiment: &Path, source: &str, frames: u32) -> f64 {
     std::fs::read_to_string(peak).expect("the peak").parse().expect("a number")
 }
 
-/// For each frame a run keeps the places of its chunks, its rows of metrics and its keys. One map of 320 x 96 numbers
-/// of 4 bytes has 123 kB. What is kept does not depend on the size of the images; small ones show it in a fifth of the
+/// A run stores for each frame the places of its chunks, its rows of metrics and its keys. One map of 320 x 96 numbers
+/// of 4 bytes has 123 kB. The stored data does not depend on the size of the images; small images need a fifth of the
 /// time.
 fn a_run_keeps_less_than_a_tenth_of_a_map_per_frame(folder: &Path) {
     let experiment = folder.join("small.yaml");
@@ -69,11 +69,11 @@ stages:
 ";
     std::fs::write(&experiment, text).expect("written");
     let (few, many) = (peak_bytes(&experiment, "street", 500), peak_bytes(&experiment, "street", 2000));
-    let kept = (many - few) / 1500.0;
+    let per_frame = (many - few) / 1500.0;
     let map = f64::from(320 * 96 * 4);
     let (few, many) = (few / 1e6, many / 1e6);
-    println!("a run keeps {kept:.0} bytes per frame: {few:.1} MB for 500 frames, {many:.1} MB for 2,000");
-    assert!(kept < map / 10.0, "more than a tenth of a map of {map} bytes");
+    println!("a run stores {per_frame:.0} bytes per frame: {few:.1} MB for 500 frames, {many:.1} MB for 2,000");
+    assert!(per_frame < map / 10.0, "more than a tenth of a map of {map} bytes");
 }
 
 fn each_sample_is_stored_once_while_a_network_is_trained(folder: &Path) {

@@ -59,7 +59,7 @@ pub fn write_rows(
     Ok(Some((exported, damaged.unwrap_or_default())))
 }
 
-fn once_value<'a>(recording: &'a Recording, chosen: &Chosen<'_>) -> Option<&'a RecordedAggregate> {
+fn aggregate_value<'a>(recording: &'a Recording, chosen: &Chosen<'_>) -> Option<&'a RecordedAggregate> {
     let is_it = |once: &&RecordedAggregate| {
         let Slot::Node { node, port } = chosen.slot else { return false };
         (once.run, once.node, once.port) == (chosen.run, node, port)

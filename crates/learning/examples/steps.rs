@@ -25,7 +25,7 @@ impl Host for Clock {
     }
 
     fn progress(&self, _done: u64, _total: u64, _message: &str) {
-        self.done.lock().expect("nobody panics with it").push(Instant::now());
+        self.done.lock().expect("the lock is not poisoned").push(Instant::now());
     }
 
     fn tiles(&self, n: usize, f: &(dyn Fn(usize) + Sync)) {
@@ -76,7 +76,7 @@ fn samples(kind: &NodeKind) -> Result<Value, Box<dyn std::error::Error>> {
     for frame in 0..16 {
         let pixels = (0..3 * width * height).map(|at| (at * 31 + frame * 17) as u8).collect();
         let pixels = RgbImage::from_raw(width, height, pixels).ok_or("as many bytes as pixels")?;
-        let given: [(&str, Value); 4] = [
+        let inputs: [(&str, Value); 4] = [
             ("image", Value::Image(Image::new(Pixels::Rgb(pixels)).into())),
             ("target", Value::Disparity(Disparity { sixteenths_px: disparity.clone(), min_disparity_px: 0 }.into())),
             ("mask", Value::Mask(Mask { set: Raster::from_pixel(width, height, image::Luma([255])) }.into())),
@@ -88,7 +88,7 @@ fn samples(kind: &NodeKind) -> Result<Value, Box<dyn std::error::Error>> {
             ),
         ];
         let ports = &kind.declaration.inputs;
-        let value = |name: &str| given.iter().find(|(given, _)| *given == name).map(|(_, value)| value.clone());
+        let value = |name: &str| inputs.iter().find(|(input, _)| *input == name).map(|(_, value)| value.clone());
         let values: Vec<_> = ports.iter().map(|port| value(port.name)).collect();
         let frame = Frame::at_10_hz(frame.to_string(), frame.into());
         node.process(&frame, &Inputs::new(ports, &values), &mut Context::new(&InlineHost, &mut scratch))?;

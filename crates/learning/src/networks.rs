@@ -1,4 +1,4 @@
-//! Networks, one file each, described once for learning, for counting parameters and for ONNX.
+//! Networks, one file each, described once for training, for counting parameters and for ONNX.
 //!
 //! A network is a function from a [`Builder`]'s image to its map. What a builder makes of a layer differs: [`layout`]
 //! lists parameters, [`forward`](forward()) computes, [`export`](export()) writes ONNX.

@@ -1,4 +1,4 @@
-//! `learn/ssl`: a network trained with the robot's own stereo.
+//! `learn/ssl`: trains a network with the robot's own stereo.
 
 mod batch;
 mod checkpoint;

@@ -1,4 +1,4 @@
-//! Networks as we write them, in engines we did not write: their outputs are the training library's.
+//! The ONNX files that we write, in engines of others: their outputs equal those of the training library.
 
 mod cases;
 
@@ -56,11 +56,11 @@ fn onnx_checks_and_onnx_runtime_computes_what_the_training_library_does() {
         write("json", about.to_string().as_bytes());
     }
     let script = workspace().join("tests/python/check_networks.py");
-    let told = printed(Command::new(python).arg(script).arg(folder.path()));
-    let names: Vec<&str> = told.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    let output = printed(Command::new(python).arg(script).arg(folder.path()));
+    let names: Vec<&str> = output.lines().filter_map(|line| line.split_whitespace().next()).collect();
     let mut expected: Vec<&str> = cases.iter().map(|case| case.name).collect();
     expected.sort_unstable();
-    assert_eq!(names, expected, "{told}");
+    assert_eq!(names, expected, "{output}");
 }
 
 #[test]

@@ -49,7 +49,7 @@ pub fn mark_start() {
     LazyLock::force(&STARTED);
 }
 
-/// The content of `environment.json` in a run's folder; null if there is none.
+/// The content of `environment.json` in a run's folder, or null.
 pub fn read(run: &Path) -> Json {
     let bytes = regular_file::read(&run.join(ENVIRONMENT), LARGEST).unwrap_or_default();
     serde_json::from_slice(&bytes).unwrap_or_default()

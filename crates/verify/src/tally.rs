@@ -198,7 +198,7 @@ impl Checker {
             *made = failed(&why);
         }
         if let Some(before) = before.filter(|_| recorded == NONE) {
-            *recorded = format!("none, for it failed: {}", before.what);
+            *recorded = format!("none, because it failed: {}", before.what);
         }
         if let Some((failure, node)) = now.filter(|_| made == NONE).and_then(|now| Some((now, now.node?))) {
             let name = &self.plan.runs[at.run].nodes[node].name;

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use depthloom_graphs::ValueType;
 
-/// A `--tolerance`: for one type of values, or for all types with numbers.
+/// A `--tolerance`: for one value type, or for all value types with numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
     value_type: Option<ValueType>,
     most: f64,
 }
 
-/// The largest difference of equal numbers, by type of values; without one, numbers must be equal bit for bit.
+/// The largest difference of equal numbers, by value type; without one, numbers must be equal bit for bit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tolerances(BTreeMap<ValueType, f64>);
 

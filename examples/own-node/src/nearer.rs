@@ -36,7 +36,7 @@ impl Node for Nearer {
             contract: Contract::Pure,
             summary: "Keeps what is near.",
             doc: "Answers beyond `far_m` become no answer (NaN).",
-            inputs: vec![Port::frame("depth", ValueType::Depth, "Depth, metres, NaN = no answer.")],
+            inputs: vec![Port::frame("depth", ValueType::Depth, "Depth, metres, NaN = invalid.")],
             outputs: vec![Port::frame("depth", ValueType::Depth, "The same, where it is near.")],
         }
     }

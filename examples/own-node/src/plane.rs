@@ -35,7 +35,7 @@ impl SourceKind for Plane {
             kind: "example/plane",
             version: 1,
             summary: "A textured plane that faces the cameras.",
-            doc: "One frame a disparity; both images are one random texture, the right one shifted.",
+            doc: "One frame per disparity; both images are one random texture, the right one shifted.",
             outputs: vec![
                 Port::frame("left", ValueType::Image, "Left image, grey, 8 bit."),
                 Port::frame("right", ValueType::Image, "Right image, likewise."),

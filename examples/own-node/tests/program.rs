@@ -52,8 +52,8 @@ fn own_kinds_are_in_reference_schema_and_diagnostics() {
     assert!(schema.contains("example/plane") && schema.contains("example/nearer"));
     let wrong = own_node(&["check", EXPERIMENT, "--set", "look.nearer.with.far_m=-1"]);
     assert_eq!(wrong.status.code(), Some(2));
-    let said = String::from_utf8(wrong.stderr).unwrap();
-    assert!(said.contains("far_m"), "{said}");
+    let stderr = String::from_utf8(wrong.stderr).unwrap();
+    assert!(stderr.contains("far_m"), "{stderr}");
 }
 
 #[test]

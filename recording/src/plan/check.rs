@@ -71,17 +71,17 @@ fn check_estimate(run: &RecordedRun, estimate: &RecordedEstimate) -> Result<(), 
         return Err("its scores have other parameters than their node".to_owned());
     }
     let anywhere = || run.source.outputs.iter().chain(run.nodes.iter().flat_map(|node| &node.outputs));
-    let (estimate, truth) = match score.kind.as_str() {
+    let (estimate_type, truth_type) = match score.kind.as_str() {
         "score/disparity" => (ValueType::Disparity, ValueType::TrueDisparity),
         _ => (ValueType::Depth, ValueType::Depth),
     };
-    check_topic("estimate", estimate.estimate_topic.as_ref(), estimate, anywhere())?;
-    check_topic("truth", estimate.truth_topic.as_ref(), truth, anywhere())?;
+    check_topic("estimate", estimate.estimate_topic.as_ref(), estimate_type, anywhere())?;
+    check_topic("truth", estimate.truth_topic.as_ref(), truth_type, anywhere())?;
     check_topic("scores", estimate.score_topic.as_ref(), ValueType::Scores, score.outputs.iter())
 }
 
 /// Checks that a topic, if there is one, is that of a recorded output with per-frame values of that type.
-fn is_topic<'a>(
+fn check_topic<'a>(
     what: &str,
     topic: Option<&String>,
     value_type: ValueType,

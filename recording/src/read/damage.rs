@@ -45,7 +45,7 @@ impl Recording {
                 // The record of the end may itself be damaged.
                 let to = if place == data_end.0 { place + DATA_END } else { place };
                 self.find_damage(from, to, &mut damage);
-                crc.take_as_known(place, stated);
+                crc.set_known(place, stated);
             }
             from = place;
         }

@@ -193,7 +193,7 @@ impl Recording {
 
     /// The aggregate values; [`Recording::aggregate_value`] reads one.
     #[must_use]
-    pub fn once_values(&self) -> &[RecordedAggregate] {
+    pub fn aggregate_values(&self) -> &[RecordedAggregate] {
         &self.once
     }
 

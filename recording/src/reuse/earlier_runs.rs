@@ -176,7 +176,7 @@ fn recorded_plan(path: &Path) -> Option<(String, RecordedPlan)> {
 
 impl EarlierRun {
     pub(crate) fn mark_reused(&self) {
-        self.taken.store(true, Ordering::Relaxed);
+        self.is_reused.store(true, Ordering::Relaxed);
     }
 }
 

@@ -121,7 +121,7 @@ impl StoredBytes<'_> {
             let what = format!("the bytes of key {} were requested for key {key}", self.key);
             return Err(RecordingError::Content { path: file.path.clone(), what });
         }
-        self.run.take();
+        self.run.mark_reused();
         for CheckedChunk { channel, chunk, crc } in &self.chunks {
             if !self.shares {
                 let length = chunk.end - chunk.start;

@@ -182,7 +182,7 @@ impl Recording {
     /// # Errors
     /// If the recording cannot be read.
     pub fn aggregate_value(&self, aggregate: &RecordedAggregate) -> Result<Value, RecordingError> {
-        Ok(match &once.content {
+        Ok(match &aggregate.content {
             RecordedContent::Messages { topic, count } => self.curve(topic, *count)?.into(),
             RecordedContent::Attachment { media_type, name, hash } => {
                 let artifact = Arc::new(Artifact::new(media_type.clone(), self.attachment(name)?));
@@ -190,7 +190,7 @@ impl Recording {
                     let what = format!("attachment `{name}` is another than the one of its aggregate value");
                     return Err(RecordingError::Content { path: self.path().to_owned(), what });
                 }
-                match ValueType::from_name(&once.value_type) {
+                match ValueType::from_name(&aggregate.value_type) {
                     Some(ValueType::Model) => Value::Model(artifact),
                     _ => Value::Samples(artifact),
                 }
@@ -217,7 +217,7 @@ impl Recording {
 
 impl Store for Recording {
     fn find(&self, key: &Key) -> Option<Vec<StoredPort>> {
-        self.place_of(key).map(|place| self.held_at(place))
+        self.place_of(key).map(|place| self.stored_at(place))
     }
 
     fn value(&self, key: &Key, port: &str) -> Result<Option<Value>, Fault> {

@@ -16,7 +16,7 @@ use crate::plan::{RecordedPlan, json};
 use crate::read::curve::points_part;
 use crate::read::recording::Recording;
 use crate::reuse::earlier_runs::EarlierRuns;
-use crate::reuse::stored_bytes::{StoredBytes, Wanted};
+use crate::reuse::stored_bytes::{CopyTarget, StoredBytes};
 use crate::write::attachments::{Attachment, artifact_name, experiment_files};
 use crate::write::buffer_pool::PartPools;
 use crate::write::compression::put_port_value;
@@ -328,7 +328,7 @@ impl Tap for Recorder {
         let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
         for (slot, content) in all {
             match content {
-                Content::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value), &at_hand)?,
+                Content::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value), &inputs)?,
                 Content::Stored(key, bytes) => {
                     bytes.copy(&key, &mut builder)?.map_err(|why| self.unkept(frame, why))?;
                 }

@@ -45,12 +45,12 @@ impl Recording {
     #[must_use]
     pub fn is_of_experiment(&self, plan: &Plan) -> bool {
         let files = experiment_files(plan);
-        let mut files = self.attachments().iter().filter(|file| !file.name.starts_with("artifacts/"));
+        let mut stored = self.attachments().iter().filter(|file| !file.name.starts_with("artifacts/"));
         let has_same_files = files.iter().all(|(name, text)| {
-            files.next().is_some_and(|file| file.name == *name)
+            stored.next().is_some_and(|file| file.name == *name)
                 && self.attachment(name).is_ok_and(|bytes| bytes == text.as_bytes())
         });
-        self.is_of_this_format() && has_same_files && files.next().is_none()
+        self.is_of_this_format() && has_same_files && stored.next().is_none()
     }
 
     /// Whether the frame at a position of a stage run has the id, index and time with which this frame would be

@@ -70,7 +70,7 @@ impl<'a> Camera<'a> {
     /// The other camera of the pair, if the source has one.
     pub(crate) fn right_of(run: &'a StageRun) -> Option<Self> {
         let ports = PortId::all(run.source.outputs.len());
-        ports.map(|port| Self::of(run, Slot::Source { port })).find(|camera| matches!(camera, Self::Right(_)))
+        ports.map(|port| Self::of_slot(run, Slot::Source { port })).find(|camera| matches!(camera, Self::Right(_)))
     }
 
     pub(crate) fn folder(self, run: &StageRun) -> String {
@@ -207,10 +207,10 @@ impl Companion {
                 return part.alone(channel, Packing::Compressed, size, |out| put_points(out, stamp, &cloud));
             }
             (Self::RightCalibration, Value::Calibration(calibration)) => {
-                put_camera(&mut message, stamp, calibration, true)
+                put_camera(&mut message, stamp, calibration, true);
             }
             (Self::ViewCalibration, Value::Calibration(calibration)) => {
-                put_camera(&mut message, stamp, &reduced(calibration), false)
+                put_camera(&mut message, stamp, &reduced(calibration), false);
             }
             (Self::Transform { parent, pose }, Value::Calibration(calibration)) => {
                 let same = [0.0, 0.0, 0.0, 1.0];

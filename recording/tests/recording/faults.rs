@@ -225,7 +225,7 @@ fn fault_49_a_recording_says_in_what_condition_it_is() {
     assert_eq!(condition_of(&bytes[..ends[3] as usize]), Condition::Unfinished { rest_bytes: 0 });
     let cut = condition_of(&bytes[..ends[3] as usize + 500]);
     assert_eq!(cut, Condition::Unfinished { rest_bytes: 500 });
-    assert_eq!(cut.to_string(), "unfinished, and its last 500 bytes belong to no whole frame");
+    assert_eq!(cut.to_string(), "unfinished: its last 500 bytes are not part of a complete frame");
     // A record of the fourth frame that is reported to have no end: what follows shows that it had one.
     let mut endless = bytes[..ends[4] as usize].to_vec();
     endless[ends[2] as usize + 4] ^= 1;
@@ -372,7 +372,7 @@ fn a_changed_record_of_a_once_value_is_seen() {
     let place = bytes.windows(entry.len()).position(|window| window == entry).unwrap();
     bytes[place + entry.len() - 1] = b'5';
     let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
-    assert!(recording.condition().to_string().contains("a metadata record is not what was written"));
+    assert!(recording.condition().to_string().contains("a metadata record is damaged"));
     let [model] = recording.aggregate_values() else { panic!("the curve is left out") };
     let model = recording.aggregate_value(model).unwrap();
     assert!(matches!(model, depthloom_graphs::Value::Model(_)), "the model is whole");

@@ -81,10 +81,10 @@ fn outdated_in(ready: &Ready, known: &KnownStage<'_>, recorded: &dyn RecordedVal
         }
     }
     // Aggregate values and later stages are written after the last frame of a stage.
-    let (recorded, today) = (recorded.frames(run), known.source.frames().len());
+    let (then, today) = (recorded.frames(run), known.source.frames().len());
     let is_written = |later: RunId| later > run && recorded.frames(later) > 0 || !recorded.aggregates(later).is_empty();
-    if recorded < today && RunId::all(ready.plan.runs.len()).skip(run.0).any(is_written) {
-        return Some(format!("stage `{stage}` has {today} frames today, and ended after {recorded}"));
+    if then < today && RunId::all(ready.plan.runs.len()).skip(run.0).any(is_written) {
+        return Some(format!("stage `{stage}` has {today} frames today, and ended after {then}"));
     }
     // One whose key is not known before the run is compared when it is written.
     let mut aggregates = recorded.aggregates(run).into_iter();

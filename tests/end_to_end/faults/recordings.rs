@@ -78,7 +78,7 @@ fn fault_49_report_notes_that_a_recording_is_unfinished_or_truncated() {
     let (damaged, _) = report(folder.path(), &damaged);
     assert_eq!(damaged.status.code(), Some(3));
     assert!(text(&damaged).contains("note: the recording is damaged at byte"), "{}", text(&damaged));
-    assert!(text(&damaged).contains("what comes behind was left out; all numbers are of its 2 whole frames"));
+    assert!(text(&damaged).contains("what follows was left out; all numbers are of its 2 whole frames"));
 
     let path = folder.path().join("input.mcap");
     let json = succeed(
@@ -131,7 +131,7 @@ fn recover_keeps_the_frames_before_the_damage_and_reports_its_position() {
         assert!(recovered.damage(&|| false).is_empty());
         assert_eq!(*recovered.condition(), Condition::Recovered);
         let info = succeed(depthloom().arg("info").arg(&out));
-        assert!(String::from_utf8_lossy(&info.stdout).contains(": recovered from an unfinished or damaged one"));
+        assert!(String::from_utf8_lossy(&info.stdout).contains(": recovered from an unfinished or damaged recording"));
         recovered_count += 1;
     }
     assert!(recovered_count > 4 && refused > 1, "{recovered_count} {refused}");

@@ -3,7 +3,7 @@
 //! The coarse scale of Eigen, Puhrsch, Fergus 2014 (their Figure 1): five convolutions and two dense layers that see
 //! the whole image, without their dropout. Their map has a quarter of the image's columns and rows (74x55 of 304x228)
 //! from 4096 units; the paper's on-board network is smaller (Martins et al. 2018, section V) and its sizes are not
-//! told: an eighth from 256 units here. Depth up to 10 m, the range of NYU Depth V2.
+//! published: an eighth from 256 units here. Depth up to 10 m, the range of NYU Depth V2.
 
 use super::unet_lite::FIRST_BIAS;
 use super::{Act, Builder, Conv, Size};

@@ -25,18 +25,18 @@ pub(crate) struct Weights<'a> {
     pub(crate) values: &'a [f32],
 }
 
-struct Known {
+struct NamedValue {
     name: String,
     /// Sides after the batch's.
     dims: Vec<usize>,
 }
 
-/// A network in the making. The bytes depend on the calls alone.
+/// A network that is being built. The bytes depend only on the calls.
 ///
-/// Layers check what they are given and panic where it does not fit: a network is written by code, not by a user.
+/// Layers check their inputs and panic if they do not fit: a network is written by code, not by a user.
 pub(crate) struct GraphBuilder {
     name: String,
-    values: Vec<Known>,
+    values: Vec<NamedValue>,
     inputs: Vec<Tensor>,
     nodes: Vec<NodeProto>,
     initializers: Vec<TensorProto>,
@@ -63,8 +63,8 @@ impl GraphBuilder {
     /// The file: the graph with one output, which is named after its meaning.
     pub(crate) fn finish(mut self, output: Tensor, metadata: &Metadata<'_>) -> Vec<u8> {
         let (before, after) = (self.name_of(output), metadata.meaning.name().replace('-', "_"));
-        let taken = self.values.iter().any(|known| known.name == after && known.name != before);
-        assert!(!taken, "no other value is called {after}");
+        let is_used = self.values.iter().any(|known| known.name == after && known.name != before);
+        assert!(!is_used, "the name {after} is used twice");
         assert!(!self.inputs.contains(&output), "the output is calculated");
         let mentions = self.nodes.iter_mut().flat_map(|node| node.input.iter_mut().chain(&mut node.output));
         mentions.filter(|name| **name == before).for_each(|name| name.clone_from(&after));
@@ -100,7 +100,7 @@ impl GraphBuilder {
 
     fn value(&mut self, name: &str, dims: Vec<usize>) -> Tensor {
         assert!(self.is_unused(name), "the name {name} is taken");
-        self.values.push(Known { name: name.to_owned(), dims });
+        self.values.push(NamedValue { name: name.to_owned(), dims });
         Tensor(self.values.len() - 1)
     }
 
@@ -122,7 +122,7 @@ impl GraphBuilder {
     fn map_dims(&self, tensor: Tensor) -> [usize; 3] {
         let known = &self.values[tensor.0];
         let dims = known.dims.as_slice().try_into();
-        dims.unwrap_or_else(|_| panic!("{} has the sides {:?}: it is no image", known.name, known.dims))
+        dims.unwrap_or_else(|_| panic!("{} has the sides {:?}: it is not an image", known.name, known.dims))
     }
 
     fn constant(&mut self, name: String, dims: &[usize], values: &[f32]) -> String {

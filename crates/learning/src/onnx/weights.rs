@@ -1,7 +1,7 @@
 //! Weights by name: the tensors of a `.safetensors` file, or the constants of an ONNX file.
 //!
-//! IEEE single, half and double and bfloat16 are read, all as f32. Integers are no weights (an ONNX file keeps shapes
-//! among its constants, PyTorch counts batches) and are left out; whatever else there is, is an error.
+//! Reads IEEE single, half and double and bfloat16, all as f32. Integers are not weights (an ONNX file has shapes among
+//! its constants, PyTorch counts batches) and are skipped; other types are an error.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -24,9 +24,9 @@ pub(crate) struct NamedTensor {
 pub(crate) enum WeightsError {
     #[error("{} is neither a .safetensors nor an .onnx file, going by its name", .0.display())]
     Format(PathBuf),
-    #[error("{} is damaged, or no .safetensors file", path.display())]
+    #[error("{} is damaged, or not a .safetensors file", path.display())]
     SafeTensors { path: PathBuf, source: SafeTensorError },
-    #[error("{} is damaged, or no ONNX file", path.display())]
+    #[error("{} is damaged, or not an ONNX file", path.display())]
     Onnx { path: PathBuf, source: prost::DecodeError },
     #[error("tensor `{name}` of {}", path.display())]
     Tensor { path: PathBuf, name: String, source: TensorError },
@@ -35,14 +35,14 @@ pub(crate) enum WeightsError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum TensorError {
     /// Another one has its name.
-    #[error("the file has two of this name")]
+    #[error("two tensors have this name")]
     Twice,
     /// Elements that are neither floats nor integers, or floats of a rare kind.
-    #[error("elements of type {0}, where f32, f16, bf16 and f64 are read")]
+    #[error("its elements have type {0}; supported are f32, f16, bf16 and f64")]
     ElementType(String),
-    #[error("the sides {0:?}")]
+    #[error("invalid sides {0:?}")]
     Sides(Vec<i64>),
-    #[error("{found} elements, where its sides {dims:?} want {wanted}")]
+    #[error("it has {found} elements, but its sides {dims:?} require {wanted}")]
     Count {
         /// How many there are, a part of one included.
         found: usize,
@@ -50,7 +50,7 @@ pub(crate) enum TensorError {
         dims: Vec<usize>,
     },
     /// The elements are not in this file.
-    #[error("its elements lie in another file: save the network as one")]
+    #[error("its elements are stored in another file: save the network as one file")]
     Elsewhere,
 }
 

@@ -8,9 +8,9 @@ use burn::tensor::{DType, Shape, TensorData};
 use depthloom_kernels::convolve::{ConvolutionScratch, Gradients};
 use rayon::prelude::*;
 
-/// What burn keeps of an operation for its backward pass.
+/// What burn stores of an operation for its backward pass.
 #[derive(Clone, Debug)]
-pub(super) struct Kept {
+pub(super) struct ForwardState {
     pub(crate) x: FlexTensor,
     pub(crate) weight: FlexTensor,
     pub(crate) out: FlexTensor,
@@ -36,7 +36,7 @@ pub(super) fn tensor(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
     FlexTensor::from_data(TensorData::new(values, shape))
 }
 
-/// Runs `f` with this thread's scratch memory, kept from call to call.
+/// Runs `f` with this thread's scratch memory, state from call to call.
 fn with_scratch<T>(f: impl FnOnce(&mut ConvolutionScratch) -> T) -> T {
     thread_local! {
         static SCRATCH: RefCell<ConvolutionScratch> = RefCell::default();
@@ -60,7 +60,7 @@ pub(super) fn forward(
 }
 
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Wanted {
+pub(super) struct NeededGradients {
     pub(crate) x: bool,
     pub(crate) weight: bool,
     pub(crate) bias: bool,
@@ -68,32 +68,32 @@ pub(super) struct Wanted {
 
 /// Every image backwards through `f(image, out, slope, gradients, scratch)`: the gradients of x, weight and bias.
 pub(super) fn backward(
-    kept: &Kept,
+    state: &ForwardState,
     slope: &FlexTensor,
-    wanted: Wanted,
+    needed: NeededGradients,
     biases: usize,
     f: impl Fn(&[f32], &[f32], &[f32], &mut Gradients<'_>, &mut ConvolutionScratch) + Sync,
 ) -> [Option<FlexTensor>; 3] {
-    let [batch, channels, rows, columns] = nchw(&kept.x);
+    let [batch, channels, rows, columns] = nchw(&state.x);
     let area = channels * rows * columns;
-    let area_out: usize = nchw(&kept.out)[1..].iter().product();
-    let count = samples(&kept.weight).len();
-    let mut of_x = vec![0.0; if wanted.x { batch * area } else { 0 }];
-    let mut of_weight = vec![0.0; if wanted.weight { batch * count } else { 0 }];
-    let mut of_bias = vec![0.0; if wanted.bias { batch * biases } else { 0 }];
+    let area_out: usize = nchw(&state.out)[1..].iter().product();
+    let count = samples(&state.weight).len();
+    let mut of_x = vec![0.0; if needed.x { batch * area } else { 0 }];
+    let mut of_weight = vec![0.0; if needed.weight { batch * count } else { 0 }];
+    let mut of_bias = vec![0.0; if needed.bias { batch * biases } else { 0 }];
     let places = pieces(&mut of_x, area, batch)
         .zip(pieces(&mut of_weight, count, batch))
         .zip(pieces(&mut of_bias, biases, batch))
-        .zip(samples(&kept.x).chunks_exact(area))
-        .zip(samples(&kept.out).chunks_exact(area_out).zip(samples(slope).chunks_exact(area_out)));
+        .zip(samples(&state.x).chunks_exact(area))
+        .zip(samples(&state.out).chunks_exact(area_out).zip(samples(slope).chunks_exact(area_out)));
     let places: Vec<_> = places.collect();
     places.into_par_iter().with_max_len(1).for_each(|((((image, weights), bias), x), (out, slope))| {
         let mut gradients = Gradients { image, weights, bias };
         with_scratch(|scratch| f(x, out, slope, &mut gradients, scratch));
     });
-    let shape = |wanted: bool, values: Vec<f32>, like: &FlexTensor| wanted.then(|| tensor(values, like.shape()));
-    let of_bias = wanted.bias.then(|| tensor(added(of_bias, biases), [biases]));
-    [shape(wanted.x, of_x, &kept.x), shape(wanted.weight, added(of_weight, count), &kept.weight), of_bias]
+    let shape = |needed: bool, values: Vec<f32>, like: &FlexTensor| needed.then(|| tensor(values, like.shape()));
+    let of_bias = needed.bias.then(|| tensor(added(of_bias, biases), [biases]));
+    [shape(needed.x, of_x, &state.x), shape(needed.weight, added(of_weight, count), &state.weight), of_bias]
 }
 
 /// One piece of `each` samples an image, or none for any.

@@ -12,7 +12,7 @@ use burn::backend::{Autodiff, Flex};
 use depthloom_kernels::convolve::{Activation, Convolution};
 use depthloom_kernels::simd::Level;
 
-use super::batch::{Kept, Wanted, backward, forward, in_order, nchw, samples};
+use super::batch::{ForwardState, NeededGradients, backward, forward, in_order, nchw, samples};
 
 fn kernel<K: Convolution>(x: &FlexTensor, weight: &FlexTensor, relu: bool) -> K {
     let [_, channels, height, width] = nchw(x);
@@ -44,7 +44,7 @@ pub(super) fn tracked<K: Convolution, C: CheckpointStrategy>(
     let (x, weight) = (in_order(x), in_order(weight));
     let out = run_in_order::<K>(&x, &weight, &in_order(bias), relu);
     match Step::<K>(PhantomData).prepare::<C>([x_node, weight_node, bias_node]).compute_bound().stateful() {
-        OpsKind::Tracked(prep) => prep.finish(Kept { x, weight, out: out.clone(), relu }, out),
+        OpsKind::Tracked(prep) => prep.finish(ForwardState { x, weight, out: out.clone(), relu }, out),
         OpsKind::UnTracked(prep) => prep.finish(out),
     }
 }
@@ -53,16 +53,16 @@ pub(super) fn tracked<K: Convolution, C: CheckpointStrategy>(
 struct Step<K>(PhantomData<fn() -> K>);
 
 impl<K: Convolution> Backward<Flex, 3> for Step<K> {
-    type State = Kept;
+    type State = ForwardState;
 
-    fn backward(self, ops: Ops<Kept, 3>, grads: &mut Grads, _checkpointer: &mut Checkpointer) {
+    fn backward(self, ops: Ops<ForwardState, 3>, grads: &mut Grads, _checkpointer: &mut Checkpointer) {
         let [x, weight, bias] = &ops.parents;
-        let wanted = Wanted { x: x.is_some(), weight: weight.is_some(), bias: bias.is_some() };
+        let needed = NeededGradients { x: x.is_some(), weight: weight.is_some(), bias: bias.is_some() };
         let (kept, level) = (ops.state, Level::best());
         let slope = in_order(grads.consume::<Flex>(&ops.node));
         let kernel = kernel::<K>(&kept.x, &kept.weight, kept.relu);
-        let packed = kernel.weights(level, samples(&kept.weight), wanted.x);
-        let found = backward(&kept, &slope, wanted, kernel.output()[0], |image, out, slope, gradients, scratch| {
+        let packed = kernel.weights(level, samples(&kept.weight), needed.x);
+        let found = backward(&kept, &slope, needed, kernel.output()[0], |image, out, slope, gradients, scratch| {
             kernel.backward(level, image, &packed, out, slope, gradients, scratch);
         });
         for (node, gradient) in ops.parents.into_iter().zip(found) {

@@ -8,7 +8,7 @@ fn noise<const D: usize>(seed: usize, shape: [usize; D]) -> Tensor<D> {
     frozen(seed, shape).require_grad()
 }
 
-/// As [`noise`], but nobody asks for its gradient.
+/// As [`noise`], but without a gradient.
 fn frozen<const D: usize>(seed: usize, shape: [usize; D]) -> Tensor<D> {
     let count: usize = shape.iter().product();
     let values: Vec<f32> = (0..count).map(|i| ((i * 7919 + seed * 104_729) % 2003) as f32 / 1001.0 - 1.0).collect();

@@ -35,9 +35,9 @@ pub(super) const HEADER_LEN: usize = 32;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum DecodeError {
     /// The bytes begin otherwise.
-    #[error("the bytes are no training samples: they do not begin with `DLSAMPLE`")]
+    #[error("not training samples: the bytes do not begin with `DLSAMPLE`")]
     Magic,
-    #[error("training samples of version {0}, where version {VERSION} is read: collect them again")]
+    #[error("training samples of version {0} are not supported (expected {VERSION}): collect them again")]
     Version(u32),
     #[error("training samples with the unknown flags {0:#x}")]
     Flags(u32),
@@ -47,7 +47,7 @@ pub(crate) enum DecodeError {
     CutOff { sample: u64, count: u64 },
     #[error("{0} bytes follow the last training sample")]
     Trailing(usize),
-    #[error("the id of training sample {0} is no UTF-8")]
+    #[error("the id of training sample {0} is not UTF-8")]
     Id(u64),
     #[error("training sample {sample} has {what} that is not above 0")]
     Value { sample: u64, what: &'static str },

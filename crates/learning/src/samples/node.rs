@@ -20,13 +20,14 @@ pub(crate) struct SamplesParams {
     /// Columns and rows of the network's image, px.
     #[schemars(inner(range(min = 1, max = 4096)))]
     pub(crate) size: [u32; 2],
-    /// Disparities above this are targets, px.
+    /// Only disparities above this become targets, px.
     #[schemars(range(min = 0, max = 2048))]
     pub(crate) least_disparity: f64,
-    /// Cells of the small image of which targets cover less than this share are left out.
+    /// A cell of the small image has a target only if at least this share of it is covered.
     #[schemars(range(min = 0, max = 1))]
     pub(crate) coverage: f64,
-    /// Samples beyond this are kept in a temporary file until the last frame, MB (2^20 bytes); the result is the same.
+    /// Samples beyond this size are stored in a temporary file until the last frame, MB (2^20 bytes); the result is the
+    /// same.
     #[schemars(range(min = 0, max = 1_048_576), extend("operational" = true))]
     pub(crate) memory_mb: u32,
 }
@@ -55,18 +56,18 @@ impl Node for CollectSamples {
             kind: Self::KIND,
             version: 1,
             contract: Contract::Ordered,
-            summary: "Collects images and confident disparities at a network's size, to learn from.",
+            summary: "Collects training samples: images and confident disparities at the network's size.",
             doc: "\
-The image is resized by area to `size` and rounded to 8 bits, as `mono/onnx` does it; grey is repeated in all three channels. The target of a pixel of the \
-small image is the mean, over its cell, of the disparities that the mask confirms and that are above `least_disparity`, divided by the image's width: \
-area resize of value and of mask, one over the other. Cells covered less than `coverage` have no target. Targets are kept as IEEE half, with `f * B / width` beside \
-them (from `calibration`), by which a share becomes metres.\n\n\
-No truth enters. A frame without any target teaches nothing and is left out; what learns from the samples says if none are left. The bytes of the samples depend on \
-the frames and on `size`, `least_disparity` and `coverage` alone.",
+The image is resized by area to `size` and rounded to 8 bits, as in `mono/onnx`; grey is repeated in all three channels. The target of a pixel of the small \
+image is the mean disparity of its cell, divided by the image's width. The mean covers the pixels that the mask confirms and whose disparity is above \
+`least_disparity` (area resize of value times mask, divided by that of the mask). Cells covered less than `coverage` have no target. Targets are stored as \
+IEEE half, together with `f * B / width` from `calibration`, which converts them to metres.\n\n\
+No ground truth is used. A frame without any target is skipped; a training without any samples reports that. The bytes of the samples depend only on the \
+frames and on `size`, `least_disparity` and `coverage`.",
             inputs: vec![
                 Port::frame("image", ValueType::Image, "The left image, grey or RGB, no smaller than `size`."),
                 Port::frame("target", ValueType::Disparity, "Disparity of the image's pixels, 1/16 px."),
-                Port::frame("mask", ValueType::Mask, "Where the disparity is confident enough to learn from."),
+                Port::frame("mask", ValueType::Mask, "Where the disparity is confident enough for training."),
                 Port::frame("calibration", ValueType::Calibration, "Focal length and baseline, for losses in metres.")
                     .optional(),
                 Port::frame("right", ValueType::Image, "The right image, for photometric losses.").optional(),
@@ -116,7 +117,7 @@ impl CollectSamples {
             return Err(Fault::new(format!(
                 "`{port}` is {width}x{height}, smaller than the network's image of {columns}x{rows}"
             ))
-            .remedy("lower `size` (and the network's): learning from enlarged images is not offered"));
+            .remedy("lower `size` (and the network's): training on enlarged images is not supported"));
         }
         let repeated: Vec<u8>;
         let interleaved = match image.pixels() {
@@ -148,8 +149,8 @@ impl CollectSamples {
             None => None,
         };
         if *self.has_right.get_or_insert(right.is_some()) != right.is_some() {
-            return Err(Fault::new("some frames have a right image and others have none")
-                .remedy("leave `right` unwired, or take only frames that have it"));
+            return Err(Fault::new("some frames have a right image and others do not")
+                .remedy("leave `right` unwired, or select only frames with a right image"));
         }
         let (columns, rows) = (self.size[0] as usize, self.size[1] as usize);
         let share = self.maps.target(disparity, mask, self.rule, columns, rows);
@@ -183,9 +184,9 @@ impl OrderedNode for CollectSamples {
 }
 
 fn unwritten(error: std::io::Error) -> Fault {
-    Fault::new(format!("failed to keep samples in a temporary file in {}", std::env::temp_dir().display()))
+    Fault::new(format!("failed to write samples to a temporary file in {}", std::env::temp_dir().display()))
         .because(error)
-        .remedy("free some disk there, name another folder by TMPDIR, or raise `memory_mb`")
+        .remedy("free some disk space, set TMPDIR to another folder, or raise `memory_mb`")
 }
 
 fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) -> Result<(), Fault> {
@@ -193,7 +194,9 @@ fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) -> Result<(
     if (columns, rows) == (width, height) {
         return Ok(());
     }
-    Err(Fault::new(format!("`image` is {columns}x{rows} and `{port}` is {width}x{height}: they must be of one size")))
+    Err(Fault::new(format!(
+        "`image` is {columns}x{rows} and `{port}` is {width}x{height}: they must have the same size"
+    )))
 }
 
 /// `f * B / width`, metres: with a share `s`, depth is this over `s`.
@@ -201,9 +204,9 @@ fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
     if calibration.doffs_px != 0.0 {
         let doffs_px = calibration.doffs_px;
         let what = format!(
-            "the principal points of `calibration` are {doffs_px} px apart, and metres are learnt where they are one"
+            "the principal points of `calibration` are {doffs_px} px apart, but training in metres requires equal principal points"
         );
-        return Err(Fault::new(what).remedy("leave `calibration` unwired to learn disparities, without metres"));
+        return Err(Fault::new(what).remedy("leave `calibration` unwired to train on disparities, without metres"));
     }
     let scale = calibration.focal_baseline_px_m() / f64::from(width);
     if scale > 0.0 && scale.is_finite() {
@@ -211,7 +214,7 @@ fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
     }
     let Calibration { focal_px, baseline_m, .. } = calibration;
     Err(Fault::new(format!("`calibration` has a focal length of {focal_px} px and a baseline of {baseline_m} m"))
-        .remedy("both must be above 0; leave `calibration` unwired to learn without metres"))
+        .remedy("both must be above 0; leave `calibration` unwired to train without metres"))
 }
 
 #[cfg(test)]

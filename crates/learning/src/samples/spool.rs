@@ -36,7 +36,7 @@ impl Spool {
         // Allocated once at its size: the bytes of a large set would not fit into memory twice.
         let length = head.len() + self.written + self.memory.len();
         let mut all: Arc<[u8]> = std::iter::repeat_n(0, length).collect();
-        let bytes = Arc::get_mut(&mut all).expect("nobody else has it yet");
+        let bytes = Arc::get_mut(&mut all).expect("it is not shared yet");
         let (start, rest) = bytes.split_at_mut(head.len());
         let (of_file, of_memory) = rest.split_at_mut(self.written);
         start.copy_from_slice(head);
@@ -57,7 +57,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_was_appended_comes_back_whatever_the_bound(
+        fn appended_bytes_read_back_with_any_bound(
             pieces in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..40), 0..12),
             bound in 0usize..120,
         ) {

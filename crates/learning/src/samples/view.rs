@@ -35,7 +35,7 @@ impl SampleView<'_> {
 }
 
 impl<'a> SamplesView<'a> {
-    /// Reads what `learn/samples` gave, without a copy.
+    /// Reads the output of `learn/samples`, without a copy.
     pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let (form, count, mut rest) = header(bytes)?;
         // Damaged counts announce more than the bytes can hold: no memory is taken before it is looked at.
@@ -79,7 +79,7 @@ impl<'a> SamplesView<'a> {
     }
 }
 
-/// What the first bytes say: columns, rows, and whether there are right images.
+/// Columns, rows, and whether there are right images, from the first bytes.
 pub(crate) fn size_and_right(bytes: &[u8]) -> Result<(u32, u32, bool), DecodeError> {
     header(bytes).map(|(form, ..)| (form.width, form.height, form.has_right))
 }
@@ -138,7 +138,7 @@ mod tests {
     use crate::samples::{Sample, Samples};
 
     #[test]
-    fn fault_22_samples_are_read_where_they_lie() {
+    fn fault_22_samples_are_read_without_a_copy() {
         let sample = Sample {
             id: "7".to_owned(),
             image: (1..7).collect(),

@@ -1,4 +1,4 @@
-//! Which samples a step learns from, and how they are changed.
+//! Selects the samples of a training step, and augments them.
 
 use crate::samples::SamplesView;
 use depthloom_random::SplitMix64;
@@ -12,7 +12,7 @@ pub(super) struct Batch {
     pub(crate) images: Vec<f32>,
     /// The right views, likewise; empty where they are not used.
     pub(crate) rights: Vec<f32>,
-    /// Batch x height x width: disparity as a share of the width, NaN where there is none.
+    /// Batch x height x width: disparity as a share of the width, NaN without a target.
     pub(crate) shares: Vec<f32>,
     /// Per sample: depth x share, metres.
     pub(crate) depth_scales: Vec<f32>,
@@ -31,7 +31,7 @@ pub(super) fn drawn(params: &SslParams, samples: usize, step: u64) -> Vec<usize>
     let batch = params.batch as usize;
     let mut random = of_step(params.seed, step);
     let Some(loaded) = params.loaded else { return (0..batch).map(|_| random.below(samples)).collect() };
-    // As in the paper: so many images are loaded, and batches drawn from them alone for a while.
+    // As in the paper: `loaded` images are loaded, and for a while batches are drawn only from them.
     let epoch = step / u64::from(params.draws);
     let mut loader = SplitMix64::part(params.seed ^ 0x6c6f_6164, epoch);
     let loaded: Vec<usize> = distinct(&mut loader, samples, loaded as usize);

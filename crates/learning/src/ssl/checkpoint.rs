@@ -43,7 +43,7 @@ pub(super) enum Unusable {
     Unreadable(PathBuf, io::Error),
     #[error("the checkpoint {0} is damaged")]
     Damaged(PathBuf),
-    /// It is whole, and of another program or training.
+    /// It is complete, but belongs to another program or training.
     #[error("the checkpoint {0} was written by another version")]
     Foreign(PathBuf),
 }
@@ -53,7 +53,7 @@ impl Checkpoint {
         Self { path }
     }
 
-    /// The state it holds; `None` if there is none.
+    /// The stored state; `None` if the file does not exist.
     pub(super) fn load(&self, layout: &ParameterLayout) -> Result<Option<State>, Unusable> {
         let bytes = match regular_file::read(&self.path, LARGEST) {
             Ok(bytes) => bytes,
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_comes_back_bit_for_bit_and_a_damaged_one_not_at_all() {
+    fn a_state_reads_back_bit_for_bit_and_a_damaged_one_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let layout = layout(Network::UnetLite, Size { width: 32, height: 32 });
         let state = state(&layout);
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_46_a_flipped_bit_of_a_checkpoint_is_seen() {
+    fn fault_46_a_flipped_bit_of_a_checkpoint_is_detected() {
         let folder = tempfile::tempdir().unwrap();
         let layout = layout(Network::FcnLite, Size { width: 32, height: 32 });
         let checkpoint = Checkpoint::at(folder.path().join("this.checkpoint"));

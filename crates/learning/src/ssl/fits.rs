@@ -10,7 +10,7 @@ use super::params::SslParams;
 use crate::networks::Size;
 use crate::samples::{CollectSamples, SamplesParams, SamplesView, size_and_right};
 
-/// What the samples at a port have in common.
+/// The common properties of the samples at a port.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Form {
     pub(crate) size: Size,
@@ -20,12 +20,12 @@ pub(super) struct Form {
 }
 
 impl Form {
-    pub(super) fn of(samples: &SamplesView<'_>) -> Self {
+    pub(super) fn new(samples: &SamplesView<'_>) -> Self {
         let size = Size { width: samples.width(), height: samples.height() };
         Self { size, has_right: samples.has_right(), has_depth: samples.has_depth_scale() }
     }
 
-    /// Of samples that do not exist yet, as far as their origin shows it.
+    /// For samples that do not exist yet, as far as their origin shows it.
     fn to_come(origin: &InputOrigin<'_>) -> Option<Self> {
         match origin {
             InputOrigin::Node(node) => {
@@ -39,8 +39,8 @@ impl Form {
         }
     }
 
-    /// By the first bytes of a file, which do not show whether each sample has a calibration. A file of something else
-    /// is reported when it is read.
+    /// From the first bytes of a file, which do not show whether each sample has a calibration. A file with other
+    /// content is reported when it is read.
     fn of_file(path: &Path) -> Option<Self> {
         let mut head = Vec::new();
         std::fs::File::open(path).ok()?.take(64).read_to_end(&mut head).ok()?;
@@ -65,7 +65,7 @@ impl SslParams {
             .remedy("wire validation samples, or leave `patience` out"))
     }
 
-    /// That network and losses can do with samples of this form.
+    /// Checks that network and losses can use samples of this form.
     pub(super) fn check_form(&self, samples: &Form, validation: Option<&Form>) -> Result<(), Fault> {
         self.check_depth("samples", samples)?;
         if let Some(validation) = validation {
@@ -79,10 +79,10 @@ impl SslParams {
                 "validation samples are {}x{}, samples {}x{}",
                 size.width, size.height, samples.size.width, samples.size.height
             ))
-            .remedy("give both `learn/samples` the same `size`"));
+            .remedy("set the same `size` for both `learn/samples`"));
         }
         if self.photometric > 0.0 && !samples.has_right {
-            return Err(Fault::new("the photometric loss needs the right view, which the samples do not hold")
+            return Err(Fault::new("the photometric loss needs the right view, which the samples do not contain")
                 .remedy("wire `right: source/right` at `learn/samples`"));
         }
         Ok(())
@@ -93,9 +93,10 @@ impl SslParams {
             return Ok(());
         }
         let network = self.network.name();
-        Err(Fault::new(format!("depth cannot be told from the samples at `{port}`: they hold no calibration")).remedy(
-            format!("wire `calibration: source/calibration` at `learn/samples`, which {network} with this loss needs"),
-        ))
+        Err(Fault::new(format!("depth cannot be computed from the samples at `{port}`: they have no calibration"))
+            .remedy(format!(
+                "wire `calibration: source/calibration` at `learn/samples`, which {network} with this loss needs"
+            )))
     }
 
     fn check_size(&self, size: Size) -> Result<(), Fault> {
@@ -105,7 +106,7 @@ impl SslParams {
         }
         let up = |side: usize| side.next_multiple_of(multiple);
         Err(Fault::new(format!(
-            "{} wants images whose sides are multiples of {multiple}; the samples are {}x{}",
+            "{} requires images whose sides are multiples of {multiple}; the samples are {}x{}",
             network.name(),
             size.width,
             size.height

@@ -1,4 +1,4 @@
-//! What a map is wrong by, and which way each of its samples should go.
+//! The error of a map, and its gradient.
 //!
 //! Losses are plain loops over samples, forward and gradient in one, summed in a fixed order: so equal runs have equal
 //! bits whatever the number of threads, and the training library only has to carry the gradient back.
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::networks::Meaning;
 
-/// In what the absolute error is measured.
+/// The measure of the absolute error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Loss {
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_target_teaches_nothing() {
+    fn pixels_without_a_target_have_no_gradient() {
         for error in all() {
             let mut slopes = [1.0; 2];
             assert_eq!(error.add(&[0.3, 0.4], &[f32::NAN; 2], 1.0, &mut slopes), (0.0, 0));

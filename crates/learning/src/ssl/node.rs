@@ -38,20 +38,22 @@ impl Node for Ssl {
             kind: "learn/ssl",
             version: VERSION,
             contract: Contract::Once,
-            summary: "Teaches a still-mono network from the robot's own stereo: no ground truth.",
+            summary: "Trains a monocular network with the robot's own stereo, without ground truth.",
             doc: "\
-The loss is the paper's, the masked mean absolute error `l = mean over C of |Z_m - Z_s|` (Martins et al. 2018), on inverse depth, depth or log depth; beside it, if asked for, \
-the left-right photometric loss of Godard et al. 2017. The optimiser is Adam. A step's samples and their changes depend on `seed` and the step alone, and gradients are added up in a \
-fixed order: the same samples give the same network, bit for bit, with any number of workers, killed and resumed or not.\n\n\
-The network is an ONNX file (opset 13): input `image`, Nx3xHxW, RGB in [0, 1], area resized to the samples' size; output `disparity_share` (disparity as a share of the image's width) or `depth` \
-(metres, `eigen-coarse`). Its metadata tell input size, normalisation, meaning and the training's key.\n\n\
-Networks: `unet-lite`, 1.07 M parameters; `unet-tiny`, 70 k parameters; `fcn-lite`, without skips; `fcn-vgg16`, the paper's, whose first 8 convolutions keep the weights given by `weights` \
-(names as torchvision's: `features.0.weight`); `eigen-coarse`, the on-board one.\n\n\
-With `validation`, samples of another stage, the network that agrees best with their stereo is given, and `patience` stops early. Every `checkpoint_every` steps \
-the state is put down beside the run; a run begun again after a kill, or after an interruption, goes on there.",
+The loss is that of the paper, the masked mean absolute error `l = mean over C of |Z_m - Z_s|` (Martins et al. 2018), on inverse depth, depth or log depth. \
+With `photometric`, the left-right photometric loss of Godard et al. 2017 is added. The optimiser is Adam. A step's samples and their augmentation depend \
+only on `seed` and the step, and gradients are added in a fixed order: the same samples give the same network, bit for bit, with any number of workers, also \
+after a kill and resume.\n\n\
+The network is an ONNX file (opset 13). Its input is `image`, Nx3xHxW, RGB in [0, 1], area resized to the samples' size. Its output is `disparity_share` \
+(disparity as a share of the image's width) or `depth` (metres, `eigen-coarse`). Its metadata state input size, normalisation, meaning and the training's cache \
+key.\n\n\
+Networks: `unet-lite`, 1.07 M parameters; `unet-tiny`, 70 k parameters; `fcn-lite`, without skips; `fcn-vgg16`, the network of the paper, whose first 8 convolutions keep the weights of the \
+file `weights` (with the names of torchvision: `features.0.weight`); `eigen-coarse`, the paper's on-board network.\n\n\
+With `validation`, samples of another stage, the output is the network with the lowest error on them, and `patience` stops early. Every `checkpoint_every` \
+steps, the state is stored beside the run; if a run was killed or interrupted, repeating the command resumes the training there.",
             inputs: vec![
-                Port::once("samples", ValueType::Samples, "What to learn from: `learn/samples`."),
-                Port::once("validation", ValueType::Samples, "Samples of another stage, to see when it is best.")
+                Port::once("samples", ValueType::Samples, "The training samples: `learn/samples`."),
+                Port::once("validation", ValueType::Samples, "Samples of another stage, to select the best network.")
                     .optional(),
             ],
             outputs: vec![
@@ -63,12 +65,13 @@ the state is put down beside the run; a run begun again after a kill, or after a
 
     fn check(params: &SslParams) -> Result<(), (&'static str, String)> {
         if params.patience.is_some() && params.curve_every > params.steps {
-            return Err(("curve_every", "curve_every must not exceed steps where patience waits for it".to_owned()));
+            return Err(("curve_every", "curve_every must not exceed steps if patience is set".to_owned()));
         }
         if params.network == Network::FcnVgg16 && params.weights.is_none() {
             return Err((
                 "weights",
-                "fcn-vgg16 keeps its first 8 convolutions as they are: name a file of pretrained weights".to_owned(),
+                "fcn-vgg16 does not train its first 8 convolutions: set `weights` to a file of pretrained weights"
+                    .to_owned(),
             ));
         }
         Ok(())
@@ -97,8 +100,8 @@ impl OnceNode for Ssl {
         let samples = read("samples", inputs.get::<Artifact>("samples")?)?;
         let validation = inputs.optional::<Artifact>("validation")?;
         let validation = validation.map(|artifact| read("validation", artifact)).transpose()?;
-        let form = Form::of(&samples);
-        self.params.check_form(&form, validation.as_ref().map(Form::of).as_ref())?;
+        let form = Form::new(&samples);
+        self.params.check_form(&form, validation.as_ref().map(Form::new).as_ref())?;
         self.params.check_patience(validation.is_some())?;
         let layout = layout(self.params.network, form.size);
         let learn = || self.learn(&layout, &samples, validation.as_ref(), ctx.host);
@@ -112,13 +115,14 @@ impl OnceNode for Ssl {
     }
 }
 
-/// The samples at a port: where they lie, since a large set would not fit into memory twice.
+/// The samples at a port, without a copy, since a large set would not fit into memory twice.
 fn read<'a>(port: &str, artifact: &'a Artifact) -> Result<SamplesView<'a>, Fault> {
-    let damaged = |error| Fault::new(format!("what is at `{port}` cannot be read as samples")).because(error);
+    let damaged = |error| Fault::new(format!("the input `{port}` cannot be read as samples")).because(error);
     let samples = SamplesView::read(&artifact.bytes).map_err(damaged)?;
     if !samples.has_target() {
-        return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target"))
-            .remedy("see that the stage has frames, and that mask and disparity of `learn/samples` leave something"));
+        return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target")).remedy(
+            "check that the stage has frames, and that the mask and disparity at `learn/samples` leave valid pixels",
+        ));
     }
     Ok(samples)
 }
@@ -132,16 +136,16 @@ impl Ssl {
         host: &dyn Host,
     ) -> Result<(Vec<Vec<f32>>, Curve), Fault> {
         let checkpoint = host.checkpoint().map(Checkpoint::at);
-        let taken_up = checkpoint.as_ref().and_then(|checkpoint| {
+        let resumed_state = checkpoint.as_ref().and_then(|checkpoint| {
             checkpoint.load(layout).unwrap_or_else(|unusable| {
-                host.notice(&format!("{unusable}: learning begins again"));
+                host.notice(&format!("{unusable}: training starts from the first step"));
                 None
             })
         });
-        let state = match taken_up {
+        let state = match resumed_state {
             Some(state) => {
                 host.info(&format!(
-                    "goes on at step {} of {}, where an earlier run left it",
+                    "resumes at step {} of {} from a checkpoint of an earlier run",
                     state.step, self.params.steps
                 ));
                 state
@@ -154,7 +158,7 @@ impl Ssl {
             None => Ok(()),
         };
         let (began, first) = (Instant::now(), training.step());
-        while !training.is_over() {
+        while !training.is_finished() {
             if host.stopping() {
                 save(&training)?;
                 return Err(Fault::Cancelled);
@@ -169,7 +173,7 @@ impl Ssl {
             let left = self.params.steps.saturating_sub(step) as f64 / per_second;
             let loss = training.loss().map_or_else(|| "no target yet".to_owned(), |loss| format!("loss {loss:.5}"));
             host.progress(step, self.params.steps, &format!("{loss}, {per_second:.1} steps/s, {left:.0} s left"));
-            if step.is_multiple_of(self.params.checkpoint_every) && !training.is_over() {
+            if step.is_multiple_of(self.params.checkpoint_every) && !training.is_finished() {
                 save(&training)?;
             }
         }
@@ -177,7 +181,7 @@ impl Ssl {
         if learned.iter().flatten().any(|value| !value.is_finite()) {
             return Err(diverged());
         }
-        // The last state too: a run may end before what was learned is safe, and the next one finds it whole.
+        // The last state too: a run may end before the network is stored, and the next one then finds it complete.
         if training.step() > first
             && let Err(fault) = save(&training)
         {
@@ -220,7 +224,7 @@ fn spent_ns(pool: &ThreadPool) -> u64 {
 }
 
 fn diverged() -> Fault {
-    Fault::new("learning diverged: the loss or the weights are no longer numbers")
+    Fault::new("training diverged: the loss or the weights are no longer finite numbers")
         .remedy("lower `learning_rate`, or choose another `seed`")
 }
 
@@ -234,7 +238,7 @@ fn pool(width: usize, batch: u32) -> Result<ThreadPool, Fault> {
         look_for_room().and_then(|()| builder.spawn(|| thread.run())).map(drop)
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).spawn_handler(start).build();
-    pool.map_err(|error| Fault::new("failed to start the threads of learning").because(error))
+    pool.map_err(|error| Fault::new("failed to start the training threads").because(error))
 }
 
 #[cfg(test)]

@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 use super::loss::Loss;
 use crate::networks::{Meaning, Network};
 
-/// How the learning rate goes on from its first value.
+/// How the learning rate changes after its first value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Schedule {
     /// Half a cosine down to zero at the last step.
     #[default]
     Cosine,
-    /// It stays.
+    /// Constant.
     Constant,
 }
 
@@ -24,32 +24,32 @@ pub(crate) enum Schedule {
 pub(crate) struct SslParams {
     /// The network: `unet-lite`, `unet-tiny`, `fcn-lite`, `fcn-vgg16` or `eigen-coarse`.
     pub(crate) network: Network,
-    /// In what the absolute error is measured: `inverse-depth`, `depth` (the paper's) or `log-depth`.
+    /// The measure of the absolute error: `inverse-depth`, `depth` (the paper's) or `log-depth`.
     pub(crate) loss: Loss,
-    /// Depths beyond are as far as this, metres; of the loss `depth`.
+    /// Larger depths are clamped to this, metres; only for the loss `depth`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub(crate) cap: f64,
-    /// Weight of the photometric loss (Godard, Mac Aodha, Brostow 2017) beside the error; needs the right view at
-    /// `learn/samples`.
+    /// Factor of the photometric loss (Godard, Mac Aodha, Brostow 2017), which is added to the error; requires the
+    /// right view at `learn/samples`.
     #[schemars(range(min = 0))]
     pub(crate) photometric: f64,
     /// Steps of the optimiser.
     #[schemars(range(min = 1))]
     pub(crate) steps: u64,
-    /// Samples a step.
+    /// Samples per step.
     #[schemars(range(min = 1, max = 4096))]
     pub(crate) batch: u32,
     /// Samples loaded at a time, from which `draws` batches are drawn (the paper: 32 and 100); `null` draws every batch
-    /// from all.
+    /// from all samples.
     #[schemars(inner(range(min = 1)))]
     pub(crate) loaded: Option<u32>,
-    /// Batches drawn from what is loaded.
+    /// Batches drawn from the loaded samples.
     #[schemars(range(min = 1))]
     pub(crate) draws: u32,
-    /// First learning rate of Adam.
+    /// The first learning rate of Adam.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub(crate) learning_rate: f64,
-    /// How the learning rate goes on: `cosine` or `constant`.
+    /// How the learning rate changes: `cosine` or `constant`.
     pub(crate) schedule: Schedule,
     /// Whether half of the samples are mirrored.
     pub(crate) flip: bool,
@@ -59,23 +59,23 @@ pub(crate) struct SslParams {
     /// Each colour varies by up to this share.
     #[schemars(range(min = 0, max = 1))]
     pub(crate) colour: f64,
-    /// Up to this share of the image's sides is cut off and the rest enlarged; its disparities are larger shares of the
-    /// width then.
+    /// Up to this share of the image's sides is cut off, and the rest is enlarged; its disparities then are larger
+    /// shares of the width.
     #[schemars(range(min = 0, max = 0.9))]
     pub(crate) crop: f64,
-    /// Where all randomness comes from.
+    /// The seed of all random numbers.
     pub(crate) seed: u64,
-    /// Weights to begin with, by the names of the network's parameters: a `.safetensors` or ONNX file. What it lacks
-    /// begins at random.
+    /// Initial weights, with the names of the network's parameters: a `.safetensors` or ONNX file. Other parameters
+    /// start with random values.
     pub(crate) weights: Option<DataPath>,
-    /// Steps from one point of the learning curve to the next.
+    /// Steps between two points of the learning curve.
     #[schemars(range(min = 1))]
     pub(crate) curve_every: u64,
-    /// With validation samples: points of the curve without a new best before learning stops; `null` never stops. The
-    /// best network is given.
+    /// With validation samples: points of the curve without a new best before training stops; `null` never stops. The
+    /// output is the best network.
     #[schemars(inner(range(min = 1)))]
     pub(crate) patience: Option<u32>,
-    /// Steps from one checkpoint to the next.
+    /// Steps between two checkpoints.
     #[schemars(range(min = 1), extend("operational" = true))]
     pub(crate) checkpoint_every: u64,
 }
@@ -107,7 +107,7 @@ impl Default for SslParams {
 }
 
 impl SslParams {
-    /// Whether network or loss speak of depth in metres.
+    /// Whether network or loss use depth in metres.
     pub(super) fn needs_depth(&self) -> bool {
         self.loss == Loss::Depth || matches!(self.network.meaning(), Meaning::Depth { .. })
     }

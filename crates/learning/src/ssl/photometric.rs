@@ -29,7 +29,7 @@ impl Photometric {
             let right = &batch.rights[i * 3 * area..][..3 * area];
             let (map, slopes) = (&map[i * cells..][..cells], &mut slopes[i * cells..][..cells]);
             let k = batch.depth_scales[i];
-            // Mirrored, the right view lies on the other side.
+            // In a mirrored sample, the right view is on the other side.
             let side = if batch.mirrored[i] { 1.0 } else { -1.0 };
             let (disparity, by_map) = self.disparities(map, k);
             let mut by_disparity = vec![0.0; area];
@@ -110,7 +110,7 @@ fn block(x: &[f32], y: &[f32], at: usize, width: usize, weight: f32, slopes: &mu
     let (a, b) = (2.0 * mx * my + C1, 2.0 * cov + C2);
     let (c, d) = (mx * mx + my * my + C1, vx + vy + C2);
     let ssim = a * b / (c * d);
-    // 1 - SSIM lies in [0, 2]; the original clamps it to [0, 1] after halving, which it never leaves.
+    // 1 - SSIM is within [0, 2]; the original clamps it to [0, 1] after halving, which it never exceeds.
     for i in 0..9 {
         let p = places(i);
         let (by_my, by_vy, by_cov) = (1.0 / COUNT, 2.0 / COUNT * (y[p] - my), (x[p] - mx) / COUNT);
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn the_true_disparity_costs_least() {
+    fn the_correct_disparity_has_the_lowest_loss() {
         // Not nothing: beyond the edge the right view has no samples.
         for mirrored in [false, true] {
             let batch = pair(1.5, mirrored);

@@ -38,7 +38,7 @@ struct Patience {
     seen: AtomicU64,
     cpu_ns: AtomicU64,
     checkpoint: Option<PathBuf>,
-    told: Mutex<Vec<String>>,
+    notices: Mutex<Vec<String>>,
 }
 
 impl Patience {
@@ -49,7 +49,7 @@ impl Patience {
             seen: AtomicU64::new(0),
             cpu_ns: AtomicU64::new(0),
             checkpoint: None,
-            told: Mutex::default(),
+            notices: Mutex::default(),
         }
     }
 }
@@ -64,7 +64,7 @@ impl Host for Patience {
     }
 
     fn warn(&self, what: &str) {
-        self.told.lock().expect("nobody panics with it").push(what.to_owned());
+        self.notices.lock().expect("the lock is not poisoned").push(what.to_owned());
     }
 
     fn info(&self, what: &str) {
@@ -182,9 +182,9 @@ fn fault_27_a_training_asked_to_stop_goes_on_later_to_the_same_bytes() {
         assert!(again == whole, "stopped after {steps} steps");
         assert!(resumed.cpu_ns.into_inner() > 0, "the pool's threads have worked");
         assert_eq!(resumed.seen.into_inner(), 14 - steps, "what was done is not done again");
-        let told = resumed.told.into_inner().expect("nobody panicked");
-        assert_eq!(told, [format!("goes on at step {steps} of 14, where an earlier run left it")]);
-        // Whoever runs it may be stopped after the training: then it is there to be taken up.
+        let notices = resumed.notices.into_inner().expect("the lock is not poisoned");
+        assert_eq!(notices, [format!("resumes at step {steps} of 14 from a checkpoint of an earlier run")]);
+        // The run may be stopped after the training: then the checkpoint is there to resume from.
         let after = Patience { checkpoint, ..Patience::endless(1) };
         assert!(learn(params(), &learned, Some(&held_out), &after).expect("it has learned") == whole);
         assert_eq!(after.seen.into_inner(), 0, "no step is done again");
@@ -206,8 +206,8 @@ fn fault_46_a_damaged_checkpoint_is_said_and_learning_begins_again() {
     let again = host();
     assert!(learn(params(), &learned, None, &again).expect("it learns") == whole);
     assert_eq!(again.seen.into_inner(), 3, "from the first step");
-    let told = again.told.into_inner().expect("nobody panicked");
-    assert_eq!(told, [format!("the checkpoint {} is damaged: learning begins again", path.display())]);
+    let notices = again.notices.into_inner().expect("the lock is not poisoned");
+    assert_eq!(notices, [format!("the checkpoint {} is damaged: training starts from the first step", path.display())]);
 }
 
 #[test]
@@ -246,18 +246,18 @@ fn patience_stops_and_the_best_network_is_given() {
 
 #[test]
 fn what_does_not_fit_is_said_with_a_remedy() {
-    let told = |params: serde_json::Value, samples: &Samples, validation: Option<&Samples>| {
+    let message = |params: serde_json::Value, samples: &Samples, validation: Option<&Samples>| {
         let Err(fault) = learn(params, samples, validation, &Patience::endless(1)) else { panic!("it must not learn") };
         format!("{} | {}", fault.chain(), fault.remedy_text().expect("a remedy"))
     };
     let good = samples(2, 0, false);
     let none = Samples { items: Vec::new(), ..samples(0, 0, false) };
-    assert!(told(json!({}), &none, None).contains("no samples at `samples`"));
-    assert!(told(json!({ "patience": 2 }), &good, None).contains("wire validation samples"));
-    assert!(told(json!({ "photometric": 1.0 }), &good, None).contains("right: source/right"));
+    assert!(message(json!({}), &none, None).contains("no samples at `samples`"));
+    assert!(message(json!({ "patience": 2 }), &good, None).contains("wire validation samples"));
+    assert!(message(json!({ "photometric": 1.0 }), &good, None).contains("right: source/right"));
     let mut no_depth = samples(2, 0, false);
     no_depth.items.iter_mut().for_each(|item| item.depth_scale = None);
-    assert!(told(json!({ "loss": "depth" }), &no_depth, None).contains("calibration: source/calibration"));
+    assert!(message(json!({ "loss": "depth" }), &no_depth, None).contains("calibration: source/calibration"));
     let odd = Samples {
         width: 40,
         height: 32,
@@ -270,8 +270,8 @@ fn what_does_not_fit_is_said_with_a_remedy() {
             depth_scale: None,
         }],
     };
-    assert!(told(json!({}), &odd, None).contains("size: [64, 32]"));
-    assert!(told(json!({ "learning_rate": 1e30, "steps": 3 }), &good, None).contains("lower `learning_rate`"));
+    assert!(message(json!({}), &odd, None).contains("size: [64, 32]"));
+    assert!(message(json!({ "learning_rate": 1e30, "steps": 3 }), &good, None).contains("lower `learning_rate`"));
 }
 
 #[test]

@@ -92,7 +92,7 @@ impl<'a> Training<'a> {
         self.has_diverged
     }
 
-    pub(super) fn is_over(&self) -> bool {
+    pub(super) fn is_finished(&self) -> bool {
         self.state.step >= self.params.steps || self.is_out_of_patience()
     }
 

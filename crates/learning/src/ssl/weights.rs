@@ -11,12 +11,12 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedTensor>, Fault> {
     let bytes = std::fs::read(path).map_err(|error| {
         Fault::new(format!("failed to read the weights {}", path.display()))
             .because(error)
-            .remedy("`weights` names a .safetensors or .onnx file")
+            .remedy("set `weights` to a .safetensors or .onnx file")
     })?;
     decode_weights(path, &bytes).map_err(|error| {
         Fault::new("failed to read the pretrained weights")
             .because(error)
-            .remedy("`weights` names a .safetensors or .onnx file with f32 or f16 tensors")
+            .remedy("set `weights` to a .safetensors or .onnx file with f32 or f16 tensors")
     })
 }
 
@@ -47,24 +47,24 @@ pub(super) fn matched<'f>(
         let Some(tensor) = file.iter().find(|tensor| tensor.name == parameter.name) else {
             if parameter.frozen {
                 return Err(Fault::new(format!(
-                    "{path} has no tensor `{}`, which is not learned but kept",
+                    "{path} has no tensor `{}`, which is required because it is not trained",
                     parameter.name
                 ))
-                .remedy(format!("the names are torchvision's; the file has {}", some_names(file))));
+                .remedy(format!("the names must be those of torchvision; the file has {}", some_names(file))));
             }
             matched.push(None);
             continue;
         };
         if tensor.dims != parameter.shape {
             let (name, have, want) = (&parameter.name, &tensor.dims, &parameter.shape);
-            return Err(Fault::new(format!("`{name}` of {path} has the shape {have:?} where {want:?} is wanted"))
+            return Err(Fault::new(format!("`{name}` of {path} has the shape {have:?}, expected {want:?}"))
                 .remedy("use weights of the same network"));
         }
         matched.push(Some(tensor));
     }
     if matched.iter().all(Option::is_none) {
         let wanted = layout.parameters.first().map_or("", |parameter| &parameter.name);
-        return Err(Fault::new(format!("{path} has none of the network's parameters (`{wanted}`, ...)"))
+        return Err(Fault::new(format!("{path} does not contain any of the network's parameters (`{wanted}`, ...)"))
             .remedy(format!("the file has {}", some_names(file))));
     }
     Ok(matched)
@@ -110,15 +110,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_or_of_another_shape_is_named() {
+    fn missing_tensors_and_wrong_shapes_are_named() {
         let layout = layout(Network::FcnVgg16, SIZE);
-        let told = |file: &[NamedTensor]| {
+        let message = |file: &[NamedTensor]| {
             let fault = fill(&layout, file, Path::new("vgg.onnx"), &mut layout.start(1)).unwrap_err();
             format!("{} ({})", fault.chain(), fault.remedy_text().unwrap_or_default())
         };
-        assert!(told(&of_vgg("features.7.bias", "")).contains("`features.7.bias`"));
-        let told_shape = told(&of_vgg("", "features.5.weight"));
-        assert!(told_shape.contains("the shape [128, 64, 3, 3, 1] where [128, 64, 3, 3] is wanted"), "{told_shape}");
-        assert!(told(&[]).contains("features.0.weight"));
+        assert!(message(&of_vgg("features.7.bias", "")).contains("`features.7.bias`"));
+        let shape_message = message(&of_vgg("", "features.5.weight"));
+        assert!(shape_message.contains("the shape [128, 64, 3, 3, 1] expected [128, 64, 3, 3]"), "{shape_message}");
+        assert!(message(&[]).contains("features.0.weight"));
     }
 }

@@ -43,7 +43,7 @@ impl Lock {
             opened => opened?,
         };
         // A process that looks for finished runs may have locked the marker by now: then the folder belongs to it.
-        let mut lock = Self::lock(marker)?;
+        let mut lock = Self::from_marker(marker)?;
         let written = writeln!(lock.marker, "{}", content()).and_then(|()| lock.marker.sync_all());
         match written.and_then(|()| depthloom_durable::sync_name(&path)) {
             Ok(()) => Ok(lock),
@@ -63,12 +63,12 @@ impl Lock {
             Err(error) if error.kind() == io::ErrorKind::NotFound && is_of_0_1_0(folder) => return Self::mark(folder),
             opened => opened?,
         };
-        let lock = Self::lock(marker)?;
+        let lock = Self::from_marker(marker)?;
         // Between opening and locking, the previous owner may have replaced the folder.
         if lock.is_of(folder) { Ok(lock) } else { Err(Refused::Busy) }
     }
 
-    fn lock(marker: File) -> Result<Self, Refused> {
+    fn from_marker(marker: File) -> Result<Self, Refused> {
         match marker.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Err(Refused::Busy),

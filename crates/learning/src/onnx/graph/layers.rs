@@ -1,4 +1,4 @@
-//! The layers a graph is made of: what each computes, and the operator that says so.
+//! The layers of a graph: what each computes, and its ONNX operator.
 
 use super::{GraphBuilder, Tensor, Weights};
 use depthloom_onnx::{AttributeProto, attribute_type};
@@ -118,7 +118,7 @@ impl GraphBuilder {
         attributes: Vec<AttributeProto>,
         dims: Vec<usize>,
     ) -> Tensor {
-        assert_eq!(bias.len(), channels, "{name}: one bias a channel");
+        assert_eq!(bias.len(), channels, "{name}: one bias per channel");
         let weights = self.constant(format!("{name}.weight"), &weights.dims, weights.values);
         let bias = self.constant(format!("{name}.bias"), &[channels], bias);
         self.node(name, op, vec![self.name_of(input), weights, bias], attributes, dims)

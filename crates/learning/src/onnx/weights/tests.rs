@@ -39,7 +39,7 @@ fn of_onnx(bytes: &[u8]) -> Result<Vec<NamedTensor>, WeightsError> {
 }
 
 /// An error and what it comes from, in one line.
-fn told(error: &WeightsError) -> String {
+fn message(error: &WeightsError) -> String {
     let (mut line, mut cause) = (error.to_string(), error.source());
     while let Some(error) = cause {
         line = format!("{line}: {error}");
@@ -120,7 +120,7 @@ fn errors_name_file_and_tensor() {
     let damaged = |tensor: TensorProto| {
         let error = of_onnx(&onnx(vec![TensorProto { name: "conv.bias".to_owned(), ..tensor }])).unwrap_err();
         let WeightsError::Tensor { source, .. } = &error else { panic!("{error}") };
-        let (source, line) = (source.clone(), told(&error));
+        let (source, line) = (source.clone(), message(&error));
         assert!(line.starts_with("tensor `conv.bias` of net.onnx: "), "{line}");
         source
     };
@@ -135,15 +135,17 @@ fn errors_name_file_and_tensor() {
     assert!(matches!(damaged(tensor("", 8, &[])), TensorError::ElementType(_)));
 
     let twice = of_onnx(&onnx(vec![tensor("w", data_type::FLOAT, &[0]), tensor("w", data_type::FLOAT, &[0])]));
-    assert_eq!(told(&twice.unwrap_err()), "tensor `w` of net.onnx: the file has two of this name");
+    assert_eq!(message(&twice.unwrap_err()), "tensor `w` of net.onnx: the file has two of this name");
     let complex = r#"{"w":{"dtype":"C64","shape":[1],"data_offsets":[0,8]}}"#;
-    let complex = told(&of_safetensors(&safetensors(complex, &[0; 8])).unwrap_err());
-    assert!(complex.starts_with("tensor `w` of net.safetensors: elements of type C64"), "{complex}");
+    let complex = message(&of_safetensors(&safetensors(complex, &[0; 8])).unwrap_err());
+    assert!(complex.starts_with("tensor `w` of net.safetensors: its elements have type C64"), "{complex}");
     let past = r#"{"w":{"dtype":"F32","shape":[4611686018427387904],"data_offsets":[0,8]}}"#;
-    assert!(told(&of_safetensors(&safetensors(past, &[0; 8])).unwrap_err()).starts_with("net.safetensors is damaged"));
-    assert!(told(&of_onnx(b"\xff\xff").unwrap_err()).starts_with("net.onnx is damaged"));
-    assert!(told(&of_safetensors(&[0xff; 20]).unwrap_err()).contains("net.safetensors"));
-    assert!(told(&decode_weights(Path::new("net.pth"), b"").unwrap_err()).contains("net.pth is neither"));
+    assert!(
+        message(&of_safetensors(&safetensors(past, &[0; 8])).unwrap_err()).starts_with("net.safetensors is damaged")
+    );
+    assert!(message(&of_onnx(b"\xff\xff").unwrap_err()).starts_with("net.onnx is damaged"));
+    assert!(message(&of_safetensors(&[0xff; 20]).unwrap_err()).contains("net.safetensors"));
+    assert!(message(&decode_weights(Path::new("net.pth"), b"").unwrap_err()).contains("net.pth is neither"));
 }
 
 /// Tensors with names of their own.
@@ -195,7 +197,7 @@ proptest! {
     fn tensors_survive_being_written_and_read(tensors in tensors()) {
         prop_assert_eq!(&of_onnx(&as_onnx(&tensors)).unwrap(), &tensors);
         let mut of_safetensors = of_safetensors(&as_safetensors(&tensors)).unwrap();
-        // Tensors without elements lie where their neighbour does.
+        // Tensors without elements have the offset of their neighbour.
         of_safetensors.sort_by(|a, b| a.name.cmp(&b.name));
         prop_assert_eq!(&of_safetensors, &tensors);
     }

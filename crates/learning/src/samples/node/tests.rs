@@ -67,8 +67,8 @@ fn collect(params: SamplesParams, frames: &[Wired]) -> Result<Vec<u8>, Fault> {
                 other => panic!("nothing is wired to {other}"),
             })
             .collect();
-        let told = Frame::at_10_hz(format!("frame {index}"), index as u64);
-        node.process(&told, &Inputs::new(&ports, &values), &mut Context::new(&InlineHost, &mut scratch))?;
+        let frame = Frame::at_10_hz(format!("frame {index}"), index as u64);
+        node.process(&frame, &Inputs::new(&ports, &values), &mut Context::new(&InlineHost, &mut scratch))?;
     }
     let outputs = node.finish(&mut Context::new(&InlineHost, &mut scratch))?;
     let outputs = outputs.in_order_of(&CollectSamples::declaration().outputs)?;
@@ -81,7 +81,7 @@ fn samples(frames: &[Wired]) -> Samples {
     Samples::decode(&bytes).unwrap()
 }
 
-fn told(frames: &[Wired]) -> String {
+fn message(frames: &[Wired]) -> String {
     collect(params(), frames).unwrap_err().chain()
 }
 
@@ -105,8 +105,8 @@ fn a_frame_becomes_a_sample_with_its_name_planes_and_scale() {
 fn grey_is_repeated_in_all_channels() {
     let grey = GrayImage::from_fn(16, 8, |x, y| image::Luma([(x * 13 + y * 29) as u8]));
     let repeated = RgbImage::from_fn(16, 8, |x, y| image::Rgb([grey.get_pixel(x, y).0[0]; 3]));
-    let of = |pixels| samples(&[Wired { image: Image::new(pixels), ..wired(0) }]);
-    assert_eq!(of(Pixels::Grey(grey)), of(Pixels::Rgb(repeated)));
+    let samples_of = |pixels| samples(&[Wired { image: Image::new(pixels), ..wired(0) }]);
+    assert_eq!(samples_of(Pixels::Grey(grey)), samples_of(Pixels::Rgb(repeated)));
 }
 
 #[test]
@@ -140,19 +140,19 @@ fn frames_without_target_are_left_out() {
 
 #[test]
 fn sizes_that_differ_are_told() {
-    let target = told(&[Wired { target: disparity(16, 7, 4), ..wired(0) }]);
-    assert_eq!(target, "`image` is 16x8 and `target` is 16x7: they must be of one size");
-    let mask = told(&[Wired { mask: mask(8, 8, 255), ..wired(0) }]);
-    assert_eq!(mask, "`image` is 16x8 and `mask` is 8x8: they must be of one size");
-    let right = told(&[Wired { right: Some(rgb(17, 8, 0)), ..wired(0) }]);
-    assert_eq!(right, "`image` is 16x8 and `right` is 17x8: they must be of one size");
+    let target = message(&[Wired { target: disparity(16, 7, 4), ..wired(0) }]);
+    assert_eq!(target, "`image` is 16x8 and `target` is 16x7: they must have the same size");
+    let mask = message(&[Wired { mask: mask(8, 8, 255), ..wired(0) }]);
+    assert_eq!(mask, "`image` is 16x8 and `mask` is 8x8: they must have the same size");
+    let right = message(&[Wired { right: Some(rgb(17, 8, 0)), ..wired(0) }]);
+    assert_eq!(right, "`image` is 16x8 and `right` is 17x8: they must have the same size");
 }
 
 #[test]
 fn images_smaller_than_the_networks_are_told() {
     for (width, height) in [(3, 8), (16, 1)] {
         let (target, mask) = (disparity(width, height, 4), mask(width, height, 255));
-        let small = told(&[Wired { image: rgb(width, height, 0), target, mask, ..wired(0) }]);
+        let small = message(&[Wired { image: rgb(width, height, 0), target, mask, ..wired(0) }]);
         assert_eq!(small, format!("`image` is {width}x{height}, smaller than the network's image of 4x2"));
     }
 }
@@ -161,7 +161,7 @@ fn images_smaller_than_the_networks_are_told() {
 fn all_frames_or_none_have_a_right_image() {
     let with = Wired { right: Some(rgb(16, 8, 2)), ..wired(2) };
     for frames in [[with.clone(), wired(1)], [wired(1), with]] {
-        assert_eq!(told(&frames), "some frames have a right image and others have none");
+        assert_eq!(message(&frames), "some frames have a right image and others do not");
     }
 }
 
@@ -169,14 +169,14 @@ fn all_frames_or_none_have_a_right_image() {
 fn a_calibration_without_metres_is_told() {
     let calibration =
         Calibration { width: 16, height: 8, focal_px: 32.0, cx_px: 8.0, cy_px: 4.0, baseline_m: 0.0, doffs_px: 0.0 };
-    let flat = told(&[Wired { calibration: Some(calibration), ..wired(0) }]);
+    let flat = message(&[Wired { calibration: Some(calibration), ..wired(0) }]);
     assert_eq!(flat, "`calibration` has a focal length of 32 px and a baseline of 0 m");
     let calibration =
         Calibration { width: 16, height: 8, focal_px: 32.0, cx_px: 8.0, cy_px: 4.0, baseline_m: 0.5, doffs_px: 1.5 };
-    let apart = told(&[Wired { calibration: Some(calibration), ..wired(0) }]);
+    let apart = message(&[Wired { calibration: Some(calibration), ..wired(0) }]);
     assert_eq!(
         apart,
-        "the principal points of `calibration` are 1.5 px apart, and metres are learnt where they are one"
+        "the principal points of `calibration` are 1.5 px apart, but training in metres requires equal principal points"
     );
 }
 
