@@ -43,7 +43,8 @@ pub(super) fn make_folder(
             // It ended before the head of the recording was written, or the file was made.
             Err(RecordingError::NotARecording { .. }) => nothing(),
             Err(_) if std::fs::metadata(&path).map_or(true, |file| file.len() == 0) => nothing(),
-            Ok(_) | Err(_) => PartialContent::Other,
+            Ok(_) => PartialContent::Other,
+            Err(error) => PartialContent::Unreadable(error.to_string()),
         }
     };
     let folder = match &args.out {

@@ -22,7 +22,7 @@ pub(crate) fn write(
     interrupt: &Interrupt,
 ) -> Result<SamplesWritten, CliError> {
     if *recording.condition() != Condition::Whole {
-        say(format_args!("warning: the recording is {}", recording.condition()));
+        say(format_args!("warning: {} is {}", recording.path().display(), recording.condition()));
     }
     let bar = bar(is_silent, 1, "samples: {bar:30} {pos}/{len} frames  {eta} left");
     let progress = |done: usize, all: usize| {

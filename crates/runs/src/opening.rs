@@ -143,15 +143,22 @@ pub fn read_failed(intent: impl Display, error: &RecordingError) -> CliError {
 /// Opens a recording whose frames are needed.
 ///
 /// # Errors
-/// As [`open`], and if the recording is damaged before its first complete frame.
+/// As [`open`], and if the recording is damaged before the first complete frame of a stage with metrics.
 pub fn open_frames(path: &Path) -> Result<Recording, CliError> {
     let recording = open(path)?;
-    let has_frames = RunId::all(recording.plan().runs.len()).any(|run| !recording.frames(run).is_empty());
+    let runs = &recording.plan().runs;
+    let has_metrics = runs.iter().any(|run| !run.estimates.is_empty());
+    let needed: Vec<RunId> =
+        RunId::enumerate(runs).filter(|(_, run)| !has_metrics || !run.estimates.is_empty()).map(|(id, _)| id).collect();
+    let has_frames = |run: &RunId| !recording.frames(*run).is_empty();
     match recording.condition() {
-        Condition::Damaged { offset, what, .. } if !has_frames => {
-            let path = path.display();
+        Condition::Damaged { offset, what, .. } if !needed.iter().any(has_frames) => {
+            let (path, mut of_stage) = (path.display(), String::new());
+            if let Some(run) = needed.first().filter(|_| RunId::all(runs.len()).any(|run| has_frames(&run))) {
+                of_stage = format!(" of stage `{}`", runs[*run].stage);
+            }
             let what = format!(
-                "failed to read the recording: {path} is damaged at byte {offset}: {what}; no complete frame comes before it"
+                "failed to read the recording: {path} is damaged at byte {offset}: {what}; no complete frame{of_stage} comes before it"
             );
             Err(CliError::new(ExitCode::FrameFailures, what).remedy("copy the file again, or run the experiment again"))
         }

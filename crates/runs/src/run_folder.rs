@@ -39,7 +39,7 @@ pub struct RunFolder {
 }
 
 /// The content of a partial folder, for a run that would write there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PartialContent {
     /// Frames of the same experiment, by an earlier process.
     This,
@@ -47,6 +47,8 @@ pub enum PartialContent {
     Nothing,
     /// Frames of another run, or unknown content.
     Other,
+    /// A recording that cannot be read, and why.
+    Unreadable(String),
 }
 
 impl RunFolder {
@@ -101,7 +103,11 @@ impl RunFolder {
                         "choose another --out, or replace it with --overwrite; an interrupted run with --fresh resumes without --fresh",
                     ));
                 }
-                PartialContent::Nothing | PartialContent::Other => {}
+                PartialContent::Unreadable(why) if !overwrite => {
+                    let what = format!("failed to resume {}: {why}", partial.display());
+                    return Err(CliError::usage(what, "choose another --out, or replace it with --overwrite"));
+                }
+                PartialContent::Nothing | PartialContent::Other | PartialContent::Unreadable(_) => {}
             }
             keep_from_harm(&partial, read)?;
             let aside = aside(&partial);

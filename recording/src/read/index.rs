@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crc32fast::Hasher;
 use depthloom_codecs::schema::Schema;
 use depthloom_mcap::records::{
-    AttachmentIndex, Channel, ChunkHeader, ChunkIndex, Metadata, MetadataIndex, SchemaHeader,
+    AttachmentIndex, Channel, ChunkHeader, ChunkIndex, Metadata, MetadataIndex, SchemaHeader, Statistics,
 };
 use depthloom_mcap::{
     FOOTER, FileEnd, FileError, MAGIC_LENGTH, PositionedFile, RECORD_HEADER, body_of, each_summary_record, file_end,
@@ -86,6 +86,8 @@ pub(crate) struct Index {
     pub(crate) metadata: Vec<MetadataEntry>,
     /// Where the data ends, and the CRC-32 of all bytes before that; `None` if the index was found without them.
     pub(crate) data_end: Option<(u64, u32)>,
+    /// How many messages each channel has, by the summary; empty without one.
+    pub(crate) message_counts: BTreeMap<u16, u64>,
     pub(crate) channel_lists: BTreeMap<Vec<u16>, Arc<[u16]>>,
 }
 
@@ -158,6 +160,7 @@ impl Index {
                 self.attachments.push(AttachmentEntry { name, media_type, size, offset, length });
             }
             op::METADATA_INDEX => metadata.push(read_all(body)?),
+            op::STATISTICS => self.message_counts = read_all::<Statistics>(body)?.channel_message_counts,
             _ => {}
         }
         Some(())

@@ -36,15 +36,22 @@ impl Recording {
     /// Ends early if `stop` returns true, which is called once per chunk.
     ///
     /// # Errors
-    /// If the file cannot be read, or an index of messages is damaged.
+    /// If the file cannot be read, or an index of messages is damaged. Message indexes have no checksum, so the counts
+    /// are compared with those in the summary.
     pub fn topic_sizes(&self, stop: &dyn Fn() -> bool) -> Result<Vec<TopicSize>, RecordingError> {
         let mut by_channel: BTreeMap<u16, RawSizes> = BTreeMap::new();
         let mut bytes = Vec::new();
         for chunk in self.index.chunks.iter().take_while(|_| !stop()) {
             self.add_chunk(chunk, &mut bytes, &mut by_channel)?;
         }
+        let counts = by_channel.iter().map(|(channel, sizes)| (*channel, sizes.messages));
+        if !self.index.message_counts.is_empty() && !stop() && !counts.eq(self.index.message_counts.clone()) {
+            let damage = self.damage(stop);
+            let offset = damage.first().map_or(0, |damage| damage.offset);
+            return Err(self.file.damaged(offset, "the message indexes contradict the counts in the summary").into());
+        }
         let mut topics: BTreeMap<&str, TopicSize> = BTreeMap::new();
-        for (channel, taken) in by_channel {
+        for (channel, sizes) in by_channel {
             let Some(entry) = self.index.channels.get(&channel) else { continue };
             let topic = topics.entry(&entry.topic).or_insert_with(|| TopicSize {
                 topic: entry.topic.clone(),
@@ -53,9 +60,9 @@ impl Recording {
                 raw_bytes: 0,
                 stored_bytes: 0,
             });
-            topic.messages += taken.messages;
-            topic.raw_bytes += taken.raw;
-            topic.stored_bytes += taken.stored;
+            topic.messages += sizes.messages;
+            topic.raw_bytes += sizes.raw;
+            topic.stored_bytes += sizes.stored;
         }
         Ok(topics.into_values().collect())
     }

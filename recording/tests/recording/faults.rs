@@ -483,3 +483,19 @@ fn fault_49_a_run_that_ended_before_its_end_says_so_in_a_closed_file() {
     let bytes = std::fs::read(&path).unwrap();
     assert!(mcap::Summary::read(&bytes).unwrap().is_some());
 }
+
+#[test]
+fn a_damaged_message_index_makes_topic_sizes_fail() {
+    let (bytes, ..) = recorded();
+    let folder = tempfile::tempdir().unwrap();
+    // A message index with one entry: its opcode and length; the channel follows.
+    let head = [7, 22, 0, 0, 0, 0, 0, 0, 0];
+    let place = bytes.windows(head.len()).position(|window| window == head).expect("a message index");
+    let mut flipped = bytes.clone();
+    flipped[place + head.len()] ^= 1;
+    let recording = Recording::open(written(folder.path(), &flipped)).unwrap();
+    assert_eq!(*recording.condition(), Condition::Whole);
+    let error = recording.topic_sizes(&|| false).unwrap_err();
+    assert!(error.is_damage(), "{error}");
+    assert!(error.to_string().contains("the message indexes contradict the counts in the summary"), "{error}");
+}

@@ -5,7 +5,7 @@ use std::path::Path;
 use depthloom_analysis::{Prepared, ReportOptions, Resampling};
 use depthloom_recording::Recording;
 use depthloom_runs::{models, recording_of, run_folder};
-use depthloom_terminal::{CliError, ExitCode, print};
+use depthloom_terminal::{CliError, ExitCode, print, say};
 
 use crate::args::ReportArgs;
 use crate::output;
@@ -56,12 +56,16 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
         page::write(&recording, &out, &report, &page::surroundings(of_run), args.output.json, &interrupt)
             .map_err(but_whole)?;
     }
-    // An unfinished recording is what was asked for; a damaged one is not what was written.
-    let faulty = report.is_damaged.then(|| CliError::new(ExitCode::FrameFailures, "the recording is damaged"));
+    // A report of an unfinished recording is a success, that of a damaged one is not.
+    let damaged = || CliError::new(ExitCode::FrameFailures, format!("{} is damaged", path.display()));
+    let faulty = report.is_damaged.then(damaged);
     let faulty = faulty.or_else(|| no_pixel_counted(&report));
     let printed = if args.output.json {
         output::print(&Report::of(&report, faulty.as_ref().map(Error::from)))
     } else {
+        if report.is_damaged {
+            say(format_args!("warning: {} is damaged", path.display()));
+        }
         print(summary(&report, &out))
     };
     printed.map_err(but_whole)?;

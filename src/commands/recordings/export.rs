@@ -74,7 +74,8 @@ pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     }
     print_warnings(args, &recording, &exported);
     let is_damaged = !damaged.is_empty() || matches!(recording.condition(), Condition::Damaged { .. });
-    let faulty = is_damaged.then(|| CliError::new(ExitCode::FrameFailures, "the recording is damaged"));
+    let faulty = is_damaged
+        .then(|| CliError::new(ExitCode::FrameFailures, format!("{} is damaged", recording.path().display())));
     if args.output.json {
         output::print(&Export {
             folder: args.out.to_string_lossy().into_owned(),
@@ -122,7 +123,7 @@ fn meant(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colours>) -> 
 /// Prints warnings about the recording and the numbers.
 fn print_warnings(args: &ExportArgs, recording: &Recording, exported: &[Exported]) {
     if *recording.condition() != Condition::Whole {
-        say(format_args!("warning: the recording is {}", recording.condition()));
+        say(format_args!("warning: {} is {}", recording.path().display(), recording.condition()));
     }
     for Exported { topic, clipped_pixels, .. } in exported.iter().filter(|of| of.clipped_pixels > 0) {
         let pixels = counted(*clipped_pixels, "pixel");

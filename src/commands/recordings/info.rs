@@ -106,7 +106,7 @@ pub(crate) fn info(args: &InfoArgs) -> Result<ExitCode, CliError> {
         return Err(CliError::new(ExitCode::Interrupted, "interrupted while reading"));
     }
     let is_damaged = matches!(recording.condition(), Condition::Damaged { .. }) || !damage.is_empty();
-    let faulty = is_damaged.then(|| CliError::new(ExitCode::FrameFailures, "the recording is damaged"));
+    let faulty = is_damaged.then(|| CliError::new(ExitCode::FrameFailures, format!("{} is damaged", path.display())));
     let topics = topics(&recording, sizes);
     if args.output.json {
         let error = faulty.as_ref().map(Error::from);

@@ -69,7 +69,7 @@ fn fault_49_report_notes_that_a_recording_is_unfinished_or_truncated() {
     let cut = &bytes[..without_summary(&bytes).len() * 5 / 8];
     let (cut, _) = report(folder.path(), cut);
     assert_eq!(cut.status.code(), Some(0));
-    assert!(text(&cut).contains("the recording is unfinished, and its last"), "{}", text(&cut));
+    assert!(text(&cut).contains("the recording is unfinished: its last"), "{}", text(&cut));
     assert!(text(&cut).contains("all numbers are of its 2 whole frames"), "{}", text(&cut));
 
     let mut damaged = without_summary(&bytes).to_vec();
@@ -171,6 +171,42 @@ fn every_analysis_of_a_recording_damaged_before_its_first_frame_exits_with_3() {
         assert_eq!(output.status.code(), Some(3), "{arguments:?}: {stderr}");
         assert!(stderr.contains("input.mcap is damaged at byte"), "{arguments:?}: {stderr}");
         assert!(stderr.contains("no complete frame comes before it"), "{arguments:?}: {stderr}");
+    }
+}
+
+#[test]
+fn damage_before_the_first_frame_of_the_evaluated_stage_is_reported_although_an_earlier_stage_is_complete() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let experiment = std::fs::read_to_string("experiments/first-look.yaml").expect("an experiment");
+    let earlier = "stages:\n  earlier:\n    source: street\n    nodes:\n      stereo:\n        kind: stereo/sgbm\n        \
+                   inputs: { left: source/left, right: source/right }\n";
+    let (sources, stages) = experiment.split_once("stages:").expect("stages");
+    let stages = stages.split_once('\n').expect("lines").1;
+    std::fs::write(folder.join("two.yaml"), format!("{sources}{earlier}{stages}")).expect("written");
+    let mut run = depthloom();
+    run.current_dir(folder).args(["run", "--no-page", "two.yaml", "--quiet", "--out", "run"]);
+    run.args(["--set", "sources.street.with.width=160", "--set", "sources.street.with.height=48"]);
+    succeed(run.args(["--set", "sources.street.with.frames=0..2"]));
+    let bytes = std::fs::read(folder.join("run/recording.mcap")).expect("a recording");
+    let bytes = without_the_end(&bytes);
+    let path = folder.join("given.mcap");
+    let is_damaged_between = (0..bytes.len() - 64).step_by(997).any(|place| {
+        let mut damaged = bytes.to_vec();
+        damaged[place..place + 64].fill(0);
+        std::fs::write(&path, &damaged).expect("written");
+        Recording::open(&path).is_ok_and(|recording| {
+            let counts = [RunId(0), RunId(1)].map(|run| recording.frames(run).len());
+            counts == [2, 0] && matches!(recording.condition(), Condition::Damaged { .. })
+        })
+    });
+    assert!(is_damaged_between);
+    for arguments in [&["table", "given.mcap"][..], &["explain", "given.mcap", "abs_rel", "stereo"]] {
+        let output = depthloom().current_dir(folder).args(arguments).output().expect("the binary starts");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{arguments:?}: {stderr}");
+        assert!(stderr.contains("given.mcap is damaged at byte"), "{arguments:?}: {stderr}");
+        assert!(stderr.contains("no complete frame of stage `look` comes before it"), "{arguments:?}: {stderr}");
     }
 }
 

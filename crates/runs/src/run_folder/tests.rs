@@ -214,3 +214,14 @@ fn a_name_for_what_is_not_whole_is_no_name_of_a_run() {
     let folder = tempfile::tempdir().unwrap();
     assert_eq!(create(&folder.path().join("out.partial"), false).err(), Some(ExitCode::Usage));
 }
+
+#[test]
+fn a_partial_recording_that_cannot_be_read_is_named_as_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    drop(create(&out, false).unwrap());
+    let begun = |_: &std::path::Path| PartialContent::Unreadable("recording.mcap is not an MCAP file".to_owned());
+    let stop = RunFolder::create(&out, false, &[], begun).err().expect("it is refused");
+    assert!(stop.message.what.contains("out.partial: recording.mcap is not an MCAP file"), "{}", stop.message.what);
+    assert!(RunFolder::create(&out, true, &[], begun).is_ok());
+}
