@@ -419,7 +419,7 @@ fn frames_missing_from_a_truncated_recording_are_a_fault() {
     fs::write(&cut, &recording[..recording.len() / 2]).expect("written");
     let (code, text) = data_of(&rig, &[&root]);
     assert_eq!(code, Some(0), "{text}");
-    assert!(text.contains("  wrong        ROOT/cut.mcap is unfinished, and its last "), "{text}");
+    assert!(text.contains("  wrong        ROOT/cut.mcap is unfinished: its last "), "{text}");
     assert!(
         text.contains(" bytes are not part of a complete frame: frames of the run are missing\n    help       "),
         "{text}"

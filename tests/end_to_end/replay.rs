@@ -294,7 +294,9 @@ fn a_failing_node_does_not_stop_the_comparison_of_others() {
     assert!(failed(&report)[0].1.starts_with("learning diverged"), "{report:#}");
     assert_eq!(report["error"]["message"], "1 node failed");
     assert!(
-        report["nodes"][3]["first"]["now"].as_str().is_some_and(|now| now.starts_with("none, because it failed: training"))
+        report["nodes"][3]["first"]["now"]
+            .as_str()
+            .is_some_and(|now| now.starts_with("none, because it failed: training"))
     );
 
     // An ordered node that fails on its first frame. Its outputs are recorded, so its consumers are compared.

@@ -63,7 +63,10 @@ fn fault_61_an_unusable_earlier_run_is_reported_once_with_the_reason() {
     let output = guarded(&here, &["run", "--no-page", "look.yaml", "--out", "runs/second"]);
     let stderr = stderr_of(&output);
     assert_eq!(stderr.matches("cannot reuse values of").count(), 1, "{stderr}");
-    assert!(stderr.contains("cannot reuse values of runs/text: ") && stderr.contains("is not an MCAP file"), "{stderr}");
+    assert!(
+        stderr.contains("cannot reuse values of runs/text: ") && stderr.contains("is not an MCAP file"),
+        "{stderr}"
+    );
     assert!(stderr.contains("(from runs/first;"), "{stderr}");
     let planned = json_of(&guarded(&here, &["plan", "look.yaml", "--reuse", "--json"]));
     assert_eq!(planned["warnings"].as_array().map(Vec::len), Some(1), "{planned}");

@@ -36,7 +36,11 @@ fn fault_03_a_closed_or_full_stdout_does_not_lose_results() {
         let output = child.wait_with_output().expect("ended");
         assert_eq!(output.status.code(), Some(code), "{name}: {}", stderr_of(&output));
         assert!(out.join("table.csv").is_file(), "{name}");
-        assert_eq!(stderr_of(&output).contains(&format!("the run is complete in {}", out.display())), code == 1, "{name}");
+        assert_eq!(
+            stderr_of(&output).contains(&format!("the run is complete in {}", out.display())),
+            code == 1,
+            "{name}"
+        );
     }
     let full = fs::File::options().write(true).open("/dev/full").expect("a device that is full");
     let help = depthloom().arg("--help").stdout(full).status().expect("the binary starts");
