@@ -1,4 +1,5 @@
-//! Experiments as dora dataflows: recordings equal to those of one process, foreign dora nodes, and parts that end early.
+//! Experiments as dora dataflows: recordings equal to those of one process, foreign dora nodes, and parts that end
+//! early.
 //!
 //! `dora` and its Python library come from PyPI (`tests/python/requirements-dora.txt`).
 

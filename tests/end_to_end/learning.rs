@@ -129,8 +129,8 @@ pub(crate) fn step(checkpoints: &Path) -> Option<u64> {
     progress["step"].as_u64()
 }
 
-/// Runs until there is a checkpoint of at least step `at`, then kills the run. Returns the step of the checkpoint, which
-/// never falls below `from`.
+/// Runs until there is a checkpoint of at least step `at`, then kills the run. Returns the step of the checkpoint,
+/// which never falls below `from`.
 ///
 /// On a loaded machine the run may finish, and remove its checkpoint, before the kill. Then this function starts again
 /// from the first step.

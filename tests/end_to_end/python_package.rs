@@ -1,5 +1,5 @@
-//! The package `python/`: its types, its own tests, equality with depthloom's reader, its notebook, and the example in the
-//! README.
+//! The package `python/`: its types, its own tests, equality with depthloom's reader, its notebook, and the example in
+//! the README.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::path::Path;

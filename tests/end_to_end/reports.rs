@@ -1,5 +1,5 @@
-//! Reports of equal recordings are equal. They do not depend on the number of cores, on concurrent reports, on the order
-//! of samples, or on whether the samples fit into memory.
+//! Reports of equal recordings are equal. They do not depend on the number of cores, on concurrent reports, on the
+//! order of samples, or on whether the samples fit into memory.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;

@@ -110,8 +110,8 @@ impl Case {
         }
     }
 
-    /// Asserts that a run equals a fresh one, or is refused with a reason before its first frame. Returns whether it was
-    /// accepted.
+    /// Asserts that a run equals a fresh one, or is refused with a reason before its first frame. Returns whether it
+    /// was accepted.
     fn run_as_fresh_or_refused(&self, experiment: &str, out: &str) -> bool {
         let output = self.attempt(experiment, out, &[]);
         if output.status.success() {

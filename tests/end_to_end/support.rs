@@ -22,8 +22,8 @@ pub(crate) fn depthloom() -> Command {
 pub(crate) fn succeed(command: &mut Command) -> Output {
     let output = loop {
         match command.output() {
-            // The binary was just copied: a child process that another test forked meanwhile may hold it open for writing
-            // until its exec.
+            // The binary was just copied: a child process that another test forked meanwhile may hold it open for
+            // writing until its exec.
             Err(error) if error.kind() == std::io::ErrorKind::ExecutableFileBusy => std::thread::yield_now(),
             output => break output.expect("the binary starts"),
         }

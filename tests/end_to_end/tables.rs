@@ -236,8 +236,8 @@ fn every_format_is_valid_and_latex_compiles() {
     }
 }
 
-/// If one estimate is dense, the pixels that are valid in both are those valid in the other, so the metrics of the other
-/// equal those over its own valid pixels.
+/// If one estimate is dense, the pixels that are valid in both are those valid in the other, so the metrics of the
+/// other equal those over its own valid pixels.
 #[test]
 fn the_common_pixel_set_is_scored_from_recorded_maps() {
     let experiment = "experiment: common

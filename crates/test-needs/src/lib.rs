@@ -2,10 +2,10 @@
 //!
 //! Tests that need more than the reference data belong to the full suite, which runs with `DEPTHLOOM_FULL_TESTS=1`.
 //!
-//! A test without its requirement is skipped: it passes and prints a line to standard error, which the test harness does
-//! not capture. It also [leaves a record](skips). `tests/skipped.rs`, the last program of `cargo test --workspace`, counts
-//! these records. If `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON` or `DEPTHLOOM_REQUIRE_CHROMIUM` is set (and
-//! not `0`), the test fails instead.
+//! A test without its requirement is skipped: it passes and prints a line to standard error, which the test harness
+//! does not capture. It also [leaves a record](skips). `tests/skipped.rs`, the last program of `cargo test
+//! --workspace`, counts these records. If `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON` or
+//! `DEPTHLOOM_REQUIRE_CHROMIUM` is set (and not `0`), the test fails instead.
 
 mod book;
 mod chromium;

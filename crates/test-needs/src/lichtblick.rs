@@ -11,8 +11,8 @@ use crate::{target, workspace};
 /// A command that reads a recording with Lichtblick's code: `tests/lichtblick/check.mjs` and its first argument.
 ///
 /// The first test that needs it installs the npm packages to `target/lichtblick-tests`. Lichtblick itself is not in a
-/// registry: `DEPTHLOOM_LICHTBLICK` names a checkout. `None` if that is not set, or without Node or a registry: the test
-/// is then reported as skipped.
+/// registry: `DEPTHLOOM_LICHTBLICK` names a checkout. `None` if that is not set, or without Node or a registry: the
+/// test is then reported as skipped.
 #[must_use]
 pub fn lichtblick(test: &str) -> Option<Command> {
     if !crate::full(test) {

@@ -1,5 +1,5 @@
-//! Tiny ONNX files, written field by field from the public protobuf schema, so that tests of networks need no additional
-//! files.
+//! Tiny ONNX files, written field by field from the public protobuf schema, so that tests of networks need no
+//! additional files.
 
 /// A protobuf message that is being built.
 #[derive(Default)]
@@ -36,9 +36,9 @@ impl Message {
     }
 }
 
-/// The element type of 32-bit floats in ONNX.
+/// ONNX: 32-bit floats.
 pub const F32: u64 = 1;
-/// The element type of bytes in ONNX.
+/// ONNX: bytes.
 pub const U8: u64 = 2;
 
 /// A named tensor of an element type; a side of -1 is open.

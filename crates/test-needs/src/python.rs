@@ -35,7 +35,8 @@ pub fn python(test: &str) -> Option<PathBuf> {
 }
 
 /// A Python in `target/package-tests` with the installed package `python/` and the packages of
-/// `tests/python/requirements-package.txt`. `None` without Python or a package index: the test is then reported as skipped.
+/// `tests/python/requirements-package.txt`. `None` without Python or a package index: the test is then reported as
+/// skipped.
 ///
 /// # Panics
 /// If it cannot be created and `DEPTHLOOM_REQUIRE_PYTHON` is set, or the package cannot be installed.

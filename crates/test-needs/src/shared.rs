@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use crate::{miss, workspace};
 
-/// The folder `DEPTHLOOM_SHARED` (relative to the root of the workspace), or `shared` next to the checkout. `None` if it
-/// has no reference data: the test is then reported as skipped.
+/// The folder `DEPTHLOOM_SHARED` (relative to the root of the workspace), or `shared` next to the checkout. `None` if
+/// it has no reference data: the test is then reported as skipped.
 ///
 /// # Panics
 /// Without reference data, if `DEPTHLOOM_REQUIRE_SHARED` is set.

@@ -1,7 +1,7 @@
 //! Records of skipped tests, from all test programs of one `cargo test`.
 //!
-//! A record is a file `target/skipped/<run>/<test>`. A run is the process that started the test program: one cargo starts
-//! all of them. Process numbers repeat, so a run is identified by number and start time.
+//! A record is a file `target/skipped/<run>/<test>`. A run is the process that started the test program: one cargo
+//! starts all of them. Process numbers repeat, so a run is identified by number and start time.
 
 use std::fs;
 use std::io::{self, Write};
@@ -43,8 +43,8 @@ impl Records {
         fs::write(run.join(name), format!("{test}: {why}"))
     }
 
-    /// The skipped tests of this run, sorted, each `test: why`. Removes their records, and records of other runs that have
-    /// ended (runs of a single package, or stopped by a failure).
+    /// The skipped tests of this run, sorted, each `test: why`. Removes their records, and records of other runs that
+    /// have ended (runs of a single package, or stopped by a failure).
     ///
     /// # Errors
     /// If a record cannot be read or removed.

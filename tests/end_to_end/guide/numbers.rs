@@ -1,5 +1,5 @@
-//! Numbers in README and guide: what stands between `<!-- generated: NAME -->` and `<!-- end -->` is rendered from the files in
-//! `docs/numbers`, which `docs/numbers/measure.py` writes where data and machine allow it.
+//! Numbers in README and guide: what stands between `<!-- generated: NAME -->` and `<!-- end -->` is rendered from the
+//! files in `docs/numbers`, which `docs/numbers/measure.py` writes where data and machine allow it.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -76,8 +76,8 @@ fn fewer_frames_than_were_recorded_are_fewer_frames() {
     resume_after(IMAGES, |case| (1..FRAMES).for_each(|number| remove(case, number)));
 }
 
-/// Aggregate values and later stages are recorded after the last frame of a stage. They are recomputed after a frame was
-/// added.
+/// Aggregate values and later stages are recorded after the last frame of a stage. They are recomputed after a frame
+/// was added.
 #[test]
 fn an_added_frame_is_recorded_before_aggregate_values_and_later_stages() {
     let second = IMAGES.split_once("stages:\n").expect("stages").1.replace("look:", "again:");
