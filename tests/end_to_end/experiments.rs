@@ -146,7 +146,8 @@ fn a_generated_street_is_readable_as_kitti() {
     std::fs::write(&experiment, text).expect("written");
     let run = folder.path().join("run");
     succeed(depthloom().arg("run").arg(&experiment).arg("--out").arg(&run));
-    // The paper's numbers are about KITTI: they are quoted there, and not beside the same names on other data.
+    // The paper's numbers are for KITTI, so they are quoted only there, not for estimates of the same names on other
+    // data.
     let other = folder.path().join("other");
     let few = ["--set", "sources.street.with={ frames: 0..2, width: 320, height: 96 }", "--quiet", "--no-page"];
     succeed(depthloom().args(["run", "experiments/first-look.yaml"]).args(few).arg("--out").arg(&other));

@@ -33,7 +33,7 @@ fn rendered() -> BTreeMap<&'static str, String> {
     ])
 }
 
-/// Three digits behind the point of shares and ratios, two of others.
+/// Three decimals for shares and ratios, two for other metrics.
 fn digits(metric: &str) -> usize {
     if matches!(metric, "a1" | "abs_rel") { 3 } else { 2 }
 }

@@ -60,10 +60,10 @@ fn is_close(a: &str, b: &str, tolerance: f64) -> bool {
     a == b || (parts(a).count() == parts(b).count() && parts(a).zip(parts(b)).all(equal))
 }
 
-/// Checks what a picture was made from, and makes it again where that changed and pictures are written. Returns the
-/// checksum of what it is made from.
+/// Checks the inputs of a picture, and redraws it if they changed and pictures are to be written. Returns the checksum
+/// of the inputs.
 ///
-/// The checksum is of inputs, not of pixels: browsers differ in pixels.
+/// Pixels are not compared, because they differ between browsers.
 ///
 /// # Errors
 /// If the picture is stale.

@@ -21,7 +21,7 @@ def send(*names):
 
 
 def reply(number):
-    """Replies to a call with values."""
+    """Reply to a call with values."""
     with open(os.path.join(folder, "values-any"), "rb") as file:
         replies.write(file.read().replace(struct.pack("<q", 0x1122334455667788), struct.pack("<q", number)))
     replies.flush()
