@@ -41,10 +41,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut times = Vec::new();
     // The first call starts the process.
     for round in 0..=rounds.parse::<usize>()? {
-        let begun = Instant::now();
+        let start = Instant::now();
         node.process(&Inputs::new(&ports, &values), &mut Context::new(&InlineHost, &mut scratch))?;
         if round > 0 {
-            times.push(begun.elapsed().as_secs_f64() * 1e3);
+            times.push(start.elapsed().as_secs_f64() * 1e3);
         }
     }
     times.sort_by(f64::total_cmp);

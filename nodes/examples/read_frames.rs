@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 }
                 let key = source.key(FrameIndex(position))?;
                 let read = source.read(FrameIndex(position), &mut Context::new(&InlineHost, &mut scratch))?;
-                assert_eq!(key, read.key, "what was read is what was asked for");
+                assert_eq!(key, read.key, "the key of the frame that was read equals the requested key");
             }
         };
         let started = Instant::now();

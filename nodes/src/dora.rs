@@ -14,15 +14,16 @@ use crate::process::{ProgramParams, command_line, permission};
 /// The kind's name.
 pub const KIND: &str = "dora";
 
-/// How values cross.
+/// How values are sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum DoraValues {
-    /// As the structs of the process protocol: one row, with its width and height.
+    /// As the structs of the process protocol: one row with width and height.
     #[default]
     Struct,
-    /// As nodes of dora's pass images on: the numbers of the pixels alone, with `width`, `height` and `encoding` in the
-    /// metadata (`rgb8`, `bgr8`, `mono8`; `32FC1`, or `16UC1` for depths in millimetres).
+    /// As dora nodes pass images: only the numbers of the pixels, with `width`, `height` and `encoding` in the
+    /// metadata. Encodings are `rgb8`, `bgr8` and `mono8` for images, `32FC1` for maps, and `16UC1` for depths in
+    /// millimetres.
     Flat,
 }
 
@@ -30,26 +31,29 @@ pub enum DoraValues {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DoraParams {
-    /// What dora starts, its `path`: a program, or a file in Python. A file that stands beside the YAML file is that
-    /// one.
+    /// The program or Python file that dora starts (`path` of the dora node). A relative path is resolved against the
+    /// folder of the YAML file if the file exists there.
+    #[schemars(extend("mandatory" = true))]
     pub path: Argument,
-    /// Its arguments, `[--model, small]`. Of those that name a file beside the YAML file it is that one.
+    /// Arguments of the program: `[--model, small]`. An argument that names a file in the folder of the YAML file
+    /// becomes the path of that file.
     pub args: Vec<Argument>,
-    /// What dora runs to install it (`pip install dora-yolo`), by `dora build`.
+    /// Command that `dora build` runs to install the node: `pip install dora-yolo`.
     pub build: Option<String>,
-    /// Variables of its environment.
+    /// Environment variables of the node.
     pub env: BTreeMap<String, String>,
-    /// Its ports: `{ inputs: { image: image }, outputs: { depth: depth } }`. They are its inputs and outputs in the
-    /// dataflow; it answers every frame at every output.
+    /// Ports: `{ inputs: { image: image }, outputs: { depth: depth } }`. They are the inputs and outputs in the
+    /// dataflow. The node must send every output for every frame.
     pub ports: DeclaredPorts,
-    /// How values cross.
+    /// How values are sent.
     pub values: DoraValues,
-    /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken
-    /// again.
+    /// Increase this number whenever the program gives other results. Without `version` and `code`, results are never
+    /// reused.
     pub version: Option<u32>,
-    /// What decides its results, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`).
+    /// Files whose content decides the results, as an alternative to `version`: files, folders (all files in them)
+    /// and patterns (`lib/*.py`).
     pub code: Vec<CodePath>,
-    /// How long it may take for a frame, seconds.
+    /// Time limit per frame, seconds.
     #[schemars(extend("operational" = true))]
     pub timeout_s: f64,
 }
@@ -79,10 +83,10 @@ impl DoraParams {
         ProgramParams { command, env: &self.env, secrets: none, version: self.version, code: &self.code }
     }
 
-    /// Refuses unless the person allowed programs to be started.
+    /// Fails unless the user allowed the start of programs.
     ///
     /// # Errors
-    /// What would be started, and how it is allowed.
+    /// Names the program and how to allow it.
     pub fn ask(&self) -> Result<(), Fault> {
         permission::check(&command_line(&self.command()))
     }
@@ -101,48 +105,58 @@ impl Node for Dora {
             kind: KIND,
             version: 1,
             contract: Contract::Pure,
-            summary: "A node of dora's, by somebody else, where the experiment runs as a dataflow of dora's.",
+            summary: "A node of a dora dataflow that knows nothing of depthloom; runs only in a dataflow.",
             doc: "\
-`depthloom dora EXPERIMENT` writes the experiment as a dataflow, in which this node stands beside ours: dora starts it, and it gets and sends messages by dora's own library, knowing nothing of \
-depthloom. `depthloom run` cannot start it; a `process` stands in both.\n\n\
-Its inputs and outputs have the names of its ports. For every frame on which its required inputs are there it gets one message at each of them, a frame at a time, and answers with one at each output. \
-Metadata has `frame` (the position in the stage), `frame_id` and `time_ns`. It passes them on with its answer, as nodes of dora's do: an answer without `frame` could be of any frame, and fails.\n\n\
-With `values: struct` a value is one row as processes get it; with `flat` a map is the array of its pixels, as cameras and viewers of dora's have it: `width`, `height` and `encoding` in \
-the metadata, on both ways; an answer without them has the size of the first map that it was asked with, and one whose metadata contradict its numbers fails. It sees no frame before another and remembers none: results are taken again by \
-`version` or by the content of the files in `code`, otherwise never.",
+`depthloom dora EXPERIMENT` writes the experiment as a dataflow of dora. This node is part of that dataflow: dora \
+starts it, and it exchanges messages through dora's own library. `depthloom run` cannot start it; use `process` for \
+a program that runs in both.\n\n\
+The inputs and outputs of the dora node have the names of the ports. For each frame with all required inputs, the \
+node gets one message per input and replies with one message per output. It sees one frame at a time. The metadata \
+contain `frame` (the position in the stage), `frame_id` and `time_ns`. The node must pass them on with its reply, as \
+dora nodes usually do. A reply without `frame` cannot be assigned to a frame and fails.\n\n\
+With `values: struct`, a value is one row as in the process protocol. With `values: flat`, a map is the array of its \
+pixels, as in dora's cameras and viewers, with `width`, `height` and `encoding` in the metadata in both directions. \
+A reply without `width` and `height` has the size of the first map of the request. A reply whose metadata contradict \
+its data fails.\n\n\
+The node must not remember frames. Its results are reused only if `version` or `code` is set; the cache key contains \
+`version` or the content of the files in `code`.",
             inputs: Vec::new(),
             outputs: Vec::new(),
         }
     }
 
     fn signature(params: &DoraParams) -> Option<Signature> {
-        // Its messages say which frame they are of.
+        // The messages name their frame.
         let observes = Some(Observation::default());
         Some(Signature { observes, ..params.ports.signature(Contract::Pure) })
     }
 
     fn check(params: &DoraParams) -> Result<(), (&'static str, String)> {
         if params.path.0.is_empty() {
-            return Err(("path", "path names what dora starts: a program, or a file in Python".to_owned()));
+            return Err(("path", "path is missing: the program or Python file that dora starts".to_owned()));
         }
         let (command, none) = (params.command(), BTreeMap::new());
         params.program(&command, &none).check(&[("timeout_s", params.timeout_s)])?;
         params.ports.check(Contract::Pure).map_err(|what| ("ports", what))?;
         let Signature { inputs, outputs, .. } = params.ports.signature(Contract::Pure);
         if inputs.is_empty() || outputs.is_empty() {
-            let what =
-                "ports declares no inputs, or no outputs: `{ inputs: { image: image }, outputs: { depth: depth } }`";
+            let what = "ports needs inputs and outputs: `{ inputs: { image: image }, outputs: { depth: depth } }`";
             return Err(("ports", what.to_owned()));
         }
         if let Some(output) = outputs.iter().find(|output| output.optional) {
-            let what =
-                format!("ports: `{}` is optional; a node of dora's answers every frame at every output", output.name);
+            let what = format!(
+                "ports: output `{}` is optional, but a dora node must send every output for every frame",
+                output.name
+            );
             return Err(("ports", what));
         }
         if let Some(port) = inputs.iter().chain(&outputs).find(|port| port.rate == Rate::Once) {
             return Err((
                 "ports",
-                format!("ports: `{}` is `rate: once`; a node of dora's gets and gives values of frames", port.name),
+                format!(
+                    "ports: `{}` is `rate: once`, but a dora node receives and sends one value per frame",
+                    port.name
+                ),
             ));
         }
         let crosses = |of: ValueType| match params.values {
@@ -156,7 +170,10 @@ the metadata, on both ways; an answer without them has the size of the first map
             None => Ok(()),
             Some(port) => {
                 let (name, of) = (port.name, port.value_type);
-                Err(("ports", format!("ports: `{name}`: values of type {of} do not cross in this form (`values`)")))
+                Err((
+                    "ports",
+                    format!("ports: `{name}`: values of type {of} cannot be sent in this form (see `values`)"),
+                ))
             }
         }
     }
@@ -166,7 +183,7 @@ the metadata, on both ways; an answer without them has the size of the first map
     }
 
     fn build(_: DoraParams) -> Result<Instance, Fault> {
-        Err(Fault::new("a node of dora's runs in a dataflow of dora's")
+        Err(Fault::new("a node of kind `dora` runs only in a dora dataflow")
             .remedy("`depthloom dora EXPERIMENT > dataflow.yml`, then `dora run dataflow.yml`; a program that both can start is a `process`"))
     }
 }

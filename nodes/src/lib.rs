@@ -1,4 +1,4 @@
-//! All that can stand in a graph: sources, stereo, mono, confidence, fusion, filter, score.
+//! All kinds that a graph can contain: sources, stereo, mono, confidence, fusion, filter, score.
 //!
 //! Each kind is one file, grouped by family as in its YAML name (`stereo/sgbm` is `stereo/sgbm.rs`), and one line in
 //! [`registry()`]. A kind wraps pixel kernels (`depthloom-kernels`) or formulas (`depthloom-scores`): here are the

@@ -36,15 +36,20 @@ impl Node for OnnxNetwork {
             contract,
             summary: "Any network: an ONNX model whose inputs and outputs the experiment declares as ports.",
             doc: "\
-`ports` says what goes in and what comes out, each port with the type of its values, the name of the tensor, and what is done between the two: \
-`ports: { inputs: { image: { type: image, name: input.1, mean: [0.485, 0.456, 0.406], std: [0.229, 0.224, 0.225] }, depth: { type: depth, form: inverse, scale: 10 } }, \
-outputs: { weight: { type: weight, name: sure } } }`. Ports are wired like those of any kind.\n\n\
-The port `model` comes by itself. All inputs of a frame are of one size. They are brought to the network's, and its maps back, as by `stereo/onnx`: padded, so that no pixel is \
-changed, or resized; a disparity is scaled with the width, there and back. A map becomes its tensor as `value * scale + offset` (of `1 / value` with `form: inverse`), `missing` where it has no answer; \
-an output becomes its value as `tensor * scale + offset`, inverted with `form: inverse`. Depths that are not above 0 and disparities below 0 are no answers, nor is what is \
-no number; weights are kept within [0, 1], and are 0 where they are no number.\n\n\
-Tensors have 2 to 4 axes (rows and columns; batch before them; channels where `layout` says), inputs of f32, f16 or u8. `depthloom onnx FILE` shows them and prints the lines for an experiment. \
-Engines, providers and keys are as of `mono/onnx`.",
+`ports` declares the inputs and outputs: for each port the value type, the tensor name, and the conversion \
+between the two. Example: `ports: { inputs: { image: { type: image, name: input.1, mean: [0.485, 0.456, \
+0.406], std: [0.229, 0.224, 0.225] }, depth: { type: depth, form: inverse, scale: 10 } }, outputs: { weight: { type: \
+weight, name: sure } } }`. Connect the ports like those of any other kind. The port `model` is added automatically.\n\n\
+All inputs of a frame must have one size. They are brought to the size of the network, and its maps back, as in \
+`stereo/onnx`: padded (no pixel is changed) or resized. Disparities are scaled with the width, in both directions.\n\n\
+**From values to tensors.** A map becomes `value * scale + offset`; with `form: inverse`, `scale / value + offset`. \
+Invalid pixels become `missing`.\n\n\
+**From tensors to values.** An output becomes `tensor * scale + offset`, then its inverse with `form: inverse`. \
+Depths not above 0, disparities below 0, NaN and infinity are invalid. Confidences are clamped to [0, 1]; NaN \
+becomes 0.\n\n\
+Tensors have 2 to 4 axes: rows and columns, optionally batch and channels (see `layout`). Inputs may be f32, f16 or \
+u8. `depthloom inspect FILE` prints them and the lines for an experiment. Engines, providers and cache keys are \
+those of `mono/onnx`.",
             inputs,
             outputs,
         }
@@ -57,7 +62,7 @@ Engines, providers and keys are as of `mono/onnx`.",
     fn check(params: &NetworkParams) -> Result<(), (&'static str, String)> {
         let ports = |what: String| Err(("ports", what));
         if params.ports.inputs.is_empty() || params.ports.outputs.is_empty() {
-            return ports("ports wants at least one input and one output".to_owned());
+            return ports("ports is incomplete: at least one input and one output are required".to_owned());
         }
         let names = params.ports.inputs.keys().chain(params.ports.outputs.keys());
         for name in names {
@@ -66,11 +71,11 @@ Engines, providers and keys are as of `mono/onnx`.",
             }
         }
         if params.ports.inputs.contains_key(MODEL) {
-            return ports("the port `model` comes by itself: it is the network".to_owned());
+            return ports("ports.inputs contains `model`, which is added automatically: it is the network".to_owned());
         }
         let is_flat = |input: &NetworkInput| input.std.contains(&0.0) || input.scale == 0.0;
         if let Some((name, _)) = params.ports.inputs.iter().find(|(_, input)| is_flat(input)) {
-            return ports(format!("port `{name}`: neither std nor scale may be 0"));
+            return ports(format!("port `{name}`: std or scale is 0, expected another number"));
         }
         onnx::check_resize(params.resize, params.round)
     }
@@ -142,7 +147,7 @@ impl PureNode for OnnxNetwork {
             let map = fitted.map_back(map.values, map.size).map_err(too_large)?;
             let seen = count_non_finite(&map);
             if seen > 0 {
-                let what = format!("pixels of the network's output `{tensor}` are no numbers (NaN or infinity)");
+                let what = format!("pixels of the network's output `{tensor}` are NaN or infinite, and so invalid");
                 ctx.host.warn_n(seen as u64, &what);
             }
             outputs = outputs.with(Port::intern(name), maps::value(map, output, &fitted, self.params.cap, size));

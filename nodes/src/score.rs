@@ -1,4 +1,4 @@
-//! Estimates against the truth: `score/*`.
+//! Metrics of estimates against ground truth: `score/*`.
 
 mod clues;
 mod depth;

@@ -91,7 +91,7 @@ def test_programs_start_with_permission_and_their_output_is_stored(tmp_path: Pat
 def test_a_failure_after_the_last_reply_is_a_warning(tmp_path: Path) -> None:
     with pytest.warns(depthloom.DepthloomWarning) as warned:
         depthloom.run(with_node(tmp_path, "depth", 3), out=tmp_path / "run", allow_exec=True, fresh=True, workers=1)
-    assert any("node.py` ended with exit code 3 after its last answer; its standard error" in str(one.message) for one in warned)
+    assert any("node.py` ended with exit code 3 after its last reply; its standard error" in str(one.message) for one in warned)
 
 
 def test_an_unknown_output_suggests_similar_names(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ fn unknown_engines_and_missing_providers_are_found_before_any_frame() {
     if has_tract("unknown_engines_and_missing_providers_are_found_before_any_frame") {
         let missing = run("tract");
         assert!(missing.contains("has no provider `directml`; it has cpu"), "{missing}");
-        assert!(missing.contains("take `provider: cpu`"), "{missing}");
+        assert!(missing.contains("use `provider: cpu`"), "{missing}");
     }
     assert!(!folder.path().join("run").exists() && !folder.path().join("run.partial").exists());
 }

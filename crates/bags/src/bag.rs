@@ -118,7 +118,7 @@ impl Bag {
             .map(|topic| format!("{} ({})", topic.name, topic.message_type))
             .collect();
         match topics.len() {
-            0 => "there is none".to_owned(),
+            0 => "there are no such topics".to_owned(),
             count if count > MOST => format!("there are {}, and {} more", topics[..MOST].join(", "), count - MOST),
             _ => format!("there are {}", topics.join(", ")),
         }

@@ -29,7 +29,7 @@ pub struct CameraInfo {
     pub p: [f64; 12],
     /// How many columns and rows of the sensor are one of the image; 0 and 1 are the same.
     binning: [u32; 2],
-    /// The part of the calibrated image that was taken: column, row, width, height; all if the size is 0.
+    /// The captured part of the calibrated image: column, row, width, height; all if the size is 0.
     part: [u32; 4],
 }
 
@@ -49,7 +49,7 @@ pub fn camera_info(form: Form, message: &[u8]) -> Result<CameraInfo, ErrorMessag
             Ok(CameraInfo { header, width, height, distortion_model, d, k, r, p, binning, part: [x, y, w, h] })
         }
         (Sort::CameraInfo, Wire::Protobuf) => protobuf(message),
-        _ => Err(ErrorMessage::new("it is no camera info")),
+        _ => Err(ErrorMessage::new("it is not a camera info")),
     }
 }
 
@@ -107,7 +107,7 @@ impl CameraInfo {
         if width == 0 || height == 0 { (self.width / bx, self.height / by) } else { (width / bx, height / by) }
     }
 
-    /// P of the images as they are: of the part that was taken, binned, as ROS' `image_geometry` has it.
+    /// P of the images as recorded: of the captured part, binned, as ROS' `image_geometry` has it.
     #[must_use]
     pub fn projection(&self) -> [f64; 12] {
         let [bx, by] = self.binning.map(|binning| f64::from(binning.max(1)));
@@ -141,7 +141,7 @@ impl CameraInfo {
         let p = [self.p[0], self.p[1], self.p[2], self.p[4], self.p[5], self.p[6], self.p[8], self.p[9], self.p[10]];
         let is_zero = |numbers: &[f64]| numbers.iter().all(|number| *number == 0.0);
         self.d.iter().all(|of| *of == 0.0)
-            // What says nothing of rotation or of the raw image says nothing against it.
+            // Missing rotation or raw calibration does not contradict rectified images.
             && (is_zero(&self.r) || self.r.iter().zip(identity).all(|(a, b)| near(*a, b)))
             && (is_zero(&self.k) || self.k.iter().zip(p).all(|(a, b)| near(*a, b)))
     }

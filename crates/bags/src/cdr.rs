@@ -9,7 +9,7 @@ use depthloom_graphs::ErrorMessage;
 /// Bytes before the content: what representation it is in, and options.
 const HEADER: usize = 4;
 
-/// A message read from its beginning. Every value is named, for the error that says where the message ended.
+/// A message read from its beginning. Every value is named, so that errors state where the message ended.
 pub(crate) struct Cdr<'a> {
     /// Behind the header: alignment counts from here.
     bytes: &'a [u8],
@@ -21,7 +21,7 @@ impl<'a> Cdr<'a> {
     pub(crate) fn new(message: &'a [u8]) -> Result<Self, ErrorMessage> {
         let Some((header, bytes)) = message.split_first_chunk::<HEADER>() else {
             return Err(ErrorMessage::new(format!(
-                "{} bytes are no CDR: its header alone has {HEADER}",
+                "{} bytes are too few for CDR, whose header has {HEADER}",
                 message.len()
             )));
         };
@@ -29,7 +29,8 @@ impl<'a> Cdr<'a> {
             [0, 0] => true,
             [0, 1] => false,
             [first, second] => {
-                let what = format!("its CDR header says representation {first:#04x} {second:#04x}, which is not read");
+                let what =
+                    format!("its CDR header says representation {first:#04x} {second:#04x}, which is not supported");
                 return Err(ErrorMessage::new(what).remedy(
                     "plain CDR (XCDR1: 0x00 0x00 or 0x00 0x01) is what ROS 2 writes; `ros2 bag convert` with a `cdr` output writes it again",
                 ));
@@ -99,7 +100,7 @@ impl<'a> Cdr<'a> {
         if count.saturating_mul(least) > left {
             let (at, whole) = (self.at + HEADER, self.bytes.len() + HEADER);
             let what = format!(
-                "`{name}` is said to have {count} elements of at least {least} bytes from byte {at} on, and the message has {whole}"
+                "`{name}` states {count} elements of at least {least} bytes from byte {at} on, but the message has {whole}"
             );
             return Err(ErrorMessage::new(what));
         }
@@ -116,7 +117,7 @@ impl<'a> Cdr<'a> {
     pub(crate) fn text(&mut self, name: &str) -> Result<&'a str, ErrorMessage> {
         let bytes = self.bytes(name)?;
         let bytes = bytes.strip_suffix(&[0]).unwrap_or(bytes);
-        std::str::from_utf8(bytes).map_err(|_| ErrorMessage::new(format!("`{name}` is no UTF-8")))
+        std::str::from_utf8(bytes).map_err(|_| ErrorMessage::new(format!("`{name}` is not UTF-8")))
     }
 }
 
@@ -124,8 +125,8 @@ impl<'a> Cdr<'a> {
 mod tests {
     use super::Cdr;
 
-    /// `uint8 a`, `string s`, `float64 x`, `sequence<octet> d`, as the rules say: a number lies at a multiple of its
-    /// size.
+    /// `uint8 a`, `string s`, `float64 x`, `sequence<octet> d`, aligned as CDR requires: a number is at a multiple of
+    /// its size.
     fn message(big: bool) -> Vec<u8> {
         let order = |mut bytes: Vec<u8>| {
             if big {
@@ -161,8 +162,8 @@ mod tests {
         message[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
         let mut cdr = Cdr::new(&message).unwrap();
         cdr.u8("a").unwrap();
-        let said = cdr.text("frame_id").unwrap_err().to_string();
-        assert_eq!(said, "`frame_id` has 4294967295 bytes from byte 12 on, and the message has 34");
+        let error = cdr.text("frame_id").unwrap_err().to_string();
+        assert_eq!(error, "`frame_id` has 4294967295 bytes from byte 12 on, and the message has 34");
         let mut cdr = Cdr::new(&message).unwrap();
         cdr.u8("a").unwrap();
         assert!(cdr.f64_sequence("d").unwrap_err().to_string().contains("4294967295 elements of at least 8 bytes"));

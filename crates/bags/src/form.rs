@@ -65,7 +65,7 @@ impl Form {
     }
 
     /// How a topic's messages are read.
-    pub fn of(topic: &Topic) -> Result<Self, Fault> {
+    pub fn from_topic(topic: &Topic) -> Result<Self, Fault> {
         let Topic { name, message_type, encoding, .. } = topic;
         let (known, wire, written) = match encoding.as_str() {
             "cdr" => (&TYPES[..], Wire::Cdr, "CDR"),
@@ -79,7 +79,7 @@ impl Form {
                 }));
             }
         };
-        let found = known.iter().find(|(of, _)| of == message_type);
+        let found = known.iter().find(|(name, _)| name == message_type);
         found.map(|(_, sort)| Self { sort: *sort, wire }).ok_or_else(|| {
             let types: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
             Fault::new(format!("{name} has messages {message_type}, which are not read"))
@@ -91,7 +91,7 @@ impl Form {
 /// How a message begins.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// When it was taken, nanoseconds; 0 if its sender did not say.
+    /// Capture time, nanoseconds; 0 if the sender did not set it.
     pub stamp_ns: u64,
     /// The coordinate frame: of an image, the camera's. Without the `/` that ROS 1 put first.
     pub frame_id: String,
@@ -115,7 +115,7 @@ fn cdr_stamp(cdr: &mut Cdr<'_>) -> Result<u64, ErrorMessage> {
 fn stamp(seconds: i64, nanoseconds: u64) -> Result<u64, ErrorMessage> {
     let whole = u64::try_from(seconds).ok().and_then(|seconds| seconds.checked_mul(1_000_000_000));
     let sum = whole.filter(|_| nanoseconds < 1_000_000_000).and_then(|whole| whole.checked_add(nanoseconds));
-    sum.ok_or_else(|| ErrorMessage::new(format!("its stamp is {seconds} s and {nanoseconds} ns, which is no time")))
+    sum.ok_or_else(|| ErrorMessage::new(format!("its stamp is {seconds} s and {nanoseconds} ns, which is not a time")))
 }
 
 /// The bytes of a protobuf message that surely hold its first field, and of a CDR message its stamp.

@@ -14,10 +14,10 @@ use crate::yuv::{self, Packed};
 use crate::{Form, Header, Sort};
 
 /// The encodings that are read as camera images.
-const CAMERA: &str = "mono8, 8UC1, mono16, 16UC1, rgb8, bgr8, 8UC3 (as bgr8), rgba8, bgra8, rgb16, bgr16, bayer_rggb8 and its like, also with 16, \
+const CAMERA: &str = "mono8, 8UC1, mono16, 16UC1, rgb8, bgr8, 8UC3 (as bgr8), rgba8, bgra8, rgb16, bgr16, bayer_rggb8 and variants, also with 16, \
                       uyvy (yuv422), yuyv (yuv422_yuy2), nv21";
 
-/// Samples of 16 bits as 8: the upper 8 of all 16, or of the lowest `bits`; what lies above those becomes white.
+/// Samples of 16 bits as 8: the upper 8 of all 16, or of the lowest `bits`; larger samples become white.
 #[must_use]
 pub fn eight_bits(samples: &[u16], bits: Option<u32>) -> Vec<u8> {
     let shift = bits.unwrap_or(16).clamp(8, 16) - 8;
@@ -29,9 +29,9 @@ pub fn eight_bits(samples: &[u16], bits: Option<u32>) -> Vec<u8> {
 pub struct Brightest(u16);
 
 impl Brightest {
-    /// Of an image's samples; `None` if there are none.
+    /// The largest sample of an image; `None` if it is empty.
     #[must_use]
-    pub fn of(samples: &[u16]) -> Option<Self> {
+    pub fn from_samples(samples: &[u16]) -> Option<Self> {
         samples.iter().max().copied().map(Self)
     }
 
@@ -52,7 +52,7 @@ impl Brightest {
 /// A message with an image.
 #[derive(Debug)]
 pub struct ImageMessage<'a> {
-    /// When and where it was taken.
+    /// Capture time and frame of the camera.
     pub header: Header,
     /// The image.
     pub content: ImageContent<'a>,
@@ -144,12 +144,12 @@ pub fn image(form: Form, message: &[u8]) -> Result<ImageMessage<'_>, ErrorMessag
             }
             Ok(ImageMessage { header, content: ImageContent::Compressed(image) })
         }
-        (Sort::CameraInfo | Sort::PointCloud | Sort::Transforms, _) => Err(ErrorMessage::new("it is no image")),
+        (Sort::CameraInfo | Sort::PointCloud | Sort::Transforms, _) => Err(ErrorMessage::new("it is not an image")),
     }
 }
 
 pub(crate) fn text<'a>(content: Content<'a>, name: &str) -> Result<&'a str, ErrorMessage> {
-    std::str::from_utf8(content.bytes()).map_err(|_| ErrorMessage::new(format!("`{name}` is no UTF-8")))
+    std::str::from_utf8(content.bytes()).map_err(|_| ErrorMessage::new(format!("`{name}` is not UTF-8")))
 }
 
 impl<'a> RawImage<'a> {
@@ -215,13 +215,13 @@ impl<'a> RawImage<'a> {
         Ok(Some(rgb))
     }
 
-    /// The image of a camera, 8 bits a sample: grey or RGB. Of 16 bits the upper 8 are taken, or of the lowest `bits`;
-    /// transparency is dropped. A sensor's mosaic and YUV become the colours that OpenCV's `cvtColor` gives. Beside it
-    /// how bright a 16-bit image is.
+    /// The image of a camera, 8 bits per sample: grey or RGB. Of 16 bits the upper 8 are used, or those of the lowest
+    /// `bits`; transparency is dropped. A sensor's mosaic and YUV become the colours that OpenCV's `cvtColor` gives.
+    /// Beside it how bright a 16-bit image is.
     pub fn pixels(&self, bits: Option<u32>) -> Result<(Pixels, Option<Brightest>), ErrorMessage> {
         let size = (self.width, self.height);
-        let grey = |samples| Pixels::Grey(GrayImage::from_raw(size.0, size.1, samples).expect("a byte a pixel"));
-        let rgb = |rows: Vec<u8>| Pixels::Rgb(RgbImage::from_raw(size.0, size.1, rows).expect("three bytes a pixel"));
+        let grey = |samples| Pixels::Grey(GrayImage::from_raw(size.0, size.1, samples).expect("one byte per pixel"));
+        let rgb = |rows: Vec<u8>| Pixels::Rgb(RgbImage::from_raw(size.0, size.1, rows).expect("three bytes per pixel"));
         let colours = |bytes: usize, [r, g, b]: [usize; 3]| {
             let rows = self.rows(bytes)?;
             let mut samples = Vec::with_capacity(size.0 as usize * size.1 as usize * 3);
@@ -238,7 +238,7 @@ impl<'a> RawImage<'a> {
             let colours = mosaic.colours(&samples, size.0, size.1)?;
             return Ok(match mosaic.bytes {
                 1 => (rgb(colours.into_iter().map(|sample| sample as u8).collect()), None),
-                _ => (rgb(eight_bits(&colours, bits)), Brightest::of(&samples)),
+                _ => (rgb(eight_bits(&colours, bits)), Brightest::from_samples(&samples)),
             });
         }
         if let Some(samples) = self.yuv()? {
@@ -248,7 +248,7 @@ impl<'a> RawImage<'a> {
             "mono8" | "8UC1" => Ok(grey(self.rows(1)?.flatten().copied().collect())),
             "mono16" | "16UC1" => {
                 let samples = self.u16s(1)?;
-                return Ok((grey(eight_bits(&samples, bits)), Brightest::of(&samples)));
+                return Ok((grey(eight_bits(&samples, bits)), Brightest::from_samples(&samples)));
             }
             "rgb16" | "bgr16" => {
                 let samples: Vec<u16> = self.u16s(3)?;
@@ -256,7 +256,7 @@ impl<'a> RawImage<'a> {
                 if self.encoding == "bgr16" {
                     narrow.as_chunks_mut::<3>().0.iter_mut().for_each(|pixel| pixel.swap(0, 2));
                 }
-                return Ok((rgb(narrow), Brightest::of(&samples)));
+                return Ok((rgb(narrow), Brightest::from_samples(&samples)));
             }
             "rgb8" => colours(3, [0, 1, 2]),
             "bgr8" | "8UC3" => colours(3, [2, 1, 0]),
@@ -265,11 +265,9 @@ impl<'a> RawImage<'a> {
             other => {
                 let malformed = ErrorMessage::new(format!("its encoding is `{other}`"));
                 Err(malformed.remedy(match other {
-                    "32FC1" | "64FC1" => {
-                        "these are depths: a camera's image is wanted here, and `depth` takes the topic of depths"
-                    }
+                    "32FC1" | "64FC1" => "these are depths: expected a camera image; use `depth` for a topic of depths",
                     _ if other.starts_with("yuv") || other.starts_with("uyvy") || other.starts_with("nv") => {
-                        "record the topic in bgr8 or mono8, as `image_proc` gives it"
+                        "record the topic as bgr8 or mono8, as `image_proc` publishes it"
                     }
                     _ => {
                         return Err(ErrorMessage::new(format!("its encoding is `{other}`"))
@@ -281,8 +279,8 @@ impl<'a> RawImage<'a> {
         shallow.map(|pixels| (pixels, None))
     }
 
-    /// Depths in metres, NaN where none is known (0, or no finite positive number). A unit is so many metres; by
-    /// default a millimetre of `16UC1`, a metre of `32FC1`, as REP 118 has it.
+    /// Depths in metres, NaN where unknown (0, negative, infinite or NaN). `unit` is the length of one unit in metres;
+    /// by default a millimetre of `16UC1`, a metre of `32FC1`, as REP 118 has it.
     pub fn depths(&self, unit_m: Option<f64>) -> Result<Raster<f32>, ErrorMessage> {
         let metres: Vec<f32> = match self.encoding {
             "16UC1" | "mono16" => {
@@ -345,7 +343,7 @@ impl<'a> CompressedImage<'a> {
         let (encoding, how) = self.format.split_once(';').unwrap_or(("", self.format));
         if how.contains("compressedDepth") {
             return Err(ErrorMessage::new(format!("its format is `{}`: depths", self.format))
-                .remedy("a camera's image is wanted here, and `depth` takes the topic of depths"));
+                .remedy("expected a camera image; use `depth` for a topic of depths"));
         }
         let handed = how.rsplit_once("compressed").map_or("", |(_, handed)| handed.trim());
         if handed.starts_with("bayer_") || handed.is_empty() && encoding.starts_with("bayer_") {

@@ -11,7 +11,7 @@
 //!
 //! let bag = Bag::open("drive".as_ref())?;
 //! let topic = bag.topic("/stereo/left/image_rect")?;
-//! let form = Form::of(topic)?;
+//! let form = Form::from_topic(topic)?;
 //! for message in bag.messages(&[topic])?.remove(0) {
 //!     let bytes = bag.read(&message)?;
 //!     let image = depthloom_bags::images::image(form, &bytes)?;
@@ -20,10 +20,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![forbid(unsafe_code)]
-#![expect(
-    clippy::missing_errors_doc,
-    reason = "an error says what is wrong with the bag or the message, and the remedy"
-)]
+#![expect(clippy::missing_errors_doc, reason = "an error states the fault of the bag or the message, and the remedy")]
 #![expect(clippy::missing_panics_doc, reason = "rows are compared with the size before")]
 
 mod bag;

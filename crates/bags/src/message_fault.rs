@@ -9,6 +9,6 @@ use depthloom_graphs::{ErrorMessage, Fault};
 pub fn message_fault(error: ErrorMessage, bag: &Path, topic: &str, message: &str) -> Fault {
     let ErrorMessage { what, remedy, .. } = error;
     let what = format!("{}: message {message} of {topic}: {what}", bag.display());
-    let default = "the message is damaged, or of another type than its topic says; `frames` leaves it out";
+    let default = "the message is damaged or has another type than its topic; exclude it with `frames`";
     Fault::new(what).remedy(remedy.as_deref().unwrap_or(default))
 }

@@ -20,7 +20,7 @@ struct Information {
     relative_file_paths: Vec<String>,
 }
 
-/// The files that a folder's metadata names, in their order; `None` where there is none.
+/// The files that a folder's metadata names, in their order; `None` without metadata.
 pub(crate) fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
     let path = folder.join(NAME);
     if !path.exists() {
@@ -30,7 +30,7 @@ pub(crate) fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
     let bytes = regular_file::read(&path, MOST_BYTES).map_err(failed)?;
     let remedy = "name one of its files instead of the folder, or let `ros2 bag reindex` write it again";
     let read: File = serde_saphyr::from_slice(&bytes).map_err(|error| {
-        Fault::new(format!("{} is no bag's metadata", path.display()))
+        Fault::new(format!("{} is not the metadata of a bag", path.display()))
             .because(first_line(&error.to_string()))
             .remedy(remedy)
     })?;
@@ -39,7 +39,7 @@ pub(crate) fn files(folder: &Path) -> Result<Option<Vec<PathBuf>>, Fault> {
         return Err(Fault::new(format!("{} names no file", path.display())).remedy(remedy));
     }
     let find = |name: &String| {
-        // A file that was compressed as a whole, and unpacked since.
+        // A completely compressed file that was unpacked later.
         let unpacked = name.strip_suffix(".zstd").map(|name| folder.join(name)).filter(|path| path.is_file());
         if let Some(unpacked) = unpacked {
             return Ok(unpacked);
@@ -70,11 +70,11 @@ fn first_line(text: &str) -> String {
     text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned()
 }
 
-/// That a whole file is compressed, so that nothing in it can be sought.
+/// The whole file is compressed, so it cannot be read at random positions.
 pub(crate) fn packed(path: &Path) -> Fault {
     let path = path.display();
     let remedy = format!(
-        "`zstd -d {path}` unpacks it, beside it; then the bag is read. Bags that are compressed by chunk (MCAP) or by message need no unpacking"
+        "`zstd -d {path}` unpacks it into the same folder. Bags that are compressed by chunk (MCAP) or by message need no unpacking"
     );
     Fault::new(format!("{path} is compressed as a whole")).remedy(remedy)
 }

@@ -32,7 +32,7 @@ pub struct Steps {
 impl Pace {
     /// Of ascending times, nanoseconds.
     #[must_use]
-    pub fn of(times: &[u64]) -> Self {
+    pub fn from_times(times: &[u64]) -> Self {
         let seconds = match times {
             [first, .., last] => last.saturating_sub(*first) as f64 / 1e9,
             _ => 0.0,
@@ -85,23 +85,23 @@ impl std::fmt::Display for Pace {
 mod tests {
     use super::Pace;
 
-    fn told(times_ms: &[u64]) -> String {
-        Pace::of(&times_ms.iter().map(|ms| ms * 1_000_000).collect::<Vec<_>>()).to_string()
+    fn text_of(times_ms: &[u64]) -> String {
+        Pace::from_times(&times_ms.iter().map(|ms| ms * 1_000_000).collect::<Vec<_>>()).to_string()
     }
 
     #[test]
-    fn a_camera_that_drops_frames_is_told() {
-        assert_eq!(told(&[]), "no message");
-        assert_eq!(told(&[5]), "1 message");
-        assert_eq!(told(&[5, 105]), "2 messages in 0.1 s");
-        assert_eq!(told(&[0, 100, 200, 300]), "4 messages, 10.00 Hz, jitter 0.0 ms");
+    fn dropped_frames_of_a_camera_are_reported() {
+        assert_eq!(text_of(&[]), "no message");
+        assert_eq!(text_of(&[5]), "1 message");
+        assert_eq!(text_of(&[5, 105]), "2 messages in 0.1 s");
+        assert_eq!(text_of(&[0, 100, 200, 300]), "4 messages, 10.00 Hz, jitter 0.0 ms");
         // 300 and 400, and 700, were never recorded.
-        assert_eq!(told(&[0, 100, 200, 500, 602, 800, 900]), "7 messages, 10.00 Hz, jitter 2.0 ms, 3 missing");
+        assert_eq!(text_of(&[0, 100, 200, 500, 602, 800, 900]), "7 messages, 10.00 Hz, jitter 2.0 ms, 3 missing");
     }
 
     #[test]
-    fn what_comes_in_no_step_has_no_rate() {
-        assert_eq!(told(&[0, 0, 0, 0]), "4 messages in 0.0 s");
-        assert_eq!(told(&[0, 10, 200, 210, 1000, 1010, 1020, 1400]), "8 messages in 1.4 s");
+    fn irregular_times_have_no_rate() {
+        assert_eq!(text_of(&[0, 0, 0, 0]), "4 messages in 0.0 s");
+        assert_eq!(text_of(&[0, 10, 200, 210, 1000, 1010, 1020, 1400]), "8 messages in 1.4 s");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-/// The pairs of two ascending lists of times that are no further apart than the tolerance, each time once, in time
+/// The pairs of two ascending lists of times whose distance is at most the tolerance, each time once, in time
 /// order.
 ///
 /// Two times are a pair if neither has a nearer partner. What is left over between pairs is paired among itself, again
@@ -73,7 +73,7 @@ mod tests {
     use super::{nearest, pairs};
 
     #[test]
-    fn each_takes_its_nearest_and_what_has_none_stays_alone() {
+    fn each_time_pairs_with_the_nearest_and_the_rest_stays_unpaired() {
         assert_eq!(pairs(&[0, 100, 200], &[3, 98, 205], 10), [(0, 0), (1, 1), (2, 2)]);
         // The partner of 100 was dropped.
         assert_eq!(pairs(&[0, 100, 200], &[3, 205], 10), [(0, 0), (2, 1)]);

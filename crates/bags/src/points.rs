@@ -17,7 +17,7 @@ pub struct PointCloud<'a> {
     is_big_endian: bool,
 }
 
-/// Where in a point a coordinate lies, and whether it has 8 bytes.
+/// Offset of a coordinate in a point, and whether it has 8 bytes.
 #[derive(Clone, Copy, Debug)]
 struct Coordinate {
     offset: usize,
@@ -31,7 +31,7 @@ const FLOAT64: u8 = 8;
 /// Reads a message of a topic of points.
 pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, ErrorMessage> {
     if (form.sort, form.wire) != (Sort::PointCloud, Wire::Cdr) {
-        return Err(ErrorMessage::new("it is no point cloud"));
+        return Err(ErrorMessage::new("it is not a point cloud"));
     }
     let mut cdr = Cdr::new(message)?;
     let header = Header::cdr(&mut cdr)?;
@@ -54,10 +54,7 @@ pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, ErrorMe
     }
     let [Some(x), Some(y), Some(z)] = found else {
         names.truncate(16);
-        return Err(ErrorMessage::new(format!(
-            "its points have the fields {}, and x, y, z are wanted",
-            names.join(", ")
-        )));
+        return Err(ErrorMessage::new(format!("its points have the fields {}, expected x, y, z", names.join(", "))));
     };
     let is_big_endian = cdr.u8("is_bigendian")? != 0;
     let (point_step, row_step) = (cdr.u32("point_step")? as usize, cdr.u32("row_step")? as usize);
@@ -68,7 +65,7 @@ pub fn point_cloud(form: Form, message: &[u8]) -> Result<PointCloud<'_>, ErrorMe
         return Err(ErrorMessage::new(format!("point_step is {point_step} bytes, and x, y, z end at {end}")));
     }
     let row = (width as usize).saturating_mul(point_step);
-    // One row may say nothing of its length.
+    // With one row, its length may be missing.
     let row_step = if height == 1 { row } else { row_step };
     if row_step < row {
         return Err(ErrorMessage::new(format!(

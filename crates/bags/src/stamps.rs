@@ -1,4 +1,4 @@
-//! When messages were taken, by their headers.
+//! Capture times of messages, from their headers.
 
 use depthloom_graphs::Fault;
 

@@ -70,7 +70,7 @@ pub fn stereo_pairs(bag: &Bag) -> Vec<(&Topic, &Topic)> {
     pairs
 }
 
-/// The topic of the camera that an image is of: `camera_info` beside it, or the only one of cameras in its folder or
+/// The camera topic of an image: `camera_info` in the same namespace, or the only camera topic in its folder or
 /// below it.
 #[must_use]
 pub fn camera_of<'a>(bag: &'a Bag, image: &Topic) -> Option<&'a Topic> {
@@ -79,8 +79,9 @@ pub fn camera_of<'a>(bag: &'a Bag, image: &Topic) -> Option<&'a Topic> {
     let cameras = || bag.topics().iter().filter(|topic| Form::sort_of(topic) == Some(Sort::CameraInfo));
     let named = |name: String| cameras().find(|topic| topic.name == name);
     let only = |folder: &str| {
-        let mut of = cameras().filter(|topic| topic.name.rsplit_once('/').is_some_and(|(parent, _)| parent == folder));
-        of.next().filter(|_| of.next().is_none())
+        let mut infos =
+            cameras().filter(|topic| topic.name.rsplit_once('/').is_some_and(|(parent, _)| parent == folder));
+        infos.next().filter(|_| infos.next().is_none())
     };
     named(format!("{folder}/camera_info"))
         .or_else(|| named(format!("{name}/camera_info")))

@@ -32,7 +32,7 @@ impl Transforms {
             let norm = quaternion.iter().map(|of| of * of).sum::<f64>().sqrt();
             if !((norm - 1.0).abs() < 0.01 && [x, y, z].iter().all(|of| of.is_finite())) {
                 return Err(ErrorMessage::new(format!(
-                    "the transform of {child} in {parent} is no motion: its quaternion has length {norm}"
+                    "the transform of {child} in {parent} is not a rigid motion: its quaternion has length {norm}"
                 )));
             }
             if self.0.len() >= MOST_FRAMES {
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_goes_up_to_the_common_frame_and_down() {
+    fn a_point_is_transformed_through_the_common_frame() {
         let none = [0.0, 0.0, 0.0, 1.0];
         let tree = tree(&[
             ("lidar", "base", [1.0, 0.0, 2.0], QUARTER),

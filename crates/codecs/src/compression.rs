@@ -1,4 +1,4 @@
-//! zstd, each time in a context of its own, so that what it did before cannot matter; without memory an error, not a
+//! zstd, with a new context for each call, so that earlier calls have no effect; without memory an error, not a
 //! panic.
 
 use std::io;

@@ -62,7 +62,7 @@ fn compressed_image(message: &[u8]) -> Result<Image, String> {
 }
 
 fn calibration(message: &[u8]) -> Result<Calibration, String> {
-    let no_calibration = |error: prost::DecodeError| format!("a message is no calibration: {error}");
+    let no_calibration = |error: prost::DecodeError| format!("a message is not a calibration: {error}");
     let decoded = CameraCalibration::decode(message).map_err(no_calibration)?;
     let (mut baseline_m, mut doffs_px) = (None, 0.0);
     for field in Fields(message) {
@@ -73,19 +73,19 @@ fn calibration(message: &[u8]) -> Result<Calibration, String> {
         }
     }
     let [focal_px, _, cx_px, _, _, cy_px, ..] = decoded.k[..] else {
-        return Err("a calibration's K is no 3x3 matrix".to_owned());
+        return Err("K of a calibration is not a 3x3 matrix".to_owned());
     };
     let baseline_m = baseline_m.ok_or("a calibration has no baseline")?;
     Ok(Calibration { width: decoded.width, height: decoded.height, focal_px, cx_px, cy_px, baseline_m, doffs_px })
 }
 
-/// What stands for "nothing found" in maps of disparities from there on, 1/16 px; `None` if 16 bits do not hold it.
+/// The invalid value of disparity maps with this smallest disparity, 1/16 px; `None` if it does not fit 16 bits.
 #[must_use]
 pub fn nothing_found(min_disparity_px: i32) -> Option<i16> {
     i16::try_from(min_disparity_px.checked_sub(1)?.checked_mul(16)?).ok()
 }
 
-/// Reads a `depthloom.FloatMap` of metres, with the inverse depth beside them where there is one.
+/// Reads a `depthloom.FloatMap` of metres, with the inverse depth if it was recorded.
 fn depth(message: &[u8]) -> Result<Value, String> {
     let metres = float_map(message)?;
     let inverse = inverse_bytes(message)?;
@@ -99,7 +99,7 @@ fn depth(message: &[u8]) -> Result<Value, String> {
     Ok(Value::depth_with_hidden_inverse(Depth { metres }, inverse))
 }
 
-/// The inverse depth of a `depthloom.FloatMap`, as little-endian bytes; empty where there is none.
+/// The inverse depth of a `depthloom.FloatMap`, as little-endian bytes; empty if it was not recorded.
 pub fn inverse_bytes(message: &[u8]) -> Result<&[u8], String> {
     let mut inverse: &[u8] = &[];
     for field in Fields(message) {
@@ -132,7 +132,7 @@ pub fn float_map(message: &[u8]) -> Result<Raster<f32>, String> {
     };
     let is_whole = samples.len() == count && (!codes.is_empty() || data.len() == 4 * count);
     let raster = is_whole.then(|| Raster::from_raw(width, height, samples)).flatten();
-    raster.ok_or_else(|| "a map is of another size than it says".to_owned())
+    raster.ok_or_else(|| "the size of a map differs from its stated size".to_owned())
 }
 
 #[derive(Default)]
@@ -166,11 +166,11 @@ impl RawImage<'_> {
         match (value_type, self.encoding) {
             (ValueType::Image, b"mono8") => {
                 let grey = GrayImage::from_raw(self.width, self.height, self.samples(1, |[sample]: [u8; 1]| sample)?);
-                Ok(Image::new(Pixels::Grey(grey.ok_or("an image is of another size than it says")?)).into())
+                Ok(Image::new(Pixels::Grey(grey.ok_or("the size of an image differs from its stated size")?)).into())
             }
             (ValueType::Image, b"rgb8") => {
                 let rgb = RgbImage::from_raw(self.width, self.height, self.samples(3, |[sample]: [u8; 1]| sample)?);
-                Ok(Image::new(Pixels::Rgb(rgb.ok_or("an image is of another size than it says")?)).into())
+                Ok(Image::new(Pixels::Rgb(rgb.ok_or("the size of an image differs from its stated size")?)).into())
             }
             (ValueType::Disparity, b"16UC1") => {
                 let min_disparity_px = self.min_disparity_px;
@@ -197,7 +197,7 @@ impl RawImage<'_> {
     {
         let samples = self.samples(1, sample)?;
         ImageBuffer::from_raw(self.width, self.height, samples)
-            .ok_or_else(|| "an image is of another size than it says".to_owned())
+            .ok_or_else(|| "the size of an image differs from its stated size".to_owned())
     }
 
     fn samples<T, const N: usize>(&self, channels: u128, sample: impl Fn([u8; N]) -> T) -> Result<Vec<T>, String> {
@@ -299,7 +299,7 @@ mod tests {
         assert_eq!(recorded(&apart), recorded(&one) + 10);
     }
 
-    /// The bytes of a row as recordings of before have them, written by prost: frame, set, pixels, then doubles 4
+    /// The bytes of a row in older recordings, written by prost: frame, set, pixels, then doubles 4
     /// to 11.
     #[test]
     fn rows_of_before_are_read() {

@@ -16,7 +16,7 @@ use crate::wire_format::{put_bytes, put_fixed32, put_length, put_number, put_sig
 
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// Where and when a message's pixels were taken.
+/// Camera frame and capture time of a message's pixels.
 #[derive(Clone, Copy)]
 pub struct Stamp<'a> {
     /// The frame's time, nanoseconds.

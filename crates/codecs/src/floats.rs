@@ -2,7 +2,7 @@
 //!
 //! `depthloom.FloatMap` holds its samples row by row, either as they are (`data`) or as the differences of their
 //! bits: neighbours are often equal, and more often alike in sign, exponent and first digits, while the last two
-//! bytes of a computed number are noise that nothing makes smaller. The bits of each sample, taken as a number,
+//! bytes of a computed number are noise that cannot be compressed. The bits of each sample, read as a number,
 //! less those of the sample before it (of the first: less zero), modulo 2^32 and with the sign brought into the
 //! lowest bit (`d << 1 ^ d >> 31`), are of one of four classes:
 //!
@@ -34,8 +34,8 @@ pub struct PackedFloats {
 
 impl PackedFloats {
     /// Packs samples.
-    pub fn of(samples: &[f32]) -> io::Result<Self> {
-        let Parts { classes: mut codes, middles, lows, highs } = Parts::of(samples);
+    pub fn pack(samples: &[f32]) -> io::Result<Self> {
+        let Parts { classes: mut codes, middles, lows, highs } = Parts::split(samples);
         codes.reserve_exact(middles.len() + highs.len());
         codes.extend_from_slice(&middles);
         let highs = highs.as_chunks::<2>().0;
@@ -49,7 +49,7 @@ impl PackedFloats {
 
 /// The samples of a map that was packed.
 pub fn unpacked(count: usize, codes: &[u8], lows: &[u8]) -> Result<Vec<f32>, String> {
-    let malformed = || "a map's samples are not as many as it says".to_owned();
+    let malformed = || "the number of samples of a map differs from its stated size".to_owned();
     let class_bytes = count.div_ceil(4);
     let mut all = Vec::new();
     // The most that `count` samples can have: the frame's own size is not trusted.
@@ -78,14 +78,14 @@ mod tests {
 
     fn assert_comes_back(bits: &[u32]) -> PackedFloats {
         let samples: Vec<f32> = bits.iter().map(|bits| f32::from_bits(*bits)).collect();
-        let packed = PackedFloats::of(&samples).unwrap();
+        let packed = PackedFloats::pack(&samples).unwrap();
         let read = unpacked(samples.len(), &packed.codes, &packed.lows).unwrap();
         assert!(read.iter().map(|sample| sample.to_bits()).eq(bits.iter().copied()));
         packed
     }
 
     #[test]
-    fn every_bit_comes_back() {
+    fn every_bit_is_restored() {
         assert_comes_back(&[]);
         let odd = [0x7fc0_dead, 0xffc0_0001, 0x7f80_0000, 0x8000_0000, 1, 0, u32::MAX, 0x7fff_ffff, 0x3f80_0000];
         for length in 1..odd.len() {
@@ -124,9 +124,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_or_too_long_is_refused() {
+    fn truncated_or_too_long_input_is_refused() {
         let samples = [1.0, 1.000_001, 1.2, -5.0, 1.0, 1.0, 7.0];
-        let PackedFloats { codes, lows } = PackedFloats::of(&samples).unwrap();
+        let PackedFloats { codes, lows } = PackedFloats::pack(&samples).unwrap();
         assert!(unpacked(7, &codes, &lows).is_ok());
         assert!(unpacked(7, &codes, &lows[2..]).is_err());
         assert!(unpacked(7, &codes, &[&lows[..], &[0, 0]].concat()).is_err());

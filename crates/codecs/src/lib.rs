@@ -18,7 +18,7 @@
 //! assert_eq!(depth.metres[(0, 0)].0, [3.5]);
 //! ```
 
-#![expect(clippy::missing_errors_doc, reason = "an error is a lower-case fragment that says what is wrong")]
+#![expect(clippy::missing_errors_doc, reason = "an error is a lower-case fragment that states the fault")]
 
 pub mod arrow;
 pub mod compression;

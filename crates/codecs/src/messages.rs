@@ -7,7 +7,7 @@ use crate::wire_format::{Content, Fields, put_bytes, put_number, put_varint};
 
 /// `depthloom.Score`: one row of scores.
 ///
-/// Fields `frame` 1, `set` 2, `pixels` 3, `zone` 12 (empty: the whole image), `truth` 13, `valid` 14, `log_mean` 15,
+/// Fields `frame` 1, `set` 2, `pixels` 3, `zone` 12 (empty: the complete image), `truth` 13, `valid` 14, `log_mean` 15,
 /// and the [catalogue](Metric)'s, as optional doubles: a metric that was not requested, or of no pixel, is absent.
 /// Older recordings hold the first eight scores and none of 12 to 15.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,7 +46,7 @@ impl ScoreMessage {
 
     /// Reads a message.
     pub fn decode(message: &[u8]) -> Result<Self, String> {
-        let malformed = |what: &dyn std::fmt::Display| format!("a message is no score: {what}");
+        let malformed = |what: &dyn std::fmt::Display| format!("a message is not a row of metrics: {what}");
         let text = |content: Content<'_>| {
             std::str::from_utf8(content.bytes()).map(str::to_owned).map_err(|error| malformed(&error))
         };

@@ -1,6 +1,6 @@
 //! Maps as small pictures to look at, which any viewer draws right without a setting.
 //!
-//! A picture is a PNG of indexed colours, of every second pixel and row; black = no answer. Colours follow ratios, not
+//! A picture is a PNG of indexed colours, of every second pixel and row; black = invalid. Colours follow ratios, not
 //! differences: what is twice as far is as many colours away, near as well as far, and all pictures share the scale, so
 //! that a depth and the disparity it was made of look alike.
 
@@ -12,9 +12,9 @@ use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
 use crate::files::Colours;
 
-/// A picture has one of so many columns and rows.
+/// A picture has every `STEP`th column and row.
 const STEP: u32 = 2;
-/// Colours beside black: few enough that neighbours are often equal, and more than an eye tells apart in a map.
+/// Colours except black: few enough that neighbours are often equal, and more than an eye can distinguish in a map.
 const LEVELS: u8 = 63;
 /// What is as near or nearer has the last colour, what is as far or farther the first, metres.
 const NEAR_M: f32 = 1.0;
@@ -73,7 +73,7 @@ pub fn picture(value: &Value) -> Option<Vec<u8>> {
 /// Ratios to levels from 1 to [`LEVELS`].
 ///
 /// The bits of a positive float grow with it, and grow alike from each power of two to the next: between these a
-/// straight line stands for the logarithm, which is exact on every machine, and at most a twelfth of an octave off.
+/// straight line replaces the logarithm, which is exact on every machine, and at most a twelfth of an octave off.
 struct Scale {
     from: i32,
     span: i32,
@@ -137,7 +137,7 @@ where
 
 fn palette(colours: Colours) -> Vec<u8> {
     let levels = (0..LEVELS).map(|level| f64::from(level) / f64::from(LEVELS - 1));
-    [0; 3].into_iter().chain(levels.flat_map(|share| colours.of(share))).collect()
+    [0; 3].into_iter().chain(levels.flat_map(|share| colours.rgb(share))).collect()
 }
 
 #[cfg(test)]
@@ -153,10 +153,10 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_answer_is_black_and_nothing_else_is() {
+    fn only_invalid_pixels_are_black() {
         let metres = [f32::NAN, 0.0, -1.0, 1e-20, 0.5, 1.0, 10.0, 100.0, 1e9, f32::INFINITY, f32::NEG_INFINITY];
-        // Every second pixel and row is in the picture; the others are none of its business.
-        let map: Vec<f32> = metres.iter().flat_map(|of| [*of, 3.0]).chain([5.0; 22]).collect();
+        // Every second pixel and row is in the picture; the others are ignored.
+        let map: Vec<f32> = metres.iter().flat_map(|depth| [*depth, 3.0]).chain([5.0; 22]).collect();
         let image = seen(Depth { metres: Raster::from_raw(22, 2, map).unwrap() });
         assert_eq!(image.dimensions(), (11, 1));
         let [near, far] = [[0x7a, 0x04, 0x03], [0x30, 0x12, 0x3b]];
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_map_or_has_no_pixels_has_no_picture() {
+    fn values_that_are_not_maps_or_empty_have_no_picture() {
         assert_eq!(picture(&Depth { metres: Raster::new(0, 3) }.into()), None);
         assert_eq!(picture(&Value::Scores(std::sync::Arc::default())), None);
     }

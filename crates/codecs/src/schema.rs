@@ -1,9 +1,9 @@
-//! The schemas of a recording: Foxglove's, with whole descriptor sets, and depthloom's own three.
+//! The schemas of a recording: Foxglove's, with complete descriptor sets, and depthloom's own three.
 //!
 //! Foxglove's `RawImage` and `CameraCalibration` get fields beyond Foxglove's own, declared in the descriptor that the
 //! recording carries and skipped by readers that do not know them: the smallest disparity searched, without which a
 //! fixed-point map cannot be read back, and the pair's baseline, which `P` holds only as a rounded product, with what
-//! the right camera's principal point lies apart, which only its own `P` holds.
+//! the right camera's principal point differs, which only its own `P` contains.
 
 use std::sync::OnceLock;
 
@@ -23,7 +23,7 @@ use crate::messages::{LOG_MEAN, TRUTH, VALID, ZONE};
 pub(crate) const MIN_DISPARITY_PX: u32 = 1001;
 /// `CameraCalibration`: the distance between the two cameras' centres, metres.
 pub const BASELINE_M: u32 = 1001;
-/// `CameraCalibration`: how much farther right the right camera's principal point lies, pixels; absent where it is 0.
+/// `CameraCalibration`: column of the right principal point minus that of the left, pixels; absent if it is 0.
 pub const DOFFS_PX: u32 = 1002;
 
 /// `FloatMap`: inverse depth, 1/m, of depths that do not hold it; NaN where they do.
@@ -46,7 +46,7 @@ pub enum Schema {
     CurvePoint,
     /// Depths or weights.
     FloatMap,
-    /// Where a camera stands.
+    /// Position of a camera.
     FrameTransform,
     /// Points of a depth.
     PointCloud,
@@ -277,7 +277,7 @@ mod tests {
     use super::Schema;
 
     #[test]
-    fn every_set_is_whole() {
+    fn every_data_set_is_complete() {
         for schema in Schema::ALL {
             let set = FileDescriptorSet::decode(schema.descriptor_set()).unwrap();
             let files: Vec<_> = set.file.iter().map(|file| file.name().to_owned()).collect();

@@ -91,7 +91,7 @@ pub struct Malformed;
 
 impl fmt::Display for Malformed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a message is no protobuf")
+        f.write_str("a message is not protobuf")
     }
 }
 

@@ -22,8 +22,8 @@ pub struct Contradiction {
     pub remedy: &'static str,
 }
 
-/// Looks at a frame of a source with these ports: at `left`, `right`, `calibration` and its true depths, as far as they
-/// are there.
+/// Looks at a frame of a source with these ports: at `left`, `right`, `calibration` and its ground-truth depths, as far
+/// as they are there.
 #[must_use]
 pub fn inspect(ports: &[Port], values: &[Option<Value>]) -> Vec<Contradiction> {
     let value = |name: &str| {
@@ -48,7 +48,7 @@ pub fn inspect(ports: &[Port], values: &[Option<Value>]) -> Vec<Contradiction> {
     found.extend(pair_faults);
     let truths = ports.iter().zip(values).filter_map(|(port, value)| Truth::from_value(port.name, value.as_ref()?));
     let truths: Vec<Truth<'_>> = truths.collect();
-    // A depth is computed from the disparity beside it: its faults are reported once, for the depth.
+    // A depth is computed from the disparity of the same frame: its faults are reported once, for the depth.
     let of_depth = truths.iter().any(Truth::is_depth);
     let is_disparity = truths.iter().any(|of| !of.is_depth());
     for truth in truths.iter().filter(|of| of.is_depth() == of_depth) {

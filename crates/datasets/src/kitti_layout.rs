@@ -16,11 +16,11 @@ use image::ImageFormat;
 
 use depthloom_nodes::sources::{Road, SyntheticRoadParams};
 
-/// Renders the frames of `params` into `<out>/training`; returns how many. `params.truth` does not matter: both truths
-/// are written.
+/// Renders the frames of `params` into `<out>/training`; returns how many. `params.truth` has no effect: both kinds of
+/// ground truth are written.
 ///
-/// The folder is written under the name `<out>.partial` and renamed when whole; an unfinished one of an earlier try is
-/// removed.
+/// The folder is written under the name `<out>.partial` and renamed when complete; an unfinished one of an earlier try
+/// is removed.
 ///
 /// # Errors
 /// If `out` exists and is not empty, if the host cancels, or if a file cannot be written.

@@ -1,5 +1,5 @@
 //! A data set that is written from the synthetic street.
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
+#![expect(clippy::unwrap_used, reason = "a test that cannot continue panics")]
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -40,7 +40,7 @@ fn params() -> Json {
 }
 
 fn pixels(value: &Value) -> &Pixels {
-    let Value::Image(image) = value else { panic!("{} is no image", value.value_type()) };
+    let Value::Image(image) = value else { panic!("{} is not an image", value.value_type()) };
     image.pixels()
 }
 
@@ -53,7 +53,7 @@ fn disparity_difference_px(ours: &Values, read: &Values) -> f64 {
     let disparity = |metres: &f32| calibration.focal_baseline_px_m() / f64::from(*metres);
     let mut worst = 0.0_f64;
     for (ours, read) in metres(&ours["depth"]).iter().zip(metres(&read["depth"])) {
-        assert_eq!(ours.is_nan(), read.is_nan(), "a true pixel was lost or made");
+        assert_eq!(ours.is_nan(), read.is_nan(), "a pixel with ground truth was lost or added");
         if !ours.is_nan() {
             worst = worst.max((disparity(ours) - disparity(read)).abs());
         }
@@ -133,7 +133,7 @@ fn an_existing_folder_is_not_written_over_and_an_unfinished_one_is() {
 }
 
 #[test]
-fn fault_06_an_unfinished_folder_of_somebody_else_is_not_removed() {
+fn fault_06_an_unfinished_folder_of_another_program_is_not_removed() {
     let folder = tempfile::tempdir().unwrap();
     let thesis = folder.path().join("road.partial/thesis");
     fs::create_dir_all(thesis.parent().unwrap()).unwrap();

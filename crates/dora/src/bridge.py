@@ -10,7 +10,7 @@ import time
 
 calls = os.fdopen(os.dup(0), "rb", 1 << 16)
 answers = os.fdopen(os.dup(1), "wb", 1 << 16)
-os.dup2(2, 1)  # whoever prints does not print into messages
+os.dup2(2, 1)  # prints of the program must not mix with messages
 lock = threading.Lock()
 
 

@@ -83,7 +83,7 @@ impl Bridge {
             let _ = bridge.child.kill();
             let what = format!("dora did not let node `{part}` begin within {} s", limit.as_secs());
             return Err(CliError::new(ExitCode::Engine, what).remedy(
-                "another node of the dataflow may not have started, its log says why (`dora logs`); run it again, or give it longer: `depthloom dora --start-timeout SECONDS`",
+                "another node of the dataflow may not have started, see its log (`dora logs`); run it again, or allow it more time: `depthloom dora --start-timeout SECONDS`",
             ));
         };
         let first = first.map_err(|error| {

@@ -75,9 +75,10 @@ impl PureNode for Foreign {
         let position = ctx.host.position().ok_or_else(|| Fault::new("it runs without a frame"))?;
         for port in &self.outputs {
             if self.bridge.mailbox.holds(&reply_input(port.name), position) {
-                let what = format!("dora's node answered at `{}` before it was asked about this frame", port.name);
-                return Err(Fault::new(what)
-                    .remedy("let it answer each frame once, when it has been asked at all of its inputs"));
+                let what = format!("the dora node replied at `{}` before it received this frame", port.name);
+                return Err(
+                    Fault::new(what).remedy("the node must reply once per frame, after all of its inputs have arrived")
+                );
             }
         }
         let mut request = Request::default();
@@ -136,7 +137,7 @@ impl Foreign {
             let value = row.value(value_type)?;
             return match (size, value.dimensions()) {
                 (Some((w, h)), Some((width, height))) if (w, h) != (width, height) => {
-                    Err(format!("its metadata says {w}x{h} pixels, and it has {width}x{height}"))
+                    Err(format!("its metadata state {w}x{h} pixels, but it has {width}x{height}"))
                 }
                 _ => Ok(value),
             };
@@ -159,7 +160,7 @@ fn receive(
 ) -> Result<Option<Arrived>, Fault> {
     let position = position.0 as u64;
     let cancelled = || host.cancelled() || Instant::now() >= until;
-    let twice = || host.info(&format!("dora's node answered a frame twice at `{name}`: the first answer counts"));
+    let twice = || host.info(&format!("the dora node replied twice to a frame at `{name}`: the first reply is used"));
     loop {
         let arrived = match mailbox.take_any(&reply_input(name), &cancelled) {
             Ok(arrived) => arrived,
@@ -173,21 +174,21 @@ fn receive(
             Err(gone) => return Err(gone.into()),
         };
         match arrived.metadata.get("frame").and_then(Json::as_u64) {
-            Some(of) if of == position => {
+            Some(frame) if frame == position => {
                 if arrived.is_repeated {
                     twice();
                 }
                 return Ok(Some(arrived));
             }
-            Some(of) if timed_out.contains(&of) => {}
-            Some(of) if of < position => twice(),
+            Some(frame) if timed_out.contains(&frame) => {}
+            Some(frame) if frame < position => twice(),
             Some(of) => {
                 return Err(Fault::new(format!(
-                    "dora's node answered at `{name}` for the frame at position {of} before it was asked about it"
+                    "the dora node replied at `{name}` for the frame at position {of} before it received that frame"
                 )));
             }
             None => {
-                return Err(Fault::new(format!("dora's node answered at `{name}` without naming its frame"))
+                return Err(Fault::new(format!("the dora node replied at `{name}` without naming its frame"))
                     .remedy("let it pass on the metadata of what it was sent: `node.send_output(name, value, event[\"metadata\"])`"));
             }
         }
@@ -201,14 +202,14 @@ fn size_of_reply(metadata: &Map<String, Json>) -> Result<Option<(u32, u32)>, Str
         match side {
             None => Ok(None),
             Some((_, Some(side))) if side > 0 => Ok(Some(side)),
-            Some((said, _)) => Err(format!("its metadata says `{name}: {said}`, and it is a number of pixels")),
+            Some((stated, _)) => Err(format!("its metadata state `{name}: {stated}`, expected a number of pixels")),
         }
     };
     match (side("width")?, side("height")?) {
         (Some(width), Some(height)) => Ok(Some((width, height))),
         (None, None) => Ok(None),
-        (Some(_), None) => Err("its metadata says `width` and no `height`".to_owned()),
-        (None, Some(_)) => Err("its metadata says `height` and no `width`".to_owned()),
+        (Some(_), None) => Err("its metadata contain `width` but not `height`".to_owned()),
+        (None, Some(_)) => Err("its metadata contain `height` but not `width`".to_owned()),
     }
 }
 
@@ -221,18 +222,21 @@ const fn encodings(value_type: ValueType) -> &'static [&'static str] {
     }
 }
 
-/// The encoding from the metadata; empty if it has none, or passes on one of another type of map that was sent.
+/// The encoding from the metadata; empty without one, or if the node passed on the encoding of an input of another
+/// type.
 fn encoding_of_reply<'a>(
     metadata: &'a Map<String, Json>,
     value_type: ValueType,
-    asked: &[&str],
+    sent: &[&str],
 ) -> Result<&'a str, String> {
-    let Some(said) = metadata.get("encoding") else { return Ok("") };
+    let Some(stated) = metadata.get("encoding") else { return Ok("") };
     let known = encodings(value_type);
-    match said.as_str() {
+    match stated.as_str() {
         Some(encoding) if known.contains(&encoding) => Ok(encoding),
-        Some(encoding) if asked.contains(&encoding) => Ok(""),
-        _ => Err(format!("its metadata says `encoding: {said}`, and that of a {value_type} is {}", known.join(" or "))),
+        Some(encoding) if sent.contains(&encoding) => Ok(""),
+        _ => {
+            Err(format!("its metadata state `encoding: {stated}`, expected {} for a {value_type}", known.join(" or ")))
+        }
     }
 }
 
@@ -268,7 +272,7 @@ fn flat_value(
             }
             if !encoding.is_empty() && (encoding == "mono8") != (channels == 1) {
                 return Err(format!(
-                    "its metadata says `encoding: {encoding}`, and it has {channels} numbers per pixel"
+                    "its metadata state `encoding: {encoding}`, but it has {channels} numbers per pixel"
                 ));
             }
             if encoding == "bgr8" {
@@ -297,7 +301,7 @@ fn flat_value(
     })
 }
 
-/// A raster of so many pixels.
+/// A raster of this size.
 ///
 /// # Errors
 /// The number of samples, if it is another one.
@@ -347,7 +351,7 @@ mod tests {
         }
     }
 
-    /// What is taken for the answer on frame 2, and what is told, where these messages have come, and frame 1 was given
+    /// The reply for frame 2 and the warnings, after these messages have arrived and frame 1 was given
     /// up.
     fn taken(messages: &[(Json, &str)]) -> (Result<Option<String>, Fault>, Vec<String>) {
         let mailbox = Mailbox::new(Interrupt::default(), false);
@@ -361,54 +365,58 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_is_taken_for_the_frame_that_it_names_and_for_no_other() {
-        let of = |frame: u64| json!({ "frame": frame });
+    fn a_reply_is_used_only_for_the_frame_that_it_names() {
+        let metadata_of = |frame: u64| json!({ "frame": frame });
         let two = || Some("two".to_owned());
-        let (found, told) = taken(&[(of(2), "two")]);
-        assert_eq!((found.unwrap(), told.len()), (two(), 0));
+        let (found, warnings) = taken(&[(metadata_of(2), "two")]);
+        assert_eq!((found.unwrap(), warnings.len()), (two(), 0));
         assert_eq!(taken(&[]).0.unwrap(), None);
         // Late, of a frame that was given up.
-        let (found, told) = taken(&[(of(1), "one"), (of(2), "two")]);
-        assert_eq!((found.unwrap(), told.len()), (two(), 0));
+        let (found, warnings) = taken(&[(metadata_of(1), "one"), (metadata_of(2), "two")]);
+        assert_eq!((found.unwrap(), warnings.len()), (two(), 0));
         // Answered twice: the frame itself, or one before.
-        for messages in [[(of(2), "two"), (of(2), "other")], [(of(0), "zero"), (of(2), "two")]] {
-            let (found, told) = taken(&messages);
+        for messages in
+            [[(metadata_of(2), "two"), (metadata_of(2), "other")], [(metadata_of(0), "zero"), (metadata_of(2), "two")]]
+        {
+            let (found, warnings) = taken(&messages);
             assert_eq!(found.unwrap(), two());
-            assert!(told[0].contains("answered a frame twice at `depth`"), "{told:?}");
+            assert!(warnings[0].contains("replied twice to a frame at `depth`"), "{warnings:?}");
         }
-        let early = taken(&[(of(3), "three")]).0.unwrap_err().chain();
+        let early = taken(&[(metadata_of(3), "three")]).0.unwrap_err().chain();
         assert!(early.contains("for the frame at position 3 before it was asked"), "{early}");
         // It may be of any frame: of one that was answered twice, for example.
         for metadata in [json!({}), json!({ "frame": "2" }), json!({ "frame": -1 })] {
-            let unnamed = taken(&[(metadata, "two"), (of(2), "two")]).0.unwrap_err().chain();
+            let unnamed = taken(&[(metadata, "two"), (metadata_of(2), "two")]).0.unwrap_err().chain();
             assert!(unnamed.contains("without naming its frame"), "{unnamed}");
         }
     }
 
     #[test]
-    fn a_size_is_two_whole_numbers_or_none() {
-        let said = |metadata: Json| size_of_reply(&object(&metadata));
-        assert_eq!(said(json!({})), Ok(None));
-        assert_eq!(said(json!({ "width": 3, "height": 2 })), Ok(Some((3, 2))));
-        assert!(said(json!({ "width": 3 })).unwrap_err().contains("`width` and no `height`"));
-        assert!(said(json!({ "height": 3 })).unwrap_err().contains("`height` and no `width`"));
+    fn a_size_is_two_whole_numbers_or_absent() {
+        let stated = |metadata: Json| size_of_reply(&object(&metadata));
+        assert_eq!(stated(json!({})), Ok(None));
+        assert_eq!(stated(json!({ "width": 3, "height": 2 })), Ok(Some((3, 2))));
+        assert!(stated(json!({ "width": 3 })).unwrap_err().contains("`width` and no `height`"));
+        assert!(stated(json!({ "height": 3 })).unwrap_err().contains("`height` and no `width`"));
         for wrong in [json!(-3), json!(0), json!("3"), json!(1.5), Json::Null] {
-            let what = said(json!({ "width": wrong, "height": 2 })).unwrap_err();
+            let what = stated(json!({ "width": wrong, "height": 2 })).unwrap_err();
             assert!(what.contains("it is a number of pixels"), "{what}");
         }
     }
 
     #[test]
     fn an_encoding_is_one_of_its_type_or_one_that_is_passed_on() {
-        let said = |encoding: &str, of: ValueType, asked: &[&str]| {
-            encoding_of_reply(&object(&json!({ "encoding": encoding })), of, asked).map(str::to_owned)
+        let stated = |encoding: &str, value_type: ValueType, sent: &[&str]| {
+            encoding_of_reply(&object(&json!({ "encoding": encoding })), value_type, sent).map(str::to_owned)
         };
         assert_eq!(encoding_of_reply(&Map::new(), ValueType::Depth, &[]), Ok(""));
-        assert_eq!(said("16UC1", ValueType::Depth, &[]).unwrap(), "16UC1");
+        assert_eq!(stated("16UC1", ValueType::Depth, &[]).unwrap(), "16UC1");
         // An image went, and a depth comes back with its metadata.
-        assert_eq!(said("rgb8", ValueType::Depth, &["rgb8"]).unwrap(), "");
-        assert!(said("rgb8", ValueType::Depth, &["mono8"]).unwrap_err().contains("that of a depth is 32FC1 or 16UC1"));
-        assert!(said("rgba8", ValueType::Image, &["rgb8"]).unwrap_err().contains("rgb8 or bgr8 or mono8"));
+        assert_eq!(stated("rgb8", ValueType::Depth, &["rgb8"]).unwrap(), "");
+        assert!(
+            stated("rgb8", ValueType::Depth, &["mono8"]).unwrap_err().contains("that of a depth is 32FC1 or 16UC1")
+        );
+        assert!(stated("rgba8", ValueType::Image, &["rgb8"]).unwrap_err().contains("rgb8 or bgr8 or mono8"));
     }
 
     #[test]
@@ -422,7 +430,7 @@ mod tests {
         assert!(flat_value(&data, ValueType::Depth, (3, 2), "32FC1").is_ok());
         let what = flat_value(&data, ValueType::Depth, (3, 3), "").unwrap_err();
         assert!(what.contains("6 numbers, which is not 3x3 pixels"), "{what}");
-        assert!(flat_value(&data, ValueType::Depth, (3, 2), "16UC1").is_err(), "floats are no millimetres");
+        assert!(flat_value(&data, ValueType::Depth, (3, 2), "16UC1").is_err(), "floats are not millimetres");
 
         let grey = Pixels::Grey(image::GrayImage::from_raw(6, 1, vec![1, 2, 3, 4, 5, 6]).unwrap());
         let row = Row::read(&of_value(&depthloom_graphs::values::Image::new(grey).into())).unwrap();

@@ -78,8 +78,8 @@ pub(crate) fn reply_input(port: &str) -> String {
 
 impl Layout {
     /// The parts of a plan.
-    pub fn of(plan: &Plan) -> Self {
-        let names = Names::of(plan);
+    pub fn from_plan(plan: &Plan) -> Self {
+        let names = Names::from_plan(plan);
         let mut parts = Vec::new();
         let mut recorder = Part::new(RECORDER.to_owned(), Role::Recorder);
         recorder.outputs.extend(RunId::all(plan.runs.len()).map(admission));
@@ -116,7 +116,10 @@ impl Layout {
 
 /// The recorder's inputs from a part: recorded values, and aggregate values, whose content enters keys.
 fn recorded(recorder: &mut Part, id: &str, outputs: &[PlannedOutput]) {
-    let values = outputs.iter().filter(|of| of.recorded || of.port.rate == Rate::Once).map(|of| of.port.name);
+    let values = outputs
+        .iter()
+        .filter(|output| output.recorded || output.port.rate == Rate::Once)
+        .map(|output| output.port.name);
     for output in [channel::READY, channel::REPORT].into_iter().chain(values) {
         recorder.gets(format!("{id}/{output}"), id, output);
     }
@@ -166,7 +169,7 @@ struct Names {
 }
 
 impl Names {
-    fn of(plan: &Plan) -> Self {
+    fn from_plan(plan: &Plan) -> Self {
         let mut taken = BTreeSet::from([RECORDER.to_owned()]);
         let of_ports = |outputs: &[PlannedOutput]| outputs.iter().map(|output| output.port.name).collect();
         let (mut sources, mut nodes) = (Vec::new(), Vec::new());
@@ -207,7 +210,7 @@ fn free(taken: &mut BTreeSet<String>, name: &str) -> String {
 /// A digest of what all parts must agree on: the nodes, their sources and their wiring.
 pub fn print_of(plan: &Plan) -> Key {
     let mut key = Key::build("dora dataflow").text(env!("CARGO_PKG_VERSION"));
-    for (at, part) in Layout::of(plan).parts.iter().enumerate() {
+    for (at, part) in Layout::from_plan(plan).parts.iter().enumerate() {
         key = key.number(at as u64).text(&part.id).number(part.inputs.len() as u64);
         key = part.inputs.iter().fold(key, |key, link| key.text(&link.input).text(&link.part).text(&link.output));
     }
@@ -250,7 +253,7 @@ matrix:
         std::fs::write(&path, text).unwrap();
         let loaded = language::load(&path, &depthloom_nodes::registry(), &language::Options::default());
         let plan = loaded.unwrap_or_else(|found| panic!("{:?}", found.0.first().map(|first| &first.message))).plan;
-        (Layout::of(&plan), print_of(&plan).to_string())
+        (Layout::from_plan(&plan), print_of(&plan).to_string())
     }
 
     #[test]

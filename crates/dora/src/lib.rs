@@ -32,7 +32,7 @@ pub use layout::{Layout, Role, print_of};
 pub use mailbox::Mailbox;
 pub use node::run as run_part;
 pub use recorder::prepare;
-pub use written::{Wanted, dataflow, too_large};
+pub use written::{DataflowOptions, dataflow, too_large};
 
 /// Inputs and outputs of parts that do not carry values.
 pub mod channel {

@@ -25,7 +25,7 @@ pub struct Arrived {
     pub body: Vec<u8>,
     /// Why it is malformed, as a lower-case fragment.
     pub wrong: Option<String>,
-    /// Whether another message of the same frame came before this one was taken.
+    /// Whether another message of the same frame came before this one was used.
     pub is_repeated: bool,
 }
 
@@ -107,7 +107,7 @@ impl Pieces {
             self.count = count;
         }
         if count != self.count {
-            return Err(format!("a piece says that there are {count} pieces, and the first said {}", self.count));
+            return Err(format!("a piece states {count} pieces, but the first stated {}", self.count));
         }
         if place >= count {
             return Err(format!("piece {place} came of {count}, which are numbered from 0"));
@@ -120,7 +120,7 @@ impl Pieces {
     }
 }
 
-/// Messages that were not taken yet.
+/// Messages that were not used yet.
 pub struct Mailbox {
     state: Mutex<State>,
     changed: Condvar,
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn pieces_are_one_message_whatever_comes_between() {
+    fn pieces_form_one_message_despite_others_between_them() {
         let (mailbox, _) = mailbox(false);
         mailbox.put(message("left", &json!({ "frame": 3, "chunk": 0, "chunks": 3 }), b"a"));
         mailbox.put(message("left", &json!({ "frame": 4, "chunk": 0, "chunks": 2 }), b"x"));
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_messages_of_one_frame_the_first_stands_and_says_that_there_were_two() {
+    fn the_first_of_two_messages_of_a_frame_is_used_with_a_warning() {
         let (mailbox, _) = mailbox(false);
         mailbox.put(message("left", &json!({ "frame": 1 }), b"first"));
         mailbox.put(message("left", &json!({ "frame": 1 }), b"second"));
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn what_came_before_the_end_can_still_be_had() {
+    fn messages_before_the_end_remain_available() {
         let (mailbox, interrupt) = mailbox(true);
         mailbox.put(message("look.stereo/node.report", &json!({ "frame": 0 }), b"said"));
         mailbox.close("look.stereo/node.report".to_owned());

@@ -128,7 +128,7 @@ fn wait_for_start(
     let names: Vec<String> = missing.iter().map(|input| format!("`{}`", input.trim_end_matches(&suffix))).collect();
     let what = format!("not started within {} s: {} of the dataflow", limit.as_secs(), names.join(", "));
     Err(CliError::new(ExitCode::Engine, what).remedy(
-        "their logs may say why (`dora logs`); run the dataflow again, or give its nodes longer: `depthloom dora --start-timeout SECONDS`",
+        "their logs may say why (`dora logs`); run the dataflow again, or allow its nodes more time: `depthloom dora --start-timeout SECONDS`",
     ))
 }
 

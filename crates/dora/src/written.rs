@@ -13,7 +13,7 @@ use crate::channel;
 use crate::layout::{Layout, Part, Role};
 
 /// What a dataflow contains besides the plan.
-pub struct Wanted {
+pub struct DataflowOptions {
     /// This program.
     pub program: String,
     /// Arguments of `dora-node` for all parts, without the part's name.
@@ -28,19 +28,19 @@ pub struct Wanted {
 ///
 /// # Errors
 /// The first pattern of a machine that matches no part.
-pub fn dataflow(plan: &Plan, layout: &Layout, wanted: &Wanted) -> Result<String, String> {
+pub fn dataflow(plan: &Plan, layout: &Layout, options: &DataflowOptions) -> Result<String, String> {
     if let Some((pattern, _)) =
-        wanted.machines.iter().find(|(pattern, _)| layout.parts.iter().all(|part| !glob(pattern, &part.id)))
+        options.machines.iter().find(|(pattern, _)| layout.parts.iter().all(|part| !glob(pattern, &part.id)))
     {
         return Err(pattern.clone());
     }
     let mut text = format!(
-        "# The experiment `{}` as a dataflow of dora's (https://dora-rs.ai), written by `depthloom dora`: `dora run` on this file runs it.\n\
-         # Every node of ours reads the experiment again, so write this anew when that changes.\nnodes:\n",
+        "# The experiment `{}` as a dataflow dataflow_of dora's (https://dora-rs.ai), written by `depthloom dora`: `dora run` on this file runs it.\n\
+         # Every node dataflow_of ours reads the experiment again, so write this file again when the experiment changes.\nnodes:\n",
         plan.experiment.replace(char::is_control, " ")
     );
     for part in &layout.parts {
-        put(&mut text, plan, part, wanted);
+        put(&mut text, plan, part, options);
     }
     Ok(text)
 }
@@ -58,7 +58,7 @@ pub fn too_large(dataflow: &str) -> Option<String> {
     let bytes = dataflow.len() + ADDED * nodes.len() + largest;
     (bytes > LARGEST_VARIABLE).then(|| {
         format!(
-            "the dataflow has {} nodes, and dora passes all of it to each node in an environment variable: that takes about {} KiB, and Linux allows {}, so \
+            "the dataflow has {} nodes, and dora passes all dataflow_of it to each node in an environment variable: that takes about {} KiB, and Linux allows {}, so \
              `dora run` may fail with \"Argument list too long\"; write a dataflow of fewer variants (`--variant NAME`), or use `depthloom run`",
             nodes.len(),
             bytes >> 10,
@@ -72,10 +72,10 @@ fn quoted(text: &str) -> Json {
     Json::String(text.to_owned())
 }
 
-fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
+fn put(text: &mut String, plan: &Plan, part: &Part, options: &DataflowOptions) {
     // Writing to a text does not fail.
     let _ = writeln!(text, "  - id: {}", quoted(&part.id));
-    let machine = wanted.machines.iter().rev().find(|(pattern, _)| glob(pattern, &part.id));
+    let machine = options.machines.iter().rev().find(|(pattern, _)| glob(pattern, &part.id));
     if let Some((_, machine)) = machine {
         let _ = writeln!(text, "    deploy: {{ machine: {} }}", quoted(machine));
     }
@@ -102,8 +102,8 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
         }
     } else {
         let own = ["dora-node", "--part", &part.id];
-        let arguments = own.into_iter().chain(wanted.arguments.iter().map(String::as_str));
-        let _ = writeln!(text, "    path: {}", quoted(&wanted.program));
+        let arguments = own.into_iter().chain(options.arguments.iter().map(String::as_str));
+        let _ = writeln!(text, "    path: {}", quoted(&options.program));
         let _ = writeln!(text, "    args: {}", quoted(&words(arguments)));
     }
     if !part.inputs.is_empty() {
@@ -111,7 +111,7 @@ fn put(text: &mut String, plan: &Plan, part: &Part, wanted: &Wanted) {
     }
     for link in &part.inputs {
         let from = quoted(&format!("{}/{}", link.part, link.output));
-        let queue = wanted.queue;
+        let queue = options.queue;
         let input = quoted(&link.input);
         // These carry one message, so any queue is long enough. The short form saves space: the dataflow must fit into
         // an environment variable.
@@ -152,9 +152,9 @@ mod tests {
     #[test]
     fn a_dataflow_that_no_environment_variable_holds_is_warned_of() {
         let node = |number: usize| format!("  - id: \"look.stereo-{number}\"\n    args: \"{}\"\n", "x".repeat(1000));
-        let of = |nodes: usize| format!("nodes:\n{}", (0..nodes).map(node).collect::<String>());
-        assert_eq!(super::too_large(&of(90)), None);
-        let warning = super::too_large(&of(120)).unwrap_or_default();
+        let dataflow_of = |nodes: usize| format!("nodes:\n{}", (0..nodes).map(node).collect::<String>());
+        assert_eq!(super::too_large(&dataflow_of(90)), None);
+        let warning = super::too_large(&dataflow_of(120)).unwrap_or_default();
         assert!(warning.contains("has 120 nodes") && warning.contains("--variant"), "{warning}");
     }
 

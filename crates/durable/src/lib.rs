@@ -26,8 +26,8 @@ pub const PARTIAL: &str = "partial";
 
 /// Writes a file with `write`, in place of whatever has its name once all of it is on the disk.
 ///
-/// On an error the file under the final name is what it was, and nothing half-written stays beside it. Several may
-/// write one file at a time, in one process or in several: each writes a file of its own, and the last to end has the
+/// On an error the previous file stays, and no incomplete file remains. Several may
+/// write one file at a time, in one process or in several: each writes a separate file, and the last to finish has the
 /// name. A link of that name is replaced, not followed.
 ///
 /// # Errors
@@ -47,7 +47,7 @@ pub fn write_with<E: From<io::Error>>(path: &Path, write: impl FnOnce(&mut File)
     written
 }
 
-/// A new empty file beside `path`, locked: the lock tells its writer from one that was killed, see
+/// A new empty file next to `path`, locked: the lock distinguishes a live writer from a killed one, see
 /// [`remove_abandoned`].
 fn create_temporary(path: &Path) -> io::Result<(PathBuf, File)> {
     const ATTEMPTS: usize = 100;
@@ -61,7 +61,7 @@ fn create_temporary(path: &Path) -> io::Result<(PathBuf, File)> {
             // Another process that looks for abandoned files was between creation and lock.
             Err(TryLockError::WouldBlock) => {}
             Ok(()) if !open::is_named(&file, &temporary) => {}
-            // Where the file system knows no locks, no file is taken for abandoned.
+            // On file systems without locks, no file counts as abandoned.
             Ok(()) | Err(TryLockError::Error(_)) => return Ok((temporary, file)),
         }
     }
@@ -82,7 +82,7 @@ pub fn remove_abandoned(folder: &Path) {
     }
 }
 
-/// Writes a file's whole content; see [`write_with`].
+/// Writes the complete content of a file; see [`write_with`].
 ///
 /// # Errors
 /// As [`write_with`].
@@ -111,7 +111,8 @@ pub fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
-/// Synchronises a folder and all that lies in it, whoever wrote it: what a folder needs before it gets its final name.
+/// Synchronises a folder and all its content, whichever process wrote it. Call this before the folder gets its final
+/// name.
 ///
 /// # Errors
 /// What the system gave.
@@ -143,8 +144,8 @@ fn parent(path: &Path) -> &Path {
     }
 }
 
-/// `<path>.partial`: the name that a run's folder has until it is complete. Whoever continues one checks first whose it
-/// is.
+/// `<path>.partial`: the name that a run's folder has until it is complete. A process that resumes one checks first
+/// whose it is.
 #[must_use]
 pub fn partial_name(path: &Path) -> PathBuf {
     let mut name = path.file_name().map(OsString::from).unwrap_or_default();
@@ -159,7 +160,7 @@ mod tests {
     use std::io::{self, Write as _};
 
     #[test]
-    fn a_file_is_replaced_as_a_whole() {
+    fn a_file_is_replaced_atomically() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("table.csv");
         super::write(&path, b"before").unwrap();
@@ -179,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_write_that_fails_leaves_what_was_there_and_nothing_else() {
+    fn a_failed_write_leaves_the_previous_file_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("table.csv");
         super::write(&path, b"before").unwrap();
@@ -247,7 +248,7 @@ mod tests {
         assert_eq!(fs::read(&precious).unwrap(), b"years");
         assert!(!path.is_symlink());
         assert_eq!(fs::read(&path).unwrap(), b"table");
-        // An abandoned file that is a link is nobody's temporary file.
+        // An abandoned file that is a link is not a temporary file of depthloom.
         symlink(&precious, super::names::temporary(&path)).unwrap();
         super::remove_abandoned(folder.path());
         assert_eq!(fs::read(&precious).unwrap(), b"years");
@@ -258,7 +259,7 @@ mod tests {
     fn a_pipe_is_refused_at_once() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("table.md");
-        // A pipe under the name that older versions wrote to is in nobody's way.
+        // A pipe under the name that older versions wrote to does not disturb.
         for name in ["table.md.partial", ".table.md.12345678.partial"] {
             crate::open::tests::make_pipe(&folder.path().join(name));
         }

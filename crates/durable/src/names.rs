@@ -41,7 +41,7 @@ mod tests {
     use super::{final_name, temporary};
 
     #[test]
-    fn a_temporary_name_tells_the_final_one_and_is_not_foreseeable() {
+    fn a_temporary_name_contains_the_final_one_and_is_not_predictable() {
         let [first, second] = [0, 1].map(|_| temporary(Path::new("out/table.csv")));
         assert_ne!(first, second);
         assert_eq!(first.parent(), Some(Path::new("out")));

@@ -1,4 +1,4 @@
-//! Opening and creating what may lie in a stranger's folder: never through a link, and nothing but regular files and
+//! Opening and creating files in folders that others may write to: never through a link, and only regular files and
 //! real folders.
 
 use std::fs::{self, File, OpenOptions};
@@ -26,7 +26,7 @@ pub fn create_in_place(path: &Path) -> io::Result<File> {
     }
 }
 
-/// Refuses to replace what is neither a file nor a folder nor a link: somebody's pipe or device.
+/// Refuses to replace what is neither a file nor a folder nor a link: a pipe or device.
 pub(crate) fn refuse_special(path: &Path) -> io::Result<()> {
     match fs::symlink_metadata(path).map(|metadata| metadata.file_type()) {
         Ok(kind) if !kind.is_file() && !kind.is_dir() && !kind.is_symlink() => Err(not_regular()),

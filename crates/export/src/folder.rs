@@ -1,4 +1,4 @@
-//! The folder that is exported to: whose it is, and files in it that are whole or not there.
+//! The export folder: its owner, and files that are complete or absent.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -11,13 +11,13 @@ use depthloom_threads::locked;
 
 use depthloom_runs::run_folder;
 
-/// The file that says that a folder was made for an export: what it holds may be exported again.
+/// The file that marks a folder as made by an export: its content may be exported again.
 const MARKER: &str = ".depthloom-export";
 
 /// The folder that is exported to.
 pub struct Folder {
     path: PathBuf,
-    /// Whether a file that stands there may be replaced.
+    /// Whether an existing file may be replaced.
     replaces: bool,
     /// Folders in it that were seen, and rid of what a killed export left.
     seen: Mutex<BTreeSet<PathBuf>>,
@@ -27,7 +27,7 @@ impl Folder {
     /// Looks whether the folder may be written to; makes nothing.
     ///
     /// # Errors
-    /// If it is no folder, or lies in a run's.
+    /// If it is not a folder, or is inside the folder of a run.
     pub fn at(path: &Path, overwrite: bool) -> Result<Self, CliError> {
         let cannot = |what: String| CliError::usage(what, "choose another --out");
         let failed = |error: &io::Error| {
@@ -54,7 +54,7 @@ impl Folder {
         Ok(Self { path: path.to_owned(), replaces: is_ours || overwrite, seen: Mutex::default() })
     }
 
-    /// Refuses if one of these files stands there and may not be replaced.
+    /// Fails if one of these files exists and may not be replaced.
     ///
     /// # Errors
     /// The first file that exists already.
@@ -87,7 +87,7 @@ impl Folder {
         })
     }
 
-    /// Writes a file, whole or not at all, in folders below that are made on the way; a link on the way is not
+    /// Writes a file completely or not at all, and creates the folders below; a link on the way is not
     /// followed.
     ///
     /// # Errors
@@ -121,7 +121,7 @@ mod tests {
     use super::Folder;
 
     #[test]
-    fn what_no_export_made_is_replaced_only_when_asked_for() {
+    fn files_not_from_an_export_are_replaced_only_with_overwrite() {
         let folder = tempfile::tempdir().unwrap();
         let (out, file) = (folder.path().join("out"), Path::new("look/depth/0.png"));
         let export = |overwrite| {
@@ -139,11 +139,11 @@ mod tests {
         assert_eq!(fs::read(out.join(file)).unwrap(), b"mine");
         export(true).unwrap();
         assert_eq!(fs::read(out.join(file)).unwrap(), b"new");
-        // Where nothing of the same name stands, a folder that has other files in it is no obstacle.
+        // Without files of the same names, a folder with other files can be used.
         fs::remove_dir_all(out.join("look")).unwrap();
         fs::write(out.join("notes.txt"), "mine").unwrap();
         export(false).unwrap();
-        assert!(!out.join(super::MARKER).exists(), "it stays somebody's");
+        assert!(!out.join(super::MARKER).exists(), "the folder is not marked as depthloom's");
     }
 
     #[test]

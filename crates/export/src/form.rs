@@ -29,11 +29,11 @@ pub struct FileContent {
     pub bytes: Vec<u8>,
     /// What the name ends in.
     pub ending: &'static str,
-    /// Pixels whose answer the format does not hold.
+    /// Valid pixels whose number the format cannot store.
     pub clipped: u64,
 }
 
-/// The formats that a type has, the first of them where none is asked for; none for what is not exported.
+/// The formats of a type, the default first; empty for types that are not exported.
 pub(crate) const fn formats_of(value_type: ValueType) -> &'static [ExportFormat] {
     use ExportFormat::{Npy, Onnx, Parquet, Pcd, Pfm, Ply, Png};
     match value_type {
@@ -48,7 +48,7 @@ pub(crate) const fn formats_of(value_type: ValueType) -> &'static [ExportFormat]
 
 impl Form {
     /// The form of maps of a type in a format; `None` if it is not one of maps.
-    pub fn of(
+    pub fn for_maps(
         format: ExportFormat,
         value_type: ValueType,
         colours: Option<Colours>,
@@ -71,7 +71,7 @@ impl Form {
         matches!(self, Self::Ply(_) | Self::Pcd(_))
     }
 
-    /// What stands behind the name of its folder: maps in colours do not lie among those that hold numbers.
+    /// Suffix of the name of its folder: coloured maps are separate from those that hold numbers.
     pub const fn suffix(self) -> &'static str {
         match self {
             Self::Coloured(Colours::Turbo, _) => ".turbo",
@@ -123,8 +123,8 @@ impl Form {
     }
 }
 
-/// What colours stand for where no range is asked for: the same in all frames and runs, so that they can be compared.
-/// `None` for what has no colours.
+/// The default range of colours: equal in all frames and runs, so that pictures can be compared.
+/// `None` for types without colours.
 const fn usual_range(value_type: ValueType) -> Option<(f64, f64)> {
     match value_type {
         ValueType::Depth => Some((0.0, 80.0)),

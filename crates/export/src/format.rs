@@ -19,7 +19,7 @@ pub enum ExportFormat {
     Pcd,
     /// Learnt networks.
     Onnx,
-    /// Rows: scores and calibrations by frame, learning curves by step; a file a topic.
+    /// Rows: scores and calibrations by frame, learning curves by step; one file per topic.
     Parquet,
 }
 

@@ -1,5 +1,5 @@
-//! Values of a recording as files that other programs read: `<out>/<topic>/<frame>.<ending>`, and what there is once a
-//! stage, or a row a frame, as `<out>/<topic>.<ending>`.
+//! Values of a recording as files that other programs read: `<out>/<topic>/<frame>.<ending>`, and values once per
+//! stage, or rows per frame, as `<out>/<topic>.<ending>`.
 
 #![forbid(unsafe_code)]
 
@@ -32,10 +32,10 @@ pub struct Exported {
     pub value_type: &'static str,
     /// The format of the files.
     pub format: &'static str,
-    /// Where they lie in the folder.
+    /// Their path in the folder.
     pub path: String,
     /// How many files.
     pub files: u64,
-    /// Pixels whose answer the format does not hold.
+    /// Valid pixels whose number the format cannot store.
     pub clipped_pixels: u64,
 }

@@ -1,4 +1,4 @@
-//! Images, maps and point clouds: a file a frame.
+//! Images, maps and point clouds: one file per frame.
 
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -62,10 +62,10 @@ enum Failed {
 }
 
 impl<'a> Maps<'a> {
-    /// Plans the files of what is chosen; `colours` and `range` are those asked for.
+    /// Plans the files of the selected topics; `colours` and `range` are the requested ones.
     ///
     /// # Errors
-    /// If points are asked for where no calibration was recorded.
+    /// If points are requested but no calibration was recorded.
     pub fn new(
         recording: &'a Recording,
         frames: &'a [Frames],
@@ -95,8 +95,8 @@ impl<'a> Maps<'a> {
             let endings = std::iter::once(series.form.ending()).chain(jpeg);
             let Frames { positions, names } = &self.frames[run];
             positions.iter().flat_map(move |&position| {
-                let of = move |ending| series.folder.join(format!("{}.{ending}", names[position]));
-                endings.clone().map(of)
+                let path = move |ending| series.folder.join(format!("{}.{ending}", names[position]));
+                endings.clone().map(path)
             })
         })
     }
@@ -110,7 +110,7 @@ impl<'a> Maps<'a> {
     /// damaged is left out, and returned.
     ///
     /// # Errors
-    /// If a file cannot be written or a value is none of its type. Files that were written are whole.
+    /// If a file cannot be written or a value has another type than its topic. Written files are complete.
     pub fn write(
         &self,
         folder: &Folder,
@@ -238,7 +238,7 @@ impl<'a> Group<'a> {
         let mut group = Self { run, topics: Vec::new(), series: Vec::new(), calibration: None, image: None };
         for &chosen in chosen {
             for &format in &chosen.formats {
-                let Some(form) = Form::of(format, chosen.value_type, colours, range) else { continue };
+                let Some(form) = Form::for_maps(format, chosen.value_type, colours, range) else { continue };
                 let mut folder = chosen.path.clone().into_os_string();
                 folder.push(form.suffix());
                 let (files, jpegs, clipped) = (AtomicU64::new(0), AtomicU64::new(0), AtomicU64::new(0));
@@ -273,7 +273,7 @@ impl<'a> Group<'a> {
 
     /// The place of a topic among those that are read.
     fn place(&mut self, topic: &'a str) -> usize {
-        self.topics.iter().position(|of| *of == topic).unwrap_or_else(|| {
+        self.topics.iter().position(|known| *known == topic).unwrap_or_else(|| {
             self.topics.push(topic);
             self.topics.len() - 1
         })

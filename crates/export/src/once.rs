@@ -1,4 +1,4 @@
-//! What is a file a topic: learnt models, and rows.
+//! Exports with one file per topic: trained models, and rows.
 
 use depthloom_analysis::{AnalysisError, TopicRows, curve_rows, topic_rows};
 use depthloom_graphs::Value;
@@ -28,7 +28,7 @@ pub fn write_model(recording: &Recording, chosen: &Chosen<'_>, folder: &Folder) 
 /// Writes the rows of a topic on some frames, or its learning curve; and what of it is damaged.
 ///
 /// # Errors
-/// As any of writing; `None` once `stop` says so.
+/// As any write error; `None` once `stop` returns true.
 pub fn write_rows(
     recording: &Recording,
     chosen: &Chosen<'_>,

@@ -14,8 +14,8 @@ use crate::ExportFormat;
 use crate::form::formats_of;
 use depthloom_runs::file_name;
 
-/// How many topics are told where one is wanted.
-const TOLD: usize = 8;
+/// Number of topics that a message lists.
+const MOST_LISTED: usize = 8;
 
 /// A topic that is exported.
 pub struct Chosen<'a> {
@@ -25,9 +25,9 @@ pub struct Chosen<'a> {
     pub slot: Slot,
     /// The topic.
     pub topic: &'a str,
-    /// The name under which it was asked for: the topic's own, or that of a variant that shares it.
+    /// The requested name: the topic's own, or that of a variant that shares it.
     pub name: &'a str,
-    /// Where it lies in the folder: the parts of its name, of which no other has the same.
+    /// Its unique path in the folder, from the parts of its name.
     pub path: PathBuf,
     /// What it carries.
     pub value_type: ValueType,
@@ -78,10 +78,10 @@ pub fn chosen<'a>(
         }
     }
     if chosen.is_empty() {
-        let asked = if formats.is_empty() { String::new() } else { format!(" as {}", named(formats)) };
+        let requested = if formats.is_empty() { String::new() } else { format!(" as {}", named(formats)) };
         return Err(CliError::usage(
-            format!("nothing that was recorded can be exported{asked}"),
-            "`depthloom info RUN` says what was recorded",
+            format!("nothing that was recorded can be exported{requested}"),
+            "`depthloom inspect RUN` lists what was recorded",
         ));
     }
     Ok(chosen)
@@ -109,11 +109,11 @@ fn outputs(plan: &RecordedPlan) -> Vec<Output<'_>> {
 
 impl<'a> Output<'a> {
     /// Those of the formats that it has, or its usual one.
-    fn formats(&self, asked: &[ExportFormat]) -> Vec<ExportFormat> {
+    fn formats(&self, requested: &[ExportFormat]) -> Vec<ExportFormat> {
         let has = self.value_type.map_or(&[][..], formats_of);
-        match asked {
+        match requested {
             [] => has.first().copied().into_iter().collect(),
-            asked => has.iter().filter(|format| asked.contains(format)).copied().collect(),
+            requested => has.iter().filter(|format| requested.contains(format)).copied().collect(),
         }
     }
 
@@ -157,7 +157,7 @@ fn is_of(pattern: &str, topic: &str) -> bool {
         let mut ends = name.match_indices('/').map(|(at, _)| &name[at + 1..]);
         ends.any(|end| end.split('/').count() >= parts && glob(pattern, end))
     };
-    // A port alone is no name: `depth` is the node, not whatever gives depths.
+    // The name of a port alone does not match: `depth` is the node, not every output of depths.
     ends(topic, 2) || ends(node, 1)
 }
 
@@ -176,11 +176,11 @@ fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Res
         return Ok(());
     }
     let carries = first.value_type.map_or("what this version does not know", ValueType::name);
-    let of = format!("topic {} carries {carries}", first.names[0]);
+    let owner = format!("topic {} carries {carries}", first.names[0]);
     Err(match first.value_type.map_or(&[][..], formats_of) {
-        [] => CliError::new(ExitCode::Usage, format!("{of}, which is not exported")),
+        [] => CliError::new(ExitCode::Usage, format!("{owner}, which is not exported")),
         has => CliError::usage(
-            format!("{of}, which is not exported as {}", named(formats)),
+            format!("{owner}, which is not exported as {}", named(formats)),
             format!("it can be {}", named(has)),
         ),
     })
@@ -190,8 +190,8 @@ fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Res
 fn unknown(pattern: &str, outputs: &[Output<'_>]) -> CliError {
     let ends = outputs.iter().flat_map(|output| &output.names).flat_map(|name| ends_of(name));
     let topics: Vec<&str> = outputs.iter().filter(|output| output.recorded).map(|output| output.names[0]).collect();
-    let others = if topics.len() > TOLD { ", ... (`depthloom info RUN` has all)" } else { "" };
-    let has = format!("it has {}{others}", topics[..topics.len().min(TOLD)].join(", "));
+    let others = if topics.len() > MOST_LISTED { ", ... (`depthloom info RUN` has all)" } else { "" };
+    let has = format!("it has {}{others}", topics[..topics.len().min(MOST_LISTED)].join(", "));
     CliError::unknown(format!("the run has no topic `{pattern}`"), nearest(pattern, ends), has)
 }
 
@@ -239,11 +239,11 @@ mod tests {
     }
 
     #[test]
-    fn a_topic_that_somebody_made_up_leads_nowhere_else() {
+    fn invented_topics_stay_inside_the_folder() {
         let mut taken = BTreeSet::new();
-        let mut of = |name| own_path(name, &mut taken).to_string_lossy().into_owned();
-        assert_eq!(of("/../../etc/passwd"), "__/__/etc/passwd");
-        assert_eq!(of("/a b/c"), "a_b/c");
-        assert_eq!(of("/a?b/c"), "a_b/c-2");
+        let mut owner = |name| own_path(name, &mut taken).to_string_lossy().into_owned();
+        assert_eq!(owner("/../../etc/passwd"), "__/__/etc/passwd");
+        assert_eq!(owner("/a b/c"), "a_b/c");
+        assert_eq!(owner("/a?b/c"), "a_b/c-2");
     }
 }

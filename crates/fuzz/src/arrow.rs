@@ -25,7 +25,7 @@ pub(crate) fn target() -> Target {
     })
 }
 
-/// A column in every way that there is; an error if it is none that a program may send.
+/// Reads a column in every way; an error if a program may not send such a column.
 fn read(column: &View<'_>) -> Result<(), String> {
     let read = [
         ValueType::ALL.into_iter().any(|of| arrow::value(of, column).is_ok()),

@@ -19,7 +19,7 @@ fn bag(name: &'static str, file: &'static str, with: fn() -> Json, seeds: Vec<Ve
     })
 }
 
-/// Containers, indexes and messages, with points and with depths as truth; and what lies beside a bag's files.
+/// Containers, indexes and messages, with points and with depths as ground truth, and the other files of a bag.
 pub(crate) fn targets() -> [Target; 4] {
     let points = || json!({ "points": "/points" });
     let depth = || json!({ "depth": "/depth" });

@@ -47,9 +47,9 @@ impl Reader {
     /// The target of that name.
     ///
     /// # Panics
-    /// If there is none, or no folder can be made.
+    /// If there is no such target, or no folder can be created.
     #[must_use]
-    pub fn of(name: &str) -> Self {
+    pub fn from_name(name: &str) -> Self {
         let target = targets().into_iter().find(|target| target.name == name);
         Self::new(target.unwrap_or_else(|| panic!("there is no target {name}")))
     }

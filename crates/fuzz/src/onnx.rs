@@ -1,4 +1,4 @@
-//! What an ONNX file says of itself.
+//! The description of an ONNX file.
 
 use crate::Target;
 

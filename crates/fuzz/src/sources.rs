@@ -31,7 +31,7 @@ impl Set {
             let is_first = !folder.join(file).exists();
             let write = |file: &str, bytes: &[u8]| {
                 let path = folder.join(file);
-                fs::create_dir_all(path.parent().expect("it lies in the folder")).expect("folders can be made");
+                fs::create_dir_all(path.parent().expect("it is in the folder")).expect("folders can be made");
                 fs::write(path, bytes).expect("the folder takes a file");
             };
             if is_first {
@@ -47,14 +47,14 @@ impl Set {
 
 /// Opens a source, and takes key and values of its first frames.
 pub(crate) fn read_all(registry: &Registry, kind: &str, params: &Json) -> Result<(), String> {
-    let told = |fault: Fault| fault.chain();
+    let report = |fault: Fault| fault.chain();
     let entry = registry.source_kind(kind).expect("it is registered");
     let resolved = entry.resolve(params).map_err(|error| format!("{}: {}", error.path.join("."), error.what))?;
-    entry.outputs(&resolved).map_err(told)?;
-    let source = entry.open(&resolved).map_err(told)?;
+    entry.outputs(&resolved).map_err(report)?;
+    let source = entry.open(&resolved).map_err(report)?;
     for position in FrameIndex::all(source.frames().len().min(3)) {
-        let key = source.key(position).map_err(told)?;
-        let read = source.read(position, &mut Context::new(&InlineHost, &mut Scratch::default())).map_err(told)?;
+        let key = source.key(position).map_err(report)?;
+        let read = source.read(position, &mut Context::new(&InlineHost, &mut Scratch::default())).map_err(report)?;
         assert_eq!(key, read.key, "a key is known before the frame is read");
     }
     Ok(())
@@ -216,7 +216,7 @@ fn ros(p3: f64) -> Vec<u8> {
 
 fn images(more: &Json) -> Json {
     let mut params = json!({ "calibration": { "focal_px": 20, "baseline_m": 0.5 } });
-    params.as_object_mut().expect("a map").extend(more.as_object().expect("a map").clone());
+    params.as_object_mut().expect("an object").extend(more.as_object().expect("an object").clone());
     if params.get("list").is_none() {
         params["left"] = json!("cam0/*.png");
         params["right"] = json!("cam1/*.png");

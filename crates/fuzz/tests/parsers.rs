@@ -32,10 +32,10 @@ fn bounded(test: &str, body: impl FnOnce()) {
     inside.arg("-c").arg(script).arg(itself).args([test, "--exact", "--nocapture"]).env(INSIDE, "1");
     let output = inside.output().expect("there is a shell");
     let status = output.status;
-    let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
-    assert!(status.success(), "{said}");
-    assert!(said.contains("1 passed"), "{said}");
-    println!("{said}");
+    let printed = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+    assert!(status.success(), "{printed}");
+    assert!(printed.contains("1 passed"), "{printed}");
+    println!("{printed}");
 }
 
 /// All targets, or the one that `DEPTHLOOM_FUZZ_TARGET` names.
@@ -55,15 +55,15 @@ fn found(target: &str) -> Vec<(PathBuf, Vec<u8>)> {
 fn read(reader: &Reader, bytes: &[u8]) -> Result<(), String> {
     let name = reader.target().name;
     catch_unwind(AssertUnwindSafe(|| reader.read(bytes))).unwrap_or_else(|_| {
-        let kept = std::env::temp_dir().join(format!("depthloom-fuzz-{name}"));
-        std::fs::write(&kept, bytes).expect("written");
-        panic!("{name} panics on {}: mend it, and keep the file in crates/fuzz/found/{name}", kept.display());
+        let file = std::env::temp_dir().join(format!("depthloom-fuzz-{name}"));
+        std::fs::write(&file, bytes).expect("written");
+        panic!("{name} panics on {}: mend it, and keep the file in crates/fuzz/found/{name}", file.display());
     })
 }
 
 #[test]
-fn seeds_are_read_and_what_was_found_is_refused() {
-    bounded("seeds_are_read_and_what_was_found_is_refused", seeds);
+fn seeds_are_read_and_known_failures_are_refused() {
+    bounded("seeds_are_read_and_known_failures_are_refused", seeds);
 }
 
 fn seeds() {

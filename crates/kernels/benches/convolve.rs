@@ -28,7 +28,7 @@ fn same(c: &mut Criterion) {
         let (image, slope) = (noise(inputs * width * height), noise(outputs * width * height));
         let (weights, bias) = (noise(inputs * outputs * 9), noise(outputs));
         let (mut scratch, mut out) = (ConvolutionScratch::default(), slope.clone());
-        let mut of = [image.clone(), weights.clone(), bias.clone()];
+        let mut slopes = [image.clone(), weights.clone(), bias.clone()];
         let mut group = c.benchmark_group("same");
         group.throughput(Throughput::Elements((inputs * outputs * 9 * width * height) as u64));
         for level in Level::available().into_iter().filter(|level| level.name().starts_with("avx")) {
@@ -39,7 +39,7 @@ fn same(c: &mut Criterion) {
             });
             group.bench_function(BenchmarkId::new(format!("backward-{}", level.name()), &name), |b| {
                 b.iter(|| {
-                    let [image_slope, weights_slope, bias_slope] = &mut of;
+                    let [image_slope, weights_slope, bias_slope] = &mut slopes;
                     let mut gradients =
                         Gradients { image: Some(image_slope), weights: Some(weights_slope), bias: Some(bias_slope) };
                     op.backward(level, black_box(&image), &packed, &out, &slope, &mut gradients, &mut scratch);
@@ -55,7 +55,7 @@ fn double(c: &mut Criterion) {
         let (image, slope) = (noise(inputs * width * height), noise(outputs * width * height * 4));
         let (weights, bias) = (noise(inputs * outputs * 16), noise(outputs));
         let (mut scratch, mut out) = (ConvolutionScratch::default(), slope.clone());
-        let mut of = [image.clone(), weights.clone(), bias.clone()];
+        let mut slopes = [image.clone(), weights.clone(), bias.clone()];
         let mut group = c.benchmark_group("double");
         group.throughput(Throughput::Elements((inputs * outputs * 16 * width * height) as u64));
         let level = Level::best();
@@ -66,7 +66,7 @@ fn double(c: &mut Criterion) {
         });
         group.bench_function(BenchmarkId::new("backward", &name), |b| {
             b.iter(|| {
-                let [image_slope, weights_slope, bias_slope] = &mut of;
+                let [image_slope, weights_slope, bias_slope] = &mut slopes;
                 let mut gradients =
                     Gradients { image: Some(image_slope), weights: Some(weights_slope), bias: Some(bias_slope) };
                 op.backward(level, black_box(&image), &packed, &out, &slope, &mut gradients, &mut scratch);

@@ -2,7 +2,7 @@
 //!
 //! `fusion_chain WIDTH HEIGHT FOCAL_PX GREY DISPARITY MONO OUT` reads grey (u8), disparity (i16, 1/16 px) and mono
 //! depth (f32, metres), little-endian. Each line of standard input is a number of threads, 1 or 2: the chain runs once,
-//! its scalings and variants on so many threads, and one line of JSON says how many milliseconds each step and all of
+//! its scalings and variants on that many threads, and one line of JSON has the milliseconds of each step and of all of
 //! it took. The line `write` writes `OUT/<variant>.raw`.
 
 use std::io::{BufRead, Write};

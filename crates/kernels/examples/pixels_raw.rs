@@ -1,8 +1,8 @@
 //! Runs pixel kernels on raw files, for comparison with other implementations (`tests/pixels_against_opencv.py`).
 //!
-//! One job a line on standard input: `KERNEL WIDTH HEIGHT OUT_WIDTH OUT_HEIGHT PARAMETER IN OUT`. Samples are
-//! little-endian; `OUT_WIDTH`, `OUT_HEIGHT` and `PARAMETER` are ignored where a kernel has none. Prints `done` after
-//! each job.
+//! One job per line on standard input: `KERNEL WIDTH HEIGHT OUT_WIDTH OUT_HEIGHT PARAMETER IN OUT`. Samples are
+//! little-endian; `OUT_WIDTH`, `OUT_HEIGHT` and `PARAMETER` are ignored if a kernel does not use them. Prints `done`
+//! after each job.
 
 use std::io::{BufRead, Write};
 

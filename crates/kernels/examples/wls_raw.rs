@@ -2,8 +2,8 @@
 //! `tests/wls_against_opencv.py` drives.
 //!
 //! `GUIDE LEFT RIGHT OUT WIDTH HEIGHT CHANNELS THREADS INVALID_LEFT INVALID_RIGHT MAX_DIFFERENCE RADIUS FILL ITERATIONS
-//! LAMBDA SIGMA ATTENUATION`; the guide is raw bytes, disparities are raw little-endian 16 bits, and RIGHT is `-` where
-//! there is none.
+//! LAMBDA SIGMA ATTENUATION`; the guide is raw bytes, disparities are raw little-endian 16 bits, and RIGHT is `-` if
+//! there is no right view.
 
 use std::io::{BufRead, Write};
 use std::time::Instant;

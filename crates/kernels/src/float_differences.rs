@@ -3,14 +3,14 @@
 //! The bits of each sample, taken as a number, less those of the sample before it (of the first: less zero), modulo
 //! 2^32 and with the sign brought into the lowest bit (`d << 1 ^ d >> 31`), are of one of four classes:
 //!
-//! | class | difference | kept of it |
+//! | class | difference | stored bytes |
 //! |---|---|---|
 //! | 0 | 0 | nothing |
 //! | 1 | below 2^16 | its low 16 bits in `lows` |
 //! | 2 | below 2^20 | these, and four bits more in `middles` |
 //! | 3 | any other | these, and its high 16 bits in `highs` |
 
-use crate::simd::differences_plain::{BLOCK, Kept, Room};
+use crate::simd::differences_plain::{BLOCK, Progress, Room};
 use crate::simd::{Level, Pass};
 
 /// Samples that are worked on at a time.
@@ -32,7 +32,7 @@ pub struct Parts {
 impl Parts {
     /// Takes samples apart; any bits, of NaN too.
     #[must_use]
-    pub fn of(samples: &[f32]) -> Self {
+    pub fn split(samples: &[f32]) -> Self {
         Self::of_at(Level::best(), samples)
     }
 
@@ -44,27 +44,28 @@ impl Parts {
             ..Self::default()
         };
         let mut middles = Vec::new();
-        // Whole blocks are written, and move on by what is kept of them: in a stretch that stays in the nearest cache.
+        // Whole blocks are written, and the output advances by the bytes that count: a stretch stays in the nearest
+        // cache.
         let mut room = Room {
             classes: vec![0; STRETCH / 4],
             middles: vec![0; STRETCH + BLOCK],
             lows: vec![0; 2 * (STRETCH + BLOCK)],
             highs: vec![0; 2 * (STRETCH + BLOCK)],
-            kept: Kept::default(),
+            progress: Progress::default(),
         };
         let (blocks, rest) = samples.as_chunks::<BLOCK>();
-        // Behind the end stands the last sample again and again: differences of zero, of which nothing is kept.
+        // After the end, the last sample is repeated: differences of zero, which store nothing.
         let mut last = [rest.last().copied().unwrap_or_default(); BLOCK];
         last[..rest.len()].copy_from_slice(rest);
         let last = if rest.is_empty() { &[][..] } else { &[last] };
         for stretch in blocks.chunks(STRETCH / BLOCK).chain([last]) {
-            room.kept = Kept { last: room.kept.last, ..Kept::default() };
+            room.progress = Progress { last: room.progress.last, ..Progress::default() };
             level.differences_of(stretch, &mut room);
-            let Room { classes, middles: of_stretch, lows, highs, kept } = &room;
-            parts.classes.extend_from_slice(&classes[..kept.blocks * BLOCK / 4]);
-            middles.extend_from_slice(&of_stretch[..kept.middles]);
-            parts.lows.extend_from_slice(&lows[..2 * kept.lows]);
-            parts.highs.extend_from_slice(&highs[..2 * kept.highs]);
+            let Room { classes, middles: of_stretch, lows, highs, progress } = &room;
+            parts.classes.extend_from_slice(&classes[..progress.blocks * BLOCK / 4]);
+            middles.extend_from_slice(&of_stretch[..progress.middles]);
+            parts.lows.extend_from_slice(&lows[..2 * progress.lows]);
+            parts.highs.extend_from_slice(&highs[..2 * progress.highs]);
         }
         parts.classes.truncate(count.div_ceil(4));
         parts.middles = level.run(Halved(&middles));
@@ -96,12 +97,12 @@ impl Parts {
             middles: level.run(Doubled(middles)),
             lows: padded(lows),
             highs: padded(highs),
-            kept: Kept::default(),
+            progress: Progress::default(),
         };
         let mut samples = vec![0.0; count.next_multiple_of(BLOCK)];
         level.samples_of(&mut room, samples.as_chunks_mut::<BLOCK>().0)?;
         samples.truncate(count);
-        let Kept { lows, middles: middle_count, highs, .. } = room.kept;
+        let Progress { lows, middles: middle_count, highs, .. } = room.progress;
         ((lows, middle_count.div_ceil(2), highs) == (low_count, middles.len(), high_count)).then_some(samples)
     }
 }
@@ -198,10 +199,10 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_are_those_the_table_says() {
+    fn classes_match_the_table() {
         // 1.0 is 0x3f80_0000, of which the first difference is twice that; then +0, +1, -1, +0x8000, +0x8_0000.
         let bits = [0x3f80_0000_u32, 0x3f80_0000, 0x3f80_0001, 0x3f80_0000, 0x3f80_8000, 0x3f88_8000];
-        let parts = Parts::of(&bits.map(f32::from_bits));
+        let parts = Parts::split(&bits.map(f32::from_bits));
         assert_eq!(parts.classes, [0b01_01_00_11, 0b11_10]);
         assert_eq!(parts.lows, [0, 0, 2, 0, 1, 0, 0, 0, 0, 0]);
         assert_eq!(parts.middles, [1]);
@@ -211,7 +212,7 @@ mod tests {
     #[test]
     fn parts_of_more_or_fewer_samples_are_refused_at_every_level() {
         let samples = samples(1000);
-        let Parts { classes, middles, lows, highs } = Parts::of(&samples);
+        let Parts { classes, middles, lows, highs } = Parts::split(&samples);
         let refused = |count: usize, classes: &[u8], middles: &[u8], lows: &[u8], highs: &[u8]| {
             let joined = every_level(|level| Parts::joined_at(level, count, classes, middles, lows, highs).is_some());
             assert!(!joined);

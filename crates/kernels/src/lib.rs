@@ -1,8 +1,7 @@
 //! Pixel kernels: slices in, slices out.
 //!
 //! Rasters are row-major slices; the caller owns every output. A kernel panics if a slice does not have the size that
-//! the other arguments announce. Depth is in metres, `f32`, NaN where there is no
-//! answer.
+//! the other arguments announce. Depth is in metres, `f32`, NaN = invalid.
 //!
 //! ```
 //! use depthloom_kernels::{confidence, depth, edges, fuse, grey, median, scale};

@@ -76,9 +76,9 @@ mod tests {
     use super::{MOST_BYTES, TooMuch, bytes_of, reserve, zeros};
 
     #[test]
-    fn more_than_the_most_is_refused_with_its_number_before_it_is_asked_for() {
-        let told = zeros::<f32>(3_000_000_000_000).unwrap_err().to_string();
-        assert_eq!(told, "11175.9 GiB of memory would be needed, and 8 GiB is the most");
+    fn too_large_requests_are_refused_before_allocation() {
+        let error = zeros::<f32>(3_000_000_000_000).unwrap_err().to_string();
+        assert_eq!(error, "11175.9 GiB of memory would be needed, and 8 GiB is the most");
         let mut sums: Vec<u16> = vec![7; 3];
         let bytes = bytes_of(&[8192, 8192, 256], 2);
         assert_eq!(reserve(&mut sums, 8192 * 8192 * 256), Err(TooMuch { bytes }));
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fits_is_given_and_what_overflows_is_too_much() {
+    fn allocations_that_fit_succeed_and_overflows_fail() {
         assert_eq!(zeros::<u8>(3), Ok(vec![0; 3]));
         assert!(TooMuch::check(MOST_BYTES).is_ok());
         assert!(TooMuch::check(bytes_of(&[usize::MAX, usize::MAX], 4)).is_err());

@@ -294,7 +294,7 @@ fn avx512_popcnt<P: Pass>(pass: P) -> P::Output {
     pass.run()
 }
 
-/// Asks the cache for `count` samples from `start` on, as far as they lie in the slice. Walking down a strip of an
+/// Asks the cache for `count` samples from `start` on, as far as they are in the slice. Walking down a strip of an
 /// image jumps a row at a time, which the processor does not foresee.
 #[inline(always)]
 pub(crate) fn prefetch<T>(samples: &[T], start: usize, count: usize) {

@@ -1,4 +1,4 @@
-//! How a kernel spreads one frame over threads: it names the pieces, somebody else owns the threads.
+//! How a kernel spreads one frame over threads: it names the pieces, the caller owns the threads.
 
 use depthloom_threads::locked;
 use std::sync::Mutex;

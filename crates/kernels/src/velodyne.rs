@@ -9,7 +9,7 @@ pub enum Rule {
     /// As monodepth2's `generate_depth_map`: points with x >= 0 of the scanner, one pixel less than the nearest in row
     /// and column. Of the points that have one number `row * (width - 1) + column - 1` (which the last column shares
     /// with the first of the row below) the nearest wins the first one's pixel; a pixel keeps the last point elsewhere.
-    /// Negative depths are none.
+    /// Negative depths are ignored.
     Monodepth2 {
         /// Depth is the scanner's x, not the camera's z.
         scanner_depth: bool,
@@ -41,7 +41,7 @@ fn project([x, y, z, _]: [f32; 4], p: &[f64; 12]) -> [f64; 3] {
     [0, 4, 8].map(|row| p[row] * x + p[row + 1] * y + p[row + 2] * z + p[row + 3])
 }
 
-/// The place of a pixel, if it lies in the image.
+/// The place of a pixel, if it is inside the image.
 fn place(column: f64, row: f64, (width, height): (usize, usize)) -> Option<usize> {
     let inside = column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64;
     inside.then(|| row as usize * width + column as usize)

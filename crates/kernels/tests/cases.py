@@ -1,4 +1,4 @@
-"""What the scripts have in common that draw stereo cases and compare our disparities with somebody else's."""
+"""Shared by the scripts that draw stereo cases and compare disparities with another implementation."""
 import os
 import pathlib
 import subprocess
@@ -87,7 +87,7 @@ class Comparison:
             self.refused += 1
             if expected is not None or not answer.startswith("refused"):
                 self.differing += 1
-                print(f"case {self.done}: {name}: OpenCV {'refuses' if expected is None else 'accepts'}, ours: {answer}")
+                print(f"case {self.done}: {name}: OpenCV {'refuses' if expected is None else 'accepts'}; depthloom: {answer}")
             return
         got = np.fromfile(self.files[2], np.int16).reshape(expected.shape)
         self.answered += int((expected != unanswered).sum())

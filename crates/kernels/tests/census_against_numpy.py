@@ -113,7 +113,7 @@ def reference(left, right, p):
     winner = sums.argmin(-1)
     cost = sums.min(-1)
 
-    # Unique: cost <= (1 - u / 100) * every cost that is no neighbour's.
+    # Unique: cost <= (1 - u / 100) * every cost except the neighbours'.
     far = np.abs(np.arange(count) - winner[..., None]) > 1
     rivals = far & ((100 - p["uniqueness"]) * sums < 100 * cost[..., None])
     answers = winner * 16

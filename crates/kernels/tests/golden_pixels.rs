@@ -1,4 +1,4 @@
-//! The whole chain on real frames, held against the independent oracle's maps.
+//! The whole chain on real frames, compared with the independent oracle's maps.
 //!
 //! The maps come from OpenCV and NumPy (`../shared/oracle/golden`), the settings from "Golden settings" of the
 //! conventions.
@@ -49,8 +49,8 @@ fn frame(shared: &Path, name: &str) -> Frame {
     let disparity: Vec<i16> =
         png16(&golden.join(format!("{name}.disparity.png"))).into_iter().map(|fixed| fixed as i16).collect();
     let mut stereo = vec![0.0; size];
-    let of = depth::Geometry { focal_px, baseline_metres: BASELINE_METRES, doffs_px: 0.0 };
-    depth::depth_from_disparity(&disparity, of, 80.0, &mut stereo);
+    let geometry = depth::Geometry { focal_px, baseline_metres: BASELINE_METRES, doffs_px: 0.0 };
+    depth::depth_from_disparity(&disparity, geometry, 80.0, &mut stereo);
 
     let plane = depth::GroundPlane {
         focal_px,

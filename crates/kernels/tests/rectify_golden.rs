@@ -1,4 +1,4 @@
-//! Rectification held against OpenCV (`tests/fixtures/rectify.py`).
+//! Rectification compared with OpenCV (`tests/fixtures/rectify.py`).
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -75,7 +75,7 @@ fn every_pixel_equals_opencv() {
         for &path in &paths {
             let mut out = vec![0; width * height];
             compute_on(path, &left, &right, &params, &mut scratch, &Serial, &mut out).unwrap();
-            // The files hold the disparity above the invalid value, so that 0 is no answer.
+            // The files hold the disparity above the invalid value, so that 0 is invalid.
             let differing = out
                 .iter()
                 .zip(&expected)

@@ -18,8 +18,8 @@ fn the_variable_holds_levels_and_paths_down() {
             .env("DEPTHLOOM_SIMD", wanted)
             .output()
             .expect("this test runs once more");
-        let told = String::from_utf8_lossy(&run.stdout).into_owned();
+        let stdout = String::from_utf8_lossy(&run.stdout).into_owned();
         let best = if wanted == "nonsense" { names[names.len() - 1] } else { wanted };
-        assert!(told.contains(&format!("best is {best} and {best}")), "{wanted}: {told}");
+        assert!(stdout.contains(&format!("best is {best} and {best}")), "{wanted}: {stdout}");
     }
 }

@@ -125,7 +125,7 @@ def quotient(guide, left, invalid, params):
 
 
 def draw(rng):
-    """A guide of flat patches and noise, and a map whose steps mostly lie on the patches' edges."""
+    """A guide of flat patches and noise, and a map whose steps are mostly at the edges of the patches."""
     height, width = (int(side) for side in rng.integers(2, 120, 2))
     patch = rng.integers(1, 30, 2)
     labels = (np.arange(height)[:, None] // patch[0]) * 31 + (np.arange(width)[None, :] // patch[1]) * 17

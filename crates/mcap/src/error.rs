@@ -7,7 +7,7 @@ use depthloom_graphs::{ErrorMessage, Fault, Remedied};
 
 /// The remedy for a bag that is not as it was written.
 pub const COPY_AGAIN: &str =
-    "copy the bag again, or see what `ros2 bag reindex` (of a folder) or `mcap recover` (of a file) makes of it";
+    "copy the bag again, or repair it with `ros2 bag reindex` (folder) or `mcap recover` (file)";
 
 /// Why bytes of a file cannot be read.
 #[derive(Debug, thiserror::Error)]

@@ -1,7 +1,7 @@
 //! MCAP records, read from untrusted bytes and written into a buffer.
 //!
-//! The types and their coding are those of the crate `mcap`. It reserves as much memory for a text as its length says,
-//! so the lengths of a record are compared with its bytes first.
+//! The types and their coding are those of the crate `mcap`. It reserves as much memory for a text as its length
+//! states, so the lengths of a record are compared with its bytes first.
 
 use std::io::Cursor;
 

@@ -11,7 +11,7 @@ pub struct Window<'a> {
     bytes: Vec<u8>,
 }
 
-/// A record of a file: its kind, and where its body is by what the record says.
+/// A record of a file: its kind, and the stated place of its body.
 #[derive(Clone, Copy, Debug)]
 pub struct RecordPlace {
     /// Its kind.

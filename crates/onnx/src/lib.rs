@@ -64,7 +64,7 @@ pub struct StringStringEntryProto {
 
 #[derive(Clone, PartialEq, Message)]
 pub struct GraphProto<T: Message + Default + Debug = TensorProto> {
-    /// In an order in which each comes after what it reads.
+    /// Ordered so that each node follows its inputs.
     #[prost(message, repeated, tag = "1")]
     pub node: Vec<NodeProto<T>>,
     #[prost(string, tag = "2")]

@@ -20,7 +20,7 @@ impl Size {
     }
 }
 
-/// The rectified pair: one focal length, one principal point, and a baseline along the rows. Pixel centres have whole
+/// The rectified pair: one focal length, one principal point, and a baseline along the rows. Pixel centres have integer
 /// coordinates, as in KITTI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
@@ -42,7 +42,7 @@ impl Calibration {
     }
 }
 
-/// One frame: the pair as the cameras deliver it, and the truth. Rows from the top, no padding.
+/// One frame: the pair as the cameras deliver it, and the ground truth. Rows from the top, no padding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
     /// Width and height of everything below.

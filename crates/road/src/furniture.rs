@@ -1,4 +1,4 @@
-//! What stands along the street: trees, lamp posts, signs, bollards, people, hedges, railings.
+//! Objects along the street: trees, lamp posts, signs, bollards, people, hedges, railings.
 
 use crate::hash::Draws;
 use crate::object::Object;
@@ -63,7 +63,7 @@ pub(crate) fn bollard(objects: &mut Vec<Object>, x: f32, z: f32) {
     objects.push(upright(x, z, 0.055, KERB, KERB + 0.9, metal(0.10)));
 }
 
-/// Somebody on the pavement: legs, coat, head.
+/// A person on the pavement: legs, coat, head.
 pub(crate) fn person(objects: &mut Vec<Object>, draws: &mut Draws, x: f32, z: f32) {
     let height = draws.between(1.58, 1.86);
     let cloth = |draws: &mut Draws, bright: f32| Material::Plain {

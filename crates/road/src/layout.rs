@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_stands_in_the_lane_where_the_camera_drives() {
+    fn no_object_is_in_the_lane_of_the_camera() {
         for step in 0..200 {
             let camera_m = f64::from(step) * 4.0;
             let stretch = Stretch { seed: 9, camera_m, origin_m: 0.0, time_s: camera_m / 13.5 };

@@ -1,7 +1,7 @@
 //! A deterministic street, ray-cast for stereo experiments: the renderer behind the source `synthetic/road`.
 //!
 //! A [`Street`] is a function of a seed; frame `k` is what a rectified pair of cameras on a car sees after `k` steps
-//! along it. A frame is a pure function of (seed, size, index): any frame can be asked for at once, and its bits
+//! along it. A frame is a pure function of (seed, size, index): any frame can be rendered directly, and its bits
 //! depend neither on how many threads shared the work nor on the machine (only `+ - * /`, `sqrt` and integer hashes
 //! touch a pixel; no libm).
 //!

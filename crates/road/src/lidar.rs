@@ -1,7 +1,7 @@
 //! What a 64-beam laser scanner returns: scan lines fanned in elevation, sampled in azimuth, weaker with distance.
 //!
-//! The beams leave from the left camera (a real scanner sits beside it, so that some of its returns are hidden from
-//! the camera; those are cleaned away in a data set's truth), and each return takes the exact depth of the pixel that
+//! The beams start at the left camera (a real scanner is next to it, so that some of its returns are hidden from
+//! the camera; data sets remove those from their ground truth), and each return has the exact depth of the pixel that
 //! its beam passes through.
 
 use crate::frame::{Calibration, Size};
@@ -20,7 +20,7 @@ const RANGE: f32 = 115.0;
 /// Share of beams lost at any distance.
 const LOST: f32 = 0.06;
 
-/// Picks the depths that are scanned, NaN elsewhere. `reflects` says, by pixel, how likely a surface is to send
+/// Picks the depths that are scanned, NaN elsewhere. `reflects` is, per pixel, the probability that a surface sends
 /// anything back.
 pub(crate) fn scan(
     seed: u64,

@@ -1,4 +1,4 @@
-//! The day: where the sun stands, what the sky adds, and what haze takes away.
+//! Daylight: the position of the sun, the light of the sky, and the effect of haze.
 
 use crate::hash::Draws;
 use crate::surfaces::texture::{floor, noise2};
@@ -15,7 +15,7 @@ pub(crate) struct Light {
     seed: u32,
 }
 
-/// Depth at which haze has taken half of the contrast, metres.
+/// Depth at which haze halves the contrast, metres.
 const HAZE_METRES: f32 = 420.0;
 
 impl Light {

@@ -23,14 +23,14 @@ pub(crate) struct Hit {
     pub part: Part,
 }
 
-/// One eye: a camera and what lies in each tile of its image.
+/// One eye: a camera and the objects in each tile of its image.
 #[derive(Debug)]
 pub(crate) struct Eye {
     pub camera: Camera,
     tiles: ScreenTiles,
 }
 
-/// Everything a frame's pixels are asked of.
+/// Everything that determines a frame's pixels.
 #[derive(Debug)]
 pub(crate) struct Scene {
     objects: Vec<Object>,

@@ -90,7 +90,7 @@ fn a_visible_pixel_is_found_in_the_right_image() {
             }
             let disparity = frame.calibration.disparity_px(f64::from(frame.depth[pixel]));
             let column = (pixel % width) as f64 - disparity;
-            assert!(column > -0.6, "a visible pixel lies in the right image");
+            assert!(column > -0.6, "a visible pixel is inside the right image");
             let (left, share) = (column.floor().max(0.0), column - column.floor());
             let at = |offset: f64| {
                 let there = (left + offset).clamp(0.0, width as f64 - 1.0) as usize;
@@ -126,7 +126,7 @@ fn occluded_is_where_the_right_camera_sees_something_nearer() {
             assert!(frame.occluded[pixel] || column > -0.51, "outside the right image");
             continue;
         }
-        // What the right camera sees at the whole pixels around that place, by rays of their own.
+        // What the right camera sees at the pixels around that place, by separate rays.
         let around = [column.floor(), column.floor() + 1.0].map(|c| {
             let (_, hit) = scene.first_hit(&scene.right, c as f32, (pixel / width) as f32);
             hit.map_or(f64::INFINITY, |hit| f64::from(hit.depth))
@@ -159,12 +159,12 @@ fn the_scanner_samples_the_dense_depth_and_leaves_the_top_out() {
     let share = f64::from(scanned) / frame.size.pixels() as f64;
     assert!((0.02..0.06).contains(&share), "a scan covers a few percent: {share}");
     let visible = frame.sparse_visible();
-    let kept = visible.iter().filter(|d| !d.is_nan()).count() as f64;
-    assert!(kept > 0.8 * f64::from(scanned) && kept < f64::from(scanned), "{kept} of {scanned}");
+    let known = visible.iter().filter(|d| !d.is_nan()).count() as f64;
+    assert!(known > 0.8 * f64::from(scanned) && known < f64::from(scanned), "{known} of {scanned}");
 }
 
 #[test]
-fn the_road_lies_where_the_camera_stands_above_it() {
+fn the_road_is_at_the_height_of_the_camera() {
     // Straight down the lane, ahead of the car: the lowest row sees the carriageway, as far away as the camera is high.
     let frame = Street::new(1, Size::KITTI).frame(0, &serial);
     let calibration = frame.calibration;

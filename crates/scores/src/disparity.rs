@@ -76,7 +76,7 @@ impl DisparityScores {
     /// the order asked for.
     ///
     /// # Panics
-    /// If a map is of another size than it says, or one that is asked for is absent.
+    /// If the size of a map differs from its stated size, or one that is asked for is absent.
     #[must_use]
     pub fn rows(&self, maps: &DisparityMaps<'_>, clues: &Clues<'_>) -> Vec<ScoreRow> {
         let (width, height) = maps.size;

@@ -6,7 +6,7 @@ use crate::streams::on_one_line;
 
 /// Rows as lines, two spaces between columns; the columns named `right` are numbers.
 ///
-/// A cell is one line, whatever the file says that it was read from.
+/// A cell is one line, whatever the source file contains.
 pub fn aligned<const N: usize>(rows: &[[String; N]], right: &[usize]) -> String {
     let rows: Vec<[Cow<'_, str>; N]> = rows.iter().map(|row| row.each_ref().map(|cell| on_one_line(cell))).collect();
     let widths: [usize; N] =

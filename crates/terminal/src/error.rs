@@ -12,7 +12,7 @@ use depthloom_graphs::{ErrorMessage, Remedied, chain};
 /// The meaning of an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExitCode {
-    /// The command did what it was called for.
+    /// The command succeeded.
     Success = 0,
     /// The engine, the disk or learning failed.
     Engine = 1,
@@ -73,7 +73,7 @@ impl CliError {
         Self::new(ExitCode::Usage, what).remedy(remedy)
     }
 
-    /// A name that does not exist: suggests the nearest one, or else says `otherwise`.
+    /// A name that does not exist: suggests the nearest one, or `otherwise`.
     pub fn unknown(what: impl Into<String>, nearest: Option<&str>, otherwise: impl Into<String>) -> Self {
         Self::usage(what, nearest.map_or_else(|| otherwise.into(), |near| format!("did you mean `{near}`?")))
     }

@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn sizes_have_two_digits_or_three() {
         let sizes = [0, 999, 1000, 9_949, 9_950, 707_461_516, 999_400_000, 999_500_000, 12_345_678_901_234];
-        let told = ["0 B", "999 B", "1.0 kB", "9.9 kB", "10 kB", "707 MB", "999 MB", "1.0 GB", "12 TB"];
-        assert_eq!(sizes.map(size), told);
+        let texts = ["0 B", "999 B", "1.0 kB", "9.9 kB", "10 kB", "707 MB", "999 MB", "1.0 GB", "12 TB"];
+        assert_eq!(sizes.map(size), texts);
     }
 }

@@ -13,7 +13,7 @@ pub use visible::{on_one_line, same_length, visible};
 
 use crate::error::{CliError, ExitCode};
 
-/// Prints a line to standard error. A reader that went away or a full disk behind it costs no result: then nobody reads
+/// Prints a line to standard error. A closed reader or a full disk is ignored: results do not depend on
 /// it.
 pub fn say(line: impl Display) {
     tell(format_args!("{line}\n"));

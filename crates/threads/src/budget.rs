@@ -53,7 +53,7 @@ impl Budget {
         if self.free.load(Ordering::Relaxed) == 0 {
             return None;
         }
-        // Made only where one was taken: a permit that is dropped gives one back, and wakes.
+        // Created only for an acquired permit: dropping it releases the permit and wakes a waiter.
         self.free.fetch_update(Ordering::AcqRel, Ordering::Relaxed, take).is_ok().then(|| Permit(self))
     }
 
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_too_late_for_a_permit_neither_makes_one_nor_waits_for_ever() {
+    fn a_late_worker_neither_creates_a_permit_nor_waits_forever() {
         let budget = Budget::new(2);
         let (now, peak) = (AtomicUsize::new(0), AtomicUsize::new(0));
         std::thread::scope(|scope| {

@@ -76,7 +76,7 @@ mod tests {
     fn every_tile_runs_once_and_never_more_at_once_than_permits() {
         for width in [1, 2, 8] {
             let budget = Budget::new(width);
-            let own = budget.permit().expect("nobody works yet");
+            let own = budget.permit().expect("no permit is in use yet");
             let (now, peak) = (AtomicUsize::new(0), AtomicUsize::new(0));
             let runs: Vec<AtomicUsize> = (0..500).map(|_| AtomicUsize::new(0)).collect();
             budget.run(runs.len(), &|tile| {
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn helpers_work_inside_of_what_is_put_around_them() {
+    fn helpers_work_inside_the_given_wrapper() {
         let budget = Budget::new(3);
         let caller = std::thread::current().id();
         let (helpers, strangers) = (Mutex::new(Vec::new()), AtomicUsize::new(0));

@@ -35,8 +35,8 @@ pub fn caught<R>(f: impl FnOnce() -> R) -> Result<R, Caught> {
         }));
     });
     let outer = WATCHED.replace(true);
-    // What a panic may leave half-done is dropped: scratch buffers taken are lost, and an ordered node is not called
-    // again.
+    // State that a panic may leave incomplete is dropped: scratch buffers taken are lost, and an ordered node is not
+    // called again.
     let result = catch_unwind(AssertUnwindSafe(f));
     WATCHED.set(outer);
     result.map_err(|payload| Caught(message(payload.as_ref(), PLACE.take())))
@@ -48,8 +48,8 @@ pub fn resume(panic: Caught) -> ! {
 }
 
 fn message(payload: &(dyn Any + Send), place: Option<String>) -> String {
-    if let Some(Caught(told)) = payload.downcast_ref() {
-        return told.clone();
+    if let Some(Caught(text)) = payload.downcast_ref() {
+        return text.clone();
     }
     let text = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
     let place = place.unwrap_or_else(|| "an unknown place".to_owned());
@@ -60,16 +60,16 @@ fn message(payload: &(dyn Any + Send), place: Option<String>) -> String {
 mod tests {
     use super::{Caught, caught, resume};
     #[test]
-    fn a_panic_is_told_with_its_place() {
-        let Caught(told) = caught(|| panic!("{} is not {}", 2, 3)).expect_err("it panics");
-        assert!(told.starts_with("at ") && told.contains("panics.rs:") && told.ends_with(": 2 is not 3"), "{told}");
+    fn a_panic_is_reported_with_its_place() {
+        let Caught(text) = caught(|| panic!("{} is not {}", 2, 3)).expect_err("it panics");
+        assert!(text.starts_with("at ") && text.contains("panics.rs:") && text.ends_with(": 2 is not 3"), "{text}");
     }
 
     #[test]
     fn a_panic_carried_over_from_another_thread_keeps_its_place() {
         let there = std::thread::spawn(|| caught(|| panic!("there")).err()).join().expect("it is caught");
-        let told = there.as_ref().map(|c| c.0.clone()).expect("it panics");
+        let text = there.as_ref().map(|c| c.0.clone()).expect("it panics");
         let here = caught(|| resume(there.expect("it panics"))).expect_err("it goes on");
-        assert_eq!(here.0, told);
+        assert_eq!(here.0, text);
     }
 }

@@ -52,7 +52,7 @@ const SPINS: u32 = 1000;
 /// later.
 ///
 /// The tiles of a round are shared out by their place among the others, and a thread does its own share of every round
-/// before it takes from the others': what it left in its cache in the round before, it finds there.
+/// before it takes those of others: its cache still has the data of the previous round.
 pub fn rounds_in_one_run(tiles: &dyn Tiles, counts: &[usize], f: &(dyn Fn(usize, usize) + Sync)) {
     let width = tiles.width();
     let mut first = 0;
@@ -85,7 +85,7 @@ fn number_of_this_thread(threads: &Mutex<Vec<ThreadId>>) -> usize {
     })
 }
 
-/// The tiles of a round that have not been taken.
+/// The tiles of a round that have not been started.
 struct Round {
     /// How many tiles the rounds before have.
     first: usize,
@@ -164,7 +164,11 @@ mod tests {
     fn a_tile_that_panics_leaves_no_round_waiting() {
         let budget = Budget::new(2);
         let _own = budget.permit();
-        let run = || rounds_in_one_run(&budget, &[4, 4], &|round, tile| assert!((round, tile) != (0, 1), "as told"));
+        let run = || {
+            rounds_in_one_run(&budget, &[4, 4], &|round, tile| {
+                assert!((round, tile) != (0, 1), "the deliberate failure")
+            })
+        };
         assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
     }
 }

@@ -88,7 +88,7 @@ impl Outputs {
         let mut ordered = vec![None; ports.len()];
         for (name, value) in self.0 {
             let Some(slot) = ports.iter().position(|p| p.name == name) else {
-                return Err(Fault::new(format!("it gave a value at `{name}`, which it does not declare")));
+                return Err(Fault::new(format!("it sent a value at `{name}`, which it does not declare")));
             };
             if ports[slot].value_type != value.value_type() {
                 let (declared, given) = (ports[slot].value_type, value.value_type());

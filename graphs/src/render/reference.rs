@@ -105,8 +105,9 @@ fn collect(schema: &Json, prefix: &str, rows: &mut Vec<Row>) {
             continue;
         }
         let default = match property.get("default") {
-            _ if required.contains(&key.as_str()) => "required".to_owned(),
+            _ if required.contains(&key.as_str()) || is_mandatory(property) => "required".to_owned(),
             Some(Json::Null) | None => "none".to_owned(),
+            Some(Json::String(text)) if text.is_empty() => "none".to_owned(),
             Some(default) => format!("`{}`", cell(&plain(default))),
         };
         let range = range_of(property).unwrap_or_else(|| "-".to_owned());
@@ -116,6 +117,11 @@ fn collect(schema: &Json, prefix: &str, rows: &mut Vec<Row>) {
         }
         rows.push(Row { name, kind: cell(&type_text(property)), default, range, meaning });
     }
+}
+
+/// Parameters with a default in Rust that a kind nevertheless requires.
+fn is_mandatory(schema: &Json) -> bool {
+    schema.get("mandatory").and_then(Json::as_bool) == Some(true)
 }
 
 fn range_of(schema: &Json) -> Option<String> {

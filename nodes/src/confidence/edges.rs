@@ -14,7 +14,8 @@ use crate::shape::filled;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Edges {
-    /// A pixel is an edge where the absolute 3x3 Sobel derivative along the row, of 8-bit grey, exceeds this.
+    /// A pixel is an edge if the absolute 3x3 Sobel derivative along the row exceeds this value. The image is 8-bit
+    /// grey.
     #[schemars(range(min = 0, max = 1020))]
     pub threshold: f64,
 }
@@ -33,12 +34,13 @@ impl Node for Edges {
             kind: "confidence/edges",
             version: 1,
             contract: Contract::Pure,
-            summary: "Mask of vertical contrasts, where stereo finds its match.",
+            summary: "Mask of strong vertical edges, where stereo matching is reliable.",
             doc: "\
-The paper's edge map (step 2): absolute horizontal derivative of the grey image by OpenCV's 3x3 Sobel, border reflect-101, over a threshold. It \
-selects the stereo pixels a network learns from.",
+Step 2 of Martins et al. 2018: the absolute horizontal derivative of the grey image exceeds a threshold. The \
+derivative is OpenCV's 3x3 Sobel with border reflect-101. The mask selects the stereo pixels from which a monocular \
+network is trained.",
             inputs: vec![Port::frame("image", ValueType::Image, "The left image, grey or RGB.")],
-            outputs: vec![Port::frame("mask", ValueType::Mask, "255 on edges, 0 elsewhere; of the image's size.")],
+            outputs: vec![Port::frame("mask", ValueType::Mask, "255 on edges, 0 elsewhere; same size as the image.")],
         }
     }
 

@@ -15,10 +15,11 @@ use crate::shape::filled;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Sobel {
-    /// A pixel is an edge where the absolute 3x3 Sobel derivative along the row, of 8-bit grey, exceeds this.
+    /// A pixel is an edge if the absolute 3x3 Sobel derivative along the row exceeds this value. The image is 8-bit
+    /// grey.
     #[schemars(range(min = 0, max = 1020))]
     pub threshold: f64,
-    /// Standard deviation of the Gaussian that spreads the edges, px; its kernel reaches four of it.
+    /// Standard deviation of the Gaussian that spreads the edges, px. The kernel reaches four sigma.
     #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
     pub sigma: f64,
 }
@@ -40,12 +41,13 @@ impl Node for Sobel {
             kind: "confidence/sobel",
             version: 1,
             contract: Contract::Pure,
-            summary: "Confidence in stereo, high near vertical contrasts: the paper's `W_c`.",
+            summary: "Confidence in stereo depth, high near vertical edges (`W_c` of Martins et al. 2018).",
             doc: "\
-The edge map of `confidence/edges`, blurred by a Gaussian (border reflect-101, taps to four sigma, as OpenCV's `GaussianBlur` on f32) and divided \
-by its maximum (paper, step 2). An image without any edge has confidence 0 everywhere.",
+Step 2 of Martins et al. 2018: the edge map of `confidence/edges`, blurred by a Gaussian and divided by its maximum. \
+The blur is OpenCV's `GaussianBlur` on f32: border reflect-101, kernel up to four sigma. If the image has no edge, \
+the confidence is 0 everywhere.",
             inputs: vec![Port::frame("image", ValueType::Image, "The left image, grey or RGB.")],
-            outputs: vec![Port::frame("weight", ValueType::Weight, "Confidence in [0, 1]; of the image's size.")],
+            outputs: vec![Port::frame("weight", ValueType::Weight, "Confidence in [0, 1]; same size as the image.")],
         }
     }
 
@@ -53,7 +55,7 @@ by its maximum (paper, step 2). An image without any edge has confidence 0 every
         if params.sigma > 0.0 && params.sigma <= 1000.0 {
             return Ok(());
         }
-        Err(("sigma", format!("sigma is {} px, which is not in 0 to 1000", params.sigma)))
+        Err(("sigma", format!("sigma is {} px, expected above 0 and at most 1000", params.sigma)))
     }
 
     fn build(params: Self) -> Result<Instance, Fault> {

@@ -15,8 +15,8 @@ use crate::shape::filled;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct FromDisparity {
-    /// Largest depth given, metres; `null` leaves depth uncapped. The paper caps before fusion, and truth stops near 80
-    /// m.
+    /// Largest depth in the output, metres; `null` does not limit depth. Martins et al. 2018 cap before fusion;
+    /// KITTI's ground truth ends near 80 m.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
 }
@@ -37,18 +37,23 @@ impl Node for FromDisparity {
             contract: Contract::Pure,
             summary: "Depth in metres from disparity: `f * B / (d + doffs)`, capped.",
             doc: "\
-`Z = f * B / (d + doffs)` (paper, step 1), with focal length `f` (px) and baseline `B` (m) of the calibration, in f32; `doffs` (px), how much farther right \
-the right camera's principal point lies, is 0 but for pairs like Middlebury's of 2014. A disparity of zero or below is no answer (NaN), nor one whose sum \
-with `doffs` is; answers beyond `cap` become `cap`.",
+`Z = f * B / (d + doffs)`, computed in f32 (Martins et al. 2018, step 1). The calibration gives the focal length `f` \
+(px), the baseline `B` (m) and `doffs` (px). `doffs` is the column of the right camera's principal point minus the \
+column of the left camera's. It is 0 except for pairs such as Middlebury's of 2014.\n\n\
+A pixel is invalid (NaN) if `d <= 0` or `d + doffs <= 0`. Depths beyond `cap` become `cap`.",
             inputs: vec![
-                Port::frame("disparity", ValueType::Disparity, "Disparity, in fixed or floating point."),
+                Port::frame("disparity", ValueType::Disparity, "Disparity, fixed or floating point."),
                 Port::frame(
                     "calibration",
                     ValueType::Calibration,
                     "Focal length, baseline and principal points of the pair.",
                 ),
             ],
-            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, of the disparity's size.")],
+            outputs: vec![Port::frame(
+                "depth",
+                ValueType::Depth,
+                "Depth, f32 metres, NaN = invalid; same size as the disparity.",
+            )],
         }
     }
 

@@ -1,4 +1,4 @@
-//! `disparity/fill`: invalid pixels filled from the background beside them.
+//! `disparity/fill`: invalid pixels filled from the adjacent background.
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::Disparity;
@@ -25,13 +25,19 @@ impl Node for Fill {
             kind: "disparity/fill",
             version: 1,
             contract: Contract::Pure,
-            summary: "Disparity with its gaps filled from the background beside them.",
+            summary: "Disparity with invalid pixels filled from the adjacent background.",
             doc: "\
-`interpolateBackground` of KITTI's development kit, which the benchmark runs on every submitted map. In each row a run without answer takes the \
-smaller disparity of its two ends, at the image's border the one there is; then each column repeats its first answer upwards and its last one \
-downwards. Rows without any answer between others stay without.",
-            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, in fixed or floating point.")],
-            outputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, filled.")],
+The algorithm is `interpolateBackground` of KITTI's development kit, which the benchmark applies to every submitted \
+map.\n\n\
+In each row, a run of invalid pixels takes the smaller disparity of its two ends. At the image border it takes the \
+only neighbour. Then each column repeats its first valid disparity upwards and its last valid disparity downwards. \
+Rows between others that have no valid pixel stay invalid.",
+            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, fixed or floating point.")],
+            outputs: vec![Port::frame(
+                "disparity",
+                ValueType::Disparity,
+                "Filled disparity, in the form of the input (fixed or floating point).",
+            )],
         }
     }
 

@@ -15,7 +15,8 @@ use crate::shape::same_size;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct LeftRight {
-    /// Largest difference between the two disparities, px, in whole sixteenths; Hirschmueller (2008) and MC-CNN take 1.
+    /// Largest difference between the two disparities, px, in multiples of 1/16 px. Hirschmueller (2008) and MC-CNN
+    /// use 1.
     #[schemars(range(min = 0, max = 4095))]
     pub max_difference: f64,
 }
@@ -34,15 +35,17 @@ impl Node for LeftRight {
             kind: "disparity/left-right",
             version: 1,
             contract: Contract::Pure,
-            summary: "Disparity of the left image where the right image's disparity confirms it.",
+            summary: "Disparity of the left image where the right image's disparity agrees (left-right check).",
             doc: "\
-The consistency check of Hirschmueller (*Stereo Processing by Semiglobal Matching and Mutual Information*, 2008): a left pixel's disparity stays if the \
-right image's pixel it points to is valid and answers the same, up to `max_difference`. What has no partner is mostly hidden in the right image. \
-Where the partner lies between two pixels, agreeing with either is enough, as in `cv::validateDisparity`; a partner outside the image or without \
-answer confirms nothing.\n\n\
-The right image's disparity comes from a second matcher that is handed the images in exchange, as `cv::ximgproc::createRightMatcher` sets it up: \
-`inputs: { left: source/right, right: source/left }` and `min_disparity: 1 - (min_disparity + disparities)` of the first; for 64 disparities from 0 \
-that is -63. Its disparities are then the negative of the left image's.",
+The consistency check of Hirschmueller (*Stereo Processing by Semiglobal Matching and Mutual Information*, 2008). A \
+left pixel keeps its disparity if the pixel it points to in the right image is valid and has the same disparity, up \
+to `max_difference`. Pixels without such a partner are mostly occluded in the right image.\n\n\
+If the partner is between two pixels, agreement with either of them is enough, as in `cv::validateDisparity`. A \
+partner outside the image, or an invalid one, does not confirm.\n\n\
+A second matcher computes the right image's disparity, as with `cv::ximgproc::createRightMatcher`. Give it the \
+images exchanged: `inputs: { left: source/right, right: source/left }`. Set its `min_disparity` to `1 - \
+(min_disparity + disparities)` of the first matcher: -63 for 64 disparities from 0. Its disparities are the \
+negatives of the left image's.",
             inputs: vec![
                 Port::frame("left", ValueType::Disparity, "Disparity of the left image's pixels, 1/16 px."),
                 Port::frame("right", ValueType::Disparity, "Disparity of the right image's pixels, negative, 1/16 px."),
@@ -50,7 +53,7 @@ that is -63. Its disparities are then the negative of the left image's.",
             outputs: vec![Port::frame(
                 "disparity",
                 ValueType::Disparity,
-                "The left image's disparity, where confirmed.",
+                "Disparity of the left image; invalid where the right image's does not agree.",
             )],
         }
     }

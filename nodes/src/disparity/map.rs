@@ -11,11 +11,11 @@ pub(super) fn invalid(map: &Disparity) -> Result<i16, Fault> {
 
 /// Keeps the floating-point form if the input has it.
 pub(super) fn pruned(value: Option<&Value>, map: &Disparity, prune: impl FnOnce(&mut [i16])) -> Value {
-    let kept = changed(map, prune);
-    let Some(Value::FloatDisparity(floats)) = value else { return kept.into() };
-    let invalid = kept.invalid();
+    let result = changed(map, prune);
+    let Some(Value::FloatDisparity(floats)) = value else { return result.into() };
+    let invalid = result.invalid();
     let mut px = floats.px().clone();
-    let lost = px.iter_mut().zip(kept.sixteenths_px.iter()).filter(|(_, fixed)| i32::from(**fixed) == invalid);
+    let lost = px.iter_mut().zip(result.sixteenths_px.iter()).filter(|(_, fixed)| i32::from(**fixed) == invalid);
     lost.for_each(|(px, _)| *px = f32::NAN);
     Value::disparity_from_px(px)
 }

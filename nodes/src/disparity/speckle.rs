@@ -10,13 +10,13 @@ use serde::{Deserialize, Serialize};
 use super::map::{invalid, pruned};
 use crate::bounds::within;
 
-/// Parameters of `disparity/speckle`; the defaults lie in the middle of what OpenCV advises (50 to 200 px, 1 or 2 px).
+/// Parameters of `disparity/speckle`; the defaults are in the middle of what OpenCV advises (50 to 200 px, 1 or 2 px).
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Speckle {
-    /// Largest region, px, that is removed (`maxSpeckleSize`); 0 removes none.
+    /// Largest region that is removed, px (`maxSpeckleSize`); 0 removes none.
     pub window: u32,
-    /// Largest disparity step between neighbours of one region, px (`maxDiff`), in whole sixteenths.
+    /// Largest disparity step between neighbours of one region, px (`maxDiff`), in multiples of 1/16 px.
     #[schemars(range(min = 0, max = 2047))]
     pub range: f64,
 }
@@ -35,11 +35,11 @@ impl Node for Speckle {
             kind: "disparity/speckle",
             version: 1,
             contract: Contract::Pure,
-            summary: "Disparity without small regions that stand alone.",
+            summary: "Disparity without small isolated regions.",
             doc: "\
-OpenCV's `filterSpeckles`. Neighbours (4 of them) belong to one region if both are valid and differ by at most `range`; regions of at most `window` \
-pixels lose their answers.",
-            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, in fixed or floating point.")],
+OpenCV's `filterSpeckles`. Two of the 4-connected neighbours belong to one region if both are valid and their \
+disparities differ by at most `range`. Pixels of regions with at most `window` pixels become invalid.",
+            inputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, fixed or floating point.")],
             outputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity without speckles.")],
         }
     }

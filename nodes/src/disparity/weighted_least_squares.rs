@@ -16,26 +16,27 @@ use crate::tiles::HostTiles;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct WeightedLeastSquaresParams {
-    /// Weight of smoothness against the data (`lambda`).
+    /// Weight of smoothness relative to the data term (`lambda`).
     #[schemars(range(min = 0, max = 1_000_000))]
     pub lambda: f64,
-    /// How far colours of 8 bits may differ for neighbours to be smoothed together (`sigmaColor`); OpenCV advises 0.8
-    /// to 2.
+    /// Largest 8-bit colour difference, approximately, across which neighbours are smoothed together (`sigmaColor`).
+    /// OpenCV advises 0.8 to 2.
     #[schemars(range(min = 0.01, max = 1000))]
     pub sigma: f64,
-    /// Factor by which `lambda` shrinks from one iteration to the next; 1 may leave streaks.
+    /// Factor by which `lambda` is multiplied after each iteration. 1 may leave streaks.
     #[schemars(range(min = 0, max = 1))]
     pub lambda_attenuation: f64,
-    /// How often rows and columns are smoothed.
+    /// Number of iterations; each smooths rows, then columns.
     #[schemars(range(min = 1, max = 100))]
     pub iterations: u32,
-    /// Whether pixels without answer take one from around them.
+    /// Whether invalid pixels are filled from their surroundings.
     pub fill: bool,
-    /// With a right view: disparities of the two views must differ by less, px, in whole sixteenths (`LRCthresh`).
+    /// With `right`: the disparities of the two views must differ by less than this, px, in multiples of 1/16 px
+    /// (`LRCthresh`).
     #[schemars(range(min = 0, max = 4095))]
     pub max_difference: f64,
-    /// With a right view: half the side of the window whose variance lowers the confidence, px
-    /// (`depthDiscontinuityRadius`); OpenCV takes half of SGBM's block, a third of BM's.
+    /// With `right`: half the side of the window whose variance lowers the confidence, px
+    /// (`depthDiscontinuityRadius`). OpenCV uses half of SGBM's block, a third of BM's.
     #[schemars(range(min = 0, max = 50))]
     pub discontinuity_radius: u32,
 }
@@ -69,25 +70,32 @@ impl Node for WeightedLeastSquares {
             kind: "disparity/weighted-least-squares",
             version: 1,
             contract: Contract::Pure,
-            summary: "Disparity smoothed up to the edges of the left image, gaps filled on the way.",
+            summary: "Edge-aware smoothing of disparity, guided by the left image; fills gaps.",
             doc: "\
-The fast global smoother of Min et al. (*Fast Global Image Smoothing Based on Weighted Least Squares*, 2014) with confidences, as \
-`cv::ximgproc::DisparityWLSFilter` of OpenCV 5.0 applies it: disparities times confidence and confidences are smoothed alike, and the one divided by the \
-other. Every sixteenth is equal to OpenCV's on x86-64 with one thread.\n\n\
-Without `right`, valid pixels have confidence 1 and the others 0: a map valid everywhere comes out as OpenCV's filter without confidence gives it. \
-With `right`, an answer's confidence falls with the variance of the disparities around it, in either view, and is 0 where the right view \
-contradicts or does not answer. `right` is what a second matcher finds that is handed the images in exchange, as for `disparity/left-right`; both \
-matchers should have their own checks off, as `cv::ximgproc::createDisparityWLSFilter` sets them, so that this one decides. Unlike OpenCV, which takes \
-the number that stands for no answer for a disparity, gaps of either map do not count.\n\n\
-The smallest rectangle that holds all answers is smoothed, outside it nothing is valid: with StereoSGBM's map these are the columns never searched. \
-Inside, only what no confidence reaches stays without answer, or with `fill: false` every pixel that had none.",
+The fast global smoother of Min et al. (*Fast Global Image Smoothing Based on Weighted Least Squares*, 2014) with \
+confidences, as in `cv::ximgproc::DisparityWLSFilter` of OpenCV 5.0. The filter smooths disparity times confidence, \
+smooths the confidence alike, and divides the first by the second. The result equals OpenCV's in every 1/16 px on \
+x86-64 with one thread.\n\n\
+Without `right`, valid pixels have confidence 1 and invalid pixels 0. For a map without invalid pixels the result is \
+that of OpenCV's filter without confidence. With `right`, the confidence of a pixel falls with the variance of the \
+disparities around it, in either view. It is 0 where the right view contradicts or is invalid.\n\n\
+`right` comes from a second matcher with exchanged images, as for `disparity/left-right`. Disable the left-right \
+check of both matchers, as `cv::ximgproc::createDisparityWLSFilter` does, so that this filter decides. OpenCV treats \
+the number that marks an invalid pixel as a disparity; depthloom ignores invalid pixels of either map.\n\n\
+The filter smooths the smallest rectangle that contains all valid pixels; outside it every pixel is invalid. For a \
+map of `stereo/sgbm` the outside is the columns that were not searched. Inside, a pixel is invalid only if no \
+confidence reaches it. With `fill: false`, every pixel that was invalid in the input stays invalid.",
             inputs: vec![
-                Port::frame("image", ValueType::Image, "The left image, grey or RGB; colours count if there are any."),
+                Port::frame(
+                    "image",
+                    ValueType::Image,
+                    "The left image, grey or RGB. All channels guide the smoothing.",
+                ),
                 Port::frame("disparity", ValueType::Disparity, "Disparity of the left image's pixels, 1/16 px."),
                 Port::frame("right", ValueType::Disparity, "Disparity of the right image's pixels, negative, 1/16 px.")
                     .optional(),
             ],
-            outputs: vec![Port::frame("disparity", ValueType::Disparity, "Disparity, smoothed, 1/16 px fixed point.")],
+            outputs: vec![Port::frame("disparity", ValueType::Disparity, "Smoothed disparity, 1/16 px fixed point.")],
         }
     }
 
@@ -122,7 +130,7 @@ impl PureNode for WeightedLeastSquares {
         let dimensions = map.sixteenths_px.dimensions();
         same_size(("image", image.dimensions()), ("disparity", dimensions))?;
         if matches!(inputs.value("disparity"), Some(Value::FloatDisparity(_))) {
-            ctx.host.warn("the filter computes in 1/16 px, as OpenCV's does: finer disparities are rounded");
+            ctx.host.warn("input `disparity` is floating point and is rounded to 1/16 px: the filter computes in fixed point, as OpenCV's does");
         }
         let right = match inputs.optional::<Disparity>("right")? {
             None => None,

@@ -3,7 +3,7 @@
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::Depth;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::median::{median3_of_answers, median5_of_answers};
+use depthloom_kernels::median::{median3_of_valid, median5_of_valid};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -32,20 +32,22 @@ impl Node for Median {
             kind: "filter/median",
             version: 2,
             contract: Contract::Pure,
-            summary: "Median of every pixel's neighbourhood.",
+            summary: "Median over each pixel's neighbourhood.",
             doc: "\
-OpenCV's `medianBlur` of f32: square window, border replicated. The paper ends its fusion with 5x5. A pixel without answer (NaN or infinity) is no \
-sample: a pixel that valid gets the median of the answers around it (of an even number the mean of the middle two), one that did not gets it where \
-more than half of its window is valid.",
-            inputs: vec![Port::frame("depth", ValueType::Depth, "Depth, metres.")],
-            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, filtered, metres.")],
+OpenCV's `medianBlur` of f32 with a square window and replicated border. Martins et al. 2018 end their fusion with a \
+5x5 median.\n\n\
+Invalid pixels (NaN or infinity) are not samples. A valid pixel becomes the median of the valid pixels in its \
+window; for an even number, the mean of the middle two. An invalid pixel becomes valid only if more than half of its \
+window is valid.",
+            inputs: vec![Port::frame("depth", ValueType::Depth, "Depth, metres, NaN = invalid.")],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Filtered depth, metres, NaN = invalid.")],
         }
     }
 
     fn check(params: &Self) -> Result<(), (&'static str, String)> {
         match params.size {
             3 | 5 => Ok(()),
-            size => Err(("size", format!("size is {size}, which is neither 3 nor 5"))),
+            size => Err(("size", format!("size is {size}, expected 3 or 5"))),
         }
     }
 
@@ -58,7 +60,7 @@ impl PureNode for Median {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let depth = &inputs.get::<Depth>("depth")?.metres;
         let (width, height) = depth.dimensions();
-        let kernel = if self.size == 3 { median3_of_answers } else { median5_of_answers };
+        let kernel = if self.size == 3 { median3_of_valid } else { median5_of_valid };
         let metres = filled((width, height), |out| kernel(depth, width as usize, height as usize, out));
         Ok(Outputs::one("depth", Depth { metres }))
     }

@@ -1,4 +1,4 @@
-//! `fusion/confidence`: mono and stereo, weighed pixel by pixel.
+//! `fusion/confidence`: monocular and stereo depth, weighted pixel by pixel.
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Depth, Weight};
@@ -13,7 +13,7 @@ use crate::shape::{filled, same_size};
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Confidence {
-    /// How the two are weighed: `full`, `confidence`, `mean` or `fill`.
+    /// How the two depths are weighted: `full`, `confidence`, `mean` or `fill`.
     pub weighting: Weighting,
 }
 
@@ -25,17 +25,24 @@ impl Node for Confidence {
             kind: "fusion/confidence",
             version: 2,
             contract: Contract::Pure,
-            summary: "Mono and stereo depth fused under stereo's confidence.",
+            summary: "Monocular and stereo depth, fused by the confidence in stereo.",
             doc: "\
-Step 5 of the paper, before the median filter. Where stereo gave no answer: `Z = Z_m`. Elsewhere `full` is \
-`Z = W_c Z_s + (1 - W_c)(W_s Z_s + (1 - W_s) Z_m)` with `W_s = min(N_s, N_m) / max(N_s, N_m)`, `N_s = Z_s / max(Z_s)` over valid pixels and \
-`N_m = Z_m / max(Z_m)`. Where mono has no answer (NaN or infinity) stereo stands, whatever the weight; where neither has one, there is none.",
+Step 5 of Martins et al. 2018, before the median filter. `Z_s` is stereo depth, `Z_m` monocular depth, `W_c` the \
+confidence in stereo. Where both are valid, `weighting: full` computes `Z = W_c Z_s + (1 - W_c)(W_s Z_s + (1 - W_s) \
+Z_m)`. Here `W_s = min(N_s, N_m) / max(N_s, N_m)`, `N_s = Z_s / max(Z_s)` over valid pixels, and `N_m = Z_m / \
+max(Z_m)`.\n\n\
+Where stereo is invalid (NaN or infinity), `Z = Z_m`. Where monocular depth is invalid, `Z = Z_s`, whatever the \
+confidence. Where both are invalid, so is the result.",
             inputs: vec![
-                Port::frame("mono", ValueType::Depth, "Mono depth, metres, usually scaled."),
-                Port::frame("stereo", ValueType::Depth, "Stereo depth, metres, NaN = no answer; of the same size."),
-                Port::frame("weight", ValueType::Weight, "Confidence in stereo, `W_c`, in [0, 1]; of the same size."),
+                Port::frame("mono", ValueType::Depth, "Monocular depth, metres, usually scaled."),
+                Port::frame("stereo", ValueType::Depth, "Stereo depth, metres, NaN = invalid; same size as `mono`."),
+                Port::frame(
+                    "weight",
+                    ValueType::Weight,
+                    "Confidence in stereo, `W_c`, in [0, 1]; same size as `mono`.",
+                ),
             ],
-            outputs: vec![Port::frame("depth", ValueType::Depth, "Fused depth, metres.")],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Fused depth, metres, NaN = invalid.")],
         }
     }
 

@@ -9,16 +9,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::shape::{filled, same_size};
 
-/// How mono is brought to stereo's scale.
+/// How monocular depth is brought to the scale of stereo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ScaleMethod {
-    /// `min(Z_s) + r_s (Z_m - min(Z_m)) / r_m`, with the ranges `r`: stereo's over valid pixels, mono's over all.
+    /// `min(Z_s) + r_s (Z_m - min(Z_m)) / r_m`. `r_s` is the range of stereo over valid pixels, `r_m` the range of
+    /// monocular depth over all pixels.
     #[default]
     Minmax,
     /// `Z_m * mean(Z_s) / mean(Z_m)`, both means over the pixels that are valid in both.
     Average,
-    /// Mono as it is.
+    /// Monocular depth, unchanged.
     None,
 }
 
@@ -26,7 +27,7 @@ pub(crate) enum ScaleMethod {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Scale {
-    /// How mono is scaled: `minmax`, `average` or `none`.
+    /// How monocular depth is scaled: `minmax`, `average` or `none`.
     pub method: ScaleMethod,
 }
 
@@ -38,15 +39,16 @@ impl Node for Scale {
             kind: "fusion/scale",
             version: 2,
             contract: Contract::Pure,
-            summary: "Mono depth at the scale of this frame's stereo.",
+            summary: "Monocular depth, rescaled to the stereo depth of the same frame.",
             doc: "\
-Step 4 of the paper, an ablation of Table I. Extents and means are taken frame by frame; stereo counts where it valid, mono too (means: where \
-both did). A pixel without mono stays without. On a frame where stereo is valid nowhere, mono stays as it is.",
+Step 4 of Martins et al. 2018, an ablation of its Table I. Ranges and means are computed per frame. Only valid \
+pixels count; for means, only pixels that are valid in both. Invalid monocular pixels stay invalid. On a frame \
+without any valid stereo pixel, monocular depth is unchanged.",
             inputs: vec![
-                Port::frame("mono", ValueType::Depth, "Mono depth, metres, NaN = no answer."),
-                Port::frame("stereo", ValueType::Depth, "Stereo depth, metres, NaN = no answer; of the same size."),
+                Port::frame("mono", ValueType::Depth, "Monocular depth, metres, NaN = invalid."),
+                Port::frame("stereo", ValueType::Depth, "Stereo depth, metres, NaN = invalid; same size as `mono`."),
             ],
-            outputs: vec![Port::frame("depth", ValueType::Depth, "Mono depth, scaled, metres.")],
+            outputs: vec![Port::frame("depth", ValueType::Depth, "Scaled monocular depth, metres, NaN = invalid.")],
         }
     }
 

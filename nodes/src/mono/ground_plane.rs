@@ -1,4 +1,4 @@
-//! `mono/ground-plane`: a level road, the simplest still-mono estimate there is.
+//! `mono/ground-plane`: a level road, the simplest monocular estimate.
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Calibration, Depth, Image};
@@ -14,16 +14,16 @@ use crate::shape::filled;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct GroundPlane {
-    /// Height of the camera above the road, metres; KITTI's is 1.65.
+    /// Height of the camera above the road, metres. KITTI's is 1.65.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub height_m: f64,
     /// Row of the horizon, as a share of the image's rows.
     #[schemars(range(min = 0, max = 1))]
     pub horizon: f64,
-    /// Smallest depth given, metres.
+    /// Smallest depth in the output, metres.
     #[schemars(range(min = 0))]
     pub nearest_m: f64,
-    /// Largest depth given, also at and above the horizon, metres.
+    /// Largest depth in the output, metres; also used at and above the horizon.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: f64,
 }
@@ -42,13 +42,15 @@ impl Node for GroundPlane {
             kind: "mono/ground-plane",
             version: 1,
             contract: Contract::Pure,
-            summary: "Depth of a level road below a level camera: a mono estimate without a network.",
+            summary: "Depth of a level road seen by a level camera: a monocular baseline without a network.",
             doc: "\
-`Z = clip(f * height_m / max(row - horizon * rows, 1e-6), nearest_m, cap)` for every pixel of a row, in f32; `f` is the focal length in pixels. \
-What stands on the road is taken for road: an estimate to be corrected by stereo, and the baseline any network must beat.",
+`Z = clip(f * height_m / max(row - horizon * rows, 1e-6), nearest_m, cap)` for every pixel of a row, in f32; `f` is \
+the focal length in pixels.\n\n\
+Objects on the road get the depth of the road. Use it as a prior that stereo corrects, and as the baseline that a \
+network must beat.",
             inputs: vec![
-                Port::frame("image", ValueType::Image, "The left image; only its size counts."),
-                Port::frame("calibration", ValueType::Calibration, "The camera's focal length."),
+                Port::frame("image", ValueType::Image, "The left image; only its size is used."),
+                Port::frame("calibration", ValueType::Calibration, "Calibration; only the focal length is used."),
             ],
             outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, valid everywhere.")],
         }
@@ -58,7 +60,7 @@ What stands on the road is taken for road: an estimate to be corrected by stereo
         let Self { height_m, nearest_m, cap, .. } = params;
         above_zero("height_m", Some(*height_m), "m")?;
         if cap < nearest_m {
-            return Err(("cap", format!("cap is {cap} m, below nearest_m, {nearest_m} m")));
+            return Err(("cap", format!("cap is {cap} m, expected at least nearest_m ({nearest_m} m)")));
         }
         Ok(())
     }

@@ -30,45 +30,57 @@ impl Node for Onnx {
             kind: "mono/onnx",
             version: 3,
             contract: Contract::Pure,
-            summary: "Depth by a network: any ONNX model that maps one image to one map.",
+            summary: "Monocular depth by a network: any ONNX model that maps one image to one map.",
             doc: "\
-The image is resized to the network's size (or padded: `fit: pad`), scaled to [0, `white`], normalised by `mean` and `std` and run. The output, one map of any size, is resized to the \
-image's (bilinear, half-pixel centres) and turned into metres by what it means: with a disparity share `s`, \
-`Z = min(f * B / max(s * width + doffs, floor_px), cap)`, `doffs` being 0 but of pairs whose cameras have two principal points. Depth is capped here, before any scaling. An alignment with scale and shift (`align` of `score/depth`) takes the output of `inverse-depth` as it is, also zero, \
-below zero and beyond the cap; for everything else these pixels are as far as the cap, or 1e6 m without one. Where the network gives NaN or infinity there is no answer, nor where \
-such a pixel has part in a resized one; they are counted, and warned of at the end of the run.\n\n\
-The model is a file (`model: { file: net.onnx }`), its weights in that one file, or a learning stage's output. Its batch is 1 or open: frames come one by one, and run side by side in \
-sessions of their own. With `flip` the network sees the frame and its mirror image, and both answers are joined before they become metres: as a batch of two \
-where the model leaves the batch of input and output open or fixes it at 2, in two runs where it fixes 1.\n\n\
-ONNX Runtime is looked for at `ORT_DYLIB_PATH`, in the system's folders and in the active Python environment (`pip install onnxruntime`). Where there is none, tract runs the \
-network: in pure Rust, part of the program, slower, without `threads` and other providers than `cpu`. `DEPTHLOOM_ONNX_ENGINE=onnxruntime` or `tract` asks for one \
-by name. `depthloom doctor` says which it is and what providers it offers; engine, version and provider enter the keys of the results, and \
-`environment.json` beside a recording names them. A GPU's provider runs on the processor what operators it lacks, as ONNX Runtime does it; one that \
-is missing is an error.",
+**Input.** The image is resized to the network's size (with `fit: pad`, padded), scaled to [0, `white`], and \
+normalised by `mean` and `std`.\n\n\
+**Output.** The network's output is one map of any size. It is resized to the size of the image (bilinear, \
+half-pixel centres) and converted to metres according to `output`. A disparity share `s` becomes `Z = min(f * B / \
+max(s * width + doffs, floor_px), cap)`. `doffs` is 0 except for pairs whose cameras have different principal \
+points.\n\n\
+Depth is capped here, before any scaling. With `output: inverse-depth`, an alignment by scale and shift (`align` of \
+`score/depth`) uses the network's own numbers, including zero, negative numbers and depths beyond the cap. Every \
+other use sees the cap at these pixels, or 1e6 m without a cap.\n\n\
+**Invalid pixels.** A pixel is invalid where the network returns NaN or infinity, or where such a value contributes \
+to a resized pixel. These pixels are counted and reported at the end of the run.\n\n\
+**Model.** The model is a file (`model: { file: net.onnx }`) with its weights inside, or the output of a training \
+stage. Its batch size is 1 or open. Each frame is one call; frames run in parallel in separate sessions. With \
+`flip`, the network also sees the mirrored image, and both outputs are merged before the conversion to metres. This \
+is one batch of two if the batch size of input and output is open or 2, otherwise two calls.\n\n\
+**Engine.** depthloom looks for ONNX Runtime at `ORT_DYLIB_PATH`, in the system's library folders and in the active \
+Python environment (`pip install onnxruntime`). If none is found, tract runs the network: it is built in, written in \
+Rust, slower, and supports neither `threads` nor other providers than `cpu`. `DEPTHLOOM_ONNX_ENGINE=onnxruntime` or \
+`tract` selects the engine. `depthloom doctor` prints the engine and its providers. Engine, version and provider are \
+part of the cache keys, and `environment.json` next to a recording names them. A GPU provider runs operators that it \
+lacks on the CPU, as ONNX Runtime does. A provider that is not available is an error.",
             inputs: vec![
                 Port::frame("image", ValueType::Image, "The image, grey or RGB."),
                 Port::frame(
                     "calibration",
                     ValueType::Calibration,
-                    "Focal length and baseline, for outputs that are disparities.",
+                    "Focal length and baseline; used if `output` is a disparity.",
                 ),
                 Port::once(
                     "model",
                     ValueType::Model,
-                    "The network: an ONNX model of one input, 1x3xHxW or 1x1xHxW (or channels last), f32, f16 or u8.",
+                    "The network: an ONNX model with one input, 1x3xHxW or 1x1xHxW (or channels last), of f32, f16 or u8.",
                 ),
             ],
-            outputs: vec![Port::frame("depth", ValueType::Depth, "Depth, f32 metres, of the image's size.")],
+            outputs: vec![Port::frame(
+                "depth",
+                ValueType::Depth,
+                "Depth, f32 metres, NaN = invalid; same size as the image.",
+            )],
         }
     }
 
     fn check(params: &OnnxParams) -> Result<(), (&'static str, String)> {
         onnx::check_preprocessing(params.std, params.resize, params.round)?;
         if params.size.is_some_and(|size| size.contains(&0)) {
-            return Err(("size", "size must not be 0".to_owned()));
+            return Err(("size", "size is 0, expected at least 1 px".to_owned()));
         }
         if params.threads == 0 {
-            return Err(("threads", "threads must be at least 1".to_owned()));
+            return Err(("threads", "threads is 0, expected at least 1".to_owned()));
         }
         Ok(())
     }
@@ -155,10 +167,10 @@ impl PureNode for Onnx {
         if scale != 1.0 {
             map.iter_mut().for_each(|value| *value *= scale);
         }
-        // A number may become none when it is multiplied; one of two opinions may have been a number.
+        // Multiplication may overflow; and with `flip` one of the two outputs may be finite.
         let seen = of_network.max(count_non_finite(map));
         if seen > 0 {
-            ctx.host.warn_n(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
+            ctx.host.warn_n(seen as u64, "pixels of the network's output are NaN or infinite, and so invalid");
         }
         // Infinity would become the cap: non-finite values are invalid, whether or not a map is resized.
         map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = f32::NAN);
@@ -171,12 +183,12 @@ impl PureNode for Onnx {
         match network.meaning {
             Output::InverseDepth => {
                 if nowhere > 0 {
-                    ctx.host.warn_n(nowhere, "pixels of inverse depth are not above 0: `align: scale-and-shift` takes them as they are, everything else as farthest");
+                    ctx.host.warn_n(nowhere, "pixels of inverse depth are not above 0: `align: scale-and-shift` uses them unchanged, everything else treats them as the largest depth");
                 }
                 Ok(Outputs::one("depth", Value::depth_from_inverse(Depth { metres }, &full)))
             }
             Output::Depth if nowhere > 0 => {
-                ctx.host.warn_n(nowhere, "pixels of depth are not above 0 and were raised to 0.001 m");
+                ctx.host.warn_n(nowhere, "pixels of depth are not above 0; they were set to 0.001 m");
                 Ok(Outputs::one("depth", Depth { metres }))
             }
             Output::Depth | Output::DisparityShare | Output::DisparityPx => Ok(Outputs::one("depth", Depth { metres })),

@@ -22,14 +22,14 @@ impl Loaded {
             (None, _) if all.contains(&port) => Ok(port.to_owned()),
             (None, [only]) => Ok((*only).to_owned()),
             (None, _) => Err(Fault::new(format!("the network has no {what} `{port}`; it has {}", all.join(", ")))
-                .remedy(format!("say which {what} port `{port}` is: `name: {}`", all.first().unwrap_or(&"NAME")))),
+                .remedy(format!("name the {what} of port `{port}`: `name: {}`", all.first().unwrap_or(&"NAME")))),
         };
         let mut inputs: Vec<PoolInput> = Vec::with_capacity(params.ports.inputs.len());
         for (port, input) in &params.ports.inputs {
             let name = named("input", port, input.name.as_ref(), &given)?;
             if inputs.iter().any(|other| other.name == name) {
                 return Err(Fault::new(format!("two ports are input `{name}` of the network")).remedy(format!(
-                    "say which input port `{port}` is by its `name`; the network has {}",
+                    "name the input of port `{port}` with `name`; the network has {}",
                     given.join(", ")
                 )));
             }

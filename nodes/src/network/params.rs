@@ -8,17 +8,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::onnx::{Channels, Fit, PadAt, PadWith, Provider, Resize, TensorLayout};
 
-/// What an input port takes.
+/// Type of an input port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum InputType {
-    /// An image, grey or in colour as the network's input has one channel or three.
+    /// An image, grey or colour, depending on whether the network's input has one channel or three.
     Image,
     /// Depth, metres.
     Depth,
     /// Disparity, px.
     Disparity,
-    /// A weight in [0, 1].
+    /// A confidence in [0, 1].
     Weight,
     /// A mask: 1 where set, 0 elsewhere.
     Mask,
@@ -36,7 +36,7 @@ impl InputType {
     }
 }
 
-/// What an output port gives.
+/// Type of an output port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum OutputType {
@@ -44,7 +44,7 @@ pub(crate) enum OutputType {
     Depth,
     /// Disparity, px.
     Disparity,
-    /// A weight in [0, 1]: what lies outside becomes the nearest end.
+    /// A confidence in [0, 1]; values outside are clamped.
     Weight,
     /// A mask: set above 0.5.
     Mask,
@@ -61,11 +61,11 @@ impl OutputType {
     }
 }
 
-/// In what a depth is told.
+/// Whether a map is the value or its inverse.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Form {
-    /// As it is.
+    /// The value itself.
     #[default]
     Plain,
     /// 1 / value.
@@ -76,38 +76,38 @@ pub(crate) enum Form {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NetworkInput {
-    /// What it takes: `image`, `depth`, `disparity`, `weight` or `mask`.
+    /// Type of the values: `image`, `depth`, `disparity`, `weight` or `mask`.
     #[serde(rename = "type")]
     pub value_type: InputType,
-    /// The network's name for it; `null`: the port's, or the network's only one.
+    /// Name of the tensor in the network; `null` uses the name of the port, or the network's only one.
     #[serde(default)]
     pub name: Option<String>,
     /// Order of the tensor's axes.
     #[serde(default)]
     pub layout: TensorLayout,
-    /// Of an image: the order of its channels.
+    /// Images: order of the channels.
     #[serde(default)]
     pub channels: Channels,
-    /// Of an image: what white is before `mean` and `std`.
+    /// Images: value of white before `mean` and `std`; 1 (default) or 255.
     #[serde(default = "one")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub white: f64,
-    /// Of an image: subtracted from each channel, in the network's order.
+    /// Images: subtracted from each channel, in the network's channel order.
     #[serde(default)]
     pub mean: [f64; 3],
-    /// Of an image: each channel is then divided by this.
+    /// Images: divisor of each channel, after `mean`.
     #[serde(default = "ones")]
     pub std: [f64; 3],
-    /// Of a map: `plain`, or `inverse`, 1 / value.
+    /// Maps: `plain` (default) passes the value, `inverse` passes 1 / value.
     #[serde(default)]
     pub form: Form,
-    /// Of a map: it is multiplied by this, ...
+    /// Maps: factor on the value (or its inverse), before `offset`.
     #[serde(default = "one")]
     pub scale: f64,
-    /// ... and this is added.
+    /// Maps: added after `scale`.
     #[serde(default)]
     pub offset: f64,
-    /// Of a map: what the network sees where there is no answer.
+    /// Maps: number that the network sees at invalid pixels.
     #[serde(default)]
     pub missing: f64,
 }
@@ -116,25 +116,25 @@ pub(crate) struct NetworkInput {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NetworkOutput {
-    /// What it gives: `depth`, `disparity`, `weight` or `mask`.
+    /// Type of the values: `depth`, `disparity`, `weight` or `mask`.
     #[serde(rename = "type")]
     pub value_type: OutputType,
-    /// The network's name for it; `null`: the port's, or the network's only one.
+    /// Name of the tensor in the network; `null` uses the name of the port, or the network's only one.
     #[serde(default)]
     pub name: Option<String>,
     /// Order of the tensor's axes.
     #[serde(default)]
     pub layout: TensorLayout,
-    /// Of several maps the one to take: from 0, or -1 for the last.
+    /// Index of the map to use if the tensor holds several: from 0, or -1 for the last.
     #[serde(default)]
     pub head: Option<i64>,
-    /// The tensor is multiplied by this, ...
+    /// Factor on the tensor, before `offset`.
     #[serde(default = "one")]
     pub scale: f64,
-    /// ... this is added, ...
+    /// Added after `scale`.
     #[serde(default)]
     pub offset: f64,
-    /// ... and it is taken as it is (`plain`), or as 1 / value (`inverse`).
+    /// Applied last: `plain` (default) keeps the number, `inverse` uses 1 / number.
     #[serde(default)]
     pub form: Form,
 }
@@ -151,9 +151,11 @@ const fn ones() -> [f64; 3] {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct NetworkPorts {
-    /// Input ports; the port `model` comes by itself.
+    /// Input ports. The port `model` is added automatically.
+    #[schemars(extend("mandatory" = true))]
     pub inputs: BTreeMap<String, NetworkInput>,
     /// Output ports.
+    #[schemars(extend("mandatory" = true))]
     pub outputs: BTreeMap<String, NetworkOutput>,
 }
 
@@ -161,33 +163,35 @@ pub(crate) struct NetworkPorts {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct NetworkParams {
-    /// What goes in and out.
+    /// Input and output ports.
     pub ports: NetworkPorts,
-    /// How inputs come to the network's size: `pad` (no pixel is changed) or `resize` (disparities are scaled, there
-    /// and back).
+    /// How inputs are brought to the network's size: `pad` (no pixel is changed) or `resize` (disparities are scaled
+    /// with the width, in both directions).
     pub fit: Fit,
-    /// Columns and rows of what the network sees, px; `null`: what it fixes itself, else the inputs', made a
-    /// `multiple`.
+    /// Columns and rows of the network's inputs, px; `null` uses what the model fixes, else the size of the inputs,
+    /// rounded up to `multiple`.
     #[schemars(inner(range(min = 1, max = 16384)))]
     pub size: Option<[u32; 2]>,
-    /// What columns and rows are made a multiple of where nothing fixes them, px: the network's largest stride.
+    /// Columns and rows are rounded up to a multiple of this where nothing fixes them, px. Use the largest stride of
+    /// the network.
     #[schemars(range(min = 1, max = 1024))]
     pub multiple: u32,
     /// Where rows and columns are added: `bottom-right`, `top-right`, `top-left` or `centre`.
     pub pad_at: PadAt,
-    /// What is added: `edge`, the nearest pixel, or `zero`, in the normalised tensor.
+    /// Value of added pixels: `edge` (the nearest pixel), or `zero` in the normalised tensor.
     pub pad_with: PadWith,
-    /// How images are resized: `area` or `bilinear`; maps always bilinearly.
+    /// Interpolation of resized images: `area` or `bilinear` (default). Maps are always resized bilinearly.
     pub resize: Resize,
-    /// Whether a resized image is rounded to 8 bits; `area` always is.
+    /// Whether a resized image is rounded to 8 bits. `area` always rounds.
     pub round: bool,
-    /// Largest depth given, metres; `null` leaves depth uncapped.
+    /// Largest depth in the output, metres; `null` does not limit depth.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
-    /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
+    /// Hardware that runs the network: `cpu`, `cuda`, `tensorrt`, ... It is an error if this machine's ONNX Runtime
+    /// lacks it.
     pub provider: Provider,
-    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by
-    /// side. tract always has one.
+    /// Threads of ONNX Runtime per frame. More threads speed up one frame, not many frames, because frames run in
+    /// parallel. tract always uses one.
     #[schemars(range(min = 1, max = 256), extend("operational" = true))]
     pub threads: u32,
 }

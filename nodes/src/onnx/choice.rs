@@ -33,7 +33,7 @@ impl From<Missing> for NoEngine {
 /// The engine of this process; found once, the outcome kept.
 ///
 /// # Errors
-/// If there is none, or not the one that is asked for by name: what was looked at, and how to get one.
+/// Without an engine, or without the requested one: the places searched, and how to install one.
 pub fn find() -> Result<&'static Engine, Fault> {
     FOUND.get_or_init(choose).as_ref().map_err(|none| Fault::new(none.what.clone()).remedy(none.remedy))
 }
@@ -45,7 +45,7 @@ pub fn search_path() -> Vec<(&'static str, PathBuf)> {
     runtime::places()
 }
 
-/// The engine, if a network has asked for it.
+/// The engine, once a network needed it.
 #[must_use]
 pub fn in_use() -> Option<&'static Engine> {
     FOUND.get().and_then(|found| found.as_ref().ok())
@@ -85,6 +85,6 @@ fn tract(found_by: &'static str, instead_of: Option<String>, refused: Vec<String
 
 #[cfg(not(feature = "tract"))]
 fn tract(_: &'static str, _: Option<String>, _: Vec<String>) -> Result<Engine, NoEngine> {
-    let what = format!("{VARIABLE} asks for tract, and this program was built without it");
+    let what = format!("{VARIABLE} selects tract, but this program was built without it");
     Err(NoEngine { what, remedy: "build it with the cargo feature `tract`, which is on by default" })
 }

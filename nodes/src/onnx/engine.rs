@@ -21,7 +21,7 @@ pub struct Engine {
     pub name: &'static str,
     /// Its version, as far as its build tells: `1.31.1`.
     pub version: String,
-    /// What it says of its build: branch, commit, compiler flags.
+    /// Its build information: branch, commit, compiler flags.
     pub build: &'static str,
     /// The library it was loaded from; tract is part of the program.
     pub library: Option<PathBuf>,
@@ -87,7 +87,7 @@ impl Engine {
     pub fn providers(&self) -> Vec<Provider> {
         let offered = |provider: &Provider| match provider {
             Provider::Cpu => true,
-            // Only ONNX Runtime may be asked.
+            // Only ONNX Runtime was requested.
             other => !self.is_tract() && other.is_in_library().unwrap_or(false),
         };
         Provider::ALL.into_iter().filter(offered).collect()
@@ -102,7 +102,7 @@ impl Engine {
     /// Whether it offers a provider.
     ///
     /// # Errors
-    /// If it does not: what it offers, and where others come from.
+    /// If it does not: its providers, and how to install others.
     pub fn offers(&self, provider: Provider) -> Result<(), Fault> {
         let offered = self.providers();
         if offered.contains(&provider) {
@@ -110,16 +110,16 @@ impl Engine {
         }
         let names: Vec<&str> = offered.iter().map(|provider| provider.name()).collect();
         let at = self.library.as_ref().map(|path| format!(" at {}", path.display())).unwrap_or_default();
-        let (title, asked) = (self.title(), provider.name());
-        let remedy = if self.is_tract() { "only ONNX Runtime has it: take `provider: cpu`, or " } else { "" };
-        Err(Fault::new(format!("{title}{at} has no provider `{asked}`; it has {}", names.join(", ")))
+        let (title, requested) = (self.title(), provider.name());
+        let remedy = if self.is_tract() { "only ONNX Runtime has it: use `provider: cpu`, or " } else { "" };
+        Err(Fault::new(format!("{title}{at} has no provider `{requested}`; it has {}", names.join(", ")))
             .remedy(format!("{remedy}{}", provider.remedy())))
     }
 
-    /// Loads what a provider needs of this machine, so that what is missing is found before any frame.
+    /// Loads the libraries that a provider needs, so that missing ones are reported before any frame.
     ///
     /// # Errors
-    /// If the engine has no such provider, or the machine not what it needs.
+    /// If the engine lacks this provider, or the machine lacks its libraries.
     pub fn prepare(&self, provider: Provider) -> Result<(), Fault> {
         self.offers(provider)?;
         self.environment.as_ref().map_or(Ok(()), |environment| self.builder(environment, provider, 1).map(|_| ()))
@@ -158,7 +158,7 @@ impl Engine {
     ) -> Fault {
         let remedy = "`model` expects an ONNX file, or the output of a learning stage";
         let of_tract = "; tract lacks some operators that ONNX Runtime has (`pip install onnxruntime`)";
-        Fault::new(format!("the {} bytes of the model are none that {} can load", model.len(), self.title()))
+        Fault::new(format!("the {} bytes of the model cannot be loaded by {}", model.len(), self.title()))
             .because(error)
             .remedy(format!("{remedy}{}", if self.is_tract() { of_tract } else { "" }))
     }
@@ -178,10 +178,10 @@ impl Engine {
         let builder =
             options().map_err(|error| Fault::new(format!("{} refused a session", self.title())).because(error))?;
         provider.register(builder, environment, threads).map_err(|error| {
-            let (title, asked) = (self.title(), provider.name());
-            Fault::new(format!("{title} could not start its provider `{asked}`"))
-                .because(error)
-                .remedy("see that its driver and libraries are there and found by the loader, or take `provider: cpu`")
+            let (title, requested) = (self.title(), provider.name());
+            Fault::new(format!("{title} could not start its provider `{requested}`")).because(error).remedy(
+                "check that its driver and libraries are installed and found by the loader, or use `provider: cpu`",
+            )
         })
     }
 

@@ -1,4 +1,4 @@
-//! How a frame's images come to the size a network takes, and its maps back to theirs.
+//! Brings a frame's images to the size of a network, and its maps back to the size of the images.
 
 use depthloom_graphs::Fault;
 use depthloom_kernels::memory::{TooMuch, zeros};
@@ -6,14 +6,14 @@ use depthloom_kernels::resize::bilinear_f32;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How images come to the network's size.
+/// How images are brought to the network's size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Fit {
-    /// Rows and columns are added and taken away again: no pixel is changed.
+    /// Rows and columns are added before and removed after: no pixel is changed.
     #[default]
     Pad,
-    /// They are resized, and maps are resized back; disparities grow and shrink with the width.
+    /// Images are resized, and maps are resized back; disparities are scaled with the width.
     Resize,
 }
 
@@ -24,15 +24,15 @@ pub(crate) enum PadAt {
     /// Below and to the right.
     #[default]
     BottomRight,
-    /// Above and to the right: PSMNet's and its followers'.
+    /// Above and to the right (PSMNet and its successors).
     TopRight,
     /// Above and to the left.
     TopLeft,
-    /// Half on each side, the odd one below or to the right: RAFT-Stereo's.
+    /// Half on each side, the odd one below or to the right (RAFT-Stereo).
     Centre,
 }
 
-/// What is added.
+/// Value of added pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum PadWith {
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_added_is_the_nearest_pixel_and_is_taken_away_again() {
+    fn padding_repeats_the_nearest_pixel_and_is_removed() {
         let plane = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
         let (a, b) = ([1.0, 2.0, 3.0, 3.0], [4.0, 5.0, 6.0, 6.0]);
         let left = ([1.0, 1.0, 2.0, 3.0], [4.0, 4.0, 5.0, 6.0]);
@@ -236,8 +236,8 @@ mod tests {
     }
 
     #[test]
-    fn a_small_map_is_spread_over_what_the_network_saw() {
-        // Half the size: an even slope stays one, but for the edges.
+    fn a_small_map_is_enlarged_to_the_input_of_the_network() {
+        // Half the size: a linear slope stays linear, except at the edges.
         let fitted = Fitted::new((4, 4), OPEN, Fit::Pad, PadAt::Centre).expect("it fits");
         let map = fitted.map_back(vec![0.0, 2.0, 0.0, 2.0], (2, 2)).expect("memory");
         assert_eq!(map[..4], [0.0, 0.5, 1.5, 2.0]);

@@ -1,9 +1,9 @@
-//! Two answers of a network, to the image and to its mirror image, made one.
+//! Merges two outputs of a network: for the image and for its mirror image.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Whether the network sees the mirrored image too, and how both answers are joined.
+/// Whether the network also sees the mirrored image, and how both outputs are merged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Flip {
@@ -12,10 +12,11 @@ pub(crate) enum Flip {
     None,
     /// The mean of both.
     Mean,
-    /// The mean of both; towards the left edge the mirrored answer, towards the right edge the plain one. Of the
-    /// outermost 5 % of the columns one answer alone counts, of the next 5 % more and more of the mean: the
-    /// post-processing of Godard et al., "Unsupervised monocular depth estimation with left-right consistency",
-    /// CVPR 2017. Networks that learned from stereo pairs see least at the edge that only one camera saw.
+    /// The mean of both, except near the edges: towards the left edge the mirrored output is used, towards the right
+    /// edge the plain one. In the outermost 5 % of the columns only that output counts; in the next 5 % it is blended
+    /// with the mean. This is the post-processing of Godard et al., "Unsupervised monocular depth estimation with
+    /// left-right consistency", CVPR 2017. Networks trained on stereo pairs are worst at the edge that only one
+    /// camera saw.
     Godard,
 }
 
@@ -72,15 +73,15 @@ mod tests {
     }
 
     #[test]
-    fn the_mirrored_answer_is_mirrored_back() {
+    fn the_mirrored_output_is_mirrored_back() {
         let mut plain = [1.0, 2.0, 3.0];
         Flip::Mean.join(&mut plain, &[7.0, 5.0, 3.0], 3);
         assert_eq!(plain, [2.0, 3.5, 5.0]);
     }
 
     #[test]
-    fn godards_ramps_give_each_edge_to_the_answer_that_saw_it() {
-        // 41 columns: one is a fortieth of the width. 1 is the plain answer, 0 the mirrored one.
+    fn godards_ramps_use_at_each_edge_the_output_that_saw_it() {
+        // 41 columns: one is a fortieth of the width. 1 is the plain output, 0 the mirrored one.
         let shares = joined(Flip::Godard, 41);
         for (column, expected) in
             [(0, 0.0), (2, 0.0), (3, 0.25), (4, 0.5), (20, 0.5), (36, 0.5), (37, 0.75), (38, 1.0), (40, 1.0)]
@@ -90,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_42_one_of_two_opinions_that_is_no_number_leaves_the_other() {
+    fn fault_42_if_one_of_two_outputs_is_nan_the_other_is_used() {
         for flip in [Flip::Mean, Flip::Godard] {
             let mut plain = [f32::NAN, 2.0, f32::INFINITY];
             flip.join(&mut plain, &[f32::NAN, f32::NEG_INFINITY, 3.0], 3);

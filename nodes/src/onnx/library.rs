@@ -1,4 +1,4 @@
-//! Checks a library before the crate `ort` loads it: `ort` takes one library per process, and calls unwritten memory
+//! Checks a library before the crate `ort` loads it: `ort` loads one library per process, and calls unwritten memory
 //! after
 //! it has refused one.
 #![expect(
@@ -29,18 +29,18 @@ pub(crate) fn check(path: &Path) -> Result<(), String> {
         let why = error.source().map_or_else(|| error.to_string(), ToString::to_string);
         refused(format!("does not load ({why})"))
     })?;
-    // Never unloaded: a library may have left something behind that runs at the process's end.
+    // Never unloaded: a library may have registered code that runs at the end of the process.
     let library = ManuallyDrop::new(library);
     // SAFETY: ONNX Runtime's header declares this function with this type, and no other library has one of its name.
     let entry = unsafe { library.get::<GetApiBase>(b"OrtGetApiBase\0") };
     let entry = entry.map_err(|_| refused("exports no OrtGetApiBase: it is not an ONNX Runtime".to_owned()))?;
-    // SAFETY: as its header says, the function takes nothing and gives null or a table that stays for ever.
+    // SAFETY: as its header says, the function takes no arguments and returns null or a table with static lifetime.
     let base = unsafe { entry().as_ref() };
-    let base = base.ok_or_else(|| refused("gives no table of its interfaces".to_owned()))?;
-    // SAFETY: as its header says, the table's functions may be called at any time; the text stays for ever.
+    let base = base.ok_or_else(|| refused("returns no table of interfaces".to_owned()))?;
+    // SAFETY: as its header says, the table's functions may be called at any time; the text has static lifetime.
     let version = unsafe { (base.GetVersionString)() };
     if version.is_null() {
-        return Err(refused("does not tell its version".to_owned()));
+        return Err(refused("does not report its version".to_owned()));
     }
     // SAFETY: it is not null, and its header promises a text that ends with a zero.
     let version = unsafe { CStr::from_ptr(version) }.to_string_lossy();
@@ -53,7 +53,7 @@ pub(crate) fn check(path: &Path) -> Result<(), String> {
     let api = unsafe { (base.GetApi)(ort::sys::ORT_API_VERSION) };
     if api.is_null() {
         return Err(refused(format!(
-            "says that it is ONNX Runtime {version}, without the interface of 1.{MINOR_VERSION}"
+            "reports to be ONNX Runtime {version}, without the interface of 1.{MINOR_VERSION}"
         )));
     }
     Ok(())
@@ -64,12 +64,12 @@ mod tests {
     use super::check;
 
     #[test]
-    fn what_is_no_library_at_all_is_refused_by_name() {
+    fn a_file_that_is_not_a_library_is_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("libonnxruntime.so");
         std::fs::write(&path, "<html>404</html>".repeat(100)).unwrap();
-        let told = check(&path).unwrap_err();
-        assert!(told.contains("libonnxruntime.so does not load"), "{told}");
-        assert!(!cfg!(target_os = "linux") || told.contains("invalid ELF header"), "{told}");
+        let error = check(&path).unwrap_err();
+        assert!(error.contains("libonnxruntime.so does not load"), "{error}");
+        assert!(!cfg!(target_os = "linux") || error.contains("invalid ELF header"), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! What an ONNX file declares, read without an engine: inputs, outputs, metadata, sizes, files beside it.
+//! What an ONNX file declares, read without an engine: inputs, outputs, metadata, sizes, external files.
 //!
 //! So both engines refuse the same models, in the same words, before they see a byte. The elements of weights are
 //! skipped in reading.
@@ -58,14 +58,14 @@ impl Declared {
     }
 
     pub(crate) fn metadata(&self, name: &str) -> Option<&str> {
-        self.metadata.iter().find(|said| said.key == name).map(|said| said.value.as_str())
+        self.metadata.iter().find(|entry| entry.key == name).map(|entry| entry.value.as_str())
     }
 }
 
-/// All that an ONNX file says of itself, for a person to look at.
+/// Description of an ONNX file, for display.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Description {
-    /// Who wrote it: `pytorch 2.9.1`; empty where it does not say.
+    /// The exporter: `pytorch 2.9.1`; empty if not stated.
     pub producer: String,
     /// The version of the file's form.
     pub ir_version: i64,
@@ -73,11 +73,11 @@ pub struct Description {
     pub opsets: Vec<(String, i64)>,
     /// What must be fed.
     pub inputs: Vec<Tensor>,
-    /// What it gives.
+    /// Its outputs.
     pub outputs: Vec<Tensor>,
-    /// What it says of itself, by name.
+    /// Metadata, by name.
     pub metadata: Vec<(String, String)>,
-    /// How often each operator stands in it.
+    /// Number of uses of each operator.
     pub operators: BTreeMap<String, u64>,
     /// Numbers in its weights.
     pub parameters: u64,

@@ -30,7 +30,7 @@ impl Network {
         if let (None, [_, other, ..]) = (&params.input_name, &inputs[..]) {
             return Err(Fault::new(format!("the network has several inputs ({}, {}, ...)", input.name, other.name))
                 .remedy(
-                    "`mono/onnx` runs networks of one image; `stereo/onnx` takes two, `onnx` whatever its ports say",
+                    "`mono/onnx` runs networks of one image; use `stereo/onnx` for two images, `onnx` for other inputs",
                 ));
         }
         let axes = image_axes(input, params)?;
@@ -44,7 +44,7 @@ impl Network {
                 input.name
             );
             return Err(Fault::new(what).remedy(
-                "give `size: [width, height]`, or `multiple` (14 or 32, as the network was trained), to which the image's own size is raised",
+                "set `size: [width, height]`, or `multiple` (14 or 32, depending on the network), to which the size of the image is rounded up",
             ));
         }
         let output = map_output(outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;
@@ -99,7 +99,7 @@ impl Network {
     }
 
     fn maps(&self, pool: &Pool, tensor: &[f32], of_image: (usize, usize)) -> Result<Maps, Fault> {
-        let given = pool.run(&[tensor])?.pop().ok_or_else(|| Fault::new("the network gave nothing"))?;
+        let given = pool.run(&[tensor])?.pop().ok_or_else(|| Fault::new("the network returned no output"))?;
         let batch = (self.input().images, of_image);
         map_of(given, &self.pools.outputs[0], batch, self.params.head, self.params.layout)
     }
@@ -114,7 +114,7 @@ impl Network {
         TooMuch::check(bytes_of(&[width, height], image + tensors)).map_err(too_large).map_err(|fault| {
             Fault::new(format!("the network's image is {width}x{height}"))
                 .because(fault)
-                .remedy("export the model for a smaller image, or say which by a smaller `size`")
+                .remedy("export the model for a smaller image, or set a smaller `size`")
         })
     }
 }
@@ -124,16 +124,16 @@ const MEANING: &str = "depthloom.output";
 
 /// The parameter wins over the model's metadata, unless they contradict each other.
 fn meaning(declared: &Declared, params: &OnnxParams) -> Result<Output, Fault> {
-    let Some(said) = declared.metadata(MEANING) else { return Ok(params.output.unwrap_or_default()) };
-    let of_model = serde_json::from_value(said.into()).map_err(|_| {
-        Fault::new(format!("the network says that its output is `{said}`, which is nothing known here"))
+    let Some(stated) = declared.metadata(MEANING) else { return Ok(params.output.unwrap_or_default()) };
+    let of_model = serde_json::from_value(stated.into()).map_err(|_| {
+        Fault::new(format!("the metadata of the network state the output `{stated}`, which is not supported"))
             .remedy("a newer version of this program may have written it")
     })?;
     match params.output {
-        Some(asked) if asked != of_model => {
-            Err(Fault::new(format!("the network says that its output is `{said}`; `output` says otherwise"))
-                .remedy("leave `output` out"))
-        }
+        Some(requested) if requested != of_model => Err(Fault::new(format!(
+            "the metadata of the network state the output `{stated}`, which contradicts `output`"
+        ))
+        .remedy("leave `output` out")),
         _ => Ok(of_model),
     }
 }
@@ -182,6 +182,6 @@ fn check_output(output: &Outlet) -> Result<(), Fault> {
         Some((other, _)) => other.to_string(),
         None => "no tensor".to_owned(),
     };
-    Err(Fault::new(format!("output `{}` of the network holds {holds}, where f32, f16 or f64 is wanted", output.name))
+    Err(Fault::new(format!("output `{}` of the network holds {holds}, expected f32, f16 or f64", output.name))
         .remedy("name another output by `output_name`, or export the model with an output of f32 values"))
 }

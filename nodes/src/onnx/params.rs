@@ -11,10 +11,10 @@ use super::provider::Provider;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum TensorLayout {
-    /// Batch, channels, rows, columns: PyTorch's.
+    /// Batch, channels, rows, columns (PyTorch).
     #[default]
     Nchw,
-    /// Batch, rows, columns, channels: TensorFlow's.
+    /// Batch, rows, columns, channels (TensorFlow).
     Nhwc,
 }
 
@@ -51,16 +51,17 @@ pub(crate) enum Resize {
 
 pub(crate) fn check_preprocessing(std: [f64; 3], resize: Resize, round: bool) -> Result<(), (&'static str, String)> {
     if std.contains(&0.0) {
-        return Err(("std", "std must not be 0: every channel is divided by it".to_owned()));
+        return Err(("std", "std contains 0: every channel is divided by `std`".to_owned()));
     }
     check_resize(resize, round)
 }
 
 pub(crate) fn check_resize(resize: Resize, round: bool) -> Result<(), (&'static str, String)> {
     match (resize, round) {
-        (Resize::Area, false) => {
-            Err(("round", "resize: area always rounds to 8 bits; round: false goes with resize: bilinear".to_owned()))
-        }
+        (Resize::Area, false) => Err((
+            "round",
+            "round is false, but `resize: area` always rounds to 8 bits; use `resize: bilinear`".to_owned(),
+        )),
         _ => Ok(()),
     }
 }
@@ -69,10 +70,10 @@ pub(crate) fn check_resize(resize: Resize, round: bool) -> Result<(), (&'static 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Output {
-    /// Disparity as a share of the image's width.
+    /// Disparity divided by the image's width.
     #[default]
     DisparityShare,
-    /// Disparity in pixels of the network's own input.
+    /// Disparity in pixels of the network's input.
     DisparityPx,
     /// 1 / depth, 1/m.
     InverseDepth,
@@ -88,50 +89,52 @@ pub(crate) struct OnnxParams {
     pub layout: TensorLayout,
     /// Order of the input's channels: `rgb` or `bgr`.
     pub channels: Channels,
-    /// What white is before `mean` and `std`: 1, or 255 of networks that take bytes.
+    /// Value of white before `mean` and `std`: 1 (default), or 255 for networks that take bytes.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub white: f64,
-    /// Subtracted from each channel, in the network's order of channels.
+    /// Subtracted from each channel, in the network's channel order.
     pub mean: [f64; 3],
-    /// Each channel is then divided by this.
+    /// Divisor of each channel, after `mean`.
     pub std: [f64; 3],
-    /// How the image comes to the network's size: `resize`, or `pad` (rows and columns are added below and to the
-    /// right, and no pixel is changed).
+    /// How the image is brought to the size of the network: `resize`, or `pad` (adds rows below and columns at the
+    /// right; no pixel is changed).
     pub fit: Fit,
-    /// Columns and rows of the network's image, px; `null`: the network says it itself, or `multiple`.
+    /// Columns and rows of the network's input, px; `null` uses the size that the model fixes, else `multiple`.
     #[schemars(inner(range(min = 1, max = 16384)))]
     pub size: Option<[u32; 2]>,
-    /// Where neither the network nor `size` fixes columns and rows: the image's own are raised to a multiple of this,
-    /// px. 14 of networks with patches of 14 px; `null`: such a network needs a `size`.
+    /// Used if neither the model nor `size` fixes the size: columns and rows of the image are rounded up to a
+    /// multiple of this, px. Use 14 for networks with patches of 14 px. With `null` such a network needs `size`.
     #[schemars(range(min = 1, max = 1024))]
     pub multiple: Option<u32>,
-    /// How the image is resized, where it is: `area` or `bilinear`.
+    /// Interpolation if the image is resized: `area` or `bilinear`. The default differs between kinds: `area` for
+    /// `mono/onnx`, `bilinear` for `stereo/onnx` and `onnx`.
     pub resize: Resize,
-    /// Whether the resized image is rounded to 8 bits; `area` always is.
+    /// Whether the resized image is rounded to 8 bits. `area` always rounds, so `false` requires `resize: bilinear`.
     pub round: bool,
-    /// Name of the network's input; `null`: its only one.
+    /// Name of the network's input; `null` uses the only one.
     pub input_name: Option<String>,
-    /// Name of the network's output; `null`: the first whose shape can be that of a map.
+    /// Name of the network's output; `null` uses the first whose shape is that of a map.
     pub output_name: Option<String>,
-    /// Of an output that holds several maps (heads, channels) the one to take: from 0, or -1 for the last.
+    /// Index of the map to use if an output holds several (heads, channels): from 0, or -1 for the last.
     pub head: Option<i64>,
-    /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`; `null`: what the model
-    /// says of itself (those of `learn/ssl` do), else `disparity-share`.
+    /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth` or `depth`. `null` uses what the
+    /// model's metadata state (networks trained by `learn/ssl` do), else `disparity-share`.
     pub output: Option<Output>,
-    /// The output is multiplied by this first.
+    /// Factor on the output, applied before `output` interprets it (`scale` in the ports of `onnx`).
     pub output_scale: f64,
-    /// Smallest disparity taken, px of the image; smaller ones are raised to it.
+    /// Smallest disparity, px of the image; smaller ones are raised to it.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub floor_px: f64,
-    /// Largest depth given, metres, before any scaling; `null` leaves depth uncapped.
+    /// Largest depth in the output, metres, applied before any scaling; `null` does not limit depth.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
-    /// Whether the network sees the mirrored image too, and how both answers are joined: `none`, `mean` or `godard`.
+    /// Whether the network also sees the mirrored image, and how both outputs are merged: `none`, `mean` or `godard`.
     pub flip: Flip,
-    /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
+    /// Hardware that runs the network: `cpu`, `cuda`, `tensorrt`, ... It is an error if this machine's ONNX Runtime
+    /// lacks it.
     pub provider: Provider,
-    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by
-    /// side. tract always has one.
+    /// Threads of ONNX Runtime per frame. More threads speed up one frame, not many frames, because frames run in
+    /// parallel. tract always uses one.
     #[schemars(range(min = 1, max = 256), extend("operational" = true))]
     pub threads: u32,
 }

@@ -114,7 +114,7 @@ pub(crate) struct Pool {
     provider: Provider,
     threads: usize,
     binding: Binding,
-    // A session's `run` is not safe to share: every worker in it has a session of its own, given back for the next.
+    // A session's `run` is not thread-safe: every worker borrows a separate session and returns it afterwards.
     sessions: Mutex<Vec<EngineSession>>,
 }
 

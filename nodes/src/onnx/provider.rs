@@ -8,35 +8,35 @@ use ort::session::builder::SessionBuilder;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// On what a network runs.
+/// Hardware that runs a network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Provider {
-    /// The processor; every engine has it.
+    /// The CPU; every engine has it.
     #[default]
     Cpu,
-    /// NVIDIA's GPUs, through CUDA and cuDNN.
+    /// NVIDIA GPUs, through CUDA and cuDNN.
     Cuda,
-    /// NVIDIA's GPUs, through TensorRT; what it lacks runs through CUDA.
+    /// NVIDIA GPUs, through TensorRT; operators that it lacks run on CUDA.
     TensorRt,
-    /// AMD's GPUs, through `MIGraphX`.
+    /// AMD GPUs, through `MIGraphX`.
     MiGraphX,
-    /// Intel's processors, GPUs and NPUs, through `OpenVINO`.
+    /// Intel CPUs, GPUs and NPUs, through `OpenVINO`.
     OpenVino,
-    /// Intel's processors, through oneDNN.
+    /// Intel CPUs, through oneDNN.
     OneDnn,
-    /// Any GPU under Windows.
+    /// Any GPU on Windows.
     DirectMl,
-    /// Apple's processors, GPUs and Neural Engine.
+    /// Apple CPUs, GPUs and Neural Engine.
     CoreMl,
-    /// Qualcomm's NPUs.
+    /// Qualcomm NPUs.
     Qnn,
-    /// ARM's and other processors, through XNNPACK.
+    /// ARM and other CPUs, through XNNPACK.
     XnnPack,
 }
 
 impl Provider {
-    /// All of them, the processor first.
+    /// All providers, the CPU first.
     pub const ALL: [Self; 10] = [
         Self::Cpu,
         Self::Cuda,
@@ -50,7 +50,7 @@ impl Provider {
         Self::XnnPack,
     ];
 
-    /// Its name as a parameter.
+    /// The name in parameters.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -74,13 +74,13 @@ impl Provider {
             Self::Cpu => "every build has it",
             Self::Cuda | Self::TensorRt => {
                 "install a build that has it (`pip install onnxruntime-gpu` in a virtual environment without the package onnxruntime) \
-                 and name its library by ORT_DYLIB_PATH, or take `provider: cpu`"
+                 and name its library by ORT_DYLIB_PATH, or use `provider: cpu`"
             }
             Self::OpenVino => {
                 "install a build that has it (`pip install onnxruntime-openvino` in a virtual environment without the package onnxruntime) \
-                 and name its library by ORT_DYLIB_PATH, or take `provider: cpu`"
+                 and name its library by ORT_DYLIB_PATH, or use `provider: cpu`"
             }
-            _ => "name the library of a build that has it by ORT_DYLIB_PATH, or take `provider: cpu`",
+            _ => "name the library of a build that has it by ORT_DYLIB_PATH, or use `provider: cpu`",
         }
     }
 

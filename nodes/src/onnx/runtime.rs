@@ -44,7 +44,7 @@ pub(crate) fn load() -> Result<Engine, Missing> {
     for (found_by, folder) in places() {
         for path in libraries(&folder) {
             match library::check(&path) {
-                // `ort` takes one library a process: whatever it says to this one is the last word.
+                // `ort` loads one library per process: its result for this one is final.
                 Ok(()) => match open(path, found_by, refused.clone()) {
                     Ok(engine) => return Ok(engine),
                     Err(what) => {
@@ -107,7 +107,7 @@ fn environments_of(path: &OsStr) -> Vec<PathBuf> {
 fn open(path: PathBuf, found_by: &'static str, refused: Vec<String>) -> Result<Engine, String> {
     let environment = ort::init_from(&path).map_err(|error| error.to_string())?;
     let environment = environment.with_name("depthloom").with_telemetry(false).build().map_err(|e| e.to_string())?;
-    // What it has to say to its developers would tear progress bars apart; failures come back as errors.
+    // Its log messages for developers would disturb progress bars; failures are returned as errors.
     environment.set_log_level(LogLevel::Error);
     let version = version(&path, ort::info());
     Ok(Engine::of_library(path, found_by, version, environment, refused))
@@ -129,7 +129,7 @@ fn in_python(root: &Path) -> Vec<PathBuf> {
     std::iter::once(root.join("Lib").join(package)).chain(versions).filter(|folder| folder.is_dir()).collect()
 }
 
-/// Without the provider plug-ins beside it.
+/// Without the provider plug-ins in its folder.
 fn libraries(folder: &Path) -> Vec<PathBuf> {
     let is_library = |path: &PathBuf| {
         let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn the_version_is_told_by_the_file_or_the_branch() {
+    fn the_version_comes_from_the_file_or_the_branch() {
         let build = "ORT Build Info: git-branch=rel-1.30.2, git-commit-id=abc";
         assert_eq!(version(Path::new("/none/libonnxruntime.so.1.31.1"), build), "1.31.1");
         assert_eq!(version(Path::new("/none/libonnxruntime.so"), build), "1.30.2");

@@ -1,4 +1,4 @@
-//! A model in an engine: what it takes and gives, and one run of it.
+//! A model in an engine: its inputs and outputs, and one run.
 
 use std::borrow::Cow;
 use std::error::Error;

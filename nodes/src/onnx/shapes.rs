@@ -1,4 +1,4 @@
-//! What the shapes of a network's inputs and outputs say: batch, channels, rows, columns; one map or several.
+//! Interprets the shapes of a network's inputs and outputs: batch, channels, rows, columns; one map or several.
 
 use depthloom_graphs::Fault;
 
@@ -29,10 +29,8 @@ pub(crate) fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault
         return Err(Fault::new(format!("input `{name}` of the network is not a tensor")));
     };
     let Some(element) = Element::from_ort(*element) else {
-        return Err(Fault::new(format!(
-            "input `{name}` of the network holds {element}, where f32, f16 or u8 is wanted"
-        ))
-        .remedy("export the model with an input of f32 values"));
+        return Err(Fault::new(format!("input `{name}` of the network holds {element}, expected f32, f16 or u8"))
+            .remedy("export the model with an input of f32 values"));
     };
     let wrong = || {
         let order = layout.axes();
@@ -46,7 +44,7 @@ pub(crate) fn planes(input: &Outlet, layout: TensorLayout) -> Result<Axes, Fault
         | (&[batch, height, width, channels], TensorLayout::Nhwc) => (batch, channels, height, width),
         _ => return Err(wrong()),
     };
-    // An open number of channels beside rows or columns that are as many as channels are: the other layout is meant.
+    // The number of channels is open, and rows or columns are 1 or 3: the model has the other layout.
     let is_other = shape.len() == 4 && channels == -1 && [height, width].iter().any(|side| (1..=6).contains(side));
     if is_other || [batch, channels, height, width].contains(&0) {
         return Err(wrong());
@@ -80,16 +78,16 @@ impl Axes {
 }
 
 /// The inputs decide, then the experiment, then the multiple.
-pub(crate) fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: u32) -> Result<Sizes, Fault> {
-    let side = |what: &str, of: fn(&Axes) -> Option<usize>, asked: Option<u32>| {
-        let mut found = asked.map(|side| side as usize).map(|side| ("`size`", side));
+pub(crate) fn sizes(inputs: &[(&str, Axes)], requested: Option<[u32; 2]>, multiple: u32) -> Result<Sizes, Fault> {
+    let side = |what: &str, of: fn(&Axes) -> Option<usize>, requested: Option<u32>| {
+        let mut found = requested.map(|side| side as usize).map(|side| ("`size`", side));
         for (name, axes) in inputs {
             match (of(axes), found) {
                 (Some(fixed), Some((other, side))) if side != fixed => {
                     return Err(Fault::new(format!(
                         "{other} has {side} {what}, and input `{name}` of the network takes {fixed}"
                     ))
-                    .remedy("leave `size` out: the network says it itself"));
+                    .remedy("remove `size`: the network fixes it"));
                 }
                 (Some(fixed), _) => found = Some((name, fixed)),
                 (None, _) => {}
@@ -98,8 +96,8 @@ pub(crate) fn sizes(inputs: &[(&str, Axes)], asked: Option<[u32; 2]>, multiple: 
         Ok(found.map(|(_, side)| side))
     };
     Ok(Sizes {
-        width: side("columns", |axes| axes.width, asked.map(|size| size[0]))?,
-        height: side("rows", |axes| axes.height, asked.map(|size| size[1]))?,
+        width: side("columns", |axes| axes.width, requested.map(|size| size[0]))?,
+        height: side("rows", |axes| axes.height, requested.map(|size| size[1]))?,
         multiple: multiple as usize,
     })
 }
@@ -196,7 +194,7 @@ pub(crate) struct Maps {
 pub(super) struct Place {
     /// Columns and rows of a map.
     size: (usize, usize),
-    /// Maps per image, and the one that is taken.
+    /// Maps per image, and the one that is used.
     heads: usize,
     chosen: usize,
     /// Maps that are interleaved pixel by pixel (channels last).
@@ -362,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn of_several_maps_the_head_is_taken() {
+    fn head_selects_one_of_several_maps() {
         let first = |shape: &[i64], batch, image, head, layout| {
             map_of(given(shape), "out", (batch, image), Some(head), layout)
                 .map(|maps| maps.values)

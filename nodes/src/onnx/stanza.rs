@@ -93,10 +93,10 @@ fn refusal(model: &Description) -> Option<String> {
     None
 }
 
-/// The kind that takes such inputs, and a node of it.
+/// The kind for such inputs, and a node of this kind.
 ///
 /// # Errors
-/// Why there is none.
+/// Why the model cannot be run.
 pub fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String), String> {
     if let Some(why) = refusal(model) {
         return Err(why);
@@ -109,7 +109,7 @@ pub fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String)
     // A network of one size sees images of any other resized.
     let is_of_one_size = model.inputs.iter().all(|input| input.shape.iter().skip(1).all(|side| *side > 0));
     let fit = if is_of_one_size { "fit: resize" } else { "multiple: 32" };
-    // Images of bytes are given as they are, those of numbers from 0 to 1.
+    // Byte inputs get the pixels unchanged, float inputs numbers from 0 to 1.
     let white = if model.inputs.iter().any(|input| input.element == "u8") { ", white: 255" } else { "" };
     match (&seen[..], &model.inputs[..]) {
         ([Some((1 | 3, last))], [input]) => {

@@ -39,16 +39,16 @@ impl TractSession {
 
     pub(crate) fn prepare(&mut self, binding: &Binding) -> Result<(), String> {
         let plan = caught(|| {
-            // Sizes that the model leaves open are known here; what it says of them within is left to follow from the
-            // inputs'.
+            // The sizes that the model leaves open are known here; sizes stated for values within the model are ignored
+            // and follow from those of the inputs.
             let parsed = tract_onnx::onnx().with_ignore_value_info(true).parse(&self.model, None)?;
             let mut graph = parsed.model;
             let found = |name: &String| {
                 let outlet = parsed.outlets_by_name.get(name.as_str()).copied();
-                outlet.ok_or_else(|| TractError::msg(format!("nothing gives `{name}`")))
+                outlet.ok_or_else(|| TractError::msg(format!("no node outputs `{name}`")))
             };
             if let Some(name) = parsed.unresolved_inputs.first() {
-                return Err(TractError::msg(format!("nothing gives `{name}`")));
+                return Err(TractError::msg(format!("no node outputs `{name}`")));
             }
             let inputs: Vec<_> = binding.inputs.iter().map(|feed| found(&feed.name)).collect::<TractResult<_>>()?;
             graph.set_input_outlets(&inputs)?;
@@ -58,7 +58,7 @@ impl TractSession {
             let outputs: Vec<_> = binding.outputs.iter().map(found).collect::<TractResult<_>>()?;
             graph.select_output_outlets(&outputs)?;
             let graph = graph.into_typed()?;
-            // Sizes that follow from others are known now, and none of it is there yet.
+            // Dependent sizes are known now, and nothing is allocated yet.
             for fact in graph.nodes.iter().flat_map(|node| &node.outputs).map(|outlet| &outlet.fact) {
                 let sides = fact.shape.as_concrete().unwrap_or_default();
                 TooMuch::check(bytes_of(sides, fact.datum_type.size_of())).map_err(TractError::new)?;
@@ -96,7 +96,7 @@ impl TractSession {
     }
 }
 
-/// Names unnamed nodes, which ONNX allows: tract takes nodes with equal names for one.
+/// Names unnamed nodes, which ONNX allows: tract treats nodes with equal names as one.
 fn name_nodes(model: &mut ModelProto) {
     for (index, node) in model.graph.iter_mut().flat_map(|graph| &mut graph.node).enumerate() {
         if node.name.is_empty() {
@@ -150,10 +150,10 @@ fn datum_type(element: Element) -> DatumType {
 }
 
 fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, String> {
-    // What a panic may leave half-done is a plan or a run of its own, and dropped.
+    // A panic can only leave an incomplete plan or run, which is dropped.
     match depthloom_threads::caught(work) {
         Ok(result) => result.map_err(|error| format!("{error:#}")),
-        Err(Caught(panic)) => Err(format!("tract failed within, {panic}")),
+        Err(Caught(panic)) => Err(format!("tract panicked: {panic}")),
     }
 }
 

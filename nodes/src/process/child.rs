@@ -1,6 +1,6 @@
 //! A started process. One thread writes to it, one reads its replies, one keeps the end of its standard error.
 //!
-//! It runs in a process group of its own. The group's first process is a guard, a shell that kills the group when its
+//! It runs in a separate process group. The group's first process is a guard, a shell that kills the group when its
 //! standard input ends, also if depthloom itself was killed.
 
 use std::collections::VecDeque;
@@ -122,7 +122,7 @@ impl Running {
         command.env("DEPTHLOOM_PROGRAM", "1");
         command.args(arguments.iter().map(|argument| &argument.0)).envs(&launch.env);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let group = i32::try_from(guard.shell.id()).map_err(|_| Fault::new("a process has no number"))?;
+        let group = i32::try_from(guard.shell.id()).map_err(|_| Fault::new("a process has no id"))?;
         let mut child = match command.process_group(group).spawn() {
             Ok(child) => child,
             Err(error) => {
@@ -186,7 +186,7 @@ impl Running {
             Ok(Ok(reply)) => Ok(reply),
             Ok(Err(error)) => Err(NoReply::Broken(error)),
             Err(RecvTimeoutError::Timeout) => Err(NoReply::Late),
-            Err(RecvTimeoutError::Disconnected) => Err(NoReply::Broken(ErrorMessage::new("it says nothing more"))),
+            Err(RecvTimeoutError::Disconnected) => Err(NoReply::Broken(ErrorMessage::new("it closed its output"))),
         }
     }
 
@@ -204,7 +204,7 @@ impl Running {
             self.guard.terminate();
             status = ends_within(&mut self.child, GRACE);
         }
-        // Whatever it left behind goes as well.
+        // Processes that it left in the group are killed, too.
         self.guard.kill();
         if status.is_none() {
             let _ = self.child.kill();
@@ -216,7 +216,7 @@ impl Running {
 
     /// Ends a process after a failure. Returns its status and the end of its standard error, for a message.
     pub(super) fn end_with_context(mut self, ends_at_once: bool) -> String {
-        // What has closed its streams is about to end; what is silent, or says what it should not, is not.
+        // A process that closed its streams is about to exit; a silent or misbehaving one is not.
         let by_itself = ends_within(&mut self.child, if ends_at_once { Duration::ZERO } else { GRACE });
         let mut words = by_itself.map_or_else(String::new, |status| format!("; it {}", how(status)));
         self.end(Duration::ZERO);
@@ -248,9 +248,9 @@ impl Running {
         let failure = match by_itself {
             _ if self.is_terminated || self.has_failed => None,
             Some(status) if status.success() => None,
-            Some(status) => Some(format!("{} after its last answer", how(status))),
+            Some(status) => Some(format!("{} after its last reply", how(status))),
             None => {
-                Some(format!("was ended {} s after its last answer: it did not end by itself", LAST_GRACE.as_secs()))
+                Some(format!("was terminated {} s after its last reply, because it did not exit", LAST_GRACE.as_secs()))
             }
         };
         let (printed, is_cut) = self.standard_error();
@@ -335,7 +335,7 @@ fn read(output: impl Read, outputs: &[Port], received: &SyncSender<Received>, sh
     let mut stream = StreamReader::new(output);
     let schema = match stream.schema() {
         Ok(Some(schema)) => protocol::check_schema(&schema).map(|()| schema).map_err(ErrorMessage::new),
-        Ok(None) => Err(ErrorMessage::new("it ended, or closed its standard output, before it said anything")),
+        Ok(None) => Err(ErrorMessage::new("it exited, or closed its standard output, before its first message")),
         Err(error) => Err(not_of_the_protocol(&error)),
     };
     let schema = match schema {
@@ -363,7 +363,7 @@ fn read(output: impl Read, outputs: &[Port], received: &SyncSender<Received>, sh
 }
 
 fn not_of_the_protocol(error: &StreamError) -> ErrorMessage {
-    let message = ErrorMessage::new(format!("what it says is not of the protocol: {error}"));
+    let message = ErrorMessage::new(format!("its message violates the protocol: {error}"));
     if matches!(error, StreamError::Text(_)) { message.remedy(PRINTS) } else { message }
 }
 

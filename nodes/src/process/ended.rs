@@ -9,7 +9,7 @@ use std::sync::Mutex;
 pub struct EndedProgram {
     /// The program, as messages name it.
     pub command: String,
-    /// How it failed after its last answer, as a lower-case fragment; `None` if it did not.
+    /// How it failed after its last reply, as a lower-case fragment; `None` if it did not.
     pub failure: Option<String>,
     /// What it wrote to standard error, as lines without control characters.
     pub printed: String,
@@ -32,8 +32,8 @@ pub(super) fn put(program: EndedProgram) {
         return;
     }
     let mut ended = locked(&ENDED);
-    let kept: usize = ended.iter().map(|program| program.printed.len()).sum();
-    if program.failure.is_some() || kept + program.printed.len() <= MOST {
+    let printed_bytes: usize = ended.iter().map(|program| program.printed.len()).sum();
+    if program.failure.is_some() || printed_bytes + program.printed.len() <= MOST {
         ended.push(program);
     }
 }
@@ -45,7 +45,7 @@ pub fn printed_text(programs: &[EndedProgram]) -> String {
     for EndedProgram { command, printed, is_cut, .. } in programs.iter().filter(|program| !program.printed.is_empty()) {
         let blank = if text.is_empty() { "" } else { "\n" };
         let what = if *is_cut { "the end of its standard error" } else { "its standard error" };
-        // A string takes all that is written to it.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "{blank}== {command}: {what}\n{}", printed.trim_end());
     }
     text

@@ -14,7 +14,7 @@ use super::modules::Modules;
 const LONGEST_S: f64 = 31_536_000.0;
 
 pub(super) const PROGRAM: &str =
-    "`command` names a program of your PATH, or a file: relative ones stand beside the YAML file";
+    "`command` names a program of your PATH, or a file: relative paths start at the folder of the YAML file";
 
 #[derive(Clone, Debug)]
 pub(super) struct Launch {
@@ -35,7 +35,7 @@ pub(super) struct Launch {
     pub once: Duration,
 }
 
-/// Files that `code` names, and those among the words of the command. Empty if a `version` stands for them.
+/// Files that `code` names, and those among the words of the command. Empty if `version` replaces their content.
 pub(super) fn content(
     command: &[Argument],
     version: Option<u32>,
@@ -87,7 +87,10 @@ impl ProgramParams<'_> {
     pub(crate) fn check(&self, times: &[(&'static str, f64)]) -> Result<(), (&'static str, String)> {
         let Self { command, env, secrets, version, code } = self;
         if command.first().is_none_or(|program| program.0.is_empty()) {
-            return Err(("command", "command wants the program and its arguments, `[python3, node.py]`".to_owned()));
+            return Err((
+                "command",
+                "command is missing: the program and its arguments, e.g. `[python3, node.py]`".to_owned(),
+            ));
         }
         if command.iter().any(|argument| argument.0.contains('\0')) {
             return Err(("command", "command holds a zero byte, which no argument can have".to_owned()));
@@ -101,10 +104,10 @@ impl ProgramParams<'_> {
             }
         }
         if let Some(name) = secrets.keys().find(|name| env.contains_key(*name)) {
-            return Err(("secrets", format!("{name} is in `env` as well: give it in one of them")));
+            return Err(("secrets", format!("{name} is also in `env`: keep one of the two")));
         }
         if version.is_some() && !code.is_empty() {
-            let what = "code and version both say what the results depend on: give one of them";
+            let what = "code cannot be combined with version: use one of the two";
             return Err(("code", what.to_owned()));
         }
         if let Some(fault) = code.iter().find_map(|code| code.files().err()) {
@@ -112,7 +115,10 @@ impl ProgramParams<'_> {
         }
         for &(name, seconds) in times {
             if !(seconds > 0.0 && seconds <= LONGEST_S) {
-                return Err((name, format!("{name} is {seconds}, and is more than 0 and at most {LONGEST_S} seconds")));
+                return Err((
+                    name,
+                    format!("{name} is {seconds}, expected more than 0 and at most {LONGEST_S} seconds"),
+                ));
             }
         }
         Ok(())

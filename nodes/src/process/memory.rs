@@ -18,7 +18,7 @@ const LARGE: u64 = 64 << 10;
 const MOST: u64 = 1 << 30;
 /// File sizes are multiples of this.
 const STEP: u64 = 1 << 20;
-/// Largest number of files for calls; a process may hold all but one.
+/// Largest number of files for calls; a process may hold all except one.
 const FILES: usize = 4;
 
 struct Memory {
@@ -100,7 +100,7 @@ impl Shared {
         let at = match self.calls.iter().position(is_free) {
             Some(at) => at,
             None => {
-                // Those that are too small go; what is held is left alone.
+                // Files that are too small are dropped; files in use are not touched.
                 self.calls.retain(|(_, is_held)| *is_held);
                 if self.calls.len() >= FILES {
                     return None;
@@ -135,8 +135,8 @@ impl Shared {
 
     /// The row that came through the pipe, or the one in shared memory that it refers to.
     pub(super) fn resolve(&mut self, schema: &Schema, batch: Batch) -> Result<Batch, String> {
-        let held = batch.column(schema, "held").map_or(Ok(Vec::new()), |held| held.i64s())?;
-        self.holds(&held)?;
+        let numbers = batch.column(schema, "held").map_or(Ok(Vec::new()), |numbers| numbers.i64s())?;
+        self.holds(&numbers)?;
         if batch.column(schema, "says").map(|says| says.text()).transpose()? != Some("shared") {
             let bytes = batch.bytes() as u64;
             if self.is_agreed && (LARGE..=self.most).contains(&bytes) {
@@ -149,29 +149,26 @@ impl Shared {
         let row = self.answer(schema, number(&batch, "bytes")?)?;
         let (here, there) = (number(&batch, "number")?, number(&row, "number")?);
         if here != there {
-            return Err(format!("it answers call {here}, and the row in shared memory answers call {there}"));
+            return Err(format!("it replies to call {here}, but the row in shared memory replies to call {there}"));
         }
         Ok(row)
     }
 
-    fn holds(&mut self, held: &[i64]) -> Result<(), String> {
-        let strange = held.iter().find(|number| self.calls.iter().all(|(memory, _)| memory.number != **number));
+    fn holds(&mut self, numbers: &[i64]) -> Result<(), String> {
+        let strange = numbers.iter().find(|number| self.calls.iter().all(|(memory, _)| memory.number != **number));
         if let Some(strange) = strange {
             return Err(format!("it holds file {strange} of shared memory, which holds no call"));
         }
-        self.calls.iter_mut().for_each(|(memory, is_held)| *is_held = held.contains(&memory.number));
+        self.calls.iter_mut().for_each(|(memory, is_held)| *is_held = numbers.contains(&memory.number));
         Ok(())
     }
 
     fn answer(&self, schema: &Schema, bytes: i64) -> Result<Batch, String> {
         let Some(memory) = &self.answers else {
-            return Err("it says that its row is in shared memory, and it was given none".to_owned());
+            return Err("its reply refers to shared memory, but it was given none".to_owned());
         };
         let Some(bytes) = u64::try_from(bytes).ok().filter(|bytes| *bytes <= memory.size) else {
-            return Err(format!(
-                "it says that its row takes {bytes} bytes of shared memory, which has {}",
-                memory.size
-            ));
+            return Err(format!("it states a row of {bytes} bytes of shared memory, which has {}", memory.size));
         };
         let wrong = |what: &dyn std::fmt::Display| format!("the row in shared memory is not of the protocol: {what}");
         let mut file = &memory.file;
@@ -196,7 +193,7 @@ mod tests {
     use super::{FILES, Shared};
 
     #[test]
-    fn a_file_is_written_again_once_nobody_holds_it() {
+    fn a_file_is_reused_after_the_last_reader_released_it() {
         let list = DataType::List(Offsets::Narrow, Box::new(Field::new("item", DataType::Int(8, false))));
         let schema = Schema { fields: vec![Field::new("data", list)], metadata: Vec::new() };
         let store = |shared: &mut Shared, bytes: usize| {
@@ -214,22 +211,22 @@ mod tests {
         assert_eq!(store(&mut shared, 1000), None, "it is small");
         assert_eq!((store(&mut shared, 100_000), store(&mut shared, 200_000)), (Some(1), Some(1)));
         assert_eq!(store(&mut shared, 2_000_000), Some(2), "it is too large for the first");
-        shared.holds(&[2]).expect("a call lies there");
+        shared.holds(&[2]).expect("a call is stored there");
         shared.holds(&[1]).expect_err("that file is gone");
         let others: Vec<i64> = (3..2 + FILES as i64).collect();
         for (at, file) in others.iter().enumerate() {
             assert_eq!(store(&mut shared, 100_000), Some(*file));
-            let held: Vec<i64> = [2].into_iter().chain(others[..=at].iter().copied()).collect();
-            shared.holds(&held).expect("calls lie there");
+            let numbers: Vec<i64> = [2].into_iter().chain(others[..=at].iter().copied()).collect();
+            shared.holds(&numbers).expect("calls are stored there");
         }
         assert_eq!(store(&mut shared, 100_000), None, "all are held");
-        shared.holds(&[3]).expect("a call lies there");
+        shared.holds(&[3]).expect("a call is stored there");
         assert_eq!(store(&mut shared, 1_500_000), Some(2));
         assert!(shared.reply_place().is_none(), "no large answer came");
     }
 
     #[test]
-    fn a_process_that_found_another_word_or_none_gets_all_rows_through_its_pipe() {
+    fn without_the_right_word_in_shared_memory_all_rows_use_the_pipe() {
         let list = DataType::List(Offsets::Narrow, Box::new(Field::new("item", DataType::Int(8, false))));
         let schema = Schema { fields: vec![Field::new("data", list)], metadata: Vec::new() };
         let bytes = vec![7; 100_000];

@@ -18,16 +18,16 @@ use super::permission;
 use super::pool::{self, Pool};
 use super::protocol::{self, Call};
 
-/// How a process is called.
+/// How the program is called.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ProcessContract {
-    /// Frame by frame, by as many processes as there are workers; none remembers a frame when the next comes.
+    /// Frame by frame, by as many processes as there are workers. The program must not remember frames.
     #[default]
     Pure,
     /// All frames in order, by one process; then `finish`.
     Ordered,
-    /// Once, when the inputs are there.
+    /// Once, when all inputs are available.
     Once,
 }
 
@@ -45,44 +45,44 @@ impl ProcessContract {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProcessParams {
-    /// The program and its arguments, `[python3, fuse.py]`: never a line for a shell. An argument with an ending or a
-    /// `/` that names a file beside the YAML file is that file.
+    /// The program and its arguments: `[python3, fuse.py]`. It is not a shell command line. An argument with an
+    /// extension or a `/` that names a file in the folder of the YAML file becomes the path of that file.
+    #[schemars(extend("mandatory" = true))]
     pub command: Vec<Argument>,
-    /// Its ports: `{ inputs: { stereo: depth, mono: depth }, outputs: { depth: depth } }`.
+    /// Ports: `{ inputs: { stereo: depth, mono: depth }, outputs: { depth: depth } }`.
     pub ports: DeclaredPorts,
-    /// How it is called: `pure`, `ordered` or `once`.
+    /// How the program is called: `pure`, `ordered` or `once`.
     pub contract: ProcessContract,
-    /// What it is told beside its inputs, as it likes.
+    /// Parameters of the program itself, passed unchanged.
     pub params: Map<String, Json>,
-    /// Raised whenever it gives other results than before. Without it and without `code` its results are never taken
-    /// again.
+    /// Increase this number whenever the program gives other results. Without `version` and `code`, results are never
+    /// reused.
     pub version: Option<u32>,
-    /// What decides its results, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`).
-    /// When their content changes, results are recomputed. What a program in Python imports need not be named; see
-    /// `imports`.
+    /// Files whose content decides the results, as an alternative to `version`: files, folders (all files in them)
+    /// and patterns (`lib/*.py`). When their content changes, results are recomputed. Imports of a Python program
+    /// need not be listed; see `imports`.
     pub code: Vec<CodePath>,
-    /// Whether cache keys contain what a program in Python imports: the content of its own modules, and the versions of
-    /// installed packages. `depthloom.serve` reports it; for this the program is started before the first frame, and
-    /// ends without making its node. A program in another language reports nothing.
+    /// Whether cache keys contain what a Python program imports: the content of its own modules, and the versions of
+    /// installed packages. `depthloom.serve` reports the imports: depthloom starts the program before the first
+    /// frame, and the program exits without creating its node. Programs in other languages report nothing.
     pub imports: bool,
-    /// Files that it opens by itself for a frame, `predictions/{frame}.npy`, or a list of them: `{frame}` stands for
-    /// the frame's id, `{index}` for its index. Their content is in the frame's cache key; a file that is missing
-    /// counts as missing. A pure program with `reads` is told which frame it is called for.
+    /// Files that the program opens itself for a frame, `predictions/{frame}.npy`, or a list of them. `{frame}` is
+    /// the id of the frame, `{index}` its index. Their content is part of the cache key of the frame; a missing file
+    /// counts as missing. A pure program with `reads` receives the id of its frame.
     pub reads: FramePaths,
-    /// Variables of its environment, over those that are there. They are part of what decides its results.
+    /// Environment variables, in addition to those of depthloom. They are part of the cache key.
     pub env: BTreeMap<String, String>,
-    /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values
-    /// are not recorded, and results are reused whatever these are.
+    /// Environment variables that do not affect results, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values
+    /// are not recorded and not part of the cache key.
     #[schemars(extend("operational" = true))]
     pub secrets: BTreeMap<String, String>,
-    /// How many processes there are at most; by default as many as are called at once. `ordered` and `once` have one.
+    /// Largest number of processes; by default one per concurrent call. `ordered` and `once` use one.
     #[schemars(range(min = 1), extend("operational" = true))]
     pub instances: Option<u16>,
-    /// How long a process may say nothing while it is called, seconds; by default 60 for a frame, and an hour for what
-    /// is of no frame.
+    /// Time limit for a reply, seconds; by default 60 for a frame and 3600 for a call outside frames.
     #[schemars(extend("operational" = true))]
     pub timeout_s: Option<f64>,
-    /// How long it may take until it can be called, seconds.
+    /// Time limit from the start until the program accepts calls, seconds.
     #[schemars(extend("operational" = true))]
     pub start_timeout_s: f64,
 }
@@ -154,16 +154,26 @@ impl Node for Process {
             kind: "process",
             version: 1,
             contract: Contract::Pure,
-            summary: "A node in any language: a program that gets its inputs as Arrow record batches, and answers with its outputs.",
+            summary: "A node in any language: a program that receives inputs and returns outputs as Arrow record batches.",
             doc: "\
-The program is started when a worker first needs it and is called until the stage ends: values cross its standard input and output as Arrow IPC streams, a record batch a call \
-(the guide's page on the protocol says all of it; in Python `depthloom.serve` speaks it). Its ports and its contract are declared here, and are checked, planned, recorded and scored as \
-any other node's. Depths are f32 metres with NaN for no answer, disparities the engine's fixed point with its scale, weights f32, images 8 bit; rows of scores do not cross. \
-Values that are none of their type (a depth of -5 m, a weight of 7.5) fail the frame.\n\n\
-Nothing is started unless the person who runs the experiment allows it: with `--allow-exec`, or in a file of their own (`allow_exec` in `~/.config/depthloom/config.yaml`). `check` and `plan` start nothing.\n\n\
-Results enter keys by `version` or by the content of the files in `code`; with neither they are never reused. What a program in Python imports is part of the key too (`imports`), and so are the files that it `reads` for a frame. A module of the program's own that is imported later, in a function, fails the frame: import it at the top, or name it in `code`; an installed package that is imported later is a warning. A `pure` program that remembers frames breaks that promise, and nobody can see it.\n\n\
-A process that ends, says what is no reply, or says nothing for `timeout_s` fails the frame it was called for, with the end of its standard error; the next frame gets a new one (`--keep-going`). \
-It runs in a process group of its own, and everything in that group ends with it: ten seconds after its input it is told (SIGTERM), and killed two seconds later, also when depthloom itself is killed. What leaves the group, a daemon, is out of reach.",
+depthloom starts the program when a worker first needs it and calls it until the stage ends. Values cross its \
+standard input and output as Arrow IPC streams, one record batch per call; see the guide's page on the process \
+protocol. In Python, `depthloom.serve` implements the protocol. The ports and the contract are declared here, and \
+values are checked, planned, recorded and scored like those of any other node.\n\n\
+**Values.** Depth is f32 metres with NaN for invalid pixels, disparity is depthloom's fixed point with its scale, \
+confidences are f32, images 8 bit. Rows of metrics cannot be sent. A value outside its type (a depth of -5 m, a \
+confidence of 7.5) fails the frame.\n\n\
+**Permission.** No program starts unless you allow it: with `--allow-exec`, or with `allow_exec` in \
+`~/.config/depthloom/config.yaml`. `check` and `plan` never start programs.\n\n\
+**Reuse.** The cache key contains `version`, or the content of the files in `code`; without both, results are never \
+reused. It also contains what a Python program imports (`imports`) and the files that the program reads for a frame \
+(`reads`). If a function imports one of the program's own modules later, the frame fails: import it at the top, or \
+list it in `code`. A later import of an installed package is a warning. depthloom cannot detect that a `pure` \
+program remembers frames; such a program gives wrong results.\n\n\
+**Failures.** If a process exits, sends an invalid reply or sends nothing for `timeout_s`, its frame fails with the \
+last lines of its standard error. With `--keep-going`, the next frame gets a new process. Each process has its own \
+process group. Ten seconds after its input ends, depthloom sends SIGTERM to the group, and SIGKILL two seconds \
+later, even if depthloom itself was killed. A daemon that leaves the group is not stopped.",
             inputs: Vec::new(),
             outputs: Vec::new(),
         }

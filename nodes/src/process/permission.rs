@@ -1,21 +1,21 @@
-//! Whether an experiment may start programs. It may not, unless the person who runs it says so: a stranger's YAML runs
+//! Whether an experiment may start programs. Only the user can allow this, so that YAML files from others start
 //! nothing.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use depthloom_graphs::Fault;
 
-static GIVEN: AtomicBool = AtomicBool::new(false);
+static ALLOWED: AtomicBool = AtomicBool::new(false);
 
-/// Lets experiments start the programs that they name, from now on, in this process. For whoever knows that the person
-/// said so.
+/// Allows experiments in this process to start the programs that they name. Call it only if the user has allowed
+/// this.
 pub fn give() {
-    GIVEN.store(true, Ordering::Relaxed);
+    ALLOWED.store(true, Ordering::Relaxed);
 }
 
-/// Called before every start, and where it is known that one will follow.
+/// Called before every start, and as soon as a start is certain.
 pub(crate) fn check(command: &str) -> Result<(), Fault> {
-    if GIVEN.load(Ordering::Relaxed) {
+    if ALLOWED.load(Ordering::Relaxed) {
         return Ok(());
     }
     let what = format!("it would start `{command}`, and an experiment starts no program unless you allow it");

@@ -1,4 +1,4 @@
-//! The processes of a node: started where a worker needs one, taken and given back.
+//! The processes of a node: started when a worker needs one, borrowed and returned.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
@@ -50,7 +50,7 @@ impl Pool {
 
     pub(super) fn outputs(&self, call: Call, inputs: Vec<Option<Value>>, host: &dyn Host) -> Result<Outputs, Fault> {
         let Answer::Values(values) = self.call(call, inputs, host)? else {
-            return Err(Fault::new(format!("`{}` gave frames where values are wanted", self.launch.program())));
+            return Err(Fault::new(format!("`{}` sent frames instead of values", self.launch.program())));
         };
         let mut outputs = Outputs::none();
         for (port, value) in self.outputs.iter().zip(values) {
@@ -84,11 +84,7 @@ impl Pool {
                         return Err(self.failure("when it was started", &message, &trace));
                     }
                     _ => {
-                        return Err(self.broken(
-                            running,
-                            ErrorMessage::new("gave values before it said `ready`"),
-                            false,
-                        ));
+                        return Err(self.broken(running, ErrorMessage::new("sent values before `ready`"), false));
                     }
                 }
             }
@@ -112,7 +108,7 @@ impl Pool {
                 Err(self.failure("", &message, &trace))
             }
             Content::Ready | Content::Progress { .. } | Content::Warning { .. } | Content::Modules(_) => {
-                let what = "said `ready` where an answer is wanted";
+                let what = "sent `ready` instead of a reply";
                 return Err(self.broken(running, ErrorMessage::new(what), false));
             }
         };
@@ -170,7 +166,7 @@ impl Pool {
                     return Err(self.broken(running, error, false));
                 }
                 Ok(reply) if reply.number != number => {
-                    let what = format!("answered call {} where call {number} is to be answered", reply.number);
+                    let what = format!("replied to call {} instead of call {number}", reply.number);
                     return Err(self.broken(running, ErrorMessage::new(what), false));
                 }
                 Ok(reply) => match reply.content {

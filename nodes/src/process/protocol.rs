@@ -1,5 +1,5 @@
-//! What is said between the engine and a process: `docs/reference/process-protocol.md` is its description for those who
-//! write the other side.
+//! Messages between depthloom and a process. `docs/reference/process-protocol.md` describes them for authors of
+//! programs.
 
 use depthloom_codecs::arrow::{self, Batch, Data, DataType, Field, Offsets, Schema};
 use depthloom_graphs::{Frame, Port, Value};
@@ -53,7 +53,7 @@ pub(super) struct Place {
     pub path: String,
     /// Bytes.
     pub size: i64,
-    /// How many bytes of it the row takes.
+    /// Number of bytes that the row uses.
     pub bytes: i64,
 }
 
@@ -179,7 +179,7 @@ pub(super) fn check_schema(schema: &Schema) -> Result<(), String> {
     match schema.metadata(PROTOCOL) {
         Some(VERSION) => {}
         Some(other) => return Err(format!("it speaks version {other} of the protocol, and this is version {VERSION}")),
-        None => return Err(format!("its schema does not say `{PROTOCOL}` in its metadata")),
+        None => return Err(format!("the metadata of its schema lack `{PROTOCOL}`")),
     }
     match schema.fields.iter().find(|field| field.name == "says") {
         Some(_) => Ok(()),
@@ -195,14 +195,14 @@ pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<
         u64::try_from(count).map_err(|_| format!("its `{name}` is {count}, which must not be negative"))
     };
     let text = |name: &str| column(name).map_or(Ok(String::new()), |column| column.text().map(str::to_owned));
-    let content = match column("says").ok_or("a reply says nothing")?.text()? {
+    let content = match column("says").ok_or("a reply has no value in the column `says`")?.text()? {
         "ready" => Content::Ready,
         "progress" => Content::Progress { done: count("done")?, total: count("total")?, message: text("message")? },
         "warning" => Content::Warning { count: count("count")?, message: text("message")? },
         "modules" => Content::Modules(ModuleReport::parse(&text("message")?)?),
         "failure" => Content::Failure { message: text("message")?, trace: text("trace")? },
         "frames" => {
-            let frames = column("frames").ok_or("a reply of frames has none")?;
+            let frames = column("frames").ok_or("a reply with frames lacks the column `frames`")?;
             let ids = frames.part("id").ok_or("frames have no `id`")?.texts()?;
             let times = frames.part("time_ns").map(|times| times.i64s()).transpose()?;
             let times_ns = times.map(|times| {
@@ -218,22 +218,22 @@ pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<
                     outputs.iter().all(|port| port.name != field.name) && given.part(&field.name).is_some()
                 });
                 if let Some(strange) = strange {
-                    return Err(format!("it gave a value at `{}`, which the node does not declare", strange.name));
+                    return Err(format!("it sent a value at `{}`, which the node does not declare", strange.name));
                 }
             }
             let value = |port: &Port| {
                 let Some(column) = given.as_ref().and_then(|given| given.part(port.name)) else { return Ok(None) };
                 let value = arrow::value(port.value_type, &column);
-                value.map(Some).map_err(|what| {
-                    format!("what it gave at `{}` is not a valid {}: {what}", port.name, port.value_type)
-                })
+                value
+                    .map(Some)
+                    .map_err(|what| format!("its value at `{}` is not a valid {}: {what}", port.name, port.value_type))
             };
             Content::Values {
                 values: outputs.iter().map(value).collect::<Result<_, String>>()?,
                 cpu_ns: count("cpu_ns")?,
             }
         }
-        other => return Err(format!("it says `{other}`, which means nothing")),
+        other => return Err(format!("it says `{other}`, which is not a message of the protocol")),
     };
     Ok(Reply { number: number("number")?, content })
 }

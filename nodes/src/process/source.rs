@@ -1,4 +1,4 @@
-//! `process/source`: frames that a program gives.
+//! `process/source`: frames from a program.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -28,40 +28,42 @@ const KIND: &str = "process/source";
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProcessSourceParams {
-    /// The program and its arguments, `[python3, frames.py]`: never a line for a shell. An argument with an ending or a
-    /// `/` that names a file beside the YAML file is that file.
+    /// The program and its arguments: `[python3, frames.py]`. It is not a shell command line. An argument with an
+    /// extension or a `/` that names a file in the folder of the YAML file becomes the path of that file.
+    #[schemars(extend("mandatory" = true))]
     pub command: Vec<Argument>,
-    /// What a frame has: `{ left: image, right: image, calibration: calibration }`.
+    /// Outputs of a frame: `{ left: image, right: image, calibration: calibration }`.
+    #[schemars(extend("mandatory" = true))]
     pub outputs: BTreeMap<String, DeclaredPort>,
-    /// Which of its frames: `0..16`, `1..=40` or a list of their places or ids; by default all.
+    /// Selected frames: `0..16`, `1..=40` or a list of positions or ids; all by default.
     pub frames: FrameSelection,
-    /// What it is told, as it likes.
+    /// Parameters of the program itself, passed unchanged.
     pub params: Map<String, Json>,
-    /// Raised whenever it gives other frames than before. Without it and without `code` what is made of its frames is
-    /// never taken again.
+    /// Increase this number whenever the program gives other frames. Without `version` and `code`, results are never
+    /// reused.
     pub version: Option<u32>,
-    /// What decides its frames, instead of `version`: files, folders (all files in them) and patterns (`lib/*.py`).
-    /// When their content changes, all is recomputed.
+    /// Files whose content decides the frames, as an alternative to `version`: files, folders (all files in them) and
+    /// patterns (`lib/*.py`). When their content changes, results are recomputed.
     pub code: Vec<CodePath>,
-    /// Whether cache keys contain what a program in Python imports, as of a `process`.
+    /// Whether cache keys contain what a Python program imports; see `process`.
     pub imports: bool,
-    /// Files that it opens by itself for a frame, `images/{frame}.png`, or a list of them: `{frame}` stands for the
-    /// frame's id, `{index}` for its index. Their content is in the frame's cache key; a file that is missing counts as
-    /// missing.
+    /// Files that the program opens itself for a frame, `images/{frame}.png`, or a list of them. `{frame}` is the id
+    /// of the frame, `{index}` its index. Their content is part of the cache key of the frame; a missing file counts
+    /// as missing.
     pub reads: FramePaths,
-    /// Variables of its environment, over those that are there. They are part of what decides its results.
+    /// Environment variables, in addition to those of depthloom. They are part of the cache key.
     pub env: BTreeMap<String, String>,
-    /// Variables of its environment that decide no result, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values
-    /// are not recorded, and results are reused whatever these are.
+    /// Environment variables that do not affect results, such as a token: `{ TOKEN: "${MY_TOKEN}" }`. Their values
+    /// are not recorded and not part of the cache key.
     #[schemars(extend("operational" = true))]
     pub secrets: BTreeMap<String, String>,
-    /// How many processes there are at most; by default as many as are called at once.
+    /// Largest number of processes; by default one per concurrent call.
     #[schemars(range(min = 1), extend("operational" = true))]
     pub instances: Option<u16>,
-    /// How long a process may say nothing while it is called, seconds.
+    /// Time limit for a reply, seconds.
     #[schemars(extend("operational" = true))]
     pub timeout_s: f64,
-    /// How long it may take until it can be called, seconds.
+    /// Time limit from the start until the program accepts calls, seconds.
     #[schemars(extend("operational" = true))]
     pub start_timeout_s: f64,
 }
@@ -114,7 +116,7 @@ impl ProcessSourceParams {
         let key = key.number(self.version.map_or(0, |version| 1 + u64::from(version)));
         let mut key = key.number(self.command.len() as u64);
         for argument in &self.command {
-            // A file counts by its name: what is in it `version` and `code` say.
+            // Files enter the key by name; `version` and `code` cover their content.
             let name = Path::new(&argument.0).file_name().filter(|_| Path::new(&argument.0).is_file());
             key = key.text(&name.map_or_else(|| argument.0.as_str().into(), |name| name.to_string_lossy()));
         }
@@ -182,10 +184,12 @@ impl SourceKind for ProcessSource {
         SourceDeclaration {
             kind: KIND,
             version: 1,
-            summary: "Frames that a program gives: a data set of your own, in any language.",
+            summary: "Frames from a program in any language: your own data set.",
             doc: "\
-The program is asked once for its frames, each with an id and, if it has one, a time in nanoseconds (otherwise 100 ms a frame), and then for the values of single frames, in any order and by \
-several processes at once: it seeks, and gives the same for the same frame. Protocol, permission, keys and faults are those of the node `process`.",
+The program first lists its frames, each with an id and optionally a time in nanoseconds (default: 100 ms between \
+frames). Then depthloom requests the values of single frames, in any order, from several processes at once. So the \
+program must support random access, and return the same values for the same frame. Protocol, permission, cache keys \
+and failures are those of the node `process`.",
             outputs: Vec::new(),
         }
     }
@@ -195,10 +199,16 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
         params.program().check(&times)?;
         check_reads(&params.reads)?;
         if params.outputs.is_empty() {
-            return Err(("outputs", "outputs declares what a frame has: `{ left: image, right: image }`".to_owned()));
+            return Err((
+                "outputs",
+                "outputs is missing: declare the outputs of a frame, e.g. `{ left: image, right: image }`".to_owned(),
+            ));
         }
         if let Some((name, _)) = params.outputs.iter().find(|(_, port)| port.rate == Rate::Once) {
-            return Err(("outputs", format!("outputs: `{name}`: a source gives values of frames alone")));
+            return Err((
+                "outputs",
+                format!("outputs: `{name}` is `rate: once`, but a source has one value per frame"),
+            ));
         }
         let ports = DeclaredPorts { inputs: BTreeMap::new(), outputs: params.outputs.clone() };
         ports.check(Contract::Pure).map_err(|what| ("outputs", format!("outputs: {what}")))?;
@@ -220,10 +230,10 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
         let answer = pool.call(Call::Frames, Vec::new(), &warnings)?;
         #[cfg_attr(not(unix), expect(irrefutable_let_patterns, reason = "there it never answers"))]
         let Answer::Frames(ids, times) = answer else {
-            return Err(Fault::new(format!("`{program}` gave values where its frames are wanted")));
+            return Err(Fault::new(format!("`{program}` sent values instead of its frames")));
         };
         let frames = frames(&ids, times.as_deref())
-            .map_err(|what| Fault::new(format!("the frames that `{program}` has: {what}")))?;
+            .map_err(|what| Fault::new(format!("invalid frames of `{program}`: {what}")))?;
         let ids: Vec<(u64, &str)> = frames.iter().map(|frame| (frame.index, &*frame.id)).collect();
         let places = params.frames.select(&ids)?;
         let frames = places.into_iter().map(|place| frames[place].clone()).collect();
@@ -236,7 +246,7 @@ several processes at once: it seeks, and gives the same for the same frame. Prot
 
 fn frames(ids: &[String], times: Option<&[u64]>) -> Result<Vec<Frame>, String> {
     if times.is_some_and(|times| times.len() != ids.len()) {
-        return Err("there are not as many times as ids".to_owned());
+        return Err("the numbers of times and ids differ".to_owned());
     }
     let mut seen = BTreeSet::new();
     for id in ids {
@@ -292,7 +302,7 @@ fn check_sizes(outputs: &Outputs) -> Result<(), Fault> {
             && maps.iter().all(|(_, of_map)| *of_map != size)
         {
             let (w, h) = size;
-            return Err(Fault::new(format!("`{name}` is for {w}x{h} pixels, and `{port}` is {width}x{height}"))
+            return Err(Fault::new(format!("`{name}` is for {w}x{h} pixels, but `{port}` is {width}x{height}"))
                 .remedy("`width` and `height` of a calibration are those of the images that it is for"));
         }
     }

@@ -1,4 +1,4 @@
-//! The optional inputs of every score that say which zones a pixel is in.
+//! Optional inputs of both score kinds that define zones.
 
 use depthloom_graphs::values::{Image, Mask};
 use depthloom_graphs::{Fault, Inputs, Port, ValueType};
@@ -8,10 +8,10 @@ use crate::grey::grey;
 use crate::shape::same_size;
 
 pub(super) fn ports() -> Vec<Port> {
-    let image = "The truth's image: scores of the zones `edges` and `textureless` besides.";
+    let image = "The image of the ground truth; adds the zones `edges` and `textureless`.";
     let occluded =
-        "What the right camera does not see of the truth: scores of the zones `visible` and `occluded` besides.";
-    let objects = "KITTI's object map, set on objects: scores of the zones `background` and `foreground` besides.";
+        "Pixels with ground truth that the right camera does not see; adds the zones `visible` and `occluded`.";
+    let objects = "KITTI's object map, set on objects; adds the zones `background` and `foreground`.";
     vec![
         Port::frame("image", ValueType::Image, image).optional(),
         Port::frame("occluded", ValueType::Mask, occluded).optional(),

@@ -1,4 +1,4 @@
-//! `score/depth`: depths against the truth, by the scores of Table I and others.
+//! `score/depth`: metrics of estimated depth, those of Table I and others.
 
 use std::sync::LazyLock;
 
@@ -11,16 +11,25 @@ use super::{clues, doc};
 use crate::shape::same_size;
 
 const BEFORE: &str = "\
-The eight scores of Table I, or those of `metrics`, over the scored pixels, one row a zone and pixel set, in f64. In this order: the truth is masked by \
-`min_m < t < max_m` (both strict) and by the crop; answers are aligned if asked for; answers are clamped to `[min_m, max_m]` last. In the set \
-`all` a missing answer (NaN or infinity) counts as `missing_m`, exactly: it is neither aligned nor clamped, so that the paper's 0.0001 m stays below its \
-`min_m` of 0.001 m and `rmse_log`, `silog`, `imae` and `irmse` are taken of it. In `valid` it is left out.\n\n\
-With `y` the answer, `t` the truth and `e = ln y - ln t` (natural logarithm), metres, over the N pixels that count:";
+One row per zone and pixel set, with the eight metrics of Table I (Martins et al. 2018) or those in `metrics`, in \
+f64. The steps, in this order:\n\n\
+1. Pixels are scored if the ground truth satisfies `min_m < t < max_m` (both strict) and the pixel is inside the \
+crop.\n\
+2. Estimates are aligned, if `align` is set.\n\
+3. Estimates are clamped to `[min_m, max_m]`.\n\n\
+In the pixel set `all`, an invalid pixel (NaN or infinity) counts as exactly `missing_m`: it is neither aligned nor \
+clamped. So the paper's 0.0001 m stays below its `min_m` of 0.001 m, and enters `rmse_log`, `silog`, `imae` and \
+`irmse` unchanged. In the pixel set `valid`, invalid pixels are left out.\n\n\
+`y` is the estimate and `t` the ground truth, in metres, `e = ln y - ln t` (natural logarithm), over the N pixels \
+that count:";
 
 const BEHIND: &str = "\
-`align` is for estimates that know no scale, fitted frame by frame over the scored pixels of the whole image with an answer: `median` multiplies by `median(t) / median(y)` (Zhou et \
-al. 2017); `scale-and-shift` makes `s/y + b` of `1/y`, with the `s` and `b` of least squares against `1/t`: in inverse depth, as MiDaS does (Ranftl et al. 2020). Where a network gives inverse depth, that is taken as it is, also of zero and below, and however far a cap or `min_m` would change it.\n\n\
-`score:` in a stage is sugar for nodes of this kind.";
+`align` is for estimates without a metric scale. It is fitted per frame over the scored valid pixels of the whole \
+image. `median` multiplies by `median(t) / median(y)` (Zhou et al. 2017). `scale-and-shift` replaces `1/y` by `s/y + \
+b`, with `s` and `b` from a least-squares fit to `1/t`: in inverse depth, as in MiDaS (Ranftl et al. 2020). For a \
+network that outputs inverse depth, the fit uses its own numbers, including zero and negative ones, unaffected by \
+`cap` and `min_m`.\n\n\
+`score:` in a stage is a short form for nodes of this kind.";
 
 static DOC: LazyLock<String> =
     LazyLock::new(|| doc::with_formulas(BEFORE, Family::Depth, &format!("{}{BEHIND}", doc::ZONES)));
@@ -34,18 +43,22 @@ impl Node for ScoreDepth {
 
     fn declaration() -> NodeDeclaration {
         let mut inputs = vec![
-            Port::frame("estimate", ValueType::Depth, "Estimated depth, metres, NaN = no answer."),
-            Port::frame("truth", ValueType::Depth, "True depth, metres, NaN = unknown; of the same size."),
+            Port::frame("estimate", ValueType::Depth, "Estimated depth, metres, NaN = invalid."),
+            Port::frame(
+                "truth",
+                ValueType::Depth,
+                "Ground-truth depth, metres, NaN = unknown; same size as `estimate`.",
+            ),
         ];
         inputs.extend(clues::ports());
         NodeDeclaration {
             kind: "score/depth",
             version: 4,
             contract: Contract::Pure,
-            summary: "The scores of Table I, or others, of estimated depth against the truth, per frame.",
+            summary: "Metrics of estimated depth against ground truth, per frame: the eight of Table I, or others.",
             doc: &DOC,
             inputs,
-            outputs: vec![Port::frame("rows", ValueType::Scores, "One row a zone and pixel set.")],
+            outputs: vec![Port::frame("rows", ValueType::Scores, "One row per zone and pixel set.")],
         }
     }
 

@@ -1,4 +1,4 @@
-//! `score/disparity`: disparities against the truth, by the scores of the stereo benchmarks.
+//! `score/disparity`: metrics of estimated disparity, those of the stereo benchmarks.
 
 use std::sync::LazyLock;
 
@@ -12,17 +12,22 @@ use super::{clues, doc};
 use crate::shape::same_size;
 
 const BEFORE: &str = "\
-The scores of the KITTI and Middlebury stereo benchmarks, one row a zone and pixel set. A pixel counts where the truth is known; it is valid where the \
-disparity is above 0. In the set `all` a pixel without an answer is wrong in `bad_x` and `d1`, and has no `epe`; in `valid` it is left out; in `filled` it \
-has what `interpolateBackground` of KITTI's devkit gives it (`disparity/fill` is the same as a node): in each row the smaller of the disparities at both ends of the \
-gap, at the image's border the one there is, then in each column the first and last answer up and down. The benchmark's own tables are `filled`. Errors are \
-compared with the thresholds exactly.\n\n\
-With `d` the answer and `t` the truth, px, over the pixels that count:";
+The metrics of the KITTI and Middlebury stereo benchmarks, one row per zone and pixel set. A pixel is scored where \
+ground truth is known. It is valid where the disparity is above 0. Errors are compared with the thresholds exactly. \
+The pixel sets treat invalid pixels differently:\n\n\
+- `all`: an invalid pixel is wrong in `bad_x` and `d1`, and has no `epe`.\n\
+- `valid`: invalid pixels are left out.\n\
+- `filled`: an invalid pixel is filled first, by `interpolateBackground` of KITTI's development kit \
+(`disparity/fill` is the same as a node). In each row, a gap takes the smaller disparity of its two ends; at the \
+image border, that of its only end. Then the first and last valid disparity of each column are repeated up and down. \
+The tables of the benchmark are `filled`.\n\n\
+`d` is the estimate and `t` the ground truth, px, over the pixels that count:";
 
 const BEHIND: &str = "\
-KITTI stereo 2015 publishes `d1` on `filled`, `mean: pixels`, against `disp_noc` and `disp_occ`: D1-all is the whole image's, D1-bg and D1-fg those of the zones \
-`background` and `foreground`. Bands of distance want `calibration`: distance is `f * B / (t + doffs)`.\n\n\
-`score:` in a stage is sugar for nodes of this kind where the estimate is a disparity.";
+KITTI stereo 2015 publishes `d1` with `filled` and `mean: pixels`, against `disp_noc` and `disp_occ`. D1-all is the \
+value of the whole image, D1-bg and D1-fg those of the zones `background` and `foreground`. Bands of distance \
+require `calibration`: distance is `f * B / (t + doffs)`.\n\n\
+`score:` in a stage is a short form for nodes of this kind if the estimate is a disparity.";
 
 static DOC: LazyLock<String> =
     LazyLock::new(|| doc::with_formulas(BEFORE, Family::Disparity, &format!("{}{BEHIND}", doc::ZONES)));
@@ -36,15 +41,14 @@ impl Node for ScoreDisparity {
     type Params = DisparityScoreParams;
 
     fn declaration() -> NodeDeclaration {
-        let calibration =
-            "Focal length and baseline: distance of a true disparity. Wanted by `zones.distance_m` alone.";
+        let calibration = "Focal length and baseline, for distances of `zones.distance_m`; required only there.";
         let mut inputs = vec![
+            Port::frame("estimate", ValueType::Disparity, "Estimated disparity, fixed or floating point, not rounded."),
             Port::frame(
-                "estimate",
-                ValueType::Disparity,
-                "Estimated disparity, in fixed or floating point; scored as it is.",
+                "truth",
+                ValueType::TrueDisparity,
+                "Ground-truth disparity, px, NaN = unknown; same size as `estimate`.",
             ),
-            Port::frame("truth", ValueType::TrueDisparity, "True disparity, px, NaN = unknown; of the same size."),
             Port::frame("calibration", ValueType::Calibration, calibration).optional(),
         ];
         inputs.extend(clues::ports());
@@ -52,10 +56,10 @@ impl Node for ScoreDisparity {
             kind: "score/disparity",
             version: 2,
             contract: Contract::Pure,
-            summary: "End-point error, bad-x and D1 of estimated disparity against the truth, per frame.",
+            summary: "Metrics of estimated disparity against ground truth, per frame: end-point error, bad-x and D1.",
             doc: &DOC,
             inputs,
-            outputs: vec![Port::frame("rows", ValueType::Scores, "One row a zone and pixel set.")],
+            outputs: vec![Port::frame("rows", ValueType::Scores, "One row per zone and pixel set.")],
         }
     }
 
@@ -67,8 +71,8 @@ impl Node for ScoreDisparity {
         if params.zones.distance_m.is_empty() || upstream.at("calibration").is_some() {
             return Ok(());
         }
-        Err(Fault::new("`zones.distance_m` cuts by distance, and a disparity has none without a calibration")
-            .remedy("wire `calibration`, e.g. `calibration: source/calibration`"))
+        Err(Fault::new("`zones.distance_m` needs the input `calibration` to convert disparity to distance")
+            .remedy("connect `calibration`, e.g. `calibration: source/calibration`"))
     }
 
     fn build(params: DisparityScoreParams) -> Result<Instance, Fault> {
@@ -92,7 +96,7 @@ impl PureNode for ScoreDisparity {
         }
         let (width, height) = (size.0 as usize, size.1 as usize);
         let filled = self.scores.asks_for_filled().then(|| {
-            // Without an answer is what is not above 0, whatever the smallest disparity searched.
+            // A disparity is invalid if it is not above 0, whatever the smallest disparity searched.
             let mut filled: Vec<f32> = estimate.iter().map(|&px| if px > 0.0 { px } else { 0.0 }).collect();
             fill_background(&mut filled, width, 0.0, usize::MAX);
             filled

@@ -3,7 +3,7 @@
 use depthloom_scores::Family;
 
 pub(super) fn with_formulas(before: &str, family: Family, behind: &str) -> String {
-    let mut text = format!("{before}\n\n| score | unit | what it is | source |\n|---|---|---|---|\n");
+    let mut text = format!("{before}\n\n| metric | unit | definition | source |\n|---|---|---|---|\n");
     for metric in family.metrics() {
         let (name, unit, source) = (metric.name, metric.unit, metric.source);
         let unit = if unit.is_empty() { "-" } else { unit };
@@ -17,8 +17,10 @@ pub(super) fn with_formulas(before: &str, family: Family, behind: &str) -> Strin
 }
 
 pub(super) const ZONES: &str = "\
-Every row says its zone, how many pixels counted, how many true pixels the zone has and how many of these were valid (`density`). The whole image \
-always comes first, as the zone without a name. `zones:` adds bands of true distance, of rows and of columns; each optional input that is wired adds two more: `image` \
-the zones `edges` and `textureless`, `occluded` the zones `visible` and `occluded` (KITTI: `noc` against `occ` truth), `obj_map` the zones `background` and \
-`foreground` (KITTI 2015: D1-bg and D1-fg are `d1` there). Zones may overlap.\n\n\
-A data set's value is the unweighted mean over its frames, or with `mean: pixels` the value over all pixels of all frames; `median_error` has none, and is refused there.\n\n";
+Each row states its zone, the number of pixels counted, the number of pixels with ground truth in the zone, and the \
+share of these that are valid (`density`). The whole image is always the first zone and has no name. `zones:` adds \
+bands of ground-truth distance, of rows and of columns. Each connected optional input adds two zones: `image` adds \
+`edges` and `textureless`; `occluded` adds `visible` and `occluded` (KITTI: `noc` and `occ` ground truth); `obj_map` \
+adds `background` and `foreground` (KITTI 2015: their `d1` is D1-bg and D1-fg). Zones may overlap.\n\n\
+The value for a data set is the unweighted mean over frames, or with `mean: pixels` the value over all pixels of all \
+frames. `median_error` is not defined over all pixels and is refused there.\n\n";

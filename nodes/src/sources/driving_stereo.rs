@@ -29,7 +29,7 @@ half-image-calib or full-image-calib, as the images' size is";
 
 const DEPTH: Part = "depth";
 
-/// Which size of the images.
+/// Size of the images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum DrivingStereoSize {
@@ -44,10 +44,10 @@ pub(crate) enum DrivingStereoSize {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum DrivingStereoTruth {
-    /// What the scanners hit.
+    /// All pixels that the laser scanners hit.
     #[default]
     All,
-    /// None: truth is not read, even where there is some.
+    /// Ground truth is not read, even if it exists.
     None,
 }
 
@@ -55,18 +55,19 @@ pub(crate) enum DrivingStereoTruth {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct DrivingStereo {
-    /// The folder that holds the images' folders: of a weather, of the training or of the test set.
+    /// Folder that contains the folders of images: of a weather subset, the training set or the test set.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which size: `half` or `full`.
+    /// Size of the images: `half` or `full`.
     pub size: DrivingStereoSize,
-    /// The folder of calibrations, `half-image-calib` or `full-image-calib`. By default looked for in root, its
-    /// `calib`, and beside root.
+    /// Folder of calibrations, `half-image-calib` or `full-image-calib`. By default depthloom searches `root`, its
+    /// folder `calib`, and the parent folder of `root`.
     pub calibrations: Option<DataPath>,
-    /// Which sequences: `2018-10-19-09-30-39`. By default all there are.
+    /// Sequences to read: `2018-10-19-09-30-39`. All by default.
     pub sequences: Vec<String>,
-    /// What is true: `all` or `none` (truth is not read).
+    /// Pixels with ground truth: `all` or `none` (not read).
     pub truth: DrivingStereoTruth,
-    /// Which frames, by their count over all sequences, from 0. By default all.
+    /// Selected frames, by their count over all sequences, from 0. All by default.
     pub frames: FrameSelection,
 }
 
@@ -94,22 +95,28 @@ impl DatasetKind for DrivingStereo {
 
     fn declaration() -> SourceDeclaration {
         let [_, occ, _] = Evaluation::always();
-        let depth = "Sparse true depth, metres, NaN = unknown: of the depth maps, else of the disparities where there is a calibration.";
-        let calibration = "Focal length, principal points, baseline; absent without the calibrations' folder.";
+        let depth = "Sparse ground-truth depth, metres, NaN = unknown; from depth maps, else from disparities if there is a calibration.";
+        let calibration = "Focal length, principal points, baseline; absent without a folder of calibrations.";
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "DrivingStereo: rectified pairs of a car in many weathers, with sparse laser truth.",
+            summary: "DrivingStereo: rectified driving pairs in different weather, with sparse laser ground truth.",
             doc: "\
-Layout (Yang et al., *DrivingStereo: A Large-Scale Dataset for Stereo Matching in Autonomous Driving Scenarios*, 2019; drivingstereo-dataset.github.io): of a weather \
-`<root>/left-image-half-size/<stem>.jpg`, `right-image-half-size`, `disparity-map-half-size/<stem>.png`, `depth-map-half-size`, or `full-size`; of the test set the same below \
-`test-left-image`, `test-right-image`, `test-disparity-map`, `test-depth-map`; of the training set `train-left-image/<sequence>/<stem>.jpg` and so on.\n\n\
-Truth is 16-bit PNG, 0 = unknown: disparity * 256 px at half size, * 128 at full size; depth * 256 m. Calibrations are `half-image-calib/<sequence>.txt`, and \
-`full-image-calib`: `f = P_rect_101[0,0]`, `B` the length of `T_103` (of a half-size file the last column of `P_rect_103` is that of the full size, which makes twice the baseline).\n\n\
-A frame's id is its file's stem (`2018-10-19-09-30-39_2018-10-19-09-31-36-438`: sequence, then its time), its index the count over all sequences, its time 10 Hz.",
+Layout (Yang et al., *DrivingStereo: A Large-Scale Dataset for Stereo Matching in Autonomous Driving Scenarios*, \
+2019; drivingstereo-dataset.github.io):\n\n\
+- a weather subset: `<root>/left-image-half-size/<stem>.jpg`, `right-image-half-size`, \
+`disparity-map-half-size/<stem>.png`, `depth-map-half-size`, or the same with `full-size`;\n\
+- the test set: the same below `test-left-image`, `test-right-image`, `test-disparity-map`, `test-depth-map`;\n\
+- the training set: `train-left-image/<sequence>/<stem>.jpg` and so on.\n\n\
+Ground truth is 16-bit PNG, 0 = unknown: disparity * 256 px at half size, disparity * 128 px at full size, depth * \
+256 m. Calibrations are `half-image-calib/<sequence>.txt` or `full-image-calib`: `f = P_rect_101[0,0]`, and `B` is \
+the length of `T_103`. The last column of `P_rect_103` is not used: in half-size files it is that of the full size, \
+so the baseline would be twice as long.\n\n\
+The id of a frame is the stem of its file (`2018-10-19-09-30-39_2018-10-19-09-31-36-438`: sequence, then time). Its \
+index counts over all sequences. Its time is at 10 Hz.",
             outputs: vec![
-                image_port("left", "Left colour image, with its file's bytes."),
-                image_port("right", "Right colour image, likewise."),
+                image_port("left", "Left colour image, with the bytes of its file."),
+                image_port("right", "Right colour image, with the bytes of its file."),
                 Port::frame("calibration", ValueType::Calibration, calibration).optional(),
                 depth_port(depth).optional(),
                 occ,
@@ -172,7 +179,7 @@ impl Parts {
         let (left, right) = (folder("left-image"), folder("right-image"));
         if let Some(other) = there.next() {
             let what = format!("{} and {} are both there", left.display(), other("left-image").display());
-            return Err(Fault::new(what).remedy("name as root a folder with one of them: frames are of one set"));
+            return Err(Fault::new(what).remedy("set `root` to a folder that contains only one of them"));
         }
         if params.truth == DrivingStereoTruth::None {
             return Ok(Self { left, right, truth: Vec::new() });
@@ -180,7 +187,8 @@ impl Parts {
         let maps = [(TRUTH, folder("disparity-map")), (DEPTH, folder("depth-map"))];
         let truth: Vec<_> = maps.iter().filter(|(_, folder)| folder.is_dir()).cloned().collect();
         if truth.is_empty() {
-            let remedy = "truth is a map of disparities or of depths a frame; without truth, say `truth: none`";
+            let remedy =
+                "ground truth is one disparity or depth map per frame; without ground truth, set `truth: none`";
             return Err(missing_folder(&maps[0].1, remedy));
         }
         Ok(Self { left, right, truth })
@@ -229,7 +237,7 @@ fn list(params: &DrivingStereo) -> Result<Listing, Fault> {
     lefts.retain(|(_, stem, _)| is_selected(stem));
     lefts.sort_by(|(_, a, _), (_, b, _)| a.cmp(b));
     if lefts.is_empty() {
-        let what = format!("{} holds no image of the sequences asked for", parts.left.display());
+        let what = format!("{} contains no image of the requested sequences", parts.left.display());
         return Err(Fault::new(what).remedy(LAYOUT));
     }
     let known: Vec<(u64, &str)> = (0..).zip(&lefts).map(|(index, (_, stem, _))| (index, stem.as_str())).collect();
@@ -244,14 +252,14 @@ fn list(params: &DrivingStereo) -> Result<Listing, Fault> {
         let file = |folder: &Path, endings: &[&str], remedy: &str| {
             existing_with_ending(&folder.join(inner), stem, endings, remedy)
         };
-        let remedy = "each left image needs its right one: unpack the archive again";
+        let remedy = "each left image needs a right image: unpack the archive again";
         let mut files = vec![(LEFT, left.clone()), (RIGHT, file(&parts.right, &["jpg", "png"], remedy)?)];
         for (part, folder) in &parts.truth {
-            let remedy = "each frame needs its files, or the whole folder away; without truth, say `truth: none`";
+            let remedy = "each frame needs its files; remove the whole folder to read frames without them; without ground truth, set `truth: none`";
             files.push((*part, file(folder, &["png"], remedy)?));
         }
         if let Some(folder) = &calibrations {
-            let remedy = "each sequence needs its calibration, or the whole folder away: unpack calib again";
+            let remedy = "each sequence needs its calibration: unpack the archive again, or remove the whole folder";
             files.push((CALIBRATION, existing_file(folder.join(format!("{}.txt", sequence(stem))), remedy)?));
         }
         Ok(files)
@@ -264,7 +272,7 @@ impl DrivingStereo {
         let factor = self.size.disparity_factor();
         let px = |&fixed: &u16| if fixed > 0 { f32::from(fixed) / factor } else { f32::NAN };
         let px = Raster::from_raw(map.width(), map.height(), map.iter().map(px).collect());
-        TrueDisparity { px: px.expect("a number a pixel") }
+        TrueDisparity { px: px.expect("one number per pixel") }
     }
 }
 

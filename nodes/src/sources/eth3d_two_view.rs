@@ -23,13 +23,15 @@ calib.txt, and in training disp0GT.pfm and mask0nocc.png, unless `truth: none`";
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Eth3dTwoView {
-    /// The folder that holds `two_view_training` and `two_view_training_gt`; or one with a folder a scene.
+    /// Folder that contains `two_view_training` and `two_view_training_gt`, or one folder per scene.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which scenes, in this order. By default all there are, by name.
+    /// Scenes to read, in this order. By default all, sorted by name.
     pub scenes: Vec<String>,
-    /// Which true pixels `depth` has: `all`, `noc` (seen by both cameras) or `none` (truth is not read).
+    /// Pixels of `depth`: `all` (all with ground truth), `noc` (seen by both cameras) or `none` (ground truth is not
+    /// read).
     pub truth: TruePixels,
-    /// Which frames, by the scene's count among those asked for, from 0. By default all.
+    /// Selected frames, by the position of the scene among the selected scenes, from 0. All by default.
     pub frames: FrameSelection,
 }
 
@@ -40,20 +42,22 @@ impl DatasetKind for Eth3dTwoView {
 
     fn declaration() -> SourceDeclaration {
         let ports = [
-            image_port("left", "Left image, 8 bit, with its file's bytes."),
-            image_port("right", "Right image, likewise."),
+            image_port("left", "Left image, 8 bit, with the bytes of its file."),
+            image_port("right", "Right image, 8 bit, with the bytes of its file."),
             calibration_port(),
-            depth_port("True depth, metres, NaN = unknown; absent without truth.").optional(),
+            depth_port("Ground-truth depth, metres, NaN = unknown; absent without ground truth.").optional(),
         ];
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "ETH3D two-view: rectified grey pairs of a small rig, indoors and outdoors, with laser truth.",
+            summary: "ETH3D two-view: rectified grey pairs of a small rig, indoors and outdoors, with laser ground truth.",
             doc: "\
-Layout (Schöps et al., *A Multi-View Stereo Benchmark with High-Resolution Images and Multi-Camera Videos*, 2017; eth3d.net/documentation): \
-`two_view_training/<scene>` with `im0.png` (left), `im1.png`, `calib.txt`; `two_view_training_gt/<scene>` with `disp0GT.pfm` (px, infinite = unknown) and \
-`mask0nocc.png` (255 where both cameras see a pixel); or all of a scene in one folder. The calibration's baseline is in millimetres.\n\n\
-A frame's id is its scene's name (`delivery_area_1l`), its index the scene's count. Depth is `f * B / (d + doffs)`. Pixel centres have whole coordinates.",
+Layout (Schöps et al., *A Multi-View Stereo Benchmark with High-Resolution Images and Multi-Camera Videos*, 2017; \
+eth3d.net/documentation): `two_view_training/<scene>` with `im0.png` (left), `im1.png` and `calib.txt`; \
+`two_view_training_gt/<scene>` with `disp0GT.pfm` (px, infinite = unknown) and `mask0nocc.png` (255 where both \
+cameras see a pixel). All files of a scene may also be in one folder. The baseline in `calib.txt` is in millimetres.\n\n\
+The id of a frame is the name of its scene (`delivery_area_1l`), its index the position of the scene. Depth is `f * \
+B / (d + doffs)`. Pixel centres have integer coordinates.",
             outputs: ports.into_iter().chain(Evaluation::always()).collect(),
         }
     }
@@ -92,12 +96,15 @@ fn list(params: &Eth3dTwoView) -> Result<Listing, Fault> {
     let (images, truths) =
         if separate.is_dir() { (separate, Some(root.join("two_view_training_gt"))) } else { (root.to_owned(), None) };
     if let Some(truths) = truths.as_ref().filter(|truths| params.truth != TruePixels::None && !truths.is_dir()) {
-        return Err(missing_folder(truths, "unpack two_view_training_gt.7z there; without truth, say `truth: none`"));
+        return Err(missing_folder(
+            truths,
+            "unpack two_view_training_gt.7z there; without ground truth, set `truth: none`",
+        ));
     }
     let is_scene = |folder: &Path| ["im0.png", "im1.png", "calib.txt"].iter().any(|file| folder.join(file).is_file());
     let scenes = scenes(&images, &params.scenes, is_scene)?;
     if scenes.is_empty() {
-        return Err(Fault::new(format!("{} holds no scene", images.display())).remedy(LAYOUT));
+        return Err(Fault::new(format!("no scene found in {}", images.display())).remedy(LAYOUT));
     }
     let known: Vec<(u64, &str)> = (0..).zip(&scenes).map(|(index, (name, _))| (index, name.as_str())).collect();
     let mut listing = Listing::default();

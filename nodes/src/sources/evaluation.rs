@@ -1,4 +1,4 @@
-//! Inputs of `score/disparity`: true disparities of two pixel sets, the pixels between them, and objects.
+//! Inputs of `score/disparity`: ground-truth disparities of two pixel sets, the pixels between them, and objects.
 
 use depthloom_graphs::values::{Mask, Raster, TrueDisparity};
 use depthloom_graphs::{Outputs, Port, Value, ValueType};
@@ -13,17 +13,17 @@ pub(super) struct Evaluation {
 impl Evaluation {
     pub(super) fn on_request() -> [Port; 3] {
         ports([
-            "True disparity where both cameras see it, px, NaN = unknown; with `disparities: true`.",
-            "True disparity of all true pixels, likewise; with `disparities: true`.",
-            "255 where `disp_occ` knows a disparity and `disp_noc` does not; with `disparities: true`.",
+            "Ground-truth disparity of pixels that both cameras see, px, NaN = unknown; with `disparities: true`.",
+            "Ground-truth disparity of all pixels that have one, px, NaN = unknown; with `disparities: true`.",
+            "255 where `disp_occ` has a disparity and `disp_noc` has not; with `disparities: true`.",
         ])
     }
 
     pub(super) fn always() -> [Port; 3] {
         ports([
-            "True disparity where both cameras see it, px, NaN = unknown; absent where no file tells it.",
-            "True disparity of all true pixels, likewise; absent without truth.",
-            "255 where `disp_occ` knows a disparity and `disp_noc` does not; absent without both.",
+            "Ground-truth disparity of pixels that both cameras see, px, NaN = unknown; absent if no file contains this.",
+            "Ground-truth disparity of all pixels that have one, px, NaN = unknown; absent without ground truth.",
+            "255 where `disp_occ` has a disparity and `disp_noc` has not; absent without both.",
         ])
     }
 

@@ -30,44 +30,47 @@ use crate::sources::true_disparity;
 
 const KIND: &str = "images";
 const VERSION: u32 = 2;
-const LAYOUT: &str = "root is the folder that `left`, `right`, `list`, truth and calibration files are relative to";
+const LAYOUT: &str =
+    "root is the folder to which `left`, `right`, `list`, ground-truth and calibration files are relative";
 
 const CALIBRATIONS: [Part; 4] = ["calibration", "calibration_2", "calibration_3", "calibration_4"];
 
-/// What is known of the cameras: numbers of a rectified pair, or files.
+/// Cameras: numbers of a rectified pair, or files.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct ImagesCalibration {
     /// Focal length of the rectified pair, px.
     #[schemars(extend("minimum" = 1, "maximum" = 1_000_000))]
     pub focal_px: Option<f64>,
-    /// Distance of the cameras' centres, metres.
+    /// Distance between the cameras' centres, metres.
     #[schemars(extend("minimum" = 0.0001, "maximum" = 10_000))]
     pub baseline_m: Option<f64>,
-    /// Principal point, column, px; (0, 0) is the middle of the first pixel. By default the image's middle.
+    /// Column of the principal point, px; (0, 0) is the centre of the first pixel. The default is the centre of the
+    /// image.
     pub cx_px: Option<f64>,
-    /// Principal point, row, px; likewise.
+    /// Row of the principal point, px; as `cx_px`.
     pub cy_px: Option<f64>,
-    /// How much farther right the right camera's principal point lies in its image, px (Middlebury's `doffs`): depth is
-    /// `f * B / (d + doffs)`.
+    /// Column of the right camera's principal point minus that of the left, px (Middlebury's `doffs`): depth is `f *
+    /// B / (d + doffs)`.
     #[schemars(range(min = -100_000, max = 100_000))]
     pub doffs_px: f64,
-    /// Calibration files, relative to `root`: OpenCV's FileStorage (YAML, XML or JSON, in one file or two), two of ROS
-    /// (`camera_info` YAML, left and right), or Kalibr's camchain.
+    /// Calibration files, relative to `root`: OpenCV's FileStorage (YAML, XML or JSON, one file or two), two
+    /// `camera_info` YAML files of ROS (left, right), or a camchain of Kalibr.
     pub files: Vec<String>,
-    /// How long a unit of the files' translations is, metres: 0.001 for millimetres. Without it they are metres, and a
+    /// Length of one unit of translation in the files, metres: 0.001 for millimetres. The default is metres; then a
     /// baseline above 2 m is refused.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub metres_per_unit: Option<f64>,
-    /// Whether the images are rectified already: then of the files the projections are taken alone.
+    /// Whether the images are already rectified. If so, only the projections of the files are used.
     pub rectified: bool,
-    /// Whether lens coefficients of an OpenCV file are those of its `fisheye` module, which the file does not tell.
+    /// Whether the lens coefficients of an OpenCV file belong to its `fisheye` module. The file does not contain this
+    /// information.
     pub fisheye: bool,
-    /// Whether the rectification is computed anew, though the files have one: 0 (no black pixels) to 1 (no pixel is
-    /// lost), or -1 (the focal length stays), as `stereoRectify`'s.
+    /// Recomputes the rectification, even if the files contain one, with `alpha` of `stereoRectify`: 0 (no black
+    /// pixels) to 1 (no pixel is lost), or -1 (the focal length is kept).
     #[schemars(extend("minimum" = -1, "maximum" = 1))]
     pub alpha: Option<f64>,
-    /// How a place between pixels is taken in rectification: `float` (as OpenCV 5 with `CV_32FC1` maps), or `fixed`
+    /// Precision of positions between pixels in rectification: `float` (as OpenCV 5 with `CV_32FC1` maps) or `fixed`
     /// (1/32 px, as OpenCV 4).
     pub sampling: Sampling,
 }
@@ -82,24 +85,25 @@ impl ImagesCalibration {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct ImagesParams {
-    /// The folder that all else is relative to.
+    /// Folder to which all other paths are relative.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Left images: a path with `*` for any run of characters of a name, as `cam0/*.png` or `*_left.png`.
+    /// Pattern of the left images. `*` stands for any text within a name: `cam0/*.png`, `*_left.png`.
     pub left: Option<String>,
-    /// Right images, likewise: `cam1/*.png`, `*_right.png`.
+    /// Pattern of the right images: `cam1/*.png`, `*_right.png`.
     pub right: Option<String>,
-    /// In place of `left` and `right` a CSV file with the columns left,right[,truth][,frame], a line a pair.
+    /// CSV file that replaces `left` and `right`: columns left,right[,truth][,frame], one row per pair.
     pub list: Option<String>,
-    /// The cameras: numbers of a rectified pair (`focal_px`, `baseline_m`), or `files`. Without it there is no output
+    /// Cameras: numbers of a rectified pair (`focal_px`, `baseline_m`), or `files`. Without it there is no output
     /// `calibration`.
     pub calibration: ImagesCalibration,
-    /// How many bits the samples of 16-bit images use: 12 of a 12-bit camera that stores them as numbers up to 4095. Of
-    /// these the upper 8 are taken. Default: 16, as OpenCV's `imread`.
+    /// Number of bits that the samples of 16-bit images use: 12 for a 12-bit camera that stores numbers up to 4095.
+    /// The upper 8 of them are used. The default is 16, as in OpenCV's `imread`.
     #[schemars(range(min = 8, max = 16))]
     pub bits: Option<u32>,
-    /// What is true: the files and what their numbers are.
+    /// Ground truth: the files and the meaning of their numbers.
     pub truth: ImagesTruth,
-    /// Which frames, by their count in the order of names, or of the list, from 0. By default all.
+    /// Selected frames, by their position in the order of names, or of the list, from 0. All by default.
     pub frames: FrameSelection,
 }
 
@@ -127,18 +131,26 @@ impl DatasetKind for Images {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "Pairs of one's own: two patterns of file names or a list, a calibration, and truth where there is some.",
+            summary: "Your own image pairs: two file patterns or a list, a calibration, and optional ground truth.",
             doc: "\
-Left and right images are PNG, JPEG, WebP, TIFF or PNM of 8 or 16 bits, decoded to the pixels of OpenCV's `imread` (an EXIF orientation is applied), found by two patterns (`left: cam0/*.png`, `right: cam1/*.png`) or named by a CSV list.\n\n\
-Of two patterns files belong together for which `*` stands for the same; where that holds for no two, those with the same numbers in it; where that holds for \
-none either, files are paired in their order, which is told, and refused if there are not as many of both or if numbers (times) contradict it. Numbers in \
-names count as numbers: 9 comes before 10. A frame's id is what `*` stands for, or the list's column `frame`; its index its count from 0.\n\n\
-The calibration is that of a rectified pair in numbers, or files. OpenCV: `M1`, `D1`, `M2`, `D2` with `R1`, `R2`, `P1`, `P2`, or with `R` and `T`, from which \
-these are computed (`stereoRectify` with `CALIB_ZERO_DISPARITY`). ROS: two `camera_info` files with `plumb_bob`, `rational_polynomial` or `equidistant`. Kalibr: \
-`cam0`, `cam1` with `radtan` or `equidistant`. Where cameras have distortion or rotation, and it is not said that the images are `rectified`, pairs are rectified as they \
-are read, as OpenCV's `initUndistortRectifyMap` and `remap` (linear) do it; pixels that lie outside of the camera's image are black, and size stays.\n\n\
-Truth is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, of the left image's size: depth along the optical axis or disparity, as `truth.unit` and \
-`truth.divide_by` say. Unknown is what is 0, negative, infinite or no number. Depth of a disparity `d` is `f * B / (d + doffs)`.",
+**Images** are PNG, JPEG, WebP, TIFF or PNM with 8 or 16 bits, decoded to the pixels of OpenCV's `imread` (the EXIF \
+orientation is applied). Two patterns find them (`left: cam0/*.png`, `right: cam1/*.png`), or a CSV list names them.\n\n\
+**Pairs.** Two files form a pair if `*` stands for the same text in both. If no two files match in this way, files \
+pair if the numbers in that text are equal. If that matches none either, files pair by order, with a warning; this \
+is refused if the counts differ or if numbers (times) contradict it. Numbers in names sort as numbers: 9 before 10. \
+The id of a frame is the text that `*` stands for, or the column `frame` of the list. Its index is its position from \
+0.\n\n\
+**Calibration** is given as numbers of a rectified pair, or as files:\n\n\
+- OpenCV: `M1`, `D1`, `M2`, `D2` with `R1`, `R2`, `P1`, `P2`. With `R` and `T` instead, depthloom computes these \
+(`stereoRectify` with `CALIB_ZERO_DISPARITY`).\n\
+- ROS: two `camera_info` files with `plumb_bob`, `rational_polynomial` or `equidistant`.\n\
+- Kalibr: `cam0`, `cam1` with `radtan` or `equidistant`.\n\n\
+If the cameras have distortion or rotation, and `rectified` is not set, pairs are rectified when they are read, as \
+OpenCV's `initUndistortRectifyMap` and `remap` (linear) do. Pixels outside the camera's image are black. The size \
+does not change.\n\n\
+**Ground truth** is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, with the size of the left image. It is \
+depth along the optical axis or disparity, see `truth.unit` and `truth.divide_by`. Values that are 0, negative, \
+infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs)`.",
             outputs: outputs(true, Some(true)),
         }
     }
@@ -150,25 +162,25 @@ Truth is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, of the left im
             (None, Some(_), Some(_)) => {}
             (Some(_), None, None) if truth.files.is_none() => {}
             (Some(_), None, None) => {
-                let what = "the files of a list's truth stand in its column `truth`, not in `truth.files`";
+                let what = "truth.files cannot be combined with `list`: name the ground-truth files in the column `truth` of the list";
                 return Err(("truth", what.to_owned()));
             }
             (Some(_), ..) => {
-                return Err(("list", "pairs are given by `left` and `right`, or by a `list`, not by both".to_owned()));
+                return Err(("list", "list cannot be combined with `left` and `right`: use one of the two".to_owned()));
             }
             (None, None, None) => {
-                let what = "which images are meant? `left: cam0/*.png` and `right: cam1/*.png`, or `list: pairs.csv`";
+                let what = "left and right are missing: set e.g. `left: cam0/*.png` and `right: cam1/*.png`, or `list: pairs.csv`";
                 return Err(("left", what.to_owned()));
             }
             (None, left, _) => {
                 let missing = if left.is_none() { "left" } else { "right" };
-                return Err((missing, format!("`{missing}` is missing: a pair has two images")));
+                return Err((missing, format!("`{missing}` is missing: a pair needs both `left` and `right`")));
             }
         }
         let numbers = calibration.focal_px.is_some() || calibration.baseline_m.is_some();
         let centre = calibration.cx_px.is_some() || calibration.cy_px.is_some() || calibration.doffs_px != 0.0;
         if !calibration.files.is_empty() && (numbers || centre) {
-            return Err(("calibration", "a calibration is given in numbers, or by `files`, not by both".to_owned()));
+            return Err(("calibration", "numbers cannot be combined with `files`: use one of the two".to_owned()));
         }
         if calibration.files.len() > CALIBRATIONS.len() {
             return Err(("calibration", format!("a calibration has at most {} files", CALIBRATIONS.len())));
@@ -225,9 +237,12 @@ Truth is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, of the left im
         let mut outputs = Outputs::one("left", left).with("right", right);
         if let Some(file) = files.get(TRUTH) {
             if is_moved && self.truth.of == TruthOf::Left {
-                let what = format!("{} is the truth of an image that is rectified as it is read", file.path.display());
+                let what = format!(
+                    "{} is ground truth of the left image in its file, but pairs are rectified when they are read",
+                    file.path.display()
+                );
                 return Err(Fault::new(what).remedy(
-                    "a truth of the rectified left image is wanted: say `truth: { of: rectified }` if it is that, else give no truth",
+                    "ground truth must belong to the rectified left image: set `truth: { of: rectified }` if it does, otherwise remove `truth`",
                 ));
             }
             let numbers = self.truth_numbers(file)?;
@@ -247,18 +262,20 @@ Truth is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, of the left im
 
 fn outputs(calibration: bool, truth: Option<bool>) -> Vec<Port> {
     let mut ports = vec![
-        image_port("left", "Left image, 8 bit; with its file's bytes where it is as it lies there."),
-        image_port("right", "Right image, likewise, of the same size."),
+        image_port("left", "Left image, 8 bit; with the bytes of its file if it is unchanged."),
+        image_port("right", "Right image, 8 bit, same size as `left`; with the bytes of its file if it is unchanged."),
     ];
     if calibration {
-        let doc = "Focal length, principal point, baseline of the rectified pair; where `calibration` is given.";
+        let doc = "Focal length, principal point, baseline of the rectified pair; with the parameter `calibration`.";
         ports.push(Port::frame("calibration", ValueType::Calibration, doc).optional());
     }
     if truth.is_some_and(|is_disparity| calibration || !is_disparity) {
-        ports.push(depth_port("True depth, metres, NaN = unknown; absent where a frame has no truth.").optional());
+        ports.push(
+            depth_port("Ground-truth depth, metres, NaN = unknown; absent if a frame has no ground truth.").optional(),
+        );
     }
     if truth == Some(true) {
-        let doc = "True disparity, px, NaN = unknown; where `truth.unit` is `pixels`.";
+        let doc = "Ground-truth disparity, px, NaN = unknown; with `truth.unit: pixels`.";
         ports.push(Port::frame("disparity", ValueType::TrueDisparity, doc).optional());
     }
     ports
@@ -343,7 +360,7 @@ impl Images {
         Ok(listing)
     }
 
-    /// The flag says whether pixels were moved by a rectification.
+    /// The flag is set if a rectification moved pixels.
     fn calibrated(&self, files: &Files, pair: Pair) -> Result<(Option<Calibration>, bool, Pair), Fault> {
         let size = pair.0.dimensions();
         match &self.calibration {
@@ -389,7 +406,7 @@ impl Images {
             let most = 255.0 / self.truth.divide_by;
             let what = format!("the file has 8 bits, and no number in it is above {most} {}", self.truth.unit.name());
             return Err(file.fault(what).remedy(
-                "16 bits are expected: an image tool may have saved it with 8; take the file from where it came from, or say what its numbers are \
+                "expected 16 bits: an image tool may have saved the file with 8 bits; use the original file, or describe its numbers \
                  with `truth.unit` and `truth.divide_by`",
             ));
         }

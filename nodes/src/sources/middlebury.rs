@@ -42,27 +42,29 @@ const BASELINE_M: f64 = 0.160;
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Middlebury {
-    /// The folder that holds a folder a scene, e.g. `MiddEval3/trainingQ`; or a scene's own.
+    /// Folder that contains one folder per scene, e.g. `MiddEval3/trainingQ`, or the folder of one scene.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which scenes, in this order. By default all there are, by name.
+    /// Scenes to read, in this order. By default all, sorted by name.
     pub scenes: Vec<String>,
-    /// Which true pixels `depth` has: `all`, `noc` (seen by both cameras: scenes with mask0nocc.png) or `none` (truth
-    /// is not read).
+    /// Pixels of `depth`: `all` (all with ground truth), `noc` (seen by both cameras; needs `mask0nocc.png`) or
+    /// `none` (ground truth is not read).
     pub truth: TruePixels,
-    /// What a true disparity of 1 px is in the 8-bit maps of 2001 to 2006. By default by size: of 2003 4 at 450
-    /// columns, 2 at 900, 1 at 1800; of 2005 and 2006 1 at 1110 rows, 2 at 555, 3 at 370; of 2001 8.
+    /// Value that a disparity of 1 px has in the 8-bit maps of 2001 to 2006. The default depends on the size. 2003: 4
+    /// at 450 columns, 2 at 900, 1 at 1800. 2005 and 2006: 1 at 1110 rows, 2 at 555, 3 at 370. 2001: 8.
     #[schemars(range(min = 1, max = 255))]
     pub factor: Option<u32>,
-    /// Left and right view of scenes of 2001 and 2003, which have im0 to im8 at equal distances. By default 2 and 6.
+    /// Left and right view of scenes of 2001 and 2003, which have `im0` to `im8` at equal distances. The default is 2
+    /// and 6.
     pub views: Option<[u32; 2]>,
-    /// Focal length of scenes of 2001 and 2003, whose calibration is not published, px of the images as they are; with
-    /// `baseline_m`.
+    /// Focal length of scenes of 2001 and 2003, px of the images as they are; requires `baseline_m`. Their
+    /// calibration is not published.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub focal_px: Option<f64>,
-    /// Distance between the cameras of scenes of 2001 and 2003, metres; with `focal_px`.
+    /// Distance between the cameras of scenes of 2001 and 2003, metres; requires `focal_px`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub baseline_m: Option<f64>,
-    /// Which frames, by the scene's count among those asked for, from 0. By default all.
+    /// Selected frames, by the position of the scene among the selected scenes, from 0. All by default.
     pub frames: FrameSelection,
 }
 
@@ -72,28 +74,34 @@ impl DatasetKind for Middlebury {
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
-        let depth = "True depth, metres, NaN = unknown; absent without truth or calibration.";
-        let calibration = "Focal length, principal points, baseline; absent of scenes without (2001, 2003).";
+        let depth = "Ground-truth depth, metres, NaN = unknown; absent without ground truth or calibration.";
+        let calibration =
+            "Focal length, principal points, baseline; absent for scenes without calibration (2001, 2003).";
         let ports = [
-            image_port("left", "Left image, 8 bit, with its file's bytes."),
-            image_port("right", "Right image, likewise."),
+            image_port("left", "Left image, 8 bit, with the bytes of its file."),
+            image_port("right", "Right image, 8 bit, with the bytes of its file."),
             Port::frame("calibration", ValueType::Calibration, calibration).optional(),
             depth_port(depth).optional(),
         ];
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "Middlebury stereo, 2001 to 2021 and the training set of its benchmark: indoor scenes with dense truth.",
+            summary: "Middlebury stereo, 2001 to 2021 and the training set of its benchmark: indoor scenes with dense ground truth.",
             doc: "\
-Layout (Scharstein et al., vision.middlebury.edu/stereo/data): a folder a scene, each told by what it holds.\n\n\
-2014, 2021 and MiddEval3: `im0.png` (left), `im1.png`, `calib.txt`, `disp0.pfm` or `disp0GT.pfm` (px, infinite = unknown), and in MiddEval3 \
-`mask0nocc.png`. Depth is `f * B / (d + doffs)`; `doffs`, px, is how much farther right the right camera's principal point lies.\n\n\
-2005 and 2006: `view1.png` (left), `view5.png`, `disp1.png` (8 bit, 0 = unknown), `dmin.txt`. At half and third size the map's values are two and three times \
-the disparity. `f` = 3740 px at full size and `B` = 0.16 m are published, the principal point is not: the image's middle is taken. What cropping took of each disparity, \
-`dmin` px at full size, is `doffs`; a scene without `dmin.txt` has neither calibration nor depth.\n\n\
-2001 and 2003: `im2` (left) and `im6`, `disp2` (8 bit, 0 = unknown), PNG, PPM or PGM; `views: [2, 4]` takes a nearer right one, whose disparities are less in proportion. \
-There is no calibration, and so no depth, unless `focal_px` and `baseline_m` are given: disparities are scored without.\n\n\
-A frame's id is its scene's name, its index the scene's count. Pixel centres have whole coordinates.",
+Layout (Scharstein et al., vision.middlebury.edu/stereo/data): one folder per scene. The files in it determine the \
+year.\n\n\
+**2014, 2021 and MiddEval3:** `im0.png` (left), `im1.png`, `calib.txt`, `disp0.pfm` or `disp0GT.pfm` (px, infinite = \
+unknown), and in MiddEval3 `mask0nocc.png`. Depth is `f * B / (d + doffs)`. `doffs` (px) is the column of the right \
+camera's principal point minus that of the left.\n\n\
+**2005 and 2006:** `view1.png` (left), `view5.png`, `disp1.png` (8 bit, 0 = unknown), `dmin.txt`. At half and third \
+size, the values of the map are two and three times the disparity. `f` = 3740 px at full size and `B` = 0.16 m are \
+published; the principal point is not, so depthloom uses the centre of the image. Cropping removed `dmin` px (full \
+size) from each disparity, which becomes `doffs`. A scene without `dmin.txt` has neither calibration nor depth.\n\n\
+**2001 and 2003:** `im2` (left), `im6` and `disp2` (8 bit, 0 = unknown), PNG, PPM or PGM. `views: [2, 4]` selects a \
+nearer right view, with proportionally smaller disparities. There is no calibration, and no depth unless you set \
+`focal_px` and `baseline_m`. Disparities can be scored without them.\n\n\
+The id of a frame is the name of its scene, its index the position of the scene. Pixel centres have integer \
+coordinates.",
             outputs: ports.into_iter().chain(Evaluation::always()).collect(),
         }
     }
@@ -160,7 +168,7 @@ A frame's id is its scene's name, its index the scene's count. Pixel centres hav
         let outputs = Outputs::one("left", left).with("right", right);
         let is_2005 = files.get(DMIN).is_some() || files.get(OF_2005).is_some();
         let part = if is_2005 { OF_2005 } else { OF_2001 };
-        let encoded = "disparities of before 2014 have 8 bits, one channel (px times a factor, 0 = unknown)";
+        let encoded = "disparity maps before 2014 have 8 bits, one channel (px times a factor, 0 = unknown)";
         let map = files.map_u8(part, encoded, size)?;
         let calibration = match files.get(DMIN) {
             Some(_) => Some(self.calibration_2005(files, size, ctx)?),
@@ -226,18 +234,20 @@ impl Middlebury {
             Some(Year::From2014) => return scene::files(folder, folder, self.truth),
             None => return Err(Fault::new(format!("{} holds no scene", folder.display())).remedy(LAYOUT)),
         };
-        let remedy = format!("a scene of this year has {span}; without truth, say `truth: none`");
+        let remedy = format!("a scene of this year has {span}; without ground truth, set `truth: none`");
         let there = |stem: &str| existing_with_ending(folder, stem, &ENDINGS, &remedy);
         let mut files = vec![(LEFT, there(&format!("{stem}{left}"))?), (RIGHT, there(&format!("{stem}{right}"))?)];
         if self.truth == TruePixels::Noc {
             let mask = folder.join("mask0nocc.png");
-            let remedy = "what both cameras see is told by a mask, which scenes of before 2014 lack: `truth: all`";
+            let remedy = "`truth: noc` needs a mask, which scenes before 2014 lack; use `truth: all`";
             return Err(missing_file(&mask, remedy));
         }
         if self.truth == TruePixels::All {
             if truth == OF_2001 && left != 2 {
-                let what = format!("{} has no truth of view {left}", folder.display());
-                return Err(Fault::new(what).remedy("truth is of view 2: `views: [2, 6]`, or `truth: none`"));
+                let what = format!("{} has no ground truth for view {left}", folder.display());
+                return Err(
+                    Fault::new(what).remedy("ground truth exists for view 2: `views: [2, 6]`, or `truth: none`")
+                );
             }
             files.push((truth, there(truth)?));
         }
@@ -252,7 +262,7 @@ impl Middlebury {
     fn factor(&self, files: &Files, size: (u32, u32), ctx: &mut Context<'_>) -> Result<u32, Fault> {
         let unknown = |of: &str| {
             let what = format!("{} is {}x{}: {of}", files.required(LEFT)?.path.display(), size.0, size.1);
-            Err(Fault::new(what).remedy("say what 1 px is in the map of disparities, e.g. `factor: 4`"))
+            Err(Fault::new(what).remedy("set the value that 1 px has in the disparity map, e.g. `factor: 4`"))
         };
         if let Some(factor) = self.factor {
             return Ok(factor);
@@ -271,7 +281,8 @@ impl Middlebury {
             1800 => Ok(1),
             // Those of 2001 have sizes of their own.
             width if width < 450 => {
-                ctx.host.warn("maps of disparities are taken to be of 2001, where a pixel is 8: `factor` says another");
+                ctx.host
+                    .warn("disparity maps are read as those of 2001, with 8 per pixel: set `factor` for another value");
                 Ok(8)
             }
             _ => unknown("scenes of 2003 have 450, 900 or 1800 columns"),
@@ -287,15 +298,15 @@ fn is_uncalibrated_2005(files: &[(Part, PathBuf)]) -> bool {
 
 pub(super) fn scenes(
     root: &Path,
-    asked: &[String],
+    selected: &[String],
     is_scene: impl Fn(&Path) -> bool,
 ) -> Result<Vec<(String, PathBuf)>, Fault> {
     let named = |name: &String| (name.clone(), root.join(name));
-    if !asked.is_empty() {
-        let missing = asked.iter().find(|name| !root.join(name).is_dir());
+    if !selected.is_empty() {
+        let missing = selected.iter().find(|name| !root.join(name).is_dir());
         return match missing {
             Some(name) => Err(missing_folder(&root.join(name), "`scenes` names folders of root")),
-            None => Ok(asked.iter().map(named).collect()),
+            None => Ok(selected.iter().map(named).collect()),
         };
     }
     if is_scene(root) {
@@ -312,7 +323,7 @@ impl Middlebury {
         let text = dmin.text();
         let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
         let number = number.ok_or_else(|| {
-            let remedy = "dmin.txt holds one number, what cropping took of each disparity, px at full size: take it from the scene's archive";
+            let remedy = "dmin.txt holds one number, the part of each disparity that cropping removed, px at full size: take it from the scene's archive";
             dmin.fault(format!("`{}` is not a number", shortened(text.trim()))).remedy(remedy)
         })?;
         let factor = f64::from(self.factor(files, size, ctx)?);

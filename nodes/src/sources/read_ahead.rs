@@ -18,18 +18,18 @@ impl<T> Default for ReadAhead<T> {
 
 impl<T> ReadAhead<T> {
     pub(super) fn keep(&self, position: FrameIndex, input: T) {
-        let mut kept = locked(&self.0);
-        kept.retain(|(other, _)| *other != position);
-        if kept.len() == CAPACITY {
-            kept.pop_front();
+        let mut inputs = locked(&self.0);
+        inputs.retain(|(other, _)| *other != position);
+        if inputs.len() == CAPACITY {
+            inputs.pop_front();
         }
-        kept.push_back((position, input));
+        inputs.push_back((position, input));
     }
 
     pub(super) fn take(&self, position: FrameIndex) -> Option<T> {
-        let mut kept = locked(&self.0);
-        let at = kept.iter().position(|(other, _)| *other == position)?;
-        kept.remove(at).map(|(_, input)| input)
+        let mut inputs = locked(&self.0);
+        let at = inputs.iter().position(|(other, _)| *other == position)?;
+        inputs.remove(at).map(|(_, input)| input)
     }
 }
 
@@ -40,12 +40,12 @@ mod tests {
     use super::{CAPACITY, ReadAhead};
 
     #[test]
-    fn the_latest_are_kept_each_until_it_is_taken() {
-        let kept = ReadAhead::default();
-        FrameIndex::all(CAPACITY + 1).for_each(|position| kept.keep(position, "first"));
-        let take = |position| kept.take(FrameIndex(position));
+    fn the_latest_inputs_are_stored_until_they_are_used() {
+        let inputs = ReadAhead::default();
+        FrameIndex::all(CAPACITY + 1).for_each(|position| inputs.keep(position, "first"));
+        let take = |position| inputs.take(FrameIndex(position));
         assert_eq!((take(0), take(1), take(1)), (None, Some("first"), None));
-        kept.keep(FrameIndex(2), "second");
+        inputs.keep(FrameIndex(2), "second");
         assert_eq!((take(2), take(2)), (Some("second"), None));
     }
 }

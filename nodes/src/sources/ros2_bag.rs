@@ -39,27 +39,43 @@ impl SourceKind for Ros2Bag {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "A ROS 2 bag, or another MCAP file: stereo pairs matched by time, with depths or points as truth.",
+            summary: "ROS 2 bag or other MCAP file: stereo pairs matched by time, with depth or points as ground truth.",
             doc: "\
-`path` is the folder of a bag in either storage of rosbag2 (MCAP; SQLite's `.db3`, opened read-only and unlocked), or one of its files; any MCAP file will do. Read are \
-`sensor_msgs/msg/Image` (mono8, mono16, rgb8, bgr8, rgba8, bgra8, rgb16, bgr16, bayer_rggb8 and its like, bayer_rggb16 and its like, uyvy, yuyv, nv21; of 16 bits the upper 8, or of `bits`), `CompressedImage` (JPEG, PNG, `compressedDepth`), `CameraInfo`, `PointCloud2`, \
-`tf2_msgs/msg/TFMessage` in CDR of either byte order, and `foxglove.RawImage`, `CompressedImage`, `CameraCalibration` in protobuf. Our own recordings are read by `mcap`.\n\n\
-A frame is a left image with the right one nearest in time, no further than `tolerance_ms`: each once, in the order of their times, whatever the order in the file. \
-Those without a partner are counted and told. A frame's id is the left image's stamp in nanoseconds (`1317042164317412775`), its index the count of pairs.\n\n\
-Calibration is `camera_info`'s P (px, pixel centres at whole numbers): focal length, principal point, baseline `-P_right[3] / f`, `doffs` `cx_right - cx_left`, of the part of the sensor that was \
-taken (`roi`, `binning`). Images that are not rectified are made so as OpenCV's `initUndistortRectifyMap` and `remap` do it, and are then no file's bytes any more.\n\n\
-Truth, where a topic is given: depths registered to the left image (REP 118: 0, NaN and infinity are unknown), or a laser scan's points, through static transforms \
-from their frame to the left image's (`header.frame_id`) and P to the nearest pixel (half to even), of which the nearest point wins. ROS' `image_geometry` projects so, \
-without R, since drivers call the rectified camera's frame the camera's; where the images are rectified here, R turns the points too. Truth of another time than \
-`tolerance_ms` allows is none.\n\n\
-Opening reads the index, and of the messages their headers: in files without compressed chunks a few bytes each. `clock: log` takes the index alone. \
-Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
+`path` is the folder of a bag in either storage of rosbag2 (MCAP, or SQLite `.db3`, which is opened read-only and \
+without locks), or one of its files. Any MCAP file works. The source reads:\n\n\
+- `sensor_msgs/msg/Image`: mono8, mono16, rgb8, bgr8, rgba8, bgra8, rgb16, bgr16, bayer_rggb8 and its variants, \
+bayer_rggb16 and its variants, uyvy, yuyv, nv21. Of 16 bits, the upper 8 are used; see `bits`.\n\
+- `CompressedImage` (JPEG, PNG, `compressedDepth`), `CameraInfo`, `PointCloud2`, `tf2_msgs/msg/TFMessage`, in CDR of \
+either byte order.\n\
+- `foxglove.RawImage`, `CompressedImage`, `CameraCalibration` in protobuf.\n\n\
+Use the source `mcap` for recordings of depthloom.\n\n\
+**Frames.** A frame is a left image with the right image nearest in time, at most `tolerance_ms` apart. Each image \
+is used once. Frames are ordered by time, whatever the order in the file. Images without a partner are counted and \
+reported. The id of a frame is the stamp of the left image in nanoseconds (`1317042164317412775`), its index the \
+position of the pair.\n\n\
+**Calibration** comes from P of `camera_info` (px, pixel centres at integer coordinates): focal length, principal \
+point, baseline `-P_right[3] / f`, and `doffs` = `cx_right - cx_left`. `roi` and `binning` are taken into account. \
+Images that are not rectified are rectified as OpenCV's `initUndistortRectifyMap` and `remap` do; they then no \
+longer have the bytes of a file.\n\n\
+**Ground truth** is read if you name a topic. Depths must be registered to the left image (REP 118: 0, NaN and \
+infinity are unknown). Static transforms move the points of a laser scan to the frame of \
+the left image (`header.frame_id`). P projects them to the nearest pixel (half to even); the nearest point wins a \
+pixel. R is not applied, as in `image_geometry` of ROS, because drivers label images with the frame of the rectified \
+camera. If depthloom rectifies the images, R is applied, too. Ground truth farther away in time than `tolerance_ms` \
+is not used.\n\n\
+**Reading.** Opening reads the index and the headers of messages: a few bytes each in files without compressed \
+chunks. `clock: log` reads only the index. Formats: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
             outputs: vec![
-                image_port("left", "Left image, 8 bit, rectified; with its file's bytes where the message has some."),
-                image_port("right", "Right image, likewise."),
+                image_port(
+                    "left",
+                    "Left image, 8 bit, rectified; with the bytes of a compressed message if it is unchanged.",
+                ),
+                image_port("right", "Right image, as `left`."),
                 Port::frame("calibration", ValueType::Calibration, "Focal length, principal point, baseline, doffs."),
-                depth_port("True depth, metres, NaN = unknown; absent where no truth is near enough in time.")
-                    .optional(),
+                depth_port(
+                    "Ground-truth depth, metres, NaN = unknown; absent if no ground truth is near enough in time.",
+                )
+                .optional(),
             ],
         }
     }
@@ -69,14 +85,14 @@ Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
             return Err(("path", "path is missing: the folder of a ROS 2 bag, or one of its files".to_owned()));
         }
         if params.depth.is_some() && params.points.is_some() {
-            return Err(("points", "there is one truth: give `depth` or `points`".to_owned()));
+            return Err(("points", "points cannot be combined with depth: use one as ground truth".to_owned()));
         }
         if params.depth_unit_m.is_some() && params.depth.is_none() {
             return Err(("depth_unit_m", "it is the unit of `depth`, which is not given".to_owned()));
         }
         if let Some(end_s) = params.end_s.filter(|end| *end <= params.start_s) {
             let start_s = params.start_s;
-            let what = format!("no image lies between start_s and end_s: {end_s} is not after {start_s}");
+            let what = format!("end_s is {end_s}, expected more than start_s ({start_s})");
             return Err(("end_s", what));
         }
         Ok(())
@@ -93,12 +109,12 @@ Format: <https://github.com/ros2/rosbag2>, <https://mcap.dev/spec>.",
             Err(fault) => return Survey::failed(fault),
         };
         let mut facts = facts::topics(&bag);
-        // A run reads what is there; a survey reports what is missing.
+        // A run reads the messages that exist; a survey reports missing ones.
         let all = params.frames == FrameSelection::All && params.end_s.is_none();
         let losses: Vec<String> = if all { bag.losses().to_vec() } else { Vec::new() };
         let fault = |what: &String| {
             Fault::new(format!("{}: {what}", params.path.path().display()))
-                .remedy("record or copy it again; a run takes what is there without asking, `end_s` or `frames` chooses among it")
+                .remedy("record or copy it again; a run uses the messages that exist, and `end_s` and `frames` select among them")
         };
         let mut faults: Vec<Fault> = losses.iter().map(fault).collect();
         match Self::opened(bag, &params) {

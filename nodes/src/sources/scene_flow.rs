@@ -29,30 +29,30 @@ const FOCAL_PX: f64 = 1050.0;
 const WIDE_FOCAL_PX: f64 = 450.0;
 const WIDTH: u32 = 960;
 const WIDE: &str = "15mm_focallength";
-/// Blender's unit, taken as a metre.
+/// Blender's unit, used as a metre.
 const BASELINE_M: f64 = 1.0;
 
 const ENDINGS: [&str; 2] = ["png", "webp"];
 
-/// Which rendering.
+/// Rendering pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum SceneFlowPass {
     /// With blur and depth of field: `frames_finalpass`.
     #[default]
     Final,
-    /// Without: `frames_cleanpass`.
+    /// Without blur and depth of field: `frames_cleanpass`.
     Clean,
 }
 
-/// Whether there is truth.
+/// Ground truth to read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum SceneFlowTruth {
-    /// All pixels: the data sets tell no occlusions.
+    /// All pixels. The data sets contain no occlusion masks.
     #[default]
     All,
-    /// None: truth is not read, even where there is some.
+    /// Ground truth is not read, even if it exists.
     None,
 }
 
@@ -60,16 +60,17 @@ pub(crate) enum SceneFlowTruth {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct SceneFlow {
-    /// The folder that holds `frames_finalpass` and `disparity`, of one of the three sets.
+    /// Folder of one of the three data sets, which contains `frames_finalpass` and `disparity`.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which rendering: `final` or `clean`.
+    /// Rendering pass: `final` or `clean`.
     pub pass: SceneFlowPass,
-    /// Which folders below it: `TRAIN/A` of FlyingThings3D, `35mm_focallength/scene_forwards/slow` of Driving,
-    /// `funnyworld_x2` of Monkaa. By default all there are.
+    /// Folders to read below the pass: `TRAIN/A` of FlyingThings3D, `35mm_focallength/scene_forwards/slow` of
+    /// Driving, `funnyworld_x2` of Monkaa. All by default.
     pub folders: Vec<String>,
-    /// What is true: `all` or `none` (truth is not read).
+    /// Pixels with ground truth: `all` or `none` (not read).
     pub truth: SceneFlowTruth,
-    /// Which frames, by their count over all folders, from 0. By default all.
+    /// Selected frames, by their count over all folders, from 0. All by default.
     pub frames: FrameSelection,
 }
 
@@ -83,20 +84,23 @@ impl DatasetKind for SceneFlow {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "Scene Flow: FlyingThings3D, Monkaa and Driving, rendered pairs with dense truth.",
+            summary: "Scene Flow: FlyingThings3D, Monkaa and Driving, rendered pairs with dense ground truth.",
             doc: "\
-Layout (Mayer et al., *A Large Dataset to Train Convolutional Networks for Disparity, Optical Flow, and Scene Flow Estimation*, 2016; \
-lmb.informatik.uni-freiburg.de): `<root>/frames_finalpass/<folders>/left/%04d.png` (or WebP, also in `frames_finalpass_webp`), `right`, and \
-`<root>/disparity/<folders>/left/%04d.pfm` (px). `<folders>` are `TRAIN/A/0000` of FlyingThings3D, a scene of Monkaa, \
-`15mm_focallength/scene_forwards/fast` of Driving.\n\n\
-The camera is the data sets' own: 960x540, focal length 1050 px, 450 px below `15mm_focallength`, principal point (479.5, 269.5), the image's middle; the baseline is 1 unit \
-of Blender, which counts as 1 m. Depth is `f * B / d`. A frame's id is its folders and number (`TRAIN_A_0000_0006`), its index the count over all folders, its time 10 Hz. \
-Pixel centres have whole coordinates.",
+Layout (Mayer et al., *A Large Dataset to Train Convolutional Networks for Disparity, Optical Flow, and Scene Flow \
+Estimation*, 2016; lmb.informatik.uni-freiburg.de): `<root>/frames_finalpass/<folders>/left/%04d.png` (or WebP, also \
+in `frames_finalpass_webp`), `right`, and `<root>/disparity/<folders>/left/%04d.pfm` (px). `<folders>` is \
+`TRAIN/A/0000` for FlyingThings3D, the name of a scene for Monkaa, and `15mm_focallength/scene_forwards/fast` for \
+Driving.\n\n\
+All data sets have the same camera: 960x540 px, principal point (479.5, 269.5), the centre of the image. The focal \
+length is 1050 px, and 450 px below `15mm_focallength`. The baseline is 1 unit of Blender, which counts as 1 m. \
+Depth is `f * B / d`.\n\n\
+The id of a frame is its folders and number (`TRAIN_A_0000_0006`). Its index counts over all folders. Its time is at \
+10 Hz. Pixel centres have integer coordinates.",
             outputs: vec![
-                image_port("left", "Left image, RGB, a PNG with its file's bytes."),
-                image_port("right", "Right image, likewise."),
+                image_port("left", "Left image, RGB; a PNG keeps the bytes of its file."),
+                image_port("right", "Right image, RGB; a PNG keeps the bytes of its file."),
                 calibration_port(),
-                depth_port("True depth, units of Blender, NaN = unknown; absent without truth.").optional(),
+                depth_port("Ground-truth depth, units of Blender (counted as metres), NaN = unknown; absent without ground truth.").optional(),
                 occ,
             ],
         }
@@ -170,20 +174,20 @@ fn list(params: &SceneFlow) -> Result<Listing, Fault> {
         frames.extend(lefts.into_iter().map(|(stem, left)| (path.as_str(), stem, left)));
     }
     if frames.is_empty() {
-        return Err(Fault::new(format!("{} holds no frame", images.display())).remedy(LAYOUT));
+        return Err(Fault::new(format!("no frame found in {}", images.display())).remedy(LAYOUT));
     }
     let ids: Vec<String> = frames.iter().map(|(path, stem, _)| format!("{}_{stem}", path.replace('/', "_"))).collect();
     let known: Vec<(u64, &str)> = (0..).zip(&ids).map(|(index, id)| (index, id.as_str())).collect();
     let mut listing = Listing::default();
     listing.add_selected(&params.frames, &known, |at| {
         let (path, stem, left) = &frames[at];
-        let remedy = "each left image needs its right one: unpack the archive again";
+        let remedy = "each left image needs a right image: unpack the archive again";
         let right = existing_with_ending(&images.join(path).join("right"), stem, &ENDINGS, remedy)?;
         let mut files = vec![(LEFT, left.clone()), (RIGHT, right)];
         if params.truth == SceneFlowTruth::All {
             let truth = root.join("disparity").join(path).join("left").join(format!("{stem}.pfm"));
             let remedy =
-                "each frame needs its disparities, of the archive `disparity`; without truth, say `truth: none`";
+                "each frame needs its disparities, of the archive `disparity`; without ground truth, set `truth: none`";
             files.push((TRUTH, existing_file(truth, remedy)?));
         }
         Ok(files)

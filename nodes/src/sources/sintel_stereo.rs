@@ -31,14 +31,14 @@ const BASELINE_M: f64 = 0.1;
 const CAMERA_TAG: f32 = 202_021.25;
 const CAMERA_BYTES: usize = 4 + 8 * (9 + 12);
 
-/// Which rendering.
+/// Rendering pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum SintelPass {
     /// With blur and depth of field.
     #[default]
     Final,
-    /// Without.
+    /// Without blur and depth of field.
     Clean,
 }
 
@@ -46,18 +46,21 @@ pub(crate) enum SintelPass {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct SintelStereo {
-    /// The folder that holds `training`.
+    /// Folder that contains `training`.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which rendering: `final` or `clean`.
+    /// Rendering pass: `final` or `clean`.
     pub pass: SintelPass,
-    /// Which sequences, in this order: `alley_1`. By default all there are, by name.
+    /// Sequences to read, in this order: `alley_1`. By default all, sorted by name.
     pub sequences: Vec<String>,
-    /// Which true pixels `depth` has: `all`, `noc` (seen by both cameras) or `none` (truth is not read).
+    /// Pixels of `depth`: `all` (all with ground truth), `noc` (seen by both cameras) or `none` (ground truth is not
+    /// read).
     pub truth: TruePixels,
-    /// Focal length, px, where there are no camera files: the stereo archive tells none. 1120 of most sequences.
+    /// Focal length, px, used without camera files: the stereo archive does not contain it. It is 1120 for most
+    /// sequences.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub focal_px: Option<f64>,
-    /// Which frames, by their count over all sequences, from 0. By default all.
+    /// Selected frames, by their count over all sequences, from 0. All by default.
     pub frames: FrameSelection,
 }
 
@@ -67,26 +70,29 @@ impl DatasetKind for SintelStereo {
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
-        let depth = "True depth, metres, NaN = unknown; absent without truth or calibration.";
+        let depth = "Ground-truth depth, metres, NaN = unknown; absent without ground truth or calibration.";
         let calibration = "Focal length, principal point, baseline; absent without `focal_px` or camera files.";
         let ports = [
-            image_port("left", "Left image, RGB, with its file's bytes."),
-            image_port("right", "Right image, likewise."),
+            image_port("left", "Left image, RGB, with the bytes of its file."),
+            image_port("right", "Right image, RGB, with the bytes of its file."),
             Port::frame("calibration", ValueType::Calibration, calibration).optional(),
             depth_port(depth).optional(),
         ];
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "MPI Sintel stereo: rendered film scenes with dense truth, occlusions included.",
+            summary: "MPI Sintel stereo: rendered film scenes with dense ground truth, including occluded pixels.",
             doc: "\
-Layout (Butler et al., *A naturalistic open source movie for optical flow evaluation*, 2012; sintel.is.tue.mpg.de/stereo): \
-`<root>/training/{final,clean}_{left,right}/<sequence>/frame_%04d.png`, `disparities`, `occlusions` and `outofframe` likewise.\n\n\
-A disparity is `4 R + G / 2^6 + B / 2^14` px of an RGB file, as in the archive's own `sintel_io`. What leaves the right image (`outofframe`) is not taken into account by \
-the benchmark and is unknown; `disp_noc` has the pixels that are not occluded, `disp_occ` these too.\n\n\
-Depth is `f * B / d` with `B` = 0.1 m, and `f` of the camera files of Sintel's depth set, where `training/camdata_left` is unpacked beside, else `focal_px` with the image's \
-middle as the principal point. A frame's id is sequence and file (`alley_1_frame_0001`), its index the count over all sequences, its time 10 Hz. Pixel centres have whole \
-coordinates.",
+Layout (Butler et al., *A naturalistic open source movie for optical flow evaluation*, 2012; \
+sintel.is.tue.mpg.de/stereo): `<root>/training/{final,clean}_{left,right}/<sequence>/frame_%04d.png`; `disparities`, \
+`occlusions` and `outofframe` have the same structure.\n\n\
+A disparity is `4 R + G / 2^6 + B / 2^14` px of an RGB file, as in `sintel_io` of the archive. Pixels that are \
+outside the right image (`outofframe`) are ignored by the benchmark and are unknown here. `disp_noc` contains the \
+pixels that are not occluded, `disp_occ` also the occluded ones.\n\n\
+Depth is `f * B / d` with `B` = 0.1 m. `f` comes from the camera files of Sintel's depth data set if \
+`training/camdata_left` exists, otherwise from `focal_px` with the principal point at the centre of the image.\n\n\
+The id of a frame is sequence and file (`alley_1_frame_0001`). Its index counts over all sequences. Its time is at \
+10 Hz. Pixel centres have integer coordinates.",
             outputs: ports.into_iter().chain(Evaluation::always()).collect(),
         }
     }
@@ -156,10 +162,11 @@ fn list(params: &SintelStereo) -> Result<Listing, Fault> {
         let file = |folder: &str, ending: &str, remedy: &str| {
             existing_file(training.join(folder).join(sequence).join(format!("{stem}.{ending}")), remedy)
         };
-        let remedy = "each left image needs its right one: unpack the archive again";
+        let remedy = "each left image needs a right image: unpack the archive again";
         let mut files = vec![(LEFT, left.clone()), (RIGHT, file(&format!("{pass}_right"), "png", remedy)?)];
         if params.truth != TruePixels::None {
-            let remedy = "truth is a disparity and two masks a frame; without truth, say `truth: none`";
+            let remedy =
+                "ground truth is one disparity map and two masks per frame; without ground truth, set `truth: none`";
             for (part, folder) in [(TRUTH, "disparities"), (OCCLUDED, OCCLUDED), (OUT_OF_FRAME, OUT_OF_FRAME)] {
                 files.push((part, file(folder, "png", remedy)?));
             }
@@ -199,14 +206,14 @@ fn disparities(files: &Files, file: &File, size: (u32, u32)) -> Result<Raster<f3
     files.same_size_as_left(size, file, image.dimensions())?;
     let Pixels::Rgb(rgb) = image.pixels() else {
         return Err(file
-            .fault("it is a grey image: Sintel's disparities are in the red, green and blue of a file")
-            .remedy("take `disparities`, not `disparities_viz`, from the archive again"));
+            .fault("it is a grey image, expected RGB: Sintel stores a disparity in the three channels")
+            .remedy("use the folder `disparities` of the archive, not `disparities_viz`"));
     };
     let px = rgb.pixels().map(|pixel| {
         let [red, green, blue] = pixel.0.map(f32::from);
         4.0 * red + green / 64.0 + blue / 16384.0
     });
-    Ok(Raster::from_raw(size.0, size.1, px.collect()).expect("a number a pixel"))
+    Ok(Raster::from_raw(size.0, size.1, px.collect()).expect("one number per pixel"))
 }
 
 fn camera(file: &File) -> Result<[f64; 3], Fault> {

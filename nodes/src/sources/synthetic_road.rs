@@ -20,14 +20,14 @@ const VERSION: u32 = 1;
 /// Ids have six digits, as KITTI's.
 const FRAMES: Range<u64> = 0..1_000_000;
 
-/// Which true pixels are given at the port `depth`.
+/// Pixels of the output `depth`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum SyntheticTruth {
-    /// Those that the right camera sees too, as in KITTI's `disp_noc_0`.
+    /// Pixels that the right camera also sees, as in `disp_noc_0` of KITTI.
     #[default]
     Noc,
-    /// All that the scanner hit, as in KITTI's `disp_occ_0`.
+    /// All pixels that the scanner hit, as in `disp_occ_0` of KITTI.
     Occ,
 }
 
@@ -35,9 +35,9 @@ pub enum SyntheticTruth {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SyntheticRoadParams {
-    /// Which frames: `0..16`, `1..=40` or a list of indices, each below 1,000,000; in the order asked for, each once.
+    /// Selected frames, `0..16`, `1..=40` or a list of indices, each below 1,000,000; in this order, each once.
     pub frames: FrameSelection,
-    /// Which street: equal seeds give equal bits.
+    /// Number of the street. Equal seeds give equal bits.
     pub seed: u64,
     /// Columns of the images, px.
     #[schemars(range(min = 16, max = 8192))]
@@ -45,10 +45,10 @@ pub struct SyntheticRoadParams {
     /// Rows of the images, px.
     #[schemars(range(min = 16, max = 8192))]
     pub height: u32,
-    /// Which true pixels are scored: `noc` (seen by both cameras) or `occ` (all the scanner hit).
+    /// Pixels of `depth`: `noc` (seen by both cameras) or `occ` (all that the scanner hit).
     pub truth: SyntheticTruth,
-    /// Whether the truth is given as disparities too (`disp_noc`, `disp_occ`), with the map of cars (`obj_map`): for
-    /// `score/disparity`.
+    /// Whether frames also have ground-truth disparities (`disp_noc`, `disp_occ`) and the map of cars (`obj_map`).
+    /// `score/disparity` uses them.
     pub disparities: bool,
 }
 
@@ -123,11 +123,11 @@ impl Road {
             }
             FrameSelection::All => {
                 return Err(Fault::new("a synthetic street has no end")
-                    .remedy("say which frames, as a range (0..16) or a list ([3, 7])"));
+                    .remedy("set `frames` to a range (0..16) or a list ([3, 7])"));
             }
             FrameSelection::File(_) => {
                 return Err(Fault::new("the frames of a synthetic street have numbers, not names in a file")
-                    .remedy("say which frames, as a range (0..16) or a list ([3, 7])"));
+                    .remedy("set `frames` to a range (0..16) or a list ([3, 7])"));
             }
         };
         if indices.is_empty() {
@@ -145,13 +145,13 @@ impl Road {
         let frame = self.street.frame(index, &|n, tile| host.tiles(n, tile));
         let (width, height) = (frame.size.width as u32, frame.size.height as u32);
         let image = |rgb: Vec<u8>| {
-            Image::new(Pixels::Rgb(RgbImage::from_raw(width, height, rgb).expect("three bytes a pixel")))
+            Image::new(Pixels::Rgb(RgbImage::from_raw(width, height, rgb).expect("three bytes per pixel")))
         };
         let depth =
             |metres: Vec<f32>| Depth { metres: Raster::from_raw(width, height, metres).expect("one depth a pixel") };
         let mask = |set: &[bool]| {
             let set = set.iter().map(|&set| if set { 255 } else { 0 }).collect();
-            Mask { set: Raster::from_raw(width, height, set).expect("one byte a pixel") }
+            Mask { set: Raster::from_raw(width, height, set).expect("one byte per pixel") }
         };
         let calibration = Calibration {
             width,
@@ -186,24 +186,27 @@ impl SourceKind for SyntheticRoad {
     type Params = SyntheticRoadParams;
 
     fn declaration() -> SourceDeclaration {
-        let occluded = "255 where the right camera does not see the left pixel's surface.";
-        let noc = "What the scanner hit and the right camera sees, as disparity, px, NaN = unknown; with `disparities: true`.";
-        let occ = "All that the scanner hit, likewise; with `disparities: true`.";
+        let occluded = "255 where the right camera does not see the surface that the left camera sees.";
+        let noc = "Ground-truth disparity where the scanner hit and both cameras see, px, NaN = unknown; with `disparities: true`.";
+        let occ = "Ground-truth disparity of all that the scanner hit, px, NaN = unknown; with `disparities: true`.";
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "A deterministic ray-cast street: rectified pairs with exact and scanner-like truth.",
+            summary: "Synthetic street: deterministic ray-cast rectified pairs with exact and laser-like ground truth. No download.",
             doc: "\
-A street as seen by KITTI's cameras (focal length 721.5 px at 1242 columns, baseline 0.533 m, 1.65 m above the road): façades with repeated \
-windows, plain walls, cars, poles, trees, sky; sensor noise and a difference of exposure between the cameras. It needs no download, and is hard \
-for stereo in the ways real streets are.\n\n\
-A frame is a function of seed, size and index: equal on every machine, whatever the number of threads. Ids are `000000_10`, as KITTI's.",
+A street seen by KITTI's cameras: focal length 721.5 px at 1242 columns, baseline 0.533 m, 1.65 m above the road. It \
+shows façades with repeated windows, plain walls, cars, poles, trees and sky. The images have sensor noise, and the \
+cameras differ in exposure. It needs no download and contains the difficulties that real streets have for stereo.\n\n\
+A frame is a function of `seed`, size and index: it has the same bits on every machine, with any number of threads. \
+Ids are `000000_10`, as in KITTI.\n\n\
+Score against `depth`, which has the sparse pixels of a laser scanner and corresponds to KITTI's ground truth. \
+`dense` has the exact depth of every pixel.",
             outputs: vec![
                 image_port("left", "Left image, RGB, 8 bit."),
-                image_port("right", "Right image, likewise."),
+                image_port("right", "Right image, RGB, 8 bit."),
                 calibration_port(),
                 depth_port(
-                    "What a 64-beam scanner would measure: sparse true depth, metres, NaN = unknown; the one to score against.",
+                    "Sparse ground-truth depth of a simulated 64-beam laser scanner, metres, NaN = unknown. Use it for metrics.",
                 ),
                 Port::frame("dense", ValueType::Depth, "Exact depth of every pixel, metres; NaN in the sky."),
                 Port::frame("occluded", ValueType::Mask, occluded),

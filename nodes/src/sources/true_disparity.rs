@@ -44,7 +44,7 @@ mod tests {
     }
 
     #[test]
-    fn what_sixteen_bits_cannot_hold_is_unknown() {
+    fn values_beyond_sixteen_bits_are_unknown() {
         assert_eq!(fixed_point(10.0), 2560);
         assert_eq!(fixed_point(f64::NAN), 0);
         assert_eq!(fixed_point(0.0), 0);

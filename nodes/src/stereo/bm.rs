@@ -18,14 +18,16 @@ impl Node for Bm {
             kind: "stereo/bm",
             version: 1,
             contract: Contract::Pure,
-            summary: "Disparity of a rectified pair by OpenCV's block matching, bit for bit.",
+            summary: "Disparity of a rectified pair by OpenCV's block matching (`StereoBM`), bit for bit.",
             doc: "\
-Sums of absolute differences of the prefiltered grey images over a square block, the smallest wins (Konolige, *Small Vision Systems*, 1997), as \
-`cv::StereoBM` of OpenCV 5.0 computes them; every pixel is equal to OpenCV's. Excepted is what OpenCV computes from memory it never wrote: with \
-`prefilter_cap` above 31 or `block` above 21 its left-right check misreads its own costs (here it reads them right), and some windows of \
-`normalized-response` leave the image or a table (here borders repeat and responses are clipped).\n\n\
-Disparity is fixed point, i16, 1/16 px of the left image, `(min_disparity - 1) * 16` where nothing was found. Without answer: pixels whose block does \
-not lie inside the left image and, moved by the largest disparity, inside the right one.",
+Sums of absolute differences of the prefiltered grey images over a square block; the disparity with the smallest sum \
+wins (Konolige, *Small Vision Systems*, 1997). Every pixel equals the result of `cv::StereoBM` of OpenCV 5.0, except \
+where OpenCV reads memory that it did not write. With `prefilter_cap` above 31 or `block` above 21, OpenCV's \
+left-right check misreads its own costs; here it reads them correctly. Some windows of `normalized-response` reach \
+outside the image or a table in OpenCV; here borders are replicated and responses are clipped.\n\n\
+Disparity is fixed point, i16, in 1/16 px of the left image. Invalid pixels hold `(min_disparity - 1) * 16`. A pixel \
+is also invalid if its block is not completely inside the left image, or, shifted by the largest disparity, not \
+inside the right image.",
             inputs: pair(),
             outputs: disparity(),
         }

@@ -18,17 +18,21 @@ impl Node for CensusSgm {
             kind: "stereo/census-sgm",
             version: 1,
             contract: Contract::Pure,
-            summary: "Disparity of a rectified pair by semi-global matching on census features, as libSGM does it.",
+            summary: "Disparity of a rectified pair by semi-global matching on census features, as in libSGM.",
             doc: "\
-A pixel's census feature says which samples of a 9x7 window are darker than others (Zabih and Woodfill, *Non-parametric Local Transforms for \
-Computing Visual Correspondence*, 1994; in pairs opposite each other: Spangenberg, Langner and Rojas, *Weighted Semi-Global Matching and \
-Center-Symmetric Census Transform for Robust Driver Assistance*, 2013), whatever their brightness: cameras need not be exposed alike. The number of \
-bits that differ is summed along 4 or 8 paths (Hirschmueller, *Stereo Processing by Semiglobal Matching and Mutual Information*, 2008); then come \
-uniqueness, a sub-pixel parabola, 3x3 medians of both maps and the left-right check, with the values of libSGM (github.com/fixstars/libSGM). \
-Unlike libSGM, a pixel whose partner lies outside of the right image has no answer, medians replicate the border, and black pixels \
-are not masked.\n\n\
-Disparity is fixed point, i16, 1/16 px of the left image, `(min_disparity - 1) * 16` where nothing was found. No features are computed within 4 \
-columns and 3 rows of the border: pixels that are valid there come along the paths.",
+The census feature of a pixel states which samples of a 9x7 window are darker than others (Zabih and Woodfill, \
+*Non-parametric Local Transforms for Computing Visual Correspondence*, 1994). With `census: symmetric`, opposite \
+samples are compared in pairs (Spangenberg, Langner and Rojas, *Weighted Semi-Global Matching and Center-Symmetric \
+Census Transform for Robust Driver Assistance*, 2013). The feature does not depend on brightness, so the cameras may \
+have different exposure.\n\n\
+The number of differing bits is the matching cost. Costs are summed along 4 or 8 paths (Hirschmueller, *Stereo \
+Processing by Semiglobal Matching and Mutual Information*, 2008). Then follow the uniqueness check, a sub-pixel \
+parabola, 3x3 medians of both maps and the left-right check. The defaults are those of libSGM \
+(github.com/fixstars/libSGM), except for `subpixel`.\n\n\
+Differences from libSGM: a pixel whose partner is outside the right image is invalid, medians replicate the border, \
+and black pixels are not masked.\n\n\
+Disparity is fixed point, i16, in 1/16 px of the left image. Invalid pixels hold `(min_disparity - 1) * 16`. No \
+features are computed within 4 columns and 3 rows of the border; pixels there get their disparities from the paths.",
             inputs: pair(),
             outputs: disparity(),
         }
@@ -52,7 +56,7 @@ impl PureNode for CensusSgm {
             params.min_disparity,
             |[left, right], (width, height), scratch: &mut CensusScratch, tiles, out| {
                 if out.is_empty() {
-                    let what = format!("`left` is {width}x{height}: an image without pixels has no disparities");
+                    let what = format!("`left` is {width}x{height}, expected at least 1x1 px");
                     return Err(Fault::new(what));
                 }
                 let pair = Pair { left, right, width, height };

@@ -1,4 +1,4 @@
-//! What all matchers share: ports, and one call of a kernel.
+//! Shared by all matchers: ports, and the call of a kernel.
 
 use depthloom_graphs::values::{Disparity, Image};
 use depthloom_graphs::{Context, Fault, Inputs, Outputs, Port, ValueType};
@@ -18,18 +18,22 @@ pub(super) fn refused(error: ParamError) -> (&'static str, String) {
 pub(super) fn too_large(error: TooMuch, (width, height): (usize, usize)) -> Fault {
     Fault::new(format!("the images are {width}x{height}"))
         .because(error)
-        .remedy("search fewer disparities, or take smaller images")
+        .remedy("reduce `disparities`, or use smaller images")
 }
 
 pub(super) fn pair() -> Vec<Port> {
     vec![
         Port::frame("left", ValueType::Image, "The left image of a rectified pair, grey or RGB."),
-        Port::frame("right", ValueType::Image, "The right image, of the same size."),
+        Port::frame("right", ValueType::Image, "The right image; same size as `left`."),
     ]
 }
 
 pub(super) fn disparity() -> Vec<Port> {
-    vec![Port::frame("disparity", ValueType::Disparity, "Disparity of the left image's pixels, 1/16 px fixed point.")]
+    vec![Port::frame(
+        "disparity",
+        ValueType::Disparity,
+        "Disparity of the left image, 1/16 px fixed point; invalid pixels hold `(min_disparity - 1) * 16`.",
+    )]
 }
 
 pub(super) fn matched<S: Default + Send + 'static>(

@@ -29,19 +29,24 @@ impl Node for StereoOnnx {
             kind: "stereo/onnx",
             version: 3,
             contract,
-            summary: "Disparity and depth by a network: any ONNX model that maps a rectified pair to a map.",
+            summary: "Disparity and depth by a network: any ONNX model that maps a rectified pair to one map.",
             doc: "\
-Both images are brought to the size that the network takes, scaled to [0, `white`], normalised by `mean` and `std`, and given to its two inputs, or to the one that \
-takes them as channels of one tensor (six, or two of grey). With `fit: pad` rows and columns are added up to the next `multiple`, the nearest pixels again, and taken off \
-the answer: no pixel of the image is changed. With `fit: resize` images are resized, the answer is resized back (bilinear, half-pixel centres), and disparities are scaled by \
-the ratio of the widths. A map that is smaller than what the network sees, such as one of its strides, is spread over it first; its values stay as they are (`output_scale: 4` \
-where they are pixels of a quarter of the image).\n\n\
-`disparity` has the network's own numbers, which scores take as they are; checks and filters round them to 1/16 px. `depth` is made of the same numbers, \
-`Z = min(f * B / (d + doffs), cap)`. Where the network gives NaN or infinity, an answer below `min_disparity`, or `d + doffs <= 0`, there is none. With `right_view` the network sees \
-the mirrored right image as left and the mirrored left one as right, and its answer, mirrored back, is the right image's disparity, as `disparity/left-right` wants it: negative. Both \
-views are one batch where the model leaves it open, or fixes it at 2.\n\n\
-Inputs of f32, f16 and u8 are fed, outputs of f32, f16 and f64 read. The model is a file (`model: { file: net.onnx }`), its weights in that one file; `depthloom onnx FILE` shows what it \
-takes and prints the lines for an experiment. Engines, providers and keys are as of `mono/onnx`.",
+**Input.** Both images are brought to the network's size, scaled to [0, `white`], and normalised by `mean` and \
+`std`. The network has one input per image, or one input that takes both images as channels (six, or two for grey). \
+With `fit: pad`, rows and columns are added up to the next `multiple` and removed from the output; no pixel disparities the \
+image is changed. With `fit: resize`, images are resized, the output is resized back (bilinear, half-pixel centres), \
+and disparities are scaled by the ratio disparities the widths.\n\n\
+A map smaller than the network's input, for example by its stride, is first enlarged to it; its values stay \
+unchanged. Use `output_scale: 4` if they are pixels disparities a quarter-size image.\n\n\
+**Output.** `disparity` has the network's own numbers, and metrics use them unrounded; checks and filters round them \
+to 1/16 px. `depth` is computed from the same numbers: `Z = min(f * B / (d + doffs), cap)`. A pixel is invalid where \
+the network returns NaN or infinity, where the disparity is below `min_disparity`, or where `d + doffs <= 0`.\n\n\
+With `right_view`, the network also sees the mirrored right image as left and the mirrored left image as right. Its \
+output, mirrored back, is the right image's disparity, negative, as `disparity/left-right` expects it. Both views \
+are one batch if the model's batch size is open or 2.\n\n\
+**Model.** Inputs may be f32, f16 or u8, outputs f32, f16 or f64. The model is a file (`model: { file: net.onnx }`) \
+with its weights inside. `depthloom inspect FILE` prints its inputs and outputs and the lines for an experiment. \
+Engines, providers and cache keys are those disparities `mono/onnx`.",
             inputs,
             outputs,
         }
@@ -54,7 +59,7 @@ takes and prints the lines for an experiment. Engines, providers and keys are as
     fn check(params: &StereoOnnxParams) -> Result<(), (&'static str, String)> {
         onnx::check_preprocessing(params.std, params.resize, params.round)?;
         if params.output_scale == 0.0 {
-            return Err(("output_scale", "output_scale must not be 0".to_owned()));
+            return Err(("output_scale", "output_scale is 0, expected another number".to_owned()));
         }
         Ok(())
     }
@@ -72,22 +77,27 @@ takes and prints the lines for an experiment. Engines, providers and keys are as
 fn signature(params: &StereoOnnxParams) -> Signature {
     let mut inputs = vec![
         Port::frame("left", ValueType::Image, "The left image of a rectified pair, grey or RGB."),
-        Port::frame("right", ValueType::Image, "The right image, of the same size."),
-        Port::once("model", ValueType::Model, "The network: an ONNX model of two images, or of one input for both."),
+        Port::frame("right", ValueType::Image, "The right image; same size as `left`."),
+        Port::once(
+            "model",
+            ValueType::Model,
+            "The network: an ONNX model with two image inputs, or one input for both images.",
+        ),
     ];
     if params.wants_calibration() {
         inputs.push(Port::frame(
             "calibration",
             ValueType::Calibration,
-            "Focal length and baseline; with `depth`, or where the network itself gives depths.",
+            "Focal length and baseline; required by `depth: true` and by networks that output depth.",
         ));
     }
-    let mut outputs = vec![Port::frame("disparity", ValueType::Disparity, "The left image's disparity.")];
+    let mut outputs =
+        vec![Port::frame("disparity", ValueType::Disparity, "Disparity of the left image, floating point.")];
     if params.depth {
-        outputs.push(Port::frame("depth", ValueType::Depth, "Depth, f32 metres, not rounded; with `depth`."));
+        outputs.push(Port::frame("depth", ValueType::Depth, "Depth, f32 metres, NaN = invalid; with `depth: true`."));
     }
     if params.right_view {
-        let doc = "The right image's disparity, negative; with `right_view`.";
+        let doc = "Disparity of the right image, negative; with `right_view: true`.";
         outputs.push(Port::frame("disparity_right", ValueType::Disparity, doc));
     }
     Signature { contract: Contract::Pure, inputs, outputs, observes: None }
@@ -175,20 +185,19 @@ impl PureNode for StereoOnnx {
         if self.params.right_view {
             views.push(View { first: right, second: left, mirrored: true });
         }
-        let too_large = |error: TooMuch| {
-            Fault::new(error.to_string()).remedy("take smaller images, or `fit: resize` with a `size`")
-        };
+        let too_large =
+            |error: TooMuch| Fault::new(error.to_string()).remedy("use smaller images, or `fit: resize` with a `size`");
         let maps = network.run(&views, &fitted, &self.preprocessing())?;
         let mut outputs = Outputs::none();
         for (view, map) in views.iter().zip(maps) {
             let mut px = fitted.map_back(map.values, map.size).map_err(too_large)?;
             let seen = count_non_finite(&px);
             if seen > 0 {
-                ctx.host.warn_n(seen as u64, "pixels of the network are no numbers (NaN or infinity)");
+                ctx.host.warn_n(seen as u64, "pixels of the network's output are NaN or infinite, and so invalid");
             }
             let is_disparity = matches!(self.params.output, StereoOutput::DisparityPx | StereoOutput::DisparityShare);
             if is_disparity && self.params.min_disparity >= 0 && nearly_all_negative(&px, self.params.output_scale) {
-                ctx.host.warn("nearly all disparities of the network are negative, and so no answers: `output_scale: -1` where it counts them so");
+                ctx.host.warn("more than 90 % of the network's disparities are negative, and so invalid: set `output_scale: -1` if the network outputs negative disparities");
             }
             self.pixels(&mut px, &fitted, calibration.map(AsRef::as_ref));
             if view.mirrored {
@@ -211,12 +220,12 @@ mod tests {
 
     #[test]
     fn disparities_of_the_other_sign_are_noticed_and_a_few_that_are_off_are_not() {
-        let of = |negative: usize, other: f32| -> Vec<f32> {
+        let disparities = |negative: usize, other: f32| -> Vec<f32> {
             (0..100).map(|k| if k < negative { -3.0 } else { other }).collect()
         };
-        assert!(nearly_all_negative(&of(100, 0.0), 1.0) && nearly_all_negative(&of(91, 2.0), 0.5));
-        assert!(nearly_all_negative(&of(1, f32::NAN), 1.0) && nearly_all_negative(&of(0, 2.0), -1.0));
-        assert!(!nearly_all_negative(&of(90, 2.0), 1.0) && !nearly_all_negative(&of(100, 2.0), -1.0));
+        assert!(nearly_all_negative(&disparities(100, 0.0), 1.0) && nearly_all_negative(&disparities(91, 2.0), 0.5));
+        assert!(nearly_all_negative(&disparities(1, f32::NAN), 1.0) && nearly_all_negative(&disparities(0, 2.0), -1.0));
+        assert!(!nearly_all_negative(&disparities(90, 2.0), 1.0) && !nearly_all_negative(&disparities(100, 2.0), -1.0));
         assert!(!nearly_all_negative(&[f32::NAN; 4], 1.0) && !nearly_all_negative(&[], 1.0));
     }
 }

@@ -34,7 +34,7 @@ impl PairNetwork {
             ([None, None], [left, right]) => vec![*left, *right],
             _ => {
                 return Err(Fault::new(format!("the network has the inputs {}", names.join(", ")))
-                    .remedy("say which takes which image: `left_name` and `right_name`; a network of other inputs is run by `onnx`"));
+                    .remedy("set `left_name` and `right_name`; use `onnx` for a network with other inputs"));
             }
         };
         let outlet = |name: &&str| onnx::outlet("input", &declared.inputs, Some(name));
@@ -100,17 +100,17 @@ impl PairNetwork {
     }
 }
 
-/// 3 or 1. An open number is taken as 3.
+/// 3 or 1. An open number is read as 3.
 fn planes_of(names: &[&str], axes: &[Axes]) -> Result<usize, Fault> {
     let wrong = |name: &str, channels: usize, wanted: &str| {
-        Err(Fault::new(format!("input `{name}` of the network takes {channels} channels, where {wanted} are wanted"))
-            .remedy("see `layout`; a network of other inputs is run by `onnx`"))
+        Err(Fault::new(format!("input `{name}` of the network takes {channels} channels, expected {wanted}"))
+            .remedy("see `layout`; use `onnx` for a network with other inputs"))
     };
     match axes {
         [both] => match both.channels {
             None | Some(6) => Ok(3),
             Some(2) => Ok(1),
-            Some(other) => wrong(names[0], other, "those of two images, 6 or 2,"),
+            Some(other) => wrong(names[0], other, "6 or 2 (two images)"),
         },
         _ => {
             let channels = |axes: &Axes| axes.channels.unwrap_or(3);
@@ -119,7 +119,7 @@ fn planes_of(names: &[&str], axes: &[Axes]) -> Result<usize, Fault> {
                 .zip(names)
                 .find(|(one, _)| ![1, 3].contains(&channels(one)) || channels(one) != channels(&axes[0]))
             {
-                Some((other, name)) => wrong(name, channels(other), "1 or 3, in both inputs,"),
+                Some((other, name)) => wrong(name, channels(other), "1 or 3 in both inputs"),
                 None => Ok(channels(&axes[0])),
             }
         }

@@ -35,65 +35,70 @@ pub(crate) enum PairOrder {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct StereoOnnxParams {
-    /// Name of the input of the left image; `null`: the network's first.
+    /// Name of the input for the left image; `null` uses the network's first.
     pub left_name: Option<String>,
-    /// Name of the input of the right image; `null`: the network's second. A network of one input takes both images as
-    /// channels of it.
+    /// Name of the input for the right image; `null` uses the network's second. A network with one input takes both
+    /// images as its channels.
     pub right_name: Option<String>,
-    /// In an input that takes both images: which comes first, `left-right` or `right-left`.
+    /// Order of the images in an input that takes both: `left-right` or `right-left`.
     pub order: PairOrder,
     /// Order of the input tensors' axes: `nchw` or `nhwc`.
     pub layout: TensorLayout,
-    /// Order of an image's channels: `rgb` or `bgr`. Whether the network sees grey or colour, its inputs say.
+    /// Order of an image's channels: `rgb` or `bgr`. The shape of the inputs decides whether the network sees grey or
+    /// colour.
     pub channels: Channels,
-    /// What white is before `mean` and `std`: 1, or 255 of networks that take bytes.
+    /// Value of white before `mean` and `std`: 1 (default), or 255 for networks that take bytes.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub white: f64,
-    /// Subtracted from each channel, in the network's order of channels.
+    /// Subtracted from each channel, in the network's channel order.
     pub mean: [f64; 3],
-    /// Each channel is then divided by this.
+    /// Divisor of each channel, after `mean`.
     pub std: [f64; 3],
-    /// How images come to the network's size: `pad` (no pixel is changed) or `resize` (disparities are scaled back).
+    /// How images are brought to the network's size: `pad` (no pixel is changed) or `resize` (disparities are scaled
+    /// back).
     pub fit: Fit,
-    /// Columns and rows of what the network sees, px; `null`: what it fixes itself, else the image's, made a
-    /// `multiple`.
+    /// Columns and rows of the network's input, px; `null` uses what the model fixes, else the size of the image,
+    /// rounded up to `multiple`.
     #[schemars(inner(range(min = 1, max = 16384)))]
     pub size: Option<[u32; 2]>,
-    /// What columns and rows are made a multiple of where nothing fixes them, px: the network's largest stride.
+    /// Columns and rows are rounded up to a multiple of this where nothing fixes them, px. Use the largest stride of
+    /// the network.
     #[schemars(range(min = 1, max = 1024))]
     pub multiple: u32,
     /// Where rows and columns are added: `bottom-right`, `top-right`, `top-left` or `centre`.
     pub pad_at: PadAt,
-    /// What is added: `edge`, the nearest pixel, or `zero`, in the normalised image.
+    /// Value of added pixels: `edge` (the nearest pixel), or `zero` in the normalised image.
     pub pad_with: PadWith,
-    /// How images are resized: `area` or `bilinear`.
+    /// Interpolation of resized images: `area` or `bilinear` (default; `mono/onnx` uses `area`).
     pub resize: Resize,
-    /// Whether the resized image is rounded to 8 bits; `area` always is.
+    /// Whether the resized image is rounded to 8 bits. `area` always rounds.
     pub round: bool,
-    /// Name of the network's output; `null`: the first whose shape can be that of a map.
+    /// Name of the network's output; `null` uses the first whose shape is that of a map.
     pub output_name: Option<String>,
-    /// Of an output that holds several maps (heads, channels, steps of refinement) the one to take: from 0, or -1 for
-    /// the last.
+    /// Index of the map to use if an output holds several (heads, channels, refinement steps): from 0, or -1 for the
+    /// last.
     pub head: Option<i64>,
     /// What the output means: `disparity-px`, `disparity-share`, `inverse-depth` or `depth`.
     pub output: StereoOutput,
-    /// The output is multiplied by this first; -1 where disparities come out negative.
+    /// Factor on the output, applied before `output` interprets it (`scale` in the ports of `onnx`). Use -1 if the
+    /// network outputs negative disparities.
     pub output_scale: f64,
-    /// Answers below are none, px of the image.
+    /// Smaller disparities are invalid, px of the image.
     #[schemars(range(min = -2046, max = 2046))]
     pub min_disparity: i32,
-    /// Whether depth is given as well, of the network's own numbers; wants the calibration.
+    /// Whether the node also outputs depth, from the network's unrounded numbers; requires `calibration`.
     pub depth: bool,
-    /// Largest depth given, metres; `null` leaves depth uncapped.
+    /// Largest depth in the output, metres; `null` does not limit depth.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
-    /// Whether the right image's disparity is given as well, for `disparity/left-right`: the network sees both images
-    /// mirrored and exchanged.
+    /// Whether the node also outputs the right image's disparity, for `disparity/left-right`. The network then also
+    /// sees both images mirrored and exchanged.
     pub right_view: bool,
-    /// On what the network runs: `cpu`, `cuda`, `tensorrt`, ...; an error where the machine's ONNX Runtime has it not.
+    /// Hardware that runs the network: `cpu`, `cuda`, `tensorrt`, ... It is an error if this machine's ONNX Runtime
+    /// lacks it.
     pub provider: Provider,
-    /// Threads of ONNX Runtime per frame. More are faster for one frame, and no faster for many: frames run side by
-    /// side. tract always has one.
+    /// Threads of ONNX Runtime per frame. More threads speed up one frame, not many frames, because frames run in
+    /// parallel. tract always uses one.
     #[schemars(range(min = 1, max = 256), extend("operational" = true))]
     pub threads: u32,
 }

@@ -12,39 +12,39 @@ use super::matcher::{disparity, matched, pair, refused, too_large};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct SgbmParams {
-    /// How many disparities are searched, px (`numDisparities`): a multiple of 16.
+    /// Number of disparities searched, px (`numDisparities`): a multiple of 16.
     #[schemars(range(min = 16, max = 2032), extend("multipleOf" = 16))]
     pub disparities: i32,
-    /// Smallest disparity searched, px (`minDisparity`); may be negative.
+    /// Smallest disparity searched, px (`minDisparity`). It may be negative.
     #[schemars(range(min = -2047, max = 2031))]
     pub min_disparity: i32,
     /// Side of the matched block, px (`blockSize`): odd.
     #[schemars(range(min = 1, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub block: i32,
-    /// Penalty for a disparity change of one pixel between neighbours (`P1`). `auto` is `8 c block^2` as OpenCV's
-    /// documentation has it, of `c` channels matched: here 1, grey; at most 8191. 0 stands for 2.
+    /// Penalty for a disparity step of one pixel between neighbours (`P1`). `auto` is `8 c block^2`, at most 8191, as
+    /// in OpenCV's documentation; `c` is the number of channels matched, here 1 (grey). 0 means 2, as in OpenCV.
     #[schemars(extend("follows" = ["block"], "minimum" = 0, "maximum" = 32767))]
     pub p1: Auto<i32>,
-    /// Penalty for any larger change (`P2`), greater than `p1`. `auto` is `32 c block^2`, at most 32767. 0 stands
-    /// for 5.
+    /// Penalty for any larger step (`P2`), greater than `p1`. `auto` is `32 c block^2`, at most 32767. 0 means 5, as
+    /// in OpenCV.
     #[schemars(extend("follows" = ["block"], "minimum" = 0, "maximum" = 32767))]
     pub p2: Auto<i32>,
-    /// Largest difference allowed by the left-right check, px (`disp12MaxDiff`). OpenCV takes 0 and below as 1; only a
-    /// huge value switches it off.
+    /// Largest difference that the left-right check allows, px (`disp12MaxDiff`). OpenCV treats values of 0 and below
+    /// as 1; only a very large value disables the check.
     pub disp12_max_diff: i32,
-    /// Clip of the horizontal Sobel prefilter (`preFilterCap`); OpenCV uses `max(cap, 15) | 1`.
+    /// Bound at which the horizontal Sobel prefilter is clipped (`preFilterCap`). OpenCV uses `max(cap, 15) | 1`.
     #[schemars(range(min = 0))]
     pub prefilter_cap: i32,
-    /// Per cent by which the best cost must beat all others (`uniquenessRatio`); 0 switches the check off.
+    /// Margin in per cent by which the best cost must beat all others (`uniquenessRatio`); 0 disables the check.
     #[schemars(range(min = 0, max = 99))]
     pub uniqueness: i32,
-    /// Largest region, px, that the speckle filter removes (`speckleWindowSize`); 0 switches it off.
+    /// Largest region that the speckle filter removes, px (`speckleWindowSize`); 0 disables the filter.
     #[schemars(range(min = 0))]
     pub speckle_window: i32,
     /// Largest disparity step inside a region of the speckle filter, px (`speckleRange`).
     #[schemars(range(min = 0))]
     pub speckle_range: i32,
-    /// Which directions are summed: `sgbm` (5), `hh` (8), `3way` (3) or `hh4` (4).
+    /// Directions along which costs are summed: `sgbm` (5), `hh` (8), `3way` (3) or `hh4` (4).
     pub mode: Mode,
 }
 
@@ -106,13 +106,14 @@ impl Node for Sgbm {
             kind: "stereo/sgbm",
             version: 1,
             contract: Contract::Pure,
-            summary: "Disparity of a rectified pair by OpenCV's semi-global block matching, bit for bit.",
+            summary: "Disparity of a rectified pair by OpenCV's semi-global block matching (`StereoSGBM`), bit for bit.",
             doc: "\
-Birchfield-Tomasi costs on x-Sobel and grey values, summed over a block and along 3 to 8 directions (Hirschmueller, *Stereo Processing by \
-Semiglobal Matching and Mutual Information*, 2008), as `cv::StereoSGBM` of OpenCV 5.0 computes them on the grey images; every pixel is equal to \
-OpenCV's.\n\n\
-Disparity is fixed point, i16, 1/16 px of the left image, `(min_disparity - 1) * 16` where nothing was found. Never searched, and so without \
-answer: `max(min_disparity + disparities, 0)` columns at the left, `max(-min_disparity, 0)` at the right.",
+Birchfield-Tomasi costs on x-Sobel and grey values, summed over a block and along 3 to 8 directions (Hirschmueller, \
+*Stereo Processing by Semiglobal Matching and Mutual Information*, 2008). Every pixel equals the result of \
+`cv::StereoSGBM` of OpenCV 5.0 on the grey images.\n\n\
+Disparity is fixed point, i16, in 1/16 px of the left image. Invalid pixels hold `(min_disparity - 1) * 16`. The \
+first `max(min_disparity + disparities, 0)` columns and the last `max(-min_disparity, 0)` columns are not searched \
+and are invalid.",
             inputs: pair(),
             outputs: disparity(),
         }

@@ -1,4 +1,4 @@
-//! Bags of a few small messages, as ROS 2 and Foxglove write them; and as nobody should.
+//! Bags of a few small messages, as ROS 2 and Foxglove write them, and invalid ones.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -98,7 +98,7 @@ impl Written {
     }
 }
 
-/// An image as it lies, all its parts free.
+/// A raw image with arbitrary fields.
 pub(crate) struct Raw<'a> {
     pub size: (u32, u32),
     pub encoding: &'a str,
@@ -122,7 +122,7 @@ pub(crate) fn image(topic: &str, frame: &str, stamp_ns: u64, number: u64) -> Wri
     Written::new(topic, "sensor_msgs/msg/Image", stamp_ns, raw_image(false, stamp_ns, frame, &raw))
 }
 
-/// What a camera says of itself.
+/// A camera info.
 #[derive(Clone, Copy)]
 pub(crate) struct Info<'a> {
     pub size: (u32, u32),
@@ -138,7 +138,7 @@ pub(crate) struct Info<'a> {
 pub(crate) const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
 impl Info<'_> {
-    pub(crate) const fn of(p: [f64; 12]) -> Self {
+    pub(crate) const fn with_projection(p: [f64; 12]) -> Self {
         Self { size: SIZE, model: "plumb_bob", d: &[0.0; 5], r: IDENTITY, p, binning: 0, part: [0; 4] }
     }
 
@@ -166,11 +166,11 @@ pub(crate) fn cloud(stamp_ns: u64, frame: &str, points: &[[f32; 3]], fields: &[&
 }
 
 /// Transforms: parent, child, translation, quaternion.
-pub(crate) fn transforms(of: &[(&str, &str, [f64; 3], [f64; 4])]) -> Vec<u8> {
+pub(crate) fn transforms(entries: &[(&str, &str, [f64; 3], [f64; 4])]) -> Vec<u8> {
     let one = |cdr: Cdr, (parent, child, t, q): &(&str, &str, [f64; 3], [f64; 4])| {
         cdr.header(T0, parent).text(child).f64s(t).f64s(q)
     };
-    of.iter().fold(Cdr::new(false).u32(of.len() as u32), one).end()
+    entries.iter().fold(Cdr::new(false).u32(entries.len() as u32), one).end()
 }
 
 /// A stereo pair with its cameras.
@@ -178,8 +178,8 @@ pub(crate) fn frame(stamp_ns: u64, number: u64) -> Vec<Written> {
     vec![
         image(LEFT, "camera_left", stamp_ns, number),
         image(RIGHT, "camera_right", stamp_ns, number + 100),
-        Info::of(LEFT_P).on(LEFT_INFO, stamp_ns),
-        Info::of(RIGHT_P).on(RIGHT_INFO, stamp_ns),
+        Info::with_projection(LEFT_P).on(LEFT_INFO, stamp_ns),
+        Info::with_projection(RIGHT_P).on(RIGHT_INFO, stamp_ns),
     ]
 }
 

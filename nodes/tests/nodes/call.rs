@@ -78,7 +78,7 @@ impl Opened {
 
 /// A depth map's pixels.
 pub(crate) fn metres(value: &Value) -> &[f32] {
-    value.metres().unwrap_or_else(|| panic!("{} is no depth", value.value_type())).as_raw()
+    value.metres().unwrap_or_else(|| panic!("{} is not a depth", value.value_type())).as_raw()
 }
 
 /// A 16-bit PNG of the reference.

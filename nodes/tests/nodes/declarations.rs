@@ -1,4 +1,4 @@
-//! What every kind says of itself.
+//! Declarations of all kinds.
 
 use std::collections::BTreeSet;
 
@@ -141,7 +141,7 @@ fn defaults_are_the_golden_settings() {
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
     assert_eq!(defaults("filter/median"), json!({ "size": 5 }));
     assert_eq!(defaults("score/depth")["preset"], "paper");
-    // What the model says of itself, else the share.
+    // The metadata of the model, else the share.
     assert_eq!(defaults("mono/onnx")["output"], json!(null));
 }
 

@@ -28,7 +28,7 @@ const HEIGHT: u32 = 40;
 struct Digest(Vec<u8>);
 
 impl Digest {
-    fn of(kind: &str) -> Self {
+    fn new(kind: &str) -> Self {
         Self(Vec::new()).text(kind)
     }
 
@@ -74,7 +74,7 @@ fn raster<T: image::Primitive>(mut pixel: impl FnMut() -> T) -> Raster<T> {
     Raster::from_raw(WIDTH, HEIGHT, pixels).unwrap()
 }
 
-/// Depths of 1 to 100 m; one in `gaps` is no answer, none of 0.
+/// Depths of 1 to 100 m; one in `gaps` is invalid, 0 for no gaps.
 fn depth(seed: u64, gaps: u64) -> Value {
     let mut numbers = Numbers(seed);
     let pixel = || match gaps {
@@ -90,14 +90,14 @@ fn weight() -> Value {
     Weight { share: raster(|| numbers.below(1001) as f32 / 1000.0) }.into()
 }
 
-/// Disparities of 64 px from the smallest on; one in 65 is no answer.
+/// Disparities of 64 px from the smallest on; one in 65 is invalid.
 fn disparity(seed: u64, min_disparity_px: i32) -> Value {
     let mut numbers = Numbers(seed);
     let sixteenths_px = raster(|| numbers.below(1024) as i16 - 16 + min_disparity_px as i16 * 16);
     Disparity { sixteenths_px, min_disparity_px }.into()
 }
 
-/// Disparities of which a third is no answer.
+/// Disparities of which a third is invalid.
 fn gappy() -> Value {
     let mut numbers = Numbers(12);
     let sixteenths_px = raster(|| (numbers.below(1024) as i16 - 340).max(-16));
@@ -311,7 +311,7 @@ fn digests() -> BTreeMap<String, Key> {
         }
         assert!(calls.iter().any(|call| call.0 == kind), "add a call of {kind}");
         let digest =
-            calls.iter().filter(|call| call.0 == kind).fold(Digest::of(kind), |digest, (_, variants, inputs)| {
+            calls.iter().filter(|call| call.0 == kind).fold(Digest::new(kind), |digest, (_, variants, inputs)| {
                 variants.iter().fold(digest, |digest, params| {
                     let values = call(kind, params, inputs).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));
                     add_values(digest, &values)
@@ -335,7 +335,7 @@ fn digests() -> BTreeMap<String, Key> {
             _ => stereo_sets::small(kind, folder.path()),
         };
         let (values, _) = open(kind, &params).unwrap().read(FrameIndex(0)).unwrap();
-        let digest = add_values(Digest::of(kind), &values).finish();
+        let digest = add_values(Digest::new(kind), &values).finish();
         digests.insert(format!("{kind}@{}", source.declaration.version), digest);
     }
     digests

@@ -43,7 +43,7 @@ fn map(width: u32, min_disparity_px: i32, sixteenths: &[i16]) -> Value {
 }
 
 fn pixels(value: &Value) -> &[i16] {
-    let Value::Disparity(map) = value else { panic!("{} is no disparity", value.value_type()) };
+    let Value::Disparity(map) = value else { panic!("{} is not a disparity", value.value_type()) };
     map.sixteenths_px.as_raw()
 }
 
@@ -120,7 +120,7 @@ fn maps_of_different_sizes_and_images_smaller_than_the_block_are_errors() {
 }
 
 #[test]
-fn the_right_view_decides_what_is_smoothed_over_the_hidden_pixels() {
+fn the_right_view_decides_how_hidden_pixels_are_smoothed() {
     let (left, right) = (view(0), view(1));
     let params = json!({ "disparities": 32, "block": 7, "uniqueness": 0, "texture_threshold": 0 });
     let forth = value("stereo/bm", &params, &[("left", &left), ("right", &right)]);
@@ -144,7 +144,7 @@ fn the_right_view_decides_what_is_smoothed_over_the_hidden_pixels() {
 }
 
 #[test]
-fn smoothing_gives_pixels_without_answer_one_if_asked() {
+fn smoothing_fills_invalid_pixels_on_request() {
     let image: Value = Image::new(Pixels::Grey(GrayImage::new(4, 3))).into();
     let before = map(4, 0, &[-16, 32, 32, 32, -16, 32, -16, 32, -16, -16, -16, -16]);
     let after = |fill: bool| {
@@ -173,9 +173,9 @@ fn fault_12_costs_that_take_more_memory_than_there_is_are_refused_with_their_num
     for (kind, params, number) in modes {
         let inputs = [("left", image.clone()), ("right", image.clone())];
         let fault = call(kind, &params, &inputs).unwrap_err();
-        let told = fault.chain();
+        let report = fault.chain();
         let expected = format!("the images are 8192x8192: {number} of memory would be needed, and 8 GiB is the most");
-        assert_eq!(told, expected, "{kind} {params}");
+        assert_eq!(report, expected, "{kind} {params}");
         assert!(fault.remedy_text().is_some_and(|remedy| remedy.contains("fewer disparities")));
     }
 }

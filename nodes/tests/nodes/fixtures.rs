@@ -1,4 +1,4 @@
-//! Node by node on rendered frames, against OpenCV and NumPy: what a bare clone holds us against
+//! Node by node on rendered frames, against OpenCV and NumPy: the checks that work in a bare clone
 //! (`tests/fixtures/make.py`).
 
 use depthloom_graphs::plan::FrameIndex;
@@ -41,7 +41,7 @@ fn params(case: &Map<String, Json>) -> Json {
         "uniquenessratio" => ("uniqueness", value.clone()),
         "specklewindowsize" => ("speckle_window", value.clone()),
         "specklerange" => ("speckle_range", value.clone()),
-        other => panic!("{other} is no parameter of a matcher"),
+        other => panic!("{other} is not a parameter of a matcher"),
     });
     Json::Object(ours.map(|(name, value)| (name.to_owned(), value)).collect())
 }

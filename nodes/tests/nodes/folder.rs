@@ -1,4 +1,4 @@
-//! A data set of a test's own: files in a folder, and what a source says of it.
+//! A data set made by a test: files in a folder, and the messages of a source.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::fs;
@@ -100,8 +100,8 @@ impl Folder {
         open(kind, &self.params(more)).unwrap_or_else(|fault| panic!("{}", fault.chain()))
     }
 
-    /// What a person is told of it, when it is opened or at its first frame, with the folder called ROOT.
-    pub(crate) fn told(&self, kind: &str, more: &Json) -> String {
+    /// The message when it is opened or at its first frame, with the folder called ROOT.
+    pub(crate) fn report(&self, kind: &str, more: &Json) -> String {
         let fault = match open(kind, &self.params(more)) {
             Ok(opened) => opened.read(FrameIndex(0)).expect_err("it is refused"),
             Err(fault) => fault,

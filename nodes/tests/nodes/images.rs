@@ -74,8 +74,8 @@ impl Folder {
         open("images", &self.params(more)).unwrap_or_else(|fault| panic!("{}", fault.chain()))
     }
 
-    /// What a person is told at the opening, or of the first frame, with the temporary folder called ROOT.
-    fn told(&self, more: &Json) -> String {
+    /// The message at opening or at the first frame, with the temporary folder called ROOT.
+    fn report(&self, more: &Json) -> String {
         let fault = match open("images", &self.params(more)) {
             Err(fault) => fault,
             Ok(source) => source.read(FrameIndex(0)).map(|_| ()).expect_err("it is refused"),
@@ -153,7 +153,7 @@ fn frames_come_in_the_order_of_their_numbers_with_a_calibration_in_numbers() {
 }
 
 #[test]
-fn without_a_calibration_there_is_none_to_be_wired() {
+fn without_a_calibration_there_is_no_such_output() {
     let set = pairs(Folder::new());
     let registry = depthloom_nodes::registry();
     let kind = registry.source_kind("images").unwrap();
@@ -172,7 +172,7 @@ fn without_a_calibration_there_is_none_to_be_wired() {
 }
 
 #[test]
-fn a_truth_of_every_unit_has_its_point() {
+fn ground_truth_in_every_unit_has_the_known_point() {
     let set = pairs(Folder::new());
     let known = |truth: Json| {
         let (values, _) = set.open(&json!({ "truth": truth, "frames": [1] })).read(FrameIndex(0)).unwrap();
@@ -224,26 +224,26 @@ fn a_truth_of_every_unit_has_its_point() {
     npy.extend(floats.iter().flat_map(|number| number.to_le_bytes()));
     fs::write(set.path("npy/2.npy"), npy).unwrap();
     assert_eq!(known(json!({ "files": "npy/*.npy" })), (2.5, 1));
-    // What has no truth gives none.
+    // Frames without ground truth have no output for it.
     let source = set.open(&json!({ "truth": { "files": "quarter/*.png", "unit": "pixels" } }));
     assert_eq!(source.source.warnings().len(), 1, "{:?}", source.source.warnings());
     assert!(!source.read(FrameIndex(0)).unwrap().0.contains_key("depth"));
 }
 
 #[test]
-fn a_list_names_pairs_truths_and_frames() {
+fn a_list_names_pairs_ground_truth_and_frames() {
     let set = pairs(Folder::new());
     set.map("depth.png", 1000);
     set.text("pairs.csv", "\u{feff}Left, right,truth,frame\r\ncam0/2.png,cam1/1.png,depth.png,second\r\n\r\n\"cam0/1.png\",cam1/2.png,,\r\n");
-    let of = json!({ "left": null, "right": null, "list": "pairs.csv", "truth": { "unit": "millimetres" } });
-    let source = set.open(&of);
+    let listed = json!({ "left": null, "right": null, "list": "pairs.csv", "truth": { "unit": "millimetres" } });
+    let source = set.open(&listed);
     assert_eq!(ids(&source), ["0 second", "1 cam0/1"]);
     assert_eq!(metres(&source.read(FrameIndex(0)).unwrap().0["depth"])[83], 1.0);
     assert!(!source.read(FrameIndex(1)).unwrap().0.contains_key("depth"));
 }
 
 #[test]
-fn what_is_paired_by_order_is_told() {
+fn pairing_by_order_is_reported() {
     let set = Folder::new();
     for (left, right) in [("a", "x"), ("b", "y")] {
         set.image(&format!("cam0/{left}.png"), 40);
@@ -287,8 +287,8 @@ fn is_opencvs(source: &Opened, name: &str, sampling: &str, metres_per_unit: f64)
         assert!(worst <= Some(1), "{file} differs by {worst:?}");
     }
     let (ours, p) = (calibration(&values), case(name)["p2"].clone());
-    let of = |row: usize, column: usize| p[row][column].as_f64().unwrap();
-    let expected = [of(0, 0), of(0, 2), of(1, 2), -of(0, 3) / of(0, 0) * metres_per_unit];
+    let entry = |row: usize, column: usize| p[row][column].as_f64().unwrap();
+    let expected = [entry(0, 0), entry(0, 2), entry(1, 2), -entry(0, 3) / entry(0, 0) * metres_per_unit];
     for (ours, theirs) in [ours.focal_px, ours.cx_px, ours.cy_px, ours.baseline_m].iter().zip(expected) {
         assert!((ours - theirs).abs() < 1e-4, "{name}: {ours} {theirs}");
     }
@@ -308,7 +308,7 @@ fn pairs_are_rectified_as_opencv_does_it_whatever_syntax_its_files_have() {
     }
 }
 
-/// A list of numbers, whatever lists they lie in.
+/// A list of numbers, flattened.
 fn flat(value: &Json) -> Vec<f64> {
     match value {
         Json::Array(items) => items.iter().flat_map(flat).collect(),
@@ -318,8 +318,8 @@ fn flat(value: &Json) -> Vec<f64> {
 
 /// `camera_info` YAML of a camera of a case, as `camera_calibration_parsers` writes it.
 fn camera_info(case: &Json, side: usize, model: &str) -> String {
-    let matrix = |name: &str, rows: usize, columns: usize, of: &Json| {
-        format!("{name}:\n  rows: {rows}\n  cols: {columns}\n  data: {:?}\n", flat(of))
+    let matrix = |name: &str, rows: usize, columns: usize, numbers: &Json| {
+        format!("{name}:\n  rows: {rows}\n  cols: {columns}\n  data: {:?}\n", flat(numbers))
     };
     let (r, p) = ([&case["r1"], &case["r2"]][side], [&case["p1"], &case["p2"]][side]);
     let d = &case["d"][side];
@@ -343,8 +343,8 @@ fn camera_info_files_and_a_camchain_rectify_as_opencv() {
         let source = set.open(&json!({ "calibration": { "files": ["left.yaml", "right.yaml"] } }));
         is_opencvs(&source, name, "float", 1.0);
         // The other way round the right camera stands left of the left one.
-        let told = set.told(&json!({ "calibration": { "files": ["right.yaml", "left.yaml"] } }));
-        assert!(told.contains("left and right are exchanged"), "{told}");
+        let reports = set.report(&json!({ "calibration": { "files": ["right.yaml", "left.yaml"] } }));
+        assert!(reports.contains("left and right are exchanged"), "{reports}");
     }
     camchain("turned_only", "radtan", 0.01);
     camchain("fisheye", "equidistant", 1.0);
@@ -352,16 +352,16 @@ fn camera_info_files_and_a_camchain_rectify_as_opencv() {
 
 /// A case as Kalibr's camchain, lengths times `metres`.
 fn camchain(name: &str, model: &str, metres: f64) {
-    let of = case(name);
-    let (r, t) = (flat(&of["r"]), flat(&of["t"]));
+    let calibration = case(name);
+    let (r, t) = (flat(&calibration["r"]), flat(&calibration["t"]));
     let rows: Vec<[f64; 4]> = (0..3).map(|row| [r[3 * row], r[3 * row + 1], r[3 * row + 2], t[row] * metres]).collect();
     let intrinsics = |side: usize| {
-        let k = flat(&of["k"][side]);
+        let k = flat(&calibration["k"][side]);
         [k[0], k[4], k[2], k[5]]
     };
     let set = unrectified(&[]);
     let camera = |side: usize| {
-        let lens: Vec<f64> = flat(&of["d"][side]).into_iter().take(4).collect();
+        let lens: Vec<f64> = flat(&calibration["d"][side]).into_iter().take(4).collect();
         format!(
             "  camera_model: pinhole\n  distortion_coeffs: {lens:?}\n  distortion_model: {model}\n  intrinsics: {:?}\n  resolution: [112, 84]\n  rostopic: /cam{side}/image_raw\n",
             intrinsics(side)
@@ -374,7 +374,7 @@ fn camchain(name: &str, model: &str, metres: f64) {
 }
 
 #[test]
-fn what_is_rectified_already_is_left_alone() {
+fn rectified_images_are_unchanged() {
     let set = unrectified(&["intrinsics.yml", "extrinsics.yml"]);
     let files = json!({ "files": ["intrinsics.yml", "extrinsics.yml"], "rectified": true });
     let (values, _) = set.open(&json!({ "calibration": files })).read(FrameIndex(0)).unwrap();
@@ -393,12 +393,12 @@ fn frames_of_any_size_and_camera_are_rectified_as_this_machines_opencv_does_it()
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let mut seen = 0;
     for case in 0..12 {
-        let of = |file: &str| format!("{case}/{file}");
-        let files = json!({ "files": [of("intrinsics.yml"), of("extrinsics.yml")], "metres_per_unit": 1 });
-        let source = set.open(&json!({ "left": of("left.png"), "right": of("right.png"), "calibration": files }));
+        let path = |file: &str| format!("{case}/{file}");
+        let files = json!({ "files": [path("intrinsics.yml"), path("extrinsics.yml")], "metres_per_unit": 1 });
+        let source = set.open(&json!({ "left": path("left.png"), "right": path("right.png"), "calibration": files }));
         let (values, _) = source.read(FrameIndex(0)).unwrap();
         for port in ["left", "right"] {
-            let theirs = image::open(set.path(&of(&format!("{port}.rectified.png")))).unwrap().into_rgb8();
+            let theirs = image::open(set.path(&path(&format!("{port}.rectified.png")))).unwrap().into_rgb8();
             let ours = rgb(&values, port);
             let apart = ours.iter().zip(theirs.iter()).map(|(a, b)| a.abs_diff(*b));
             let (count, worst) = apart.fold((0, 0), |(count, worst), d| (count + usize::from(d > 0), worst.max(d)));
@@ -414,36 +414,36 @@ fn frames_of_any_size_and_camera_are_rectified_as_this_machines_opencv_does_it()
 }
 
 #[test]
-fn what_is_broken_is_named_with_its_remedy() {
-    let mut told = String::new();
-    let mut tell = |what: &str, set: &Folder, more: Json| {
-        told.push_str(&format!("{what}:\n{}\n\n", set.told(&more)));
+fn broken_data_are_named_with_a_remedy() {
+    let mut reports = String::new();
+    let mut add = |what: &str, set: &Folder, more: Json| {
+        reports.push_str(&format!("{what}:\n{}\n\n", set.report(&more)));
     };
     let remove = |set: &Folder, file: &str| fs::remove_file(set.path(file)).unwrap();
 
-    tell("a pattern that names nothing", &pairs(Folder::new()), json!({ "right": "cam2/*.png" }));
-    tell("both patterns name one file", &pairs(Folder::new()), json!({ "right": "cam?/*.png" }));
+    add("a pattern that names nothing", &pairs(Folder::new()), json!({ "right": "cam2/*.png" }));
+    add("both patterns name one file", &pairs(Folder::new()), json!({ "right": "cam?/*.png" }));
     let set = pairs(Folder::new());
     remove(&set, "cam1/2.png");
-    tell("a right image is missing", &set, json!({}));
+    add("a right image is missing", &set, json!({}));
     let set = Folder::new();
     for name in ["cam0/a.png", "cam0/b.png", "cam1/x.png"] {
         set.image(name, 40);
     }
-    tell("names without anything in common, of two counts", &set, json!({}));
+    add("names without anything in common, of two counts", &set, json!({}));
     let set = Folder::new();
     for (left, right) in [(1000, 2003), (2000, 3001), (3000, 3998)] {
         set.image(&format!("cam0/{left}.png"), 40);
         set.image(&format!("cam1/{right}.png"), 40);
     }
-    tell("times that a missing file has shifted", &set, json!({}));
+    add("times that a missing file has shifted", &set, json!({}));
     let set = pairs(Folder::new());
     set.image("cam1/1.png", 44);
-    tell("sizes that differ inside a pair", &set, json!({}));
+    add("sizes that differ inside a pair", &set, json!({}));
     let set = pairs(Folder::new());
     let bytes = fs::read(set.path("cam1/1.png")).unwrap();
     fs::write(set.path("cam1/1.png"), &bytes[..bytes.len() / 2]).unwrap();
-    tell("an image cut off", &set, json!({}));
+    add("an image cut off", &set, json!({}));
 
     let list = |text: &str| {
         let set = pairs(Folder::new());
@@ -461,7 +461,7 @@ fn what_is_broken_is_named_with_its_remedy() {
         ("a list that names a frame twice", "left,right,frame\ncam0/1.png,cam1/1.png,a\ncam0/2.png,cam1/2.png,a\n"),
         ("a list with a field too many", "left,right\ncam0/1.png,cam1/1.png,3\n"),
     ] {
-        tell(what, &list(text), listed.clone());
+        add(what, &list(text), listed.clone());
     }
 
     let files = json!({ "calibration": { "files": ["intrinsics.yml", "extrinsics.yml"] } });
@@ -473,8 +473,8 @@ fn what_is_broken_is_named_with_its_remedy() {
         }
         set
     };
-    tell("a calibration file that is not there", &unrectified(&["intrinsics.yml"]), files.clone());
-    tell(
+    add("a calibration file that is not there", &unrectified(&["intrinsics.yml"]), files.clone());
+    add(
         "a calibration that is cut off",
         &calibrated("   dt: d\n   data: [ -0.31", "   dt: d\n   data: [ -0.31 "),
         json!({ "calibration": { "files": ["cam0/1.png"] } }),
@@ -482,24 +482,24 @@ fn what_is_broken_is_named_with_its_remedy() {
     let set = unrectified(&["intrinsics.yml", "extrinsics.yml"]);
     let whole = fs::read_to_string(set.path("extrinsics.yml")).unwrap();
     set.text("extrinsics.yml", &whole[..whole.len() / 2]);
-    tell("a calibration that is cut off", &set, files.clone());
-    tell("a camera matrix of 8 numbers", &calibrated("91.5, 0., 54.25, 0.", "91.5, 0., 54.25"), files.clone());
-    tell("a camera matrix that is missing", &calibrated("M2:", "M3:"), files.clone());
-    tell("a number that is none", &calibrated("91.5", "about90"), files.clone());
-    tell("twelve coefficients", &calibrated("0.12, ", "0.12, 0., 0., 0., 0., 0., 0., 0.001, "), files.clone());
+    add("a calibration that is cut off", &set, files.clone());
+    add("a camera matrix of 8 numbers", &calibrated("91.5, 0., 54.25, 0.", "91.5, 0., 54.25"), files.clone());
+    add("a camera matrix that is missing", &calibrated("M2:", "M3:"), files.clone());
+    add("a text instead of a number", &calibrated("91.5", "about90"), files.clone());
+    add("twelve coefficients", &calibrated("0.12, ", "0.12, 0., 0., 0., 0., 0., 0., 0.001, "), files.clone());
     let apart = set_of_translation(-60.0);
-    tell(
+    add(
         "a translation in millimetres",
         &apart,
         json!({ "calibration": { "files": ["intrinsics.yml", "extrinsics.yml"], "alpha": 0 } }),
     );
     let exchanged = set_of_translation(0.12);
-    tell(
+    add(
         "cameras exchanged",
         &exchanged,
         json!({ "calibration": { "files": ["intrinsics.yml", "extrinsics.yml"], "alpha": 0 } }),
     );
-    tell(
+    add(
         "no pose and no projections",
         &unrectified(&["intrinsics.yml"]),
         json!({ "calibration": { "files": ["intrinsics.yml"] } }),
@@ -509,45 +509,45 @@ fn what_is_broken_is_named_with_its_remedy() {
         set.text(file, &camera_info(&case("fisheye"), side, "omnidirectional"));
     }
     let both = json!({ "calibration": { "files": ["left.yaml", "right.yaml"] } });
-    tell("a lens that is not known", &set, both.clone());
+    add("a lens that is not known", &set, both.clone());
     for (side, file) in ["left.yaml", "right.yaml"].into_iter().enumerate() {
         let info = camera_info(&case("plumb_bob_0"), side, "plumb_bob");
         set.text(file, &info.replace("image_width: 112", "image_width: 640"));
     }
-    tell("a calibration of another size", &set, both);
+    add("a calibration of another size", &set, both);
     let whole = fs::read_to_string(set.path("right.yaml")).unwrap();
     for (end, what) in [("projection_matrix", "behind half"), ("camera_matrix", "behind its head")] {
         set.text("right.yaml", &whole[..whole.find(end).unwrap()]);
         let both = json!({ "calibration": { "files": ["left.yaml", "right.yaml"] } });
-        tell(&format!("the second of two camera_info files cut off {what}"), &set, both);
+        add(&format!("the second of two camera_info files cut off {what}"), &set, both);
     }
     set.text("right.yaml", &whole);
-    tell("one camera_info file", &set, json!({ "calibration": { "files": ["left.yaml"] } }));
+    add("one camera_info file", &set, json!({ "calibration": { "files": ["left.yaml"] } }));
     set.map("truth/1.png", 2500);
     let more = json!({ "calibration": { "files": ["left.yaml", "right.yaml"] }, "truth": { "files": "truth/*.png" } });
     for (side, file) in ["left.yaml", "right.yaml"].into_iter().enumerate() {
         set.text(file, &camera_info(&case("plumb_bob_0"), side, "plumb_bob"));
     }
-    tell("a truth of what is not rectified yet", &set, more);
+    add("a truth of what is not rectified yet", &set, more);
 
     let set = pairs(Folder::new());
     set.image("truth/1.png", 40);
-    tell("a truth that is a picture", &set, json!({ "truth": { "files": "truth/*.png" }, "frames": [0] }));
+    add("a truth that is a picture", &set, json!({ "truth": { "files": "truth/*.png" }, "frames": [0] }));
     image::GrayImage::new(40, 30).save(set.path("eight/1.png")).unwrap();
     let eight = json!({ "truth": { "files": "eight/*.png", "unit": "millimetres" }, "frames": [0] });
-    tell("a truth of 8 bits where 16 are expected", &set, eight);
+    add("a truth of 8 bits where 16 are expected", &set, eight);
     set.map("small/1.png", 1);
     set.image("cam0/1.png", 44);
     set.image("cam1/1.png", 44);
-    tell("a truth of another size", &set, json!({ "truth": { "files": "small/*.png" }, "frames": [0] }));
+    add("a truth of another size", &set, json!({ "truth": { "files": "small/*.png" }, "frames": [0] }));
     for (what, more) in [
         ("no images named", json!({ "left": null, "right": null })),
         ("a calibration twice", json!({ "calibration": { "focal_px": 20, "baseline_m": 0.5, "files": ["x"] } })),
         ("half of a calibration", json!({ "calibration": { "focal_px": 20 } })),
     ] {
-        tell(what, &set, more);
+        add(what, &set, more);
     }
-    insta::assert_snapshot!(told);
+    insta::assert_snapshot!(reports);
 }
 
 /// A pair whose cameras stand apart by so much.

@@ -1,4 +1,4 @@
-//! `kitti/stereo2015`: what it reads, and what it says of data that are not as KITTI made them.
+//! `kitti/stereo2015`: reading, and messages about data that differ from KITTI.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::fs;
@@ -75,8 +75,8 @@ impl DataSet {
         source.read(FrameIndex(0)).expect_err("found at the frame")
     }
 
-    /// What a person is told, with the temporary folder called ROOT.
-    fn told(&self, fault: &Fault) -> String {
+    /// The message, with the temporary folder called ROOT.
+    fn report(&self, fault: &Fault) -> String {
         let remedy = fault.remedy_text().map_or_else(String::new, |text| format!("\n  remedy: {text}"));
         format!("{}{remedy}", fault.chain()).replace(&self.root.path().display().to_string(), "ROOT")
     }
@@ -92,7 +92,7 @@ fn truth(width: u32, height: u32) -> DynamicImage {
 }
 
 #[test]
-fn a_frame_has_its_images_with_their_bytes_its_calibration_and_its_truth() {
+fn a_frame_has_images_with_their_bytes_calibration_and_ground_truth() {
     let set = DataSet::new();
     let source = open("kitti/stereo2015", &set.params(&json!({}))).unwrap();
     let ids: Vec<(&str, u64, u64)> = source.source.frames().iter().map(|f| (&*f.id, f.index, f.time_ns)).collect();
@@ -108,7 +108,7 @@ fn a_frame_has_its_images_with_their_bytes_its_calibration_and_its_truth() {
 }
 
 #[test]
-fn what_a_key_was_made_of_is_what_is_read_next() {
+fn the_bytes_behind_a_key_are_the_bytes_read() {
     let set = DataSet::new();
     let source = open("kitti/stereo2015", &set.params(&json!({}))).unwrap().source;
     let read = || source.read(FrameIndex(0), &mut Context::new(&InlineHost, &mut Scratch::default())).unwrap().key;
@@ -121,7 +121,7 @@ fn what_a_key_was_made_of_is_what_is_read_next() {
 }
 
 #[test]
-fn testing_frames_have_no_truth() {
+fn testing_frames_have_no_ground_truth() {
     let set = DataSet::new();
     fs::rename(set.root.path().join("training"), set.root.path().join("testing")).unwrap();
     let source = open("kitti/stereo2015", &set.params(&json!({ "split": "testing" }))).unwrap();
@@ -130,7 +130,7 @@ fn testing_frames_have_no_truth() {
 }
 
 #[test]
-fn without_calibration_files_the_focal_length_goes_by_the_width() {
+fn without_calibration_files_the_focal_length_follows_from_the_width() {
     let set = DataSet::new();
     set.remove("calib_cam_to_cam");
     for folder in ["image_2", "image_3"] {
@@ -143,11 +143,11 @@ fn without_calibration_files_the_focal_length_goes_by_the_width() {
     let Value::Calibration(calibration) = &values["calibration"] else { panic!("calibration") };
     assert_eq!((calibration.focal_px, calibration.baseline_m), (707.0493, 0.532_725));
     // Recorded with the values, so without the way to the folder, which differs between machines.
-    let told = "no calibration files in training: KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of 0.5327 m are assumed";
-    assert_eq!(*host.0.lock().unwrap(), [told]);
+    let reports = "no calibration files in training: KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of 0.5327 m are assumed";
+    assert_eq!(*host.0.lock().unwrap(), [reports]);
 }
 
-/// A host that keeps what it is told.
+/// A host that stores warnings.
 #[derive(Default)]
 struct Listening(Mutex<Vec<String>>);
 
@@ -172,29 +172,34 @@ impl Host for Listening {
 }
 
 #[test]
-fn files_that_belong_to_no_frame_are_told_and_counted() {
+fn files_that_match_no_frame_are_reported_and_counted() {
     let set = DataSet::new();
-    let told = |more: Json| open("kitti/stereo2015", &set.params(&more)).unwrap().source.warnings().to_vec();
+    let reports = |more: Json| open("kitti/stereo2015", &set.params(&more)).unwrap().source.warnings().to_vec();
     for file in ["image_2/.DS_Store", "image_3/Thumbs.db", "image_2/000003_09.png"] {
         set.write(file, "");
     }
-    assert_eq!(told(json!({})), [""; 0], "other time steps and what desktops leave are no frames that somebody misses");
+    assert_eq!(
+        reports(json!({})),
+        [""; 0],
+        "other time steps and files of desktops are not reported as missing frames"
+    );
     set.write("image_3/000151_10.png", "");
     assert!(
-        told(json!({}))[0].starts_with("1 file belongs to no frame and is not read: image_3/000151_10.png (a frame is")
+        reports(json!({}))[0]
+            .starts_with("1 file belongs to no frame and is not read: image_3/000151_10.png (a frame is")
     );
     for file in ["image_2/151_10.png", "image_2/000152_10.jpg", "disp_noc_0/000153_10.png"] {
         set.write(file, "");
     }
     let named = "image_2/000152_10.jpg, image_2/151_10.png, image_3/000151_10.png";
     assert!(
-        told(json!({}))[0]
+        reports(json!({}))[0]
             .starts_with(&format!("4 files belong to no frame and are not read: {named} and 1 more (a frame")),
         "{:?}",
-        told(json!({}))
+        reports(json!({}))
     );
     let without_truth = format!("3 files belong to no frame and are not read: {named} (a frame");
-    assert!(told(json!({ "truth": "none" }))[0].starts_with(&without_truth));
+    assert!(reports(json!({ "truth": "none" }))[0].starts_with(&without_truth));
 }
 
 #[test]
@@ -291,20 +296,20 @@ fn broken_data_are_named_with_their_remedy() {
         ),
         ("unknown width, no calibration", |set| set.remove("calib_cam_to_cam"), json!({}), false),
     ];
-    let mut told = String::new();
+    let mut reports = String::new();
     for (name, break_it, more, at_opening) in breakages {
         let set = DataSet::new();
         break_it(&set);
         let fault = if at_opening { set.at_opening(&more) } else { set.at_frame(&more) };
         assert!(fault.remedy_text().is_some(), "{name}: no remedy");
-        told +=
-            &format!("{name}, {}\n  {}\n", if at_opening { "at opening" } else { "at the frame" }, set.told(&fault));
+        reports +=
+            &format!("{name}, {}\n  {}\n", if at_opening { "at opening" } else { "at the frame" }, set.report(&fault));
     }
-    insta::assert_snapshot!(told);
+    insta::assert_snapshot!(reports);
 }
 
 #[test]
-fn a_root_left_out_says_which_folder_is_meant() {
+fn a_missing_root_reports_which_folder_is_expected() {
     let fault = open("kitti/stereo2015", &json!({})).err().unwrap();
     assert!(fault.to_string().starts_with("root: root is missing: root holds `training`"), "{fault}");
     let unknown = open("kitti/stereo2015", &json!({ "root": Path::new("x"), "truth": "ooc" })).err().unwrap();
@@ -312,7 +317,7 @@ fn a_root_left_out_says_which_folder_is_meant() {
 }
 
 #[test]
-fn truth_comes_as_disparities_too_where_it_is_asked_for_and_there() {
+fn ground_truth_disparities_are_read_on_request_if_they_exist() {
     let set = DataSet::new();
     let read = |params: Json| {
         let mut params = params;
@@ -343,7 +348,7 @@ fn truth_comes_as_disparities_too_where_it_is_asked_for_and_there() {
         assert_eq!(hidden.0[0], if x <= 20 && known(x, y) > 0 { 255 } else { 0 });
     }
     assert!(objects.set.enumerate_pixels().all(|(x, _, set)| set.0[0] == if x < 10 { 255 } else { 0 }));
-    // The depth is what it is without; the key says what was read, and is the older one where nothing more is.
+    // The depth is unchanged; the key covers the files that were read, and is the previous one if nothing more is read.
     let (other, other_key) = read(json!({ "disparities": true, "truth": "occ" }));
     assert!(crate::stereo_sets::agree(&other) > 0);
     let (unread, unread_key) = read(json!({ "disparities": false }));
@@ -354,5 +359,5 @@ fn truth_comes_as_disparities_too_where_it_is_asked_for_and_there() {
     assert_ne!(read(json!({ "disparities": true })).1, unread_key, "the same files, but more is given");
     let (fewer, _) = read(json!({ "disparities": true }));
     let there = ["disp_noc", "disp_occ", "occluded", "obj_map"].map(|port| fewer.contains_key(port));
-    assert_eq!(there, [true, false, false, false], "what is not there is not given");
+    assert_eq!(there, [true, false, false, false], "missing files have no outputs");
 }

@@ -1,4 +1,4 @@
-//! KITTI's other benchmarks: `kitti/stereo2012`, `kitti/depth`, `kitti/odometry`: what stands where, and a point of
+//! KITTI's other benchmarks: `kitti/stereo2012`, `kitti/depth`, `kitti/odometry`: layout, and a point of
 //! each by hand.
 
 use depthloom_graphs::plan::FrameIndex;
@@ -30,7 +30,7 @@ pub(crate) fn small(kind: &str, root: &Path) -> Json {
     }
 }
 
-/// The true depth of the known point, and how many points are known.
+/// The ground-truth depth of the known point, and how many points are known.
 fn known(values: &Values) -> (f32, usize) {
     let metres = metres(&values["depth"]);
     (metres[2 * 40 + 3], metres.iter().filter(|metres| metres.is_finite()).count())
@@ -58,7 +58,7 @@ fn stereo_2012(set: Folder) -> Folder {
 }
 
 #[test]
-fn stereo_2012_gives_the_first_step_of_either_pair_with_its_truth() {
+fn stereo_2012_reads_the_first_step_of_both_pairs_with_ground_truth() {
     let set = stereo_2012(Folder::new());
     let grey = set.open("kitti/stereo2012", &json!({ "cameras": "grey", "disparities": true }));
     let ids: Vec<_> = grey.source.frames().iter().map(|frame| (frame.index, &*frame.id)).collect();
@@ -107,11 +107,11 @@ fn odometry_gives_a_sequence_with_its_times() {
 }
 
 #[test]
-fn a_clock_that_ends_before_the_frames_is_an_error_and_none_is_10_hz() {
+fn missing_times_are_an_error_and_no_times_file_means_10_hz() {
     let set = odometry(Folder::new());
     set.text("sequences/04/times.txt", "0.0\n5.0\n");
-    let told = set.told("kitti/odometry", &json!({ "sequence": "04" }));
-    assert!(told.starts_with("ROOT/sequences/04/times.txt has 2 times, and none of frame 04_000002"), "{told}");
+    let reports = set.report("kitti/odometry", &json!({ "sequence": "04" }));
+    assert!(reports.starts_with("ROOT/sequences/04/times.txt has 2 times, and none of frame 04_000002"), "{reports}");
     fs::remove_file(set.path("sequences/04/times.txt")).unwrap();
     let source = set.open("kitti/odometry", &json!({ "sequence": "04" }));
     assert_eq!(source.source.frames()[2].time_ns, 200_000_000);
@@ -133,7 +133,7 @@ fn depth(set: Folder) -> Folder {
 }
 
 #[test]
-fn depth_has_annotated_truth_over_the_raw_datas_images() {
+fn kitti_depth_has_annotated_ground_truth_and_raw_images() {
     let set = depth(Folder::new());
     let raw = set.path("raw");
     let source = set.open("kitti/depth", &json!({ "raw": raw }));
@@ -149,7 +149,7 @@ fn depth_has_annotated_truth_over_the_raw_datas_images() {
 fn the_shared_annotated_maps_are_read_as_opencv_reads_them() {
     const TEST: &str = "the_shared_annotated_maps_are_read_as_opencv_reads_them";
     let Some(shared) = shared(TEST) else { return };
-    // The shared sample has no images of that drive: those of another frame of the same day and size stand in.
+    // The shared sample has no images of that drive: images of another frame of the same day and size replace them.
     let set = Folder::new();
     let images = shared.join("data/kitti_raw/2011_09_26");
     let (there, here) = ("2011_09_26_drive_0002_sync", "raw/2011_09_26/2011_09_26_drive_0001_sync");
@@ -176,10 +176,10 @@ fn the_shared_annotated_maps_are_read_as_opencv_reads_them() {
 }
 
 #[test]
-fn what_is_missing_is_named_with_its_remedy() {
+fn missing_data_are_named_with_a_remedy() {
     let refused = |set: Folder, kind: &str, more: Json, file: &str| {
         set.remove(file);
-        format!("{kind} without {file}:\n{}\n", set.told(kind, &more))
+        format!("{kind} without {file}:\n{}\n", set.report(kind, &more))
     };
     let of_2012 = |file| refused(stereo_2012(Folder::new()), "kitti/stereo2012", json!({}), file);
     let of_odometry = |file| refused(odometry(Folder::new()), "kitti/odometry", json!({ "sequence": "04" }), file);
@@ -188,7 +188,7 @@ fn what_is_missing_is_named_with_its_remedy() {
         let raw = set.path("raw");
         refused(set, "kitti/depth", json!({ "raw": raw }), file).replace(&raw.display().to_string(), "ROOT/raw")
     };
-    let told = [
+    let reports = [
         of_2012("training/colored_1/000007_10.png"),
         of_2012("training/disp_noc"),
         of_2012("training/calib/000003.txt"),
@@ -200,5 +200,5 @@ fn what_is_missing_is_named_with_its_remedy() {
         of_depth("raw/2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000001.png"),
         of_depth("raw/2011_09_26/calib_cam_to_cam.txt"),
     ];
-    insta::assert_snapshot!(told.join("\n"));
+    insta::assert_snapshot!(reports.join("\n"));
 }

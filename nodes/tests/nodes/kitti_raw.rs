@@ -1,4 +1,4 @@
-//! `kitti/raw`: against the oracle's projection, against monodepth2's rules in NumPy, and what it says of broken
+//! `kitti/raw`: against the oracle's projection, against monodepth2's rules in NumPy, and messages about broken
 //! drives.
 
 use depthloom_graphs::plan::FrameIndex;
@@ -94,8 +94,8 @@ impl Raw {
         params
     }
 
-    /// What a person is told at the opening or at the first frame, with the temporary folder called ROOT.
-    fn told(&self, more: &Json) -> String {
+    /// The message at opening or at the first frame, with the temporary folder called ROOT.
+    fn report(&self, more: &Json) -> String {
         let fault = open("kitti/raw", &self.params(more)).and_then(|source| source.read(FrameIndex(0)).map(drop));
         let fault = fault.expect_err("it is refused");
         let remedy = fault.remedy_text().map_or_else(String::new, |text| format!("\n  remedy: {text}"));
@@ -148,8 +148,8 @@ fn scans_are_the_oracles() {
 }
 
 #[test]
-fn with_monodepth2s_rules_truth_is_that_of_its_transcription() {
-    const TEST: &str = "with_monodepth2s_rules_truth_is_that_of_its_transcription";
+fn with_monodepth2s_rules_ground_truth_equals_its_transcription() {
+    const TEST: &str = "with_monodepth2s_rules_ground_truth_equals_its_transcription";
     let Some(python) = python(TEST) else { return };
     let raw = Raw::new();
     let mut drives = vec![raw.root.clone()];
@@ -200,7 +200,7 @@ fn a_drives_frames_have_its_numbers_and_times_and_several_are_counted() {
             (1, "2011_09_26_drive_0002_sync_0000000001", 100_000_002)
         ]
     );
-    assert_eq!(one.source.warnings(), ["1 of 2 frames have no laser scan, and so no truth"]);
+    assert_eq!(one.source.warnings(), ["1 of 2 frames have no laser scan, and so no ground truth"]);
     assert!(one.read(FrameIndex(0)).unwrap().0.contains_key("depth"));
     assert!(!one.read(FrameIndex(1)).unwrap().0.contains_key("depth"));
 
@@ -247,7 +247,7 @@ fn fault_41_a_drive_is_recognised_without_the_folder_of_its_date() {
     let found = recognised(&raw.path(DRIVE));
     assert_eq!(found[0].params, json!({ "root": raw.root.join("2011_09_26"), "drives": [DRIVE], "cameras": "color" }));
     assert_eq!(open("kitti/raw", &found[0].params).unwrap().source.frames().len(), 3);
-    // Without a calibration it is what it is, and that is said.
+    // Without a calibration the check is skipped, and this is reported.
     fs::remove_file(raw.path("calib_cam_to_cam.txt")).unwrap();
     let found = recognised(&raw.path(""));
     assert_eq!(found.len(), 1);
@@ -276,21 +276,24 @@ fn a_split_gives_frames_in_its_order_and_each_pair_once() {
     assert_eq!(ids, [(0, &*id(5, 0)), (1, &*id(2, 2)), (2, &*id(2, 0))]);
     assert_eq!(source.source.warnings().len(), 1, "that a line names a frame again");
     fs::write(&split, "2011_09_26/2011_09_26_drive_0002_sync 0000000000 l\nnonsense\n").unwrap();
-    let told = raw.told(&json!({ "split": split }));
-    assert!(told.starts_with("ROOT/2011_09_26/eigen.txt:2: `nonsense` names no frame"), "{told}");
+    let report = raw.report(&json!({ "split": split }));
+    assert!(report.starts_with("ROOT/2011_09_26/eigen.txt:2: `nonsense` names no frame"), "{report}");
     fs::write(&split, "\n").unwrap();
-    assert!(raw.told(&json!({ "split": split })).starts_with("ROOT/2011_09_26/eigen.txt names no frame"));
+    assert!(raw.report(&json!({ "split": split })).starts_with("ROOT/2011_09_26/eigen.txt names no frame"));
     fs::write(&split, "2011_09_26/2011_09_26_drive_0007_sync 0000000000 l\n").unwrap();
-    let told = raw.told(&json!({ "split": split }));
-    assert!(told.starts_with("ROOT/2011_09_26/eigen.txt:1: there is no drive 2011_09_26_drive_0007_sync"), "{told}");
+    let report = raw.report(&json!({ "split": split }));
+    assert!(
+        report.starts_with("ROOT/2011_09_26/eigen.txt:1: there is no drive 2011_09_26_drive_0007_sync"),
+        "{report}"
+    );
 }
 
 #[test]
-fn what_is_broken_is_named_with_its_remedy() {
+fn broken_data_are_named_with_a_remedy() {
     let refused = |breaks: &Breaks<'_>| {
         let raw = Raw::new();
         breaks(&raw);
-        raw.told(&json!({ "drives": [DRIVE] }))
+        raw.report(&json!({ "drives": [DRIVE] }))
     };
     let remove = |raw: &Raw, file: &str| fs::remove_file(raw.path(file)).unwrap();
     let cases: [(&str, &Breaks<'_>); 7] = [
@@ -302,17 +305,17 @@ fn what_is_broken_is_named_with_its_remedy() {
             raw.save(&format!("{DRIVE}/image_03/data/0000000000.png"), 41, 30);
         }),
         ("a right image of another size", &|raw| raw.save(&format!("{DRIVE}/image_03/data/0000000000.png"), 41, 30)),
-        ("a cut scan", &|raw| raw.write(&format!("{DRIVE}/velodyne_points/data/0000000000.bin"), [0; 30])),
+        ("a truncated scan", &|raw| raw.write(&format!("{DRIVE}/velodyne_points/data/0000000000.bin"), [0; 30])),
         ("a wrong time", &|raw| raw.write(&format!("{DRIVE}/image_02/timestamps.txt"), "yesterday\n")),
     ];
-    let told: Vec<String> = cases.iter().map(|(name, breaks)| format!("{name}:\n{}\n", refused(breaks))).collect();
-    insta::assert_snapshot!(told.join("\n"));
+    let report: Vec<String> = cases.iter().map(|(name, breaks)| format!("{name}:\n{}\n", refused(breaks))).collect();
+    insta::assert_snapshot!(report.join("\n"));
 }
 
 #[test]
-fn nothing_of_kitti_is_needed_to_say_what_is_missing() {
+fn missing_data_are_reported_without_kitti() {
     let empty = tempfile::tempdir().unwrap();
-    let told = |root: &Path| open("kitti/raw", &json!({ "root": root })).err().unwrap().to_string();
-    assert!(told(&empty.path().join("not")).starts_with("there is no folder"));
-    assert!(told(empty.path()).ends_with("holds no drive"));
+    let report = |root: &Path| open("kitti/raw", &json!({ "root": root })).err().unwrap().to_string();
+    assert!(report(&empty.path().join("not")).starts_with("there is no folder"));
+    assert!(report(empty.path()).ends_with("holds no drive"));
 }

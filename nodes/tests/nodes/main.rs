@@ -1,5 +1,5 @@
 //! Tests of nodes and sources through the registry, as the runner calls them.
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
+#![expect(clippy::unwrap_used, reason = "a test that cannot continue panics")]
 
 mod bag_writer;
 mod call;

@@ -43,11 +43,11 @@ fn image() -> Value {
 
 fn run(params: &Json, model: &Value) -> Result<Vec<f32>, String> {
     let inputs = [("image", image()), ("calibration", calibration(10.0, 2.0)), ("model", model.clone())];
-    let told = |fault: depthloom_graphs::Fault| match fault.remedy_text() {
+    let error = |fault: depthloom_graphs::Fault| match fault.remedy_text() {
         Some(remedy) => format!("{}\n  remedy: {remedy}", fault.chain()),
         None => fault.chain(),
     };
-    call("mono/onnx", params, &inputs).map(|values| metres(&values["depth"]).to_vec()).map_err(told)
+    call("mono/onnx", params, &inputs).map(|values| metres(&values["depth"]).to_vec()).map_err(error)
 }
 
 fn assert_close(found: &[f32], expected: [f32; 4]) {
@@ -76,8 +76,8 @@ fn every_meaning_of_the_output_becomes_metres() {
 }
 
 #[test]
-fn a_model_may_say_itself_what_its_output_means() {
-    if !can_run("a_model_may_say_itself_what_its_output_means") {
+fn metadata_of_a_model_may_state_the_meaning_of_its_output() {
+    if !can_run("metadata_of_a_model_may_state_the_meaning_of_its_output") {
         return;
     }
     let saying = |meaning: &str| {
@@ -93,12 +93,12 @@ fn a_model_may_say_itself_what_its_output_means() {
     };
     assert_close(&run(&json!({ "output_scale": 100.0 }), &saying("depth")).unwrap(), [20.0, 40.0, 80.0, 80.0]);
     assert_close(&run(&json!({ "output": "inverse-depth" }), &saying("inverse-depth")).unwrap(), [5.0, 2.5, 1.25, 1.0]);
-    let told = run(&json!({ "output": "disparity-share" }), &saying("depth")).unwrap_err();
-    assert!(told.contains("says that its output is `depth`") && told.contains("leave `output` out"), "{told}");
+    let error = run(&json!({ "output": "disparity-share" }), &saying("depth")).unwrap_err();
+    assert!(error.contains("state the output `depth`") && error.contains("leave `output` out"), "{error}");
     assert!(run(&json!({}), &saying("warmth")).unwrap_err().contains("nothing known here"));
 }
 
-/// A host that adds up what nodes tell of.
+/// A host that counts warnings.
 #[derive(Default)]
 struct Listening(std::sync::Mutex<Vec<(u64, String)>>);
 
@@ -123,15 +123,15 @@ impl depthloom_graphs::Host for Listening {
 }
 
 #[test]
-fn fault_42_pixels_that_are_no_numbers_are_no_answers_are_counted_and_spread_no_further_than_their_part() {
+fn fault_42_nan_pixels_are_invalid_counted_and_do_not_spread() {
     if !can_run("fault_42_pixels_that_are_no_numbers_are_no_answers") {
         return;
     }
     use depthloom_graphs::{Context, Inputs, Instance, Scratch};
     let registry = depthloom_nodes::registry();
     let kind = registry.node_kind("mono/onnx").unwrap();
-    // Of .2 .4 .8 1, the mean is taken away: the root of what is less is no number, of the others .55 and .71.
-    let of = |op: &str, columns: i64, params: Json| {
+    // Of .2 .4 .8 1, the mean is taken away: the root of negative numbers is NaN, of the others .55 and .71.
+    let depth_and_warnings = |op: &str, columns: i64, params: Json| {
         let (input, output) = (Tensor("x", F32, &[1, 1, 2, columns]), Tensor("y", F32, &[1, 1, 2, columns]));
         let network = model(onnx_file::model(op, None, &[input], &output));
         let Instance::Pure(node) = kind.build(&kind.resolve(&params).unwrap()).unwrap() else { panic!("pure") };
@@ -142,32 +142,32 @@ fn fault_42_pixels_that_are_no_numbers_are_no_answers_are_counted_and_spread_no_
         let value = outputs.in_order_of(&kind.declaration.outputs).unwrap().remove(0).unwrap();
         (metres(&value).to_vec(), host.0.into_inner().unwrap())
     };
-    let told = |count| vec![(count, "pixels of the network are no numbers (NaN or infinity)".to_owned())];
+    let error = |count| vec![(count, "pixels of the network's output are NaN or infinite, and so invalid".to_owned())];
     let dark = json!({ "mean": [0.5, 0.5, 0.5] });
     for output in ["disparity-share", "disparity-px", "inverse-depth", "depth"] {
         let mut params = dark.clone();
         params["output"] = output.into();
-        let (depth, warned) = of("Sqrt", 4, params);
+        let (depth, warned) = depth_and_warnings("Sqrt", 4, params);
         let valid: Vec<bool> = depth.iter().map(|metres| metres.is_finite()).collect();
         assert_eq!(valid, [false, false, true, true].repeat(2), "{output}: {depth:?}");
-        assert_eq!(warned, told(4), "{output}");
+        assert_eq!(warned, error(4), "{output}");
     }
-    // Infinity is no number either: a deviation so small that the quotient has no end.
-    let (depth, warned) = of("Exp", 4, json!({ "std": [1e-3, 1e-3, 1e-3], "output": "depth" }));
+    // Infinity is invalid, too: a standard deviation so small that the quotient overflows.
+    let (depth, warned) = depth_and_warnings("Exp", 4, json!({ "std": [1e-3, 1e-3, 1e-3], "output": "depth" }));
     assert!(depth.iter().all(|metres| metres.is_nan()), "{depth:?}");
-    assert_eq!(warned, told(8));
-    // A network of two columns: the first is none, and has part in the image's first three.
-    let (depth, warned) = of("Sqrt", 2, dark.clone());
+    assert_eq!(warned, error(8));
+    // A network of two columns: the first is invalid, and contributes to the first three of the image.
+    let (depth, warned) = depth_and_warnings("Sqrt", 2, dark.clone());
     let valid: Vec<bool> = depth.iter().map(|metres| metres.is_finite()).collect();
-    assert_eq!((valid, warned), ([false, false, false, true].repeat(2), told(2)), "{depth:?}");
+    assert_eq!((valid, warned), ([false, false, false, true].repeat(2), error(2)), "{depth:?}");
     // With a second opinion, what one of the two gave stands.
     let mut twice = dark;
     twice["flip"] = "mean".into();
-    let (depth, warned) = of("Sqrt", 4, twice);
+    let (depth, warned) = depth_and_warnings("Sqrt", 4, twice);
     assert!(depth[2].is_finite() && depth[3].is_finite(), "{depth:?}");
     assert!(warned[0].0 >= 4, "{warned:?}");
-    // And where all are numbers nobody is told of anything.
-    assert_eq!(of("Identity", 4, json!({})).1, Vec::new());
+    // No warning if all values are finite.
+    assert_eq!(depth_and_warnings("Identity", 4, json!({})).1, Vec::new());
 }
 
 /// NumPy: `raw = [-.2, 0, .4, .6]; s, b = lstsq(c_[raw, ones(4)], 1 / t); z = s * raw + b; y = where(z > 0, 1 / z,
@@ -233,9 +233,10 @@ fn fault_43_an_open_size_may_be_a_multiple_and_the_image_padded() {
     let padded = json!({ "multiple": 3, "fit": "pad", "output": "depth", "output_scale": 10 });
     assert_close(&run(&padded, &open).unwrap(), [2.0, 4.0, 8.0, 10.0]);
     // Shares and pixels of what the network sees, 6 columns, are pixels of the image.
-    let of = |output: &str| run(&json!({ "multiple": 3, "fit": "pad", "output": output, "cap": null }), &open).unwrap();
-    assert_close(&of("disparity-px"), [100.0, 50.0, 25.0, 20.0]);
-    assert_close(&of("disparity-share"), [100.0 / 6.0, 50.0 / 6.0, 25.0 / 6.0, 20.0 / 6.0]);
+    let depth =
+        |output: &str| run(&json!({ "multiple": 3, "fit": "pad", "output": output, "cap": null }), &open).unwrap();
+    assert_close(&depth("disparity-px"), [100.0, 50.0, 25.0, 20.0]);
+    assert_close(&depth("disparity-share"), [100.0 / 6.0, 50.0 / 6.0, 25.0 / 6.0, 20.0 / 6.0]);
     let resized = run(&json!({ "multiple": 4, "output": "depth", "output_scale": 10 }), &open).unwrap();
     assert!(resized.iter().all(|metres| (2.0..=10.0).contains(metres)) && resized[0] < resized[3], "{resized:?}");
     for flip in ["mean", "godard"] {
@@ -245,16 +246,16 @@ fn fault_43_an_open_size_may_be_a_multiple_and_the_image_padded() {
 }
 
 #[test]
-fn fault_51_a_vector_is_not_taken_for_a_map() {
-    if !can_run("fault_51_a_vector_is_not_taken_for_a_map") {
+fn fault_51_a_vector_is_not_used_as_a_map() {
+    if !can_run("fault_51_a_vector_is_not_used_as_a_map") {
         return;
     }
     // Means over rows: 1x1x1x4, a vector.
     let input = [Tensor("image", F32, &[1, 1, 2, 4])];
     for output in [&[1, 1, 1, 4][..], &[-1, -1, -1, -1]] {
         let vector = model(onnx_file::model("ReduceMean", Some(2), &input, &Tensor("pose", F32, output)));
-        let told = run(&json!({}), &vector).unwrap_err();
-        assert!(told.contains("pose"), "{told}");
+        let error = run(&json!({}), &vector).unwrap_err();
+        assert!(error.contains("pose"), "{error}");
         assert!(run(&json!({ "output_name": "pose" }), &vector).unwrap_err().contains("not a map of an image of 4x2"));
     }
 }
@@ -284,8 +285,8 @@ fn channels_may_come_last() {
 }
 
 #[test]
-fn frames_side_by_side_have_sessions_of_their_own_and_equal_answers() {
-    if !can_run("frames_side_by_side_have_sessions_of_their_own_and_equal_answers") {
+fn parallel_frames_have_separate_sessions_and_equal_results() {
+    if !can_run("parallel_frames_have_separate_sessions_and_equal_results") {
         return;
     }
     use depthloom_graphs::contracts::InlineHost;
@@ -308,8 +309,8 @@ fn frames_side_by_side_have_sessions_of_their_own_and_equal_answers() {
 }
 
 #[test]
-fn what_is_no_network_of_depth_is_refused_with_its_remedy() {
-    if !can_run("what_is_no_network_of_depth_is_refused_with_its_remedy") {
+fn networks_that_do_not_output_depth_are_refused_with_a_remedy() {
+    if !can_run("networks_that_do_not_output_depth_are_refused_with_a_remedy") {
         return;
     }
     let good = mean(&[1, 3, 2, 4], &[1, 1, 2, 4]);
@@ -341,22 +342,22 @@ fn what_is_no_network_of_depth_is_refused_with_its_remedy() {
         ("several maps", one("Identity", None, &rgb, &Tensor("y", F32, &[1, 3, 2, 4])), json!({})),
         ("output of whole numbers", one("Shape", None, &rgb, &Tensor("y", 7, &[4])), json!({})),
     ];
-    let mut told = String::new();
+    let mut error = String::new();
     for (name, network, params) in broken {
-        told += &format!("{name}\n  {}\n", run(&params, &network).unwrap_err());
+        error += &format!("{name}\n  {}\n", run(&params, &network).unwrap_err());
     }
-    insta::assert_snapshot!(told);
+    insta::assert_snapshot!(error);
 }
 
 #[test]
-fn a_file_that_is_no_model_is_said_to_be_none() {
-    if !can_run("a_file_that_is_no_model_is_said_to_be_none") {
+fn a_file_that_is_not_a_model_is_reported() {
+    if !can_run("a_file_that_is_not_a_model_is_reported") {
         return;
     }
-    let told = run(&json!({}), &model(b"<html>404</html>".to_vec())).unwrap_err();
+    let error = run(&json!({}), &model(b"<html>404</html>".to_vec())).unwrap_err();
     let title = onnx::find().unwrap().title();
-    assert!(told.starts_with(&format!("the 16 bytes of the model are none that {title} can load")), "{told}");
-    assert!(told.contains("remedy: `model` expects an ONNX file, or the output of a learning stage"), "{told}");
+    assert!(error.starts_with(&format!("the 16 bytes of the model cannot be loaded by {title}")), "{error}");
+    assert!(error.contains("remedy: `model` expects an ONNX file, or the output of a learning stage"), "{error}");
 }
 
 #[test]
@@ -368,7 +369,7 @@ fn a_model_cut_short_or_spoilt_ends_no_process() {
     let whole = onnx_file::model("ReduceMean", Some(1), &input, &Tensor("share", F32, &[1, 1, 2, 4]));
     assert!(run(&json!({}), &model(whole.clone())).is_ok());
     let half = run(&json!({}), &model(whole[..whole.len() / 2].to_vec())).unwrap_err();
-    assert!(half.contains("bytes of the model are none that"), "{half}");
+    assert!(half.contains("bytes of the model cannot be loaded by"), "{half}");
     // A byte may say something else that is right, or not: no answer is expected, only that there is one.
     for at in 0..whole.len() {
         let mut spoilt = whole.clone();
@@ -394,7 +395,7 @@ fn the_mirror_image_counts_as_much_whatever_batch_the_model_has() {
         assert_close(&run("godard").unwrap(), [4.0, 6.0, 9.0, 10.0]);
         match run("none") {
             Ok(alone) => assert_close(&alone, [2.0, 4.0, 8.0, 10.0]),
-            Err(told) => assert!(batch == 2 && told.contains("(or 2, with `flip`)"), "{told}"),
+            Err(error) => assert!(batch == 2 && error.contains("(or 2, with `flip`)"), "{error}"),
         }
     }
 }
@@ -407,10 +408,10 @@ fn a_provider_that_is_not_there_is_an_error_and_never_the_processor() {
     let engine = onnx::find().unwrap();
     for provider in Provider::ALL.into_iter().filter(|provider| !engine.providers().contains(provider)) {
         let name = provider.name();
-        let told = run(&json!({ "provider": name }), &mean(&[1, 3, 2, 4], &[1, 1, 2, 4])).unwrap_err();
-        assert!(told.starts_with(&engine.title()), "{told}");
-        assert!(told.contains(&format!(" has no provider `{name}`; it has cpu")), "{told}");
-        assert!(told.contains("or take `provider: cpu`"), "{told}");
+        let error = run(&json!({ "provider": name }), &mean(&[1, 3, 2, 4], &[1, 1, 2, 4])).unwrap_err();
+        assert!(error.starts_with(&engine.title()), "{error}");
+        assert!(error.contains(&format!(" has no provider `{name}`; it has cpu")), "{error}");
+        assert!(error.contains("or use `provider: cpu`"), "{error}");
         assert_ne!(engine.fingerprint(provider), engine.fingerprint(Provider::Cpu));
     }
     assert!(!engine.used().iter().any(|used| !engine.providers().contains(used)));
@@ -423,11 +424,11 @@ fn threads_do_not_change_a_bit() {
     }
     let Some(shared) = shared("threads_do_not_change_a_bit") else { return };
     let network = model(std::fs::read(shared.join("models/ssl_unet.onnx")).unwrap());
-    let of = |threads| {
+    let depth = |threads| {
         let inputs = [("image", &image()), ("calibration", &calibration(10.0, 2.0)), ("model", &network)];
         metres(&value("mono/onnx", &json!({ "threads": threads }), &inputs)).to_vec()
     };
-    assert_eq!(of(1), of(2));
+    assert_eq!(depth(1), depth(2));
 }
 
 /// The network's own answer, unscaled, to a real frame.
@@ -451,7 +452,7 @@ fn again_in(engine: &str, arguments: &[&str], answer: &Path) -> Command {
 const ANSWER: &str = "DEPTHLOOM_TEST_ANSWER";
 
 #[test]
-#[ignore = "a part of tract_answers_as_onnx_runtime_does"]
+#[ignore = "a part of tract_equals_onnx_runtime"]
 fn answer_into_a_file() {
     let (Some(file), Some(shared)) = (std::env::var_os(ANSWER), shared("answer_into_a_file")) else {
         return;
@@ -462,8 +463,8 @@ fn answer_into_a_file() {
 
 #[test]
 #[cfg(feature = "tract")]
-fn tract_answers_as_onnx_runtime_does() {
-    const TEST: &str = "tract_answers_as_onnx_runtime_does";
+fn tract_equals_onnx_runtime() {
+    const TEST: &str = "tract_equals_onnx_runtime";
     let (Some(_), Some(library)) = (shared(TEST), onnx_runtime(TEST)) else { return };
     let folder = tempfile::tempdir().unwrap();
     let answer = |engine: &str, library: Option<&Path>| {
@@ -491,9 +492,9 @@ fn all_of_this_holds_in_tract() {
         return;
     }
     let output = again_in("tract", &["network::", "--test-threads", "1"], Path::new("")).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let stdout = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{stdout}{}", String::from_utf8_lossy(&output.stderr));
     let tests =
-        ["what_is_no_network_of_depth_is_refused_with_its_remedy", "every_meaning_of_the_output_becomes_metres"];
-    assert!(tests.iter().all(|test| said.contains(&format!("test network::{test} ... ok"))), "{said}");
+        ["networks_that_do_not_output_depth_are_refused_with_a_remedy", "every_meaning_of_the_output_becomes_metres"];
+    assert!(tests.iter().all(|test| stdout.contains(&format!("test network::{test} ... ok"))), "{stdout}");
 }

@@ -10,10 +10,10 @@ use crate::{images, kitti_family, kitti_raw, ros2_bag, stereo_sets};
 /// The kinds that recognise a path, each with the parameters it gives.
 fn recognised(root: &std::path::Path) -> Vec<(&'static str, serde_json::Value)> {
     let registry = depthloom_nodes::registry();
-    let of = |entry: &depthloom_graphs::registry::SourceEntry| {
+    let parameters = |entry: &depthloom_graphs::registry::SourceEntry| {
         entry.recognise(root).into_iter().map(|found| (entry.declaration.kind, found.params)).collect::<Vec<_>>()
     };
-    registry.sources().filter(|entry| entry.declaration.kind != "images").flat_map(of).collect()
+    registry.sources().filter(|entry| entry.declaration.kind != "images").flat_map(parameters).collect()
 }
 
 #[test]
@@ -31,7 +31,7 @@ fn fault_62_a_calibration_of_another_data_set_makes_no_scene_of_middlebury() {
 }
 
 #[test]
-fn every_kind_knows_its_own_folder_and_opens_it_as_it_says() {
+fn every_kind_recognises_its_folder_and_opens_it_with_the_reported_parameters() {
     let of_kitti = ["kitti/stereo2012", "kitti/odometry", "kitti/depth", "kitti/raw"];
     let others = ["ros2/bag", "middlebury", "eth3d/two-view", "sintel-stereo", "scene-flow", "drivingstereo"];
     for kind in of_kitti.into_iter().chain(others) {
@@ -56,7 +56,7 @@ fn every_kind_knows_its_own_folder_and_opens_it_as_it_says() {
             }
         };
         let found = recognised(&path);
-        let own: Vec<_> = found.iter().filter(|(of, _)| *of == kind).collect();
+        let own: Vec<_> = found.iter().filter(|(found, _)| *found == kind).collect();
         assert_eq!(own.len(), 1, "{kind}: {found:?}");
         assert_eq!(found.len(), 1, "{kind}: {found:?}");
         let source = open(kind, &own[0].1).unwrap_or_else(|fault| panic!("{kind}: {}", fault.chain()));

@@ -40,9 +40,9 @@ impl Bench {
         path
     }
 
-    /// What a person is told at the opening or by the first frame that fails.
-    pub(crate) fn told(&self, path: &Path, more: &Json) -> String {
-        let said = match open("ros2/bag", &params(path, more)) {
+    /// The message at opening or of the first frame that fails.
+    pub(crate) fn report(&self, path: &Path, more: &Json) -> String {
+        let opened_or_read = match open("ros2/bag", &params(path, more)) {
             Err(fault) => Ok(fault),
             Ok(opened) => {
                 let failed = (0..opened.source.frames().len()).find_map(|at| opened.read(FrameIndex(at)).err());
@@ -51,7 +51,7 @@ impl Bench {
                 })
             }
         };
-        let text = match said {
+        let text = match opened_or_read {
             Ok(fault) => match fault.remedy_text() {
                 Some(remedy) => format!("{}\n  remedy: {remedy}", fault.chain()),
                 None => fault.chain(),
@@ -106,7 +106,7 @@ fn every_storage_gives_the_same_frames_and_keys() {
     let bench = Bench::new();
     let messages = frames();
     let options = WriteOptions::new;
-    let mut told = Vec::new();
+    let mut reports = Vec::new();
     for (name, options) in [
         ("zstd", options().compression(Some(Compression::Zstd))),
         ("lz4", options().compression(Some(Compression::Lz4))),
@@ -121,10 +121,10 @@ fn every_storage_gives_the_same_frames_and_keys() {
     ] {
         let path = bench.path(&format!("{name}.mcap"));
         mcap(&path, &messages, options);
-        told.push((name, opened(&path, &json!({}))));
+        reports.push((name, opened(&path, &json!({}))));
     }
     sqlite(&bench.path("bag.db3"), &messages);
-    told.push(("sqlite", opened(&bench.path("bag.db3"), &json!({}))));
+    reports.push(("sqlite", opened(&bench.path("bag.db3"), &json!({}))));
     // In a folder: two files, the later one first; with metadata and without.
     let folder = bench.path("folder");
     fs::create_dir(&folder).unwrap();
@@ -134,8 +134,8 @@ fn every_storage_gives_the_same_frames_and_keys() {
     assert_eq!(bare.source.warnings(), ["folder has no metadata.yaml: the 2 files that it holds are read"]);
     let metadata = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: sqlite3\n  relative_file_paths:\n    - drive_0.db3\n    - folder/drive_1.db3\n  compression_mode: \"\"\n";
     fs::write(folder.join("metadata.yaml"), metadata).unwrap();
-    told.push(("folder", opened(&folder, &json!({}))));
-    told.push(("metadata", opened(&folder.join("metadata.yaml"), &json!({ "clock": "log" }))));
+    reports.push(("folder", opened(&folder, &json!({}))));
+    reports.push(("metadata", opened(&folder.join("metadata.yaml"), &json!({ "clock": "log" }))));
 
     let expected: Vec<_> = (0..3).map(|number| (number * 100 * MS, grey(number), grey(number + 100))).collect();
     let first = all(&bare);
@@ -143,7 +143,7 @@ fn every_storage_gives_the_same_frames_and_keys() {
         first.iter().map(|(id, left, right, _)| (*id, left.clone(), right.clone())).collect::<Vec<_>>(),
         expected
     );
-    for (name, opened) in told {
+    for (name, opened) in reports {
         assert!(all(&opened) == first, "{name}");
         assert_eq!(opened.source.warnings(), [""; 0], "{name}");
         let times: Vec<u64> = opened.source.frames().iter().map(|frame| frame.time_ns - T0).collect();
@@ -170,13 +170,13 @@ fn partners_are_found_by_their_headers_whatever_the_order_in_the_file() {
     for (at, message) in (0..).zip(&mut messages) {
         message.log_ns = T0 + 40 * MS + at * 20 * MS;
     }
-    messages.push(Info::of(LEFT_P).on(LEFT_INFO, T0));
-    messages.push(Info::of(RIGHT_P).on(RIGHT_INFO, T0));
+    messages.push(Info::with_projection(LEFT_P).on(LEFT_INFO, T0));
+    messages.push(Info::with_projection(RIGHT_P).on(RIGHT_INFO, T0));
     let path = bench.mcap(&messages);
     let found = opened(&path, &json!({}));
     assert_eq!(ids(&found), [0, 2, 4, 5].map(|number| number * 100 * MS));
-    let told = "1 of 5 left images and 1 of 5 right ones have no partner within 10 ms: they are left out";
-    assert_eq!(found.source.warnings(), [told]);
+    let reports = "1 of 5 left images and 1 of 5 right ones have no partner within 10 ms: they are left out";
+    assert_eq!(found.source.warnings(), [reports]);
     assert_eq!(all(&found)[2].2, grey(104));
     assert_eq!(found.source.frames()[3].index, 3);
     assert_eq!(ids(&opened(&path, &json!({ "tolerance_ms": 5.0 }))), [0, 2, 4].map(|number| number * 100 * MS));
@@ -210,19 +210,19 @@ fn encodings_orders_and_rows_with_room_at_their_end_are_one_image() {
     }
     let grey = grey(5);
     for big in [false, true] {
-        let deep: Vec<u8> = grey.iter().flat_map(|of| if big { [*of, 3] } else { [3, *of] }).collect();
+        let deep: Vec<u8> = grey.iter().flat_map(|sample| if big { [*sample, 3] } else { [3, *sample] }).collect();
         let raw = Raw { size: SIZE, encoding: "mono16", step: 2 * SIZE.0, data: &deep };
         assert_eq!(samples(&with_left(&bench, raw_image(big, T0, "camera_left", &raw))["left"]), grey, "{big}");
     }
     // Fault 52: a camera of 12 bits.
-    let deep: Vec<u8> = grey.iter().flat_map(|of| (u16::from(*of) << 4).to_le_bytes()).collect();
+    let deep: Vec<u8> = grey.iter().flat_map(|sample| (u16::from(*sample) << 4).to_le_bytes()).collect();
     let raw = Raw { size: SIZE, encoding: "mono16", step: 2 * SIZE.0, data: &deep };
     let mut messages = frame(T0, 0);
     messages[0].bytes = raw_image(false, T0, "camera_left", &raw);
     let bag = bench.mcap(&messages);
     let (usual, of_12) = (opened(&bag, &json!({})), opened(&bag, &json!({ "bits": 12 })));
     assert_eq!(samples(&of_12.read(FrameIndex(0)).unwrap().0["left"]), grey);
-    let collapsed: Vec<u8> = grey.iter().map(|of| of >> 4).collect();
+    let collapsed: Vec<u8> = grey.iter().map(|sample| sample >> 4).collect();
     assert_eq!(samples(&usual.read(FrameIndex(0)).unwrap().0["left"]), collapsed);
     assert_ne!(usual.source.key(FrameIndex(0)).unwrap(), of_12.source.key(FrameIndex(0)).unwrap());
 }
@@ -233,10 +233,10 @@ fn fault_63_with_a_baseline_the_left_cameras_info_is_enough_for_rectified_images
     let mut messages = frames();
     messages.retain(|message| message.topic != RIGHT_INFO);
     let bag = bench.mcap(&messages);
-    assert!(bench.told(&bag, &json!({})).contains("has no camera_info beside"));
-    let of = calibration(&opened(&bag, &json!({ "baseline_m": 0.25 })).read(FrameIndex(0)).unwrap().0);
-    assert_eq!((of[3], of[4]), (0.25, 0.0));
-    let raw = bench.told(&bag, &json!({ "baseline_m": 0.25, "rectified": false }));
+    assert!(bench.report(&bag, &json!({})).contains("has no camera_info beside"));
+    let numbers = calibration(&opened(&bag, &json!({ "baseline_m": 0.25 })).read(FrameIndex(0)).unwrap().0);
+    assert_eq!((numbers[3], numbers[4]), (0.25, 0.0));
+    let raw = bench.report(&bag, &json!({ "baseline_m": 0.25, "rectified": false }));
     assert!(raw.contains("the right camera has no camera_info"), "{raw}");
 }
 
@@ -245,8 +245,13 @@ fn fault_64_colours_of_16_bits_are_read_and_files_that_were_unpacked() {
     let bench = Bench::new();
     let rgb: Vec<u8> = (0..3 * SIZE.0 * SIZE.1).map(|at| at as u8).collect();
     for (encoding, order) in [("rgb16", [0, 1, 2]), ("bgr16", [2, 1, 0])] {
-        let deep: Vec<u8> =
-            rgb.as_chunks::<3>().0.iter().flat_map(|pixel| order.map(|of| [7, pixel[of]])).flatten().collect();
+        let deep: Vec<u8> = rgb
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .flat_map(|pixel| order.map(|channel| [7, pixel[channel]]))
+            .flatten()
+            .collect();
         let raw = Raw { size: SIZE, encoding, step: 6 * SIZE.0, data: &deep };
         assert_eq!(samples(&with_left(&bench, raw_image(false, T0, "camera_left", &raw))["left"]), rgb, "{encoding}");
     }
@@ -274,19 +279,19 @@ fn fault_64_mosaics_and_yuv_become_the_colours_of_opencv() {
 }
 
 #[test]
-fn fault_65_what_git_lfs_left_in_the_place_of_a_bag_is_named_and_so_is_a_damaged_beginning() {
+fn fault_65_git_lfs_pointers_and_damaged_heads_of_bags_are_named() {
     let bench = Bench::new();
     let folder = tempfile::tempdir().unwrap();
     let pointer = folder.path().join("pointer.mcap");
     fs::write(&pointer, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12\n").unwrap();
-    let told = bench.told(&pointer, &json!({}));
-    assert!(told.contains("is a pointer of Git LFS") && told.contains("git lfs pull"), "{told}");
+    let reports = bench.report(&pointer, &json!({}));
+    assert!(reports.contains("is a pointer of Git LFS") && reports.contains("git lfs pull"), "{reports}");
     let mut bytes = fs::read(bench.mcap(&frames())).unwrap();
     bytes[3] ^= 1;
     let damaged = folder.path().join("damaged.mcap");
     fs::write(&damaged, bytes).unwrap();
-    let told = bench.told(&damaged, &json!({}));
-    assert!(told.contains("it does not begin as an MCAP file, and ends as one"), "{told}");
+    let reports = bench.report(&damaged, &json!({}));
+    assert!(reports.contains("it does not begin as an MCAP file, and ends as one"), "{reports}");
 }
 
 /// The values of a frame whose left image is this message.
@@ -307,12 +312,12 @@ fn known(values: &Values) -> (f32, usize) {
 }
 
 fn calibration(values: &Values) -> [f64; 5] {
-    let Value::Calibration(of) = &values["calibration"] else { panic!() };
-    [of.focal_px, of.cx_px, of.cy_px, of.baseline_m, of.doffs_px]
+    let Value::Calibration(found) = &values["calibration"] else { panic!() };
+    [found.focal_px, found.cx_px, found.cy_px, found.baseline_m, found.doffs_px]
 }
 
 #[test]
-fn depths_are_millimetres_metres_or_as_they_are_said_to_be() {
+fn depths_are_in_millimetres_metres_or_the_given_unit() {
     let bench = Bench::new();
     let depth = |message_type: &str, bytes: Vec<u8>, more: Json| {
         let mut messages = frames();
@@ -321,8 +326,8 @@ fn depths_are_millimetres_metres_or_as_they_are_said_to_be() {
         let mut with = json!({ "depth": "/depth" });
         with.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
         let found = opened(&path, &with);
-        let told = ["2 of 3 frames have no message of /depth within 10 ms, and so no truth"];
-        assert_eq!(found.source.warnings(), told);
+        let reports = ["2 of 3 frames have no message of /depth within 10 ms, and so no ground truth"];
+        assert_eq!(found.source.warnings(), reports);
         assert!(!found.read(FrameIndex(1)).unwrap().0.contains_key("depth"));
         let (values, _) = found.read(FrameIndex(0)).unwrap_or_else(|fault| panic!("{}", fault.chain()));
         // A disparity of 4 px: 2.5 m.
@@ -331,8 +336,8 @@ fn depths_are_millimetres_metres_or_as_they_are_said_to_be() {
     };
     let image = "sensor_msgs/msg/Image";
     for big in [false, true] {
-        let of = |bytes: fn(u16) -> [u8; 2]| map(2500).into_iter().flat_map(bytes).collect::<Vec<u8>>();
-        let data = of(if big { u16::to_be_bytes } else { u16::to_le_bytes });
+        let bytes_of = |bytes: fn(u16) -> [u8; 2]| map(2500).into_iter().flat_map(bytes).collect::<Vec<u8>>();
+        let data = bytes_of(if big { u16::to_be_bytes } else { u16::to_le_bytes });
         let raw = Raw { size: SIZE, encoding: "16UC1", step: 80, data: &data };
         let message = raw_image(big, T0 + MS, "camera_left", &raw);
         assert_eq!(depth(image, message.clone(), json!({})), (2.5, 1));
@@ -357,10 +362,10 @@ fn depths_are_millimetres_metres_or_as_they_are_said_to_be() {
         let data = [&0_u32.to_le_bytes()[..], &100_f32.to_le_bytes(), &(-8_f32).to_le_bytes(), &png(value)].concat();
         Cdr::new(false).header(T0 + MS, "camera_left").text(format).u32(data.len() as u32).raw(&data).end()
     };
-    let of = "sensor_msgs/msg/CompressedImage";
-    assert_eq!(depth(of, compressed("16UC1; compressedDepth png", 2500), json!({})), (2.5, 1));
+    let message_type = "sensor_msgs/msg/CompressedImage";
+    assert_eq!(depth(message_type, compressed("16UC1; compressedDepth png", 2500), json!({})), (2.5, 1));
     // 100 / (32 + 8) = 2.5
-    assert_eq!(depth(of, compressed("32FC1; compressedDepth png", 32), json!({})), (2.5, 1));
+    assert_eq!(depth(message_type, compressed("32FC1; compressedDepth png", 32), json!({})), (2.5, 1));
 }
 
 /// Three frames, and points of a scanner that looks along x: 1 m behind the camera, 0.3 m to the left of it and 0.5 m
@@ -388,12 +393,12 @@ fn points_go_through_the_transforms_to_the_nearest_pixel() {
     let found = opened(&bench.mcap(&with_points()), &json!({ "points": "/lidar/points" }));
     let (values, key) = found.read(FrameIndex(0)).unwrap();
     let map = metres(&values["depth"]);
-    // The second is twice as far on the same ray: the nearest wins. What is behind the camera, or no number, is none.
+    // The second is twice as far on the same ray: the nearest wins. Points behind the camera and NaN are ignored.
     assert_eq!((map[5 * 40 + 3], map.iter().filter(|metres| metres.is_finite()).count()), (2.5, 1));
     assert!(!found.read(FrameIndex(1)).unwrap().0.contains_key("depth"));
     // Other transforms are other depths: another key.
     let mut moved = with_points();
-    let at = moved.iter().position(|of| of.topic == "/tf_static").unwrap();
+    let at = moved.iter().position(|message| message.topic == "/tf_static").unwrap();
     moved[at].bytes = transforms(&[
         ("base", "lidar", [-1.0, 0.3, 0.6], [0.0, 0.0, 0.0, 1.0]),
         ("base", "mast", [0.0; 3], [0.0, 0.0, 0.0, 1.0]),
@@ -403,10 +408,10 @@ fn points_go_through_the_transforms_to_the_nearest_pixel() {
 }
 
 #[test]
-fn r_turns_points_where_it_is_asked_for() {
+fn r_rotates_points_on_request() {
     let bench = Bench::new();
     // A quarter turn about the optical axis: right becomes down.
-    let turned = Info { r: [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0], ..Info::of(LEFT_P) };
+    let turned = Info { r: [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0], ..Info::with_projection(LEFT_P) };
     let mut messages = frame(T0, 0);
     messages[2] = turned.on(LEFT_INFO, T0);
     let points = cloud(T0, "camera_left", &[[0.5, 0.0, 2.0]], &["x", "y", "z"]);
@@ -423,7 +428,7 @@ fn r_turns_points_where_it_is_asked_for() {
 }
 
 #[test]
-fn parts_of_the_sensor_and_principal_points_apart_are_taken_into_account() {
+fn roi_binning_and_different_principal_points_are_used() {
     let bench = Bench::new();
     // The 80x60 px from (10, 20) of a sensor of 100x100, two by two: f 40 -> 20, centre (50, 50) -> (20, 15), f * B
     // 20 -> 10.
@@ -431,7 +436,7 @@ fn parts_of_the_sensor_and_principal_points_apart_are_taken_into_account() {
         size: (100, 100),
         binning: 2,
         part: [10, 20, 80, 60],
-        ..Info::of([40.0, 0.0, 50.0, shift, 0.0, 40.0, 50.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+        ..Info::with_projection([40.0, 0.0, 50.0, shift, 0.0, 40.0, 50.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     };
     let mut messages = frame(T0, 0);
     messages[2] = part(0.0).on(LEFT_INFO, T0);
@@ -441,8 +446,8 @@ fn parts_of_the_sensor_and_principal_points_apart_are_taken_into_account() {
     // Of cameras whose axes do not look at one point: `cx_right - cx_left`.
     let mut p = RIGHT_P;
     p[2] = 25.5;
-    messages[2] = Info::of(LEFT_P).on(LEFT_INFO, T0);
-    messages[3] = Info::of(p).on(RIGHT_INFO, T0);
+    messages[2] = Info::with_projection(LEFT_P).on(LEFT_INFO, T0);
+    messages[3] = Info::with_projection(p).on(RIGHT_INFO, T0);
     let (values, _) = opened(&bench.mcap(&messages), &json!({})).read(FrameIndex(0)).unwrap();
     assert_eq!(calibration(&values), [20.0, 20.0, 15.0, 0.5, 5.5]);
     messages[2] = part(0.0).on(LEFT_INFO, T0);
@@ -458,7 +463,8 @@ fn raw_images_are_rectified_and_rectified_ones_are_left_alone() {
     let raw = |topic: &str, d: &'static [f64]| {
         let mut messages = frame(T0, 0);
         for (message, p) in [(2, LEFT_P), (3, RIGHT_P)] {
-            messages[message] = Info { d, ..Info::of(p) }.on(if message == 2 { LEFT_INFO } else { RIGHT_INFO }, T0);
+            messages[message] =
+                Info { d, ..Info::with_projection(p) }.on(if message == 2 { LEFT_INFO } else { RIGHT_INFO }, T0);
         }
         for message in &mut messages {
             message.topic = message.topic.replace("image_rect", topic);
@@ -526,14 +532,14 @@ fn a_bag_that_was_cut_off_gives_the_frames_before() {
             fs::write(&path, &whole[..whole.len() * part / 10]).unwrap();
             let Ok(found) = open("ros2/bag", &params(&path, &json!({}))) else { panic!("{name} {part}") };
             let frames = all(&found);
-            // What the last frame's cameras said may be lost, and be taken from before: its key is another one.
+            // The camera info of the last frame may be lost and replaced by an earlier one: its key differs.
             let pixels = |(id, left, right, _): &(u64, Vec<u8>, Vec<u8>, String)| (*id, left.clone(), right.clone());
             assert!(frames.iter().map(pixels).eq(expected[..frames.len()].iter().map(pixels)), "{name} {part}");
             assert!(frames.len() <= before && frames.len() + 8 >= 20 * part / 10, "{name} {part} {}", frames.len());
-            let told = &found.source.warnings()[0];
+            let reports = &found.source.warnings()[0];
             // The summary of these few frames is a part of the file.
             let cut = format!("{name}.mcap was cut off: its last whole record ends at");
-            assert!(told.starts_with(&cut) || told.contains("its index cannot be read"), "{told}");
+            assert!(reports.starts_with(&cut) || reports.contains("its index cannot be read"), "{reports}");
             before = frames.len();
         }
     }
@@ -550,14 +556,14 @@ fn a_flipped_bit_of_a_chunk_that_is_not_compressed_is_seen() {
     bytes[middle] ^= 4;
     fs::write(&path, bytes).unwrap();
     // Opening reads a message of each camera.
-    let told: Vec<String> = match open("ros2/bag", &params(&path, &json!({}))) {
+    let reports: Vec<String> = match open("ros2/bag", &params(&path, &json!({}))) {
         Err(fault) => vec![fault.chain()],
         Ok(found) => {
             let faults = (0..found.source.frames().len()).filter_map(|position| found.read(FrameIndex(position)).err());
             faults.map(|fault| fault.chain()).collect()
         }
     };
-    assert!(told.iter().any(|fault| fault.contains("a chunk's checksum differs")), "{told:?}");
+    assert!(reports.iter().any(|fault| fault.contains("a chunk's checksum differs")), "{reports:?}");
 }
 
 #[test]
@@ -565,14 +571,14 @@ fn opening_by_the_time_of_recording_reads_the_index_and_one_frame() {
     let bench = Bench::new();
     let messages: Vec<Written> = (0..6).flat_map(|number| frame(T0 + number * 100 * MS, number)).collect();
     let path = bench.path("bag.mcap");
-    // A chunk an image.
+    // One chunk per image.
     mcap(&path, &messages, WriteOptions::new().chunk_size(Some(100)));
     let mut bytes = fs::read(&path).unwrap();
     let last = find(&bytes, &[6], 9, 100..2000).expect("the last frame's chunk");
     let length = usize::from(u16::from_le_bytes([bytes[last + 1], bytes[last + 2]]));
     bytes[last + 9 + 44..last + 9 + length].fill(0);
     fs::write(&path, &bytes).unwrap();
-    assert!(bench.told(&path, &json!({})).contains("cannot be decompressed"));
+    assert!(bench.report(&path, &json!({})).contains("cannot be decompressed"));
     let found = opened(&path, &json!({ "clock": "log" }));
     assert!(found.read(FrameIndex(0)).is_ok() && found.read(FrameIndex(5)).is_err());
     // Of a range, what lies more than a second away is not read; cameras that spoke once, at the beginning, are known.
@@ -580,15 +586,15 @@ fn opening_by_the_time_of_recording_reads_the_index_and_one_frame() {
     let is_later_info = |message: &Written| message.topic.ends_with("camera_info") && message.log_ns > T0;
     let messages: Vec<Written> = messages.into_iter().filter(|message| !is_later_info(message)).collect();
     mcap(&path, &messages, WriteOptions::new().chunk_size(Some(100)));
-    assert!(bench.told(&path, &json!({})).starts_with("40 frames"));
+    assert!(bench.report(&path, &json!({})).starts_with("40 frames"));
     let mut bytes = fs::read(&path).unwrap();
     let whole = bytes.len();
     let early = find(&bytes[..whole / 6], &[6], 9, 100..2000).expect("an early chunk");
     let length = usize::from(u16::from_le_bytes([bytes[early + 1], bytes[early + 2]]));
     bytes[early + 9 + 44..early + 9 + length].fill(0);
     fs::write(&path, &bytes).unwrap();
-    assert!(bench.told(&path, &json!({})).contains("cannot be decompressed"));
-    assert_eq!(bench.told(&path, &json!({ "start_s": 3.0 })), "10 frames; ");
+    assert!(bench.report(&path, &json!({})).contains("cannot be decompressed"));
+    assert_eq!(bench.report(&path, &json!({ "start_s": 3.0 })), "10 frames; ");
 }
 
 proptest! {
@@ -617,8 +623,8 @@ proptest! {
             }
             fs::write(&path, &bytes).unwrap();
             for with in [json!({ "points": "/lidar/points" }), json!({ "clock": "log", "depth": "/stereo/right/image_rect" })] {
-                let said = bench.told(&path, &with);
-                prop_assert!(!said.is_empty());
+                let opened_or_read = bench.report(&path, &with);
+                prop_assert!(!opened_or_read.is_empty());
             }
         }
     }

@@ -149,8 +149,8 @@ fn bags_give_the_disparities_of_the_png_files_they_were_made_from() {
 }
 
 #[test]
-fn depths_points_and_photographs_of_another_writer_are_what_it_wrote() {
-    let Some(python) = python("depths_points_and_photographs_of_another_writer_are_what_it_wrote") else { return };
+fn depths_points_and_photographs_of_another_writer_are_read() {
+    let Some(python) = python("depths_points_and_photographs_of_another_writer_are_read") else { return };
     let folder = tempfile::tempdir().unwrap();
     let jpeg = folder.path().join("left.jpg");
     image::RgbImage::from_fn(40, 30, |x, y| image::Rgb([x as u8 * 5, y as u8 * 8, 90])).save(&jpeg).unwrap();

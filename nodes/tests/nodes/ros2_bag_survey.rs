@@ -33,14 +33,14 @@ fn a_bag_shows_its_topics_and_how_evenly_they_come() {
     let (faults, facts) = surveyed(&path, &json!({}));
     assert!(faults.is_empty(), "{faults:?}");
     insta::with_settings!({ omit_expression => true }, { insta::assert_snapshot!("facts_of_a_bag", facts.join("\n")); });
-    // Topics are shown of a bag that is no source, too.
+    // Topics are also shown for a bag that cannot be a source.
     messages.retain(|message| message.topic != RIGHT);
     let (faults, facts) = surveyed(&bench.mcap(&messages), &json!({}));
     assert_eq!((faults.len(), facts.len()), (1, 3));
 }
 
 #[test]
-fn what_a_cut_bag_lost_is_wrong_and_a_run_takes_the_rest() {
+fn a_truncated_bag_is_reported_and_the_rest_is_read() {
     let bench = Bench::new();
     let messages: Vec<Written> = (0..20).flat_map(|number| frame(T0 + number * 100 * MS, number)).collect();
     let path = bench.path("bag.mcap");
@@ -55,15 +55,15 @@ fn what_a_cut_bag_lost_is_wrong_and_a_run_takes_the_rest() {
     fs::write(&path, [&whole[..], b"appended"].concat()).unwrap();
     assert!(surveyed(&path, &json!({})).0.is_empty());
     let end = whole.len();
-    let told = format!(
+    let warning = format!(
         "bag.mcap: its index cannot be read (its last 8 bytes, from byte {end}, are not the mark that every MCAP file ends with), and every record was \
          looked at: `mcap recover` writes the file anew"
     );
-    assert_eq!(opened(&path, &json!({})).source.warnings(), [told]);
+    assert_eq!(opened(&path, &json!({})).source.warnings(), [warning]);
 }
 
 #[test]
-fn a_bag_is_recognised_with_its_topics_and_the_truth_that_belongs_to_its_left_image() {
+fn a_bag_is_recognised_with_its_topics_and_the_ground_truth_of_its_left_image() {
     let bench = Bench::new();
     let recognised = |messages: &[Written]| {
         let path = bench.mcap(messages);
@@ -93,11 +93,13 @@ fn a_bag_is_recognised_with_its_topics_and_the_truth_that_belongs_to_its_left_im
     messages.push(depth("/stereo/depth", SIZE, "camera_left"));
     let (params, alternatives) = recognised(&messages);
     assert_eq!((params["depth"].as_str(), params.get("points")), (Some("/stereo/depth"), None));
-    assert!(alternatives.contains(&"points: \"/lidar/points\"   # another truth, in place of the above".to_owned()));
+    assert!(
+        alternatives.contains(&"points: \"/lidar/points\"   # other ground truth, instead of the above".to_owned())
+    );
 }
 
 #[test]
-fn a_damaged_bag_is_known_as_one_and_a_recording_of_ours_is_none() {
+fn damaged_bags_are_recognised_and_own_recordings_are_not_bags() {
     let bench = Bench::new();
     let registry = depthloom_nodes::registry();
     let entry = registry.source_kind("ros2/bag").unwrap();

@@ -19,7 +19,7 @@ const ESTIMATE: [f32; 4] = [10.0, f32::NAN, 20.0, 100.0];
 const TRUTH: [f32; 4] = [10.0, 10.0, 40.0, 100.0];
 
 #[test]
-fn sets_come_in_the_order_asked_for() {
+fn data_sets_are_in_the_requested_order() {
     let rows = rows(&json!({ "sets": ["valid", "all"] }), &ESTIMATE, &TRUTH);
     assert_eq!(
         rows.iter().map(|row| (row.set, row.pixels)).collect::<Vec<_>>(),

@@ -17,7 +17,7 @@ fn rows(params: &Json, inputs: &[(&str, &Value)]) -> Vec<ScoreRow> {
     rows.to_vec()
 }
 
-/// The oracle's own SGBM and filling, so that both are held against each other too.
+/// The oracle's own SGBM and filling, so that both are compared with each other, too.
 #[test]
 fn sgbm_scores_as_the_oracles() {
     let Some(shared) = shared("sgbm_scores_as_the_oracles") else { return };
@@ -110,7 +110,7 @@ fn scores_are_those_of_kittis_development_kit() {
         script.arg(workspace().join("tests/python/kitti_devkit.py"));
         let output = script.args([width, height].map(|px| px.to_string())).args(files).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let told: Json = serde_json::from_slice(&output.stdout).unwrap();
+        let expected: Json = serde_json::from_slice(&output.stdout).unwrap();
 
         let disparity =
             Disparity { sixteenths_px: Raster::from_raw(width, height, estimate).unwrap(), min_disparity_px: 0 };
@@ -126,22 +126,22 @@ fn scores_are_those_of_kittis_development_kit() {
             assert!((ours - theirs).abs() <= 1e-12 * (1.0 + theirs), "{seed} {what}: {ours}, not {theirs}");
         };
         for row in rows.iter().filter(|row| row.zone.is_empty()) {
-            let of_set = &told[row.set.name()];
+            let of_set = &expected[row.set.name()];
             assert_eq!(row.pixels, of_set["pixels"], "{}", row.set);
             for (metric, score) in &row.scores {
                 close(Some(*score), &of_set[metric.name], &format!("{} {}", row.set, metric.name));
             }
-            close(row.density(), &told["density"], "density");
+            close(row.density(), &expected["density"], "density");
         }
         for (zone, name) in [("background", "d1_bg"), ("foreground", "d1_fg")] {
             let row = rows.iter().find(|row| row.zone == zone && row.set.name() == "filled").unwrap();
-            close(row.score("d1"), &told[name], name);
+            close(row.score("d1"), &expected[name], name);
         }
     }
 }
 
 #[test]
-fn a_road_gives_truth_as_disparities_with_its_cars_and_both_pixel_sets_differ() {
+fn a_road_has_ground_truth_disparities_cars_and_two_pixel_sets() {
     let params = json!({ "frames": [3], "width": 320, "height": 96, "disparities": true });
     let (values, _) = open("synthetic/road", &params).unwrap().read(FrameIndex(0)).unwrap();
     let (Value::TrueDisparity(noc), Value::TrueDisparity(occ)) = (&values["disp_noc"], &values["disp_occ"]) else {
@@ -168,15 +168,15 @@ fn a_road_gives_truth_as_disparities_with_its_cars_and_both_pixel_sets_differ() 
     ];
     let zones = json!({ "distance_m": [0, 10, 20, 50, 80], "rows": 3 });
     let rows = rows(&json!({ "sets": ["all"], "zones": zones }), &inputs);
-    let of = |zone: &str| rows.iter().find(|row| row.zone == zone).unwrap_or_else(|| panic!("no zone {zone}"));
-    assert_eq!((of("visible").score("d1"), of("occluded").score("d1")), (Some(0.0), Some(1.0)));
-    assert!(of("").score("epe").unwrap() < 1.0 / 16.0);
-    assert_eq!(of("visible").density(), Some(1.0));
-    let pixels = |zones: &[&str]| zones.iter().map(|zone| of(zone).pixels).sum::<u64>();
-    assert_eq!(pixels(&["background", "foreground"]), of("").pixels);
-    assert_eq!(pixels(&["row_1_of_3", "row_2_of_3", "row_3_of_3"]), of("").pixels);
+    let row_of = |zone: &str| rows.iter().find(|row| row.zone == zone).unwrap_or_else(|| panic!("no zone {zone}"));
+    assert_eq!((row_of("visible").score("d1"), row_of("occluded").score("d1")), (Some(0.0), Some(1.0)));
+    assert!(row_of("").score("epe").unwrap() < 1.0 / 16.0);
+    assert_eq!(row_of("visible").density(), Some(1.0));
+    let pixels = |zones: &[&str]| zones.iter().map(|zone| row_of(zone).pixels).sum::<u64>();
+    assert_eq!(pixels(&["background", "foreground"]), row_of("").pixels);
+    assert_eq!(pixels(&["row_1_of_3", "row_2_of_3", "row_3_of_3"]), row_of("").pixels);
     assert!(pixels(&["foreground"]) > 0 && pixels(&["0..10", "10..20", "20..50"]) > 0);
-    assert!(of("edges").pixels > 0 && of("textureless").pixels > 0);
+    assert!(row_of("edges").pixels > 0 && row_of("textureless").pixels > 0);
 }
 
 #[test]

@@ -42,7 +42,7 @@ fn same(found: &[f32], expected: &[f32]) {
 }
 
 #[test]
-fn no_disparity_is_no_depth_and_far_depth_is_capped() {
+fn invalid_disparity_is_invalid_depth_and_far_depth_is_capped() {
     let inputs = [("disparity", &disparity(&[-16, 0, 16, 160])), ("calibration", &calibration(100.0, 0.5))];
     same(metres(&value("depth/from-disparity", &json!({ "cap": 20.0 }), &inputs)), &[NAN, NAN, 20.0, 5.0]);
     same(metres(&value("depth/from-disparity", &json!({ "cap": null }), &inputs)), &[NAN, NAN, 50.0, 5.0]);
@@ -71,7 +71,7 @@ fn occluded_pixels_take_mono() {
 }
 
 #[test]
-fn the_median_removes_what_is_alone() {
+fn the_median_removes_outliers() {
     let mut map = vec![5.0; 49];
     map[24] = 70.0;
     map[0] = NAN;

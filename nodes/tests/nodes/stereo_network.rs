@@ -57,7 +57,7 @@ fn raster(values: Vec<f32>) -> Raster<f32> {
     Raster::from_raw(WIDTH, HEIGHT, values).unwrap()
 }
 
-fn told(fault: &depthloom_graphs::Fault) -> String {
+fn error_text(fault: &depthloom_graphs::Fault) -> String {
     fault.remedy_text().map_or_else(|| fault.chain(), |remedy| format!("{}\n  remedy: {remedy}", fault.chain()))
 }
 
@@ -68,7 +68,7 @@ fn stereo(file: &str, params: &Json) -> Result<crate::call::Values, String> {
         ("calibration", calibration()),
         ("model", network(file)),
     ];
-    call("stereo/onnx", params, &inputs).map_err(|fault| told(&fault))
+    call("stereo/onnx", params, &inputs).map_err(|fault| error_text(&fault))
 }
 
 /// Whether this machine can run networks; says that the test is skipped where it cannot.
@@ -77,7 +77,7 @@ fn can_run(test: &str) -> bool {
 }
 
 fn disparity(value: &Value) -> Raster<f32> {
-    value.disparity_px().unwrap_or_else(|| panic!("{value:?} is no disparity"))
+    value.disparity_px().unwrap_or_else(|| panic!("{value:?} is not a disparity"))
 }
 
 /// The largest difference to what NumPy gives.
@@ -91,8 +91,8 @@ fn px_of(depth: &Value) -> impl Iterator<Item = f64> {
 }
 
 #[test]
-fn a_stereo_network_answers_as_numpy_does_at_a_size_that_is_no_multiple_of_its_stride() {
-    if !can_run("a_stereo_network_answers_as_numpy_does_at_a_size_that_is_no_multiple_of_its_stride") {
+fn a_stereo_network_equals_numpy_at_a_size_that_is_not_a_multiple_of_its_stride() {
+    if !can_run("a_stereo_network_equals_numpy_at_a_size_that_is_not_a_multiple_of_its_stride") {
         return;
     }
     let (left, right) = (golden("disparity.f32"), golden("disparity_right.f32"));
@@ -111,8 +111,8 @@ fn a_stereo_network_answers_as_numpy_does_at_a_size_that_is_no_multiple_of_its_s
 }
 
 #[test]
-fn what_is_added_around_the_image_is_of_ones_choice() {
-    if !can_run("what_is_added_around_the_image_is_of_ones_choice") {
+fn padding_can_be_chosen() {
+    if !can_run("padding_can_be_chosen") {
         return;
     }
     let px = |params: Json| px_of(&stereo("shifts.onnx", &params).unwrap()["depth"]).collect::<Vec<f64>>();
@@ -170,8 +170,8 @@ fn ports_follow_from_the_parameters() {
 }
 
 #[test]
-fn a_network_that_is_no_stereo_network_is_refused_with_its_remedy() {
-    if !can_run("a_network_that_is_no_stereo_network_is_refused_with_its_remedy") {
+fn networks_that_are_not_stereo_networks_are_refused_with_a_remedy() {
+    if !can_run("networks_that_are_not_stereo_networks_are_refused_with_a_remedy") {
         return;
     }
     let error = stereo("fusion.onnx", &json!({})).unwrap_err();
@@ -189,8 +189,8 @@ fn depth_of(values: Vec<f32>) -> Value {
 }
 
 #[test]
-fn a_network_of_confidence_and_one_of_fusion_run_by_the_ports_they_are_given() {
-    if !can_run("a_network_of_confidence_and_one_of_fusion_run_by_the_ports_they_are_given") {
+fn networks_for_confidence_and_fusion_run_with_declared_ports() {
+    if !can_run("networks_for_confidence_and_fusion_run_with_declared_ports") {
         return;
     }
     let depth = depth_of(golden("depth.f32"));
@@ -202,7 +202,7 @@ fn a_network_of_confidence_and_one_of_fusion_run_by_the_ports_they_are_given() {
         "outputs": { "weight": { "type": "weight" } },
     } });
     let inputs = [("image", image("left.png")), ("depth", depth.clone()), ("model", network("confidence.onnx"))];
-    let weight = call("onnx", &params, &inputs).map_err(|fault| told(&fault)).unwrap();
+    let weight = call("onnx", &params, &inputs).map_err(|fault| error_text(&fault)).unwrap();
     let Value::Weight(found) = &weight["weight"] else { panic!("a weight") };
     let off = worst(found.share.iter().map(|&share| f64::from(share)), &golden("weight.f32"));
     assert!(off < 1e-5, "{off} from NumPy's weights");
@@ -215,7 +215,7 @@ fn a_network_of_confidence_and_one_of_fusion_run_by_the_ports_they_are_given() {
     let mono = depth_of(vec![20.0; (WIDTH * HEIGHT) as usize]);
     let inputs =
         [("mono", mono.clone()), ("stereo", depth.clone()), ("weight", weight), ("model", network("fusion.onnx"))];
-    let fused = call("onnx", &params, &inputs).map_err(|fault| told(&fault)).unwrap();
+    let fused = call("onnx", &params, &inputs).map_err(|fault| error_text(&fault)).unwrap();
     let off = worst(metres(&fused["depth"]).iter().map(|&metres| f64::from(metres)), &golden("fused.f32"));
     assert!(off < 1e-4, "{off} m from NumPy's fusion");
 
@@ -224,7 +224,7 @@ fn a_network_of_confidence_and_one_of_fusion_run_by_the_ports_they_are_given() {
         "outputs": { "depth": { "type": "depth" } },
     } });
     let inputs = [("mono", mono), ("stereo", depth), ("model", network("fusion.onnx"))];
-    let error = call("onnx", &without, &inputs).map_err(|fault| told(&fault)).unwrap_err();
+    let error = call("onnx", &without, &inputs).map_err(|fault| error_text(&fault)).unwrap_err();
     assert!(error.contains("no port feeds input `weight` of the network"), "{error}");
 }
 
@@ -246,10 +246,10 @@ fn all_of_it_holds_in_tract_and_in_onnx_runtime() {
             .env(onnx::VARIABLE, engine);
         let output = program.env_remove("ORT_DYLIB_PATH").envs(library.map(|path| ("ORT_DYLIB_PATH", path))).output();
         let output = output.unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success(), "{engine}: {said}{}", String::from_utf8_lossy(&output.stderr));
-        assert!(said.contains("shifts.onnx: ") && said.contains("pair.onnx: "), "{engine} ran nothing: {said}");
-        for line in said.lines().filter(|line| line.contains("from NumPy")) {
+        let stdout = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{engine}: {stdout}{}", String::from_utf8_lossy(&output.stderr));
+        assert!(stdout.contains("shifts.onnx: ") && stdout.contains("pair.onnx: "), "{engine} ran nothing: {stdout}");
+        for line in stdout.lines().filter(|line| line.contains("from NumPy")) {
             println!("{engine}: {line}");
         }
     }

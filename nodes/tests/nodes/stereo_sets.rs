@@ -50,13 +50,13 @@ fn known(map: &[f32], width: usize) -> Vec<((usize, usize), f32)> {
 /// That disparity, depth and calibration speak of one place: each pixel's point, of its depth, is seen by the right
 /// camera a disparity to the left.
 pub(crate) fn agree(values: &Values) -> usize {
-    let of = calibration(values);
-    let (width, depth) = (of.width as usize, metres(&values["depth"]));
+    let calib = calibration(values);
+    let (width, depth) = (calib.width as usize, metres(&values["depth"]));
     let seen = known(px(values, "disp_occ"), width);
     for &((column, row), disparity) in &seen {
         let z = f64::from(depth[row * width + column]);
-        let x = (column as f64 - of.cx_px) * z / of.focal_px;
-        let p = of.p_right();
+        let x = (column as f64 - calib.cx_px) * z / calib.focal_px;
+        let p = calib.p_right();
         let there = (p[0] * x + p[2] * z + p[3]) / (z + p[11]);
         let (expected, off) = (column as f64 - f64::from(disparity), 1e-3);
         assert!((there - expected).abs() < off, "({column}, {row}): {there}, not {expected}");
@@ -81,14 +81,17 @@ pub(crate) fn of_2014(set: Folder) -> Folder {
 }
 
 #[test]
-fn middlebury_2014_has_principal_points_apart_and_a_mask_of_what_both_cameras_see() {
+fn middlebury_2014_has_two_principal_points_and_an_occlusion_mask() {
     let set = of_2014(Folder::new());
     let opened = set.open("middlebury", &json!({}));
     let ids: Vec<_> = opened.source.frames().iter().map(|frame| (frame.index, &*frame.id)).collect();
     assert_eq!(ids, [(0, "Adirondack"), (1, "Vintage")]);
     let (values, _) = opened.read(FrameIndex(0)).unwrap();
-    let of = calibration(&values);
-    assert_eq!((of.focal_px, of.cx_px, of.cy_px, of.baseline_m, of.doffs_px), (100.0, 18.0, 15.0, 0.2, 5.5));
+    let calib = calibration(&values);
+    assert_eq!(
+        (calib.focal_px, calib.cx_px, calib.cy_px, calib.baseline_m, calib.doffs_px),
+        (100.0, 18.0, 15.0, 0.2, 5.5)
+    );
     // 20 px m / (4.5 + 5.5) px.
     assert_eq!(known(metres(&values["depth"]), 40), [((3, 2), 2.0), ((4, 2), 20.0 / 15.75)]);
     assert_eq!(known(px(&values, "disp_occ"), 40), [((3, 2), 4.5), ((4, 2), 10.25)]);
@@ -128,19 +131,22 @@ pub(crate) fn of_2006(set: Folder) -> Folder {
 }
 
 #[test]
-fn middlebury_2006_adds_what_cropping_took() {
+fn middlebury_2006_adds_the_part_removed_by_cropping() {
     let set = of_2006(Folder::new());
     let values = set.open("middlebury", &json!({})).read(FrameIndex(0)).unwrap().0;
     // At half size a grey level is half a pixel: 48 px, and 135 px of cropping; 1870 px focal length.
     assert_eq!(known(px(&values, "disp_occ"), 8), [((3, 2), 48.0)]);
-    let of = calibration(&values);
-    assert_eq!((of.focal_px, of.doffs_px, of.baseline_m, of.cx_px, of.cy_px), (1870.0, 135.0, 0.16, 3.5, 277.0));
+    let calib = calibration(&values);
+    assert_eq!(
+        (calib.focal_px, calib.doffs_px, calib.baseline_m, calib.cx_px, calib.cy_px),
+        (1870.0, 135.0, 0.16, 3.5, 277.0)
+    );
     // As in 3740 px * 0.16 m / (96 + 270) px of the full size.
     let depth = metres(&values["depth"])[2 * 8 + 3];
     assert!((depth - 1.634_972_7).abs() < 1e-6, "{depth}");
     assert_eq!(agree(&values), 1);
-    let told = set.open("middlebury", &json!({ "factor": 3 })).read(FrameIndex(0)).unwrap().0;
-    assert_eq!(known(px(&told, "disp_occ"), 8), [((3, 2), 32.0)]);
+    let oracle = set.open("middlebury", &json!({ "factor": 3 })).read(FrameIndex(0)).unwrap().0;
+    assert_eq!(known(px(&oracle, "disp_occ"), 8), [((3, 2), 32.0)]);
     set.remove("Aloe/dmin.txt");
     let opened = set.open("middlebury", &json!({}));
     assert_eq!(opened.source.warnings(), ["1 scene has no dmin.txt, and so neither calibration nor depth: Aloe"]);
@@ -157,7 +163,7 @@ pub(crate) fn of_2001(set: Folder) -> Folder {
 }
 
 #[test]
-fn middlebury_2001_and_2003_have_no_calibration_but_what_is_given() {
+fn middlebury_2001_and_2003_have_only_the_given_calibration() {
     let set = of_2001(Folder::new());
     let read = |more: Json| set.open("middlebury", &more).read(FrameIndex(0)).unwrap().0;
     let values = read(json!({}));
@@ -182,7 +188,7 @@ pub(crate) fn eth3d(set: Folder) -> Folder {
 }
 
 #[test]
-fn eth3d_has_its_baseline_in_millimetres_and_its_truth_apart() {
+fn eth3d_has_its_baseline_in_millimetres_and_ground_truth_in_another_folder() {
     let set = eth3d(Folder::new());
     let values = set.open("eth3d/two-view", &json!({})).read(FrameIndex(0)).unwrap().0;
     // 541.764 px * 0.0599101 m / 16.25 px.
@@ -211,7 +217,7 @@ pub(crate) fn sintel(set: Folder) -> Folder {
 }
 
 #[test]
-fn sintel_leaves_out_what_leaves_the_frame_and_tells_what_is_occluded() {
+fn sintel_ignores_pixels_outside_the_frame_and_marks_occlusions() {
     let set = sintel(Folder::new());
     let opened = set.open("sintel-stereo", &json!({ "focal_px": 1120, "frames": [1] }));
     assert_eq!((&*opened.source.frames()[0].id, opened.source.frames()[0].index), ("alley_1_frame_0002", 1));
@@ -234,8 +240,11 @@ fn sintel_leaves_out_what_leaves_the_frame_and_tells_what_is_occluded() {
         set.bytes(&format!("training/camdata_left/alley_1/{frame}.cam"), &camera);
     }
     let values = set.open("sintel-stereo", &json!({})).read(FrameIndex(0)).unwrap().0;
-    let of = calibration(&values);
-    assert_eq!((of.focal_px, of.cx_px, of.cy_px, metres(&values["depth"])[41]), (900.0, 20.0, 14.0, 90.0 / disparity));
+    let calib = calibration(&values);
+    assert_eq!(
+        (calib.focal_px, calib.cx_px, calib.cy_px, metres(&values["depth"])[41]),
+        (900.0, 20.0, 14.0, 90.0 / disparity)
+    );
 }
 
 pub(crate) fn scene_flow(set: Folder) -> Folder {
@@ -258,8 +267,8 @@ fn scene_flow_has_two_lenses() {
     assert_eq!(ids, ["15mm_focallength_scene_backwards_slow_0001", "35mm_focallength_scene_forwards_fast_0001"]);
     for (position, focal_px, depth) in [(0, 450.0, 12.0), (1, 1050.0, 28.0)] {
         let values = opened.read(FrameIndex(position)).unwrap().0;
-        let of = calibration(&values);
-        assert_eq!((of.focal_px, of.cx_px, of.baseline_m), (focal_px, 479.5, 1.0));
+        let calib = calibration(&values);
+        assert_eq!((calib.focal_px, calib.cx_px, calib.baseline_m), (focal_px, 479.5, 1.0));
         assert_eq!((known(metres(&values["depth"]), 960), agree(&values)), (vec![((3, 2), depth)], 1));
     }
     assert_ne!(
@@ -291,11 +300,11 @@ pub(crate) fn driving_stereo(set: Folder) -> Folder {
 }
 
 #[test]
-fn drivingstereo_has_truth_in_256ths_and_a_baseline_of_its_own() {
+fn drivingstereo_has_ground_truth_in_256ths_and_its_own_baseline() {
     let set = driving_stereo(Folder::new());
     let values = set.open("drivingstereo", &json!({})).read(FrameIndex(0)).unwrap().0;
-    let of = calibration(&values);
-    assert_eq!((of.focal_px, of.cx_px, of.baseline_m, of.doffs_px), (30.0, 20.0, 0.5, 0.0));
+    let calib = calibration(&values);
+    assert_eq!((calib.focal_px, calib.cx_px, calib.baseline_m, calib.doffs_px), (30.0, 20.0, 0.5, 0.0));
     // 30 px * 0.5 m / 4 px.
     assert_eq!((known(metres(&values["depth"]), 40), agree(&values)), (vec![((3, 2), 3.75)], 1));
     // The data set's own depths go before those.
@@ -371,12 +380,12 @@ fn sgbm_is_as_wrong_on_teddy_and_cones_as_opencvs() {
         let script = workspace().join("nodes/tests/middlebury_sgbm.py");
         let output = Command::new(&python).arg(script).arg(root.join(scene)).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let told: Json = serde_json::from_slice(&output.stdout).unwrap();
+        let oracle: Json = serde_json::from_slice(&output.stdout).unwrap();
         for row in rows.iter() {
-            let (ours, theirs) = (row.score("bad_2").unwrap(), told[row.set.name()].as_f64().unwrap());
+            let (ours, theirs) = (row.score("bad_2").unwrap(), oracle[row.set.name()].as_f64().unwrap());
             println!("{scene}, {}: bad-2.0 {ours:.6}, OpenCV's {theirs:.6}", row.set);
             assert!((ours - theirs).abs() < 1e-12, "{scene} {}: {ours}, not {theirs}", row.set);
-            assert_eq!((row.truth, row.density()), (told["pixels"].as_u64().unwrap(), told["density"].as_f64()));
+            assert_eq!((row.truth, row.density()), (oracle["pixels"].as_u64().unwrap(), oracle["density"].as_f64()));
         }
     }
 }

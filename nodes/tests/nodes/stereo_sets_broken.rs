@@ -1,4 +1,4 @@
-//! What is said of broken data of `middlebury`, `eth3d/two-view`, `sintel-stereo`, `scene-flow` and `drivingstereo`.
+//! Messages about broken data of `middlebury`, `eth3d/two-view`, `sintel-stereo`, `scene-flow` and `drivingstereo`.
 
 use std::fs;
 
@@ -12,7 +12,7 @@ type Broken = (&'static str, fn(Folder) -> Folder, Json, &'static str, fn(&Folde
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "one list of cases")]
-fn what_is_broken_is_named_with_its_remedy() {
+fn broken_data_are_named_with_a_remedy() {
     const SINTEL: &str = "training/disparities/alley_1/frame_0001.png";
     const FLOW: &str = "disparity/15mm_focallength/scene_backwards/slow/left/0001.pfm";
     const DRIVING: &str = "2018-10-19-09-30-39_2018-10-19-09-31-36-438";
@@ -85,7 +85,7 @@ fn what_is_broken_is_named_with_its_remedy() {
             let bytes = fs::read(set.path(SINTEL)).unwrap();
             set.bytes(SINTEL, &bytes[..bytes.len() / 2]);
         }),
-        ("sintel-stereo", sintel, json!({}), "a camera that is none", |set| {
+        ("sintel-stereo", sintel, json!({}), "a damaged camera file", |set| {
             set.bytes("training/camdata_left/alley_1/frame_0001.cam", &[0; 172]);
             set.bytes("training/camdata_left/alley_1/frame_0002.cam", &[0; 172]);
         }),
@@ -124,11 +124,11 @@ fn what_is_broken_is_named_with_its_remedy() {
         }),
         ("drivingstereo", driving_stereo, json!({ "size": "full" }), "no such size", |_| {}),
     ];
-    let mut told = Vec::new();
+    let mut reports = Vec::new();
     for (kind, make, more, what, break_it) in cases {
         let set = make(Folder::new());
         break_it(&set);
-        told.push(format!("{kind}: {what}\n{}\n", set.told(kind, &more)));
+        reports.push(format!("{kind}: {what}\n{}\n", set.report(kind, &more)));
     }
-    insta::assert_snapshot!(told.join("\n"));
+    insta::assert_snapshot!(reports.join("\n"));
 }

@@ -48,7 +48,7 @@ pub(crate) fn put_port_value(
             return put_floats(part, channel, stamp, map.px());
         }
         Value::RelativeDepth(map) => {
-            let packed = PackedFloats::of(&map.depth().metres).map_err(Unkept::Compression)?;
+            let packed = PackedFloats::pack(&map.depth().metres).map_err(Unkept::Compression)?;
             let put = |out: &mut Vec<u8>| {
                 put_float_map(out, stamp, map.inverse().dimensions(), &Floats::Packed(&packed));
                 put_inverse(out, map.inverse());
@@ -95,7 +95,7 @@ fn put_floats(part: &mut PartBuilder<'_>, channel: u16, stamp: Stamp<'_>, map: &
     if is_sparse {
         return part.alone(channel, Packing::Compressed, size, |out| put(out, &Floats::Plain(map)));
     }
-    let packed = PackedFloats::of(map).map_err(Unkept::Compression)?;
+    let packed = PackedFloats::pack(map).map_err(Unkept::Compression)?;
     part.alone(channel, Packing::Plain, size / 2, |out| put(out, &Floats::Packed(&packed)))
 }
 

@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::path::Path;
 
-use depthloom_dora::{Layout, Wanted, dataflow, print_of, too_large};
+use depthloom_dora::{DataflowOptions, Layout, dataflow, print_of, too_large};
 use depthloom_graphs::Registry;
 use depthloom_graphs::plan::Plan;
 use depthloom_nodes::dora::{DoraParams, KIND};
@@ -20,8 +20,8 @@ pub(crate) fn dora(args: &DoraArgs, registry: &Registry) -> Result<ExitCode, Cli
     allow_exec::decide(args.run.exec, Some((&args.run.experiment.experiment, &loaded)))?;
     let plan = loaded.plan;
     may_start(&plan)?;
-    let layout = Layout::of(&plan);
-    let wanted = Wanted {
+    let layout = Layout::from_plan(&plan);
+    let wanted = DataflowOptions {
         program: text(std::env::current_exe().map_err(|error| before("failed to find this program", &error))?)?,
         arguments: arguments(&plan)?,
         // Of a frame comes one message at most, and of all frames one more.

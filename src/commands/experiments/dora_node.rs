@@ -33,7 +33,7 @@ pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<E
         ));
     }
     allow_exec::decide(dora.run.exec, Some((&dora.run.experiment.experiment, &loaded)))?;
-    let layout = Layout::of(&loaded.plan);
+    let layout = Layout::from_plan(&loaded.plan);
     let Some(part) = layout.part(&args.part) else {
         return Err(CliError::new(ExitCode::Usage, format!("the experiment has no part `{}`", args.part)));
     };

@@ -102,7 +102,8 @@ const fn colours(option: ColoursOption) -> Colours {
 fn meant(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colours>) -> Result<(), CliError> {
     let formats =
         || chosen.iter().flat_map(|chosen| chosen.formats.iter().map(move |format| (*format, chosen.value_type)));
-    let forms: Vec<Form> = formats().filter_map(|(format, of)| Form::of(format, of, colours, args.range)).collect();
+    let forms: Vec<Form> =
+        formats().filter_map(|(format, of)| Form::for_maps(format, of, colours, args.range)).collect();
     let has_colours = forms.iter().any(|form| matches!(form, Form::Coloured(..)));
     let has_points = forms.iter().any(|form| form.is_cloud());
     if args.colormap.is_some() && !has_colours {

@@ -293,7 +293,10 @@ fn fault_42_nan_pixels_of_a_network_are_counted_and_do_not_remove_stereo_pixels(
         let warning = stderr_of(&ran).lines().find(|line| line.starts_with("warning: ")).map(str::to_owned);
         let warning = warning.unwrap_or_else(|| panic!("no warning: {}", stderr_of(&ran)));
         assert!(warning.starts_with("warning: look.mono: "), "{warning}");
-        assert!(warning.ends_with(" pixels of the network are no numbers (NaN or infinity), on 2 frames"), "{warning}");
+        assert!(
+            warning.ends_with(" pixels of the network's output are NaN or infinite, and so invalid, on 2 frames"),
+            "{warning}"
+        );
         // The same, in JSON, with eight workers.
         let again = folder.path().join("again");
         let json: Json = serde_json::from_slice(&run(&again, &["--workers", "8", "--json"]).stdout).expect("JSON");

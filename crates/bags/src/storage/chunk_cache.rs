@@ -28,25 +28,25 @@ impl ChunkCache {
         read: impl FnOnce() -> Result<Vec<u8>, E>,
     ) -> Result<Arc<Vec<u8>>, E> {
         let slot = self.slot(chunk, size);
-        let mut kept = locked(&slot);
-        if let Some(records) = &*kept {
+        let mut cache = locked(&slot);
+        if let Some(records) = &*cache {
             return Ok(Arc::clone(records));
         }
         let records = Arc::new(read()?);
-        *kept = Some(Arc::clone(&records));
+        *cache = Some(Arc::clone(&records));
         Ok(records)
     }
 
     fn slot(&self, chunk: ChunkId, size: u64) -> Slot {
-        let mut kept = locked(&self.0);
-        let known = kept.iter().position(|(other, _, _)| *other == chunk).and_then(|at| kept.remove(at));
+        let mut cache = locked(&self.0);
+        let known = cache.iter().position(|(other, _, _)| *other == chunk).and_then(|at| cache.remove(at));
         let (_, _, slot) = known.unwrap_or_default();
-        let mut bytes: u64 = size + kept.iter().map(|(_, size, _)| size).sum::<u64>();
+        let mut bytes: u64 = size + cache.iter().map(|(_, size, _)| size).sum::<u64>();
         while bytes > MOST_BYTES {
-            let Some((_, size, _)) = kept.pop_front() else { break };
+            let Some((_, size, _)) = cache.pop_front() else { break };
             bytes -= size;
         }
-        kept.push_back((chunk, size, Arc::clone(&slot)));
+        cache.push_back((chunk, size, Arc::clone(&slot)));
         slot
     }
 }
@@ -56,7 +56,7 @@ mod tests {
     use super::{ChunkCache, MOST_BYTES};
 
     #[test]
-    fn the_latest_are_kept_within_the_bound_and_a_failure_is_not() {
+    fn the_latest_chunks_are_cached_within_the_limit_and_failures_are_not() {
         let cache = ChunkCache::default();
         let mut reads = Vec::new();
         let third = MOST_BYTES / 3;

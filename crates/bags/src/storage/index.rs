@@ -28,12 +28,12 @@ pub(super) struct Index {
 }
 
 #[derive(Default)]
-pub(super) struct Known {
+pub(super) struct KnownRecords {
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, (u16, Channel)>,
 }
 
-impl Known {
+impl KnownRecords {
     /// Takes note of a record that is a schema or a channel; `None` if it is malformed.
     pub(super) fn add(&mut self, opcode: u8, body: &[u8]) -> Option<()> {
         match opcode {
@@ -63,7 +63,7 @@ impl Known {
     }
 }
 
-/// The index as the summary has it; `None` where there is none, or it does not name all messages. An error is a
+/// The index from the summary; `None` if it is missing or does not name all messages. An error is a
 /// fragment without the path.
 pub(super) fn summary(file: &PositionedFile) -> Result<Option<Index>, String> {
     let reason = |error: FileError| match error {
@@ -84,7 +84,7 @@ pub(super) fn summary(file: &PositionedFile) -> Result<Option<Index>, String> {
         Some(length) if length > MOST_SUMMARY => return Err(format!("it is longer than {MOST_SUMMARY} bytes")),
         Some(_) => {}
     }
-    let (mut index, mut known, mut statistics) = (Index::default(), Known::default(), None);
+    let (mut index, mut known, mut statistics) = (Index::default(), KnownRecords::default(), None);
     each_summary_record(file, (start, file.size - FOOTER), |at, opcode, body| {
         let noted = match opcode {
             op::CHUNK_INDEX => read(body).map(|(chunk, _)| index.chunks.push(chunk)),

@@ -38,7 +38,7 @@ pub fn written_by(path: &Path) -> Option<String> {
     read(&body).map(|(header, _): (Header, _)| header.library)
 }
 
-/// Reads the summary; of a file that has none, looks at every record.
+/// Reads the summary; without a summary, reads every record.
 fn read_index(file: &PositionedFile) -> Result<Index, FileError> {
     let why = match summary(file) {
         Ok(Some(index)) => return completed(file, index),
@@ -49,7 +49,7 @@ fn read_index(file: &PositionedFile) -> Result<Index, FileError> {
     let mut index = scan(file)?;
     if let Some(why) = why.filter(|_| index.warning.is_none()) {
         let text = format!(
-            "{}: its index cannot be read ({why}), and every record was looked at: `mcap recover` writes the file anew",
+            "{}: its index cannot be read ({why}), so every record was read; `mcap recover` repairs the file",
             file.name()
         );
         index.warning = Some(Warning { text, is_loss: false });
@@ -128,7 +128,7 @@ impl McapFile {
         let place = &self.index.chunks[chunk];
         let end = place.chunk_start_offset.saturating_add(place.chunk_length);
         let at = place.compressed_data_offset().unwrap_or(u64::MAX).saturating_add(offset);
-        let damaged = || self.file.damaged(at, "the index names a message, and there is none");
+        let damaged = || self.file.damaged(at, "the index names a message that does not exist");
         if at.saturating_add(BEFORE) > end {
             return Err(damaged());
         }

@@ -28,7 +28,7 @@ pub(crate) enum Place {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Channel {
     pub topic: String,
-    /// The schema's name; empty where there is none.
+    /// The schema's name; empty without a schema.
     pub message_type: String,
     /// `cdr`, `protobuf`, `json`.
     pub encoding: String,

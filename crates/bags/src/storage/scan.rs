@@ -6,7 +6,7 @@ use depthloom_mcap::{
     chunk_index, message, op, read,
 };
 
-use super::index::{Index, Known, Unindexed};
+use super::index::{Index, KnownRecords, Unindexed};
 use super::message::{Place, Warning};
 
 /// The most bytes of a chunk, as stored and decompressed. Writers make them of some MB, and larger where one message
@@ -22,7 +22,7 @@ const MOST_HEADER: u64 = 104;
 /// The index of a file, from a look at every record.
 pub(super) fn scan(file: &PositionedFile) -> Result<Index, FileError> {
     let mut index = Index::default();
-    let mut known = Known::default();
+    let mut known = KnownRecords::default();
     let (mut window, mut at, mut is_ended) = (Window::new(file), MAGIC_LENGTH, false);
     // At the end there may be the magic bytes, or a part of them.
     while let Some(RecordPlace { opcode, body, length }) = window.record(at)? {
@@ -76,10 +76,10 @@ pub(super) fn scan(file: &PositionedFile) -> Result<Index, FileError> {
     Ok(index)
 }
 
-/// The index with what only the chunks themselves say: channels that no record outside names, messages that no message
+/// The index, completed from the chunks: channels that no record outside names, messages that no message
 /// index names.
 pub(super) fn completed(file: &PositionedFile, mut index: Index) -> Result<Index, FileError> {
-    let mut known = Known::default();
+    let mut known = KnownRecords::default();
     let (mut stored, mut unpacked) = (Vec::new(), Vec::new());
     for (number, place) in index.chunks.iter().enumerate() {
         let is_indexed = place.message_index_length > 0 || !place.message_index_offsets.is_empty();

@@ -1,5 +1,5 @@
-//! A bag's file in rosbag2's SQLite storage: tables `topics` and `messages`. Nothing is written, no lock is taken, no
-//! program beside it is waited for.
+//! A bag's file in rosbag2's SQLite storage: tables `topics` and `messages`. It is opened read-only and without locks,
+//! and does not wait for other programs.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -209,7 +209,7 @@ fn uri(path: &Path) -> Result<String, Fault> {
     let name = |path: &Path| path.to_str().map(str::to_owned);
     let absolute = std::path::absolute(path).ok().and_then(|path| name(&path));
     let absolute =
-        absolute.ok_or_else(|| Fault::new(format!("{}: its name is no UTF-8", path.display())).remedy("rename it"))?;
+        absolute.ok_or_else(|| Fault::new(format!("{}: its name is not UTF-8", path.display())).remedy("rename it"))?;
     let mut uri = String::from("file://");
     if !absolute.starts_with('/') {
         uri.push('/');

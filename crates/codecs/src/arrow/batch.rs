@@ -28,7 +28,7 @@ pub struct View<'a> {
     body: &'a [u8],
 }
 
-/// The nodes and buffers of a batch that no field has taken yet.
+/// The nodes and buffers of a batch that no field has consumed yet.
 struct Left<'a> {
     nodes: &'a [[i64; 2]],
     buffers: &'a [[i64; 2]],
@@ -42,7 +42,7 @@ impl Batch {
             return Err(format!("a batch has {rows} rows, and 1 is what a call has"));
         }
         if header.has(3) {
-            return Err("a batch is compressed, which is not read".to_owned());
+            return Err("a batch is compressed, which is not supported".to_owned());
         }
         let (nodes, buffers) = (header.pairs(1)?, header.pairs(2)?);
         let mut left = Left { nodes: &nodes, buffers: &buffers, body: body.len() };
@@ -133,7 +133,7 @@ impl<'a> View<'a> {
     }
 
     fn wrong(&self, wanted: &str) -> String {
-        format!("`{}` is of type {}, and {wanted} is wanted", self.field.name, self.field.data_type)
+        format!("`{}` is of type {}, expected {wanted}", self.field.name, self.field.data_type)
     }
 
     /// A part of a struct; `None` if it is absent or null.
@@ -205,7 +205,7 @@ impl<'a> View<'a> {
         let DataType::Utf8(width) = self.field.data_type else { return Err(self.wrong("string")) };
         let bytes = self.buffer(2);
         let range = self.range(width, row, bytes.len())?;
-        str::from_utf8(&bytes[range]).map_err(|_| format!("`{}` is no UTF-8", self.field.name))
+        str::from_utf8(&bytes[range]).map_err(|_| format!("`{}` is not UTF-8", self.field.name))
     }
 
     /// Bytes.

@@ -8,7 +8,7 @@
 pub(super) enum Slot {
     /// Nothing: the default.
     None,
-    /// A byte, or a truth value.
+    /// A byte, or a boolean.
     U8(u8),
     I16(i16),
     I32(i32),
@@ -42,7 +42,7 @@ impl Writer {
         self.0
     }
 
-    /// Pads so that what stands `behind` bytes farther on begins at a multiple of `to`.
+    /// Pads so that the position `behind` bytes farther on is a multiple of `to`.
     fn align(&mut self, to: usize, behind: usize) {
         let over = (self.0.len() + behind) % to;
         if over > 0 {
@@ -56,7 +56,7 @@ impl Writer {
         self.0[at..at + 4].copy_from_slice(&distance.to_le_bytes());
     }
 
-    /// Writes a table that an offset leads to; gives the places of its own offsets, in their order.
+    /// Writes a table that an offset leads to; returns the places of its own offsets, in their order.
     pub(super) fn table(&mut self, at: usize, slots: &[Slot]) -> Vec<usize> {
         let (mut end, mut places) = (4, Vec::with_capacity(slots.len()));
         for slot in slots {
@@ -151,7 +151,7 @@ impl<'a> Table<'a> {
         Ok(Self { bytes, at, fields })
     }
 
-    /// Where a field stands; `None` of one that has its default.
+    /// The place of a field; `None` if it has its default.
     fn place(&self, field: usize) -> Option<usize> {
         let offset = u16::from_le_bytes(*self.fields.get(2 * field..)?.first_chunk()?);
         (offset > 0).then_some(self.at + usize::from(offset))
@@ -202,7 +202,7 @@ impl<'a> Table<'a> {
 
     pub(super) fn text(&self, field: usize) -> Result<&'a str, Broken> {
         let (_, bytes) = self.elements(field, 1)?;
-        str::from_utf8(bytes).map_err(|_| "a name is no UTF-8")
+        str::from_utf8(bytes).map_err(|_| "a name is not UTF-8")
     }
 
     pub(super) fn tables(&self, field: usize) -> Result<Vec<Self>, Broken> {

@@ -20,7 +20,7 @@ pub enum StreamError {
     #[error("the stream ended within a message")]
     Cut,
     /// The first bytes are not those of a stream: text, most likely.
-    #[error("it is no stream of Arrow's: it begins with {0:?} where a message is wanted")]
+    #[error("it is not an Arrow stream: it begins with {0:?} instead of a message")]
     Text(String),
     /// The bytes are not a valid stream.
     #[error("{0}")]
@@ -87,12 +87,10 @@ impl<R: Read> StreamReader<R> {
                 RECORD_BATCH => "a record batch".to_owned(),
                 other => format!("a message of type {other}"),
             };
-            return malformed(format!("{} came where {} is wanted", name(kind), name(wanted)));
+            return malformed(format!("{} came instead of {}", name(kind), name(wanted)));
         }
         if !(0..=MOST_BODY).contains(&body) {
-            return malformed(format!(
-                "a message says that it has {body} bytes of values; at most {MOST_BODY} are read"
-            ));
+            return malformed(format!("a message states {body} bytes of values; at most {MOST_BODY} are supported"));
         }
         let body = self.exactly(body as u64)?;
         Ok(Some(Message { head, body }))

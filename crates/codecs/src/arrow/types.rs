@@ -4,14 +4,14 @@ use std::fmt;
 
 use super::flat::{Broken, Slot, Table, Writer};
 
-/// The type of a column; those that values here use, and those that other programs may send instead.
+/// Types of columns: those that depthloom uses, and those that other programs may send instead.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DataType {
     /// An integer: bits, and whether it has a sign.
     Int(u8, bool),
     /// A floating-point number of 16, 32 or 64 bits.
     Float(u8),
-    /// A truth value, a bit each.
+    /// A boolean, one bit each.
     Bool,
     /// A text; the offsets have 32 bits, or 64.
     Utf8(Offsets),
@@ -41,7 +41,7 @@ pub struct Field {
     pub nullable: bool,
     /// What it holds.
     pub data_type: DataType,
-    /// The type of a port's values, a unit, a scale.
+    /// Value type of a port, a unit, a scale.
     pub metadata: Vec<(String, String)>,
 }
 
@@ -123,7 +123,7 @@ pub(super) fn message(kind: u8, body_bytes: i64) -> (Writer, usize) {
     (writer, header)
 }
 
-/// What a message is, where its header stands, and how many bytes its body has.
+/// The kind of a message, the place of its header, and the number of bytes of its body.
 pub(super) fn read_message(bytes: &[u8]) -> Result<(u8, Table<'_>, i64), String> {
     let message = Table::root(bytes)?;
     let version = message.i16(0)?;

@@ -12,7 +12,7 @@ use super::row::{Data, Items};
 use super::types::{DataType, Field, Offsets};
 use crate::decode::nothing_found;
 
-/// Metadata key of a port's column: the type of its values.
+/// Metadata key of a port's column: its value type.
 pub const PORT_TYPE: &str = "depthloom.type";
 
 /// The part of a disparity that holds it in floating point where sixteenths do not; else it is empty.
@@ -41,7 +41,7 @@ pub fn field(name: &str, value_type: ValueType) -> Option<Field> {
             parts
         }
         ValueType::TrueDisparity => floats("px, NaN = unknown"),
-        ValueType::Depth => floats("m, NaN = no answer"),
+        ValueType::Depth => floats("m, NaN = invalid"),
         ValueType::Weight => floats("share"),
         ValueType::Mask => map(data(DataType::Int(8, false), "255 where set")),
         ValueType::Calibration => {
@@ -134,7 +134,7 @@ pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> 
                 3 => RgbImage::from_raw(width, height, bytes.to_vec()).map(Pixels::Rgb),
                 _ => return Err(format!("it has {channels} channels; an image has 1 or 3")),
             };
-            Image::new(pixels.ok_or("it is of another size than it says")?).into()
+            Image::new(pixels.ok_or("its size differs from its stated size")?).into()
         }
         ValueType::Disparity => {
             // Of programs from before, it has no such part.
@@ -216,7 +216,7 @@ where
     T: image::Primitive,
 {
     fits(size, 1, samples.len())?;
-    ImageBuffer::from_raw(size.0, size.1, samples).ok_or_else(|| "it is of another size than it says".to_owned())
+    ImageBuffer::from_raw(size.0, size.1, samples).ok_or_else(|| "its size differs from its stated size".to_owned())
 }
 
 #[cfg(test)]
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn every_value_comes_back_as_it_was_beside_others_that_are_not_there() {
+    fn every_value_is_restored_next_to_absent_values() {
         for given in values() {
             let value_type = given.value_type();
             let others = ValueType::ALL.into_iter().filter_map(|of| field(&format!("no {of}"), of));
@@ -321,7 +321,7 @@ mod tests {
         }
     }
 
-    /// The protocol says that what is below the least disparity was not found. Some nodes take `(min_disparity - 1) *
+    /// In the protocol, values below the smallest disparity are invalid. Some nodes use `(min_disparity - 1) *
     /// 16` alone for that.
     #[test]
     fn disparities_below_the_least_become_the_one_number_for_nothing_found() {

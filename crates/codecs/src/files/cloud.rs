@@ -71,11 +71,11 @@ impl Cloud {
     #[must_use]
     pub fn without(mut self, depths_m: &[f32]) -> Self {
         let is_kept: Vec<bool> = self.points.iter().map(|[_, _, z]| !depths_m.contains(z)).collect();
-        let mut kept = is_kept.iter().copied();
-        self.points.retain(|_| kept.next() == Some(true));
+        let mut flags = is_kept.iter().copied();
+        self.points.retain(|_| flags.next() == Some(true));
         if let Some(colours) = &mut self.colours {
-            let mut kept = is_kept.into_iter();
-            colours.retain(|_| kept.next() == Some(true));
+            let mut flags = is_kept.into_iter();
+            colours.retain(|_| flags.next() == Some(true));
         }
         self
     }
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_with_an_answer_are_points_in_front_of_the_camera() {
+    fn valid_pixels_are_points_in_front_of_the_camera() {
         let cloud = Cloud::new(&depth(), &CALIBRATION, Some(&image()), ALL).unwrap();
         assert_eq!(cloud.points, [[-1.0, -0.5, 2.0], [2.0, -1.0, 4.0], [40.0, 20.0, 80.0]]);
         assert_eq!(cloud.colours, Some(vec![[0, 1, 2], [6, 7, 8], [15, 16, 17]]));
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_of_another_size_is_refused() {
+    fn values_of_another_size_are_refused() {
         let small = Calibration { width: 2, ..CALIBRATION };
         let refused = Cloud::new(&depth(), &small, None, ALL).unwrap_err();
         assert_eq!(refused, "the calibration is for 2x2 pixels, and the map has 3x2");

@@ -23,7 +23,7 @@ pub enum Colours {
 
 impl Colours {
     /// The colour of a share in [0, 1] of the range: red, green, blue.
-    pub(crate) fn of(self, share: f64) -> [u8; 3] {
+    pub(crate) fn rgb(self, share: f64) -> [u8; 3] {
         let step = (share * 255.0 + 0.5) as u8;
         let table = match self {
             Self::Turbo => &tables::TURBO,
@@ -36,17 +36,17 @@ impl Colours {
     }
 }
 
-/// A map as an 8-bit RGB PNG: `range.0` has the first colour and `range.1` the last, whichever is larger; what lies
-/// beyond has the nearer of the two, and what has no answer is black.
+/// A map as an 8-bit RGB PNG: `range.0` has the first colour and `range.1` the last, whichever is larger; what is
+/// beyond has the nearer of the two, and invalid pixels are black.
 pub fn coloured_png(value: &Value, colours: Colours, range: (f64, f64)) -> Result<Vec<u8>, String> {
-    let map = floats(value).ok_or_else(|| format!("a value of type {} is no map of numbers", value.value_type()))?;
+    let map = floats(value).ok_or_else(|| format!("a value of type {} is not a map of numbers", value.value_type()))?;
     let (from, to) = range;
     let colour = |column, row| {
         let sample = map[(column, row)].0[0];
         if sample.is_nan() {
             Rgb([0; 3])
         } else {
-            Rgb(colours.of(((f64::from(sample) - from) / (to - from)).clamp(0.0, 1.0)))
+            Rgb(colours.rgb(((f64::from(sample) - from) / (to - from)).clamp(0.0, 1.0)))
         }
     };
     let image = RgbImage::from_fn(map.width(), map.height(), colour);
@@ -61,7 +61,7 @@ mod tests {
     use super::{Colours, coloured_png};
 
     #[test]
-    fn what_lies_beyond_the_range_has_its_last_colour_and_no_answer_is_black() {
+    fn values_beyond_the_range_have_its_end_colour_and_invalid_pixels_are_black() {
         let metres = Raster::from_raw(5, 1, vec![f32::NAN, -3.0, 5.0, 10.0, f32::INFINITY]).unwrap();
         let depth = Value::from(Depth { metres });
         let pixels = |colours, range| {

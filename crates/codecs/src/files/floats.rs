@@ -3,8 +3,8 @@
 use depthloom_graphs::Value;
 use depthloom_graphs::values::Raster;
 
-/// The pixels of a map: pixels of a disparity, metres of a depth, the share of a weight; NaN = no answer. `None` if it
-/// is no such map.
+/// The pixels of a map: pixels of a disparity, metres of a depth, the share of a weight; NaN = invalid. `None` if it
+/// is not such a map.
 pub(super) fn floats(value: &Value) -> Option<Raster<f32>> {
     match value {
         Value::Disparity(_) | Value::FloatDisparity(_) => value.disparity_px(),

@@ -26,7 +26,7 @@ pub fn npy(value: &Value) -> Result<Vec<u8>, String> {
             file.extend(mask.set.iter().map(|set| u8::from(*set != 0)));
             Ok(file)
         }
-        _ => Err(format!("a value of type {} is no array of pixels", value.value_type())),
+        _ => Err(format!("a value of type {} is not an array of pixels", value.value_type())),
     }
 }
 

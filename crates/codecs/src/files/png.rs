@@ -18,7 +18,7 @@ pub struct Png {
     pub clipped: u64,
 }
 
-/// An image as it is; a map as 16 bits: 256ths of a pixel or metre, rounded to the nearest, 0 = no answer, as in
+/// An image as it is; a map as 16 bits: 256ths of a pixel or metre, rounded to the nearest, 0 = invalid, as in
 /// KITTI's files; a weight as 65535ths.
 ///
 /// As in the KITTI devkit, a valid pixel that rounds to zero is 1, and a disparity below zero is invalid.
@@ -39,32 +39,32 @@ pub fn png(value: &Value) -> Result<Png, String> {
             }
         }
         Value::Mask(mask) => encoded(|out| mask.set.write_to(out, image::ImageFormat::Png)),
-        Value::TrueDisparity(truth) => sixteen_bits(&truth.px, answer, 256.0, &mut clipped),
-        Value::FloatDisparity(map) => sixteen_bits(map.px(), answer, 256.0, &mut clipped),
+        Value::TrueDisparity(truth) => sixteen_bits(&truth.px, valid, 256.0, &mut clipped),
+        Value::FloatDisparity(map) => sixteen_bits(map.px(), valid, 256.0, &mut clipped),
         Value::Disparity(disparity) => {
             let invalid = disparity.invalid();
             let px = |fixed: i16| (i32::from(fixed) != invalid).then(|| f64::from(fixed) / 16.0);
             sixteen_bits(&disparity.sixteenths_px, px, 256.0, &mut clipped)
         }
-        Value::Depth(depth) => sixteen_bits(&depth.metres, answer, 256.0, &mut clipped),
-        Value::RelativeDepth(map) => sixteen_bits(&map.depth().metres, answer, 256.0, &mut clipped),
-        Value::Weight(weight) => sixteen_bits(&weight.share, answer, 65535.0, &mut clipped),
+        Value::Depth(depth) => sixteen_bits(&depth.metres, valid, 256.0, &mut clipped),
+        Value::RelativeDepth(map) => sixteen_bits(&map.depth().metres, valid, 256.0, &mut clipped),
+        Value::Weight(weight) => sixteen_bits(&weight.share, valid, 65535.0, &mut clipped),
         Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
-            return Err(format!("a value of type {} is no image", value.value_type()));
+            return Err(format!("a value of type {} is not an image", value.value_type()));
         }
     };
     Ok(Png { bytes: bytes?, ending: "png", clipped })
 }
 
-fn answer(sample: f32) -> Option<f64> {
+fn valid(sample: f32) -> Option<f64> {
     (!sample.is_nan()).then_some(f64::from(sample))
 }
 
-/// The PNG of `scale` times what `answer` gives, 0 where that is nothing; adds to `clipped` the answers that 16 bits do
-/// not hold.
+/// The PNG of `scale` times the number that `valid` returns, 0 if it returns none; adds to `clipped` the numbers that
+/// 16 bits do not hold.
 fn sixteen_bits<T: Copy>(
     raster: &Raster<T>,
-    answer: impl Fn(T) -> Option<f64>,
+    valid: impl Fn(T) -> Option<f64>,
     scale: f64,
     clipped: &mut u64,
 ) -> Result<Vec<u8>, String>
@@ -72,12 +72,12 @@ where
     image::Luma<T>: image::Pixel<Subpixel = T>,
 {
     let mut sixteen = |sample: &T| {
-        let Some(answer) = answer(*sample) else { return 0 };
-        let scaled = (answer * scale).round();
-        if answer < 0.0 || scaled > f64::from(u16::MAX) {
+        let Some(valid) = valid(*sample) else { return 0 };
+        let scaled = (valid * scale).round();
+        if valid < 0.0 || scaled > f64::from(u16::MAX) {
             *clipped += 1;
         }
-        if answer < 0.0 { 0 } else { scaled.clamp(1.0, f64::from(u16::MAX)) as u16 }
+        if valid < 0.0 { 0 } else { scaled.clamp(1.0, f64::from(u16::MAX)) as u16 }
     };
     let (width, height) = raster.dimensions();
     let samples = raster.as_raw().iter().map(&mut sixteen).collect();
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_are_256ths_with_zero_for_no_answer() {
+    fn maps_are_256ths_with_zero_for_invalid() {
         let metres = vec![f32::NAN, 0.0, 1.0, 10.001, 255.999, 300.0, f32::INFINITY, -1.0];
         let depth = Depth { metres: Raster::from_raw(4, 2, metres).unwrap() };
         assert_eq!(sixteen_bits(depth), (vec![0, 1, 256, 2560, 65535, 65535, 65535, 0], 4));

@@ -103,7 +103,7 @@ impl Rows {
                 what: format!(
                     "left and right are not rectified: {number} of {count} places are found about {by} px above or below their row, and not in it"
                 ),
-                remedy: "rectify them, or give the calibration that says how (`depthloom nodes images`); if they are, was one cut or scaled otherwise than the other?",
+                remedy: "rectify them, or set a calibration that rectifies them (`depthloom nodes images`); if they are rectified, check whether one was cropped or scaled differently",
             });
         }
         let found = self.0.iter().filter(|of| of.2.min(of.3) < FOUND).count();

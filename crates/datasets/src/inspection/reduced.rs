@@ -1,4 +1,4 @@
-//! A grey image of means, and blocks of it beside those of another.
+//! A grey image of means, and comparison of its blocks with those of another.
 
 use depthloom_graphs::values::Image;
 

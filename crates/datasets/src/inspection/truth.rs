@@ -1,4 +1,4 @@
-//! What is wrong with a truth, by itself and beside what the images show.
+//! Checks ground truth, by itself and against the images.
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Calibration, Raster};
@@ -45,7 +45,7 @@ impl<'a> Truth<'a> {
         if known.is_empty() {
             return Some(Contradiction {
                 port,
-                what: "not one pixel of the truth is known".to_owned(),
+                what: "the ground truth has no known pixel".to_owned(),
                 remedy: "every number in it is 0, or none: take the file from where it came from, or the frame out (`frames:`)",
             });
         }
@@ -57,14 +57,12 @@ impl<'a> Truth<'a> {
             let count = seen.len();
             let looks = match is_disparity {
                 true => "its numbers look like depths, and are read as disparities",
-                false => {
-                    "its numbers look like disparities where depths are wanted, or like depths where disparities are"
-                }
+                false => "its numbers look like disparities instead of depths, or like depths instead of disparities",
             };
             let what = format!(
-                "the truth contradicts the images: at {count} places that both show it is far where they say near (correlation {against:.2}); {looks}"
+                "the ground truth contradicts the images: at {count} places that both show it is far where they say near (correlation {against:.2}); {looks}"
             );
-            let remedy = "say what its numbers are (of `images`: `truth: { unit: pixels }`, `metres` or `millimetres`), or take the truth that is wanted";
+            let remedy = "set the unit of its numbers (source `images`: `truth: { unit: pixels }`, `metres` or `millimetres`), or use the right ground truth";
             return Some(Contradiction { port, what, remedy });
         }
         match (self, calibration) {
@@ -84,10 +82,12 @@ impl<'a> Truth<'a> {
         let width = f64::from(map.width());
         let disparity = of.disparity_px(median);
         let what = match () {
-            () if !(0.02..=1000.0).contains(&median) => format!("half of the true depths are beyond {median:.4} m"),
+            () if !(0.02..=1000.0).contains(&median) => {
+                format!("half of the ground-truth depths are beyond {median:.4} m")
+            }
             () if disparity > 0.5 * width => {
                 format!(
-                    "the median of the true depths, {median:.4} m, is a disparity of {disparity:.0} px of an image {width} px wide"
+                    "the median of the ground-truth depths, {median:.4} m, is a disparity of {disparity:.0} px of an image {width} px wide"
                 )
             }
             () => return None,
@@ -113,7 +113,7 @@ impl<'a> Truth<'a> {
         (5 * near < count && !(0.5..=2.0).contains(&factor)).then(|| {
             let at = shown(median_of(known));
             let what = format!(
-                "the truth does not fit the images: at {count} places that both images show it is {factor:.3} times as far as their disparity says \
+                "the ground truth does not fit the images: at {count} places that both images show it is {factor:.3} times as far as their disparity states \
                  (by median), at {at}"
             );
             Contradiction { port, what, remedy: UNIT }

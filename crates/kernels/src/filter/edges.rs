@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn a_negative_threshold_marks_every_pixel_and_nan_none() {
+    fn a_negative_threshold_marks_every_pixel_and_nan_no_pixel() {
         assert_eq!(edges_of(&GREY, 5, 3, -0.5), [EDGE; 15]);
         assert_eq!(edges_of(&GREY, 5, 3, f32::NAN), [0; 15]);
     }

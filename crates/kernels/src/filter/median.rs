@@ -4,14 +4,14 @@
 //! wide, from top to bottom, so that what neighbouring windows share stays in cache: each row's windows are sorted
 //! once, and for 5x5 two rows' sorted windows are merged once, whichever of the output rows read them.
 
-mod answers;
 pub(crate) mod integer;
 mod networks;
+mod valid;
 
 use crate::raster::{check, key, replicate};
 use crate::simd::{Level, Pass, prefetch};
-pub use answers::{median3_of_answers, median5_of_answers};
 use networks::{median3_of_sorted, median11, merge5, middle6, sort3, sort5};
+pub use valid::{median3_of_valid, median5_of_valid};
 
 /// Columns filtered together.
 const STRIP: usize = 64;

@@ -71,7 +71,7 @@ mod tests {
     use crate::simd::every_level;
 
     #[test]
-    fn no_edges_are_no_confidence() {
+    fn without_edges_the_confidence_is_zero() {
         let mut out = [7.0; 12];
         confidence_from_edges(&[0; 12], 4, 3, 10.0, &mut out);
         assert_eq!(out, [0.0; 12]);

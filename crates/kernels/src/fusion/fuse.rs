@@ -7,7 +7,7 @@ use crate::fusion::scale::extent_at;
 use crate::raster::check_same;
 use crate::simd::{Level, Pass};
 
-/// How the two are weighed where stereo answered; mono stands everywhere else.
+/// How the two are weighted where stereo is valid; elsewhere mono is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Weighting {
@@ -18,14 +18,14 @@ pub enum Weighting {
     Confidence,
     /// `(Z_s + Z_m) / 2`: both weights left out.
     Mean,
-    /// `Z_s`: stereo wherever it answered.
+    /// `Z_s`: stereo wherever it is valid.
     Fill,
 }
 
 /// Fuses two depth maps (metres) under the confidence `weight` (`W_c`, in [0, 1]); the median filter comes after.
 ///
-/// Where one of the two has no answer (NaN, infinity) the other is taken, whatever the weight; where both are invalid,
-/// the result is NaN. Stereo's maximum is taken over the pixels it answered (finite ones), mono's over all of its
+/// Where one of the two is invalid (NaN, infinity) the other is used, whatever the confidence; where both are invalid,
+/// the result is NaN. Stereo's maximum is taken over its valid (finite) pixels, mono's over all of its
 /// finite pixels. The arithmetic is the oracle's (NumPy on `float32`), operation by operation.
 pub fn fuse(stereo: &[f32], mono: &[f32], weight: &[f32], weighting: Weighting, out: &mut [f32]) {
     fuse_at(Level::best(), stereo, mono, weight, weighting, out);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_19_stereo_stands_where_mono_is_no_number_whatever_the_weight() {
+    fn fault_19_stereo_is_used_where_mono_is_invalid_whatever_the_confidence() {
         for gap in [NAN, -NAN, f32::INFINITY, f32::NEG_INFINITY] {
             for weighting in [Weighting::Full, Weighting::Confidence, Weighting::Mean, Weighting::Fill] {
                 // 40 pixels of each, so that vectors and what remains of them are both seen.

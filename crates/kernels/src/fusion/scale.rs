@@ -1,6 +1,6 @@
 //! Scaling the mono estimate to what stereo saw (an ablation of the paper).
 //!
-//! A pixel is answered where its depth is finite.
+//! A pixel is valid where its depth is finite.
 
 use crate::raster::{check_same, key};
 use crate::simd::{Level, Pass};
@@ -9,20 +9,20 @@ use crate::simd::{Level, Pass};
 /// machine, reduces in the same order.
 const LANES: usize = 64;
 
-/// Smallest and largest answered depth, metres.
+/// Smallest and largest valid depth, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Extent {
     pub min: f32,
     pub max: f32,
 }
 
-/// Smallest and largest of the answered (finite) pixels; `None` where there is no answer at all.
+/// Smallest and largest of the valid (finite) pixels; `None` if all are invalid.
 pub(crate) fn extent_at(level: Level, depth: &[f32]) -> Option<Extent> {
     let (min, max) = level.run(FindExtent { depth });
     (min <= max).then(|| Extent { min: f32::from_bits(key(min) as u32), max: f32::from_bits(key(max) as u32) })
 }
 
-/// Smallest and largest [`key`] of the answered pixels. Integers may be compared in any order, so that the compiler
+/// Smallest and largest [`key`] of the valid pixels. Integers may be compared in any order, so that the compiler
 /// can.
 struct FindExtent<'a> {
     depth: &'a [f32],
@@ -44,11 +44,11 @@ impl Pass for FindExtent<'_> {
 }
 
 /// Min-max scaling: `min_s + (max_s - min_s) * (mono - min_m) / (max_m - min_m)`, the extent of stereo taken over the
-/// pixels it answered.
+/// its valid pixels.
 ///
-/// Mono's extent is taken over its own answers; a pixel without one stays without. Where stereo answered nowhere there
+/// The range of mono is that of its own valid pixels; invalid pixels stay invalid. If stereo is valid nowhere, there
 /// is nothing to scale by: mono stays as it is. A mono estimate that is the same
-/// everywhere has no extent: no answer (NaN) anywhere, as in the oracle.
+/// everywhere has no extent: invalid (NaN) everywhere, as in the oracle.
 pub fn minmax(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
     minmax_at(Level::best(), mono, stereo, out);
 }
@@ -93,10 +93,10 @@ impl Pass for Affine<'_> {
     }
 }
 
-/// Average scaling: `mono * mean(stereo) / mean(mono)`, both means over the pixels that both answered, in `f64`.
+/// Average scaling: `mono * mean(stereo) / mean(mono)`, both means over the pixels that are valid in both, in `f64`.
 ///
 /// NumPy adds in another order, so its means may differ in the last bits of the `f64`; the ratio is rounded to `f32`
-/// before it multiplies. Where no pixel was answered by both, mono stays as it is.
+/// before it multiplies. If no pixel is valid in both, mono is unchanged.
 pub fn average(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
     average_at(Level::best(), mono, stereo, out);
 }
@@ -104,16 +104,16 @@ pub fn average(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
 pub(crate) fn average_at(level: Level, mono: &[f32], stereo: &[f32], out: &mut [f32]) {
     check_same("stereo", stereo.len(), mono.len());
     check_same("scaled depth", out.len(), mono.len());
-    let Sums { mono: mono_sum, stereo: stereo_sum, answered } = level.run(Answered { mono, stereo });
-    if answered == 0 {
+    let Sums { mono: mono_sum, stereo: stereo_sum, valid } = level.run(ValidSums { mono, stereo });
+    if valid == 0 {
         out.copy_from_slice(mono);
         return;
     }
-    let (mono_mean, stereo_mean) = (mono_sum / answered as f64, stereo_sum / answered as f64);
+    let (mono_mean, stereo_mean) = (mono_sum / valid as f64, stereo_sum / valid as f64);
     level.run(Times { mono, factor: (stereo_mean / mono_mean) as f32, out });
 }
 
-struct Answered<'a> {
+struct ValidSums<'a> {
     mono: &'a [f32],
     stereo: &'a [f32],
 }
@@ -121,44 +121,44 @@ struct Answered<'a> {
 struct Sums {
     mono: f64,
     stereo: f64,
-    answered: usize,
+    valid: usize,
 }
 
-impl Pass for Answered<'_> {
+impl Pass for ValidSums<'_> {
     type Output = Sums;
 
     #[inline(always)]
     fn run(self) -> Sums {
-        let (mut mono_sums, mut stereo_sums, mut answered) = ([0f64; LANES], [0f64; LANES], 0);
+        let (mut mono_sums, mut stereo_sums, mut valid) = ([0f64; LANES], [0f64; LANES], 0);
         let ((monos, mono_rest), (stereos, stereo_rest)) =
             (self.mono.as_chunks::<LANES>(), self.stereo.as_chunks::<LANES>());
         for (mono, stereo) in monos.iter().zip(stereos) {
-            answered += add_answered(mono, stereo, &mut mono_sums, &mut stereo_sums);
+            valid += add_valid(mono, stereo, &mut mono_sums, &mut stereo_sums);
         }
         let (mut mono, mut stereo) = ([f32::NAN; LANES], [f32::NAN; LANES]);
         mono[..mono_rest.len()].copy_from_slice(mono_rest);
         stereo[..stereo_rest.len()].copy_from_slice(stereo_rest);
-        answered += add_answered(&mono, &stereo, &mut mono_sums, &mut stereo_sums);
-        Sums { mono: mono_sums.iter().sum(), stereo: stereo_sums.iter().sum(), answered: answered as usize }
+        valid += add_valid(&mono, &stereo, &mut mono_sums, &mut stereo_sums);
+        Sums { mono: mono_sums.iter().sum(), stereo: stereo_sums.iter().sum(), valid: valid as usize }
     }
 }
 
-/// Adds both depths of the pixels that both answered to the lanes' sums; returns how many these are.
+/// Adds both depths of the pixels that are valid in both to the lanes' sums; returns how many these are.
 #[inline(always)]
-fn add_answered(
+fn add_valid(
     mono: &[f32; LANES],
     stereo: &[f32; LANES],
     mono_sums: &mut [f64; LANES],
     stereo_sums: &mut [f64; LANES],
 ) -> u32 {
-    let answered = |lane: usize| mono[lane].is_finite() & stereo[lane].is_finite();
+    let valid = |lane: usize| mono[lane].is_finite() & stereo[lane].is_finite();
     for lane in 0..LANES {
-        mono_sums[lane] += f64::from(if answered(lane) { mono[lane] } else { 0.0 });
+        mono_sums[lane] += f64::from(if valid(lane) { mono[lane] } else { 0.0 });
     }
     for lane in 0..LANES {
-        stereo_sums[lane] += f64::from(if answered(lane) { stereo[lane] } else { 0.0 });
+        stereo_sums[lane] += f64::from(if valid(lane) { stereo[lane] } else { 0.0 });
     }
-    (0..LANES).map(|lane| u32::from(answered(lane))).sum()
+    (0..LANES).map(|lane| u32::from(valid(lane))).sum()
 }
 
 struct Times<'a> {
@@ -205,17 +205,17 @@ mod tests {
     }
 
     #[test]
-    fn minmax_maps_monos_extent_over_all_pixels_onto_stereos_answers() {
+    fn minmax_maps_the_range_of_mono_to_that_of_valid_stereo() {
         assert_eq!(minmax_of(&[1.0, 2.0, 5.0], &[NAN, 10.0, 50.0]), [10.0, 20.0, 50.0]);
     }
 
     #[test]
-    fn average_takes_both_means_where_stereo_answered() {
+    fn average_uses_both_means_over_valid_stereo_pixels() {
         assert_eq!(average_of(&[100.0, 2.0, 4.0], &[NAN, 10.0, 5.0]), [250.0, 5.0, 10.0]);
     }
 
     #[test]
-    fn fault_42_a_pixel_that_is_no_number_costs_no_other_its_scale() {
+    fn fault_42_a_nan_pixel_does_not_affect_the_scale_of_others() {
         for gap in [NAN, -NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let (mono, stereo) = ([100.0, 2.0, gap, 4.0], [NAN, 10.0, 7.0, 5.0]);
             let scaled = average_of(&mono, &stereo);
@@ -224,7 +224,7 @@ mod tests {
             let scaled = minmax_of(&mono, &stereo);
             assert_eq!((scaled[0], scaled[1]), (10.0, 5.0), "{gap}");
             assert!(!scaled[2].is_finite() && scaled[3].is_finite());
-            // Nothing but numbers that are none: there is nothing to scale, and nothing to scale by.
+            // All pixels are invalid: there is nothing to scale.
             assert!(average_of(&[gap; 3], &[1.0, 2.0, NAN]).iter().all(|depth| !depth.is_finite()));
         }
     }

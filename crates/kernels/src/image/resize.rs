@@ -1,4 +1,4 @@
-//! Resizing: by area for the image a network sees, bilinear for the map it answers.
+//! Resizing: by area for the image a network sees, bilinear for the map it outputs.
 
 mod area;
 mod area_f32;

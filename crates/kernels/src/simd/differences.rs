@@ -20,10 +20,10 @@ const UPPER: u32 = 0xaaaa_aaaa;
 /// Blocks of samples into their parts (see [`crate::float_differences`]).
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vbmi2,bmi2,popcnt")]
 pub(super) fn apart(blocks: &[[f32; BLOCK]], room: &mut Room) {
-    let Room { classes, middles, lows, highs, kept } = room;
+    let Room { classes, middles, lows, highs, progress } = room;
     let (long, high) = (_mm512_set1_epi32(1 << 16), _mm512_set1_epi32(1 << 20));
-    let mut before = _mm512_set1_epi32(kept.last as i32);
-    let into = &mut classes.as_chunks_mut::<{ BLOCK / 4 }>().0[kept.blocks..];
+    let mut before = _mm512_set1_epi32(progress.last as i32);
+    let into = &mut classes.as_chunks_mut::<{ BLOCK / 4 }>().0[progress.blocks..];
     for (block, classes) in blocks.iter().zip(into) {
         for (lanes, classes) in block.as_chunks::<LANES>().0.iter().zip(classes.as_chunks_mut::<4>().0) {
             // SAFETY: as many samples as a vector has are read.
@@ -35,45 +35,45 @@ pub(super) fn apart(blocks: &[[f32; BLOCK]], room: &mut Room) {
             let is_long = _mm512_cmpge_epu32_mask(difference, long);
             let is_high = _mm512_cmpge_epu32_mask(difference, high);
             let low = _mm256_maskz_compress_epi16(is_some, _mm512_cvtepi32_epi16(difference));
-            store_words(lows, kept.lows, low);
-            kept.lows += is_some.count_ones() as usize;
+            store_words(lows, progress.lows, low);
+            progress.lows += is_some.count_ones() as usize;
             if is_long != 0 {
                 let above = _mm512_srli_epi32::<16>(difference);
                 let is_middle = is_long & !is_high;
                 let middle = _mm_maskz_compress_epi8(is_middle, _mm512_cvtepi32_epi8(above));
-                store_bytes(middles, kept.middles, middle);
-                kept.middles += is_middle.count_ones() as usize;
-                store_words(highs, kept.highs, _mm256_maskz_compress_epi16(is_high, _mm512_cvtepi32_epi16(above)));
-                kept.highs += is_high.count_ones() as usize;
+                store_bytes(middles, progress.middles, middle);
+                progress.middles += is_middle.count_ones() as usize;
+                store_words(highs, progress.highs, _mm256_maskz_compress_epi16(is_high, _mm512_cvtepi32_epi16(above)));
+                progress.highs += is_high.count_ones() as usize;
             }
             let lower = is_some & !is_long | is_high;
             *classes = (_pdep_u32(lower.into(), LOWER) | _pdep_u32(is_long.into(), UPPER)).to_le_bytes();
         }
-        kept.last = block[BLOCK - 1].to_bits();
-        kept.blocks += 1;
+        progress.last = block[BLOCK - 1].to_bits();
+        progress.blocks += 1;
     }
 }
 
 /// The parts of blocks into their samples; `None` if the parts end before.
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vbmi2,bmi2,popcnt")]
 pub(super) fn together(room: &mut Room, blocks: &mut [[f32; BLOCK]]) -> Option<()> {
-    let Room { classes, middles, lows, highs, kept } = room;
+    let Room { classes, middles, lows, highs, progress } = room;
     let (zero, one, last_lane) = (_mm512_setzero_si512(), _mm512_set1_epi32(1), _mm512_set1_epi32(15));
-    let mut last = _mm512_set1_epi32(kept.last as i32);
+    let mut last = _mm512_set1_epi32(progress.last as i32);
     for (block, classes) in blocks.iter_mut().zip(classes.as_chunks::<{ BLOCK / 4 }>().0) {
         for (lanes, classes) in block.as_chunks_mut::<LANES>().0.iter_mut().zip(classes.as_chunks::<4>().0) {
             let classes = u32::from_le_bytes(*classes);
             // Sixteen bits are taken of each.
             let (lower, upper) = (_pext_u32(classes, LOWER) as u16, _pext_u32(classes, UPPER) as u16);
             let (is_some, is_middle, is_high) = (lower | upper, upper & !lower, upper & lower);
-            let low = _mm256_maskz_expand_epi16(is_some, load_words(lows, kept.lows)?);
-            kept.lows += is_some.count_ones() as usize;
+            let low = _mm256_maskz_expand_epi16(is_some, load_words(lows, progress.lows)?);
+            progress.lows += is_some.count_ones() as usize;
             let mut difference = _mm512_cvtepu16_epi32(low);
             if upper != 0 {
-                let middle = _mm_maskz_expand_epi8(is_middle, load_bytes(middles, kept.middles)?);
-                kept.middles += is_middle.count_ones() as usize;
-                let high = _mm256_maskz_expand_epi16(is_high, load_words(highs, kept.highs)?);
-                kept.highs += is_high.count_ones() as usize;
+                let middle = _mm_maskz_expand_epi8(is_middle, load_bytes(middles, progress.middles)?);
+                progress.middles += is_middle.count_ones() as usize;
+                let high = _mm256_maskz_expand_epi16(is_high, load_words(highs, progress.highs)?);
+                progress.highs += is_high.count_ones() as usize;
                 let above = _mm512_or_si512(_mm512_cvtepu8_epi32(middle), _mm512_cvtepu16_epi32(high));
                 difference = _mm512_or_si512(difference, _mm512_slli_epi32::<16>(above));
             }
@@ -89,7 +89,7 @@ pub(super) fn together(room: &mut Room, blocks: &mut [[f32; BLOCK]]) -> Option<(
             // SAFETY: as many samples as a vector has are written.
             unsafe { _mm512_storeu_si512(lanes.as_mut_ptr().cast(), bits) };
         }
-        kept.last = block[BLOCK - 1].to_bits();
+        progress.last = block[BLOCK - 1].to_bits();
     }
     Some(())
 }

@@ -63,17 +63,17 @@ const fn expansions() -> [Expansion; 256] {
 /// The parts of blocks into their samples (see [`crate::float_differences`]); `None` if the parts end before.
 #[target_feature(enable = "avx2")]
 pub(super) fn together(room: &mut Room, blocks: &mut [[f32; BLOCK]]) -> Option<()> {
-    let Room { classes, middles, lows, highs, kept } = room;
+    let Room { classes, middles, lows, highs, progress } = room;
     let (zero, one) = (_mm_setzero_si128(), _mm_set1_epi32(1));
-    let mut last = _mm_set1_epi32(kept.last as i32);
+    let mut last = _mm_set1_epi32(progress.last as i32);
     for (block, classes) in blocks.iter_mut().zip(classes.as_chunks::<{ BLOCK / 4 }>().0) {
-        let low: &[u8; 2 * BLOCK] = lows.get(2 * kept.lows..)?.first_chunk()?;
-        let middle: &[u8; BLOCK] = middles.get(kept.middles..)?.first_chunk()?;
-        let high: &[u8; 2 * BLOCK] = highs.get(2 * kept.highs..)?.first_chunk()?;
+        let low: &[u8; 2 * BLOCK] = lows.get(2 * progress.lows..)?.first_chunk()?;
+        let middle: &[u8; BLOCK] = middles.get(progress.middles..)?.first_chunk()?;
+        let high: &[u8; 2 * BLOCK] = highs.get(2 * progress.highs..)?.first_chunk()?;
         let (mut low_count, mut middle_count, mut high_count) = (0, 0, 0);
         for (four, classes) in block.as_chunks_mut::<4>().0.iter_mut().zip(classes) {
             let expansion = &EXPANSIONS[usize::from(*classes)];
-            // Of a block's first 60 samples no more than 60 are kept: there are four behind them.
+            // Of a block's first 60 samples at most 60 advance the output: four more follow.
             let low = i64::from_le_bytes(*low[2 * low_count..].first_chunk()?);
             let middle = i32::from_le_bytes(*middle[middle_count..].first_chunk()?);
             let high = i64::from_le_bytes(*high[2 * high_count..].first_chunk()?);
@@ -93,10 +93,10 @@ pub(super) fn together(room: &mut Room, blocks: &mut [[f32; BLOCK]]) -> Option<(
             // SAFETY: as many bytes as four samples have are written.
             unsafe { _mm_storeu_si128(four.as_mut_ptr().cast(), bits) };
         }
-        kept.lows += low_count;
-        kept.middles += middle_count;
-        kept.highs += high_count;
-        kept.last = block[BLOCK - 1].to_bits();
+        progress.lows += low_count;
+        progress.middles += middle_count;
+        progress.highs += high_count;
+        progress.last = block[BLOCK - 1].to_bits();
     }
     Some(())
 }

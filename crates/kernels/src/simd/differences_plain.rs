@@ -13,12 +13,12 @@ pub(crate) struct Room {
     pub(crate) middles: Vec<u8>,
     pub(crate) lows: Vec<u8>,
     pub(crate) highs: Vec<u8>,
-    pub(crate) kept: Kept,
+    pub(crate) progress: Progress,
 }
 
 /// How far the blocks have come.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Kept {
+pub(crate) struct Progress {
     pub(crate) blocks: usize,
     pub(crate) middles: usize,
     pub(crate) lows: usize,
@@ -35,17 +35,17 @@ impl Pass for Apart<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self(blocks, Room { classes, middles, lows, highs, kept }) = self;
+        let Self(blocks, Room { classes, middles, lows, highs, progress }) = self;
         for block in blocks {
-            let differences = differences(block, &mut kept.last);
+            let differences = differences(block, &mut progress.last);
             let (mut low, mut middle, mut high) = ([0_u16; BLOCK], [0_u8; BLOCK], [0_u16; BLOCK]);
             let (mut low_count, mut middle_count, mut high_count) = (0, 0, 0);
-            let into = &mut classes.as_chunks_mut::<{ BLOCK / 4 }>().0[kept.blocks];
+            let into = &mut classes.as_chunks_mut::<{ BLOCK / 4 }>().0[progress.blocks];
             for (classes, four) in into.iter_mut().zip(differences.as_chunks::<4>().0) {
                 *classes = 0;
                 for (place, &difference) in four.iter().enumerate() {
                     // Without a branch, since none could be foreseen: each is written where the next is to stand, which
-                    // moves on if it is kept.
+                    // advances if it is stored.
                     let above = (difference >> 16) as u16;
                     let (is_some, is_long, is_high) =
                         (u8::from(difference != 0), u8::from(above != 0), u8::from(above >= HIGH));
@@ -58,13 +58,13 @@ impl Pass for Apart<'_> {
                     *classes |= (is_some + is_long + is_high) << (2 * place);
                 }
             }
-            middles[kept.middles..kept.middles + BLOCK].copy_from_slice(&middle);
-            put(&mut lows[2 * kept.lows..], &low);
-            put(&mut highs[2 * kept.highs..], &high);
-            kept.blocks += 1;
-            kept.middles += middle_count;
-            kept.lows += low_count;
-            kept.highs += high_count;
+            middles[progress.middles..progress.middles + BLOCK].copy_from_slice(&middle);
+            put(&mut lows[2 * progress.lows..], &low);
+            put(&mut highs[2 * progress.highs..], &high);
+            progress.blocks += 1;
+            progress.middles += middle_count;
+            progress.lows += low_count;
+            progress.highs += high_count;
         }
     }
 }
@@ -100,24 +100,24 @@ impl Pass for Together<'_> {
 
     #[inline(always)]
     fn run(self) -> Option<()> {
-        let Self(Room { classes, middles, lows, highs, kept }, blocks) = self;
+        let Self(Room { classes, middles, lows, highs, progress }, blocks) = self;
         for (block, classes) in blocks.iter_mut().zip(classes.as_chunks::<{ BLOCK / 4 }>().0) {
-            let low: &[[u8; 2]; BLOCK] = lows.as_chunks().0.get(kept.lows..)?.first_chunk()?;
-            let middle: &[u8; BLOCK] = middles.get(kept.middles..)?.first_chunk()?;
-            let high: &[[u8; 2]; BLOCK] = highs.as_chunks().0.get(kept.highs..)?.first_chunk()?;
+            let low: &[[u8; 2]; BLOCK] = lows.as_chunks().0.get(progress.lows..)?.first_chunk()?;
+            let middle: &[u8; BLOCK] = middles.get(progress.middles..)?.first_chunk()?;
+            let high: &[[u8; 2]; BLOCK] = highs.as_chunks().0.get(progress.highs..)?.first_chunk()?;
             let (mut low_count, mut middle_count, mut high_count) = (0, 0, 0);
             let mut differences = [0; BLOCK];
             for (four, classes) in differences.as_chunks_mut::<4>().0.iter_mut().zip(classes) {
                 for (place, difference) in four.iter_mut().enumerate() {
                     // Without a branch, as they were taken apart.
                     let class = classes >> (2 * place) & 3;
-                    let kept = |is_kept: bool, number: u32| number & u32::from(is_kept).wrapping_neg();
+                    let masked = |is_kept: bool, number: u32| number & u32::from(is_kept).wrapping_neg();
                     let word = |pair: [u8; 2]| u32::from(u16::from_le_bytes(pair));
-                    let low = kept(class != 0, word(low[low_count % BLOCK]));
+                    let low = masked(class != 0, word(low[low_count % BLOCK]));
                     low_count += usize::from(class != 0);
-                    let middle = kept(class == 2, u32::from(middle[middle_count % BLOCK]));
+                    let middle = masked(class == 2, u32::from(middle[middle_count % BLOCK]));
                     middle_count += usize::from(class == 2);
-                    let high = kept(class == 3, word(high[high_count % BLOCK]));
+                    let high = masked(class == 3, word(high[high_count % BLOCK]));
                     high_count += usize::from(class == 3);
                     *difference = (middle | high) << 16 | low;
                 }
@@ -126,12 +126,12 @@ impl Pass for Together<'_> {
                 *difference = *difference >> 1 ^ (*difference & 1).wrapping_neg();
             }
             for (sample, difference) in block.iter_mut().zip(differences) {
-                kept.last = difference.wrapping_add(kept.last);
-                *sample = f32::from_bits(kept.last);
+                progress.last = difference.wrapping_add(progress.last);
+                *sample = f32::from_bits(progress.last);
             }
-            kept.middles += middle_count;
-            kept.lows += low_count;
-            kept.highs += high_count;
+            progress.middles += middle_count;
+            progress.lows += low_count;
+            progress.highs += high_count;
         }
         Some(())
     }

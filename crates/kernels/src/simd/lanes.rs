@@ -1,7 +1,7 @@
 //! Sixteen floats with fused multiply-add, for sums of products.
 //!
 //! A fused multiply-add rounds once: every instruction set must have it or imitate it, so that all give the same bits.
-//! The portable twin calls the platform's `fma`, which is exact everywhere and slow where the processor has none.
+//! The portable twin calls the platform's `fma`, which is exact everywhere and slow without hardware support.
 #![expect(unsafe_code, reason = "vector instructions, inside functions compiled for them")]
 
 pub(crate) const LANES: usize = 16;

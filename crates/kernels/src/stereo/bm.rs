@@ -1,16 +1,16 @@
-//! OpenCV's `StereoBM`: block matching by sums of absolute differences, the same answer bit for bit.
+//! OpenCV's `StereoBM`: block matching by sums of absolute differences, the same result bit for bit.
 //!
 //! Both images are prefiltered (horizontal Sobel or local contrast), absolute differences are summed over a square
 //! block, and the smallest sum wins; texture and uniqueness checks, a parabola of absolute values for the fraction, the
 //! left-right check, the speckle filter (Konolige, *Small Vision Systems*, 1997; `modules/stereo/src/stereobm.cpp` of
 //! OpenCV 5). Disparities are fixed point, 1/16 px in an `i16`.
 //!
-//! What OpenCV does and one would not expect is kept, since its answers are the reference:
+//! What OpenCV does and one would not expect is kept, since its results are the reference:
 //!
 //! - Only pixels whose whole block lies inside the left image, and inside the right one at the largest disparity, are
-//!   answered. With a positive smallest disparity OpenCV also searches that many columns beyond the right border and
+//!   valid. With a positive smallest disparity OpenCV also searches that many columns beyond the right border and
 //!   writes what it finds to the start of the next row; it clears these again, except in the first row below the last
-//!   answered one.
+//!   valid one.
 //! - An image of odd height loses its last row in the x-Sobel prefilter.
 //! - The speckle filter's range is taken in 1/16 px, not in pixels as in `StereoSGBM`.
 //!

@@ -1,7 +1,7 @@
 //! Census costs and semi-global matching on them, as libSGM computes them (github.com/fixstars/libSGM, Apache-2.0;
 //! facts read at commit e4c669b, no code taken).
 //!
-//! A pixel's census feature says which samples around it are darker than others (Zabih and Woodfill, *Non-parametric
+//! A pixel's census feature states which samples around it are darker than others (Zabih and Woodfill, *Non-parametric
 //! local transforms for computing visual correspondence*, 1994; centre-symmetric pairs: Spangenberg, Langner and Rojas,
 //! *Weighted semi-global matching and center-symmetric census transform for robust driver assistance*, 2013). The cost
 //! of a match is the number of bits that differ. Costs are summed along 4 or 8 paths with penalties for changes of
@@ -9,8 +9,8 @@
 //! cheapest candidate, uniqueness, a sub-pixel parabola, 3x3 medians of the left and the right map, and the left-right
 //! check.
 //!
-//! Three things differ from libSGM, where it gives answers that no image supports: a pixel whose partner would lie
-//! outside of the right image has no answer (libSGM keeps it unchecked); the medians replicate the border (libSGM
+//! Three things differ from libSGM, which outputs disparities there that no image supports: a pixel whose partner would
+//! be outside of the right image is invalid (libSGM keeps it unchecked); the medians replicate the border (libSGM
 //! writes zeros there); and a black pixel is a pixel like others (libSGM takes it as masked).
 //!
 //! ```

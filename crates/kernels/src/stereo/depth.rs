@@ -1,6 +1,6 @@
 //! Depth in metres from disparity, from ground-truth files and from the road's geometry.
 //!
-//! NaN means "no answer". All arithmetic is NumPy's on `float32`, operation by operation.
+//! NaN means invalid. All arithmetic is NumPy's on `float32`, operation by operation.
 
 use crate::raster::{check, check_same};
 use crate::simd::{Level, Pass};
@@ -22,13 +22,13 @@ impl Geometry {
         (self.focal_px * self.baseline_metres) as f32
     }
 
-    /// The largest whole number of 1/16 px, from 0 on, that is no disparity of anything in front of the cameras.
+    /// The largest whole number of 1/16 px, from 0 on, that is not a disparity of a point in front of the cameras.
     fn least_sixteenths(self) -> i16 {
         (-16.0 * f64::from(self.doffs_px as f32)).floor().max(0.0) as i16
     }
 }
 
-/// The smaller of a depth and the cap; no answer stays no answer.
+/// The smaller of a depth and the cap; invalid pixels stay invalid.
 #[inline(always)]
 fn capped(depth: f32, cap: f32) -> f32 {
     if depth > cap { cap } else { depth }
@@ -58,7 +58,7 @@ struct FromDisparity<'a> {
     disparity: &'a [i16],
     metre_pixels: f32,
     doffs_px: f32,
-    /// Disparities up to here are no answer, 1/16 px.
+    /// Disparities up to here are invalid, 1/16 px.
     least: i16,
     cap_metres: f32,
     out: &'a mut [f32],
@@ -107,7 +107,8 @@ impl Pass for FromShare<'_> {
     }
 }
 
-/// True depth from true disparities, pixels: `f * B / (d + doffs)`; NaN where that sum is NaN or not above 0.
+/// Ground-truth depth from ground-truth disparities, pixels: `f * B / (d + doffs)`; NaN where that sum is NaN or not
+/// above 0.
 pub fn truth_from_disparity(px: &[f32], pair: Geometry, out: &mut [f32]) {
     check_same("depth", out.len(), px.len());
     let (metre_pixels, doffs_px) = (pair.metre_pixels(), pair.doffs_px as f32);
@@ -117,7 +118,7 @@ pub fn truth_from_disparity(px: &[f32], pair: Geometry, out: &mut [f32]) {
     }
 }
 
-/// True depth from a KITTI depth PNG (16 bit, 1/256 m); NaN where the value is 0.
+/// Ground-truth depth from a KITTI depth PNG (16 bit, 1/256 m); NaN where the value is 0.
 pub fn truth_from_depth_png(raw: &[u16], out: &mut [f32]) {
     check_same("depth", out.len(), raw.len());
     for (depth, &raw) in out.iter_mut().zip(raw) {
@@ -184,11 +185,11 @@ mod tests {
     #[test]
     fn principal_points_apart_move_every_disparity() {
         // f B = 100 px m.
-        let of = |doffs_px| Geometry { focal_px: 200.0, baseline_metres: 0.5, doffs_px };
+        let geometry = |doffs_px| Geometry { focal_px: 200.0, baseline_metres: 0.5, doffs_px };
         let disparity = |doffs_px, fixed: [i16; 4]| {
             every_level(|level| {
                 let mut depth = [0.0; 4];
-                depth_from_disparity_at(level, &fixed, of(doffs_px), 80.0, &mut depth);
+                depth_from_disparity_at(level, &fixed, geometry(doffs_px), 80.0, &mut depth);
                 bits(&depth)
             })
         };
@@ -197,9 +198,9 @@ mod tests {
         assert_eq!(disparity(10.0, fixed), [(100.0_f32 / 11.0).to_bits(), 2f32.to_bits(), NAN, NAN]);
         assert_eq!(disparity(-10.0, [16, 640, 160, 161]), [NAN, (100.0_f32 / 30.0).to_bits(), NAN, 80f32.to_bits()]);
         let mut depth = [0.0; 4];
-        truth_from_disparity(&[10.0, f32::NAN, -15.0, 0.0], of(15.0), &mut depth);
+        truth_from_disparity(&[10.0, f32::NAN, -15.0, 0.0], geometry(15.0), &mut depth);
         assert_eq!(bits(&depth), [4f32.to_bits(), NAN, NAN, (100.0_f32 / 15.0).to_bits()]);
-        depth_from_share(&[0.1, 0.5, 0.0, 1.0], 50, of(-5.0), 2.0, 80.0, &mut depth);
+        depth_from_share(&[0.1, 0.5, 0.0, 1.0], 50, geometry(-5.0), 2.0, 80.0, &mut depth);
         assert_eq!(depth, [50.0, 5.0, 50.0, 100.0 / 45.0]);
     }
 
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn truth_is_read_at_the_data_sets_scales() {
+    fn ground_truth_is_read_at_the_scales_of_the_data_sets() {
         let mut depth = [0.0; 3];
         truth_from_disparity(&[f32::NAN, 1.0, 5000.0 / 256.0], KITTI, &mut depth);
         assert_eq!(bits(&depth), [NAN, 0x43c0_30ca, 0x419d_7149]);

@@ -1,13 +1,13 @@
-//! Filling of unanswered pixels from the background beside them, as KITTI's evaluation does before it counts errors.
+//! Filling of invalid pixels from the adjacent background, as KITTI's evaluation does before it counts errors.
 //!
 //! Source: `DisparityImage::interpolateBackground` of KITTI's stereo and scene flow development kits (`io_disp.h`,
 //! Geiger).
 
-/// Fills, in place, unanswered pixels: what is hidden in the other image belongs to what lies behind.
+/// Fills invalid pixels in place: a point that the other image does not show usually belongs to the background.
 ///
 /// In every row a run of `invalid` pixels takes the smaller of the disparities at its two ends; at the image's border,
-/// the one there is. Then, in every column, what is still unanswered above the first and below the last answer takes
-/// that answer. Rows without any answer between others stay as they are: the development kit leaves them too. Rows are
+/// the one there is. Then, in every column, invalid pixels above the first and below the last valid pixel take its
+/// disparity. Rows between others without any valid pixel stay invalid: the development kit leaves them, too. Rows are
 /// `width` long. Runs of more than `longest` pixels stay; the development kit has no such limit (`usize::MAX`).
 /// `invalid` equals itself: it is not NaN.
 ///
@@ -44,19 +44,19 @@ fn fill_row<T: Copy + PartialOrd>(row: &mut [T], invalid: T, longest: usize) {
     }
 }
 
-/// Copies each column's first answer, in the order of `rows`, to the rows before it.
+/// Copies each column's first valid disparity, in the order of `rows`, to the rows before it.
 fn extend_columns<T: Copy + PartialOrd>(map: &mut [T], width: usize, rows: &[usize], invalid: T, longest: usize) {
-    // Columns whose first answer is still to come.
+    // Columns whose first valid disparity is still to come.
     let mut waiting: Vec<usize> = (0..width).collect();
     for (before, &y) in rows.iter().enumerate() {
         waiting.retain(|&x| {
-            let answer = map[y * width + x];
-            if answer == invalid {
+            let disparity = map[y * width + x];
+            if disparity == invalid {
                 return true;
             }
             if before <= longest {
                 for &y in &rows[..before] {
-                    map[y * width + x] = answer;
+                    map[y * width + x] = disparity;
                 }
             }
             false
@@ -74,7 +74,7 @@ mod tests {
     const NO: i16 = -16;
 
     #[test]
-    fn gaps_take_the_background_and_borders_what_is_beside_them() {
+    fn gaps_take_the_background_and_borders_their_only_neighbour() {
         let mut map = [
             NO, NO, NO, NO, NO, NO, //
             NO, 90, NO, NO, 40, NO, //
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_without_answers_stays_and_a_full_one_too() {
+    fn maps_without_valid_or_without_invalid_pixels_are_unchanged() {
         let mut empty = [NO; 12];
         fill_background(&mut empty, 4, NO, usize::MAX);
         assert_eq!(empty, [NO; 12]);

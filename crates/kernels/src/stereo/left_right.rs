@@ -4,13 +4,13 @@
 //! disparity of a pixel where the other image's disparity at its partner differs by at most 1 px; so do ELAS and
 //! MC-CNN.
 
-/// Takes back, in place, answers of the left image that the right image does not confirm.
+/// Invalidates, in place, disparities of the left image that the right image does not confirm.
 ///
-/// Both maps are fixed point, 1/16 px, rows `width` long, unanswered pixels holding their map's `invalid`. A left pixel
-/// `x` of disparity `d` has its partner at `x - d`; the right map holds `x_right - x_left`, which is `-d`, as a matcher
-/// gives it that is handed the images in exchange and searches `-(smallest + count) + 1 .. -smallest`
+/// Both maps are fixed point, 1/16 px, rows `width` long, invalid pixels holding their map's `invalid`. A left pixel
+/// `x` of disparity `d` has its partner at `x - d`; the right map holds `x_right - x_left`, which is `-d`, as of a
+/// matcher with exchanged images that searches `-(smallest + count) + 1 .. -smallest`
 /// (`cv::ximgproc::createRightMatcher`). Partners between two pixels are rounded down and up, and one of both is
-/// enough, as in `cv::validateDisparity`. An answer stays if its partner lies in the image, has an answer, and the two
+/// enough, as in `cv::validateDisparity`. A disparity stays if its partner is inside the image, is valid, and the two
 /// differ by at most `max_difference` (1/16 px).
 ///
 /// # Panics
@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn partners_outside_or_without_answer_confirm_nothing() {
+    fn partners_outside_the_image_or_invalid_confirm_nothing() {
         let mut left = [16, 16, 16, -48];
         check(&mut left, &[-16, -1000, 48, 48], 4, (-64, -1000), 16);
         assert_eq!(left, [-64, 16, -64, -64]);

@@ -1,4 +1,4 @@
-//! OpenCV's `StereoSGBM`: semi-global block matching, the same answer bit for bit in all four modes.
+//! OpenCV's `StereoSGBM`: semi-global block matching, the same result bit for bit in all four modes.
 //!
 //! Birchfield-Tomasi pixel costs on x-Sobel and grey values, summed over a block, then summed along 3 to 8 directions
 //! with penalties for changes of disparity (Hirschmueller 2005); best candidate, uniqueness, sub-pixel parabola,

@@ -5,7 +5,7 @@
 //! difference in colour, by solving rows and columns in turn ([`passes`]), each a tridiagonal system, with a `lambda`
 //! that shrinks from one iteration to the next. As OpenCV's `cv::ximgproc::DisparityWLSFilter` does, the disparities
 //! times their confidence ([`confidence`]) and the confidences are smoothed alike, and the one divided by the other:
-//! what has no confidence says nothing, and takes the answers that reach it without crossing an edge.
+//! pixels without confidence have no influence, and take the disparities that reach them without crossing an edge.
 //!
 //! Floating-point operations are associated as OpenCV's, on x86-64 with one thread, are: at a `lambda` of 8000 the
 //! systems are so stiff that the rounding of the last bit shows in sixteenths of a pixel. The same bits come out of
@@ -64,7 +64,7 @@ pub struct Guide<'a> {
 pub struct Right<'a> {
     /// Its pixels, 1/16 px, the negatives of the left map's (as in [`crate::stereo::left_right`]).
     pub disparity: &'a [i16],
-    /// What its unanswered pixels hold.
+    /// The value of its invalid pixels.
     pub invalid: i16,
     /// Where the two views differ by this much or more, the confidence is 0 (`LRCthresh`), 1/16 px.
     pub max_difference: i32,
@@ -109,18 +109,18 @@ impl Smoother {
         assert!((0.0..=Params::LARGEST_LAMBDA).contains(&lambda), "lambda is {lambda}");
         assert!(sigma > 0.0 && sigma.is_finite(), "sigma is {sigma}");
         assert!((0.0..=1.0).contains(&attenuation) && iterations > 0, "{params:?}");
-        // Rounded once, from f64: so is glibc's and OpenCV's `expf`, but for few last bits.
+        // Rounded once, from f64: so is glibc's and OpenCV's `expf`, except for a few last bits.
         let affinity = |squared: u32| -(libm::exp(f64::from(-(squared as f32).sqrt() / sigma)) as f32);
         Self { params, table: (0..=3 * 255 * 255).map(affinity).collect() }
     }
 
     /// Smooths a map in place.
     ///
-    /// Disparities are 1/16 px, unanswered pixels hold `invalid`. The smoothing spans the smallest rectangle that holds
-    /// all answers (OpenCV's region of interest, for a matcher without checks); outside, nothing is answered.
-    /// Confidence is 0 where `map` has no answer, elsewhere 1, or what [`Right`] says. Inside the rectangle a pixel is
-    /// answered by those it is connected to; only if all they have is next to no confidence, it has no answer. With
-    /// `fill` off, pixels without answer stay so. Results are rounded to the nearest sixteenth, ties to even; one that
+    /// Disparities are 1/16 px, invalid pixels hold `invalid`. The smoothing spans the smallest rectangle that holds
+    /// all valid pixels (OpenCV's region of interest, for a matcher without checks); outside, all pixels are invalid.
+    /// Confidence is 0 where `map` is invalid, elsewhere 1, or that of [`Right`]. Inside the rectangle a pixel is
+    /// valid through those it is connected to; it is invalid only if their confidence is next to zero. With
+    /// `fill` off, invalid pixels stay invalid. Results are rounded to the nearest sixteenth, ties to even; one that
     /// would be `invalid` is a sixteenth more.
     ///
     /// # Panics
@@ -172,7 +172,7 @@ impl Smoother {
         match right {
             None => {
                 let parts = confidence.chunks_mut(rows).collect();
-                each(tiles, parts, |tile, part| left.answered(&region, tile * TILE_ROWS, part));
+                each(tiles, parts, |tile, part| left.validity(&region, tile * TILE_ROWS, part));
             }
             Some(right) => {
                 let mirrored = Map { pixels: right.disparity, width, invalid: right.invalid };
@@ -217,7 +217,7 @@ impl Smoother {
     }
 }
 
-/// Smoothed confidences below it are no answer: quotients of numbers so small have lost their bits.
+/// Smoothed confidences below it are invalid: quotients of numbers so small have lost their bits.
 const LEAST_CONFIDENCE: f32 = 1e-30;
 
 /// Disparities from their smoothed products with the confidence, by a reciprocal, as OpenCV has it.

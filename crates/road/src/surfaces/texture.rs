@@ -1,7 +1,7 @@
 //! Band-limited patterns: noise that fades where a pixel covers more than its cells, and pulse trains integrated
 //! exactly over a pixel's footprint.
 //!
-//! Lattices wrap after [`WRAP_METRES`], the length after which the scene's own coordinates start afresh, so that a
+//! Lattices wrap after [`WRAP_METRES`], the length after which the scene's coordinates wrap, so that a
 //! texture sits still on its wall however far along the street the car is. Frequencies are therefore powers of two.
 
 use crate::hash::unit;

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// Whether a terminal, or whoever looks at it, would take a character for more than itself: control characters (escape
+/// Whether a terminal or a reader would interpret a character instead of showing it: control characters (escape
 /// sequences begin with one), and those that change the direction of what is around them or end a line.
 const fn is_obeyed(c: char) -> bool {
     matches!(
@@ -71,8 +71,8 @@ mod tests {
         assert_eq!(visible(harmless), harmless);
         for c in (0..=u32::from(char::MAX)).filter_map(char::from_u32) {
             let text = format!("x{c}y");
-            let kept = matches!(c, '\n' | '\t') || !is_obeyed(c);
-            assert_eq!(visible(&text) == text, kept, "{c:?}");
+            let is_unchanged = matches!(c, '\n' | '\t') || !is_obeyed(c);
+            assert_eq!(visible(&text) == text, is_unchanged, "{c:?}");
             assert!(!on_one_line(&text).contains(is_obeyed), "{c:?}");
             assert_eq!(same_length(&text).len(), text.len(), "{c:?}");
             assert!(!c.is_control() || is_obeyed(c), "{c:?}");

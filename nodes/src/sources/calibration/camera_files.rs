@@ -14,7 +14,7 @@ use depthloom_kernels::rectify::{Lens, Matrix};
 pub(crate) use camera::{CalibratedCamera, CameraPair, FORMS, lens};
 use document::Document;
 
-/// `fisheye`: OpenCV's coefficients are those of its `fisheye` module, which the file does not say.
+/// `fisheye`: OpenCV's coefficients are those of its `fisheye` module, which the file does not state.
 pub(crate) fn read(files: &[(&Path, &[u8])], fisheye: bool) -> Result<CameraPair, Fault> {
     let documents = files.iter().map(|(path, bytes)| Document::parse(path, bytes)).collect::<Result<Vec<_>, _>>()?;
     let pair = match documents.as_slice() {
@@ -51,7 +51,7 @@ pub(crate) fn read(files: &[(&Path, &[u8])], fisheye: bool) -> Result<CameraPair
         if !is_sound {
             let side = ["left", "right"][side];
             return Err(documents[side_file(side, &documents)]
-                .fault(format!("the {side} camera's numbers are no camera's: focal lengths {:?} px, principal point {:?} px, lens {lens:?}",
+                .fault(format!("the numbers of the {side} camera are not plausible: focal lengths {:?} px, principal point {:?} px, lens {lens:?}",
                     camera.camera.focal_px, camera.camera.centre_px))
                 .remedy(FORMS));
         }

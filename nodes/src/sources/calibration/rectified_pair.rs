@@ -69,7 +69,7 @@ pub(crate) fn calibration(
 fn out_of_bounds(what: &str, number: f64, possible: &RangeInclusive<f64>, unit: &str) -> Option<String> {
     let (least, most) = (possible.start(), possible.end());
     (!possible.contains(&number))
-        .then(|| format!("{what} is {} {unit}, and no camera's is beyond {least} to {most} {unit}", short(number)))
+        .then(|| format!("{what} is {} {unit}, expected {least} to {most} {unit}", short(number)))
 }
 
 /// A number of a calibration that no camera has.
@@ -93,7 +93,7 @@ pub(crate) fn check_plausible(calibration: &Calibration) -> Result<(), Implausib
     wrong.map_or(Ok(()), Err)
 }
 
-/// The principal point of an image's middle; pixel centres have whole coordinates.
+/// The principal point at the centre of an image; pixel centres have integer coordinates.
 pub(crate) fn middle((width, height): (u32, u32)) -> (f64, f64) {
     ((f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0)
 }

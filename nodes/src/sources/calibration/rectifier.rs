@@ -20,14 +20,14 @@ const LONGEST_UNSAID_M: f64 = 2.0;
 const FOCAL_TOLERANCE: f64 = 1e-5;
 const CENTRE_TOLERANCE_PX: f64 = 1e-2;
 
-/// How a place between pixels is taken where a pair is rectified.
+/// Precision of positions between pixels when a pair is rectified.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Sampling {
-    /// As it is: OpenCV 5's `remap` with `CV_32FC1` maps.
+    /// Exact positions: OpenCV 5's `remap` with `CV_32FC1` maps.
     #[default]
     Float,
-    /// In steps of 1/32 px: OpenCV 4's `remap`, and OpenCV 5's with `CV_16SC2` maps.
+    /// Multiples of 1/32 px: OpenCV 4's `remap`, and OpenCV 5's with `CV_16SC2` maps.
     Fixed,
 }
 
@@ -38,7 +38,7 @@ pub(crate) struct RectifyOptions {
     /// Computes the rectification with [`stereo_rectify`]; a negative value keeps the focal length.
     pub alpha: Option<f64>,
     pub sampling: Sampling,
-    /// How long a unit of the file's translations is, metres.
+    /// Length of one unit of the file's translations, metres.
     pub metres_per_unit: Option<f64>,
 }
 
@@ -93,18 +93,18 @@ impl Rectifier {
         }
         if options.rectified {
             return Err(ErrorMessage::new("the calibration has no projections of rectified images").remedy(
-                "with `rectified: true` it needs P1 and P2 (R1, R2), and no `alpha`; or give focal_px and baseline_m",
+                "with `rectified: true` it needs P1 and P2 (R1, R2), and no `alpha`; or set focal_px and baseline_m",
             ));
         }
         let Some((rotation, translation)) = pair.pose else {
-            return Err(ErrorMessage::new("the calibration does not give the pose between the cameras")
+            return Err(ErrorMessage::new("the calibration lacks the pose between the cameras")
                 .remedy("it needs R and T, or R1, R2, P1 and P2 (`alpha` needs R and T)"));
         };
         let cameras = [&left.camera, &right.camera];
         let alpha = options.alpha.filter(|alpha| *alpha >= 0.0);
         stereo_rectify(cameras, size, &rotation, translation, alpha).ok_or_else(|| {
             ErrorMessage::new("the cameras' rectification cannot be computed")
-                .remedy("cameras must stand side by side, and both have a lens of one kind; or give R1, R2, P1 and P2")
+                .remedy("cameras must stand side by side, and both have a lens of one kind; or add R1, R2, P1 and P2")
         })
     }
 
@@ -174,7 +174,7 @@ fn calibration(
     if apart[0] > f64::from(width) {
         let what =
             format!("the rectified principal points are {} px apart along rows, more than the image is wide", apart[0]);
-        return wrong(what, "rectify with CALIB_ZERO_DISPARITY, or give `alpha`, which computes it so from R and T");
+        return wrong(what, "rectify with CALIB_ZERO_DISPARITY, or set `alpha`, which computes this from R and T");
     }
     if apart[1] > CENTRE_TOLERANCE_PX {
         let what = format!("the rectified principal points are {} px apart along columns: rows do not meet", apart[1]);
@@ -182,19 +182,21 @@ fn calibration(
     }
     let baseline_m = -found.translation * options.metres_per_unit.unwrap_or(1.0);
     if baseline_m < 0.0 {
-        let what = format!("by the calibration the right camera stands {:.4} m left of the left one", -baseline_m);
+        let what =
+            format!("in the calibration the right camera is {:.4} m to the left of the left camera", -baseline_m);
         return wrong(what, "left and right are exchanged: exchange the images, or the cameras in the calibration");
     }
     if options.metres_per_unit.is_none() && !pair.in_metres && baseline_m > LONGEST_UNSAID_M {
-        let what = format!("the baseline would be {baseline_m:.4} m: the calibration's lengths hardly are metres");
+        let what =
+            format!("the baseline would be {baseline_m:.4} m: the lengths in the calibration are probably not metres");
         return wrong(
             what,
-            "say how long a unit of its T is, that of the board's squares: `metres_per_unit: 0.001` where they were given in millimetres, 1 where in metres",
+            "set the length of one unit of its T (that of the board's squares): `metres_per_unit: 0.001` for millimetres, 1 for metres",
         );
     }
     if !BASELINE_M.contains(&baseline_m) {
         let (least, most) = (BASELINE_M.start(), BASELINE_M.end());
-        let what = format!("the baseline is {baseline_m:e} m, and no camera's is beyond {least} to {most} m");
+        let what = format!("the baseline is {baseline_m:e} m, expected {least} to {most} m");
         return wrong(what, "a right camera's projection tells it: P2[0,3] is -f * B; or T, with `metres_per_unit`");
     }
     Ok(Calibration { width, height, focal_px: f[0], cx_px: c[0], cy_px: c[1], baseline_m, doffs_px })

@@ -1,4 +1,4 @@
-//! The files of one frame, read whole and decoded on request.
+//! The files of one frame, read completely and decoded on request.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -108,6 +108,6 @@ impl Files {
         }
         let (path, left_path) = (file.path.display(), self.required(LEFT)?.path.display());
         let what = format!("{path} is {w}x{h}, and {left_path} is {}x{}: they must be of one size", left.0, left.1);
-        Err(Fault::new(what).remedy("the files of a frame belong together: make or unpack the frame's again"))
+        Err(Fault::new(what).remedy("all files of a frame must have one size: create or unpack them again"))
     }
 }

@@ -23,7 +23,7 @@ pub(crate) fn map_f32(path: &Path, bytes: &[u8]) -> Result<Raster<f32>, Fault> {
     read.map_err(|wrong| {
         let (what, remedy) = match wrong {
             Wrong::Kind(what) => (what, "a map is a PFM of one channel (`Pf`) or an NPY array of two dimensions"),
-            Wrong::Bytes(what) => (what, "the file is not whole, or is not what it says: copy or download it again"),
+            Wrong::Bytes(what) => (what, "the file is incomplete or damaged: copy or download it again"),
         };
         Fault::new(format!("{}: {what}", path.display())).remedy(remedy)
     })
@@ -36,7 +36,7 @@ enum Wrong {
 
 fn pfm(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
     let header = |what: &str| Wrong::Bytes(format!("its PFM header {what}"));
-    // Three numbers, each behind white space and before a single byte of it.
+    // Three numbers, each after white space; a single byte of it follows.
     let mut at = 2;
     let mut tokens = [""; 3];
     for token in &mut tokens {
@@ -48,11 +48,11 @@ fn pfm(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
     }
     let size = |text: &str, what: &str| {
         let number = text.parse::<u32>().ok().filter(|number| *number > 0);
-        number.ok_or_else(|| header(&format!("says `{}` where {what} stands", shortened(text))))
+        number.ok_or_else(|| header(&format!("has `{}` instead of {what}", shortened(text))))
     };
     let (width, height) = (size(tokens[0], "the width")?, size(tokens[1], "the height")?);
     let scale = tokens[2].parse::<f32>().ok().filter(|scale| *scale != 0.0 && !scale.is_nan());
-    let scale = scale.ok_or_else(|| header(&format!("says `{}` where the scale stands", shortened(tokens[2]))))?;
+    let scale = scale.ok_or_else(|| header(&format!("has `{}` instead of the scale", shortened(tokens[2]))))?;
     let body = match bytes.get(at + 1..).unwrap_or_default() {
         // A line that ends as on Windows.
         [b'\n', body @ ..] if bytes[at] == b'\r' => body,
@@ -62,16 +62,17 @@ fn pfm(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
     let number: fn([u8; 4]) -> f32 = if scale < 0.0 { f32::from_le_bytes } else { f32::from_be_bytes };
     let rows = body.rchunks_exact(4 * width as usize);
     let samples = rows.flat_map(|row| row.as_chunks().0.iter().map(|bytes| known(number(*bytes)))).collect();
-    Ok(Raster::from_raw(width, height, samples).expect("a number a pixel"))
+    Ok(Raster::from_raw(width, height, samples).expect("one number per pixel"))
 }
 
 fn check_size((width, height): (u32, u32), bytes_per_pixel: usize, body: &[u8]) -> Result<(), Wrong> {
     let expected = u128::from(width) * u128::from(height) * bytes_per_pixel as u128;
     match body.len() as u128 == expected && expected > 0 {
         true => Ok(()),
-        false => {
-            Err(Wrong::Bytes(format!("it says {width}x{height}, which are {expected} bytes, and holds {}", body.len())))
-        }
+        false => Err(Wrong::Bytes(format!(
+            "its header states {width}x{height}, which needs {expected} bytes, but it has {}",
+            body.len()
+        ))),
     }
 }
 
@@ -84,7 +85,7 @@ fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
     };
     if length > LONGEST_HEADER {
         return Err(Wrong::Kind(format!(
-            "its NPY header is said to be {length} bytes, and a map's is below {LONGEST_HEADER}"
+            "its NPY header has the length {length} bytes, and a map's is below {LONGEST_HEADER}"
         )));
     }
     let text = bytes.get(start..start + length).ok_or_else(cut)?;
@@ -114,7 +115,7 @@ fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
     let body = &bytes[start + length..];
     check_size((width, height), kind.bytes(), body)?;
     let samples = body.chunks_exact(kind.bytes()).map(|bytes| known(kind.number(bytes))).collect();
-    Ok(Raster::from_raw(width, height, samples).expect("a number a pixel"))
+    Ok(Raster::from_raw(width, height, samples).expect("one number per pixel"))
 }
 
 #[derive(Clone, Copy)]
@@ -189,7 +190,7 @@ mod tests {
         (map.width(), map.height(), map.into_raw())
     }
 
-    fn said(bytes: &[u8]) -> String {
+    fn error(bytes: &[u8]) -> String {
         map_f32(Path::new("disp0.pfm"), bytes).expect_err("it is refused").to_string()
     }
 
@@ -224,22 +225,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_map_or_lies_about_its_size_is_refused() {
+    fn files_that_are_not_maps_or_state_a_wrong_size_are_refused() {
         let file = pfm("Pf\n3 2\n-1.0\n", &[0.0; 6], f32::to_le_bytes);
-        assert_eq!(said(&file[..30]), "disp0.pfm: it says 3x2, which are 24 bytes, and holds 18");
+        assert_eq!(error(&file[..30]), "disp0.pfm: its header states 3x2, which needs 24 bytes, but it has 18");
         assert_eq!(
-            said(b"Pf\n4000000000 4000000000\n-1.0\n1234"),
-            "disp0.pfm: it says 4000000000x4000000000, which are 64000000000000000000 bytes, and holds 4"
+            error(b"Pf\n4000000000 4000000000\n-1.0\n1234"),
+            "disp0.pfm: its header states 4000000000x4000000000, which needs 64000000000000000000 bytes, but it has 4"
         );
-        assert!(said(b"Pf\n3 2\n0\n").contains("says `0` where the scale stands"));
-        assert!(said(b"Pf\n3 -2\n1\n").contains("says `-2` where the height stands"));
-        assert!(said(b"Pf").contains("says `` where the width stands"));
-        assert!(said(b"PF\n1 1\n-1\n000000000000").contains("a PFM of three channels"));
-        assert!(said(b"\x89PNG").contains("neither a PFM nor an NPY file (4 bytes)"));
-        assert!(said(&npy("<f4", "(2, 2, 3)", &[0; 48])).contains("its shape is (2, 2, 3), and a map has two"));
-        assert!(said(&npy("<c8", "(2, 2)", &[0; 32])).contains("its numbers are `<c8`"));
-        assert!(said(&npy("<f4", "(70000, 70000)", &[0; 4])).contains("which are 19600000000 bytes, and holds 4"));
-        assert!(said(b"\x93NUMPY\x01\x00\xff").contains("cut off"));
+        assert!(error(b"Pf\n3 2\n0\n").contains("has `0` instead of the scale"));
+        assert!(error(b"Pf\n3 -2\n1\n").contains("has `-2` instead of the height"));
+        assert!(error(b"Pf").contains("has `` instead of the width"));
+        assert!(error(b"PF\n1 1\n-1\n000000000000").contains("a PFM of three channels"));
+        assert!(error(b"\x89PNG").contains("neither a PFM nor an NPY file (4 bytes)"));
+        assert!(error(&npy("<f4", "(2, 2, 3)", &[0; 48])).contains("its shape is (2, 2, 3), and a map has two"));
+        assert!(error(&npy("<c8", "(2, 2)", &[0; 32])).contains("its numbers are `<c8`"));
+        assert!(error(&npy("<f4", "(70000, 70000)", &[0; 4])).contains("which are 19600000000 bytes, and holds 4"));
+        assert!(error(b"\x93NUMPY\x01\x00\xff").contains("cut off"));
     }
 
     proptest! {

@@ -37,7 +37,7 @@ pub(crate) fn image_of_bits(
     let is_turned = orientation != Orientation::NoTransforms;
     let mut brightest = None;
     let mut narrowed = |samples: &[u16]| {
-        brightest = Brightest::of(samples);
+        brightest = Brightest::from_samples(samples);
         eight_bits(samples, bits)
     };
     let (pixels, is_unchanged) = match decoded {
@@ -49,16 +49,16 @@ pub(crate) fn image_of_bits(
             let deep = deep.into_luma16();
             let (width, height) = deep.dimensions();
             let grey = GrayImage::from_raw(width, height, narrowed(&deep));
-            (Pixels::Grey(grey.expect("a byte a pixel")), false)
+            (Pixels::Grey(grey.expect("one byte per pixel")), false)
         }
         deep @ (DynamicImage::ImageRgb16(_) | DynamicImage::ImageRgba16(_)) => {
             let deep = deep.into_rgb16();
             let (width, height) = deep.dimensions();
             let rgb = RgbImage::from_raw(width, height, narrowed(&deep));
-            (Pixels::Rgb(rgb.expect("three bytes a pixel")), false)
+            (Pixels::Rgb(rgb.expect("three bytes per pixel")), false)
         }
         other => {
-            return Err(wrong_pixels(path, &other, "camera images are grey or RGB, of 8 or 16 bits").remedy(
+            return Err(wrong_pixels(path, &other, "camera images must be grey or RGB with 8 or 16 bits").remedy(
                 "convert the file to 8 bits; of a data set that was downloaded, take it from its archive again",
             ));
         }
@@ -80,7 +80,7 @@ pub(crate) fn map_u16(path: &Path, bytes: &[u8], unit: &str) -> Result<Raster<u1
     match decode(path, format_of(path, bytes)?, bytes)?.0 {
         DynamicImage::ImageLuma16(map) => Ok(map),
         other => {
-            let expected = format!("such a map has 16 bits, one channel ({unit} * 256, 0 = unknown)");
+            let expected = format!("the map must have 16 bits and one channel ({unit} * 256, 0 = unknown)");
             Err(wrong_pixels(path, &other, &expected).remedy(format!(
                 "write {unit} * 256 as 16-bit grey, 0 where it is unknown; of a downloaded data set, take the file from its archive again: an \
                  image tool may have saved it with 8 bits"
@@ -100,13 +100,13 @@ pub(crate) fn map_u8(path: &Path, bytes: &[u8], what: &str) -> Result<GrayImage,
                 return Err(Fault::new(format!("{} is a colour image: {what}", path.display())).remedy(remedy));
             }
             let grey = GrayImage::from_raw(rgb.width(), rgb.height(), pixels.iter().map(|pixel| pixel[0]).collect());
-            Ok(grey.expect("a byte a pixel"))
+            Ok(grey.expect("one byte per pixel"))
         }
         other => Err(wrong_pixels(path, &other, what).remedy(remedy)),
     }
 }
 
-const ONE_CHANNEL: &str = "a map has one channel, of 8 or 16 bits, or of 32-bit floats (TIFF)";
+const ONE_CHANNEL: &str = "a map must have one channel of 8 or 16 bits, or of 32-bit floats (TIFF)";
 
 /// Returns the map and the bits per number: 8 or 16 (PNG, TIFF, PNM), or 32-bit floats (TIFF).
 pub(crate) fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), Fault> {
@@ -120,11 +120,11 @@ pub(crate) fn numbers(path: &Path, bytes: &[u8]) -> Result<(Raster<f32>, u32), F
         DynamicImage::ImageLuma8(map) => (map.dimensions(), map.iter().map(|number| f32::from(*number)).collect(), 8),
         DynamicImage::ImageLuma16(map) => (map.dimensions(), map.iter().map(|number| f32::from(*number)).collect(), 16),
         other => {
-            let remedy = "write one number a pixel; a coloured picture of a map is none";
+            let remedy = "write one number per pixel; a colour-coded picture is not a map";
             return Err(wrong_pixels(path, &other, ONE_CHANNEL).remedy(remedy));
         }
     };
-    Ok((Raster::from_raw(size.0, size.1, numbers).expect("a number a pixel"), bits))
+    Ok((Raster::from_raw(size.0, size.1, numbers).expect("one number per pixel"), bits))
 }
 
 /// `image` does not read these. `None` for other TIFF files.
@@ -141,7 +141,7 @@ fn float_tiff(path: &Path, bytes: &[u8]) -> Result<Option<Raster<f32>>, Fault> {
     match decoder.colortype().map_err(failed)? {
         tiff::ColorType::Gray(32) => {}
         tiff::ColorType::RGB(bits @ (32 | 64)) => {
-            let what = format!("{} holds {bits}-bit numbers of 3 channels: {ONE_CHANNEL}", path.display());
+            let what = format!("{} holds {bits}-bit numbers in 3 channels: {ONE_CHANNEL}", path.display());
             return Err(Fault::new(what).remedy("write one channel of 32-bit floats"));
         }
         _ => return Ok(None),
@@ -173,10 +173,11 @@ const FORMATS: [(&[u8], image::ImageFormat); 10] = [
 ];
 
 fn format_of(path: &Path, bytes: &[u8]) -> Result<image::ImageFormat, Fault> {
-    // Unknown bytes are reported as what the name says, if it says: an empty file, a text instead of an image.
+    // Unknown bytes are reported by the extension of the name, if there is one: an empty file, a text instead of an
+    // image.
     let by_content = FORMATS.iter().find(|(begin, _)| bytes.starts_with(begin)).map(|(_, format)| *format);
     let by_name =
-        || image::ImageFormat::from_path(path).ok().filter(|of| FORMATS.iter().any(|(_, format)| format == of));
+        || image::ImageFormat::from_path(path).ok().filter(|found| FORMATS.iter().any(|(_, format)| format == found));
     if regular_file::is_lfs_pointer(bytes) {
         return Err(Fault::new(format!("{} is a pointer of Git LFS, not the file itself", path.display()))
             .remedy(regular_file::LFS_REMEDY));
@@ -187,7 +188,7 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<image::ImageFormat, Fault> {
     })
 }
 
-/// The pixels as they are stored, and their orientation. Maps have none.
+/// The pixels as they are stored, and their orientation. Maps have no orientation.
 fn decode(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(DynamicImage, Orientation), Fault> {
     let failed = |error: ImageError| {
         // The header may request more than the decoder counts; one byte per pixel is the least.
@@ -196,11 +197,12 @@ fn decode(path: &Path, format: image::ImageFormat, bytes: &[u8]) -> Result<(Dyna
         if let Some(size) = stated_size(bytes).filter(|size| limit && pixels(*size) > MOST_BYTES) {
             return too_large(path, size, pixels(size));
         }
-        // As text: the decoder's error repeats in its own message what is beneath it.
+        // As text: the decoder's error already contains the message of its cause.
         let fault = undecodable(path, format, bytes).because(error.to_string().trim_end());
         match limit {
-            true => fault
-                .remedy("what it holds beside its pixels takes more memory than an image may: is it the file meant?"),
+            true => fault.remedy(
+                "its metadata need more memory than an image may use; check that the path names the right file",
+            ),
             false => fault,
         }
     };
@@ -253,13 +255,14 @@ fn too_large(path: &Path, (width, height): (u32, u32), needed: u64) -> Fault {
     let (path, needed, most) = (path.display(), needed.div_ceil(1 << 20), MOST_BYTES >> 20);
     let what = format!("{path} is {width}x{height}, which takes at least {needed} MiB decoded");
     Fault::new(format!("{what}: more than the {most} MiB an image may take"))
-        .remedy("no camera gives such an image: is it the file meant?")
+        .remedy("check that the path names the right file")
 }
 
 fn wrong_pixels(path: &Path, found: &DynamicImage, expected: &str) -> Fault {
     let color = found.color();
-    let bits = color.bits_per_pixel() / u16::from(color.channel_count());
-    Fault::new(format!("{} holds {bits}-bit pixels of {} channels: {expected}", path.display(), color.channel_count()))
+    let channels = color.channel_count();
+    let (bits, plural) = (color.bits_per_pixel() / u16::from(channels), if channels == 1 { "" } else { "s" });
+    Fault::new(format!("{} has {bits}-bit pixels with {channels} channel{plural}: {expected}", path.display()))
 }
 
 #[cfg(test)]
@@ -275,7 +278,7 @@ mod tests {
         let mut bytes = Vec::new();
         let pixel = image::GrayImage::new(1, 1);
         pixel.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).expect("written");
-        // Signature, length and name of the first chunk; then width and height, and behind its 13 bytes the checksum.
+        // Signature, length and name of the first chunk; then width and height, and after its 13 bytes the checksum.
         bytes[16..20].copy_from_slice(&width.to_be_bytes());
         bytes[20..24].copy_from_slice(&height.to_be_bytes());
         let checksum = crc(&bytes[12..29]).to_be_bytes();
@@ -289,25 +292,25 @@ mod tests {
         })
     }
 
-    fn said(bytes: Vec<u8>) -> String {
+    fn error(bytes: Vec<u8>) -> String {
         let fault = super::image(Path::new("left.png"), bytes.into()).expect_err("it is refused");
         format!("{fault}: {}", fault.remedy_text().unwrap_or_default())
     }
 
     #[test]
     fn fault_12_and_52_an_image_that_asks_for_too_much_is_refused_with_its_size() {
-        let bomb = said(claims(60_000, 60_000));
+        let bomb = error(claims(60_000, 60_000));
         assert!(
             bomb.contains("left.png is 60000x60000, which takes at least 3434 MiB decoded: more than the 512 MiB"),
             "{bomb}"
         );
         assert!(!bomb.contains("download"), "{bomb}");
-        assert!(said(claims(u32::MAX >> 1, u32::MAX >> 1)).contains("more than the 512 MiB"));
-        assert!(said(claims(30, 30)).ends_with("the file is not a complete PNG: copy or download it again"));
+        assert!(error(claims(u32::MAX >> 1, u32::MAX >> 1)).contains("more than the 512 MiB"));
+        assert!(error(claims(30, 30)).ends_with("the file is not a complete PNG: copy or download it again"));
     }
 
     #[test]
-    fn what_is_no_camera_image_is_made_one_and_its_bytes_are_not_kept() {
+    fn other_images_are_converted_and_their_bytes_are_dropped() {
         let written = |image: &DynamicImage, format| {
             let mut bytes = Vec::new();
             image.write_to(&mut std::io::Cursor::new(&mut bytes), format).expect("written");
@@ -338,7 +341,7 @@ mod tests {
         for name in names.iter().filter(|name| name.split('.').count() == 2) {
             let expected = image::open(folder.join(format!("{name}.png"))).expect("a PNG").into_rgb8();
             let path = folder.join(name);
-            let found = super::image(&path, super::read(&path).expect("a file")).expect("an image");
+            let found = super::image(&path, super::read(&path).expect("readable")).expect("decodable");
             let rgb = match found.pixels() {
                 Pixels::Rgb(rgb) => rgb.clone(),
                 Pixels::Grey(grey) => DynamicImage::ImageLuma8(grey.clone()).into_rgb8(),
@@ -361,7 +364,7 @@ mod tests {
         for name in ["420_60.jpg", "444_95.jpg", "420_progressive.jpg", "grey.jpg", "restart.jpg"] {
             let whole = std::fs::read(folder.join(name)).expect("the fixture");
             for missing in [2, 20, whole.len() / 2] {
-                let what = said(whole[..whole.len() - missing].to_vec());
+                let what = error(whole[..whole.len() - missing].to_vec());
                 assert!(what.ends_with("the file is not a complete JPEG: copy or download it again"), "{name}: {what}");
             }
         }
@@ -384,11 +387,11 @@ mod tests {
             (grey.to_vec(), brightest.and_then(|brightest| brightest.warning(bits)).is_some())
         };
         let of_12 = [0, 15, 16, 2048, 4095];
-        assert_eq!(found(&of_12, None), (vec![0, 0, 0, 8, 15], true), "collapsed, and said");
+        assert_eq!(found(&of_12, None), (vec![0, 0, 0, 8, 15], true), "collapsed, and reported");
         assert_eq!(found(&of_12, Some(12)), (vec![0, 0, 1, 128, 255], false));
         assert_eq!(found(&[4096, 65535], Some(12)), (vec![255, 255], false), "beyond white");
         assert_eq!(found(&[4096, 65535], None), (vec![16, 255], false));
-        assert_eq!(found(&[4095], Some(16)), (vec![15], false), "who says 16 means it");
+        assert_eq!(found(&[4095], Some(16)), (vec![15], false), "an explicit 16 is used");
         assert_eq!(found(&[0, 0], None), (vec![0, 0], false), "black is black");
     }
 
@@ -399,7 +402,7 @@ mod tests {
         encoder.write_image::<tiff::encoder::colortype::RGB32Float>(2, 1, &[0.5_f32; 6]).expect("written");
         let fault = super::numbers(Path::new("map.tif"), &bytes.into_inner()).expect_err("it is refused");
         let what = fault.chain();
-        assert!(what.contains("map.tif holds 32-bit numbers of 3 channels: a map has one channel"), "{what}");
+        assert!(what.contains("map.tif holds 32-bit numbers in 3 channels: a map has one channel"), "{what}");
     }
 
     fn grey_of(samples: &[u8]) -> Pixels {
@@ -412,7 +415,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_pipe_is_no_image_and_nobody_waits_for_it() {
+    fn a_pipe_is_not_an_image_and_does_not_block() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("000000_10.png");
         assert!(std::process::Command::new("mkfifo").arg(&path).status().expect("mkfifo is there").success());

@@ -1,4 +1,4 @@
-//! Files by a pattern of their path: `*` stands for any run of characters of a name, `?` for one.
+//! Files by a pattern of their path: `*` stands for any text within a name, `?` for one character.
 
 use std::cmp::Ordering;
 use std::io::ErrorKind;
@@ -114,7 +114,7 @@ fn matched(pattern: &str, name: &str) -> Option<Vec<String>> {
             None if n == name.len() => break,
             _ => {}
         }
-        // The star takes one more.
+        // The star matches one more character.
         let (at, count, end) = star.filter(|(_, _, end)| *end < name.len())?;
         open.truncate(count);
         open[count - 1].1 = end + 1;
@@ -159,15 +159,15 @@ mod tests {
     }
 
     #[test]
-    fn what_a_pattern_leaves_open_is_told() {
-        let of = |parts: &[&str]| Some(parts.iter().map(|part| (*part).to_owned()).collect::<Vec<String>>());
-        assert_eq!(open("*.png", "000123.png"), of(&["000123"]));
-        assert_eq!(open("left_*.png", "left_7.png"), of(&["7"]));
-        assert_eq!(open("*_cam?.png", "a_cam_cam0.png"), of(&["a_cam", "0"]));
-        assert_eq!(open("*a*b", "xaab"), of(&["x", "a"]));
-        assert_eq!(open("im?.ppm", "im2.ppm"), of(&["2"]));
-        assert_eq!(open("*", ""), of(&[""]));
-        assert_eq!(open("im2.ppm", "im2.ppm"), of(&[]));
+    fn open_parts_of_a_pattern_are_found() {
+        let texts = |parts: &[&str]| Some(parts.iter().map(|part| (*part).to_owned()).collect::<Vec<String>>());
+        assert_eq!(open("*.png", "000123.png"), texts(&["000123"]));
+        assert_eq!(open("left_*.png", "left_7.png"), texts(&["7"]));
+        assert_eq!(open("*_cam?.png", "a_cam_cam0.png"), texts(&["a_cam", "0"]));
+        assert_eq!(open("*a*b", "xaab"), texts(&["x", "a"]));
+        assert_eq!(open("im?.ppm", "im2.ppm"), texts(&["2"]));
+        assert_eq!(open("*", ""), texts(&[""]));
+        assert_eq!(open("im2.ppm", "im2.ppm"), texts(&[]));
         for (pattern, name) in [("*.png", "a.jpg"), ("*.png", ".png"), ("a?", "a"), ("a", "ab"), ("*a", "b"), ("", "a")]
         {
             assert_eq!(open(pattern, name), None, "{pattern} {name}");

@@ -1,4 +1,4 @@
-//! Which images belong together: by their names, by their order where names have nothing in common, or as a list says.
+//! Pairs images by their names, by their order if names have nothing in common, or by a list.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use depthloom_graphs::{Fault, regular_file};
 use crate::sources::dataset::folders::existing_file;
 use crate::sources::images::globs::{Match, files};
 
-const SAY: &str = "write what differs between the two as text and what is common to them as `*`, as in `*_left.png` and `*_right.png`, or give a \
+const SAY: &str = "write the text that differs between left and right, and `*` for the rest, as in `*_left.png` and `*_right.png`, or set \
     `list:`, a CSV file with the columns left,right[,truth][,frame]";
 
 #[derive(Debug)]
@@ -35,7 +35,7 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
         let place = root.join(pattern);
         match found.is_empty() {
             true => Err(Fault::new(format!("no file is named {}", place.display())).remedy(
-                "patterns are relative to `root`: `*` stands for any run of characters of a name, and a folder stands before each `/`",
+                "patterns are relative to `root`; `*` stands for any text within the name of a file or folder",
             )),
             false => Ok(found),
         }
@@ -45,7 +45,7 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
         (Ok(lefts), Ok(rights), Ok(truths)) => (lefts, rights, truths),
         (left, right, truth) => return Err([left.err(), right.err(), truth.err()].into_iter().flatten().collect()),
     };
-    let of_rights: BTreeSet<&Path> = rights.iter().map(|of| of.path.as_path()).collect();
+    let of_rights: BTreeSet<&Path> = rights.iter().map(|right| right.path.as_path()).collect();
     if let Some(both) = lefts.iter().find(|one| of_rights.contains(one.path.as_path())) {
         let what = format!("{} is a left and a right image: `{left}` and `{right}` both name it", both.path.display());
         return Err(vec![Fault::new(what).remedy(SAY)]);
@@ -53,23 +53,25 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
     let mut pairs = Pairs::default();
     let partners = partners(&lefts, &rights, ("left", "right")).map_err(|fault| vec![fault])?;
     pairs.warnings.extend(partners.warning.clone());
-    pairs.unpaired.extend(left_over(&partners.without(&rights), "right image", "a left one"));
+    pairs.unpaired.extend(left_over(&partners.without(&rights), "right image", "left image"));
     let truths = match truths {
         Some(truths) => {
             let partners = self::partners(&lefts, &truths, ("left", "truth")).map_err(|fault| vec![fault])?;
             pairs.warnings.extend(partners.warning.clone());
-            let without = lefts.iter().zip(&partners.of).filter(|(_, of)| of.is_none()).map(|(left, _)| left);
-            pairs.warnings.extend(left_over(&without.collect::<Vec<_>>(), "left image", "a truth"));
-            pairs.unpaired.extend(left_over(&partners.without(&truths), "truth", "a left image"));
-            partners.of.into_iter().map(|of| of.map(|at| truths[at].path.clone())).collect()
+            let without =
+                lefts.iter().zip(&partners.positions).filter(|(_, partner)| partner.is_none()).map(|(left, _)| left);
+            pairs.warnings.extend(left_over(&without.collect::<Vec<_>>(), "left image", "ground truth"));
+            pairs.unpaired.extend(left_over(&partners.without(&truths), "ground-truth file", "left image"));
+            partners.positions.into_iter().map(|partner| partner.map(|at| truths[at].path.clone())).collect()
         }
         None => vec![None; lefts.len()],
     };
-    for ((one, partner), truth) in lefts.iter().zip(&partners.of).zip(truths) {
+    for ((one, partner), truth) in lefts.iter().zip(&partners.positions).zip(truths) {
         let right = partner.map(|at| rights[at].path.clone()).ok_or_else(|| {
             let what = format!("{} has no right image among {}", one.path.display(), root.join(right).display());
-            Fault::new(what)
-                .remedy("each left image needs its right one; one that has none must go, or `frames:` leave it out")
+            Fault::new(what).remedy(
+                "each left image needs a right image; remove left images without one, or exclude them with `frames:`",
+            )
         });
         pairs.rows.push(Row { id: one.name(), left: one.path.clone(), right, truth: Ok(truth) });
     }
@@ -77,7 +79,7 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
     Ok(pairs)
 }
 
-/// Uses whole paths as ids where the open parts of the pattern are not unique.
+/// Uses complete paths as ids where the open parts of the pattern are not unique.
 fn make_ids_unique(pairs: &mut Pairs, root: &Path) {
     let distinct: BTreeSet<&str> = pairs.rows.iter().map(|row| row.id.as_str()).collect();
     if distinct.len() == pairs.rows.len() {
@@ -92,35 +94,35 @@ fn make_ids_unique(pairs: &mut Pairs, root: &Path) {
 fn left_over(alone: &[&Match], what: &str, whom: &str) -> Option<String> {
     let first = alone.first()?.path.display();
     Some(match alone.len() {
-        1 => format!("a {what} has not {whom}: {first}"),
-        count => format!("{count} {what}s have not {whom}: {first}, ..."),
+        1 => format!("1 {what} without {whom}: {first}"),
+        count => format!("{count} {what}s without {whom}: {first}, ..."),
     })
 }
 
 #[derive(Debug)]
 struct Partners {
-    of: Vec<Option<usize>>,
+    positions: Vec<Option<usize>>,
     warning: Option<String>,
 }
 
 impl Partners {
     fn without<'m>(&self, others: &'m [Match]) -> Vec<&'m Match> {
-        let taken: BTreeSet<usize> = self.of.iter().flatten().copied().collect();
-        others.iter().enumerate().filter(|(at, _)| !taken.contains(at)).map(|(_, of)| of).collect()
+        let taken: BTreeSet<usize> = self.positions.iter().flatten().copied().collect();
+        others.iter().enumerate().filter(|(at, _)| !taken.contains(at)).map(|(_, other)| other).collect()
     }
 }
 
 /// Files are partners if their open parts are equal; if none are, if the numbers in them are equal; otherwise by order,
 /// with a warning, if both sides have the same count and no number contradicts it.
 fn partners(files: &[Match], others: &[Match], (what, other): (&str, &str)) -> Result<Partners, Fault> {
-    if let Some(of) = by_key(files, others, |of| of.open.concat()) {
-        return Ok(Partners { of, warning: None });
+    if let Some(positions) = by_key(files, others, |file| file.open.concat()) {
+        return Ok(Partners { positions, warning: None });
     }
     // Without a number there is nothing to go by.
-    let numbers = |of: &Match| of.numbers().join(" ");
-    let have_numbers = files.iter().chain(others).all(|of| !of.numbers().is_empty());
-    if have_numbers && let Some(of) = by_key(files, others, numbers) {
-        return Ok(Partners { of, warning: None });
+    let numbers = |file: &Match| file.numbers().join(" ");
+    let have_numbers = files.iter().chain(others).all(|file| !file.numbers().is_empty());
+    if have_numbers && let Some(positions) = by_key(files, others, numbers) {
+        return Ok(Partners { positions, warning: None });
     }
     let (count, of_others) = (files.len(), others.len());
     if count != of_others {
@@ -149,12 +151,12 @@ fn partners(files: &[Match], others: &[Match], (what, other): (&str, &str)) -> R
             shown(last)
         )),
     };
-    Ok(Partners { of: (0..count).map(Some).collect(), warning })
+    Ok(Partners { positions: (0..count).map(Some).collect(), warning })
 }
 
 /// The key must be unique on each side, and shared by at least one pair.
 fn by_key(files: &[Match], others: &[Match], key: impl Fn(&Match) -> String) -> Option<Vec<Option<usize>>> {
-    let keys: BTreeMap<String, usize> = others.iter().enumerate().map(|(at, of)| (key(of), at)).collect();
+    let keys: BTreeMap<String, usize> = others.iter().enumerate().map(|(at, other)| (key(other), at)).collect();
     let own: Vec<String> = files.iter().map(&key).collect();
     let distinct = own.iter().collect::<BTreeSet<_>>().len() == files.len() && keys.len() == others.len();
     let partners: Vec<Option<usize>> = own.iter().map(|key| keys.get(key).copied()).collect();
@@ -163,7 +165,7 @@ fn by_key(files: &[Match], others: &[Match], key: impl Fn(&Match) -> String) -> 
 
 /// The first file whose number is nearer to another file than to its partner by order.
 fn contradiction(files: &[Match], others: &[Match]) -> Option<usize> {
-    let number = |of: &Match| match of.numbers().as_slice() {
+    let number = |file: &Match| match file.numbers().as_slice() {
         [one] => one.parse::<u128>().ok(),
         _ => None,
     };
@@ -180,7 +182,7 @@ fn contradiction(files: &[Match], others: &[Match]) -> Option<usize> {
 /// Bytes.
 const MOST_BYTES: u64 = 64 << 20;
 
-const LIST: &str = "a list is a CSV file: a header with the columns left,right[,truth][,frame], then a line a pair; paths are relative to `root`";
+const LIST: &str = "a list is a CSV file: a header with the columns left,right[,truth][,frame], then one row per pair; paths are relative to `root`";
 
 const COLUMNS: [&str; 4] = ["left", "right", "truth", "frame"];
 
@@ -215,9 +217,7 @@ pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
                 row.truth = row.truth.map_err(placed);
                 if let Some(first) = seen.insert(row.id.clone(), line) {
                     let what = format!("the frame `{}` is in line {first} already", row.id);
-                    pairs.faults.push(
-                        at(line, what).remedy("a frame is taken once: give each its own name in a column `frame`"),
-                    );
+                    pairs.faults.push(at(line, what).remedy("names of frames must be unique: add a column `frame`"));
                     continue;
                 }
                 pairs.rows.push(row);
@@ -274,8 +274,8 @@ mod tests {
     use super::{Match, Partners, fields, partners};
 
     fn matches(open: &[&str]) -> Vec<Match> {
-        let of = |open: &&str| Match { open: vec![(*open).to_owned()], path: PathBuf::from(format!("{open}.png")) };
-        open.iter().map(of).collect()
+        let file = |open: &&str| Match { open: vec![(*open).to_owned()], path: PathBuf::from(format!("{open}.png")) };
+        open.iter().map(file).collect()
     }
 
     fn paired(lefts: &[&str], rights: &[&str]) -> Result<Partners, String> {
@@ -283,13 +283,13 @@ mod tests {
     }
 
     #[test]
-    fn names_pair_first_then_numbers_then_the_order_which_is_told() {
+    fn files_pair_by_name_then_by_number_then_by_order_with_a_warning() {
         let same = paired(&["1", "2", "4"], &["1", "4", "5"]).unwrap();
-        assert_eq!((same.of, same.warning), (vec![Some(0), None, Some(1)], None));
+        assert_eq!((same.positions, same.warning), (vec![Some(0), None, Some(1)], None));
         let numbers = paired(&["l001", "l002"], &["r2", "r1"]).unwrap();
-        assert_eq!((numbers.of, numbers.warning), (vec![Some(1), Some(0)], None));
+        assert_eq!((numbers.positions, numbers.warning), (vec![Some(1), Some(0)], None));
         let order = paired(&["a", "b"], &["c", "d"]).unwrap();
-        assert_eq!(order.of, [Some(0), Some(1)]);
+        assert_eq!(order.positions, [Some(0), Some(1)]);
         assert!(order.warning.unwrap().ends_with("in their order: a.png with c.png, ..., b.png with d.png"));
         assert!(paired(&["a", "b"], &["c"]).unwrap_err().contains("it is unknown which lack their partner"));
     }
@@ -305,16 +305,16 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_two_files_share_pair_nobody() {
+    fn ambiguous_numbers_pair_no_files() {
         let order = paired(&["a1", "b1"], &["c1", "d1"]).unwrap();
         assert!(order.warning.is_some());
     }
 
     #[test]
     fn a_comma_in_quotes_is_a_letter() {
-        let of = |line| fields(line).unwrap();
-        assert_eq!(of("a,b"), ["a", "b"]);
-        assert_eq!(of("\"a,b\",\"c\"\"d\","), ["a,b", "c\"d", ""]);
+        let parsed = |line| fields(line).unwrap();
+        assert_eq!(parsed("a,b"), ["a", "b"]);
+        assert_eq!(parsed("\"a,b\",\"c\"\"d\","), ["a,b", "c\"d", ""]);
         assert_eq!(fields("\"a,b"), None);
     }
 }

@@ -68,7 +68,9 @@ pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
         found.push(one);
     }
     if found.is_empty() {
-        found.extend(lists.iter().map(|list| known(json!({ "root": root, "list": list }), &format!("as {list} says"))));
+        found.extend(
+            lists.iter().map(|list| known(json!({ "root": root, "list": list }), &format!("as listed in {list}"))),
+        );
     }
     found
 }
@@ -222,21 +224,21 @@ fn list(folder: &Path, name: String, deep: usize, left: &mut usize, into: &mut B
 }
 
 fn calibration(root: &Path, folders: &BTreeMap<String, Vec<String>>) -> Option<Vec<String>> {
-    let of = |(folder, files): (&String, &Vec<String>)| -> Vec<String> {
+    let paths = |(folder, files): (&String, &Vec<String>)| -> Vec<String> {
         let texts = files.iter().filter(|file| has_ending(file, &CALIBRATIONS));
         texts.map(|file| if folder.is_empty() { file.clone() } else { format!("{folder}/{file}") }).collect()
     };
     // Data sets have few such files; folders of a thousand labels are something else.
-    let names: Vec<String> = folders.iter().flat_map(of).take(40).collect();
+    let names: Vec<String> = folders.iter().flat_map(paths).take(40).collect();
     let read = |name: &String| std::fs::read(root.join(name)).ok().filter(|bytes| bytes.len() < 1 << 20);
     let texts: Vec<(&String, Vec<u8>)> = names.iter().filter_map(|name| Some((name, read(name)?))).collect();
-    let is_one = |of: &[&(&String, Vec<u8>)]| {
+    let is_one = |files: &[&(&String, Vec<u8>)]| {
         let files: Vec<(&Path, &[u8])> =
-            of.iter().map(|(name, bytes)| (Path::new(name.as_str()), bytes.as_slice())).collect();
+            files.iter().map(|(name, bytes)| (Path::new(name.as_str()), bytes.as_slice())).collect();
         camera_files::read(&files, false)
             .is_ok_and(|pair| pair.pose.is_some() || pair.cameras.iter().all(|camera| camera.rectified.is_some()))
     };
-    let found = |of: &[&(&String, Vec<u8>)]| of.iter().map(|(name, _)| (*name).clone()).collect();
+    let found = |files: &[&(&String, Vec<u8>)]| files.iter().map(|(name, _)| (*name).clone()).collect();
     if let Some(one) = texts.iter().find(|one| is_one(&[one])) {
         return Some(found(&[one]));
     }
@@ -251,50 +253,50 @@ mod tests {
 
     #[test]
     fn the_two_sides_have_many_names() {
-        let of = |files: &[&str]| {
+        let recognised = |files: &[&str]| {
             let root = tempfile::tempdir().expect("a folder");
             for file in files {
                 let path = root.path().join(file);
                 std::fs::create_dir_all(path.parent().expect("it has one")).expect("made");
                 std::fs::write(path, "").expect("written");
             }
-            let of = |found: depthloom_graphs::contracts::Recognised| {
+            let describe = |found: depthloom_graphs::contracts::Recognised| {
                 format!(
                     "{} {}",
                     found.params["left"].as_str().unwrap_or(""),
                     found.params["right"].as_str().unwrap_or("")
                 )
             };
-            recognise(root.path()).into_iter().map(of).collect::<Vec<_>>()
+            recognise(root.path()).into_iter().map(describe).collect::<Vec<_>>()
         };
         assert_eq!(
-            of(&["mav0/cam0/data/1.png", "mav0/cam1/data/1.png"]),
+            recognised(&["mav0/cam0/data/1.png", "mav0/cam1/data/1.png"]),
             ["mav0/cam0/data/*.png mav0/cam1/data/*.png"]
         );
-        assert_eq!(of(&["left/a.jpg", "right/b.jpg", "depth/a.png"]), ["left/*.jpg right/*.jpg"]);
-        assert_eq!(of(&["1_left.png", "1_right.png", "2_left.png", "2_right.png"]), ["*_left.png *_right.png"]);
-        assert_eq!(of(&["left1.png", "right1.png", "left2.png", "right2.png"]), ["left*.png right*.png"]);
-        assert_eq!(of(&["im0.png", "im1.png", "calib.txt"]), ["im0.png im1.png"]);
-        assert_eq!(of(&["camA/1.png", "camB/1.png", "gt/1.png"]), ["camA/*.png camB/*.png"]);
-        assert_eq!(of(&["L1.png", "R1.png", "L2.png", "R2.png"]), ["L*.png R*.png"]);
+        assert_eq!(recognised(&["left/a.jpg", "right/b.jpg", "depth/a.png"]), ["left/*.jpg right/*.jpg"]);
+        assert_eq!(recognised(&["1_left.png", "1_right.png", "2_left.png", "2_right.png"]), ["*_left.png *_right.png"]);
+        assert_eq!(recognised(&["left1.png", "right1.png", "left2.png", "right2.png"]), ["left*.png right*.png"]);
+        assert_eq!(recognised(&["im0.png", "im1.png", "calib.txt"]), ["im0.png im1.png"]);
+        assert_eq!(recognised(&["camA/1.png", "camB/1.png", "gt/1.png"]), ["camA/*.png camB/*.png"]);
+        assert_eq!(recognised(&["L1.png", "R1.png", "L2.png", "R2.png"]), ["L*.png R*.png"]);
         let karlsruhe = ["I1_000000.png", "I1_000001.png", "I2_000000.png", "I2_000001.png", "calib.txt"];
-        assert_eq!(of(&karlsruhe), ["I1_*.png I2_*.png"]);
-        assert_eq!(of(&["1_l.png", "1_r.png", "2_l.png", "2_r.png"]), ["*_l.png *_r.png"]);
-        assert_eq!(of(&["x/L/1.jpg", "x/R/1.jpg"]), ["x/L/*.jpg x/R/*.jpg"]);
-        assert_eq!(of(&["cam1/1.png", "cam2/1.png"]), ["cam1/*.png cam2/*.png"]);
+        assert_eq!(recognised(&karlsruhe), ["I1_*.png I2_*.png"]);
+        assert_eq!(recognised(&["1_l.png", "1_r.png", "2_l.png", "2_r.png"]), ["*_l.png *_r.png"]);
+        assert_eq!(recognised(&["x/L/1.jpg", "x/R/1.jpg"]), ["x/L/*.jpg x/R/*.jpg"]);
+        assert_eq!(recognised(&["cam1/1.png", "cam2/1.png"]), ["cam1/*.png cam2/*.png"]);
         let four = ["image_0/1.png", "image_1/1.png", "image_2/1.png", "image_3/1.png"];
-        assert_eq!(of(&four), ["image_0/*.png image_1/*.png", "image_2/*.png image_3/*.png"]);
-        assert_eq!(of(&["left/a.jpg", "left/b.png", "right/a.jpg", "right/b.png"]), ["left/* right/*"]);
-        assert_eq!(of(&["LEFT/1.png", "RIGHT/1.png"]), ["LEFT/*.png RIGHT/*.png"]);
-        assert!(of(&["a.png", "b.png", "left.png"]).is_empty());
+        assert_eq!(recognised(&four), ["image_0/*.png image_1/*.png", "image_2/*.png image_3/*.png"]);
+        assert_eq!(recognised(&["left/a.jpg", "left/b.png", "right/a.jpg", "right/b.png"]), ["left/* right/*"]);
+        assert_eq!(recognised(&["LEFT/1.png", "RIGHT/1.png"]), ["LEFT/*.png RIGHT/*.png"]);
+        assert!(recognised(&["a.png", "b.png", "left.png"]).is_empty());
         // Frames of one camera, and of two drives.
-        assert!(of(&["im0.png", "im1.png", "im2.png", "im3.png"]).is_empty());
-        assert!(of(&["a/1.png", "b/1.png", "run_0/1.png", "run_1/1.png"]).is_empty());
-        assert!(of(&[]).is_empty());
+        assert!(recognised(&["im0.png", "im1.png", "im2.png", "im3.png"]).is_empty());
+        assert!(recognised(&["a/1.png", "b/1.png", "run_0/1.png", "run_1/1.png"]).is_empty());
+        assert!(recognised(&[]).is_empty());
     }
 
     #[test]
-    fn truth_and_lists_are_offered() {
+    fn ground_truth_and_lists_are_offered() {
         let root = tempfile::tempdir().expect("a folder");
         for file in ["camA/1.png", "camB/1.png", "gt/1.png", "disp/1.pfm", "notes/1.png"] {
             let path = root.path().join(file);

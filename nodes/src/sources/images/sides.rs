@@ -115,16 +115,16 @@ mod tests {
 
     #[test]
     fn a_name_has_words() {
-        let of = |name| words(name).into_iter().map(|(_, word)| word).collect::<Vec<_>>();
-        assert_eq!(of("camA"), ["cam", "A"]);
-        assert_eq!(of("leftImg8bit_02"), ["left", "Img", "8", "bit", "02"]);
-        assert_eq!(of("L1.png"), ["L", "1", "png"]);
-        assert_eq!(of("_ä-ß"), ["ä", "ß"]);
-        assert!(of("").is_empty());
+        let texts = |name| words(name).into_iter().map(|(_, word)| word).collect::<Vec<_>>();
+        assert_eq!(texts("camA"), ["cam", "A"]);
+        assert_eq!(texts("leftImg8bit_02"), ["left", "Img", "8", "bit", "02"]);
+        assert_eq!(texts("L1.png"), ["L", "1", "png"]);
+        assert_eq!(texts("_ä-ß"), ["ä", "ß"]);
+        assert!(texts("").is_empty());
     }
 
     #[test]
-    fn the_other_side_has_the_same_name_but_for_its_word() {
+    fn the_other_side_has_the_same_name_except_for_one_word() {
         assert_eq!(rights("run1/camA/data"), ["run1/camB/data"]);
         assert_eq!(rights("L12.png"), ["R12.png"]);
         assert_eq!(rights("000_l.png"), ["000_r.png"]);

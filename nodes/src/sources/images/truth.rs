@@ -1,10 +1,10 @@
-//! Truth of one's own: what the numbers of a file mean.
+//! Your own ground truth: the meaning of the numbers in a file.
 
 use depthloom_graphs::values::Raster;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What the numbers of a file are, once divided.
+/// Meaning of the numbers in a file, after division.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum TruthUnit {
@@ -27,31 +27,30 @@ impl TruthUnit {
     }
 }
 
-/// Which image a truth belongs to.
+/// Image to which the ground truth belongs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum TruthOf {
-    /// The left image as it is in its file.
+    /// The left image in its file.
     #[default]
     Left,
-    /// The left image as it is after rectification.
+    /// The left image after rectification.
     Rectified,
 }
 
-/// What is true.
+/// Ground truth.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct ImagesTruth {
-    /// The files, a pattern as of `left`; with a `list`, its column `truth`.
+    /// Pattern of the files, as in `left`. With a `list`, its column `truth` names them.
     pub files: Option<String>,
-    /// What the files' numbers are: depth in `metres` or `millimetres`, or disparity in `pixels`.
+    /// Unit of the numbers: depth in `metres` or `millimetres`, or disparity in `pixels`.
     pub unit: TruthUnit,
-    /// What the files' numbers are divided by before: 256 where they are disparity * 256 (KITTI), 5000 where they are
-    /// metres * 5000.
+    /// Divisor of the numbers in the files: 256 if they are disparity * 256 (KITTI), 5000 if they are metres * 5000.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub divide_by: f64,
-    /// Which image the truth belongs to: `left` as it is in its file, or `rectified`. Where pairs are rectified as they
-    /// are read, it must be the latter.
+    /// Image to which the ground truth belongs: `left` in its file, or `rectified`. If pairs are rectified when they
+    /// are read, it must be `rectified`.
     pub of: TruthOf,
 }
 

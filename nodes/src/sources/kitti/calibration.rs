@@ -42,7 +42,7 @@ pub(crate) fn by_width((width, height): (u32, u32)) -> Result<Calibration, Fault
     let day = BY_WIDTH.iter().find(|day| day.0 == width).ok_or_else(|| {
         let known: Vec<String> = BY_WIDTH.iter().map(|day| day.0.to_string()).collect();
         Fault::new(format!(
-            "without a calibration file the focal length goes by the image's width, and no camera of KITTI is {width} px wide ({})",
+            "the focal length is unknown: there is no calibration file, and no camera of KITTI is {width} px wide ({})",
             known.join(", ")
         ))
         .remedy(format!("put calib_cam_to_cam/000150.txt for frame 000150_10 beside image_2 (KITTI's are in data_scene_flow_calib.zip): {WANTED}"))
@@ -92,7 +92,7 @@ pub(super) fn day_lines(file: &File) -> Result<NamedLines<'_>, Fault> {
 pub(super) fn of_day(lines: &NamedLines<'_>, cameras: KittiCameras, size: (u32, u32)) -> Result<Calibration, Fault> {
     let (line, [width, height]) = lines.numbers::<2>(cameras.size())?;
     if (width, height) != (f64::from(size.0), f64::from(size.1)) {
-        let what = format!("{} says {width}x{height}, and the image is {}x{}", cameras.size(), size.0, size.1);
+        let what = format!("{} states {width}x{height}, but the image is {}x{}", cameras.size(), size.0, size.1);
         return Err(lines.fault(Some(line), what).remedy("take image and calibration of one date"));
     }
     pair(lines, cameras.rectified_projections(), size)
@@ -165,7 +165,7 @@ P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.2
         );
         assert_eq!(
             error(&TEXT.replace("2.729905e-03", "")),
-            "000150.txt:3: P_rect_03 holds 11 numbers where a 3x4 matrix has 12"
+            "000150.txt:3: P_rect_03 holds 11 numbers, expected the 12 of a 3x4 matrix"
         );
         assert_eq!(error("garbage"), "000150.txt:1: `garbage` has no `:` after a name");
         assert_eq!(error("P_rect_02: 1 2 nan 4"), "000150.txt:1: P_rect_02 holds `nan`, which is not a number");
@@ -174,8 +174,8 @@ P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.2
     #[test]
     fn fault_52_a_calibration_that_no_camera_has_is_refused_with_its_line_and_number() {
         for number in ["1e300", "1e-300", "-7", "2000000"] {
-            let said = error(&TEXT.replace("7.215377e+02", number));
-            assert!(said.starts_with(&format!("000150.txt:2: the focal length is {number} px")), "{said}");
+            let message = error(&TEXT.replace("7.215377e+02", number));
+            assert!(message.starts_with(&format!("000150.txt:2: the focal length is {number} px")), "{message}");
         }
         let far = error(&TEXT.replace("-3.395242e+02", "-1e300"));
         assert!(far.starts_with("000150.txt:3: the baseline is 1.38") && far.contains("e297 m"), "{far}");
@@ -185,7 +185,7 @@ P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.2
     }
 
     #[test]
-    fn cameras_of_two_focal_lengths_or_principal_points_are_no_rectified_pair() {
+    fn cameras_with_different_focal_lengths_or_principal_points_are_not_rectified() {
         let right = TEXT.find("P_rect_03").unwrap();
         let unlike =
             |from: &str, to: &str| error(&format!("{}{}", &TEXT[..right], TEXT[right..].replacen(from, to, 1)));

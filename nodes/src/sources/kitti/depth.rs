@@ -25,13 +25,13 @@ const KIND: &str = "kitti/depth";
 const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds a folder a drive (2011_09_26_drive_0001_sync), in `train` and `val` or without them, with \
     proj_depth/groundtruth/image_02 (KITTI depth, data_depth_annotated.zip)";
-const RAW: &str = "raw holds a folder a date (2011_09_26) with its calibration and its drives' image_02/data and image_03/data (KITTI raw)";
+const RAW: &str = "raw contains one folder per date (2011_09_26) with its calibration and its drives' image_02/data and image_03/data (KITTI raw)";
 
-/// Which depth maps are true.
+/// Depth maps that are the ground truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum KittiDepthTruth {
-    /// `groundtruth`: eleven scans laid over each other, and checked against stereo.
+    /// `groundtruth`: eleven accumulated scans, checked against stereo.
     #[default]
     Groundtruth,
     /// `velodyne_raw`: one projected scan.
@@ -51,17 +51,19 @@ impl KittiDepthTruth {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct KittiDepth {
-    /// The folder that holds the drives with their `proj_depth`; or `train` and `val` with them.
+    /// Folder that contains the drives with their `proj_depth`, or `train` and `val` with the drives.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// The folder of KITTI's raw data, which has the images and the calibration.
+    /// Folder of KITTI's raw data, which contains the images and the calibration.
+    #[schemars(extend("mandatory" = true))]
     pub raw: DataPath,
-    /// Which drives, in this order: `2011_09_26_drive_0001_sync`, with or without `_sync`. By default all that have
-    /// truth.
+    /// Drives to read, in this order: `2011_09_26_drive_0001_sync`, with or without `_sync`. By default all with
+    /// ground truth.
     pub drives: Vec<String>,
-    /// Which maps are true: `groundtruth` (annotated) or `velodyne_raw` (one scan).
+    /// Depth maps that are the ground truth: `groundtruth` (annotated) or `velodyne_raw` (one scan).
     pub truth: KittiDepthTruth,
-    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, from 0. By default all
-    /// that have truth.
+    /// Selected frames, all with ground truth by default. For one drive use KITTI's numbers, for several drives the
+    /// count over all drives, from 0.
     pub frames: FrameSelection,
 }
 
@@ -74,18 +76,20 @@ impl DatasetKind for KittiDepth {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "KITTI depth: annotated depth maps over the raw data's rectified colour pairs.",
+            summary: "KITTI depth: annotated depth maps for the rectified colour pairs of KITTI's raw data.",
             doc: "\
-Layout (Uhrig et al., *Sparsity Invariant CNNs*, 2017): `<root>/<drive>_sync/proj_depth/groundtruth/image_02/%010d.png`, in `train` and `val` as the archive has \
-them, or without; images and calibration from KITTI's raw data: `<raw>/<date>/<drive>_sync/image_02/data/%010d.png`, `image_03`, \
-`<raw>/<date>/calib_cam_to_cam.txt`.\n\n\
-A frame's id is drive and number (`2011_09_26_drive_0001_sync_0000000005`); the frames are those that have truth (the benchmark leaves out the first and last five \
-of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
+Layout (Uhrig et al., *Sparsity Invariant CNNs*, 2017): \
+`<root>/<drive>_sync/proj_depth/groundtruth/image_02/%010d.png`, directly in `root` or in its folders `train` and \
+`val`, as in the archive. Images and calibration come from KITTI's raw data: \
+`<raw>/<date>/<drive>_sync/image_02/data/%010d.png`, `image_03`, `<raw>/<date>/calib_cam_to_cam.txt`.\n\n\
+The id of a frame is drive and number (`2011_09_26_drive_0001_sync_0000000005`). The frames are those with ground \
+truth; the benchmark leaves out the first and last five frames of a drive. Ground truth is depth in metres * 256 in \
+16 bits, 0 = unknown.",
             outputs: vec![
-                image_port("left", "Left colour image, 8 bit, with its file's bytes."),
-                image_port("right", "Right colour image, likewise."),
+                image_port("left", "Left colour image, 8 bit, with the bytes of its file."),
+                image_port("right", "Right colour image, 8 bit, with the bytes of its file."),
                 calibration_port(),
-                depth_port("True depth, metres, NaN = unknown."),
+                depth_port("Ground-truth depth, metres, NaN = unknown."),
             ],
         }
     }
@@ -103,16 +107,16 @@ of a drive). Truth is metres * 256 in 16 bits, 0 = unknown.",
         let truths = [KittiDepthTruth::Groundtruth, KittiDepthTruth::VelodyneRaw];
         let there = truths.into_iter().find_map(|truth| drives(root, truth).ok().map(|drives| (truth, drives.len())));
         let Some((truth, count)) = there else { return Vec::new() };
-        // The raw data is often in it, or beside it.
+        // The raw data is often in this folder, or next to it.
         let within = |folder: &Path| -> Vec<PathBuf> {
             folders(folder, LAYOUT).unwrap_or_default().into_iter().map(|name| folder.join(name)).collect()
         };
         let mut candidates = [Some(root), root.parent()].into_iter().flatten().flat_map(within);
         let raw = candidates.find(|folder| !KittiRaw::recognise(folder).is_empty());
         let what = match &raw {
-            Some(_) => format!("KITTI depth, drives with truth: {count}"),
+            Some(_) => format!("KITTI depth, drives with ground truth: {count}"),
             None => format!(
-                "KITTI depth, drives with truth: {count}; `raw` is KITTI's raw data, whose images it is the truth of"
+                "KITTI depth, drives with ground truth: {count}; set `raw` to KITTI's raw data, which contains the images"
             ),
         };
         let raw = raw.unwrap_or_else(|| PathBuf::from("/path/to/kitti_raw"));
@@ -147,7 +151,9 @@ fn drives(root: &Path, truth: KittiDepthTruth) -> Result<BTreeMap<String, PathBu
         }
     }
     match found.is_empty() {
-        true => Err(Fault::new(format!("{} holds no drive with {}", root.display(), truth.folder())).remedy(LAYOUT)),
+        true => {
+            Err(Fault::new(format!("no drive with {1} found in {0}", root.display(), truth.folder())).remedy(LAYOUT))
+        }
         false => Ok(found),
     }
 }

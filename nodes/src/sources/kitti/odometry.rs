@@ -17,20 +17,21 @@ use crate::sources::kitti::time::Clock;
 
 const KIND: &str = "kitti/odometry";
 const VERSION: u32 = 2;
-const LAYOUT: &str = "root holds `sequences` with a folder a sequence (00), with calib.txt, times.txt, image_0 and image_1 (grey) or image_2 and image_3 (colour) \
+const LAYOUT: &str = "root contains `sequences` with one folder per sequence (00), with calib.txt, times.txt, image_0 and image_1 (grey) or image_2 and image_3 (colour) \
     (KITTI odometry, data_odometry_color.zip or data_odometry_gray.zip, and data_odometry_calib.zip)";
 
 /// Parameters of `kitti/odometry`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct KittiOdometry {
-    /// The folder that holds `sequences`; or a sequence's own.
+    /// Folder that contains `sequences`, or the folder of one sequence.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which sequence: `00` to `21`. Not of a sequence's own folder.
+    /// Sequence to read: `00` to `21`. Leave it out if `root` is the folder of a sequence.
     pub sequence: String,
-    /// Which pair of cameras: `color` (`image_2`, `image_3`) or `grey` (`image_0`, `image_1`).
+    /// Camera pair: `color` (`image_2`, `image_3`) or `grey` (`image_0`, `image_1`).
     pub cameras: KittiCameras,
-    /// Which frames, by their number. By default all.
+    /// Selected frames, by their number. All by default.
     pub frames: FrameSelection,
 }
 
@@ -50,14 +51,15 @@ impl DatasetKind for KittiOdometry {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "KITTI odometry: sequences of rectified stereo pairs, grey or colour, without depth truth.",
+            summary: "KITTI odometry: sequences of rectified stereo pairs, grey or colour, without ground-truth depth.",
             doc: "\
-Layout (Geiger, Lenz, Urtasun, *Are we ready for Autonomous Driving?*, 2012): `<root>/sequences/00/image_2/%06d.png` (left; `image_0` of the grey cameras), \
-`image_3` (right; `image_1`), `calib.txt` with `P0` to `P3`, `times.txt` in seconds.\n\n\
-A frame's id is sequence and number (`00_000042`), its time that of `times.txt`, else 10 Hz.",
+Layout (Geiger, Lenz, Urtasun, *Are we ready for Autonomous Driving?*, 2012): `<root>/sequences/00/image_2/%06d.png` \
+(left; `image_0` for the grey cameras), `image_3` (right; `image_1`), `calib.txt` with `P0` to `P3`, and `times.txt` \
+in seconds.\n\n\
+The id of a frame is sequence and number (`00_000042`). Its time is that of `times.txt`, or 10 Hz without that file.",
             outputs: vec![
-                image_port("left", "Left image, 8 bit, with its file's bytes."),
-                image_port("right", "Right image, likewise."),
+                image_port("left", "Left image, 8 bit, with the bytes of its file."),
+                image_port("right", "Right image, 8 bit, with the bytes of its file."),
                 calibration_port(),
             ],
         }
@@ -68,7 +70,7 @@ A frame's id is sequence and number (`00_000042`), its time that of `times.txt`,
         let is_name = params.sequence.bytes().all(|byte| byte.is_ascii_alphanumeric());
         match is_name {
             true => Ok(()),
-            false => Err(("sequence", format!("`{}` is no sequence: KITTI's are 00 to 21", params.sequence))),
+            false => Err(("sequence", format!("`{}` is not a sequence of KITTI: expected 00 to 21", params.sequence))),
         }
     }
 
@@ -117,8 +119,8 @@ fn sequence(params: &KittiOdometry) -> Result<(PathBuf, String), Fault> {
         let name = root.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         return match root.join("calib.txt").is_file() {
             true => Ok((root.to_owned(), name)),
-            false => Err(Fault::new(format!("{} is no sequence", root.display()))
-                .remedy(format!("say which: `sequence: \"00\"`; {LAYOUT}"))),
+            false => Err(Fault::new(format!("{} is not the folder of a sequence", root.display()))
+                .remedy(format!("set e.g. `sequence: \"00\"`; {LAYOUT}"))),
         };
     }
     let folder = root.join("sequences").join(&params.sequence);
@@ -135,9 +137,8 @@ fn list(params: &KittiOdometry) -> Result<Listing, Fault> {
         .collect();
     lefts.sort();
     if lefts.is_empty() {
-        return Err(
-            Fault::new(format!("{} holds no image named like 000000.png", folder.join(left).display())).remedy(LAYOUT)
-        );
+        return Err(Fault::new(format!("no image named like 000000.png found in {}", folder.join(left).display()))
+            .remedy(LAYOUT));
     }
     let rights = stems(&folder.join(right), &["png", "jpg"], LAYOUT)?;
     let calibration = existing_file(folder.join("calib.txt"), LAYOUT)?;
@@ -150,7 +151,7 @@ fn list(params: &KittiOdometry) -> Result<Listing, Fault> {
         let (_, stem, left) = &lefts[at];
         let frame = clock.frame(id, index, usize::try_from(index).ok())?;
         let missing = || {
-            let remedy = "each left image needs its right one, of the same number (KITTI: unpack the sequence again)";
+            let remedy = "each left image needs a right image of the same number (KITTI: unpack the sequence again)";
             missing_file(&folder.join(right).join(format!("{stem}.png")), remedy)
         };
         let files = rights

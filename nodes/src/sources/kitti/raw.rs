@@ -29,27 +29,27 @@ const LAYOUT: &str = "root holds a folder a date (2011_09_26), with calib_cam_to
 const SCAN: Part = "scan";
 const SCANNER: Part = "calibration_scanner";
 
-/// What is true.
+/// Ground truth to read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum KittiRawTruth {
-    /// The laser scans, projected into the left camera.
+    /// Laser scans, projected into the left camera.
     #[default]
     Velodyne,
-    /// None: scans are not read, even where there are some.
+    /// Scans are not read, even if they exist.
     None,
 }
 
-/// By whose rules a scan becomes depth.
+/// Rules that convert a scan to depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Compat {
     /// Points in front of the camera, at the nearest pixel; the nearest point wins; depth along the camera's axis.
     #[default]
     None,
-    /// monodepth2's `generate_depth_map`, with depth along the camera's axis.
+    /// `generate_depth_map` of monodepth2, with depth along the camera's axis.
     Monodepth2,
-    /// The same with depth along the scanner's x axis (`vel_depth`), as the truth of the Eigen split is made.
+    /// The same with depth along the scanner's x axis (`vel_depth`), as in the ground truth of the Eigen split.
     Monodepth2Eigen,
 }
 
@@ -75,22 +75,23 @@ impl Compat {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct KittiRaw {
-    /// The folder that holds the dates; or a date's own.
+    /// Folder that contains the folders of dates, or the folder of one date.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which drives, in this order: `2011_09_26_drive_0002_sync`, with or without `_sync`. By default all there are.
+    /// Drives to read, in this order: `2011_09_26_drive_0002_sync`, with or without `_sync`. All by default.
     pub drives: Vec<String>,
-    /// A list of frames as monodepth2's and Eigen's: `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or a path of
-    /// a left image, a line each. Frames come in its order, each pair once and whichever camera its line names; `left`
-    /// is always the left image.
+    /// File with a list of frames, as used by monodepth2 and Eigen et al. Each line is
+    /// `2011_09_26/2011_09_26_drive_0002_sync 0000000069 l`, or the path of a left image. Frames are read in the
+    /// order of the list, each pair once. `left` is always the left image, whichever camera the line names.
     pub split: Option<DataPath>,
-    /// Which pair of cameras: `color` (02, 03) or `grey` (00, 01).
+    /// Camera pair: `color` (02, 03) or `grey` (00, 01).
     pub cameras: KittiCameras,
-    /// What is true: `velodyne` or `none`.
+    /// Ground truth: `velodyne` or `none`.
     pub truth: KittiRawTruth,
-    /// By whose rules a scan becomes depth: `none` (ours), `monodepth2`, or `monodepth2-eigen`.
+    /// Rules that convert a scan to depth: `none` (depthloom's own), `monodepth2` or `monodepth2-eigen`.
     pub compat: Compat,
-    /// Which frames: of one drive by KITTI's number, of several by their count over all drives, of a split by their
-    /// count in it, from 0. By default all.
+    /// Selected frames, all by default. For one drive use KITTI's numbers, for several drives the count over all
+    /// drives, with `split` the position in it; counts start at 0.
     pub frames: FrameSelection,
 }
 
@@ -103,21 +104,26 @@ impl DatasetKind for KittiRaw {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "KITTI raw: drives of rectified stereo pairs, with projected laser scans as truth.",
+            summary: "KITTI raw: drives of rectified stereo pairs, with projected laser scans as ground truth.",
             doc: "\
 Layout (Geiger, Lenz, Stiller, Urtasun, *Vision meets Robotics: The KITTI Dataset*, 2013; \"synced+rectified\"): \
-`<root>/<date>/<drive>_sync/image_02/data/%010d.png` (left; `image_00` of the grey cameras), `image_03` (right), `velodyne_points/data/%010d.bin`, \
-`image_02/timestamps.txt`; in `<root>/<date>` `calib_cam_to_cam.txt` and `calib_velo_to_cam.txt`. Images may be JPEG.\n\n\
-A frame's id is drive and number (`2011_09_26_drive_0002_sync_0000000001`), its time the left camera's, else 10 Hz.\n\n\
-Truth is sparse: a scan's points through `P_rect_02 R_rect_00 [R|T]`. Points in front of the camera are kept, each at the nearest pixel (half to even), \
-the nearest point wins a pixel. `compat: monodepth2` has the rules of that repository's `generate_depth_map`, which much published work is scored with: points \
-with x >= 0 of the scanner, a pixel less in row and column, duplicates by `row * (width - 1) + column - 1`; `monodepth2-eigen` with the scanner's x as depth, \
-as the truth of the Eigen split is exported. A frame without a scan has no truth.",
+`<root>/<date>/<drive>_sync/image_02/data/%010d.png` (left; `image_00` for the grey cameras), `image_03` (right), \
+`velodyne_points/data/%010d.bin`, `image_02/timestamps.txt`. `<root>/<date>` also contains `calib_cam_to_cam.txt` \
+and `calib_velo_to_cam.txt`. Images may be JPEG.\n\n\
+The id of a frame is drive and number (`2011_09_26_drive_0002_sync_0000000001`). Its time is that of the left \
+camera, or 10 Hz without timestamps.\n\n\
+Ground truth is sparse: the points of a laser scan, projected by `P_rect_02 R_rect_00 [R|T]`. Points in front of the \
+camera count, each at the nearest pixel (half to even); if several points fall on a pixel, the nearest one wins. A \
+frame without a scan has no ground truth.\n\n\
+`compat: monodepth2` follows `generate_depth_map` of that repository, which many publications use for evaluation. It \
+keeps points with x >= 0 in the scanner's frame, subtracts one pixel from row and column, and detects duplicates by \
+`row * (width - 1) + column - 1`. `monodepth2-eigen` also uses the scanner's x as depth, as in the exported ground \
+truth of the Eigen split.",
             outputs: vec![
-                image_port("left", "Left image, 8 bit, with its file's bytes."),
-                image_port("right", "Right image, likewise."),
+                image_port("left", "Left image, 8 bit, with the bytes of its file."),
+                image_port("right", "Right image, 8 bit, with the bytes of its file."),
                 calibration_port(),
-                depth_port("Sparse true depth, metres, NaN = unknown; absent without a scan.").optional(),
+                depth_port("Sparse ground-truth depth, metres, NaN = unknown; absent without a scan.").optional(),
             ],
         }
     }
@@ -125,7 +131,10 @@ as the truth of the Eigen split is exported. A frame without a scan has no truth
     fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)?;
         if params.split.is_some() && !params.drives.is_empty() {
-            return Err(("drives", "a split names the drive of each frame: give one of both".to_owned()));
+            return Err((
+                "drives",
+                "drives cannot be combined with split, which names the drive of each frame".to_owned(),
+            ));
         }
         if params.compat != Compat::None
             && (params.truth, params.cameras) != (KittiRawTruth::Velodyne, KittiCameras::Color)
@@ -207,7 +216,7 @@ impl DriveFiles {
 
     fn of_frame(&self, drive: &Drive, cameras: KittiCameras, stem: &str) -> FrameFiles {
         let image = |folder: &str, files: &BTreeMap<String, PathBuf>| {
-            let remedy = "each left image needs its right one, of the same number (KITTI: unpack the drive again)";
+            let remedy = "each left image needs a right image of the same number (KITTI: unpack the drive again)";
             let missing = || missing_file(&drive.folder.join(folder).join("data").join(format!("{stem}.png")), remedy);
             files.get(stem).cloned().ok_or_else(missing)
         };
@@ -266,7 +275,7 @@ fn list(params: &KittiRaw) -> Result<Listing, Fault> {
         }
     }
     if frames.is_empty() {
-        return Err(Fault::new(format!("{} holds no image", params.root.path().display())).remedy(LAYOUT));
+        return Err(Fault::new(format!("no image found in {}", params.root.path().display())).remedy(LAYOUT));
     }
     let one_drive = params.split.is_none() && by_drive.len() == 1;
     let ids = drives::ids(frames.iter().map(|(drive, stem)| (&*drive.name, &**stem)), one_drive);
@@ -282,7 +291,7 @@ fn list(params: &KittiRaw) -> Result<Listing, Fault> {
     listing.warnings.extend(params.frames.left_out(&known));
     if params.truth == KittiRawTruth::Velodyne && without_scan > 0 {
         let count = listing.len();
-        listing.warnings.push(format!("{without_scan} of {count} frames have no laser scan, and so no truth"));
+        listing.warnings.push(format!("{without_scan} of {count} frames have no laser scan, and so no ground truth"));
     }
     Ok(listing)
 }

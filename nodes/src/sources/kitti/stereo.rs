@@ -14,14 +14,14 @@ use crate::sources::dataset::{calibration_port, depth_port, image_port};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::true_disparity;
 
-/// Which half of the benchmark.
+/// Part of the benchmark.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Split {
-    /// Frames with truth.
+    /// Frames with ground truth.
     #[default]
     Training,
-    /// Frames without truth.
+    /// Frames without ground truth.
     Testing,
 }
 
@@ -34,16 +34,16 @@ impl Split {
     }
 }
 
-/// Which true pixels of a training frame.
+/// Pixels with ground truth of a training frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum KittiTruth {
-    /// Those that the right camera sees too: `disp_noc_0`.
+    /// Pixels that the right camera also sees: `disp_noc_0`.
     #[default]
     Noc,
-    /// All of them: `disp_occ_0`.
+    /// All pixels with ground truth: `disp_occ_0`.
     Occ,
-    /// None: truth is not read, even where there is some.
+    /// Ground truth is not read, even if it exists.
     None,
 }
 
@@ -59,7 +59,7 @@ impl KittiTruth {
 }
 
 pub(super) fn ports(left: &'static str, right: &'static str) -> Vec<Port> {
-    let depth = depth_port("Sparse true depth, metres, NaN = unknown; absent in `testing`.").optional();
+    let depth = depth_port("Sparse ground-truth depth, metres, NaN = unknown; absent in `testing`.").optional();
     let ports = [image_port("left", left), image_port("right", right), calibration_port(), depth];
     ports.into_iter().chain(Evaluation::on_request()).collect()
 }

@@ -18,7 +18,7 @@ use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, port
 
 const KIND: &str = "kitti/stereo2012";
 const VERSION: u32 = 2;
-const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with colored_0 (left) and colored_1 (right), or image_0 and image_1 of the grey \
+const LAYOUT: &str = "root contains `training` (with ground truth) or `testing` (without), each with colored_0 (left) and colored_1 (right), or image_0 and image_1 of the grey \
     cameras, of 000000_10.png ..., and calib; in training also disp_noc or disp_occ, unless `truth: none` (KITTI stereo 2012, data_stereo_flow.zip)";
 
 const NOC: Part = "disp_noc";
@@ -28,18 +28,20 @@ const OCC: Part = "disp_occ";
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct KittiStereo2012Params {
-    /// The folder that holds `training` and `testing`.
+    /// Folder that contains `training` and `testing`.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which half: `training` or `testing`.
+    /// Part of the benchmark: `training` or `testing`.
     pub split: Split,
-    /// Which pair of cameras: `color` (`colored_0`, `colored_1`) or `grey` (`image_0`, `image_1`).
+    /// Camera pair: `color` (`colored_0`, `colored_1`) or `grey` (`image_0`, `image_1`).
     pub cameras: KittiCameras,
-    /// Which true pixels: `noc` (seen by both cameras), `occ` (all) or `none`. Testing frames have none.
+    /// Pixels of `depth`: `noc` (seen by both cameras), `occ` (all with ground truth) or `none`. Testing frames have
+    /// no ground truth.
     pub truth: KittiTruth,
-    /// Whether the truth of training frames is given as disparities too (`disp_noc`, `disp_occ`, `occluded`), as far as
-    /// their folders are there: for `score/disparity`.
+    /// Whether training frames also have ground-truth disparities (`disp_noc`, `disp_occ`, `occluded`), as far as
+    /// their folders exist. `score/disparity` uses them.
     pub disparities: bool,
-    /// Which frames, by KITTI's number. By default all there are.
+    /// Selected frames, by KITTI's number. All by default.
     pub frames: FrameSelection,
 }
 
@@ -64,14 +66,19 @@ impl DatasetKind for KittiStereo2012 {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "KITTI stereo 2012: rectified pairs, colour or grey, with sparse laser truth.",
+            summary: "KITTI stereo 2012: rectified pairs, colour or grey, with sparse laser ground truth.",
             doc: "\
-Layout (Geiger, Lenz, Urtasun, *Are we ready for Autonomous Driving?*, 2012): `<root>/training` and `<root>/testing` with `colored_0` (left) and `colored_1` \
-(right), or `image_0` and `image_1` of the grey cameras, names `%06d_10.png`; `disp_noc` and `disp_occ` in `training`; `calib/%06d.txt` with `P0` to `P3`. The \
+Layout (Geiger, Lenz, Urtasun, *Are we ready for Autonomous Driving?*, 2012): `<root>/training` and `<root>/testing` \
+with `colored_0` (left) and `colored_1` (right), or `image_0` and `image_1` for the grey cameras, files \
+`%06d_10.png`. `training` also contains `disp_noc` and `disp_occ`. `calib/%06d.txt` contains `P0` to `P3`. The \
 second time step, `_11`, is not read.\n\n\
-A frame's id is its file's stem (`000150_10`), its index the number (150). Truth is depth: `f * B / (v / 256)` of the 16-bit disparity `v`, NaN where `v` is 0; \
-with `disparities: true` the disparities are given too. The truth is that of the grey cameras' left one; KITTI takes it for the colour camera's, too.",
-            outputs: ports("Left image, 8 bit, with its file's bytes.", "Right image, likewise."),
+The id of a frame is the stem of its file (`000150_10`), its index the number (150). Ground-truth depth is `f * B / \
+(v / 256)` for the 16-bit disparity `v`, NaN where `v` is 0. With `disparities: true` the disparities are outputs, \
+too. The ground truth belongs to the left grey camera; KITTI uses it for the left colour camera, too.",
+            outputs: ports(
+                "Left image, 8 bit, with the bytes of its file.",
+                "Right image, 8 bit, with the bytes of its file.",
+            ),
         }
     }
 
@@ -119,7 +126,7 @@ with `disparities: true` the disparities are given too. The truth is that of the
 
 fn files(folder: &Path, [left, right]: [&str; 2], maps: &[Part], (number, stem): (u64, &str)) -> FrameFiles {
     let image = |part: &str| {
-        let remedy = "each left image needs its right one, and its truth unless `truth: none`";
+        let remedy = "each left image needs a right image, and ground truth unless `truth: none`";
         existing_file(folder.join(part).join(format!("{stem}.png")), remedy)
     };
     let mut files = FrameFiles::default();

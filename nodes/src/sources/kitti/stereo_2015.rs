@@ -20,7 +20,7 @@ use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, port
 
 const KIND: &str = "kitti/stereo2015";
 const VERSION: u32 = 2;
-const LAYOUT: &str = "root holds `training` (with truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
+const LAYOUT: &str = "root contains `training` (with ground truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
     in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
 
 const NOC: Part = "disp_noc_0";
@@ -34,25 +34,26 @@ const CALIBRATIONS: &str = "calib_cam_to_cam";
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct KittiStereo2015Params {
-    /// The folder that holds `training` and `testing`.
+    /// Folder that contains `training` and `testing`.
+    #[schemars(extend("mandatory" = true))]
     pub root: DataPath,
-    /// Which half: `training` or `testing`.
+    /// Part of the benchmark: `training` or `testing`.
     pub split: Split,
-    /// Which true pixels: `noc` (seen by both cameras), `occ` (all) or `none`. Testing frames have none.
+    /// Pixels of `depth`: `noc` (seen by both cameras), `occ` (all with ground truth) or `none`. Testing frames have
+    /// no ground truth.
     pub truth: KittiTruth,
-    /// Whether the truth of training frames is given as disparities too (`disp_noc`, `disp_occ`, `occluded`), with the
-    /// map of objects (`obj_map`), as far as their folders are there: for `score/disparity`.
+    /// Whether training frames also have ground-truth disparities (`disp_noc`, `disp_occ`, `occluded`) and the map of
+    /// objects (`obj_map`), as far as their folders exist. `score/disparity` uses them.
     pub disparities: bool,
-    /// Which frames, by KITTI's number: `1..=40`, `0..48`, `[3, 7]` or a file of ids, in the order asked for, each
-    /// once. All of them must be there; `1..=40 available` takes those that are. By default (`available`) all there
-    /// are.
+    /// Selected frames, by KITTI's number: `1..=40`, `0..48`, `[3, 7]` or a file of ids, in this order, each once.
+    /// All of them must exist; `1..=40 available` skips missing ones. The default is `available`: all frames.
     pub frames: FrameSelection,
 }
 
 pub(crate) struct KittiStereo2015 {
     folder: PathBuf,
     truth: GroundTruth,
-    /// The parts that `score/disparity` takes.
+    /// The parts that `score/disparity` uses.
     evaluation: Vec<Part>,
 }
 
@@ -62,25 +63,31 @@ impl DatasetKind for KittiStereo2015 {
     const KIND: (&'static str, u32) = (KIND, VERSION);
 
     fn declaration() -> SourceDeclaration {
-        let mut outputs = ports("Left colour image, 8 bit, with its PNG bytes.", "Right colour image, likewise.");
+        let mut outputs = ports(
+            "Left colour image, 8 bit, with the bytes of its file.",
+            "Right colour image, 8 bit, with the bytes of its file.",
+        );
         let objects = "255 on objects (`obj_map`); with `disparities: true`.";
         outputs.push(Port::frame("obj_map", ValueType::Mask, objects).optional());
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "KITTI stereo 2015: rectified colour pairs with sparse laser truth.",
+            summary: "KITTI stereo 2015: rectified colour pairs with sparse laser ground truth.",
             doc: "\
-Layout (Menze and Geiger, *Object Scene Flow for Autonomous Vehicles*, 2015): `<root>/training` and `<root>/testing` with `image_2` (left), `image_3` \
-(right), names `%06d_10.png`; `disp_noc_0` and `disp_occ_0` in `training`; optionally `calib_cam_to_cam/%06d.txt`. The second time step, `_11`, is not \
-read.\n\n\
-A frame's id is its file's stem (`000150_10`), its index the number (150). Images keep their own PNG bytes. Truth is depth: \
-`f * B / (v / 256)` of the 16-bit disparity `v`, NaN where `v` is 0; with `disparities: true` the disparities are given too, and where `obj_map` \
-is there, the objects.\n\n\
-With calibration files `f = P_rect_02[0,0]` and `B` is the distance of both projections' centres. Without them the focal length goes by the image's \
-width (1242: 721.5377 px, 1241: 718.856, 1238: 718.3351, 1226: 707.0912, 1224: 707.0493) and `B = 0.532725` m, and a run says so.\n\n\
-Pairs of one's own, rectified, take the same layout: frame 150 is `training/image_2/000150_10.png` and `training/image_3/000150_10.png`, 8-bit PNG, and \
-`training/calib_cam_to_cam/000150.txt` with two lines, `P_rect_02: f 0 cx 0 0 f cy 0 0 0 1 0` and `P_rect_03: f 0 cx -f*B 0 f cy 0 0 0 1 0` (px; the \
-baseline `B` in metres). Truth is optional: 16-bit grey PNG of disparity * 256, 0 = unknown, in `disp_noc_0` or `disp_occ_0`; without any, `truth: none`.",
+Layout (Menze and Geiger, *Object Scene Flow for Autonomous Vehicles*, 2015): `<root>/training` and `<root>/testing` \
+with `image_2` (left) and `image_3` (right), files `%06d_10.png`. `training` also contains `disp_noc_0` and \
+`disp_occ_0`. `calib_cam_to_cam/%06d.txt` is optional. The second time step, `_11`, is not read.\n\n\
+The id of a frame is the stem of its file (`000150_10`), its index the number (150). Images keep the bytes of their \
+PNG files. Ground-truth depth is `f * B / (v / 256)` for the 16-bit disparity `v`, NaN where `v` is 0. With \
+`disparities: true` the disparities are outputs, too, and so are the objects if `obj_map` exists.\n\n\
+With calibration files, `f = P_rect_02[0,0]` and `B` is the distance between the centres of both projections. \
+Without them, the focal length depends on the width of the image (1242: 721.5377 px, 1241: 718.856, 1238: 718.3351, \
+1226: 707.0912, 1224: 707.0493), `B = 0.532725` m, and the run prints a warning.\n\n\
+Your own rectified pairs may use the same layout. Frame 150 is `training/image_2/000150_10.png` and \
+`training/image_3/000150_10.png`, 8-bit PNG. `training/calib_cam_to_cam/000150.txt` has two lines, `P_rect_02: f 0 \
+cx 0 0 f cy 0 0 0 1 0` and `P_rect_03: f 0 cx -f*B 0 f cy 0 0 0 1 0` (px; the baseline `B` in metres). Ground truth \
+is optional: 16-bit grey PNG of disparity * 256, 0 = unknown, in `disp_noc_0` or `disp_occ_0`. Without it, set \
+`truth: none`. The source `images` reads other layouts.",
             outputs,
         }
     }
@@ -164,14 +171,14 @@ impl KittiStereo2015 {
         let mut companions = vec![(
             RIGHT,
             Stems::list(&self.folder, "image_3", LAYOUT)?,
-            "each left image needs its right one, of the same name (KITTI: unpack data_scene_flow.zip again)",
+            "each left image needs a right image of the same name (KITTI: unpack data_scene_flow.zip again)",
         )];
         if let Some(truth) = self.truth.depth {
-            let remedy = "without truth, or with another, say so: `truth: noc`, `occ` or `none` (KITTI: unpack data_scene_flow.zip again)";
+            let remedy = "set `truth` to `noc`, `occ` or `none`, depending on the ground truth that exists (KITTI: unpack data_scene_flow.zip again)";
             companions.push((truth, Stems::list(&self.folder, truth, remedy)?, remedy));
         }
         for part in self.evaluation.iter().copied().filter(|part| Some(*part) != self.truth.depth) {
-            let remedy = "each frame needs its files, or the whole folder away: what is not there is not given";
+            let remedy = "each frame needs its files; remove the whole folder to read frames without them";
             companions.push((part, Stems::list(&self.folder, part, LAYOUT)?, remedy));
         }
         Ok(companions)
@@ -188,7 +195,7 @@ impl KittiStereo2015 {
         if has_calibration {
             let path = self.folder.join(CALIBRATIONS).join(format!("{number:06}.txt"));
             let remedy = "each frame needs its calibration, 000150.txt for 000150_10.png (KITTI: unpack data_scene_flow_calib.zip again); \
-                without the whole folder calib_cam_to_cam KITTI's own goes by the image's width";
+                remove the whole folder calib_cam_to_cam to use the focal lengths of KITTI's own images";
             files.add(CALIBRATION, existing_file(path, remedy));
         }
         files
@@ -200,7 +207,7 @@ fn objects(files: &Files, size: (u32, u32)) -> Result<Option<Mask>, Fault> {
     let image = image_file::image(&file.path, Arc::clone(&file.bytes))?;
     files.same_size_as_left(size, file, image.dimensions())?;
     let Pixels::Grey(numbers) = image.pixels() else {
-        let what = format!("{} is a colour image: KITTI's object maps have one channel", file.path.display());
+        let what = format!("{} is a colour image, expected one channel as in KITTI's object maps", file.path.display());
         return Err(Fault::new(what).remedy("write the objects' numbers as 8-bit grey, 0 = background"));
     };
     let mut set = numbers.clone();

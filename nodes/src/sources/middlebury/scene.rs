@@ -23,16 +23,16 @@ const SEEN_BY_BOTH: u8 = 255;
 const WANTED: &str = "a calibration has the lines `cam0=[f 0 cx; 0 f cy; 0 0 1]` and `cam1` likewise (px), `doffs=` (px) and `baseline=` (mm), and may say \
 `width=` and `height=` (px): take it from the scene's archive again";
 
-/// Which true pixels are given as `depth`.
+/// Pixels of the output `depth`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum TruePixels {
-    /// All that are known.
+    /// All pixels with ground truth.
     #[default]
     All,
-    /// Those that both cameras see.
+    /// Pixels that both cameras see.
     Noc,
-    /// None: truth is not read, even where there is some.
+    /// Ground truth is not read, even if it exists.
     None,
 }
 
@@ -49,13 +49,13 @@ pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<V
     }
     let named = ["disp0GT", "disp0"].iter().find_map(|stem| with_ending(truths, stem, &["pfm"]));
     let missing = || {
-        let remedy = "a scene's truth is disp0.pfm or disp0GT.pfm; without truth, say `truth: none`";
+        let remedy = "the ground truth of a scene is disp0.pfm or disp0GT.pfm; without ground truth, set `truth: none`";
         missing_file(&truths.join("disp0.pfm"), remedy)
     };
     files.push((TRUTH, named.ok_or_else(missing)?));
     let mask = truths.join("mask0nocc.png");
     if truth == TruePixels::Noc || mask.is_file() {
-        let remedy = "what both cameras see is told by a mask, which Middlebury's training set of 2014 (MiddEval3) and ETH3D have; without it `truth: all`";
+        let remedy = "`truth: noc` needs a mask, which only ETH3D and Middlebury's training set of 2014 (MiddEval3) contain; use `truth: all`";
         files.push((MASK, existing_file(mask, remedy)?));
     }
     Ok(files)
@@ -68,7 +68,7 @@ pub(crate) fn values(files: &Files, truth: TruePixels, ctx: &Context<'_>) -> Res
     let outputs = Outputs::one("left", left).with("right", right);
     let Some(px) = files.map_f32(TRUTH, size)? else { return Ok(outputs.with("calibration", calibration)) };
     let occ = TrueDisparity { px };
-    let seen = "a mask has 8 bits, one channel: 255 where both cameras see a pixel, 128 where one does, 0 where its truth is unknown";
+    let seen = "a mask has 8 bits, one channel: 255 where both cameras see a pixel, 128 where one does, 0 where the ground truth is unknown";
     let noc = files.map_u8(MASK, seen, size)?.map(|mask| {
         let mut px = occ.px.clone();
         let hidden = px.iter_mut().zip(mask.iter()).filter(|(_, mask)| **mask != SEEN_BY_BOTH);

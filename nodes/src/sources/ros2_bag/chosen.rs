@@ -27,7 +27,7 @@ impl<'a> Chosen<'a> {
         ];
         match camera(&params.right_info, right, "right_info") {
             Ok(info) => chosen.push((Part::RightInfo, info)),
-            // With the baseline given, the left camera's says all of a rectified pair.
+            // With `baseline_m`, the info of the left camera describes a rectified pair completely.
             Err(_) if params.baseline_m.is_some() && params.right_info.is_none() => {}
             Err(fault) => return Err(fault),
         }
@@ -37,7 +37,7 @@ impl<'a> Chosen<'a> {
             }
         }
         let with_form = |(part, topic): (Part, &'a Topic)| {
-            let form = Form::of(topic).map_err(|fault| at_file(bag.path(), fault))?;
+            let form = Form::from_topic(topic).map_err(|fault| at_file(bag.path(), fault))?;
             match part.fits(form.sort) {
                 true => Ok((part, topic, form)),
                 false => {
@@ -87,16 +87,13 @@ fn pair<'a>(bag: &'a Bag, params: &Ros2BagParams) -> Result<(&'a Topic, &'a Topi
         }
         (None, None) => match topics::stereo_pairs(bag).as_slice() {
             [pair] => Ok(*pair),
-            [] => Err(Fault::new(format!(
-                "{} has no two topics of images that are called left and right",
-                bag.path().display()
-            ))
-            .remedy(format!("name them with `left` and `right`: of images {}", images()))),
+            [] => Err(Fault::new(format!("{} has no pair of image topics named left and right", bag.path().display()))
+                .remedy(format!("name them with `left` and `right`: of images {}", images()))),
             several => {
                 let named: Vec<String> =
                     several.iter().map(|(left, right)| format!("{} and {}", left.name, right.name)).collect();
                 Err(Fault::new(format!("{} has {} stereo pairs", bag.path().display(), several.len()))
-                    .remedy(format!("say which with `left` and `right`: {}", named.join("; "))))
+                    .remedy(format!("select one with `left` and `right`: {}", named.join("; "))))
             }
         },
     }

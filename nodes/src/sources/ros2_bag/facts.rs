@@ -8,12 +8,12 @@ const MOST: usize = 60;
 
 pub(super) fn topics(bag: &Bag) -> Vec<Fact> {
     let topics: Vec<&Topic> = bag.topics().iter().take(MOST).collect();
-    // Where an index is damaged, opening says so.
+    // Opening reports a damaged index.
     let messages = bag.messages(&topics).ok();
     let line = |(at, topic): (usize, &&Topic)| {
         let pace = messages.as_ref().map(|messages| {
             let times: Vec<u64> = messages[at].iter().map(|message| message.log_ns).collect();
-            format!(", {}", Pace::of(&times))
+            format!(", {}", Pace::from_times(&times))
         });
         Fact { label: "topic", text: format!("{}: {}{}", topic.name, topic.message_type, pace.unwrap_or_default()) }
     };

@@ -106,7 +106,7 @@ impl MatchedFrames {
         for (topic, count) in without_truth {
             let (all, within) = (frames.len(), params.tolerance_ms);
             warnings.push(format!(
-                "{count} of {all} frames have no message of {topic} within {within} ms, and so no truth"
+                "{count} of {all} frames have no message of {topic} within {within} ms, and so no ground truth"
             ));
         }
         Ok(Self { frames, messages, warnings, facts })
@@ -135,7 +135,7 @@ fn stamp(
         let is_unset = times.first().is_some_and(|first| first.stamp_ns == 0) && times.len() + repeated > 1;
         if is_unset && !part.is_camera() {
             let what = format!("{}: messages of {name} have no time in their headers (0)", bag.path().display());
-            return Err(Fault::new(what).remedy("`clock: log` takes the time when they were recorded"));
+            return Err(Fault::new(what).remedy("use `clock: log`, the time when they were recorded"));
         }
         stamped.push(times);
     }
@@ -154,7 +154,7 @@ fn facts(
         BagClock::Log => "by the time of recording",
     };
     let ticks = |at: usize, label: &'static str| {
-        let text = format!("{}: {}, {by}", chosen.0[at].1.name, Pace::of(&times[at]));
+        let text = format!("{}: {}, {by}", chosen.0[at].1.name, Pace::from_times(&times[at]));
         Fact { label, text }
     };
     let mut apart: Vec<u64> = found.iter().map(|(left, right)| times[0][*left].abs_diff(times[1][*right])).collect();
@@ -181,12 +181,12 @@ fn nothing_near(bag: &Bag, [left, right]: [&Topic; 2], [lefts, rights]: [&[u64];
     let remedy = match apart {
         Some(ns) if ns < 1_000_000_000 => {
             format!(
-                "the nearest two are {:.3} ms apart: a larger `tolerance_ms` takes them, if the scene does not move",
+                "the nearest two are {:.3} ms apart; increase `tolerance_ms` if the scene does not move",
                 ns as f64 / 1e6
             )
         }
         Some(ns) => format!(
-            "the nearest two are {} s apart: do both cameras have one clock? `clock: log` takes the time of recording",
+            "the nearest two are {} s apart: check that both cameras use one clock, or use `clock: log`, the time of recording",
             seconds(ns)
         ),
         None => "there is no image of the right camera in the range".to_owned(),

@@ -1,4 +1,4 @@
-//! `ros2/bag`: what the messages of a frame say.
+//! `ros2/bag`: the values of a frame from its messages.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
@@ -159,7 +159,7 @@ impl Reading {
         if (left, right) == (Some(infos[0]), Some(infos[1])) {
             "the cameras are exchanged: exchange `left` and `right`, with their infos where these are named"
         } else if (left, right) == (Some(infos[1]), Some(infos[0])) {
-            "`left_info` and `right_info` are exchanged: each belongs to the images beside which it lies"
+            "`left_info` and `right_info` are exchanged: each belongs to the images of its camera"
         } else {
             "left and right are exchanged: exchange `left_info` and `right_info`, or, if these are the cameras' own, `left` and `right`"
         }
@@ -170,7 +170,7 @@ impl Reading {
         found.ok_or_else(|| Fault::new(format!("the frame has no topic of its part `{}`", part.parameter())))
     }
 
-    /// The left camera's info if the right camera has none and the baseline is given.
+    /// The left camera's info if the right camera lacks one and `baseline_m` is set.
     fn right_info(&self) -> Part {
         let has_own = self.topics.iter().any(|topic| topic.part == Part::RightInfo);
         if has_own { Part::RightInfo } else { Part::LeftInfo }
@@ -235,7 +235,7 @@ impl Reading {
             let what = format!("{name} is {w}x{h} and {other} is {rw}x{rh}: they must be of one size");
             return Err(self
                 .fault(messages, what)
-                .remedy("name with `left` and `right` the topics of two cameras of one resolution"));
+                .remedy("set `left` and `right` to topics of cameras with one resolution"));
         }
         for (info, part) in cameras.infos.iter().zip([Part::LeftInfo, self.right_info()]) {
             if info.image_size() != size {
@@ -323,7 +323,7 @@ impl Reading {
             let ((w, h), (dw, dh)) = (size, metres.dimensions());
             let what = format!("{topic} is {dw}x{dh}, and the left image {w}x{h}");
             return Err(self.fault(messages, what).remedy(
-                "truth is registered to the left image, pixel by pixel: record the driver's registered topic (aligned_depth_to_..., depth_registered)",
+                "ground truth must be registered to the left image, pixel by pixel: record the driver's registered topic (aligned_depth_to_..., depth_registered)",
             ));
         }
         Ok(metres)
@@ -362,7 +362,7 @@ impl Reading {
         };
         if is_raw && self.right_info() != Part::RightInfo {
             return Err(Fault::new(format!("{}: the right camera has no camera_info", self.path.display())).remedy(
-                "images that are not rectified need one each: name it with `right_info`; `rectified: true` takes the images as they are",
+                "images that are not rectified need one each: name it with `right_info`; `rectified: true` uses the images unchanged",
             ));
         }
         let cameras = Cameras { infos: [left, right], is_raw };
@@ -374,7 +374,7 @@ impl Reading {
     fn maps(&self, cameras: &Cameras, size: (u32, u32)) -> Result<Arc<[Map; 2]>, Fault> {
         let numbers: Vec<u64> =
             cameras.infos.iter().flat_map(numbers_of).chain([size.0.into(), size.1.into()]).collect();
-        // Concurrent callers wait: they want the same maps.
+        // Concurrent callers wait: they need the same maps.
         let mut latest = locked(&self.maps);
         if let Some((known, maps)) = &*latest
             && *known == numbers
@@ -385,7 +385,7 @@ impl Reading {
             let topic = &self.topic(part)?.topic;
             let (camera, view) = lens_and_view(info).map_err(|what| {
                 Fault::new(format!("{}: {topic}: {what}", self.path.display()))
-                    .remedy("images are rectified by D, K, R and P of a calibrated stereo pair; `rectified: true` takes them as they are")
+                    .remedy("images are rectified by D, K, R and P of a calibrated stereo pair; `rectified: true` uses them unchanged")
             })?;
             Ok::<_, Fault>(Map::new(&camera, &view, size, Interpolation::Float))
         };
@@ -413,7 +413,7 @@ impl Cameras {
             Fault::new(what).remedy(match (right[3] == left[3], left[0] == 0.0 || right[0] == 0.0) {
                 _ if right[3] > left[3] => reading.exchanged([names[0], names[1]]),
                 (_, true) => "the camera was not calibrated when it was recorded: camera_info's P is zeros",
-                (true, _) => "a stereo calibration has the baseline in P[3] of the right camera, -f * metres; `baseline_m` says it where the driver does not",
+                (true, _) => "a stereo calibration has the baseline in P[3] of the right camera, -f * metres; set `baseline_m` if the driver does not publish it",
                 _ => "P is that of a rectified stereo pair, as `camera_calibration` and stereo cameras' drivers publish it",
             })
         })

@@ -7,27 +7,27 @@ use serde::{Deserialize, Serialize};
 pub(super) const KIND: &str = "ros2/bag";
 pub(super) const VERSION: u32 = 2;
 
-/// Whether R of the left camera turns points before P projects them.
+/// Whether R of the left camera is applied to points before P projects them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum PointRotation {
-    /// Where the images are rectified here; otherwise the frame of the images is the rectified camera's.
+    /// If depthloom rectifies the images. Otherwise their frame is that of the rectified camera.
     #[default]
     Auto,
-    /// The frame of the images is the camera's as it is mounted.
+    /// The frame of the images is that of the camera as mounted.
     Always,
-    /// The frame of the images is the rectified camera's.
+    /// The frame of the images is that of the rectified camera.
     Never,
 }
 
-/// By which time messages belong together.
+/// Time by which messages are matched.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum BagClock {
-    /// The time in a message's header: when it was taken.
+    /// Time in the header of the message: when it was captured.
     #[default]
     Header,
-    /// The time when it was recorded.
+    /// Time when the message was recorded.
     Log,
 }
 
@@ -35,55 +35,58 @@ pub(crate) enum BagClock {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Ros2BagParams {
-    /// The bag's folder (with `metadata.yaml`), or one file of it: `.mcap` or `.db3`.
+    /// Folder of the bag (with `metadata.yaml`), or one of its files: `.mcap` or `.db3`.
+    #[schemars(extend("mandatory" = true))]
     pub path: DataPath,
-    /// The left camera's images. By default of the one stereo pair that there is: `/.../left/image_rect` and
-    /// `/.../right/image_rect`, `infra1` and `infra2`, `cam0` and `cam1`; rectified ones before others.
+    /// Topic of the left images. By default that of the only stereo pair: `/.../left/image_rect` and
+    /// `/.../right/image_rect`, `infra1` and `infra2`, `cam0` and `cam1`. Rectified topics are preferred.
     pub left: Option<String>,
-    /// The right camera's images. By default what `left` is called with `right` in place of `left`.
+    /// Topic of the right images. By default the name of `left` with `right` in place of `left`.
     pub right: Option<String>,
-    /// The left camera's `camera_info`. By default the one beside its images.
+    /// Topic of the left `camera_info`. By default the one in the same namespace as the images.
     pub left_info: Option<String>,
-    /// The right camera's `camera_info`. By default the one beside its images.
+    /// Topic of the right `camera_info`. By default the one in the same namespace as the images.
     pub right_info: Option<String>,
-    /// By which time messages belong together: `header` (when they were taken) or `log` (when they were recorded:
-    /// nothing but the index is read for it).
+    /// Time by which messages are matched: `header` (when they were captured) or `log` (when they were recorded; only
+    /// the index is read).
     pub clock: BagClock,
-    /// How far a right image may be from its left one, and truth from both, milliseconds.
+    /// Largest time difference between left and right image, and between both and the ground truth, milliseconds.
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub tolerance_ms: f64,
-    /// Whether the images are rectified. By default they are where the topic's name says so (`image_rect`), or where
-    /// the camera neither distorts nor is turned; others are rectified here, by D, K, R and P of `camera_info`.
+    /// Whether the images are rectified. By default they are if the name of the topic contains `image_rect`, or if
+    /// the camera has neither distortion nor rotation. Other images are rectified here by D, K, R and P of
+    /// `camera_info`.
     pub rectified: Option<bool>,
-    /// How many bits the samples of 16-bit images (`mono16`) use: 12 of a 12-bit camera that stores them as numbers up
-    /// to 4095. Of these the upper 8 are taken. Default: 16.
+    /// Number of bits that the samples of 16-bit images (`mono16`) use: 12 for a 12-bit camera that stores numbers up
+    /// to 4095. The upper 8 of them are used. The default is 16.
     #[schemars(range(min = 8, max = 16))]
     pub bits: Option<u32>,
-    /// Metres between the cameras, where `camera_info` does not say it (`P[3]` of the right camera is 0).
+    /// Distance between the cameras, metres, if `camera_info` does not contain it (`P[3]` of the right camera is 0).
     #[schemars(range(min = 1e-4, max = 1e4))]
     pub baseline_m: Option<f64>,
-    /// A topic of depths as truth, registered to the left image: `16UC1` (millimetres), `32FC1` (metres), or
+    /// Topic of ground-truth depth, registered to the left image: `16UC1` (millimetres), `32FC1` (metres), or
     /// `compressedDepth` of these.
     pub depth: Option<String>,
-    /// How many metres a unit of `depth` is. By default 0.001 of `16UC1` and 1 of `32FC1`.
+    /// Length of one unit of `depth`, metres. The default is 0.001 for `16UC1` and 1 for `32FC1`.
     #[schemars(range(min = 1e-9, max = 1e3))]
     pub depth_unit_m: Option<f64>,
-    /// A topic of points (`PointCloud2`) as truth, projected into the left image through the transforms of
+    /// Topic of ground-truth points (`PointCloud2`), projected into the left image through the transforms of
     /// `/tf_static`.
     pub points: Option<String>,
-    /// Whether R of the left camera turns the points before P projects them: `auto` (where the images are rectified
-    /// here), `always` or `never`.
+    /// Whether R of the left camera is applied to points before P projects them: `auto` (if depthloom rectifies the
+    /// images), `always` or `never`.
     pub points_rotation: PointRotation,
-    /// Seconds from the recording of the first image to the first that is taken.
+    /// Start of the selected pairs, seconds after the first image was recorded.
     #[schemars(range(min = 0.0))]
     pub start_s: f64,
-    /// Seconds from the recording of the first image to the first that is no longer taken. By default all are.
+    /// End of the selected pairs (exclusive), seconds after the first image was recorded. By default the end of the
+    /// bag.
     #[schemars(range(min = 0.0))]
     pub end_s: Option<f64>,
-    /// Of the pairs between `start_s` and `end_s` the first and every so many after it.
+    /// Uses every nth pair between `start_s` and `end_s`, beginning with the first.
     #[schemars(range(min = 1))]
     pub every: u64,
-    /// Which frames, by their count among the pairs between `start_s` and `end_s`, from 0. By default all.
+    /// Selected frames, by their position among the pairs between `start_s` and `end_s`, from 0. All by default.
     pub frames: FrameSelection,
 }
 

@@ -98,7 +98,7 @@ impl Suggestion {
         });
         let info = infos[0].and_then(|topic| {
             let bytes = first(bag, topic)?;
-            camera_info(Form::of(topic).ok()?, &bytes).ok()
+            camera_info(Form::from_topic(topic).ok()?, &bytes).ok()
         });
         let frame = frame_of(bag, left);
         let left_seen = info.zip(frame).map(|(info, frame)| Left { size: info.image_size(), frame });
@@ -132,7 +132,7 @@ impl Suggestion {
             self.take(parameter, &topic.name);
         }
         for (parameter, topic) in fitting {
-            self.or(parameter, &topic.name, "another truth, in place of the above");
+            self.or(parameter, &topic.name, "other ground truth, instead of the above");
         }
     }
 
@@ -156,7 +156,7 @@ fn first(bag: &Bag, topic: &Topic) -> Option<std::sync::Arc<[u8]>> {
 }
 
 fn frame_of(bag: &Bag, topic: &Topic) -> Option<String> {
-    let (form, bytes) = (Form::of(topic).ok()?, first(bag, topic)?);
+    let (form, bytes) = (Form::from_topic(topic).ok()?, first(bag, topic)?);
     let header: Result<Header, ErrorMessage> = match form.sort {
         Sort::PointCloud => point_cloud(form, &bytes).map(|message| message.header),
         _ => image(form, &bytes).map(|message| message.header),
@@ -167,7 +167,7 @@ fn frame_of(bag: &Bag, topic: &Topic) -> Option<String> {
 /// The parameter, and what contradicts it.
 fn truth(bag: &Bag, topic: &Topic, left: Option<&Left>) -> Option<(&'static str, Option<String>)> {
     const UNKNOWN: &str = "does it belong to the left image?";
-    let form = Form::of(topic).ok()?;
+    let form = Form::from_topic(topic).ok()?;
     if form.sort == Sort::PointCloud {
         let against = match (left, frame_of(bag, topic), static_transforms::read(bag)) {
             (Some(left), Some(frame), Ok(transforms)) => transforms.between(&left.frame, &frame).err(),

@@ -14,7 +14,7 @@ const MOST_TRANSFORMS: usize = 100_000;
 pub(super) fn read(bag: &Bag) -> Result<Transforms, Fault> {
     let mut transforms = Transforms::default();
     let Ok(topic) = bag.topic(TF_STATIC) else { return Ok(transforms) };
-    let form = Form::of(topic).map_err(|fault| at_file(bag.path(), fault))?;
+    let form = Form::from_topic(topic).map_err(|fault| at_file(bag.path(), fault))?;
     let messages = bag.messages(&[topic])?.remove(0);
     if messages.len() > MOST_TRANSFORMS {
         let (path, count) = (bag.path().display(), messages.len());

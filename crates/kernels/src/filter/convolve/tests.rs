@@ -174,7 +174,7 @@ proptest! {
 }
 
 #[test]
-fn lines_longer_than_a_span_are_summed_over_whole() {
+fn lines_longer_than_a_span_are_summed_completely() {
     let op = Same { inputs: 2, outputs: 9, width: 320, height: 5, kernel: 3, activation: Activation::Relu };
     let case =
         Case { image: noise(1, 2 * 1600), weights: noise(2, 9 * 2 * 9), bias: noise(3, 9), slope: noise(4, 9 * 1600) };

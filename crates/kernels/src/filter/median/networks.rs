@@ -1,7 +1,7 @@
 //! Sorting and selection networks: minima and maxima in a fixed order, hence one vector instruction each.
 //!
 //! Merging is Batcher's odd-even merge (Batcher 1968, "Sorting networks and their applications"): merge the samples of
-//! even and of odd index, then order neighbours across the two. Outputs that nobody needs are left out. That each
+//! even and of odd index, then order neighbours across the two. Unused outputs are left out. That each
 //! network is right is proved in the tests by the 0-1 principle.
 
 #[inline(always)]
@@ -23,7 +23,7 @@ pub(super) fn sort3([a, b, c]: [i32; 3]) -> [i32; 3] {
     [a, b, c]
 }
 
-/// The median of nine samples that stand in three sorted threes.
+/// The median of nine samples in three sorted groups of three.
 #[inline(always)]
 pub(super) fn median3_of_sorted([a, b, c]: [[i32; 3]; 3]) -> i32 {
     let low = a[0].max(b[0]).max(c[0]);

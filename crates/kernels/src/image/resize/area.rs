@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_cells_are_means() {
+    fn complete_cells_are_means() {
         let image = pattern(16);
         assert_eq!(resized(&image, (4, 4), (2, 2)), [102, 93, 82, 146, 61, 230, 102, 173, 178, 178, 109, 166]);
         assert_eq!(resized(&image, (4, 4), (1, 2)), [124, 77, 156, 140, 141, 172]);

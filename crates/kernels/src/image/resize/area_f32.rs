@@ -61,14 +61,14 @@ mod tests {
     #[test]
     fn cells_are_weighted_means() {
         let map: Vec<f32> = (0..15u8).map(|k| f32::from(k * k)).collect();
-        let of = |out_size| shrunk(&map, (5, 3), out_size);
+        let shrunk_to = |out_size| shrunk(&map, (5, 3), out_size);
         let close = |found: Vec<f32>, expected: &[f32]| {
             assert_eq!(found.len(), expected.len());
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{found:?} is not {expected:?}");
         };
-        close(of((2, 2)), &[12.2, 29.8, 89.53334, 139.13335]);
-        close(of((4, 1)), &[43.86667, 57.86667, 74.66667, 94.26667]);
-        assert_eq!(of((5, 3)), map);
+        close(shrunk_to((2, 2)), &[12.2, 29.8, 89.53334, 139.13335]);
+        close(shrunk_to((4, 1)), &[43.86667, 57.86667, 74.66667, 94.26667]);
+        assert_eq!(shrunk_to((5, 3)), map);
     }
 
     proptest! {

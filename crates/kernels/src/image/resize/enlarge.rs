@@ -41,18 +41,18 @@ pub(super) fn linear_rgb8(
         }
         out
     };
-    let mut kept: [(usize, Vec<i32>); 2] = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
+    let mut interpolated: [(usize, Vec<i32>); 2] = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
     for (out, Pair { indices, weights: [upper_weight, lower_weight] }) in out.chunks_exact_mut(3 * out_width).zip(&rows)
     {
-        if kept[0].0 != indices[0] && kept[1].0 == indices[0] {
-            kept.swap(0, 1);
+        if interpolated[0].0 != indices[0] && interpolated[1].0 == indices[0] {
+            interpolated.swap(0, 1);
         }
-        for (kept, &y) in kept.iter_mut().zip(indices) {
-            if kept.0 != y {
-                *kept = (y, along(y));
+        for (interpolated, &y) in interpolated.iter_mut().zip(indices) {
+            if interpolated.0 != y {
+                *interpolated = (y, along(y));
             }
         }
-        for ((out, upper), lower) in out.iter_mut().zip(&kept[0].1).zip(&kept[1].1) {
+        for ((out, upper), lower) in out.iter_mut().zip(&interpolated[0].1).zip(&interpolated[1].1) {
             let sum = ((upper_weight * (upper >> 4)) >> 16) + ((lower_weight * (lower >> 4)) >> 16);
             *out = ((sum + 2) >> 2) as u8;
         }

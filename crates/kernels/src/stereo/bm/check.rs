@@ -2,7 +2,7 @@
 
 use super::search::Search;
 
-/// What the right image would answer: for each of its pixels the disparity of the cheapest left pixel that chose it.
+/// The disparities of the right image: for each of its pixels that of the cheapest left pixel that chose it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RightView {
     disparity: Vec<i16>,
@@ -10,8 +10,8 @@ pub(super) struct RightView {
 }
 
 impl RightView {
-    /// Takes back answers of a row that disagree by more than `max_diff` (1/16 px) with what their partner answers.
-    /// `cost` is read where there is an answer.
+    /// Invalidates disparities of a row that differ by more than `max_diff` (1/16 px) from that of their partner.
+    /// `cost` is read at valid pixels.
     pub(super) fn check(&mut self, search: &Search, max_diff: i32, disparity: &mut [i16], cost: &[i32]) {
         let (width, invalid) = (search.width, search.invalid);
         self.disparity.clear();
@@ -33,7 +33,7 @@ impl RightView {
         }
         for (x, disparity) in disparity.iter_mut().enumerate().take(end).skip(begin) {
             let fixed = i32::from(*disparity);
-            // Rounded down and up: agreeing with either is enough, as is a partner that answers nothing.
+            // Rounded down and up: agreeing with either is enough, as is an invalid partner.
             let disagrees = |whole: i32| {
                 partner(x, whole).is_some_and(|x2| {
                     let other = self.disparity[x2];

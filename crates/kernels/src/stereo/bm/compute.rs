@@ -82,7 +82,7 @@ struct Sums<S> {
 /// Least rows of a band. Its first row costs as much as half a block of others.
 const BAND: usize = 32;
 
-/// Disparities of `left`'s pixels in 1/16 px, [`Params::invalid`] where there is no answer; grey images, spread over
+/// Disparities of `left`'s pixels in 1/16 px, [`Params::invalid`] where invalid; grey images, spread over
 /// `tiles`.
 ///
 /// # Errors
@@ -140,11 +140,11 @@ fn compute_at(
         let lock = || locked(bands);
         let mut band = lock().pop().unwrap_or_default();
         let Band { sums_16, sums_32, disparity, cost, right_view } = &mut band;
-        let answers = (disparity, cost, right_view);
+        let row_output = (disparity, cost, right_view);
         if narrow {
-            level.run(BandRows { search, images: &images, rows, sums: sums_16, answers, out });
+            level.run(BandRows { search, images: &images, rows, sums: sums_16, row_output, out });
         } else {
-            level.run(BandRows { search, images: &images, rows, sums: sums_32, answers, out });
+            level.run(BandRows { search, images: &images, rows, sums: sums_32, row_output, out });
         }
         lock().push(band);
     });
@@ -195,7 +195,7 @@ struct BandRows<'a, S> {
     images: &'a Images<'a>,
     rows: Range<usize>,
     sums: &'a mut Sums<S>,
-    answers: (&'a mut Vec<i16>, &'a mut Vec<i32>, &'a mut RightView),
+    row_output: (&'a mut Vec<i16>, &'a mut Vec<i32>, &'a mut RightView),
     out: &'a mut [i16],
 }
 
@@ -204,9 +204,9 @@ impl<S: Sum> Pass for BandRows<'_, S> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, images, rows, sums, answers: (disparity, cost, right_view), out } = self;
+        let Self { search, images, rows, sums, row_output: (disparity, cost, right_view), out } = self;
         let (width, radius) = (search.width, search.radius);
-        let kept = search.kept_columns();
+        let columns = search.kept_columns();
         for (place, y) in rows.clone().enumerate() {
             if place == 0 {
                 sums.start(search);
@@ -223,7 +223,7 @@ impl<S: Sum> Pass for BandRows<'_, S> {
             if let Some(max_diff) = search.disp12_max_diff {
                 right_view.check(search, max_diff, disparity, cost);
             }
-            out[place * width..][kept.clone()].copy_from_slice(&disparity[kept.clone()]);
+            out[place * width..][columns.clone()].copy_from_slice(&disparity[columns.clone()]);
             if y + 1 == search.height - radius && disparity.len() > width {
                 // What OpenCV finds beyond the right border lands in the row below.
                 let beyond = &disparity[width..];
@@ -287,8 +287,8 @@ impl<S: Sum> Sums<S> {
         // What leaves before the first block is complete: nothing.
         let nothing = vec![S::default(); candidates];
         let mut texture: i32 = self.texture[..side - 1].iter().sum();
-        let answers = disparity[search.first_column..].iter_mut().zip(&mut cost[search.first_column..]);
-        for (x, (disparity, cost)) in answers.enumerate() {
+        let row_output = disparity[search.first_column..].iter_mut().zip(&mut cost[search.first_column..]);
+        for (x, (disparity, cost)) in row_output.enumerate() {
             let (leaving, flat) =
                 if x == 0 { (&nothing[..candidates], 0) } else { (column(x - 1), self.texture[x - 1]) };
             let smallest = shift(block, column(x + side - 1), leaving);

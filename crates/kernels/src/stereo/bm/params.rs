@@ -3,9 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::stereo::params::{ParamError, check_disparities, check_not_negative, check_side, unanswered};
+use crate::stereo::params::{ParamError, check_disparities, check_not_negative, check_side, invalid_value};
 
-/// What is matched instead of brightness, under OpenCV's names.
+/// The quantity that is matched instead of brightness, under OpenCV's names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Prefilter {
@@ -20,36 +20,37 @@ pub enum Prefilter {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Params {
-    /// How many disparities are searched, px (`numDisparities`): a multiple of 16.
+    /// Number of disparities searched, px (`numDisparities`): a multiple of 16.
     #[schemars(range(min = 16, max = 2032), extend("multipleOf" = 16))]
     pub disparities: i32,
-    /// Smallest disparity searched, px (`minDisparity`); may be negative.
+    /// Smallest disparity searched, px (`minDisparity`). It may be negative.
     #[schemars(range(min = -2047, max = 2031))]
     pub min_disparity: i32,
     /// Side of the matched block, px (`blockSize`): odd, less than the image's width and height.
     #[schemars(range(min = 5, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub block: i32,
-    /// What is matched (`preFilterType`): `xsobel` or `normalized-response`.
+    /// Quantity that is matched (`preFilterType`): `xsobel` or `normalized-response`.
     pub prefilter: Prefilter,
     /// Side of the window of `normalized-response`, px (`preFilterSize`): odd.
     #[schemars(range(min = 5, max = 255), extend("not" = { "multipleOf": 2 }))]
     pub prefilter_size: i32,
-    /// Clip of the prefilter (`preFilterCap`).
+    /// Bound at which prefiltered values are clipped (`preFilterCap`).
     #[schemars(range(min = 1, max = 63))]
     pub prefilter_cap: i32,
-    /// Least sum of absolute prefiltered values in the block (`textureThreshold`); what has less is not answered.
+    /// Smallest sum of absolute prefiltered values in the block (`textureThreshold`). A pixel with a smaller sum is
+    /// invalid.
     #[schemars(range(min = 0))]
     pub texture_threshold: i32,
-    /// Per cent by which the best sum must beat all others (`uniquenessRatio`); 0 switches the check off.
+    /// Margin in per cent by which the best sum must beat all others (`uniquenessRatio`); 0 disables the check.
     #[schemars(range(min = 0))]
     pub uniqueness: i32,
-    /// Largest difference allowed by the left-right check, px (`disp12MaxDiff`); below 0 switches it off.
+    /// Largest difference that the left-right check allows, px (`disp12MaxDiff`); negative values disable the check.
     pub disp12_max_diff: i32,
-    /// Largest region, px, that the speckle filter removes (`speckleWindowSize`); 0 switches it off.
+    /// Largest region that the speckle filter removes, px (`speckleWindowSize`); 0 disables the filter.
     #[schemars(range(min = 0))]
     pub speckle_window: i32,
-    /// Largest disparity step inside a region of the speckle filter (`speckleRange`), in 1/16 px: `StereoBM` takes it
-    /// so, `StereoSGBM` in px.
+    /// Largest disparity step inside a region of the speckle filter (`speckleRange`), in 1/16 px as in `StereoBM`. In
+    /// `StereoSGBM` the unit is px.
     #[schemars(range(min = 0))]
     pub speckle_range: i32,
 }
@@ -90,10 +91,10 @@ impl Params {
         check_not_negative("uniqueness", self.uniqueness)
     }
 
-    /// What an unanswered pixel holds: one pixel below the smallest disparity, in 1/16 px.
+    /// The value of invalid pixels: one pixel below the smallest disparity, in 1/16 px.
     #[must_use]
     pub const fn invalid(&self) -> i16 {
-        unanswered(self.min_disparity)
+        invalid_value(self.min_disparity)
     }
 }
 
@@ -108,9 +109,9 @@ mod tests {
     }
 
     #[test]
-    fn what_opencv_refuses_is_refused() {
+    fn values_refused_by_opencv_are_refused() {
         let base = Params::default();
-        for (params, name, told) in [
+        for (params, name, message) in [
             (Params { disparities: 24, ..base.clone() }, "disparities", "which is not a positive multiple of 16"),
             (Params { min_disparity: 2000, ..base.clone() }, "min_disparity", "2000..2064 do not fit 16 bits"),
             (Params { block: 3, ..base.clone() }, "block", "block is 3, which is not odd and in 5..=255"),
@@ -127,7 +128,7 @@ mod tests {
         ] {
             let error = params.check().unwrap_err();
             assert_eq!(error.name, name);
-            assert!(error.to_string().contains(told), "{error}");
+            assert!(error.to_string().contains(message), "{error}");
         }
     }
 }

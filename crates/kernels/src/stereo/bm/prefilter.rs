@@ -134,7 +134,7 @@ mod tests {
     use crate::stereo::bm::{Params, Prefilter};
 
     #[test]
-    fn rows_filtered_apart_are_those_of_the_whole() {
+    fn rows_filtered_separately_equal_the_whole() {
         let (width, height) = (37, 21);
         let image: Vec<u8> = (0..width * height).map(|i| (i * i * 31 % 253) as u8).collect();
         for prefilter in [Prefilter::Xsobel, Prefilter::NormalizedResponse] {
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_has_a_derivative_and_the_odd_last_row_none() {
+    fn a_step_has_a_derivative_and_the_odd_last_row_has_not() {
         let image = [0, 0, 9, 9, 9, 0, 0, 9, 9, 9, 0, 0, 9, 9, 9];
         let params = Params { prefilter_cap: 63, ..Params::default() };
         let mut out = [0; 15];
@@ -164,7 +164,7 @@ mod tests {
         let image = Image { pixels: &[200; 12 * 7], width: 12, height: 7 };
         let mut out = [0; 12 * 7];
         normalized_response(&image, 0..7, 2, 30, &mut out);
-        // 200 * 8 * 513 against 200 * 25 * 171: the scales are rounded, so "none" lies at 200 * (4104 - 4275) / 1024
+        // 200 * 8 * 513 against 200 * 25 * 171: the scales are rounded, so "none" is at 200 * (4104 - 4275) / 1024
         assert_eq!(out, [0; 12 * 7]);
     }
 }

@@ -27,7 +27,7 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// `None` if no pixel can be answered. `params` must have passed its check.
+    /// `None` if no pixel can be valid. `params` must have passed its check.
     pub(super) fn new(params: &Params, width: usize, height: usize) -> Option<Self> {
         let largest = params.min_disparity + params.disparities - 1;
         let (first_column, first_partner) = (largest.max(0) as usize, (-largest).max(0) as usize);
@@ -52,7 +52,7 @@ impl Search {
         possible.then_some(search)
     }
 
-    /// Columns that may be answered: those searched, within `getValidDisparityROI`.
+    /// Columns that may be valid: those searched, within `getValidDisparityROI`.
     pub(super) fn kept_columns(&self) -> Range<usize> {
         let end = self.width.saturating_sub(self.radius).min(self.first_column + self.columns);
         self.first_column + self.radius..end

@@ -2,7 +2,7 @@
 //!
 //! A row keeps, for each column and candidate, the sum over the block's height. The next row adds the differences of
 //! the entering image row and takes off those of the leaving one; along the row the block's sum gains one column and
-//! loses another. The sums lie in memory by column, candidates side by side: every loop runs along them.
+//! loses another. The sums are stored by column, candidates side by side: every loop runs along them.
 
 use super::search::Search;
 

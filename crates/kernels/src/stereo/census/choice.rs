@@ -1,6 +1,6 @@
 //! The cheapest candidate of a pixel, whether it is unique, and where the parabola has its minimum.
 
-/// Marks an invalid pixel in raw maps; larger than all answers, also to the median.
+/// Marks an invalid pixel in raw maps; larger than all disparities, also to the median.
 pub(super) const NONE: u16 = u16::MAX;
 
 #[derive(Clone, Copy, Debug)]
@@ -41,7 +41,7 @@ fn disparity(key: u32) -> usize {
     (key & 255) as usize
 }
 
-/// The answer of column `x` in 1/16 px above the smallest disparity, from its summed costs; the right image's pixels
+/// The disparity of column `x` in 1/16 px above the smallest disparity, from its summed costs; the right image's pixels
 /// learn of them.
 #[inline(always)]
 pub(super) fn choose(x: usize, sums: &[u16], demands: Demands, right: &mut RightBest) -> u16 {
@@ -80,7 +80,7 @@ fn unique(sums: &[u16], winner: usize, cost: u32, percent: u32) -> bool {
 mod tests {
     use super::{Demands, NONE, RightBest, choose};
 
-    fn answer(sums: &[(usize, u16)], uniqueness: u32, subpixel: bool) -> u16 {
+    fn chosen(sums: &[(usize, u16)], uniqueness: u32, subpixel: bool) -> u16 {
         let mut costs = [1000; 32];
         sums.iter().for_each(|&(d, cost)| costs[d] = cost);
         let mut right = RightBest::default();
@@ -90,23 +90,23 @@ mod tests {
 
     #[test]
     fn the_first_of_the_cheapest_wins() {
-        assert_eq!(answer(&[(20, 7), (5, 7)], 0, false), 80);
-        assert_eq!(answer(&[(0, 7), (31, 7)], 0, true), 0);
+        assert_eq!(chosen(&[(20, 7), (5, 7)], 0, false), 80);
+        assert_eq!(chosen(&[(0, 7), (31, 7)], 0, true), 0);
     }
 
     #[test]
     fn uniqueness_leaves_the_neighbours_out_and_is_strict() {
-        assert_eq!(answer(&[(5, 95), (6, 96), (20, 100)], 5, false), 80);
-        assert_eq!(answer(&[(5, 95), (6, 96), (20, 99)], 5, false), NONE);
-        assert_eq!(answer(&[(5, 95), (20, 99)], 4, false), 80);
-        assert_eq!(answer(&[(5, 0)], 99, false), 80);
+        assert_eq!(chosen(&[(5, 95), (6, 96), (20, 100)], 5, false), 80);
+        assert_eq!(chosen(&[(5, 95), (6, 96), (20, 99)], 5, false), NONE);
+        assert_eq!(chosen(&[(5, 95), (20, 99)], 4, false), 80);
+        assert_eq!(chosen(&[(5, 0)], 99, false), 80);
     }
 
     #[test]
     fn the_parabola_leans_towards_the_cheaper_neighbour() {
-        assert_eq!(answer(&[(5, 10), (4, 20), (6, 20)], 0, true), 80);
-        assert_eq!(answer(&[(5, 10), (4, 30), (6, 11)], 0, true), 80 + 7);
-        assert_eq!(answer(&[(5, 10), (4, 11), (6, 30)], 0, true), 80 - 6);
+        assert_eq!(chosen(&[(5, 10), (4, 20), (6, 20)], 0, true), 80);
+        assert_eq!(chosen(&[(5, 10), (4, 30), (6, 11)], 0, true), 80 + 7);
+        assert_eq!(chosen(&[(5, 10), (4, 11), (6, 30)], 0, true), 80 - 6);
     }
 
     #[test]

@@ -20,7 +20,7 @@ const TILE_ROWS: usize = 16;
 /// A rectified pair of grey images, rows without gaps.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<'a> {
-    /// The left image, whose pixels get answers.
+    /// The left image, whose pixels get disparities.
     pub left: &'a [u8],
     /// The right image.
     pub right: &'a [u8],
@@ -54,7 +54,7 @@ struct Sweep<F> {
     right_best: RightBest,
 }
 
-/// Disparities of the left image's pixels in 1/16 px, [`Params::invalid`] where there is no answer; spread over
+/// Disparities of the left image's pixels in 1/16 px, [`Params::invalid`] where invalid; spread over
 /// `tiles`.
 ///
 /// Memory: 2 bytes for each pixel and disparity.
@@ -92,7 +92,7 @@ pub fn compute_at(
 ) -> Result<(), Error> {
     params.check()?;
     let Pair { left, right, width, height } = *pair;
-    assert!(width > 0 && height > 0, "an image of {width} x {height} pixels has none");
+    assert!(width > 0 && height > 0, "an image of {width} x {height} pixels is empty");
     raster::check("the left image", left.len(), width, height, 1);
     raster::check("the right image", right.len(), width, height, 1);
     raster::check("the output", out.len(), width, height, 1);
@@ -192,7 +192,7 @@ impl<F: Feature> Buffers<F> {
             min_disparity: params.min_disparity,
             demands: Demands { uniqueness: params.uniqueness as u32, subpixel: params.subpixel },
         };
-        let begun = vec![
+        let halves = vec![
             HalfSweep::<F, N> { frame, sweep: &mut *down, first: 0, upward: false, sums: &mut *upper_sums, maps: None },
             HalfSweep::<F, N> {
                 frame,
@@ -203,7 +203,7 @@ impl<F: Feature> Buffers<F> {
                 maps: None,
             },
         ];
-        each(tiles, begun, |_, half| level.run_counting(half));
+        each(tiles, halves, |_, half| level.run_counting(half));
         let (upper, lower) = (Some([upper_left, upper_right]), Some([lower_left, lower_right]));
         let ended = vec![
             HalfSweep::<F, N> { frame, sweep: down, first: middle, upward: false, sums: lower_sums, maps: lower },

@@ -27,7 +27,7 @@ impl<F: Feature> Candidates<F> {
     }
 
     #[inline(always)]
-    pub(super) fn of(&self, x: usize, lanes: usize) -> &[F] {
+    pub(super) fn at(&self, x: usize, lanes: usize) -> &[F] {
         &self.reversed[self.width - 1 - x..][..lanes]
     }
 }
@@ -51,13 +51,13 @@ mod tests {
     fn candidates_run_to_the_left_and_end_at_the_border() {
         let mut candidates = Candidates::default();
         candidates.set(&[1_u32, 2, 4, 8], 0, 3);
-        assert_eq!(candidates.of(3, 3), [8, 4, 2]);
-        assert_eq!(candidates.of(0, 3), [1, 0, 0]);
+        assert_eq!(candidates.at(3, 3), [8, 4, 2]);
+        assert_eq!(candidates.at(0, 3), [1, 0, 0]);
         candidates.set(&[1_u32, 2, 4, 8], -2, 3);
-        assert_eq!(candidates.of(1, 3), [8, 4, 2]);
-        assert_eq!(candidates.of(3, 3), [0, 0, 8]);
+        assert_eq!(candidates.at(1, 3), [8, 4, 2]);
+        assert_eq!(candidates.at(3, 3), [0, 0, 8]);
         candidates.set(&[1_u32, 2, 4, 8], 9, 3);
-        assert_eq!(candidates.of(3, 3), [0; 3]);
+        assert_eq!(candidates.at(3, 3), [0; 3]);
     }
 
     #[test]

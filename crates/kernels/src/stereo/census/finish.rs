@@ -1,4 +1,4 @@
-//! From raw maps to answers: medians, and the left-right check.
+//! From raw maps to disparities: medians, and the left-right check.
 
 use super::choice::NONE;
 use crate::filter::median::integer::{median3_row, rows_around};
@@ -40,19 +40,19 @@ impl Pass for FinishRow<'_> {
         if check.lr_max_diff >= 0 {
             median3_row(rows_around(right, width, y), right_median);
         }
-        for (x, (out, &answer)) in out.iter_mut().zip(&*left_median).enumerate() {
-            *out = check.answer(x, answer, right_median);
+        for (x, (out, &raw)) in out.iter_mut().zip(&*left_median).enumerate() {
+            *out = check.disparity(x, raw, right_median);
         }
     }
 }
 
 impl Check {
-    /// A match must lie in the right image, and be the other's match as well.
+    /// A match must be inside the right image, and must match back.
     #[inline(always)]
-    fn answer(self, x: usize, answer: u16, right: &[u16]) -> i16 {
-        let whole = i32::from(answer >> 4);
+    fn disparity(self, x: usize, raw: u16, right: &[u16]) -> i16 {
+        let whole = i32::from(raw >> 4);
         let partner = x as i32 - whole - self.min_disparity;
-        if answer == NONE || partner < 0 || partner >= right.len() as i32 {
+        if raw == NONE || partner < 0 || partner >= right.len() as i32 {
             return self.invalid;
         }
         if self.lr_max_diff >= 0 {
@@ -61,7 +61,7 @@ impl Check {
                 return self.invalid;
             }
         }
-        (i32::from(answer) + self.min_disparity * 16) as i16
+        (i32::from(raw) + self.min_disparity * 16) as i16
     }
 }
 
@@ -70,17 +70,17 @@ mod tests {
     use super::{Check, NONE};
 
     #[test]
-    fn an_answer_needs_a_partner_that_agrees() {
+    fn a_valid_pixel_needs_a_partner_that_agrees() {
         let check = Check { min_disparity: 1, lr_max_diff: 1, invalid: 0 };
         let right = [9, 4, NONE, 2];
-        assert_eq!(check.answer(5, 3 * 16 + 5, &right), 4 * 16 + 5); // partner 1, 4 against 3
-        assert_eq!(check.answer(6, 4 * 16, &right), 5 * 16);
-        assert_eq!(check.answer(5, 4 * 16, &right), 0); // partner 0, 9 against 4
-        assert_eq!(check.answer(5, 2 * 16, &right), 0); // partner 2 has no answer
-        assert_eq!(check.answer(5, 5 * 16, &right), 0); // partner -1
-        assert_eq!(check.answer(5, 0, &right), 0); // partner 4
-        assert_eq!(check.answer(5, NONE, &right), 0);
+        assert_eq!(check.disparity(5, 3 * 16 + 5, &right), 4 * 16 + 5); // partner 1, 4 against 3
+        assert_eq!(check.disparity(6, 4 * 16, &right), 5 * 16);
+        assert_eq!(check.disparity(5, 4 * 16, &right), 0); // partner 0, 9 against 4
+        assert_eq!(check.disparity(5, 2 * 16, &right), 0); // partner 2 is invalid
+        assert_eq!(check.disparity(5, 5 * 16, &right), 0); // partner -1
+        assert_eq!(check.disparity(5, 0, &right), 0); // partner 4
+        assert_eq!(check.disparity(5, NONE, &right), 0);
         let check = Check { lr_max_diff: -1, ..check };
-        assert_eq!(check.answer(5, 4 * 16, &right), 5 * 16);
+        assert_eq!(check.disparity(5, 4 * 16, &right), 5 * 16);
     }
 }

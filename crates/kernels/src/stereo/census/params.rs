@@ -6,16 +6,16 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::memory::TooMuch;
-use crate::stereo::params::{ParamError, check_disparities, check_percentage, unanswered};
+use crate::stereo::params::{ParamError, check_disparities, check_percentage, invalid_value};
 
-/// Which comparisons in the 9x7 window around a pixel make its feature.
+/// The comparisons in the 9x7 window around a pixel that form its feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Census {
-    /// Samples opposite each other: 31 bits (Spangenberg et al. 2013; libSGM's default).
+    /// Pairs of opposite samples: 31 bits (Spangenberg et al. 2013; libSGM's default).
     #[default]
     Symmetric,
-    /// The centre and each sample around it: 62 bits (Zabih and Woodfill 1994).
+    /// The centre with each sample around it: 62 bits (Zabih and Woodfill 1994).
     Full,
     /// As `full`, without the centre's row and column: 48 bits (libSGM's `CENSUS_9x7`).
     OffAxis,
@@ -33,34 +33,34 @@ impl Census {
     }
 }
 
-/// libSGM's parameters, with its values as defaults, but for sub-pixel answers.
+/// libSGM's parameters and defaults, except for `subpixel`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Params {
-    /// How many disparities are searched, px: a multiple of 16.
+    /// Number of disparities searched, px: a multiple of 16.
     #[schemars(range(min = 16, max = 256), extend("multipleOf" = 16))]
     pub disparities: i32,
-    /// Smallest disparity searched, px; may be negative.
+    /// Smallest disparity searched, px. It may be negative.
     #[schemars(range(min = -2047, max = 2031))]
     pub min_disparity: i32,
-    /// Penalty for a disparity change of one pixel between neighbours, bits (`P1`): at most `p2`.
+    /// Penalty for a disparity step of one pixel between neighbours, bits (`P1`): at most `p2`.
     #[schemars(range(min = 0, max = 224))]
     pub p1: i32,
-    /// Penalty for any larger change, bits (`P2`): at most 224 for `symmetric`, 193 for `full` and 207 for `off-axis`
+    /// Penalty for any larger step, bits (`P2`): at most 224 for `symmetric`, 193 for `full` and 207 for `off-axis`
     /// features.
     #[schemars(range(min = 0, max = 224))]
     pub p2: i32,
-    /// Per cent by which the best cost must be below all others but its neighbours'; 5 is libSGM's `uniqueness` of
-    /// 0.95, 0 switches the check off.
+    /// Margin in per cent by which the best cost must be below all others except its neighbours' costs. 5 is libSGM's
+    /// `uniqueness` of 0.95; 0 disables the check.
     #[schemars(range(min = 0, max = 99))]
     pub uniqueness: i32,
-    /// Whether a parabola through the costs refines answers to 1/16 px; without it they are whole pixels.
+    /// Whether a parabola through the costs refines disparities to 1/16 px. Otherwise they are whole pixels.
     pub subpixel: bool,
-    /// Largest difference allowed by the left-right check, px (`LR_max_diff`); below 0 the check is off.
+    /// Largest difference that the left-right check allows, px (`LR_max_diff`); negative values disable the check.
     pub lr_max_diff: i32,
-    /// Which comparisons make a pixel's feature: `symmetric`, `full` or `off-axis`.
+    /// Comparisons that form the feature of a pixel: `symmetric`, `full` or `off-axis`.
     pub census: Census,
-    /// Along how many paths costs are summed: 4 (horizontal, vertical) or 8 (diagonal as well).
+    /// Number of paths along which costs are summed: 4 (horizontal, vertical) or 8 (also diagonal).
     #[schemars(extend("enum" = [4, 8]))]
     pub paths: i32,
 }
@@ -86,7 +86,7 @@ impl Default for Params {
 pub enum Error {
     /// A parameter is out of its range.
     Param(ParamError),
-    /// The images are too large for so many disparities.
+    /// The images are too large for this number of disparities.
     Memory(TooMuch),
 }
 
@@ -120,7 +120,7 @@ impl Params {
     /// The first that is not.
     pub fn check(&self) -> Result<(), ParamError> {
         if ![4, 8].contains(&self.paths) {
-            return Err(ParamError::new("paths", format!("paths is {}, which is neither 4 nor 8", self.paths)));
+            return Err(ParamError::new("paths", format!("paths is {}, expected 4 or 8", self.paths)));
         }
         check_disparities(self.min_disparity, self.disparities, Some(256))?;
         let (p1, p2, bits) = (self.p1, self.p2, self.census.bits());
@@ -135,10 +135,10 @@ impl Params {
         check_percentage("uniqueness", self.uniqueness)
     }
 
-    /// What stands where there is no answer: one pixel below the smallest disparity, in 1/16 px.
+    /// The value of invalid pixels: one pixel below the smallest disparity, in 1/16 px.
     #[must_use]
     pub const fn invalid(&self) -> i16 {
-        unanswered(self.min_disparity)
+        invalid_value(self.min_disparity)
     }
 }
 

@@ -148,7 +148,7 @@ impl<F: Feature> Aggregation<F> {
         for step in 0..width {
             let x = if self.upward { width - 1 - step } else { step };
             let sums = &mut sums[x * lanes..][..lanes];
-            hamming::<N, F>(left[x], self.candidates.of(x, lanes), &self.padding, costs);
+            hamming::<N, F>(left[x], self.candidates.at(x, lanes), &self.padding, costs);
             self.horizontal.advance::<N>(0, penalties, costs, sums);
             self.vertical.advance::<N>(step, penalties, costs, sums);
             if let Some([before, behind]) = &mut self.diagonal {

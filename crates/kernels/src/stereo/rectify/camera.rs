@@ -66,7 +66,7 @@ impl Camera {
         [0, 1].map(|axis| self.focal_px[axis] * seen[axis] + self.centre_px[axis])
     }
 
-    /// The point of the image plane that is seen at a pixel; `None` if there is none, or it is not found.
+    /// The point of the image plane that is seen at a pixel; `None` if there is no such point, or the search fails.
     pub(super) fn point(&self, pixel: [f64; 2]) -> Option<[f64; 2]> {
         let seen = [0, 1].map(|axis| (pixel[axis] - self.centre_px[axis]) / self.focal_px[axis]);
         match self.lens {

@@ -34,7 +34,7 @@ pub enum Interpolation {
 /// Steps of a pixel in [`Interpolation::Fixed`].
 pub(super) const STEPS: i32 = 32;
 
-/// Where each pixel of a rectified image lies in the camera's.
+/// The position of each pixel of a rectified image in the camera's image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
     pub(super) size: (usize, usize),
@@ -60,7 +60,7 @@ impl Map {
         let back = inverse(&product(&projection, &view.rotation));
         let place = |column: u32, row: u32| {
             let [x, y, z] = times(&back, [f64::from(column), f64::from(row), 1.0]);
-            // What lies behind the camera is not seen.
+            // Points behind the camera are not visible.
             if z > 0.0 { camera.pixel([x / z, y / z]) } else { [f64::INFINITY; 2] }
         };
         let all = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
@@ -81,7 +81,7 @@ impl Map {
         self.size
     }
 
-    /// Where a pixel of the rectified image lies in the camera's, column and row, px.
+    /// The position of a pixel of the rectified image in the camera's image, column and row, px.
     ///
     /// # Panics
     /// If there is no such pixel.

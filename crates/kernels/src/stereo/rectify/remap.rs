@@ -100,7 +100,7 @@ impl<const CHANNELS: usize> Pass for Floats<'_, CHANNELS> {
                     // Saturates: what lies nowhere is far outside.
                     let towards_zero = place[axis] as i32;
                     *whole = towards_zero.saturating_sub(i32::from(place[axis] < towards_zero as f32));
-                    // Of what is far outside nothing but black is mixed, whatever the share; a share that is no number
+                    // Far outside only black is mixed, whatever the weights; a weight of NaN
                     // would make it white.
                     let over = place[axis] - *whole as f32;
                     *share = if (0.0..1.0).contains(&over) { over } else { 0.0 };

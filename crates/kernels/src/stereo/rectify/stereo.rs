@@ -20,7 +20,7 @@ pub struct Rectified {
 /// leaves the focal length as it is. Where both lenses are equidistant it is `fisheye::stereoRectify`, with `alpha` as
 /// its `balance`, 0 if `None`.
 ///
-/// `None` if the lenses are of two kinds, a point of an equidistant lens lies behind it, or the cameras stand one above
+/// `None` if the lenses are of two kinds, a point of an equidistant lens is behind it, or the cameras are one above
 /// the other or in one place.
 #[must_use]
 pub fn stereo_rectify(

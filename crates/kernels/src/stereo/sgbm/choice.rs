@@ -79,12 +79,12 @@ impl RowChoice {
     /// Decides searched column `x`; OpenCV goes from right to left.
     pub(super) fn decide(&mut self, search: &Search, x: usize, best: &Choice, sum: &[i16], row: &mut [i16]) {
         if !best.is_rivalled(search, sum) {
-            self.answer(search, x, best, sum, row);
+            self.write(search, x, best, sum, row);
         }
     }
 
-    /// Writes the answer of searched column `x`, whose best candidate was found unique.
-    fn answer(&mut self, search: &Search, x: usize, best: &Choice, sum: &[i16], row: &mut [i16]) {
+    /// Writes the disparity of searched column `x`, whose best candidate was found unique.
+    fn write(&mut self, search: &Search, x: usize, best: &Choice, sum: &[i16], row: &mut [i16]) {
         let column = x + search.first_column;
         let partner = column as i32 - best.index - search.min_disparity;
         if let Some(cost) = usize::try_from(partner).ok().and_then(|p| self.right_cost.get_mut(p))

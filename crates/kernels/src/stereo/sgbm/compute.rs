@@ -16,7 +16,7 @@ pub struct SgbmScratch {
     speckle: SpeckleScratch,
 }
 
-/// Disparities of `left`'s pixels in 1/16 px, [`Params::invalid`] where there is no answer; the fastest implementation
+/// Disparities of `left`'s pixels in 1/16 px, [`Params::invalid`] where invalid; the fastest implementation
 /// for this machine ([`Path::best`]), spread over `tiles`.
 ///
 /// # Errors

@@ -32,8 +32,8 @@
 //! So `sgbm` runs at 40 % of that roof. What is above it: the minimum over disparities that each pixel of a path along
 //! the row waits for (two rows at a time share the wait), reads across cache lines, decisions that are scalar by nature
 //! (about a tenth). With two threads on two idle cores a frame took 12.7 ms in `sgbm` (19.7 with one), 12.2 in `3way`,
-//! 25 in `hh4`. Memory is no bound but in `hh` and `hh4`, which write and read 57 MB of costs and 57 MB of sums:
-//! at the 20 GB/s this machine gave, 11 ms. A band's costs, sums and row sums take some 12 MB and stay in the
+//! 25 in `hh4`. Memory is not the limit except in `hh` and `hh4`, which write and read 57 MB of costs and 57 MB of
+//! sums: at the 20 GB/s this machine gave, 11 ms. A band's costs, sums and row sums take some 12 MB and stay in the
 //! last-level cache (80 GB/s); a tile's paths, 18 kB, in the first-level one.
 //!
 //! # Soundness
@@ -45,7 +45,6 @@
 #![expect(unsafe_code, reason = "vector instructions, and buffers of which several threads write disjoint parts")]
 
 mod aggregate;
-mod answers;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 mod bands;
@@ -53,6 +52,7 @@ mod costs;
 mod decide;
 mod kernels;
 mod lanes;
+mod row_disparities;
 mod shared;
 
 use bands::Memory;
@@ -65,7 +65,7 @@ use crate::memory::TooMuch;
 use crate::simd::Level;
 use crate::tiles::Tiles;
 
-/// The kernels of a level. There are none for AVX-512: it was no faster than AVX2 on two generations of processors.
+/// The kernels of a level. AVX-512 has no kernels: it was not faster than AVX2 on two generations of processors.
 fn kernels_of(level: Level, disparities: usize) -> Kernels {
     #[cfg(target_arch = "x86_64")]
     if level.has_avx2() {

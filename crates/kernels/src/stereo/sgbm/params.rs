@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::stereo::params::{
-    ParamError, check_disparities, check_not_negative, check_percentage, check_side, unanswered,
+    ParamError, check_disparities, check_not_negative, check_percentage, check_side, invalid_value,
 };
 
 /// Which directions are summed, under OpenCV's names.
@@ -95,10 +95,10 @@ impl Params {
         check_not_negative("speckle_range", self.speckle_range)
     }
 
-    /// What an unanswered pixel holds: one pixel below the smallest disparity, in 1/16 px.
+    /// The value of invalid pixels: one pixel below the smallest disparity, in 1/16 px.
     #[must_use]
     pub const fn invalid(&self) -> i16 {
-        unanswered(self.min_disparity)
+        invalid_value(self.min_disparity)
     }
 
     pub(super) fn p1_used(&self) -> i32 {
@@ -123,10 +123,10 @@ mod tests {
     }
 
     #[test]
-    fn what_opencv_does_not_document_is_refused() {
+    fn values_undocumented_by_opencv_are_refused() {
         let base = Params::default();
         let order = "p2 must be greater than p1, yet p1 is";
-        for (params, name, told) in [
+        for (params, name, message) in [
             (
                 Params { disparities: 40, ..base.clone() },
                 "disparities",
@@ -145,7 +145,7 @@ mod tests {
         ] {
             let error = params.check().unwrap_err();
             assert_eq!(error.name, name);
-            assert!(error.to_string().contains(told), "{error}");
+            assert!(error.to_string().contains(message), "{error}");
         }
     }
 }

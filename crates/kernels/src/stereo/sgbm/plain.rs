@@ -3,7 +3,7 @@
 //! It is the twin that the fast paths are compared with bit for bit, and it alone serves parameters with which 16-bit
 //! costs may saturate: OpenCV adds with saturation, so that there the *order* of its additions shows in the result.
 //!
-//! One thing cannot be kept: where fewer columns are searched than half a block is wide, OpenCV (except in `hh4`) reads
+//! One thing cannot be rows: where fewer columns are searched than half a block is wide, OpenCV (except in `hh4`) reads
 //! behind its buffer of pixel costs. Here the last column is repeated there, as it is everywhere else.
 
 use super::Mode;
@@ -214,7 +214,7 @@ impl<'a> Aggregation<'a> {
             let cost = self.rows.next().to_vec();
             self.across(&top, 0, &cost, &mut now, None);
             std::mem::swap(&mut top, &mut now);
-            if y >= stripe.kept.end {
+            if y >= stripe.rows.end {
                 break;
             }
             self.along(false, &cost, |x, costs| left[x * d..][..d].copy_from_slice(costs));
@@ -229,8 +229,8 @@ impl<'a> Aggregation<'a> {
             });
             choice.check(self.search, &mut row);
             self.choice = choice;
-            if stripe.kept.contains(&y) {
-                let output = y - stripe.kept.start + stripe.first_output;
+            if stripe.rows.contains(&y) {
+                let output = y - stripe.rows.start + stripe.first_output;
                 out[output * width..][..width].copy_from_slice(&row);
             }
         }

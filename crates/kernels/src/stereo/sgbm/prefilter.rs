@@ -92,17 +92,17 @@ impl Plane {
         let value = &self.value[..width];
         let (low, high) = (&mut self.low[..width], &mut self.high[..width]);
         let between = |a: u8, b: u8| ((u16::from(a) + u16::from(b)) / 2) as u8;
-        let of = |left: u8, here: u8, right: u8| {
+        let low_and_high = |left: u8, here: u8, right: u8| {
             let (left, right) = (between(here, left), between(here, right));
             (here.min(left).min(right), here.max(left).max(right))
         };
         let last = width - 1;
         for x in [0, last] {
-            (low[x], high[x]) = of(value[x.saturating_sub(1)], value[x], value[(x + 1).min(last)]);
+            (low[x], high[x]) = low_and_high(value[x.saturating_sub(1)], value[x], value[(x + 1).min(last)]);
         }
         if width > 2 {
             for ((v, low), high) in value.windows(3).zip(&mut low[1..last]).zip(&mut high[1..last]) {
-                (*low, *high) = of(v[0], v[1], v[2]);
+                (*low, *high) = low_and_high(v[0], v[1], v[2]);
             }
         }
     }

@@ -25,7 +25,7 @@ pub(super) struct Search {
     pub clip: i32,
     /// Uniqueness margin, per cent.
     pub uniqueness: i32,
-    /// Value of an unanswered pixel.
+    /// Value of invalid pixels.
     pub invalid: i16,
     pub mode: Mode,
 }
@@ -58,7 +58,7 @@ impl Search {
     }
 
     /// The least width OpenCV accepts. `sgbm` and `hh` ask for more than half a block beyond the largest disparity,
-    /// `3way` for one searched column; `hh4` takes anything, and where nothing can be searched nothing is answered.
+    /// `3way` for one searched column; `hh4` takes anything, and if nothing can be searched, all pixels are invalid.
     pub(super) fn least_width(&self) -> i64 {
         let end = i64::from(self.min_disparity) + self.disparities as i64;
         match self.mode {
@@ -80,7 +80,7 @@ impl Search {
     pub(super) fn stripes(&self, block: i32) -> Vec<Stripe> {
         let height = self.height;
         if self.mode != Mode::ThreeWay {
-            return vec![Stripe { start: 0, end: height, kept: 0..height, first_output: 0 }];
+            return vec![Stripe { start: 0, end: height, rows: 0..height, first_output: 0 }];
         }
         let size = height.div_ceil(4);
         let overlap = block as usize / 2 + 1 + (0.1 * size as f64).ceil() as usize;
@@ -93,8 +93,8 @@ impl Search {
             let start = (n * size).saturating_sub(overlap).min(height);
             let end = outputs.end;
             let first_kept = if n == 0 { 0 } else { start + overlap };
-            let kept = first_kept..(first_kept + outputs.len());
-            stripes.push(Stripe { start, end, kept, first_output: outputs.start });
+            let rows = first_kept..(first_kept + outputs.len());
+            stripes.push(Stripe { start, end, rows, first_output: outputs.start });
         }
         stripes
     }
@@ -105,8 +105,8 @@ pub(super) struct Stripe {
     pub start: usize,
     /// One past the last source row.
     pub end: usize,
-    /// Source rows written to the output; those at or past `end` are unanswered.
-    pub kept: std::ops::Range<usize>,
+    /// Source rows written to the output; those at or past `end` are invalid.
+    pub rows: std::ops::Range<usize>,
     /// Output row of the first kept row.
     pub first_output: usize,
 }
@@ -131,8 +131,8 @@ mod tests {
         let params = Params { mode: Mode::ThreeWay, ..Params::default() };
         let stripes = Search::new(&params, 100, 100, 1).stripes(5);
         // 25 rows each; overlap 5/2 + 1 + ceil(2.5) = 6
-        assert_eq!(stripes[0], Stripe { start: 0, end: 25, kept: 0..25, first_output: 0 });
-        assert_eq!(stripes[2], Stripe { start: 44, end: 75, kept: 50..75, first_output: 50 });
+        assert_eq!(stripes[0], Stripe { start: 0, end: 25, rows: 0..25, first_output: 0 });
+        assert_eq!(stripes[2], Stripe { start: 44, end: 75, rows: 50..75, first_output: 50 });
         assert_eq!(stripes.len(), 4);
     }
 }

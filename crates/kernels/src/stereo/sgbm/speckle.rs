@@ -20,7 +20,7 @@ struct Run {
     region: u32,
 }
 
-/// The run of a pixel without answer.
+/// The run of an invalid pixel.
 const NONE: u32 = u32::MAX;
 
 /// Sets to `invalid` every pixel of a 4-connected region of at most `window` pixels, where neighbours belong together

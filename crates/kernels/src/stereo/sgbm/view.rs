@@ -35,7 +35,7 @@ pub enum Error {
         /// Columns it needs at least.
         needed: i64,
     },
-    /// A buffer does not hold what its image's size asks for.
+    /// A buffer's length does not match the size of its image.
     Length {
         /// `left`, `right` or `out`.
         buffer: &'static str,
@@ -44,7 +44,7 @@ pub enum Error {
         /// Elements it should hold.
         expected: usize,
     },
-    /// The images are too large for so many disparities: modes of two passes hold all costs.
+    /// The images are too large for this number of disparities: modes of two passes hold all costs.
     Memory(TooMuch),
 }
 
@@ -72,7 +72,7 @@ impl fmt::Display for Error {
                 )
             }
             Self::Length { buffer, len, expected } => {
-                write!(f, "buffer `{buffer}` holds {len} elements where the image's size asks for {expected}")
+                write!(f, "buffer `{buffer}` holds {len} elements where the size of the image requires {expected}")
             }
         }
     }

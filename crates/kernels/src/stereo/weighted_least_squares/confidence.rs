@@ -4,7 +4,7 @@ use crate::raster::reflect101;
 
 use super::Region;
 
-/// Disparities in 1/16 px with what stands for no answer.
+/// Disparities in 1/16 px with their invalid value.
 pub(super) struct Map<'a> {
     pub(super) pixels: &'a [i16],
     pub(super) width: usize,
@@ -16,7 +16,7 @@ impl Map<'_> {
         &self.pixels[(region.y + y) * self.width + region.x..][..region.width]
     }
 
-    /// The smallest rectangle that holds all answers.
+    /// The smallest rectangle that contains all valid pixels.
     pub(super) fn answered_region(&self) -> Option<Region> {
         let (mut left, mut right, mut rows) = (self.width, 0, None);
         for (y, row) in self.pixels.chunks_exact(self.width.max(1)).enumerate() {
@@ -29,8 +29,8 @@ impl Map<'_> {
         rows.map(|(top, bottom)| Region { x: left, y: top, width: right - left, height: bottom - top })
     }
 
-    /// 1 where there is an answer, 0 elsewhere, for the rows of `out`, the first being the region's row `first`.
-    pub(super) fn answered(&self, region: &Region, first: usize, out: &mut [f32]) {
+    /// 1 at valid pixels, 0 elsewhere, for the rows of `out`, the first being the region's row `first`.
+    pub(super) fn validity(&self, region: &Region, first: usize, out: &mut [f32]) {
         for (y, out) in out.chunks_exact_mut(region.width).enumerate() {
             for (share, &pixel) in out.iter_mut().zip(self.row(region, first + y)) {
                 *share = f32::from(u8::from(pixel != self.invalid));
@@ -51,7 +51,7 @@ impl Map<'_> {
 /// OpenCV's `depth_discontinuity_roll_off_factor`: confidence lost per variance, in sixteenths of a pixel squared.
 const ROLL_OFF: f32 = 0.001;
 
-/// Sums over the answered pixels of a window, or of a part of one column.
+/// Sums over the valid pixels of a window, or of a part of one column.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     count: i64,
@@ -87,7 +87,7 @@ impl Sums {
 }
 
 /// How even the disparities around each pixel are, 0 to 1: 1 less a thousandth of the variance (1/16 px squared) of the
-/// answered pixels in a window of side `2 radius + 1`, borders reflected. For the rows of `out`, from the region's row
+/// valid pixels in a window of side `2 radius + 1`, borders reflected. For the rows of `out`, from the region's row
 /// `first` on. Sums are exact, so that their order does not matter.
 pub(super) fn continuity(map: &Map<'_>, region: &Region, radius: usize, first: usize, out: &mut [f32]) {
     let reach = radius as isize;
@@ -122,7 +122,7 @@ pub(super) fn continuity(map: &Map<'_>, region: &Region, radius: usize, first: u
 }
 
 /// Confidence from continuity, in place, 0 to 255: the lesser of a pixel's and its partner's where the two views'
-/// disparities add up to less than `max_difference` (1/16 px), 0 where they do not and where one has no answer. A pixel
+/// disparities add up to less than `max_difference` (1/16 px), 0 where they do not and where one is invalid. A pixel
 /// whose partner lies outside the right map's region keeps its own, as in OpenCV.
 pub(super) fn consistency(
     (left, region): (&Map<'_>, &Region),

@@ -168,7 +168,7 @@ impl<const N: usize> Pass for Rows<'_, '_, N> {
     #[inline(always)]
     fn run(self) {
         let Self { tile, width, lambda, spare } = self;
-        // OpenCV's first column is no vector's, nor are up to four at the end.
+        // OpenCV computes the first column and up to four at the end without vectors.
         let whole = if tile.whole { 1 + width.saturating_sub(VECTOR).div_ceil(VECTOR) * VECTOR } else { 0 };
         let zeros = vec![0.0; width];
         let Spare { eliminated, values } = spare;

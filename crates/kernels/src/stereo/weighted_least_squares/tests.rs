@@ -63,7 +63,7 @@ fn rows_and_columns_solve_the_papers_equations() {
 }
 
 #[test]
-fn gaps_take_the_answers_on_their_side_of_an_edge() {
+fn gaps_are_filled_from_their_side_of_an_edge() {
     let (width, height) = (40, 12);
     let guide: Vec<u8> = (0..width * height).map(|i| if i % width < 20 { 30 } else { 200 }).collect();
     let truth = |i: usize| if i % width < 20 { 100 } else { 700 };
@@ -72,12 +72,12 @@ fn gaps_take_the_answers_on_their_side_of_an_edge() {
     let smoother = Smoother::new(Params::default());
     let found = filtered(&smoother, &gappy, &grey(&guide, width), None, true);
     assert!(found.iter().enumerate().all(|(i, &found)| (found - truth(i)).abs() <= 1), "{:?}", &found[..width]);
-    let kept = filtered(&smoother, &gappy, &grey(&guide, width), None, false);
-    assert!(kept.iter().zip(&gappy).all(|(&kept, &before)| (kept == NO) == (before == NO)));
+    let unfilled = filtered(&smoother, &gappy, &grey(&guide, width), None, false);
+    assert!(unfilled.iter().zip(&gappy).all(|(&unfilled, &before)| (unfilled == NO) == (before == NO)));
 }
 
 #[test]
-fn what_the_right_view_contradicts_is_replaced() {
+fn pixels_contradicted_by_the_right_view_are_replaced() {
     let (width, height) = (60, 20);
     let guide = vec![77; width * height];
     let mut left = vec![160_i16; width * height];
@@ -94,7 +94,7 @@ fn what_the_right_view_contradicts_is_replaced() {
 }
 
 #[test]
-fn outside_the_answered_rectangle_and_beyond_reach_nothing_is_answered() {
+fn outside_the_valid_rectangle_and_beyond_reach_pixels_are_invalid() {
     let empty = vec![NO; 20];
     let guide: Vec<u8> = (0..20).map(|i| if i % 5 == 2 { 255 } else { 0 }).collect();
     let smoother = Smoother::new(Params::default());

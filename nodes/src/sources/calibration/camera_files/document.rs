@@ -70,7 +70,7 @@ impl<'a> Document<'a> {
         let count = numbers.len();
         numbers
             .try_into()
-            .map_err(|_| self.fault(format!("`{name}` holds {count} numbers where {N} are wanted")).remedy(FORMS))
+            .map_err(|_| self.fault(format!("`{name}` holds {count} numbers, expected {N}")).remedy(FORMS))
     }
 
     pub(super) fn numbers(&self, name: &str, value: &Json) -> Result<Vec<f64>, Fault> {
@@ -92,13 +92,13 @@ impl<'a> Document<'a> {
     }
 
     pub(super) fn size(&self, width: &[&str], height: &[&str]) -> Result<Option<(u32, u32)>, Fault> {
-        let one = |names: &[&str]| Ok::<_, Fault>(self.matrix::<1>(names)?.map(|[of]| of));
+        let one = |names: &[&str]| Ok::<_, Fault>(self.matrix::<1>(names)?.map(|[number]| number));
         let (Some(width), Some(height)) = (one(width)?, one(height)?) else { return Ok(None) };
         self.size_of([width, height]).map(Some)
     }
 
     pub(super) fn size_of(&self, [width, height]: [f64; 2]) -> Result<(u32, u32), Fault> {
-        let is_one = |of: f64| of.fract() == 0.0 && (1.0..=1e6).contains(&of);
+        let is_one = |number: f64| number.fract() == 0.0 && (1.0..=1e6).contains(&number);
         match is_one(width) && is_one(height) {
             true => Ok((width as u32, height as u32)),
             false => Err(self.fault(format!("{width}x{height} is not the size of an image")).remedy(FORMS)),
@@ -134,7 +134,7 @@ fn yaml(text: &str) -> Result<Json, String> {
         Some(rest) => rest.split_once('\n').map_or("", |(_, rest)| rest),
         None => text,
     };
-    // Tags say what the values say themselves. A line stays a line, so that an error's number is right but for the
+    // Tags repeat what the values show. Lines are kept, so that line numbers in errors are right, except for the
     // first.
     let text =
         ["!!opencv-nd-matrix", "!!opencv-matrix"].iter().fold(text.to_owned(), |text, tag| text.replace(tag, ""));
@@ -227,38 +227,34 @@ mod tests {
     const JSON: &str = "{ \"M1\": { \"type_id\": \"opencv-matrix\", \"rows\": 2, \"cols\": 2, \"dt\": \"d\", \"data\": [ 1.0, -2.5e+02, 0.5, 0.0 ] }, \"size\": [ 640, 480 ] }";
 
     #[test]
-    fn every_syntax_says_the_same() {
+    fn every_syntax_gives_the_same_calibration() {
         for text in [YAML, XML, JSON] {
             let document = parsed(text).unwrap();
             assert_eq!(document.matrix(&["K1", "M1"]).unwrap(), Some([1.0, -250.0, 0.5, 0.0]), "{text}");
             assert_eq!(document.list(&["size"]).unwrap(), Some(vec![640.0, 480.0]));
             assert_eq!(document.list(&["D1"]).unwrap(), None);
             assert!(
-                document
-                    .matrix::<9>(&["M1"])
-                    .unwrap_err()
-                    .to_string()
-                    .contains("`M1` holds 4 numbers where 9 are wanted")
+                document.matrix::<9>(&["M1"]).unwrap_err().to_string().contains("`M1` holds 4 numbers, expected 9")
             );
         }
     }
 
     #[test]
-    fn what_is_broken_says_where() {
-        let said = |text: &str| parsed(text).map(|_| ()).unwrap_err();
-        assert!(said("").contains("the file is empty"));
-        assert!(said("a: [1, 2").contains("camera.yml: "));
-        assert!(said("- 1\n").contains("holds no names with values"));
-        assert!(said(&XML[..200]).contains("cut off") || said(&XML[..200]).contains("not closed"));
-        assert!(said("<a></b>").contains("line 1: `</b>` closes `<a>`"));
-        assert!(said("</a>").contains("closes `<>`"));
-        assert!(said("<html></html>").contains("no element `opencv_storage`"));
-        assert!(said(&"<a>".repeat(1000)).contains("nested deeper"));
-        assert!(said(&format!("a: {}", "[".repeat(1000))).contains("camera.yml: "));
-        assert!(said("a: 1\na: 2\n").contains("camera.yml: "));
-        let of = parsed("a: [1, .nan]\nb: [1, x]\nc: true\n").unwrap();
+    fn errors_state_their_place() {
+        let error = |text: &str| parsed(text).map(|_| ()).unwrap_err();
+        assert!(error("").contains("the file is empty"));
+        assert!(error("a: [1, 2").contains("camera.yml: "));
+        assert!(error("- 1\n").contains("holds no names with values"));
+        assert!(error(&XML[..200]).contains("cut off") || error(&XML[..200]).contains("not closed"));
+        assert!(error("<a></b>").contains("line 1: `</b>` closes `<a>`"));
+        assert!(error("</a>").contains("closes `<>`"));
+        assert!(error("<html></html>").contains("no element `opencv_storage`"));
+        assert!(error(&"<a>".repeat(1000)).contains("nested deeper"));
+        assert!(error(&format!("a: {}", "[".repeat(1000))).contains("camera.yml: "));
+        assert!(error("a: 1\na: 2\n").contains("camera.yml: "));
+        let document = parsed("a: [1, .nan]\nb: [1, x]\nc: true\n").unwrap();
         for name in ["a", "b", "c"] {
-            assert!(of.list(&[name]).unwrap_err().to_string().contains("which is not a finite number"), "{name}");
+            assert!(document.list(&[name]).unwrap_err().to_string().contains("which is not a finite number"), "{name}");
         }
     }
 }

@@ -11,11 +11,11 @@ pub(super) fn is(file: &Document<'_>) -> bool {
 }
 
 pub(super) fn read(file: &Document<'_>) -> Result<CameraPair, Fault> {
-    let of = |name: &str| {
+    let camera = |name: &str| {
         let camera = file.within(name);
         camera.ok_or_else(|| file.fault(format!("there is no camera `{name}`")).remedy(FORMS))
     };
-    let (first, second) = (of("cam0")?, of("cam1")?);
+    let (first, second) = (camera("cam0")?, camera("cam1")?);
     let one = |name: &str, file: &Document<'_>| -> Result<CalibratedCamera, Fault> {
         let missing = |what: &str| file.fault(format!("`{name}` has no `{what}`")).remedy(FORMS);
         let model = file.text(&["camera_model"]).unwrap_or("pinhole");

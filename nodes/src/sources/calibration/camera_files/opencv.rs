@@ -45,7 +45,7 @@ pub(super) fn read(files: &[Document<'_>], fisheye: bool) -> Result<CameraPair, 
         let lens = lens(if fisheye { "fisheye" } else { "opencv" }, &coefficients).map_err(|what| {
             of_lens
                 .fault(format!("`{}`: {what}", COEFFICIENTS[side][0]))
-                .remedy("rectify the images with the tool that calibrated them, and say `rectified: true`")
+                .remedy("rectify the images with the tool that calibrated them, and set `rectified: true`")
         })?;
         let (r, p) = ([["R1"], ["R2"]][side], [["P1"], ["P2"]][side]);
         let rectified = match (with(&r).matrix::<9>(&r)?, with(&p).matrix::<12>(&p)?) {

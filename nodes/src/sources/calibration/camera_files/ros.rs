@@ -29,7 +29,7 @@ pub(super) fn read(files: [&Document<'_>; 2]) -> Result<CameraPair, Fault> {
         let r = file.matrix::<9>(&ROTATION)?.ok_or_else(|| missing(ROTATION[0]))?;
         let model = file.text(&["distortion_model"]).unwrap_or_default();
         let lens = lens(model, &file.list(&COEFFICIENTS)?.unwrap_or_default())
-            .map_err(|what| file.fault(what).remedy("rectify the images with image_proc, and say `rectified: true`"))?;
+            .map_err(|what| file.fault(what).remedy("rectify the images with image_proc, and set `rectified: true`"))?;
         let size = file.size(&["image_width", "width"], &["image_height", "height"])?;
         Ok(CalibratedCamera { size, camera: camera(&k, lens), rectified: Some(view(&r, &p)) })
     });

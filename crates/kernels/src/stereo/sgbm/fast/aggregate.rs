@@ -33,7 +33,7 @@ impl<'a> Slots<'a> {
     }
 
     pub(super) fn new(search: &Search, memory: Shared<'a, i16>, count: usize, padding: usize, drift: isize) -> Self {
-        // SAFETY: nobody else has this memory yet.
+        // SAFETY: this memory is not shared yet.
         let values = unsafe { memory.write(0..Self::len(search, count, padding)) };
         let stride = search.disparities + padding;
         let (lead, slots) = values.split_at_mut(LEAD);
@@ -61,8 +61,8 @@ impl<'a> Slots<'a> {
         };
         if columns.contains(&x) {
             let start = LEAD + self.index(x, i) * self.stride;
-            // SAFETY: the slot up to its smallest cost belongs to this column, hence to whoever aggregates paths
-            // through it.
+            // SAFETY: the slot up to its smallest cost belongs to this column, hence to the worker that aggregates
+            // paths through it.
             reset(search, unsafe { self.memory.write(start..start + search.disparities + DELTA + 1) });
         }
     }
@@ -108,11 +108,11 @@ const SLIDE: u8 = 2;
 /// Aggregates costs along the paths through a part of a row.
 ///
 /// # Safety
-/// The instruction set of `L` must be present; the pointers hold the costs and sums of the columns; nobody else uses
+/// The instruction set of `L` must be present; the pointers hold the costs and sums of the columns; nothing else uses
 /// the sums, the costs if they are made, or the columns' slots.
 #[inline(always)]
 pub(super) unsafe fn aggregate<L: Lanes, const N: usize>(m: &Aggregate<'_>) {
-    // SAFETY: as the caller vouches.
+    // SAFETY: as the caller guarantees.
     unsafe {
         match (m.slots, m.source) {
             (&[down], Source::Costs) => through::<L, N, 1, COSTS>(m, [down]),
@@ -156,7 +156,7 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
         Source::Sums(sums) => [sums; 3],
         Source::Slide(rows) => rows,
     };
-    // SAFETY: slots lie in their memory with padding before and after; the rest as the caller vouches.
+    // SAFETY: slots are inside their memory with padding before and after; the rest as the caller guarantees.
     unsafe {
         let p1 = L::splat(search.p1);
         for _ in m.columns.clone() {

@@ -17,10 +17,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
 use super::aggregate::{Aggregate, Slots, Source};
-use super::answers::Answers;
 use super::costs::{CostRow, Slide, pixel_len};
 use super::decide::{Decide, total_len};
 use super::kernels::Kernels;
+use super::row_disparities::RowDisparities;
 use super::shared::{Costs, Shared};
 use crate::memory::TooMuch;
 use crate::stereo::sgbm::Mode;
@@ -43,7 +43,7 @@ struct RowScratch {
     right: Planes,
     pixel: Costs,
     total: Costs,
-    answers: Answers,
+    disparities: RowDisparities,
 }
 
 #[derive(Debug, Default)]
@@ -198,7 +198,7 @@ impl<'a> Frame<'a> {
             return;
         }
         for border in [tile.checked_sub(1), Some(tile)].into_iter().flatten() {
-            // Both neighbours pass by once a band. What the other one wrote is seen by whoever comes second.
+            // Both neighbours pass here once per band. The second one sees what the first one wrote.
             if beside.get(border).is_some_and(|passed| passed.fetch_add(1, Ordering::AcqRel) % 2 == 1) {
                 self.triangle(sweep, self.rows_of(band), (border + 1) * TILE);
             }
@@ -344,7 +344,8 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Block costs of some columns of row `y` of the stripe, which has none before it, or which OpenCV leaves alone.
+    /// Block costs of some columns of row `y` of the stripe, which has no row before it, or which OpenCV does not
+    /// change.
     fn first_costs(&self, y: usize, columns: Range<usize>) {
         let Search { disparities: d, radius, p2, height, .. } = *self.search;
         let part = |row: usize| row + columns.start * d..row + columns.end * d;
@@ -366,7 +367,7 @@ impl<'a> Frame<'a> {
     }
 
     fn decide(&self, sweep: &Sweep<'_>, rows: Range<usize>) {
-        let kept = &self.stripe.kept;
+        let stripe_rows = &self.stripe.rows;
         let len = self.search.row_len();
         let width = self.search.width;
         let first = rows.start;
@@ -375,11 +376,11 @@ impl<'a> Frame<'a> {
         for (i, scratch) in rows.zip(&mut scratch) {
             let y = self.row_of(sweep, i);
             let source = self.stripe.start + y;
-            if !kept.contains(&source) {
+            if !stripe_rows.contains(&source) {
                 continue;
             }
-            let output = (source - kept.start + self.stripe.first_output) * width;
-            let RowScratch { total, answers, .. } = &mut **scratch;
+            let output = (source - stripe_rows.start + self.stripe.first_output) * width;
+            let RowScratch { total, disparities, .. } = &mut **scratch;
             let room = total_len(self.search);
             let total = total.at_least(room);
             // SAFETY: each row of this round has its own scratch, its own sums and its own row of the output; costs are
@@ -390,7 +391,7 @@ impl<'a> Frame<'a> {
                     cost: self.cost.read(self.cost_at(y)..self.cost_at(y) + len),
                     sum: self.band.write(i % BAND * len..(i % BAND + 1) * len),
                     total: total.write(0..room),
-                    answers,
+                    disparities,
                     out: self.out.write(output..output + width),
                 }
             });

@@ -46,9 +46,9 @@ struct Pixels<'a> {
     n: usize,
 }
 
-/// How pixel costs are kept. (A trait, not closures: only functions can be told to become part of their caller, and
+/// How pixel costs are stored. (A trait, not closures: only functions can be forced to be inlined, and
 /// code outside a function compiled for an instruction set does not use it.)
-trait Kept<L: Lanes> {
+trait PixelCosts<L: Lanes> {
     /// Computes column `x`.
     ///
     /// # Safety
@@ -68,13 +68,13 @@ struct Bytes;
 /// Any costs.
 struct Words;
 
-impl<L: Lanes> Kept<L> for Bytes {
+impl<L: Lanes> PixelCosts<L> for Bytes {
     #[inline(always)]
     unsafe fn compute(pixels: &Pixels<'_>, x: usize) {
         let (column, from) = pixels.places(x);
         let d = pixels.n * L::LANES;
         for at in (0..d).step_by(L::BYTES) {
-            // SAFETY: candidates lie in the planes, which are padded by a vector; so is the memory.
+            // SAFETY: candidates are inside the planes, which are padded by a vector; so is the memory.
             unsafe {
                 let sobel = dissimilarity::<L>(&pixels.left[0], &pixels.right[0], column, from + at);
                 let grey = dissimilarity::<L>(&pixels.left[1], &pixels.right[1], column, from + at);
@@ -85,19 +85,19 @@ impl<L: Lanes> Kept<L> for Bytes {
 
     #[inline(always)]
     unsafe fn load(pixels: &Pixels<'_>, at: usize) -> L::V {
-        // SAFETY: as the caller vouches.
+        // SAFETY: as the caller guarantees.
         unsafe { L::load_widened(pixels.to.cast::<u8>().add(at)) }
     }
 }
 
-impl<L: Lanes> Kept<L> for Words {
+impl<L: Lanes> PixelCosts<L> for Words {
     #[inline(always)]
     unsafe fn compute(pixels: &Pixels<'_>, x: usize) {
         let (column, from) = pixels.places(x);
         let d = pixels.n * L::LANES;
         let channels = pixels.search.channels;
         for at in (0..d).step_by(L::BYTES) {
-            // SAFETY: candidates lie in the planes, which are padded by a vector; so is the memory.
+            // SAFETY: candidates are inside the planes, which are padded by a vector; so is the memory.
             unsafe {
                 let mut sum = [L::splat(0); 2];
                 for plane in 0..2 * channels {
@@ -113,13 +113,13 @@ impl<L: Lanes> Kept<L> for Words {
 
     #[inline(always)]
     unsafe fn load(pixels: &Pixels<'_>, at: usize) -> L::V {
-        // SAFETY: as the caller vouches.
+        // SAFETY: as the caller guarantees.
         unsafe { L::load(pixels.to.add(at)) }
     }
 }
 
 impl Pixels<'_> {
-    /// Where a searched column and its first candidate lie in the planes.
+    /// The places of a searched column and its first candidate in the planes.
     #[inline(always)]
     fn places(&self, x: usize) -> (usize, usize) {
         let column = self.search.first_column + x;
@@ -143,7 +143,7 @@ pub(super) unsafe fn cost_row<L: Lanes, const N: usize>(row: &mut CostRow<'_>) {
         to: row.pixel.as_mut_ptr(),
         n: if N > 0 { N } else { search.disparities / L::LANES },
     };
-    // SAFETY: as the caller vouches; lengths were just measured.
+    // SAFETY: as the caller guarantees; lengths were just measured.
     unsafe {
         if search.channels == 1 && largest_pixel_cost(search) <= usize::from(u8::MAX) {
             sum_row::<L, Bytes>(&pixels, row.sums.as_mut_ptr());
@@ -158,7 +158,7 @@ pub(super) unsafe fn cost_row<L: Lanes, const N: usize>(row: &mut CostRow<'_>) {
 /// # Safety
 /// As [`cost_row`].
 #[inline(always)]
-unsafe fn sum_row<L: Lanes, K: Kept<L>>(pixels: &Pixels<'_>, sums: *mut i16) {
+unsafe fn sum_row<L: Lanes, K: PixelCosts<L>>(pixels: &Pixels<'_>, sums: *mut i16) {
     let Search { columns, radius, .. } = *pixels.search;
     let n = pixels.n;
     let d = n * L::LANES;
@@ -200,10 +200,10 @@ unsafe fn sum_row<L: Lanes, K: Kept<L>>(pixels: &Pixels<'_>, sums: *mut i16) {
 /// The dissimilarity of a column of the left plane with a vector of candidates of the right one.
 ///
 /// # Safety
-/// As [`cost_row`]; the places lie in the planes.
+/// As [`cost_row`]; the places are inside the planes.
 #[inline(always)]
 unsafe fn dissimilarity<L: Lanes>(left: &[*const u8; 3], right: &[*const u8; 3], column: usize, from: usize) -> L::B {
-    // SAFETY: as the caller vouches.
+    // SAFETY: as the caller guarantees.
     unsafe {
         let u = L::splat_bytes(*left[0].add(column));
         let u_low = L::splat_bytes(*left[1].add(column));

@@ -1,8 +1,8 @@
 //! The directions along the row, and the decision: they need a row's costs and sums, and nothing of other rows.
 
 use super::aggregate::border;
-use super::answers::{AnswerSlots, Answers};
 use super::lanes::{COMPARED, Lanes};
+use super::row_disparities::{DisparitySlots, RowDisparities};
 use crate::stereo::sgbm::Mode;
 use crate::stereo::sgbm::choice::Choice;
 use crate::stereo::sgbm::search::Search;
@@ -14,7 +14,7 @@ pub(super) struct Decide<'a> {
     pub sum: &'a mut [i16],
     /// Memory for one column's sums: `total_len` values.
     pub total: &'a mut [i16],
-    pub answers: &'a mut Answers,
+    pub disparities: &'a mut RowDisparities,
     pub out: &'a mut [i16],
 }
 
@@ -30,7 +30,7 @@ pub(super) fn total_len(search: &Search) -> usize {
 /// The instruction set of `L` must be present.
 #[inline(always)]
 pub(super) unsafe fn decide<L: Lanes, const N: usize>(rows: &mut [Decide<'_>]) {
-    // SAFETY: as the caller vouches.
+    // SAFETY: as the caller guarantees.
     unsafe {
         match rows {
             [] => {}
@@ -48,7 +48,7 @@ pub(super) unsafe fn decide<L: Lanes, const N: usize>(rows: &mut [Decide<'_>]) {
 /// As [`decide`]; the paths hold vectors for all disparities.
 #[inline(always)]
 unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>>(a: &mut Decide<'_>, b: &mut Decide<'_>, [path_a, path_b]: [P; 2]) {
-    // SAFETY: as the caller vouches; columns are searched columns.
+    // SAFETY: as the caller guarantees; columns are searched columns.
     unsafe {
         let search = a.search;
         let fixed = Fixed::<L>::new(search);
@@ -64,15 +64,15 @@ unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>>(a: &mut Decide<'_>, b: &mut Dec
             row_b.left(&fixed, x);
         }
     }
-    a.answers.finish(a.search, a.out);
-    b.answers.finish(b.search, b.out);
+    a.disparities.finish(a.search, a.out);
+    b.disparities.finish(b.search, b.out);
 }
 
 /// # Safety
 /// As [`decide_two`].
 #[inline(always)]
 unsafe fn decide_one<L: Lanes, P: AsMut<[L::V]>>(row: &mut Decide<'_>, path: P) {
-    // SAFETY: as the caller vouches; columns are searched columns.
+    // SAFETY: as the caller guarantees; columns are searched columns.
     unsafe {
         let search = row.search;
         let fixed = Fixed::<L>::new(search);
@@ -85,7 +85,7 @@ unsafe fn decide_one<L: Lanes, P: AsMut<[L::V]>>(row: &mut Decide<'_>, path: P) 
             along.left(&fixed, x);
         }
     }
-    row.answers.finish(row.search, row.out);
+    row.disparities.finish(row.search, row.out);
 }
 
 #[derive(Clone, Copy)]
@@ -109,7 +109,7 @@ struct Along<L: Lanes, P> {
     cost: *const i16,
     sum: *mut i16,
     total: *mut i16,
-    slots: AnswerSlots,
+    slots: DisparitySlots,
 }
 
 impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
@@ -126,7 +126,7 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
             cost: row.cost.as_ptr(),
             sum: row.sum.as_mut_ptr(),
             total: row.total.as_mut_ptr(),
-            slots: row.answers.start(row.search),
+            slots: row.disparities.start(row.search),
         }
     }
 
@@ -138,7 +138,7 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
 
     #[inline(always)]
     unsafe fn right(&mut self, fixed: &Fixed<'_, L>, x: usize) {
-        // SAFETY: as the caller vouches.
+        // SAFETY: as the caller guarantees.
         unsafe {
             let path = self.path.as_mut();
             let at = x * path.len() * L::LANES;
@@ -150,7 +150,7 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
     /// One step to the left, to column `x`, which completes its sums: it is decided.
     #[inline(always)]
     unsafe fn left(&mut self, fixed: &Fixed<'_, L>, x: usize) {
-        // SAFETY: as the caller vouches.
+        // SAFETY: as the caller guarantees.
         unsafe {
             let path = self.path.as_mut();
             let d = path.len() * L::LANES;
@@ -181,7 +181,7 @@ unsafe fn advance<L: Lanes, const LEAST: bool>(
     to: *mut i16,
 ) -> (L::V, L::V) {
     let Fixed { p1, p2, border, .. } = *fixed;
-    // SAFETY: as the caller vouches.
+    // SAFETY: as the caller guarantees.
     unsafe {
         let n = path.len();
         let delta = L::add(smallest, p2);
@@ -215,7 +215,7 @@ unsafe fn advance<L: Lanes, const LEAST: bool>(
 #[inline(always)]
 unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Option<Choice> {
     let sums = &padded[..search.disparities];
-    // SAFETY: as the caller vouches; what is compared lies within the padded sums.
+    // SAFETY: as the caller guarantees; what is compared lies within the padded sums.
     unsafe {
         let cost = L::first(least);
         if cost == i16::MAX {
@@ -244,7 +244,7 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Opti
         if search.uniqueness > 0 {
             let limit = L::splat(best.rival_limit(search)?);
             for at in (0..padded.len()).step_by(2 * COMPARED) {
-                // The best candidate and its two neighbours are no rivals.
+                // The best candidate and its two neighbours do not count as rivals.
                 if compare::<L, false>(padded, at, limit) & !near_bits(best.index - at as i32) != 0 {
                     return None;
                 }
@@ -260,7 +260,7 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Opti
 /// As [`choose`].
 #[inline(always)]
 unsafe fn compare<L: Lanes, const EQUAL: bool>(sums: &[i16], at: usize, v: L::V) -> u64 {
-    // SAFETY: as the caller vouches.
+    // SAFETY: as the caller guarantees.
     unsafe {
         let first = sums.as_ptr().add(at);
         let low = bits::<L, EQUAL>(first, v);
@@ -273,11 +273,11 @@ unsafe fn compare<L: Lanes, const EQUAL: bool>(sums: &[i16], at: usize, v: L::V)
 /// As [`choose`].
 #[inline(always)]
 unsafe fn bits<L: Lanes, const EQUAL: bool>(from: *const i16, v: L::V) -> u32 {
-    // SAFETY: as the caller vouches.
+    // SAFETY: as the caller guarantees.
     unsafe { if EQUAL { L::equal_bits(from, v) } else { L::less_bits(from, v) } }
 }
 
-/// Bits `index - 1`, `index` and `index + 1`, those of them that lie in 0..64.
+/// Bits `index - 1`, `index` and `index + 1`, those of them in 0..64.
 #[inline(always)]
 fn near_bits(index: i32) -> u64 {
     match index {

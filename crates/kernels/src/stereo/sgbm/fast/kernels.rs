@@ -15,7 +15,7 @@ use crate::stereo::sgbm::view::View;
 /// One instruction set's kernels, for one number of disparities.
 ///
 /// # Safety
-/// Each function's own; and the instruction set was found on this machine by whoever made the table.
+/// Each function's own; and the creator of the table detected the instruction set on this machine.
 #[derive(Clone, Copy)]
 pub(super) struct Kernels {
     /// Padding of path slots that keeps their vectors aligned.

@@ -70,20 +70,20 @@ impl<'a, T> Shared<'a, T> {
     /// A part, to write.
     ///
     /// # Safety
-    /// While it lives, nobody else may read or write any of it.
+    /// While it lives, no other code may read or write any of it.
     pub(super) unsafe fn write(&self, range: Range<usize>) -> &'a mut [T] {
         assert!(range.start <= range.end && range.end <= self.len, "{range:?} of a buffer of {}", self.len);
-        // SAFETY: in bounds; the caller vouches that nobody else uses it.
+        // SAFETY: in bounds; the caller guarantees exclusive use.
         unsafe { std::slice::from_raw_parts_mut(self.start.add(range.start), range.len()) }
     }
 
     /// A part, to read.
     ///
     /// # Safety
-    /// While it lives, nobody may write any of it.
+    /// While it lives, no code may write any of it.
     pub(super) unsafe fn read(&self, range: Range<usize>) -> &'a [T] {
         assert!(range.start <= range.end && range.end <= self.len, "{range:?} of a buffer of {}", self.len);
-        // SAFETY: in bounds; the caller vouches that nobody writes it.
+        // SAFETY: in bounds; the caller guarantees that it is not written.
         unsafe { std::slice::from_raw_parts(self.start.add(range.start), range.len()) }
     }
 }

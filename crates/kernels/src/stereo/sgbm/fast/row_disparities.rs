@@ -1,9 +1,9 @@
-//! The answers of one row: sub-pixel positions and the left-right check, for whole rows at once.
+//! The disparities of one row: sub-pixel positions and the left-right check, for whole rows at once.
 
 use crate::stereo::sgbm::choice::Choice;
 use crate::stereo::sgbm::search::Search;
 
-/// Marks a column without answer.
+/// Marks an invalid column.
 const NONE: i16 = i16::MIN;
 
 /// Larger than any index of a candidate.
@@ -13,7 +13,7 @@ const INDICES: i32 = 4095;
 const MARGIN: usize = 2;
 
 #[derive(Debug, Default)]
-pub(super) struct Answers {
+pub(super) struct RowDisparities {
     /// Best candidate of each searched column, or `NONE`.
     index: Vec<i16>,
     /// Costs of its predecessor, of itself, of its successor.
@@ -29,9 +29,9 @@ pub(super) struct Answers {
     agreeing: Vec<[i16; 2]>,
 }
 
-/// Where one row's answers go, as long as its [`Answers`] are not touched.
+/// Where the disparities of one row are written, as long as its [`RowDisparities`] are not accessed.
 #[derive(Clone, Copy)]
-pub(super) struct AnswerSlots {
+pub(super) struct DisparitySlots {
     index: *mut i16,
     before: *mut i16,
     here: *mut i16,
@@ -39,28 +39,28 @@ pub(super) struct AnswerSlots {
     partners: *mut i32,
 }
 
-impl AnswerSlots {
-    /// Searched column `x` has no answer.
+impl DisparitySlots {
+    /// Searched column `x` is invalid.
     ///
     /// # Safety
-    /// The answers must be alive and started for a row with this column.
+    /// The disparities must be alive and started for a row with this column.
     #[inline(always)]
     pub(super) unsafe fn none(&self, x: usize) {
-        // SAFETY: as the caller vouches.
+        // SAFETY: as the caller guarantees.
         unsafe { *self.index.add(x) = NONE };
     }
 
-    /// Searched column `x` is answered by `best`, the best of `sums`.
+    /// Searched column `x` has the disparity `best`, the best of `sums`.
     ///
     /// # Safety
-    /// As [`AnswerSlots::none`].
+    /// As [`DisparitySlots::none`].
     #[inline(always)]
     pub(super) unsafe fn put(&self, search: &Search, x: usize, best: Choice, sums: &[i16]) {
         let partner = (x + search.first_column) as i32 - best.index - search.min_disparity;
         let key = i32::from(best.cost) << 16 | (INDICES - best.index);
         // At the ends these are not used; any in range will do.
         let last = sums.len() as i32 - 1;
-        // SAFETY: a searched column's candidates lie in the right image, candidate -1 one column farther at most.
+        // SAFETY: a searched column's candidates are inside the right image, candidate -1 one column farther at most.
         unsafe {
             let slot = self.partners.add(partner as usize);
             *slot = key.min(*slot);
@@ -72,16 +72,16 @@ impl AnswerSlots {
     }
 }
 
-impl Answers {
-    /// Begins a row; the answers go where the slots say.
-    pub(super) fn start(&mut self, search: &Search) -> AnswerSlots {
+impl RowDisparities {
+    /// Begins a row; disparities are written to the slots.
+    pub(super) fn start(&mut self, search: &Search) -> DisparitySlots {
         for values in [&mut self.index, &mut self.before, &mut self.here, &mut self.after] {
             values.resize(search.columns, 0);
         }
         self.partners.clear();
-        // One more than columns: a candidate -1 may lie there. It never wins.
+        // One more than columns: a candidate -1 may be there. It never wins.
         self.partners.resize(search.width + 1, i32::from(i16::MAX) << 16);
-        AnswerSlots {
+        DisparitySlots {
             index: self.index.as_mut_ptr(),
             before: self.before.as_mut_ptr(),
             here: self.here.as_mut_ptr(),
@@ -123,7 +123,7 @@ impl Answers {
             let (before, here, after) = (i32::from(before[x]), i32::from(here[x]), i32::from(after[x]));
             let curvature = (before + after - 2 * here).max(1);
             let numerator = (before - after) * 16 + curvature;
-            // Both are below 2^24, hence exact, and so is the quotient cut to an integer: a quotient that is none lies
+            // Both are below 2^24, hence exact, and so is the quotient cut to an integer: a fractional quotient is
             // farther from the next integer than rounding reaches.
             let step = (numerator as f32 / (curvature * 2) as f32) as i32;
             let inside = i > 0 && i < last;

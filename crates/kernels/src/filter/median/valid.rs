@@ -1,22 +1,22 @@
-//! Medians of maps with gaps: a pixel without an answer is no sample.
+//! Medians of maps with gaps: an invalid pixel is not a sample.
 
 use super::{median3, median5};
 use crate::raster::{check, replicate};
 use crate::simd::{Level, Pass};
 
-/// [`median3`] over the answered (finite) pixels of every window.
+/// [`median3`] over the valid (finite) pixels of every window.
 ///
-/// A pixel that answered gets the median of the answers around it (of an even number the mean of the middle two, as
-/// NumPy's `nanmedian`); one that did not gets it if more than half of its window answered, and else stays without
-/// (NaN). So a gap neither grows over answers nor draws them to itself. Where all is answered this is [`median3`], in
-/// its time.
-pub fn median3_of_answers(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
+/// A valid pixel gets the median of the valid pixels around it (of an even number the mean of the middle two, as
+/// NumPy's `nanmedian`); an invalid one gets it if more than half of its window is valid, and otherwise stays invalid
+/// (NaN). So invalid pixels neither spread nor attract valid ones. If all pixels are valid this is [`median3`], in its
+/// time.
+pub fn median3_of_valid(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
     median3(input, width, height, out);
     mend::<1>(input, width, height, out);
 }
 
-/// [`median5`] over the answered pixels of every window; see [`median3_of_answers`].
-pub fn median5_of_answers(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
+/// [`median5`] over the valid pixels of every window; see [`median3_of_valid`].
+pub fn median5_of_valid(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
     median5(input, width, height, out);
     mend::<2>(input, width, height, out);
 }
@@ -48,22 +48,22 @@ fn mend<const REACH: usize>(input: &[f32], width: usize, height: usize, out: &mu
     }
 }
 
-/// The median of a window's answers; NaN where there are too few for a centre without one.
+/// The median of a window's valid pixels; NaN if they are too few for an invalid centre.
 fn of_window<const MOST: usize>(centre_answered: bool, window: impl Iterator<Item = f32>) -> f32 {
-    let mut answers = [0.0_f32; MOST];
+    let mut depths = [0.0_f32; MOST];
     let (mut count, mut size) = (0, 0);
     for depth in window {
-        answers[count] = depth;
+        depths[count] = depth;
         count += usize::from(depth.is_finite());
         size += 1;
     }
     if !centre_answered && 2 * count <= size {
         return f32::NAN;
     }
-    let answers = &mut answers[..count];
-    answers.sort_unstable_by(f32::total_cmp);
-    let upper = answers[count / 2];
-    if count % 2 == 1 { upper } else { (answers[count / 2 - 1] + upper) / 2.0 }
+    let depths = &mut depths[..count];
+    depths.sort_unstable_by(f32::total_cmp);
+    let upper = depths[count / 2];
+    if count % 2 == 1 { upper } else { (depths[count / 2 - 1] + upper) / 2.0 }
 }
 
 struct AllFinite<'a> {
@@ -88,7 +88,7 @@ mod tests {
     const NAN: f32 = f32::NAN;
 
     fn filtered(input: &[f32], width: usize, height: usize) -> [Vec<f32>; 2] {
-        [median3_of_answers, median5_of_answers].map(|median| {
+        [median3_of_valid, median5_of_valid].map(|median| {
             let mut out = vec![-7.0; input.len()];
             median(input, width, height, &mut out);
             out
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_42_a_pixel_that_answered_is_never_erased_by_the_gaps_around_it() {
+    fn fault_42_a_valid_pixel_stays_valid_among_invalid_ones() {
         for gap in [NAN, -NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let mut input = vec![gap; 49];
             input[24] = 5.0;
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn medians_of_answers_are_numpys_nanmedian() {
+    fn medians_of_valid_pixels_equal_numpys_nanmedian() {
         // np.nanmedian of the window of pixel (1, 1): of 1 2 3 4 6 7 8 9 it is 5, without 6 it is 4.
         let mut input = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0];
         input[4] = NAN;
@@ -129,16 +129,16 @@ mod tests {
                 for y in 0..height {
                     for x in 0..width {
                         let near = |at: usize, len: usize| (-reach..=reach).map(move |o| replicate(at as isize + o, len));
-                        let mut answers: Vec<f32> = near(y, height)
+                        let mut depths: Vec<f32> = near(y, height)
                             .flat_map(|y| near(x, width).map(move |x| (x, y)))
                             .map(|(x, y)| input[y * width + x])
                             .filter(|depth| depth.is_finite())
                             .collect();
-                        answers.sort_by(f32::total_cmp);
-                        let (n, all) = (answers.len(), (2 * reach + 1).pow(2) as usize);
+                        depths.sort_by(f32::total_cmp);
+                        let (n, all) = (depths.len(), (2 * reach + 1).pow(2) as usize);
                         let found = out[y * width + x];
                         if input[y * width + x].is_finite() || 2 * n > all {
-                            let middle = if n % 2 == 1 { answers[n / 2] } else { (answers[n / 2 - 1] + answers[n / 2]) / 2.0 };
+                            let middle = if n % 2 == 1 { depths[n / 2] } else { (depths[n / 2 - 1] + depths[n / 2]) / 2.0 };
                             prop_assert_eq!(found, middle);
                         } else {
                             prop_assert!(found.is_nan());
