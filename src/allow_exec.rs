@@ -30,7 +30,7 @@ pub(crate) fn decide(args: ExecArgs, experiment: Option<(&Path, &Loaded)>) -> Re
         _ => Ok(false),
     };
     if args.allow_exec || is_listed()? {
-        permission::give();
+        permission::allow();
     }
     Ok(())
 }

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "command": [python, script, function],
         "ports": { "inputs": { "mono": "depth", "stereo": "depth", "weight": "weight" }, "outputs": { "depth": "depth" } },
     });
-    permission::give();
+    permission::allow();
     let registry = depthloom_nodes::registry();
     let kind = registry.node_kind("process").ok_or("no such kind")?;
     let params = kind.resolve(&params).map_err(|error| error.what)?;

@@ -15,5 +15,5 @@ pub(crate) fn same_size(first: (&str, (u32, u32)), second: (&str, (u32, u32))) -
         return Ok(());
     }
     let ((a, (aw, ah)), (b, (bw, bh))) = (first, second);
-    Err(Fault::new(format!("`{a}` is {aw}x{ah} and `{b}` is {bw}x{bh}: they must be of one size")))
+    Err(Fault::new(format!("`{a}` is {aw}x{ah} and `{b}` is {bw}x{bh}: they must have the same size")))
 }

@@ -1,6 +1,6 @@
 //! Values as Arrow record batches, and streams of these, for programs in other languages.
 //!
-//! A column holds the value of one port: a struct of `width`, `height` and `data`, a list of numbers, row by row, so
+//! A column holds the value of one port: a struct with `width`, `height` and `data`, a list of numbers, row by row, so
 //! that Arrow's libraries, and NumPy on top of them, read the pixels without a copy. A batch has one row.
 //!
 //! This is the part of Arrow's IPC format that such streams take (little endian, V5; no dictionaries, no compression),

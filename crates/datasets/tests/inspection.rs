@@ -82,7 +82,7 @@ fn faults_of_a_frame_are_reported() {
         "the calibration is of 1242x188, and the image is 620x188",
     );
     one(depth(1000.0), "depth", "the ground truth does not fit the images");
-    one(depth(0.1), "depth", "times as far as their disparity says");
+    one(depth(0.1), "depth", "times as far as their disparity states");
     let millimetres = calibration(|numbers| numbers.baseline_m *= 1000.0);
     assert!(
         millimetres.iter().all(|problem| problem.what.contains("the ground truth does not fit the images")),

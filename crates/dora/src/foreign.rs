@@ -396,8 +396,8 @@ mod tests {
         let stated = |metadata: Json| size_of_reply(&object(&metadata));
         assert_eq!(stated(json!({})), Ok(None));
         assert_eq!(stated(json!({ "width": 3, "height": 2 })), Ok(Some((3, 2))));
-        assert!(stated(json!({ "width": 3 })).unwrap_err().contains("`width` and no `height`"));
-        assert!(stated(json!({ "height": 3 })).unwrap_err().contains("`height` and no `width`"));
+        assert!(stated(json!({ "width": 3 })).unwrap_err().contains("`width` but not `height`"));
+        assert!(stated(json!({ "height": 3 })).unwrap_err().contains("`height` but not `width`"));
         for wrong in [json!(-3), json!(0), json!("3"), json!(1.5), Json::Null] {
             let what = stated(json!({ "width": wrong, "height": 2 })).unwrap_err();
             assert!(what.contains("it is a number of pixels"), "{what}");
@@ -414,7 +414,7 @@ mod tests {
         // An image went, and a depth comes back with its metadata.
         assert_eq!(stated("rgb8", ValueType::Depth, &["rgb8"]).unwrap(), "");
         assert!(
-            stated("rgb8", ValueType::Depth, &["mono8"]).unwrap_err().contains("that of a depth is 32FC1 or 16UC1")
+            stated("rgb8", ValueType::Depth, &["mono8"]).unwrap_err().contains("expected 32FC1 or 16UC1 for a depth")
         );
         assert!(stated("rgba8", ValueType::Image, &["rgb8"]).unwrap_err().contains("rgb8 or bgr8 or mono8"));
     }

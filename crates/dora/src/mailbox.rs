@@ -371,7 +371,7 @@ mod tests {
     fn pieces_that_make_no_message_are_an_error_and_no_value() {
         let cases = [
             (vec![piece(0, 3, b"a"), piece(0, 3, b"b")], "piece 0 of 3 came twice"),
-            (vec![piece(0, 3, b"a"), piece(1, 2, b"b")], "there are 2 pieces, and the first said 3"),
+            (vec![piece(0, 3, b"a"), piece(1, 2, b"b")], "a piece states 2 pieces, but the first stated 3"),
             (vec![piece(3, 3, b"a")], "piece 3 came of 3, which are numbered from 0"),
             (vec![piece(0, 0, b"a")], "piece 0 came of 0"),
         ];

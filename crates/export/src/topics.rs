@@ -45,7 +45,7 @@ impl Chosen<'_> {
     }
 }
 
-/// The topics that `patterns` name, all of them if there are none, in those of `formats` that they have, or in their
+/// The topics that match `patterns` (all topics without patterns), in those of `formats` that they support, or in their
 /// usual one.
 ///
 /// A pattern names a topic (`/look/depth/depth`), or by its end the topic or its node: `depth/depth`, `depth`; `*`

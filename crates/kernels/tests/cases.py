@@ -87,7 +87,7 @@ class Comparison:
             self.refused += 1
             if expected is not None or not answer.startswith("refused"):
                 self.differing += 1
-                print(f"case {self.done}: {name}: OpenCV {'refuses' if expected is None else 'accepts'}; depthloom: {answer}")
+                print(f"case {self.done}: {name}: OpenCV {'accepts' if expected is not None else 'refuses'}; depthloom: {answer}")
             return
         got = np.fromfile(self.files[2], np.int16).reshape(expected.shape)
         self.answered += int((expected != unanswered).sum())

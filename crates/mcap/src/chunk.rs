@@ -135,7 +135,7 @@ impl<'a> Chunk<'a> {
 /// The error that no message is at a place in the records of a chunk that starts at `start`.
 #[must_use]
 pub fn no_message(file: &PositionedFile, start: u64, offset: u64) -> FileError {
-    let what = format!("the index names a message at byte {offset} of the chunk's records, but there is none");
+    let what = format!("the index names a message at byte {offset} of the chunk's records that does not exist");
     file.damaged(start, what)
 }
 

@@ -164,11 +164,7 @@ mod tests {
     fn a_tile_that_panics_leaves_no_round_waiting() {
         let budget = Budget::new(2);
         let _own = budget.permit();
-        let run = || {
-            rounds_in_one_run(&budget, &[4, 4], &|round, tile| {
-                assert!((round, tile) != (0, 1), "the deliberate failure")
-            })
-        };
+        let run = || rounds_in_one_run(&budget, &[4, 4], &|round, tile| assert!((round, tile) != (0, 1), "meant"));
         assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
     }
 }

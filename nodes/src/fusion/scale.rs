@@ -13,8 +13,8 @@ use crate::shape::{filled, same_size};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ScaleMethod {
-    /// `min(Z_s) + r_s (Z_m - min(Z_m)) / r_m`. `r_s` is the range of stereo over valid pixels, `r_m` the range of
-    /// monocular depth over all pixels.
+    /// `min(Z_s) + r_s (Z_m - min(Z_m)) / r_m`. `r_s` is the range of stereo, `r_m` that of monocular depth, each
+    /// over its own valid pixels.
     #[default]
     Minmax,
     /// `Z_m * mean(Z_s) / mean(Z_m)`, both means over the pixels that are valid in both.

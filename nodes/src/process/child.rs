@@ -352,7 +352,7 @@ fn read(output: impl Read, outputs: &[Port], received: &SyncSender<Received>, sh
                 let row = shared().resolve(&schema, batch);
                 row.and_then(|row| protocol::reply(&schema, &row, outputs)).map_err(ErrorMessage::new)
             }
-            Ok(None) => Err(ErrorMessage::new("it ended, or closed its standard output")),
+            Ok(None) => Err(ErrorMessage::new("it exited, or closed its standard output")),
             Err(error) => Err(not_of_the_protocol(&error)),
         };
         let is_over = next.is_err();

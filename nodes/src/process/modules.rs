@@ -94,17 +94,17 @@ mod tests {
 
     #[test]
     fn modules_and_versions_are_in_the_key_and_the_place_of_the_program_is_not() {
-        let report = |folder: &str, hash: &str, version: &str| {
+        let report_from = |folder: &str, hash: &str, version: &str| {
             report(&format!(
                 r#"{{"main": "{folder}/n.py", "modules": [{{"name": "n.py", "file": "{folder}/n.py", "hash": "0"}},
                     {{"name": "lib/k.py", "file": "{folder}/lib/k.py", "hash": "{hash}"}}], "packages": {{"numpy": "{version}"}}}}"#
             ))
         };
-        let key = report("/a", "1", "2.1").key(false);
-        assert_eq!(key, report("/b", "1", "2.1").key(false));
-        assert_ne!(key, report("/a", "2", "2.1").key(false));
-        assert_ne!(key, report("/a", "1", "2.2").key(false));
-        assert_ne!(key, report("/a", "1", "2.1").key(true), "a version stands for the program alone");
+        let key = report_from("/a", "1", "2.1").key(false);
+        assert_eq!(key, report_from("/b", "1", "2.1").key(false));
+        assert_ne!(key, report_from("/a", "2", "2.1").key(false));
+        assert_ne!(key, report_from("/a", "1", "2.2").key(false));
+        assert_ne!(key, report_from("/a", "1", "2.1").key(true), "a version stands for the program alone");
         let with_file = |hash: &str| {
             report(&format!(
                 r#"{{"main": "/a/n.py", "files": [{{"name": "offsets.json", "file": "/a/offsets.json", "hash": "{hash}"}}]}}"#

@@ -9,7 +9,7 @@ static ALLOWED: AtomicBool = AtomicBool::new(false);
 
 /// Allows experiments in this process to start the programs that they name. Call it only if the user has allowed
 /// this.
-pub fn give() {
+pub fn allow() {
     ALLOWED.store(true, Ordering::Relaxed);
 }
 

@@ -226,7 +226,7 @@ fn camera(file: &File) -> Result<[f64; 3], Fault> {
         return Err(fault(format!("it has {} bytes, and a camera file of Sintel's {CAMERA_BYTES}", bytes.len())));
     }
     if bytes.first_chunk().map(|tag| f32::from_le_bytes(*tag)) != Some(CAMERA_TAG) {
-        return Err(fault(format!("it does not begin with {CAMERA_TAG}, as a camera file of Sintel's does")));
+        return Err(fault(format!("it does not begin with {CAMERA_TAG}, the tag of Sintel's camera files")));
     }
     let number = |at: usize| bytes[4..].as_chunks().0.get(at).map_or(f64::NAN, |bytes| f64::from_le_bytes(*bytes));
     Ok([number(0), number(2), number(5)])

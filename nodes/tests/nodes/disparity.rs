@@ -110,7 +110,7 @@ fn maps_of_different_sizes_and_images_smaller_than_the_block_are_errors() {
     let fault = |kind: &str, inputs: [(&str, Value); 2]| call(kind, &json!({}), &inputs).unwrap_err().to_string();
     assert_eq!(
         fault("disparity/left-right", [("left", small), ("right", large)]),
-        "`left` is 2x2 and `right` is 2x3: they must be of one size"
+        "`left` is 2x2 and `right` is 2x3: they must have the same size"
     );
     let image: Value = Image::new(Pixels::Grey(GrayImage::new(200, 21))).into();
     assert_eq!(
@@ -157,7 +157,7 @@ fn smoothing_fills_invalid_pixels_on_request() {
     let small: Value = Image::new(Pixels::Grey(GrayImage::new(4, 2))).into();
     let fault =
         call("disparity/weighted-least-squares", &json!({}), &[("image", small), ("disparity", before.clone())]);
-    assert_eq!(fault.unwrap_err().to_string(), "`image` is 4x2 and `disparity` is 4x3: they must be of one size");
+    assert_eq!(fault.unwrap_err().to_string(), "`image` is 4x2 and `disparity` is 4x3: they must have the same size");
 }
 
 #[test]
@@ -176,6 +176,6 @@ fn fault_12_costs_that_take_more_memory_than_there_is_are_refused_with_their_num
         let report = fault.chain();
         let expected = format!("the images are 8192x8192: {number} of memory would be needed, and 8 GiB is the most");
         assert_eq!(report, expected, "{kind} {params}");
-        assert!(fault.remedy_text().is_some_and(|remedy| remedy.contains("fewer disparities")));
+        assert!(fault.remedy_text().is_some_and(|remedy| remedy.contains("reduce `disparities`")));
     }
 }

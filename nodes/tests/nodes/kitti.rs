@@ -143,7 +143,7 @@ fn without_calibration_files_the_focal_length_follows_from_the_width() {
     let Value::Calibration(calibration) = &values["calibration"] else { panic!("calibration") };
     assert_eq!((calibration.focal_px, calibration.baseline_m), (707.0493, 0.532_725));
     // Recorded with the values, so without the way to the folder, which differs between machines.
-    let reports = "no calibration files in training: KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of 0.5327 m are assumed";
+    let reports = "no calibration files in training: depthloom uses KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of 0.5327 m";
     assert_eq!(*host.0.lock().unwrap(), [reports]);
 }
 
@@ -311,7 +311,7 @@ fn broken_data_are_named_with_their_remedy() {
 #[test]
 fn a_missing_root_reports_which_folder_is_expected() {
     let fault = open("kitti/stereo2015", &json!({})).err().unwrap();
-    assert!(fault.to_string().starts_with("root: root is missing: root holds `training`"), "{fault}");
+    assert!(fault.to_string().starts_with("root: root is missing: root contains `training`"), "{fault}");
     let unknown = open("kitti/stereo2015", &json!({ "root": Path::new("x"), "truth": "ooc" })).err().unwrap();
     assert!(unknown.to_string().contains("expected one of `noc`, `occ`, `none`"), "{unknown}");
 }

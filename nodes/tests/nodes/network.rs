@@ -95,7 +95,7 @@ fn metadata_of_a_model_may_state_the_meaning_of_its_output() {
     assert_close(&run(&json!({ "output": "inverse-depth" }), &saying("inverse-depth")).unwrap(), [5.0, 2.5, 1.25, 1.0]);
     let error = run(&json!({ "output": "disparity-share" }), &saying("depth")).unwrap_err();
     assert!(error.contains("state the output `depth`") && error.contains("leave `output` out"), "{error}");
-    assert!(run(&json!({}), &saying("warmth")).unwrap_err().contains("nothing known here"));
+    assert!(run(&json!({}), &saying("warmth")).unwrap_err().contains("which is not supported"));
 }
 
 /// A host that counts warnings.

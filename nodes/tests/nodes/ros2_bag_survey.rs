@@ -56,8 +56,8 @@ fn a_truncated_bag_is_reported_and_the_rest_is_read() {
     assert!(surveyed(&path, &json!({})).0.is_empty());
     let end = whole.len();
     let warning = format!(
-        "bag.mcap: its index cannot be read (its last 8 bytes, from byte {end}, are not the mark that every MCAP file ends with), and every record was \
-         looked at: `mcap recover` writes the file anew"
+        "bag.mcap: its index cannot be read (its last 8 bytes, from byte {end}, are not the mark that every MCAP file ends with), so every record was \
+         read; `mcap recover` repairs the file"
     );
     assert_eq!(opened(&path, &json!({})).source.warnings(), [warning]);
 }

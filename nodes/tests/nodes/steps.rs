@@ -107,22 +107,22 @@ fn inputs_of_different_sizes_are_named_in_the_error() {
     let fault = |kind: &str, inputs: &[(&str, Value)]| call(kind, &json!({}), inputs).unwrap_err().to_string();
     assert_eq!(
         fault("fusion/scale", &[("mono", small.clone()), ("stereo", large.clone())]),
-        "`mono` is 2x1 and `stereo` is 3x1: they must be of one size"
+        "`mono` is 2x1 and `stereo` is 3x1: they must have the same size"
     );
     assert_eq!(
         fault(
             "fusion/confidence",
             &[("mono", small.clone()), ("stereo", small.clone()), ("weight", weight(1, &[0.5]))]
         ),
-        "`mono` is 2x1 and `weight` is 1x1: they must be of one size"
+        "`mono` is 2x1 and `weight` is 1x1: they must have the same size"
     );
     assert_eq!(
         fault("score/depth", &[("estimate", small), ("truth", large)]),
-        "`estimate` is 2x1 and `truth` is 3x1: they must be of one size"
+        "`estimate` is 2x1 and `truth` is 3x1: they must have the same size"
     );
     assert_eq!(
         fault("stereo/sgbm", &[("left", grey(2, 1, vec![0; 2])), ("right", grey(1, 1, vec![0]))]),
-        "`left` is 2x1 and `right` is 1x1: they must be of one size"
+        "`left` is 2x1 and `right` is 1x1: they must have the same size"
     );
 }
 

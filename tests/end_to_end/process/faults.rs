@@ -93,11 +93,7 @@ const LATER: [(&str, &str, &str); 16] = [
     ("no-utf-8", "`says` is not UTF-8", "000000_10"),
     ("frames-instead", "a reply of frames has none", "000000_10"),
     ("shared-nowhere", "the row in shared memory is not of the protocol: there is no row", "000001_10"),
-    (
-        "shared-beyond",
-        "it states a row of 1099511627776 bytes of shared memory, which has 1048576",
-        "000001_10",
-    ),
+    ("shared-beyond", "it states a row of 1099511627776 bytes of shared memory, which has 1048576", "000001_10"),
     ("shared-before", "it states a row of -1 bytes of shared memory", "000001_10"),
     ("shared-nothing-there", "it is not an Arrow stream", "000001_10"),
     ("shared-cut", "the stream ended within a message", "000001_10"),

@@ -418,7 +418,7 @@ fn invalid_values_fail_the_frame_with_node_port_and_pixel() {
         ),
         ("camera: { baseline_m: -0.5 }", "its `baseline_m` is -0.5; it must be finite and greater than 0"),
         ("camera: { cx_px: \"nan\" }", "its `cx_px` is NaN"),
-        ("nulls: true", "what it gave at `depth` is not a valid depth: an item of `data` is null"),
+        ("nulls: true", "its value at `depth` is not a valid depth: an item of `data` is null"),
     ];
     for (at, (params, expected)) in cases.into_iter().enumerate() {
         let (code, printed) = run_own(&python, folder.path(), &format!("run-{at}"), params);

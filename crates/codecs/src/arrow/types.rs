@@ -41,7 +41,7 @@ pub struct Field {
     pub nullable: bool,
     /// What it holds.
     pub data_type: DataType,
-    /// Value type of a port, a unit, a scale.
+    /// Metadata: value type, unit, scale.
     pub metadata: Vec<(String, String)>,
 }
 

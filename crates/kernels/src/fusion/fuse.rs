@@ -11,14 +11,14 @@ use crate::simd::{Level, Pass};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Weighting {
-    /// `W_c Z_s + (1 - W_c) (W_s Z_s + (1 - W_s) Z_m)`: the paper's.
+    /// `W_c Z_s + (1 - W_c) (W_s Z_s + (1 - W_s) Z_m)`, as in Martins et al. 2018.
     #[default]
     Full,
-    /// `W_c Z_s + (1 - W_c) Z_m`: the paper's "no weighting", `W_s` left out.
+    /// `W_c Z_s + (1 - W_c) Z_m`, without `W_s`: "no weighting" in Martins et al. 2018.
     Confidence,
-    /// `(Z_s + Z_m) / 2`: both weights left out.
+    /// `(Z_s + Z_m) / 2`, without both weights.
     Mean,
-    /// `Z_s`: stereo wherever it is valid.
+    /// `Z_s` wherever stereo is valid.
     Fill,
 }
 

@@ -43,12 +43,12 @@ impl Pass for FindExtent<'_> {
     }
 }
 
-/// Min-max scaling: `min_s + (max_s - min_s) * (mono - min_m) / (max_m - min_m)`, the extent of stereo taken over the
+/// Min-max scaling: `min_s + (max_s - min_s) * (mono - min_m) / (max_m - min_m)`, the extent of stereo taken over
 /// its valid pixels.
 ///
 /// The range of mono is that of its own valid pixels; invalid pixels stay invalid. If stereo is valid nowhere, there
-/// is nothing to scale by: mono stays as it is. A mono estimate that is the same
-/// everywhere has no extent: invalid (NaN) everywhere, as in the oracle.
+/// is nothing to scale by: mono is unchanged. A constant mono estimate has no extent: the result is invalid (NaN)
+/// everywhere, as in the oracle.
 pub fn minmax(mono: &[f32], stereo: &[f32], out: &mut [f32]) {
     minmax_at(Level::best(), mono, stereo, out);
 }

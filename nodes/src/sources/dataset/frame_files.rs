@@ -107,7 +107,7 @@ impl Files {
             return Ok(());
         }
         let (path, left_path) = (file.path.display(), self.required(LEFT)?.path.display());
-        let what = format!("{path} is {w}x{h}, and {left_path} is {}x{}: they must be of one size", left.0, left.1);
+        let what = format!("{path} is {w}x{h}, and {left_path} is {}x{}: they must have the same size", left.0, left.1);
         Err(Fault::new(what).remedy("all files of a frame must have one size: create or unpack them again"))
     }
 }

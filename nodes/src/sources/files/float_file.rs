@@ -239,7 +239,7 @@ mod tests {
         assert!(error(b"\x89PNG").contains("neither a PFM nor an NPY file (4 bytes)"));
         assert!(error(&npy("<f4", "(2, 2, 3)", &[0; 48])).contains("its shape is (2, 2, 3), and a map has two"));
         assert!(error(&npy("<c8", "(2, 2)", &[0; 32])).contains("its numbers are `<c8`"));
-        assert!(error(&npy("<f4", "(70000, 70000)", &[0; 4])).contains("which are 19600000000 bytes, and holds 4"));
+        assert!(error(&npy("<f4", "(70000, 70000)", &[0; 4])).contains("which needs 19600000000 bytes, but it has 4"));
         assert!(error(b"\x93NUMPY\x01\x00\xff").contains("cut off"));
     }
 

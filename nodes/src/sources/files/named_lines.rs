@@ -68,9 +68,9 @@ impl<'a> NamedLines<'a> {
         let numbers = values.split_whitespace().map(|text| self.parse_number(line, name, text));
         let numbers: Vec<f64> = numbers.collect::<Result<_, _>>()?;
         let count = numbers.len();
-        let expected = if N == 12 { "a 3x4 matrix has 12".to_owned() } else { format!("{N} are expected") };
+        let expected = if N == 12 { "the 12 of a 3x4 matrix".to_owned() } else { N.to_string() };
         let numbers = numbers.try_into();
-        let wrong = |_| self.fault(Some(line), format!("{name} holds {count} numbers where {expected}"));
+        let wrong = |_| self.fault(Some(line), format!("{name} holds {count} numbers, expected {expected}"));
         Ok((line, numbers.map_err(wrong)?))
     }
 }

@@ -33,7 +33,7 @@ const BY_WIDTH: [(u32, f64, f64, f64); 5] = [
 /// The same text for every frame, so that it is printed once. Only the folder's name, because recordings store it.
 pub(crate) fn assumption(folder: &Path) -> String {
     format!(
-        "no calibration files in {}: KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of {BASELINE_M:.4} m are assumed",
+        "no calibration files in {}: depthloom uses KITTI's focal lengths by the width of the image (707 to 722 px) and its baseline of {BASELINE_M:.4} m",
         folder.file_name().unwrap_or(folder.as_os_str()).display(),
     )
 }

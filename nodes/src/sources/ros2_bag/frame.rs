@@ -232,7 +232,7 @@ impl Reading {
         if right.dimensions() != size {
             let (name, other) = (&self.topic(Part::Left)?.topic, &self.topic(Part::Right)?.topic);
             let ((w, h), (rw, rh)) = (size, right.dimensions());
-            let what = format!("{name} is {w}x{h} and {other} is {rw}x{rh}: they must be of one size");
+            let what = format!("{name} is {w}x{h} and {other} is {rw}x{rh}: they must have the same size");
             return Err(self
                 .fault(messages, what)
                 .remedy("set `left` and `right` to topics of cameras with one resolution"));

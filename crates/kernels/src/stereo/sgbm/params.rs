@@ -7,11 +7,11 @@ use crate::stereo::params::{
     ParamError, check_disparities, check_not_negative, check_percentage, check_side, invalid_value,
 };
 
-/// Which directions are summed, under OpenCV's names.
+/// Directions along which costs are summed, under OpenCV's names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
-    /// Five directions in one pass: `MODE_SGBM`, the paper's.
+    /// Five directions in one pass: `MODE_SGBM`, as in Martins et al. 2018.
     #[default]
     Sgbm,
     /// Eight directions in two passes: `MODE_HH`.
