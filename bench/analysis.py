@@ -18,7 +18,7 @@ A_FRAME = 250_000
 
 
 def make(path, samples):
-    """A file as `depthloom samples` writes it: a row group a frame; distances as on a street, errors that grow with them."""
+    """A file as `depthloom analyse --samples-only` writes it: a row group a frame; distances as on a street, errors that grow with them."""
     import pyarrow
     from pyarrow import parquet
 

@@ -30,7 +30,7 @@ path() {
     phase "$name" run depthloom run "$experiment" --matrix 'block=[3,5,9]' --variant '*+holes=kept' --set "sources.frames.with.frames=$frames" \
         --fresh --quiet --out "$run"
     phase "$name" where depthloom table "$run" --best-per-zone abs_rel
-    phase "$name" significant depthloom compare "$run" --baseline best --scores abs_rel
+    phase "$name" significant depthloom compare "$run" --baseline best --metrics abs_rel
 }
 
 times=

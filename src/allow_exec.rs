@@ -1,5 +1,4 @@
-//! Whether this experiment may start programs: because the person says so now, or said so of this file in a
-//! configuration of their own.
+//! Whether this experiment may start programs: with `--allow-exec`, or because the user's configuration file lists it.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -46,8 +45,8 @@ fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, CliError> {
     let Some(file) = file() else { return Ok(false) };
     let text = match std::fs::read_to_string(&file) {
         Ok(text) => text,
-        // Without one nothing is permitted. Nor with one that is not for us: the home folder of whoever started this,
-        // as of a service's user.
+        // Without a configuration file nothing is permitted, nor with one that cannot be read: the home folder may belong
+        // to another user, such as that of a service.
         Err(error)
             if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::PermissionDenied) =>
         {
@@ -65,15 +64,15 @@ fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, CliError> {
         let first = first.lines().next().unwrap_or_default().to_owned();
         CliError::usage(
             format!("{} is not a valid configuration: {first}", file.display()),
-            "it holds `allow_exec: [FILE, ...]`: the experiments that may start programs",
+            "expected `allow_exec: [FILE, ...]`, the experiments that may start programs",
         )
     })?;
     if let Some(relative) = config.allow_exec.iter().find(|listed| listed.is_relative()) {
         let what =
             format!("`allow_exec` of {} names `{}`, which is not an absolute path", file.display(), relative.display());
-        return Err(CliError::usage(what, "write it from the root, `/home/me/experiments/mine.yaml`"));
+        return Err(CliError::usage(what, "write the absolute path, e.g. `/home/me/experiments/mine.yaml`"));
     }
-    // Files, whatever leads to them; one that is not there is nobody's.
+    // Files are compared, not paths: links may lead to them.
     let Ok(real) = experiment.canonicalize() else { return Ok(false) };
     let is_listed = config.allow_exec.iter().any(|listed| listed.canonicalize().is_ok_and(|listed| listed == real));
     Ok(is_listed && holds(experiment, &real, loaded))

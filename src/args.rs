@@ -1,59 +1,66 @@
 //! The command line's grammar: one definition of every option yields its help, its completion and its manual page.
+//!
+//! The first paragraph of a doc comment is what `-h` prints; `--help` prints all of it.
 
-/// The examples at the end of a help text: arguments, and what they do.
+/// The end of a long help text: examples (arguments, and what they do), then the page of the guide.
 macro_rules! examples {
-    ($($arguments:literal => $about:literal),+ $(,)?) => {
-        concat!("Examples:\n", $("  depthloom ", $arguments, "\n          ", $about, "\n"),+)
+    (guide: $guide:literal, $($arguments:literal => $about:literal),+ $(,)?) => {
+        concat!(
+            "Examples:\n", $("  depthloom ", $arguments, "\n          ", $about, "\n",)+
+            "\nGuide: ", env!("CARGO_PKG_REPOSITORY"), "/blob/main/docs/", $guide,
+        )
     };
 }
 
 mod analyse;
 mod compare;
-mod data;
 mod dora;
 mod experiment;
 mod export;
 mod figure;
+mod inspect;
 mod recording;
 mod run;
 mod runs;
 mod table;
 
 use std::ops::Deref;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
+use depthloom_terminal::CliError;
 
-pub(crate) use analyse::{AnalyseArgs, SamplesArgs};
+pub(crate) use analyse::AnalyseArgs;
 pub(crate) use compare::{CompareArgs, CompareBy};
-pub(crate) use data::DataArgs;
 pub(crate) use dora::{DoraArgs, DoraNodeArgs};
 pub(crate) use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
 pub(crate) use export::{ColoursOption, ExportArgs};
 pub(crate) use figure::{FigureArgs, FigureFormat};
-pub(crate) use recording::{InfoArgs, RecoverArgs, ReplayArgs};
-pub(crate) use run::{ReportArgs, RunArgs, TimingsArgs};
-pub(crate) use runs::{PruneArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, WhyArgs};
-pub(crate) use table::{ExplainArgs, RowsOption, ScoresArgs, SetOption, TableArgs, TableFormat, TypesettingArgs};
+pub(crate) use inspect::InspectArgs;
+pub(crate) use recording::VerifyArgs;
+pub(crate) use run::{ReportArgs, RunArgs};
+pub(crate) use runs::{DiffArgs, PruneArgs, RecoverArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, TimingsArgs};
+pub(crate) use table::{ExplainArgs, PixelsOption, RowsOption, ScoresArgs, TableArgs, TableFormat, TypesettingArgs};
 
 use crate::completion::{folders, runs};
 
-/// Declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
+/// Run reproducible depth-estimation experiments from one YAML file.
 #[derive(Debug, Parser)]
 #[command(name = "depthloom", version, propagate_version = true)]
-#[command(after_help = examples![
-    "new first.yaml" => "write a commented experiment that runs anywhere",
-    "run first.yaml" => "run it: a recording, a table, plots",
+#[command(after_long_help = examples![
+    guide: "README.md",
+    "new first.yaml" => "write a commented experiment that runs on any machine",
+    "run first.yaml" => "run it: a recording, a table, plots, a report page",
     "nodes stereo/sgbm" => "explain a kind of node",
     "help run" => "explain a command",
 ])]
 pub(crate) struct Cli {
-    /// What to do.
+    /// The command to run.
     #[command(subcommand)]
     pub command: Command,
 
-    /// Colours in messages.
+    /// Colour messages.
     #[arg(long, global = true, value_enum, default_value_t = Colour::Auto, value_name = "WHEN")]
     pub color: Colour,
 }
@@ -69,120 +76,140 @@ pub(crate) enum Colour {
     Never,
 }
 
-/// What to do.
+/// The commands that `depthloom --help` lists, by workflow; a test compares them with the grammar.
+pub(crate) const GROUPS: [(&str, &[&str]); 6] = [
+    ("Author", &["new", "check", "plan", "graph", "nodes", "schema"]),
+    ("Data", &["inspect", "synth"]),
+    ("Run", &["run", "dora"]),
+    ("Results", &["report", "table", "compare", "explain", "analyse", "figure", "export"]),
+    ("Runs and recordings", &["runs", "verify"]),
+    ("Setup", &["doctor", "completions", "man"]),
+];
+
+/// The command to run.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Run an experiment: record every intermediate, score, and print the table.
-    Run(RunArgs),
-    /// Check an experiment file; runs nothing and opens no data. With --data, look at every frame too.
+    /// Write a commented starter experiment.
+    #[command(visible_alias = "init")]
+    New(NewArgs),
+    /// Check an experiment file for errors.
+    ///
+    /// It runs nothing and opens no data. With `--data` it also reads every frame.
     Check(CheckArgs),
-    /// Say what a folder holds, which source it is, and what to paste into an experiment; 2 where no frame can be read.
-    Data(DataArgs),
-    /// Show what would be run: every node, the variants that share it, and its recipe.
+    /// Show the nodes that would run.
+    ///
+    /// It lists every node, the variants that share it, and its hash. With `--reuse` it also shows what a run would
+    /// reuse from earlier runs.
     Plan(PlanArgs),
     /// Draw the experiment's graph.
     Graph(GraphArgs),
-    /// Make the tables and plots of a run again, from its recording alone, of which every byte is checked.
-    Report(ReportArgs),
-    /// Ask a run's scores: variants sorted, the effect of each axis, the best in each zone, error against time.
-    Table(TableArgs),
-    /// Ask whether it is really better: runs, variants or estimates over the same frames, with intervals, tests and
-    /// limits for CI.
-    Compare(CompareArgs),
-    /// Say where a number of a table comes from: formula, pixels, frames, source, and the paper's convention beside it.
-    Explain(ExplainArgs),
-    /// Errors of scored pixels against distance, weight, image row, frame or anything else recorded: percentiles,
-    /// means, gross errors.
-    Analyse(AnalyseArgs),
-    /// Write one row per scored pixel to `samples.parquet`: truth, every estimate, every recorded weight.
-    Samples(SamplesArgs),
-    /// Draw a figure for a paper, as SVG, PNG or PDF: error against distance, differences, histograms, scores by frame
-    /// or parameter, frames.
-    Figure(FigureArgs),
-    /// Write recorded values as files that other programs read: PNG, NPY, PFM, PLY, PCD, ONNX, Parquet.
-    Export(ExportArgs),
-    /// Show where a run's time went: core-milliseconds per frame by node, encoding, compression and writing.
-    Timings(TimingsArgs),
-    /// Show what a recording holds: topics, messages, bytes raw and stored, keys, attachments, and whether it is whole.
-    Info(InfoArgs),
-    /// Make nodes again from their recorded inputs and compare the values with those recorded.
-    Replay(ReplayArgs),
-    /// Make a finished recording of one that was not finished, for readers that need one; `run` goes on by itself.
-    Recover(RecoverArgs),
-    /// List the runs in a folder, newest first, with size, state and best score; show one, say why two differ, remove
-    /// some.
-    Runs(RunsArgs),
-    /// List the kinds of nodes and sources, or explain one.
+    /// List or explain kinds of nodes and sources.
     Nodes(NodesArgs),
-    /// Show what an ONNX file takes, gives and costs, and print the lines that put it into an experiment.
-    Onnx(OnnxArgs),
-    /// Print the experiment as a dataflow of dora's, every node a process of its own, on one machine or several; `dora
-    /// run` runs it.
+    /// Print JSON Schemas for editors and programs.
     ///
-    /// It takes the options of `run`, for the node that records. Here `--workers` is how many threads each node has
-    /// (one; all cores for what fires once), `--window` how many frames are on their way at most (8), and nothing is
-    /// taken from earlier runs.
+    /// It prints the schema of experiment files, or, with `--of`, of what a command prints with `--json`.
+    Schema(SchemaArgs),
+    /// Describe a data set, recording or ONNX file
+    ///
+    /// - A data-set folder or a bag: frames, sizes, calibration, ground truth, faults, and the `sources:` entry to paste
+    ///   into an experiment.
+    /// - A recording or run: topics, messages, sizes, keys, attachments, and whether it is complete.
+    /// - An `.onnx` file: inputs, outputs, operators, cost, and the `nodes:` entry to paste into an experiment.
+    #[command(verbatim_doc_comment)]
+    Inspect(InspectArgs),
+    /// Write a synthetic stereo data set.
+    ///
+    /// It renders frames of a street, with ground truth, in the layout of KITTI stereo 2015.
+    Synth(SynthArgs),
+    /// Run an experiment and report its metrics.
+    ///
+    /// It records every intermediate value, scores the estimates against ground truth, and prints the table.
+    Run(RunArgs),
+    /// Print the experiment as a dora dataflow.
+    ///
+    /// Every node becomes a process of its own, on one machine or several; `dora run` runs the dataflow. The command
+    /// takes the options of `run`, for the node that records, with these differences: `--workers` is the number of
+    /// threads of each node (default: 1; all cores for aggregate nodes), `--window` is the largest number of frames in
+    /// flight (default: 8), and nothing is reused from earlier runs.
     Dora(DoraArgs),
-    /// Be a node of such a dataflow; dora calls this.
+    /// Run as a node of such a dataflow; dora calls this.
     #[command(hide = true)]
     DoraNode(DoraNodeArgs),
-    /// Write synthetic street frames as a data set in KITTI stereo 2015 layout.
-    Synth(SynthArgs),
-    /// Show what this machine offers: cores, SIMD, engine of networks, data roots.
-    #[command(after_help = examples![
+    /// Recreate the tables, plots and page of a run.
+    ///
+    /// It reads the recording only, and checks every byte of it.
+    Report(ReportArgs),
+    /// Query metrics: rank variants, show effects.
+    ///
+    /// It sorts variants, shows the effect of each axis of the matrix, the best variant in each zone, or the best
+    /// trade-offs between error and time.
+    Table(TableArgs),
+    /// Test whether one result is better than another.
+    ///
+    /// It compares runs, variants or estimates on the same frames, with confidence intervals, tests, and limits for CI.
+    Compare(CompareArgs),
+    /// Show how a number was computed.
+    ///
+    /// It prints the formula, pixels, frames and source of a metric, and the convention of the paper.
+    Explain(ExplainArgs),
+    /// Show errors by distance or another quantity.
+    ///
+    /// It puts scored pixels into bins of distance, confidence, image row, frame or anything else that was recorded, and
+    /// prints percentiles, means and the share of outliers of their errors.
+    #[command(visible_alias = "analyze")]
+    Analyse(AnalyseArgs),
+    /// Draw a figure for a paper.
+    ///
+    /// It writes SVG, PNG or PDF: error against distance, differences, histograms, metrics by frame or parameter, frames.
+    Figure(FigureArgs),
+    /// Export recorded values to common file formats.
+    ///
+    /// It writes PNG, NPY, PFM, PLY, PCD, ONNX and Parquet.
+    Export(ExportArgs),
+    /// List, compare, repair and remove runs.
+    ///
+    /// Without a command it lists the runs in the folder of runs, newest first, with size, state and best metric.
+    Runs(RunsArgs),
+    /// Recompute recorded values and compare them.
+    ///
+    /// Every node gets its recorded inputs, so that only a node that itself changed differs, not the nodes after it.
+    /// The command reports the first and the largest difference of each node.
+    Verify(VerifyArgs),
+    /// Show what this machine offers.
+    ///
+    /// It prints cores, SIMD, the inference engine, and the data roots in the environment.
+    #[command(after_long_help = examples![
+        guide: "install.md",
+        "doctor" => "for people",
         "doctor --json | jq .networks.engine" => "for programs",
     ])]
     Doctor(JsonArgs),
-    /// Write a first experiment, commented, to begin from.
-    New(NewArgs),
-    /// Print the JSON Schema of experiment files, for editors, or of what a command prints with --json.
-    Schema(SchemaArgs),
-    /// Print a shell's script that completes commands, options, kinds and files by asking this program.
-    #[command(after_help = examples![
+    /// Print a shell completion script.
+    ///
+    /// The script completes commands, options, kinds and files by asking this program.
+    #[command(after_long_help = examples![
+        guide: "install.md",
         "completions bash" => "bash, in ~/.bashrc: source <(depthloom completions bash)",
-        "completions zsh" => "zsh, in ~/.zshrc behind compinit: source <(depthloom completions zsh)",
+        "completions zsh" => "zsh, in ~/.zshrc after compinit: source <(depthloom completions zsh)",
         "completions fish" => "fish, in ~/.config/fish/config.fish: depthloom completions fish | source",
     ])]
     Completions {
-        /// The shell.
+        /// Print the script for this shell.
         shell: clap_complete::Shell,
     },
-    /// Print the manual page (roff), or that of a command, or write them all.
+    /// Print or install manual pages.
     Man(ManArgs),
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "onnx raft-stereo.onnx" => "inputs, outputs, operators, cost; the lines for an experiment",
-    "onnx net.onnx --json | jq .operators" => "for programs",
-])]
-pub(crate) struct OnnxArgs {
-    /// The model.
-    #[arg(value_hint = clap::ValueHint::FilePath)]
-    pub file: PathBuf,
-
-    /// The image that multiply-adds are counted for where the model leaves its size open, px.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1248x384", value_parser = size)]
-    pub size: (usize, usize),
-
-    #[command(flatten)]
-    pub output: JsonArgs,
-}
-
-fn size(text: &str) -> Result<(usize, usize), String> {
-    let side = |text: &str| text.parse().ok().filter(|side| (1..=16_384).contains(side));
-    let sides = text.split_once('x').and_then(|(width, height)| Some((side(width)?, side(height)?)));
-    sides.ok_or_else(|| "a size is written 1248x384: columns, rows, each from 1 to 16384".to_owned())
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = examples![
-    "nodes" => "all kinds, with a sentence each",
+#[command(after_long_help = examples![
+    guide: "reference/nodes.md",
+    "nodes" => "all kinds, one sentence each",
     "nodes stereo/sgbm" => "one kind: ports and parameters",
     "nodes learn/ssl --json | jq .parameters" => "for programs",
 ])]
 pub(crate) struct NodesArgs {
-    /// The kind to explain, e.g. `stereo/sgbm`.
+    /// Explain this kind, e.g. `stereo/sgbm` (default: list all kinds).
     pub kind: Option<String>,
 
     #[command(flatten)]
@@ -190,76 +217,121 @@ pub(crate) struct NodesArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "schema > experiment.schema.json" => "an experiment names it in its first line",
-    "schema --output run" => "what `run --json` prints",
+#[command(after_long_help = examples![
+    guide: "reference/json.md",
+    "schema > experiment.schema.json" => "an experiment names this file in its first line",
+    "schema --of run" => "what `run --json` prints",
 ])]
 pub(crate) struct SchemaArgs {
-    /// Print the schema of what a command prints with --json.
-    #[arg(long, value_name = "COMMAND")]
-    pub output: Option<String>,
+    /// Print the schema of an output of `--json` (default: of experiment files).
+    #[arg(long, value_name = "OUTPUT", hide_possible_values = true)]
+    pub of: Option<String>,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
+#[command(after_long_help = examples![
+    guide: "reference/commands.md",
     "man run | man -l -" => "read the page of a command",
     "man --out ~/.local/share/man/man1" => "install all: then `man depthloom-run` finds them",
 ])]
 pub(crate) struct ManArgs {
-    /// The command to print the page of; without one, the program's own.
+    /// Print the page of this command (default: of the program).
     pub command: Option<String>,
 
-    /// Write the pages of the program and all its commands to a folder, e.g. `~/.local/share/man/man1`.
+    /// Write all pages to a folder, e.g. `~/.local/share/man/man1`.
     #[arg(long, short, value_name = "DIR", conflicts_with = "command", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
+#[command(after_long_help = examples![
+    guide: "tutorial/first-run.md",
     "new first.yaml" => "then: depthloom run first.yaml",
 ])]
 pub(crate) struct NewArgs {
-    /// The experiment file to write (YAML); it must not exist.
+    /// Write this experiment file (YAML); it must not exist.
     #[arg(add = ArgValueCompleter::new(folders()))]
     pub file: PathBuf,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "synth street --frames 40 --seed 7" => "40 frames, the ground truth with them",
+#[command(after_long_help = examples![
+    guide: "how-to/own-data.md",
+    "synth street --frames 4 --seed 7" => "4 frames, with ground truth",
 ])]
 pub(crate) struct SynthArgs {
-    /// The folder to write; it must not exist.
+    /// Write this folder; it must not exist.
     #[arg(add = ArgValueCompleter::new(folders()))]
     pub out: PathBuf,
 
-    /// How many frames.
-    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    /// Write this number of frames.
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: u32,
 
-    /// The street's seed.
-    #[arg(long, default_value_t = 1)]
+    /// Choose the street by its seed.
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 
-    /// Image width, pixels.
-    #[arg(long, default_value_t = 1242, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    /// Set the image width, pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 1242, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub width: u32,
 
-    /// Image height, pixels.
-    #[arg(long, default_value_t = 375, value_parser = clap::value_parser!(u32).range(32..=4096))]
+    /// Set the image height, pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 375, value_parser = clap::value_parser!(u32).range(32..=4096))]
     pub height: u32,
 
-    /// Print nothing but errors.
+    /// Print only errors.
     #[arg(long, short)]
     pub quiet: bool,
+}
+
+/// The folder in which runs are looked up by name.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct RunsFolder {
+    /// Use this folder of runs (default: $DEPTHLOOM_RUNS, or `runs`).
+    #[arg(id = "runs_folder", long = "runs", global = true, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
+    folder: Option<PathBuf>,
+}
+
+/// The environment variable that names the folder of runs.
+const RUNS_VARIABLE: &str = "DEPTHLOOM_RUNS";
+
+impl RunsFolder {
+    /// The folder of runs where no option names one.
+    pub(crate) fn default_path() -> PathBuf {
+        let folder = std::env::var_os(RUNS_VARIABLE).filter(|folder| !folder.is_empty());
+        folder.map_or_else(|| PathBuf::from(depthloom_runs::FOLDER), PathBuf::from)
+    }
+
+    pub(crate) fn path(&self) -> PathBuf {
+        self.folder.clone().unwrap_or_else(Self::default_path)
+    }
+
+    /// The recording of a run that is named in this folder, or the recording itself; `command` is for messages.
+    pub(crate) fn recording(&self, run: &Path, command: &str) -> Result<PathBuf, CliError> {
+        depthloom_runs::recording_in(&self.path(), run, command)
+    }
 }
 
 /// A run.
 #[derive(Debug, Args)]
 pub(crate) struct RunArg {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`.
+    /// Read this run.
+    ///
+    /// Name its folder, its recording, a unique prefix of its name in the folder of runs, or `@latest`, the newest
+    /// finished run.
     #[arg(add = ArgValueCompleter::new(runs))]
     run: PathBuf,
+
+    #[command(flatten)]
+    folder: RunsFolder,
+}
+
+impl RunArg {
+    /// The run's recording; `command` is for messages.
+    pub(crate) fn recording(&self, command: &str) -> Result<PathBuf, CliError> {
+        self.folder.recording(&self.run, command)
+    }
 }
 
 impl Deref for RunArg {
@@ -273,11 +345,11 @@ impl Deref for RunArg {
 /// A part of a run.
 #[derive(Debug, Args)]
 pub(crate) struct PartArgs {
-    /// Only what these variants have, and what all share.
+    /// Use only these variants, and what all variants share (default: all).
     #[arg(long, value_name = "GLOB,...")]
     pub variant: Option<String>,
 
-    /// Only these stages.
+    /// Use only these stages (default: all).
     #[arg(long, value_name = "GLOB,...")]
     pub stage: Option<String>,
 }
@@ -293,15 +365,15 @@ pub(crate) struct JsonArgs {
 /// The form of a table, and where it is written.
 #[derive(Debug, Args)]
 pub(crate) struct TableOutputArgs {
-    /// What it is written as; by default as text for a terminal.
+    /// Write the table in this format (default: terminal).
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub format: Option<TableFormat>,
 
-    /// The file to write, in place of standard output.
+    /// Write to this file (default: standard output).
     #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
-    /// Print one JSON object instead of text: the same as `--format json`.
+    /// Print one JSON object: the same as `--format json`.
     #[arg(long, conflicts_with = "format")]
     pub json: bool,
 }

@@ -35,17 +35,17 @@ pub(crate) struct Walked {
 }
 
 pub(crate) struct FrameFault {
-    /// The frame's id; `None` of what is no frame's own.
+    /// The frame's id; `None` for a fault of the whole source.
     frame: Option<String>,
     what: String,
     remedy: Option<String>,
-    /// What it is about, where values contradict each other: the same of two frames may be told in other words, of
-    /// other files.
+    /// The check that found it, if values contradict each other. Two frames with the same fault may have different
+    /// messages, which name different files.
     kind: Option<(&'static str, &'static str)>,
 }
 
 impl FrameFault {
-    fn of(frame: Option<&Frame>, fault: &Fault) -> Self {
+    fn new(frame: Option<&Frame>, fault: &Fault) -> Self {
         Self {
             frame: frame.map(|frame| frame.id.to_string()),
             what: fault.chain(),
@@ -81,21 +81,23 @@ fn is_same(one: &SourcePart, other: &SourcePart) -> bool {
     one.kind == other.kind && one.params == other.params
 }
 
-/// Says of the sources joined into a stage's which of the truths that it scores against they lack.
+/// Adds a fault to sources that have no ground truth for the metrics of a stage.
 fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
     for port in truths::of_source(run) {
-        let with = |of: &Walked| of.with.get(port).copied().unwrap_or(0);
+        let with = |source: &Walked| source.with.get(port).copied().unwrap_or(0);
         let of_all: usize = parts.iter().map(|at| with(&walked[*at])).sum();
         for at in parts {
-            let of = &mut walked[*at];
-            let (there, read, stage) = (with(of), of.read, &run.stage);
-            // Without what an opening lacks there may be no truth either.
-            let is_open =
-                of.faults.iter().all(|fault| fault.frame.is_some() || fault.remedy.as_deref() == Some(truths::REMEDY));
+            let source = &mut walked[*at];
+            let (there, read, stage) = (with(source), source.read, &run.stage);
+            // If the source could not be opened, the missing file may be the reason.
+            let is_open = source
+                .faults
+                .iter()
+                .all(|fault| fault.frame.is_some() || fault.remedy.as_deref() == Some(truths::REMEDY));
             if read > 0 && of_all == 0 && is_open {
                 let what = format!("no frame has a `{port}`, against which stage `{stage}` scores");
-                if !of.faults.iter().any(|fault| fault.what == what) {
-                    of.faults.push(FrameFault {
+                if !source.faults.iter().any(|fault| fault.what == what) {
+                    source.faults.push(FrameFault {
                         frame: None,
                         what,
                         remedy: Some(truths::REMEDY.to_owned()),
@@ -107,8 +109,8 @@ fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
                 let what = format!(
                     "{without} of {read} have no `{port}`, against which stage `{stage}` scores: they are in no mean"
                 );
-                if !of.warnings.contains(&what) {
-                    of.warnings.push(what);
+                if !source.warnings.contains(&what) {
+                    source.warnings.push(what);
                 }
             }
         }
@@ -117,9 +119,9 @@ fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
 
 fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bool) -> Walked {
     let Survey { source, faults, facts } = entry.survey(params);
-    let mut faults: Vec<FrameFault> = faults.iter().map(|fault| FrameFault::of(None, fault)).collect();
+    let mut faults: Vec<FrameFault> = faults.iter().map(|fault| FrameFault::new(None, fault)).collect();
     let ports = entry.outputs(params).unwrap_or_else(|fault| {
-        faults.push(FrameFault::of(None, &fault));
+        faults.push(FrameFault::new(None, &fault));
         Vec::new()
     });
     let (mut frames, mut warnings) = (0, Vec::new());
@@ -127,11 +129,16 @@ fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bo
     if let Some(source) = source {
         frames = source.frames().len();
         warnings = source.warnings().to_vec();
-        let told = WarningCollector::default();
-        let of_frames =
-            each_frame(&*source, &ports, workers, (&told, &there), &FrameProgress::new(name, frames as u64, quiet));
+        let collected = WarningCollector::default();
+        let of_frames = each_frame(
+            &*source,
+            &ports,
+            workers,
+            (&collected, &there),
+            &FrameProgress::new(name, frames as u64, quiet),
+        );
         faults.extend(of_frames);
-        warnings.extend(told.into_warnings());
+        warnings.extend(collected.into_warnings());
     }
     let There(there) = there;
     let (read, with) = into_unlocked(there);
@@ -153,10 +160,10 @@ struct There(Mutex<(usize, BTreeMap<&'static str, usize>)>);
 
 impl There {
     fn count(&self, ports: &[Port], values: &[Option<Value>]) {
-        let mut of = locked(&self.0);
-        of.0 += 1;
+        let mut counts = locked(&self.0);
+        counts.0 += 1;
         for (port, _) in ports.iter().zip(values).filter(|(_, value)| value.is_some()) {
-            *of.1.entry(port.name).or_default() += 1;
+            *counts.1.entry(port.name).or_default() += 1;
         }
     }
 }
@@ -179,7 +186,7 @@ fn each_frame(
         let mut scratch = Scratch::default();
         let looked = || frame_faults(source, ports, position, frame, &mut Context::new(seen.0, &mut scratch), seen.1);
         let faults = depthloom_threads::caught(looked).unwrap_or_else(|panic| {
-            vec![FrameFault::of(Some(frame), &Fault::new(format!("the source panicked {}", panic.0)))]
+            vec![FrameFault::new(Some(frame), &Fault::new(format!("the source panicked {}", panic.0)))]
         });
         progress.one_more(faults.len() as u64);
         if !faults.is_empty() {
@@ -203,7 +210,7 @@ fn frame_faults(
         source.examine(position, ctx).and_then(|read| read.outputs.in_order_of(ports).map_err(|fault| vec![fault]));
     let values = match read {
         Ok(values) => values,
-        Err(faults) => return faults.iter().map(|fault| FrameFault::of(Some(frame), fault)).collect(),
+        Err(faults) => return faults.iter().map(|fault| FrameFault::new(Some(frame), fault)).collect(),
     };
     there.count(ports, &values);
     let files = source.files(position);
@@ -296,23 +303,23 @@ impl From<&FrameFault> for DataFault {
     }
 }
 
-/// How the command ends where something is wrong: every fault, its remedy where it is said first; what all frames share
-/// once.
+/// The error that lists every fault. Each remedy is printed once, and so is a fault that all frames share.
 pub(crate) fn stop(walked: &[Walked]) -> Option<CliError> {
-    let count: usize = walked.iter().map(|of| of.faults.len()).sum();
+    let count: usize = walked.iter().map(|source| source.faults.len()).sum();
     if count == 0 {
         return None;
     }
-    let mut said: BTreeSet<&str> = BTreeSet::new();
+    let mut remedies: BTreeSet<&str> = BTreeSet::new();
     let mut problems = Vec::new();
-    for of in walked {
-        for (fault, frames) in once(&of.faults, of.frames) {
+    for source in walked {
+        let name = &source.name;
+        for (fault, frames) in once(&source.faults, source.frames) {
             let what = match (&fault.frame, frames) {
-                (Some(_), 2..) => format!("source `{}`, all {frames} frames, the first: {}", of.name, fault.what),
-                (Some(frame), _) => format!("source `{}`, frame {frame}: {}", of.name, fault.what),
-                (None, _) => format!("source `{}`: {}", of.name, fault.what),
+                (Some(_), 2..) => format!("source `{name}`, all {frames} frames, the first: {}", fault.what),
+                (Some(frame), _) => format!("source `{name}`, frame {frame}: {}", fault.what),
+                (None, _) => format!("source `{name}`: {}", fault.what),
             };
-            let remedy = fault.remedy.as_deref().filter(|remedy| said.insert(*remedy)).map(ToOwned::to_owned);
+            let remedy = fault.remedy.as_deref().filter(|remedy| remedies.insert(*remedy)).map(ToOwned::to_owned);
             problems.push(Problem::Here(ErrorMessage { what, remedy, source: None }));
         }
     }
@@ -326,8 +333,8 @@ fn once(faults: &[FrameFault], frames: usize) -> Vec<(&FrameFault, usize)> {
         (Some(one), Some(other)) => one == other,
         _ => one.what == other.what && one.kind == other.kind,
     };
-    let mut told: Vec<(&FrameFault, usize)> = Vec::new();
-    // Where all frames have a fault, the first has it.
+    let mut listed: Vec<(&FrameFault, usize)> = Vec::new();
+    // If all frames have a fault, the first one has it.
     let first = faults.iter().find_map(|fault| fault.frame.as_ref());
     let shared: Vec<&FrameFault> = faults
         .iter()
@@ -339,12 +346,12 @@ fn once(faults: &[FrameFault], frames: usize) -> Vec<(&FrameFault, usize)> {
         })
         .collect();
     for fault in faults {
-        let of_all = fault.frame.is_some() && shared.iter().any(|of| same(of, fault));
-        match (of_all, shared.iter().any(|of| std::ptr::eq(*of, fault))) {
-            (true, true) => told.push((fault, frames)),
+        let of_all = fault.frame.is_some() && shared.iter().any(|other| same(other, fault));
+        match (of_all, shared.iter().any(|other| std::ptr::eq(*other, fault))) {
+            (true, true) => listed.push((fault, frames)),
             (true, false) => {}
-            (false, _) => told.push((fault, 1)),
+            (false, _) => listed.push((fault, 1)),
         }
     }
-    told
+    listed
 }

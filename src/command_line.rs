@@ -1,6 +1,9 @@
-//! The command line as a whole: the grammar, with the exit codes in each help text, and what completes from a registry.
+//! The command line as a whole: the grammar, its help texts, errors for removed names, and completion from a registry.
+
+mod removed;
 
 use std::ffi::OsString;
+use std::fmt::Write as _;
 use std::path::Path;
 
 use clap::builder::PossibleValuesParser;
@@ -10,7 +13,7 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
 use depthloom_terminal::{CliError, ExitCode};
 
-use crate::args::Cli;
+use crate::args::{Cli, GROUPS};
 use crate::commands::SCHEMAS;
 use crate::completion;
 
@@ -20,25 +23,45 @@ pub(crate) fn command(registry: &Registry) -> clap::Command {
     let about = |sub: &clap::Command| sub.get_about().map(ToString::to_string).unwrap_or_default();
     let subs: Vec<_> = command.get_subcommands().map(|sub| (sub.get_name().to_owned(), about(sub))).collect();
     let pages = completion::words(subs.iter().map(|(name, about)| (name.as_str(), about.as_str())));
-    with_exit_codes(command)
+    with_groups(with_exit_codes(command))
         .mut_subcommand("nodes", |nodes| nodes.mut_arg("kind", |kind| kind.add(completion::kinds(registry))))
         .mut_subcommand("schema", |schema| {
             let names = SCHEMAS.iter().map(|(name, _)| *name);
-            schema.mut_arg("output", |output| output.value_parser(PossibleValuesParser::new(names)))
+            schema.mut_arg("of", |output| output.value_parser(PossibleValuesParser::new(names)))
         })
         .mut_subcommand("man", |man| man.mut_arg("command", |command| command.add(pages)))
 }
 
-/// Adds the exit codes below the examples of a command and of its own commands.
+/// Adds the page of exit codes to the end of the help text of a command and of its own commands.
 fn with_exit_codes(command: clap::Command) -> clap::Command {
     let names: Vec<String> = command.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
-    let examples = command.get_after_help().map(ToString::to_string).unwrap_or_default();
-    let codes: String = ExitCode::ALL.iter().map(|(code, about)| format!("  {:<4}  {about}\n", *code as u8)).collect();
-    let command = command.after_help(format!("{examples}\nExit codes:\n{codes}"));
+    let examples = command.get_after_long_help().map(ToString::to_string).unwrap_or_default();
+    let page = concat!("Exit codes: ", env!("CARGO_PKG_REPOSITORY"), "/blob/main/docs/reference/exit-codes.md");
+    let command = command.after_long_help(format!("{examples}\n{page}"));
     names.iter().fold(command, |command, name| command.mut_subcommand(name, with_exit_codes))
 }
 
-/// The same under the name that the program was called by: that of somebody's own, where it has kinds of its own.
+/// Lists the commands by workflow in the help text of the program.
+fn with_groups(command: clap::Command) -> clap::Command {
+    let header = *command.get_styles().get_header();
+    let literal = *command.get_styles().get_literal();
+    let mut template = "{about-with-newline}\n{usage-heading} {usage}\n".to_owned();
+    for (group, names) in GROUPS {
+        let _ = write!(template, "\n{header}{group}:{header:#}\n");
+        for name in names {
+            let about = command.find_subcommand(name).and_then(clap::Command::get_about);
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            let _ = writeln!(template, "  {literal}{name:11}{literal:#}  {about}");
+        }
+    }
+    let _ = write!(
+        template,
+        "\n`depthloom help COMMAND` explains a command; `depthloom COMMAND -h` lists its options.\n\n{header}Options:{header:#}\n{{options}}{{after-help}}"
+    );
+    command.help_template(template)
+}
+
+/// The same under the name that the program was called by: a program with kinds of its own has its own name.
 pub(crate) fn own_command(registry: &Registry) -> clap::Command {
     completion::with_contents(command(registry), registry).name(own_name())
 }
@@ -50,7 +73,7 @@ pub(crate) fn own_name() -> String {
     stem.filter(|stem| !stem.is_empty()).unwrap_or("depthloom").to_owned()
 }
 
-/// Whether arguments ask for JSON; also of those that are wrong.
+/// Whether arguments have `--json`, also if they are wrong.
 pub(crate) fn asks_for_json(arguments: impl IntoIterator<Item = OsString>) -> bool {
     arguments.into_iter().take_while(|argument| argument != "--").any(|argument| argument == "--json")
 }
@@ -58,12 +81,12 @@ pub(crate) fn asks_for_json(arguments: impl IntoIterator<Item = OsString>) -> bo
 pub(crate) fn parse(registry: &Registry) -> Result<Cli, clap::Error> {
     let mut command = command(registry);
     let matches = command.try_get_matches_from_mut(std::env::args_os());
-    let mut matches = matches.map_err(|error| with_nearest_command(error, &command))?;
+    let mut matches = matches
+        .map_err(|error| removed::error(&mut command).unwrap_or_else(|| with_nearest_command(error, &command)))?;
     Cli::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
 }
 
-/// Suggests the nearest command, if one is near: clap goes by how many letters stand about where they should, and takes
-/// `rnu` for `runs`.
+/// Suggests the nearest command, if one is near. The similarity measure of clap would suggest `runs` for `rnu`.
 fn with_nearest_command(mut error: clap::Error, command: &clap::Command) -> clap::Error {
     if error.kind() == ErrorKind::InvalidSubcommand
         && let Some(ContextValue::String(written)) = error.get(ContextKind::InvalidSubcommand)
@@ -75,7 +98,7 @@ fn with_nearest_command(mut error: clap::Error, command: &clap::Command) -> clap
     error
 }
 
-/// An error of the arguments as any other: what is wrong, and what would be right.
+/// An error of the arguments as any other error: a message and its remedies.
 pub(crate) fn stop_of(error: &clap::Error) -> CliError {
     let text = error.render().to_string();
     let plain = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");

@@ -2,6 +2,7 @@
 
 pub(crate) mod analysis;
 pub(crate) mod experiments;
+pub(crate) mod inspect;
 pub(crate) mod recordings;
 pub(crate) mod reference;
 
@@ -24,34 +25,34 @@ macro_rules! outputs {
 
 outputs! {
     "analyse" => analysis::analyse::Analyse,
+    "analyse-samples" => analysis::samples::Samples,
     "check" => experiments::check::Check,
     "compare" => analysis::compare::Compare,
     "compare-by-distance" => depthloom_analysis::DistanceComparisonOutput,
-    "data" => experiments::data::Data,
     "doctor" => reference::doctor::Doctor,
     "error" => crate::output::diagnostics::Failed,
     "explain" => depthloom_analysis::Explain,
     "export" => recordings::export::Export,
     "figure" => analysis::figure::Figure,
     "graph" => render::Graph,
-    "info" => recordings::info::Info,
+    "inspect-data-set" => inspect::data_set::Data,
+    "inspect-onnx" => inspect::network::Onnx,
+    "inspect-recording" => inspect::recording::Info,
     "nodes" => render::Nodes,
     "nodes-kind" => render::NodesKind,
-    "onnx" => reference::onnx::Onnx,
     "plan" => render::Plan,
     "plan-reuse" => experiments::plan::PlanReuse,
-    "recover" => recordings::recover::Recover,
-    "replay" => recordings::replay::Replay,
     "report" => crate::results::report::Report,
     "run" => crate::execution::Run,
+    "runs-diff" => depthloom_verify::RunDifference,
     "runs-list" => recordings::runs::RunsList,
     "runs-prune" => recordings::runs::RunsPrune,
+    "runs-recover" => recordings::runs::Recover,
     "runs-rm" => recordings::runs::RunsRm,
     "runs-show" => recordings::runs::RunsShow,
-    "runs-why" => depthloom_verify::RunDifference,
-    "samples" => analysis::samples::Samples,
+    "runs-timings" => recordings::runs::Timings,
     "table" => depthloom_analysis::TableOutput,
-    "timings" => analysis::timings::Timings,
+    "verify" => recordings::verify::Verify,
 }
 
 #[cfg(test)]
@@ -65,7 +66,7 @@ mod tests {
 
     /// `DEPTHLOOM_WRITE_SCHEMAS=1` writes them.
     #[test]
-    fn published_schemas_are_those_of_the_types() {
+    fn published_schemas_match_the_types() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/schemas");
         let write = std::env::var_os("DEPTHLOOM_WRITE_SCHEMAS").is_some();
         let mut names = Vec::new();
@@ -90,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn the_format_stands_in_front_and_is_what_the_schema_asks_for() {
+    fn outputs_begin_with_the_format_that_the_schema_requires() {
         let printed = text(&super::recordings::runs::RunsRm::default());
         let printed: serde_json::Value = serde_json::from_str(&printed).unwrap();
         assert_eq!(

@@ -88,7 +88,7 @@ pub(crate) fn carry_out(
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     print_warnings(args, &of_sources);
     let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
-    let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &plan);
+    let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &args.folder.path(), &plan);
     let unreadable = reuse::unreadable(&earlier);
     print_warnings(args, &unreadable);
     let begun = Reusable { begun, earlier }.verified(args, &folder, &ready, remote.is_some())?;
@@ -108,7 +108,7 @@ pub(crate) fn carry_out(
         finish(args, &folder, prepared, interrupt, || environment::describe(options.workers, options.window, &read));
     let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
         let partial = folder.partial.display();
-        stop.also(format!("the recording is whole: `depthloom report {partial}` makes its tables"))
+        stop.also(format!("the recording is complete: `depthloom report {partial}` writes its tables"))
     })?;
     let outdated = folder.file(OUTDATED);
     if outdated.exists() {
@@ -119,13 +119,13 @@ pub(crate) fn carry_out(
     let out = folder.finish()?;
     checkpoints.remove();
     if has_printed && !is_silent(args) {
-        say(format_args!("what programs printed is in {}", out.join(PRINTED).display()));
+        say(format_args!("the output of programs is in {}", out.join(PRINTED).display()));
     }
 
     let warnings = [of_sources, unreadable, warnings].concat();
     let incomplete = (failed > 0).then(|| {
         let frames = counted(failed, "frame");
-        CliError::new(ExitCode::FrameFailures, format!("{frames} failed; what depended on them is left out"))
+        CliError::new(ExitCode::FrameFailures, format!("{frames} failed; values that depend on them are left out"))
     });
     let incomplete = incomplete.or_else(|| no_pixel_counted(&report));
     let output = || Run {
@@ -140,7 +140,7 @@ pub(crate) fn carry_out(
         warnings,
         environment,
         files: files_in(&out),
-        report: report::Report::of(&report, None),
+        report: report::Report::new(&report, None),
         error: incomplete.as_ref().map(Error::from),
     };
     show(args, &report, output, &out).map_err(|stop| stop.also(format!("the run is complete in {}", out.display())))?;
@@ -215,7 +215,7 @@ fn record<'a>(
     }
     if let Some(Condition::Damaged { offset, what, .. }) = begun.as_ref().map(|begun| begun.condition()) {
         let partial = folder.partial.display();
-        print_warnings(args, &[format!("recomputed what {partial} had after byte {offset}: {what}")]);
+        print_warnings(args, &[format!("recomputing the frames of {partial} after byte {offset}: {what}")]);
     }
     let progress = Progress::new(plan, is_silent(args));
     // If that fails, the report says why, when the frames are stored.

@@ -1,7 +1,7 @@
-//! depthloom: declare depth-estimation experiments in YAML, run them fast, keep every intermediate.
+//! depthloom: reproducible depth-estimation experiments from one YAML file.
 //!
-//! This crate is the command line, as a library: a program of one's own adds node and source kinds to the
-//! [`registry()`] and hands it to [`main()`]. It then has every command, with its own kinds in schema, reference,
+//! This crate is the command line, as a library: your own program adds node and source kinds to the
+//! [`registry()`] and passes it to [`main()`]. It then has every command, with its own kinds in schema, reference,
 //! checks and completion:
 //!
 //! ```no_run
@@ -13,7 +13,7 @@
 //! }
 //! ```
 //!
-//! What a kind is made of (values, ports, the contracts) stands in [`graphs`]; `examples/own-node` is such a program.
+//! What a kind consists of (values, ports, the contracts) is in [`graphs`]; `examples/own-node` is such a program.
 
 pub use depthloom_graphs as graphs;
 pub use memory::ExitIfRefused;
@@ -51,17 +51,14 @@ pub fn registry() -> Registry {
     depthloom_learning::register(depthloom_nodes::registry()).source::<depthloom_recording::Mcap>()
 }
 
-/// The whole program: reads the process's arguments, does what they ask for with the kinds of `registry`, and tells how
-/// it ended.
+/// The whole program: runs the command in the arguments of the process with the kinds of `registry`, and returns the
+/// exit code.
 ///
-/// A kind that `registry` holds twice is refused before anything else, with exit code 2.
+/// If a kind is registered twice, the program ends at once with exit code 2.
 ///
 /// It takes the process's signals, its panic hook and its standard streams; a process calls it once, from its `main`.
 #[must_use]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "a process has one program: who hands over its kinds is done with them"
-)]
+#[expect(clippy::needless_pass_by_value, reason = "a process calls it once, and needs its kinds no longer")]
 pub fn main(registry: Registry) -> std::process::ExitCode {
     depthloom_runs::environment::mark_start();
     grow_stack();
@@ -84,10 +81,10 @@ fn grow_stack() {
     std::hint::black_box(std::mem::MaybeUninit::<[u8; STACK_BYTES]>::uninit());
 }
 
-/// Errors are JSON where output is; to people they are told in any case.
+/// With `--json` errors are JSON, too; they are printed to standard error in any case.
 fn print_error_json(as_json: bool, stop: &CliError) {
     if as_json {
-        // The exit code tells it where standard output cannot.
+        // If standard output cannot be written, only the exit code reports the error.
         let _ = output::print(&diagnostics::Failed::from(stop));
     }
 }
@@ -95,7 +92,7 @@ fn print_error_json(as_json: bool, stop: &CliError) {
 fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
     registry
         .check()
-        .map_err(|clash| CliError::usage(clash.to_string(), "register it once, or give one of the two another name"))?;
+        .map_err(|clash| CliError::usage(clash.to_string(), "register it once, or rename one of the two"))?;
     if completion::answer(|| command_line::own_command(registry))? {
         return Ok(ExitCode::Success);
     }
@@ -110,7 +107,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
             };
         }
         Err(error) => {
-            // The exit code tells it where standard error cannot.
+            // If standard error cannot be written, only the exit code reports the error.
             let _ = error.print();
             print_error_json(as_json, &command_line::stop_of(&error));
             return Ok(ExitCode::Usage);
@@ -120,7 +117,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
     match cli.command {
         Command::Run(args) => commands::experiments::run::run(&args, registry),
         Command::Check(args) => commands::experiments::check::check(&args, registry),
-        Command::Data(args) => commands::experiments::data::data(&args, registry),
+        Command::Inspect(args) => commands::inspect::inspect(&args, registry),
         Command::Plan(args) => commands::experiments::plan::plan(&args, registry),
         Command::Graph(args) => commands::experiments::graph::graph(&args, registry),
         Command::Report(args) => commands::analysis::report::report(&args),
@@ -128,23 +125,18 @@ fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
         Command::Compare(args) => commands::analysis::compare::compare(&args),
         Command::Explain(args) => commands::analysis::explain::explain(&args),
         Command::Analyse(args) => commands::analysis::analyse::analyse(&args),
-        Command::Samples(args) => commands::analysis::samples::samples(&args),
         Command::Figure(args) => commands::analysis::figure::figure(&args),
         Command::Export(args) => commands::recordings::export::export(&args),
-        Command::Timings(args) => commands::analysis::timings::timings(&args),
-        Command::Info(args) => commands::recordings::info::info(&args),
-        Command::Replay(args) => commands::recordings::replay::replay(&args, registry),
-        Command::Recover(args) => commands::recordings::recover::recover(&args),
+        Command::Verify(args) => commands::recordings::verify::verify(&args, registry),
         Command::Runs(args) => commands::recordings::runs::runs(&args),
         Command::Nodes(args) => commands::reference::nodes::nodes(&args, registry),
-        Command::Onnx(args) => commands::reference::onnx::onnx(&args),
         Command::Dora(args) => commands::experiments::dora::dora(&args, registry),
         Command::DoraNode(args) => commands::experiments::dora_node::dora_node(args, registry),
         Command::Synth(args) => commands::experiments::synth::synth(&args),
         Command::Doctor(args) => commands::reference::doctor::doctor(args.json),
         Command::New(args) => commands::experiments::new::new(&args),
         Command::Schema(args) => {
-            let named = |(name, _): &&(&str, _)| args.output.as_deref() == Some(name);
+            let named = |(name, _): &&(&str, _)| args.of.as_deref() == Some(name);
             commands::reference::schema::schema(
                 commands::SCHEMAS.iter().find(named).map(|(_, schema)| *schema),
                 registry,

@@ -1,9 +1,9 @@
 //! Memory that the system refuses ends the program with an error, not with an abort.
 //!
-//! Where a file or a parameter decides how much is asked for, the asking may be refused and the caller is told.
-//! Everywhere else Rust's collections cannot be refused: the standard library aborts. Here the program says what it
-//! lacked and leaves with the engine's exit code; frames that were written are readable, as after a kill.
-#![expect(unsafe_code, reason = "the interface of allocators is unsafe; every call goes on to the system's")]
+//! Where a file or a parameter decides the size of an allocation, the caller handles a refusal. Everywhere else Rust's
+//! collections cannot report a refusal: the standard library would abort. This allocator prints the size and exits with
+//! the engine's exit code instead; frames that were written are readable, as after a kill.
+#![expect(unsafe_code, reason = "the interface of allocators is unsafe; every call is forwarded to the system's")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::{self, Write as _};
@@ -12,8 +12,8 @@ use depthloom_terminal::ExitCode;
 
 use crate::signals;
 
-/// From this size on the caller is told, bytes: so much is asked for in a way that may be refused.
-const TOLD: usize = 64 << 20;
+/// From this size on, bytes, the caller handles a refusal.
+const CALLER_HANDLES: usize = 64 << 20;
 
 /// The system's allocator. If the system refuses an allocation below 64 MiB, the program prints an error and exits with
 /// the code 1.
@@ -22,21 +22,21 @@ const TOLD: usize = 64 << 20;
 #[derive(Debug)]
 pub struct ExitIfRefused;
 
-// SAFETY: what each call promises and asks for is what the system's does; what it gives is handed on.
+// SAFETY: each call is forwarded to the system's allocator with the same arguments, and its result is returned.
 unsafe impl GlobalAlloc for ExitIfRefused {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller keeps the same promises.
-        given(unsafe { System.alloc(layout) }, layout.size())
+        checked(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as above.
-        given(unsafe { System.alloc_zeroed(layout) }, layout.size())
+        checked(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         // SAFETY: as above.
-        given(unsafe { System.realloc(memory, layout, size) }, size)
+        checked(unsafe { System.realloc(memory, layout, size) }, size)
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
@@ -45,8 +45,8 @@ unsafe impl GlobalAlloc for ExitIfRefused {
     }
 }
 
-fn given(memory: *mut u8, bytes: usize) -> *mut u8 {
-    if memory.is_null() && bytes < TOLD {
+fn checked(memory: *mut u8, bytes: usize) -> *mut u8 {
+    if memory.is_null() && bytes < CALLER_HANDLES {
         refused(bytes);
     }
     memory

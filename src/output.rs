@@ -21,7 +21,7 @@ const VERSION: u32 = 1;
 
 /// What a command prints with `--json`: the type that it fills is the type that its schema describes.
 pub(crate) trait CommandOutput: Serialize + JsonSchema {
-    /// Its name, as `schema --output` takes it.
+    /// Its name, as `schema --of` takes it.
     const NAME: &'static str;
 }
 

@@ -1,13 +1,13 @@
-//! Who asks a run to end: Ctrl-C, a scheduler, a terminal that closes.
+//! Signals that end a run: from Ctrl-C, a scheduler, a terminal that closes.
 //!
-//! The first signal lets the frames in flight finish, learning put down a checkpoint, and the analysis stop; the second
-//! abandons the frames in flight; the third ends the process, should all else hang. What was ignored when the program
-//! began stays ignored: that is how `nohup` and a shell's background jobs ask for it.
+//! After the first signal the frames in flight finish, training stores a checkpoint, and the analysis stops. The second
+//! abandons the frames in flight. The third ends the process, even if everything else hangs. A signal that was ignored
+//! when the program started stays ignored, as `nohup` and background jobs of a shell need it.
 
 use depthloom_runner::Interrupt;
 use depthloom_terminal::{CliError, ExitCode, say};
 
-/// Listens for signals from now on; before, they end the process. `stopping` is what is said of the first.
+/// Listens for signals from now on; before, they end the process. `stopping` is the message for the first one.
 pub(crate) fn listen(stopping: &'static str) -> Result<Interrupt, CliError> {
     let interrupt = Interrupt::default();
     system::listen(interrupt.clone(), stopping).map_err(|error| {
@@ -49,18 +49,18 @@ mod system {
     use signal_hook::iterator::Signals;
 
     pub(super) fn listen(interrupt: Interrupt, stopping: &'static str) -> io::Result<()> {
-        let heard: Vec<c_int> = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| !is_ignored(*signal)).collect();
-        let mut signals = Signals::new(heard)?;
-        let hear = move || {
+        let handled: Vec<c_int> = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| !is_ignored(*signal)).collect();
+        let mut signals = Signals::new(handled)?;
+        let listener = move || {
             for signal in signals.forever() {
-                // A terminal that closes sends several, and nobody is there to mean more by the second.
+                // A terminal that closes sends several, which count as one.
                 if signal != SIGHUP || !interrupt.stops_admission() {
                     super::raise(&interrupt, stopping);
                 }
             }
         };
         let thread = std::thread::Builder::new().name("depthloom-signals".to_owned());
-        depthloom_threads::look_for_room().and_then(|()| thread.spawn(hear)).map(drop)
+        depthloom_threads::look_for_room().and_then(|()| thread.spawn(listener)).map(drop)
     }
 
     /// Whether a signal was ignored when the program began. Where the system does not tell (no `/proc`), a hangup is

@@ -1,4 +1,4 @@
-//! Scores whose frames have no truth, told before anything is computed.
+//! Metrics without ground truth: a warning before anything is computed.
 
 use std::collections::BTreeSet;
 
@@ -7,9 +7,9 @@ use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{FrameIndex, StageRun};
 use depthloom_graphs::ready::Ready;
 
-pub(crate) const REMEDY: &str = "say in the source's parameters where the truth lies (depths of disparities need a calibration too), choose frames that have it (`frames:`), or leave `score:` out";
+pub(crate) const REMEDY: &str = "name the ground truth in the source's parameters (depths from disparities also need a calibration), select frames that have it (`frames:`), or leave out `score:`";
 
-/// The output ports of a stage's source that it scores against.
+/// The output ports of a stage's source that are ground truth of its metrics.
 pub(crate) fn of_source(run: &StageRun) -> BTreeSet<&'static str> {
     let port = |slot: &Slot| match slot {
         Slot::Source { port } => run.source.outputs.get(port.0).map(|output| output.port.name),
@@ -18,17 +18,17 @@ pub(crate) fn of_source(run: &StageRun) -> BTreeSet<&'static str> {
     run.estimates.iter().filter_map(|estimate| port(&estimate.truth)).collect()
 }
 
-/// Whether a file of a frame, by the part it plays, is of its truth: what is neither image nor calibration.
+/// Whether a file of a frame is ground truth, by its part: neither an image nor a calibration.
 pub(crate) fn is_of_truth(part: &str) -> bool {
     !matches!(part, "left" | "right") && !part.starts_with("calibration")
 }
 
-/// Stages that score against a source of which no frame has a file of truth, as warnings.
+/// Warnings for stages that score against a source without any file of ground truth.
 pub(crate) fn missing(ready: &Ready) -> Vec<String> {
     let one = |(run, of): (&StageRun, &dyn Source)| {
         let port = of_source(run).into_iter().next()?;
         let count = of.frames().len();
-        // Of what is made of no files nothing is known before it is read.
+        // Frames without files are known only after they are read.
         let lacks = |position| {
             let files = of.files(position);
             !files.is_empty() && !files.iter().any(|(part, _)| is_of_truth(part))
@@ -36,12 +36,12 @@ pub(crate) fn missing(ready: &Ready) -> Vec<String> {
         (count > 0 && FrameIndex::all(count).all(lacks)).then(|| {
             let (stage, source) = (&run.stage, &run.source.name);
             format!(
-                "stage `{stage}` scores against `source/{port}`, and no frame of source `{source}` has a file of truth: nothing will be scored; {REMEDY}"
+                "stage `{stage}` scores against `source/{port}`, but no frame of source `{source}` has a file of ground truth, so nothing will be scored; {REMEDY}"
             )
         })
     };
     let runs = ready.plan.runs.iter().zip(ready.runs.iter().map(|run| &*run.source));
-    let mut told: Vec<String> = runs.filter_map(one).collect();
-    told.dedup();
-    told
+    let mut warnings: Vec<String> = runs.filter_map(one).collect();
+    warnings.dedup();
+    warnings
 }

@@ -223,7 +223,7 @@ fn learning(run: &FigureRun<'_>, request: &FigureRequest) -> Result<Figure, Anal
     let mut figure = request.figure(sheet, about, table_of_points(&curves).csv())?;
     let single = curves.iter().filter(|curve| curve.curve.points.len() == 1);
     let note = |curve: &LearningCurve| {
-        format!("{} has one point only, so no line is drawn; `--data` writes the point", curve.label)
+        format!("{} has one point only, so no line is drawn; `--csv` writes the point", curve.label)
     };
     figure.notes.extend(single.map(note));
     Ok(figure)

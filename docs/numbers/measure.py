@@ -79,7 +79,7 @@ def tables(out):
     """The tables of a run on KITTI."""
     run([PROGRAM, "table", out, "--pixels", "all", "--ci", "--format", "csv", "--out", HERE / "kitti-table.csv"])
     for pixels, name in [("all", "kitti-compare.csv"), ("common", "kitti-common.csv")]:
-        compare = [PROGRAM, "compare", out, "stereo", "no_scaling/fused", "--scores", "abs_rel,a1,rmse"]
+        compare = [PROGRAM, "compare", out, "stereo", "no_scaling/fused", "--metrics", "abs_rel,a1,rmse"]
         run([*compare, "--pixels", pixels, "--format", "csv", "--out", HERE / name])
         path = HERE / name
         path.write_text(path.read_text().replace(str(out), "kitti"))

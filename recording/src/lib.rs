@@ -83,7 +83,7 @@ pub(crate) const PLAN_METADATA: &str = "depthloom";
 pub(crate) const ONCE_METADATA: &str = "depthloom.once";
 /// The metadata record of a run that ended early.
 pub(crate) const ENDED_METADATA: &str = "depthloom.ended";
-/// The entry of that record in a file that `recover` wrote.
+/// The entry of that record in a file that `runs recover` wrote.
 pub(crate) const RECOVERED: &str = "recovered";
 /// The entry of a channel with its topic in the plan, if that differs from the channel's own topic.
 pub(crate) const TOPIC_IN_PLAN: &str = "topic_in_plan";

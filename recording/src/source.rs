@@ -71,7 +71,7 @@ impl SourceKind for Mcap {
             doc: "\
 `path` is a `recording.mcap`, or the folder of a run. The recording determines the outputs. An output of the recorded source keeps its name (`left`, \
 `calibration`, `depth`). An output of a node is `node.output`: `source/stereo.disparity` reads recorded disparities. `outputs` selects among them. \
-`depthloom info` lists the topics of a recording.\n\n\
+`depthloom inspect` lists the topics of a recording.\n\n\
 Frames keep id, index and time. Their cache key is that of the recorded values, so nothing is decoded to determine it. If only outputs of the recorded \
 source are used, cached results for that source stay valid. With `record: { every: n }`, the source has the frames whose values were recorded. Scores \
 and aggregate values (models, samples) are not outputs: read a model with `{ file: PATH }`. If the recording was cut off, its complete frames are read, \
@@ -136,7 +136,7 @@ impl Mcap {
                 recording.path().display()
             );
             return Err(Fault::new(what).remedy(
-                "run its experiment again with --fresh; `depthloom report` and `depthloom info` still read it",
+                "run its experiment again with --fresh; `depthloom report` and `depthloom inspect` still read it",
             ));
         }
         let run = run_of(&recording, params)?;
@@ -154,7 +154,7 @@ impl Mcap {
                 condition => format!("{path} has no complete frame of stage `{stage}`: it is {condition}"),
             };
             return Err(Fault::new(what).remedy(
-                "repeat `depthloom run` with the same --out to resume after the complete frames; `depthloom info` lists the content of a recording",
+                "repeat `depthloom run` with the same --out to resume after the complete frames; `depthloom inspect` lists the content of a recording",
             ));
         }
         let chosen = params.frames.select(&frame_ids)?;

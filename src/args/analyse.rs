@@ -1,4 +1,4 @@
-//! Errors asked for.
+//! Options of `analyse`.
 
 use std::path::PathBuf;
 
@@ -6,76 +6,87 @@ use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
 use depthloom_analysis::{Bins, Gross, SampleSet};
 
-use super::{JsonArgs, PartArgs, RunArg, TableOutputArgs};
-use crate::completion::{folders, runs};
+use super::{PartArgs, RunsFolder, TableOutputArgs};
+use crate::completion::runs;
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "samples @latest" => "samples.parquet into the run's folder",
-    "samples RUN --out /data/samples.parquet" => "elsewhere",
-])]
-pub(crate) struct SamplesArgs {
-    #[command(flatten)]
-    pub run: RunArg,
-
-    /// The file to write; by default `samples.parquet` in the run's folder.
-    #[arg(long, short, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
-    pub out: Option<PathBuf>,
-
-    /// Print nothing but errors.
-    #[arg(long, short, conflicts_with = "json")]
-    pub quiet: bool,
-
-    #[command(flatten)]
-    pub output: JsonArgs,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = examples![
-    "analyse @latest" => "error against distance, a metre a bin",
-    "analyse @latest --bins log:12 --estimates '*/fused' --set common" => "of some estimates, on the pixels that are valid in all of them",
-    "analyse @latest --by weight --percentiles 50,95" => "is a higher weight a smaller error?",
-    "analyse one two --by frame --format csv --out frames.csv" => "two runs, frame by frame",
+#[command(after_long_help = examples![
+    guide: "explanation/error-against-distance.md",
+    "analyse @latest" => "error against distance, in bins of one metre",
+    "analyse @latest --bins log:12 --estimates '*/fused' --pixels common" => "some estimates, on the pixels that are valid in all of them",
+    "analyse @latest --by weight --percentiles 50,95" => "does higher confidence mean smaller error?",
+    "analyse first/one first/two --by frame --format csv --out frames.csv" => "two runs, frame by frame",
+    "analyse @latest --samples-only" => "write samples.parquet into the run's folder: one row per scored pixel",
 ])]
 pub(crate) struct AnalyseArgs {
-    /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`; also files of samples.
+    /// Analyse these runs.
+    ///
+    /// Name a run's folder, its recording, a unique prefix of its name in the folder of runs, `@latest`, or a file of
+    /// samples (`samples.parquet`).
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
-    /// What pixels are put into bins by: `distance` (the truth), `estimate` (the answer), `error` (its absolute error,
-    /// with --relative its relative error), `weight` (the one recorded for a variant), `row`, `column`, `frame` (a bin
-    /// a frame), or a column of the samples by its name, e.g. `full/weight.weight`.
-    #[arg(long, value_name = "WHAT", default_value = "distance")]
+    /// Put pixels into bins of this quantity
+    ///
+    /// - `distance`: the ground-truth distance
+    /// - `estimate`: the estimated distance
+    /// - `error`: the absolute error, or with --relative the relative error
+    /// - `weight`: the confidence that was recorded for a variant
+    /// - `row`, `column`: the position in the image
+    /// - `frame`: one bin per frame
+    /// - any column of the samples, e.g. `full/weight.weight`
+    #[arg(long, value_name = "QUANTITY", default_value = "distance", verbatim_doc_comment)]
     pub by: String,
 
-    /// The bins: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`. By default a metre wide of
-    /// distances, tenths of weights, twenty of anything else.
+    /// Set the bins: `width:2`, `linear:20`, `log:20`, `quantile:10`, `edges:0,5,10`.
+    ///
+    /// By default distances have bins of one metre, confidences ten bins, everything else twenty.
     #[arg(long, value_name = "BINS", value_parser = Bins::parse)]
     pub bins: Option<Bins>,
 
-    /// The percentiles of the error, with commas between.
+    /// Print these percentiles of the error.
     #[arg(long, value_name = "P,...", value_delimiter = ',', default_value = "5,25,50,75,95")]
     pub percentiles: Vec<f64>,
 
-    /// Only estimates whose label or name this is; `*` stands for any run of characters, several have commas between:
-    /// `fused`, `stereo,no_*/mono`.
+    /// Use only these estimates, by label or name (default: all).
+    ///
+    /// `*` matches any characters, and commas separate several: `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
     pub estimates: Option<String>,
 
     #[command(flatten)]
     pub part: PartArgs,
 
-    /// Over which pixels; several with commas between.
-    #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "valid")]
-    pub set: Vec<SampleSet>,
+    /// Use these pixel sets.
+    #[arg(long, value_enum, value_name = "PIXELS,...", value_delimiter = ',', default_value = "valid")]
+    pub pixels: Vec<SampleSet>,
 
-    /// Errors as shares of the true distance, in place of metres.
+    /// Show errors as shares of the ground-truth distance (default: metres).
     #[arg(long)]
     pub relative: bool,
 
-    /// From where on an error is a gross one: metres (`3m`) or a share of the true distance (`25%`).
+    /// Count errors above this limit as outliers: metres (`3m`) or a share (`25%`).
+    ///
+    /// A share is of the ground-truth distance.
     #[arg(long, value_name = "LIMIT", value_parser = Gross::parse, default_value = "25%")]
-    pub gross: Gross,
+    pub outlier: Gross,
+
+    /// Write `samples.parquet` and print no table.
+    ///
+    /// The file has one row per scored pixel: ground truth, every estimate, every recorded confidence. It is written
+    /// into the run's folder, or to `--out`.
+    #[arg(
+        long,
+        conflicts_with_all = ["by", "bins", "percentiles", "estimates", "variant", "stage", "pixels", "relative", "outlier", "format"]
+    )]
+    pub samples_only: bool,
+
+    /// Print only errors, with --samples-only.
+    #[arg(long, short, requires = "samples_only", conflicts_with = "json")]
+    pub quiet: bool,
+
+    #[command(flatten)]
+    pub folder: RunsFolder,
 
     #[command(flatten)]
     pub output: TableOutputArgs,

@@ -1,4 +1,4 @@
-//! Scores held against each other.
+//! Options of `compare`.
 
 use std::path::PathBuf;
 
@@ -6,26 +6,28 @@ use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use depthloom_analysis::{Bins, IntervalMethod, Resampling};
 
-use super::{ScoresArgs, TableOutputArgs, TypesettingArgs};
+use super::{RunsFolder, ScoresArgs, TableOutputArgs, TypesettingArgs};
 use crate::completion::{metrics, runs};
 
-/// How sure an interval is, and how it is found.
+/// How intervals are computed.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct IntervalArgs {
-    /// How sure an interval is, in per cent; tests are held against what is left to 100.
+    /// Set the confidence level of intervals and tests, per cent.
     #[arg(long, value_name = "PERCENT", default_value = "95", value_parser = parse_confidence)]
     pub confidence: f64,
 
-    /// How an interval is read off the resamples.
+    /// Compute intervals with this bootstrap method.
     #[arg(long, value_enum, value_name = "METHOD", default_value = "bca")]
     pub interval: IntervalMethod,
 
-    /// How often frames are resampled; by default 100,000 times for scores, 10,000 times for errors by distance.
+    /// Resample frames N times (default: 100,000).
+    ///
+    /// The default for errors by distance is 10,000.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     pub resamples: Option<u32>,
 
-    /// The seed of the resamples: equal seeds give equal intervals, on any machine.
-    #[arg(long, default_value_t = 1)]
+    /// Seed the resampling: equal seeds give equal intervals.
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 }
 
@@ -40,72 +42,90 @@ impl IntervalArgs {
 /// Reads a confidence in per cent.
 pub(super) fn parse_confidence(text: &str) -> Result<f64, String> {
     let percent: f64 = text.trim_end_matches('%').trim().parse().map_err(|_| "it is not a number".to_owned())?;
-    (50.0..100.0).contains(&percent).then_some(percent / 100.0).ok_or_else(|| "it lies from 50 to below 100".to_owned())
+    (50.0..100.0)
+        .contains(&percent)
+        .then_some(percent / 100.0)
+        .ok_or_else(|| "it must be from 50 to below 100".to_owned())
 }
 
 /// What errors are compared by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum CompareBy {
-    /// The true distance: absolute errors of the pixels that are valid in both, bin by bin, and where one should hand
-    /// over to the other.
+    /// The ground-truth distance: absolute errors of the pixels that are valid in both, bin by bin, and the distance
+    /// from which the other side is better.
     Distance,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "compare RUN full no_scaling" => "a variant against another, all scores",
-    "compare RUN '*/fused' --scores abs_rel --baseline best" => "which are as good as the best, and which are not",
-    "compare table1/2026-11-20 @latest" => "is the newest run better than that of another day?",
-    "compare RUN stereo full/mono --by distance" => "where each is better, and where one hands over to the other",
-    "compare main pr --fail-if 'fused.abs_rel > +1%'" => "for CI: exit code 3 if it is worse",
-    "compare A:full/fused B:fused --set valid --json" => "for programs",
+#[command(after_long_help = examples![
+    guide: "explanation/comparison.md",
+    "compare @latest base small_blocks" => "one variant with another, all metrics",
+    "compare @latest '*/fused' --metrics abs_rel --baseline best" => "which estimates are as good as the best, and which are not",
+    "compare first/one first/two" => "is the second run better than the first?",
+    "compare @latest base/stereo base/mono --by distance" => "at which distances each of the two is better",
+    "compare first/one first/two --fail-if 'fused.abs_rel > +1%'" => "for CI: exit code 3 if it is worse",
+    "compare first/one:base/fused first/two:base/fused --json" => "for programs",
 ])]
 pub(crate) struct CompareArgs {
-    /// What is compared, the first being what the others are held against: runs (folders, recordings, beginnings of
-    /// names, `@latest`); or a run, and variants or estimates of it (`full`, `full/fused`, `'*/fused'`); or
-    /// `RUN:NAME`, of several runs. A run alone: all of its variants, or where it has none, estimates.
-    #[arg(required = true, value_name = "RUN|NAME", add = ArgValueCompleter::new(runs))]
+    /// Compare these runs, variants or estimates with the first of them
+    ///
+    /// - runs: a folder, a recording, a unique prefix of a name, or `@latest`
+    /// - a run, then variants or estimates of it: `base`, `base/fused`, `'*/fused'`
+    /// - `RUN:NAME`: a variant or estimate of another run
+    ///
+    /// For a run alone, all of its variants are compared, or its estimates if it has one variant only.
+    #[arg(required = true, value_name = "RUN|NAME", verbatim_doc_comment, add = ArgValueCompleter::new(runs))]
     pub sides: Vec<PathBuf>,
 
-    /// What the others are held against, in place of the first: a side, or `best`, the one with the best value of the
-    /// first score.
+    /// Compare with this side, or with the `best` (default: the first).
+    ///
+    /// `best` is the side with the best value of the first metric.
     #[arg(long, value_name = "SIDE")]
     pub baseline: Option<String>,
 
     #[command(flatten)]
-    pub pixels: ScoresArgs,
+    pub scores: ScoresArgs,
 
-    /// In place of scores the absolute error, by the true distance: mean and median of each bin, and the distance at
-    /// which one of the two should hand over to the other.
-    #[arg(long, value_enum, value_name = "WHAT", conflicts_with_all = ["scores", "fail_if", "zone", "mean", "frames"])]
+    /// Compare absolute errors by this quantity (default: compare metrics).
+    ///
+    /// The table has the mean and the median of each bin, and the distance from which the other side is better.
+    #[arg(long, value_enum, value_name = "QUANTITY", conflicts_with_all = ["metrics", "fail_if", "zone", "mean", "frames"])]
     pub by: Option<CompareBy>,
 
-    /// The bins of `--by distance`: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`; by default
-    /// five metres wide.
+    /// Set the bins of `--by distance` (default: `width:5`).
+    ///
+    /// They are `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`, in metres.
     #[arg(long, value_name = "BINS", value_parser = Bins::parse, requires = "by")]
     pub bins: Option<Bins>,
 
-    /// Only these scores, with commas between; by default all that both have. Tests are corrected for as many as are
-    /// shown.
-    #[arg(long, value_name = "SCORE,...", value_delimiter = ',', add = ArgValueCandidates::new(metrics))]
-    pub scores: Vec<String>,
+    /// Compare only these metrics (default: all that both sides have).
+    ///
+    /// Tests are corrected for the number of metrics shown.
+    #[arg(long, value_name = "METRIC,...", value_delimiter = ',', add = ArgValueCandidates::new(metrics))]
+    pub metrics: Vec<String>,
 
-    /// Only estimates whose label or name this is; `*` stands for any run of characters, several have commas between:
-    /// `fused`, `stereo,no_*/mono`.
+    /// Use only these estimates, by label or name (default: all).
+    ///
+    /// `*` matches any characters, and commas separate several: `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
     pub estimates: Option<String>,
 
     #[command(flatten)]
     pub intervals: IntervalArgs,
 
-    /// End with exit code 3 if this is so, e.g. `fused.abs_rel > +1%`, `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`: a change
-    /// in per cent of the baseline's value or in the score's unit, of the estimates of that name, or of all. `density`
-    /// is the share of valid pixels. Can be given several times.
+    /// Fail if this limit is exceeded, e.g. `fused.abs_rel > +1%`. Can be repeated.
+    ///
+    /// More examples: `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`. The limit is a change in per cent of the baseline's value,
+    /// or in the unit of the metric. It applies to the estimates of that name, or to all. `density` is the share of valid
+    /// pixels. The exit code is then 3.
     #[arg(long, value_name = "LIMIT")]
     pub fail_if: Vec<String>,
 
     #[command(flatten)]
     pub typesetting: TypesettingArgs,
+
+    #[command(flatten)]
+    pub folder: RunsFolder,
 
     #[command(flatten)]
     pub output: TableOutputArgs,

@@ -1,4 +1,4 @@
-//! An experiment as a dataflow of dora's.
+//! Options of `dora`.
 
 use std::path::PathBuf;
 
@@ -7,31 +7,37 @@ use clap::Args;
 use super::RunArgs;
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "dora first.yaml --out look > dataflow.yml" => "then `dora run dataflow.yml`: every node a process, the same recording",
-    "dora first.yaml --machine '*.mono=jetson' > dataflow.yml" => "and one of them on another machine",
+#[command(after_long_help = examples![
+    guide: "how-to/dora.md",
+    "dora first.yaml --out look > dataflow.yml" => "then `dora run dataflow.yml`: every node is a process, the recording is the same",
+    "dora first.yaml --machine '*.mono=jetson' > dataflow.yml" => "one of the nodes runs on another machine",
 ])]
 pub(crate) struct DoraArgs {
     #[command(flatten)]
     pub run: RunArgs,
 
-    /// The Python that has dora's library (`pip install dora-rs pyarrow`), on every machine.
+    /// Use this Python, which has `dora-rs` and `pyarrow`.
+    ///
+    /// Every machine needs it: `pip install dora-rs pyarrow`.
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     pub python: String,
 
-    /// How long every node of the dataflow may take to start, seconds. Then the dataflow ends with an error that names
-    /// those that did not.
+    /// Give every node this time to start, seconds.
+    ///
+    /// After it the dataflow ends with an error that names the nodes that did not start.
     #[arg(long, value_name = "SECONDS", default_value_t = 120, value_parser = clap::value_parser!(u64).range(1..))]
     pub start_timeout: u64,
 
-    /// Where nodes run, by their names in the dataflow: `--machine '*.mono=jetson'`, for dora's daemon of that name.
-    /// May be repeated; of several that fit the last counts.
+    /// Run nodes on this machine: `'*.mono=jetson'`. Can be repeated.
+    ///
+    /// Nodes are named as in the dataflow, and a machine by the name of its dora daemon. If several match a node, the last
+    /// one applies.
     #[arg(long = "machine", value_name = "NODE=MACHINE", value_parser = parse_machine)]
     pub machines: Vec<(String, String)>,
 }
 
 impl DoraArgs {
-    /// How many frames are on their way at most.
+    /// The largest number of frames in flight.
     pub(crate) fn window(&self) -> usize {
         usize::from(self.run.window.unwrap_or(8))
     }
@@ -39,15 +45,15 @@ impl DoraArgs {
 
 #[derive(Debug, Args)]
 pub(crate) struct DoraNodeArgs {
-    /// Its name in the dataflow.
+    /// Run this node of the dataflow.
     #[arg(long, value_name = "NAME")]
     pub part: String,
 
-    /// What the dataflow was written of: nodes that find something else do not begin.
+    /// Expect this plan: a node that finds another one does not start.
     #[arg(long, value_name = "KEY")]
     pub plan: String,
 
-    /// The folder that the dataflow was written from.
+    /// Work in this folder, in which the dataflow was written.
     #[arg(long, value_name = "DIR")]
     pub folder: PathBuf,
 

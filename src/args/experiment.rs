@@ -1,36 +1,46 @@
-//! An experiment, and what is asked of it before it runs.
+//! Options of commands that read an experiment: `check`, `plan`, `graph`.
 
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 
-use super::JsonArgs;
+use super::{JsonArgs, RunsFolder};
 use crate::completion::{experiments, folders};
 
-/// An experiment file, and what of it is set otherwise.
+/// An experiment file, and the changes to it.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct ExperimentArgs {
-    /// The experiment file (YAML). `check`, `plan` and `graph` read `-` from standard input.
+    /// Read this experiment file (YAML).
+    ///
+    /// `check`, `plan` and `graph` read `-` from standard input.
     #[arg(add = ArgValueCompleter::new(experiments()))]
     pub experiment: PathBuf,
 
-    /// Change the experiment before its variants do: `compare.mono.with.cap=50`. It takes precedence over the file,
-    /// what the file extends, and defaults. A variant that sets the same path keeps its value: a warning if some
-    /// variants do, an error if all do. `variants.full.compare.mono.with.cap=50` changes one variant;
-    /// `matrix.AXIS.values=[3,5]`, `matrix.AXIS.to=20` and `matrix.sample.count=100` change an axis or the sample.
-    /// `null` removes a stage, node, source, variant or axis: `variants.NAME=null`. May be repeated; is recorded.
-    #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
+    /// Change a value: `compare.mono.with.cap=50`. Can be repeated
+    ///
+    /// The change takes precedence over the file, the file that it extends, and defaults. A variant that sets the same
+    /// path keeps its own value: depthloom warns if some variants do, and fails if all do. More paths:
+    ///
+    /// - `variants.full.compare.mono.with.cap=50` changes one variant
+    /// - `matrix.AXIS.values=[3,5]`, `matrix.AXIS.to=20` and `matrix.sample.count=100` change an axis or the sample
+    /// - `variants.NAME=null` removes a variant; `null` also removes a stage, node, source or axis
+    ///
+    /// The changes are stored with the run.
+    #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set, verbatim_doc_comment)]
     pub set: Vec<(String, String)>,
 
-    /// Run one variant of each value: `--matrix compare.stereo.with.block=[3,5,9]`, or of a range: `{from: 0, to: 20,
-    /// steps: 3}`. Several are every combination. An axis that the experiment's `matrix` has takes these values
-    /// instead. May be repeated, of each path once; is recorded.
+    /// Add an axis: `compare.stereo.with.block=[3,5,9]`. Can be repeated.
+    ///
+    /// One variant runs for each value. A range is written `{from: 0, to: 20, steps: 3}`. Several axes are combined. If
+    /// the experiment's `matrix` has this axis, these values replace its values. Each path can be given once. The axes are
+    /// stored with the run.
     #[arg(long, value_name = "PATH=[VALUES]", value_parser = parse_matrix)]
     pub matrix: Vec<(String, String)>,
 
-    /// Of the variants take those that are so called; `*` stands for any run of characters: `--variant full --variant
-    /// 'no_*'`. May be repeated; is recorded.
+    /// Use only variants with this name (default: all). Can be repeated.
+    ///
+    /// `*` matches any characters: `--variant full --variant 'no_*'`. The selection is stored with the run.
     #[arg(long = "variant", value_name = "NAME")]
     pub variants: Vec<String>,
 }
@@ -38,18 +48,21 @@ pub(crate) struct ExperimentArgs {
 /// Whether programs may be started.
 #[derive(Clone, Copy, Debug, Default, Args)]
 pub(crate) struct ExecArgs {
-    /// Let the experiment start the programs that it names (`process`, `process/source`); without it, it starts none.
-    /// An experiment whose file is listed under `allow_exec` in ~/.config/depthloom/config.yaml needs it not.
+    /// Allow the experiment to start the programs that it names.
+    ///
+    /// These are the commands of `process` and `process/source`. Without the option none is started, unless the file is
+    /// listed under `allow_exec` in ~/.config/depthloom/config.yaml.
     #[arg(long)]
     pub allow_exec: bool,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "check first.yaml" => "all of its mistakes, each where it stands",
+#[command(after_long_help = examples![
+    guide: "how-to/troubleshooting.md",
+    "check first.yaml" => "all errors, each with its line",
     "check first.yaml --json | jq -r '.diagnostics[] | \"\\(.file):\\(.line): \\(.message)\"'" => "for programs",
-    "check first.yaml --sarif > check.sarif" => "for code review; begin in the repository's root",
-    "check first.yaml --data" => "every frame of its data too, before an hour is computed on them",
+    "check first.yaml --sarif > check.sarif" => "for code review; start it in the root of the repository",
+    "check first.yaml --data" => "read every frame of its data, too",
 ])]
 pub(crate) struct CheckArgs {
     #[command(flatten)]
@@ -58,42 +71,51 @@ pub(crate) struct CheckArgs {
     #[command(flatten)]
     pub output: JsonArgs,
 
-    /// Print the diagnostics as SARIF 2.1.0, which code review tools show at their lines.
+    /// Print the diagnostics as SARIF 2.1.0, for code review tools.
     #[arg(long, conflicts_with = "json")]
     pub sarif: bool,
 
-    /// Look at the data as well: every frame of every source is read and nothing is computed. Missing and unreadable
-    /// files, sizes that differ inside a pair, a calibration that contradicts the images, left and right exchanged,
-    /// truth of another unit: each is told with its file.
+    /// Also read every frame of every source.
+    ///
+    /// Nothing is computed. The command reports, with the file: missing and unreadable files, sizes that differ within a
+    /// pair, a calibration that contradicts the images, exchanged left and right images, ground truth in another unit.
     #[arg(long, conflicts_with = "sarif")]
     pub data: bool,
 
     #[command(flatten)]
     pub exec: ExecArgs,
 
-    /// Threads that read frames, with `--data`; by default one a core.
+    /// Read frames with N threads, with `--data` (default: number of cores).
     #[arg(long, short = 'j', value_name = "N", requires = "data", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub workers: Option<u16>,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "plan experiments/table1.yaml" => "stereo is run once for all variants",
+#[command(after_long_help = examples![
+    guide: "explanation/keys-and-reuse.md",
+    "plan first.yaml" => "stereo runs once for all variants",
     "plan first.yaml --reuse --set compare.stereo.with.block=7" => "what a run would reuse",
 ])]
 pub(crate) struct PlanArgs {
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
-    /// Say of every node on how many frames it would run and on how many its values would be taken from earlier runs,
-    /// and why not from all. Opens sources and engines, as `run` does.
+    /// Show what a run would reuse from earlier runs.
+    ///
+    /// For every node it prints the number of frames that would run, the number whose values would be reused, and why not
+    /// all are. It opens sources and inference engines, as `run` does.
     #[arg(long)]
     pub reuse: bool,
 
     #[command(flatten)]
     pub exec: ExecArgs,
 
-    /// The folder that the run would write, with `--reuse`: what lies beside it is taken from, too.
+    #[command(flatten)]
+    pub folder: RunsFolder,
+
+    /// Also search the runs next to this folder, with `--reuse`.
+    ///
+    /// It is the folder that the run would write.
     #[arg(long, short, value_name = "DIR", requires = "reuse", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
@@ -111,7 +133,8 @@ pub(crate) enum GraphFormat {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
+#[command(after_long_help = examples![
+    guide: "concepts.md",
     "graph first.yaml" => "Mermaid, for a Markdown file on GitHub",
     "graph first.yaml --format dot | dot -Tsvg > graph.svg" => "Graphviz",
     "graph first.yaml --json | jq '.edges[]'" => "for programs",
@@ -120,11 +143,11 @@ pub(crate) struct GraphArgs {
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
-    /// The language to draw it in.
+    /// Draw it in this language.
     #[arg(long, value_enum, default_value_t = GraphFormat::Mermaid)]
     pub format: GraphFormat,
 
-    /// Print its nodes and edges as one JSON object instead of a drawing.
+    /// Print nodes and edges as one JSON object.
     #[arg(long, conflicts_with = "format")]
     pub json: bool,
 }

@@ -1,4 +1,4 @@
-//! Values for other programs.
+//! Options of `export`.
 
 use std::path::PathBuf;
 
@@ -25,53 +25,63 @@ pub(crate) enum ColoursOption {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "export RUN depth --out depths" => "each frame's depth as a 16-bit PNG, as KITTI has them",
-    "export RUN depth/depth --format npy,pfm --frames 3,7 --out arrays" => "the floats themselves, of two frames",
-    "export RUN 'fused*' --colormap turbo --range 0..40 --out look" => "in colours, for a figure",
-    "export RUN depth --format ply --range 0..60 --out clouds" => "points up to 60 m, coloured by the image",
-    "export RUN --out all --json | jq '.topics[]'" => "everything; for programs",
+#[command(after_long_help = examples![
+    guide: "how-to/export.md",
+    "export @latest depth --out depths" => "the depth of each frame as 16-bit PNG, in KITTI's format",
+    "export @latest depth/depth --format npy,pfm --frames 0,1 --out arrays" => "the floating-point values of two frames",
+    "export @latest 'fused*' --colormap turbo --range 0..40 --out maps" => "in colours, for a figure",
+    "export @latest depth --format ply --range 0..60 --out clouds" => "points up to 60 m, coloured by the image",
+    "export @latest --out all --json | jq '.topics[]'" => "everything; for programs",
 ])]
 pub(crate) struct ExportArgs {
     #[command(flatten)]
     pub run: RunArg,
 
-    /// What to export: topics as `info` lists them (`/look/depth/depth`), or by their end or node (`depth/depth`,
-    /// `depth`); of the source also by the output alone (`calibration`), where no node has that name. `*` stands for
-    /// any run of characters. Without one, all.
+    /// Export these topics (default: all).
+    ///
+    /// Name a topic as `inspect RUN` lists it (`/look/depth/depth`), by its end (`depth/depth`) or by its node (`depth`). An
+    /// output of the source can be named alone (`calibration`) if no node has that name. `*` matches any characters.
     #[arg(value_name = "TOPIC")]
     pub topics: Vec<String>,
 
-    /// The folder to write: `DIR/<topic>/<frame>.<format>`, and `DIR/<topic>.<format>` of what there is once. Each file
-    /// is whole or not there.
+    /// Write to this folder.
+    ///
+    /// The files are `DIR/<topic>/<frame>.<format>`, and `DIR/<topic>.<format>` for values that exist once per run. A file
+    /// is complete or does not exist.
     #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: PathBuf,
 
-    /// The formats, with commas between; each topic is written in those of them that it has. Without it: png, of
-    /// networks onnx, of rows parquet.
+    /// Write these formats (default: png; onnx for networks, parquet for rows).
+    ///
+    /// Each topic is written in those of the formats that its type has.
     #[arg(long, value_enum, value_name = "FORMAT,...", value_delimiter = ',')]
     pub format: Vec<ExportFormat>,
 
-    /// The frames: numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with a frame id per line.
-    /// Without it, all.
+    /// Export only these frames (default: all).
+    ///
+    /// They are numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with one frame id per line.
     #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
     pub frames: Option<FrameChoice>,
 
-    /// Write disparities, depths and weights as PNG in colours, no answer black, into `DIR/<topic>.<colours>/`.
+    /// Colour disparities, depths and confidences written as PNG.
+    ///
+    /// Invalid pixels are black. The files are in `DIR/<topic>.<colours>/`.
     #[arg(long, value_enum, value_name = "COLOURS")]
     pub colormap: Option<ColoursOption>,
 
-    /// What the first and the last colour stand for, `80..0` the other way round; by default `0..80` m, `0..128` px,
-    /// weights `0..1`. Of point clouds the points in this range of depth are written; by default all that are not at a
-    /// depth where a node capped them.
+    /// Set the range of colours, or of depths of point clouds.
+    ///
+    /// The values of the first and the last colour; `80..0` reverses them. The defaults are `0..80` m, `0..128` px and
+    /// `0..1` for confidences. For point clouds, only points in this range of depth are written. By default these are all
+    /// points, except those at a depth where a node capped them.
     #[arg(long, value_name = "FROM..TO", value_parser = parse_range, allow_hyphen_values = true)]
     pub range: Option<(f64, f64)>,
 
-    /// Replace files also in a folder that no export made.
+    /// Replace files also in a folder that `export` did not create.
     #[arg(long)]
     pub overwrite: bool,
 
-    /// Print nothing but errors and warnings.
+    /// Print only errors and warnings.
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
 

@@ -1,4 +1,4 @@
-//! Figures.
+//! Options of `figure`.
 
 use std::path::PathBuf;
 
@@ -6,10 +6,10 @@ use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use depthloom_analysis::{Bins, FigureKind, FrameChoice, Layout};
 
-use super::{JsonArgs, PartArgs, SetOption, compare::IntervalArgs};
+use super::{JsonArgs, PartArgs, PixelsOption, RunsFolder, compare::IntervalArgs};
 use crate::completion::{folders, metrics, runs};
 
-/// What a figure is written as.
+/// The file format of a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FigureFormat {
     /// Scalable, for the web and for editing.
@@ -23,14 +23,14 @@ pub(crate) enum FigureFormat {
 /// How variants are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum LayoutOption {
-    /// A panel a variant.
+    /// One panel per variant.
     Multiples,
     /// All on one panel.
     Overlaid,
 }
 
 impl LayoutOption {
-    /// As the analysis has it.
+    /// The layout of the analysis.
     pub(crate) const fn layout(self) -> Layout {
         match self {
             Self::Multiples => Layout::Multiples,
@@ -40,102 +40,123 @@ impl LayoutOption {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "figure @latest error-vs-distance --out error.pdf" => "the paper's figure, two columns wide",
-    "figure RUN difference --estimates stereo,full/mono --width one-column --out where.svg" => "where mono hands over to stereo",
-    "figure RUN parameter --axes block,p1 --score abs_rel --out sweep.png --dpi 600" => "of a matrix",
-    "figure RUN panels --frames 0,3 --out frames.png --data frames.csv" => "frames as the paper shows them",
+#[command(after_long_help = examples![
+    guide: "figures.md",
+    "figure @latest error-vs-distance --out error.pdf" => "the figure of the paper, two columns wide",
+    "figure @latest difference --estimates base/stereo,base/mono --width one-column --out where.svg" => "at which distances each of the two is better",
+    "figure @latest parameter --axes block,size --metric abs_rel --out sweep.png --dpi 600" => "a metric by two axes of a matrix",
+    "figure @latest panels --frames 0,1 --out frames.png --csv frames.csv" => "images and maps of two frames, and their numbers",
 ])]
 pub(crate) struct FigureArgs {
-    /// Runs: their folders, recordings, the beginnings of their names in `runs`, or `@latest`. Several for
-    /// `error-vs-distance`, `histogram`, `cdf` and `reliability`.
+    /// Draw these runs.
+    ///
+    /// Name a run's folder, its recording, a unique prefix of its name in the folder of runs, or `@latest`. The kinds
+    /// `error-vs-distance`, `histogram`, `cdf` and `reliability` take several runs.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
-    /// What the figure shows.
+    /// Draw this kind of figure.
     #[arg(required = true, value_enum, value_name = "KIND")]
     pub kind: FigureKind,
 
-    /// The file to write; its ending (`.svg`, `.png`, `.pdf`) says what it is written as.
+    /// Write this file: `.svg`, `.png` or `.pdf`.
     #[arg(long, short, required = true, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
     pub out: PathBuf,
 
-    /// What it is written as, where the file's ending does not say.
+    /// Write this format (default: that of the file's extension).
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub format: Option<FigureFormat>,
 
-    /// Its width: `one-column` (88 mm), `two-columns` (180 mm), or millimetres.
+    /// Set the width: `one-column` (88 mm), `two-columns` (180 mm), or mm.
     #[arg(long, value_name = "MM", value_parser = parse_width, default_value = "two-columns")]
     pub width: f64,
 
-    /// Its height, millimetres; by default what suits it.
+    /// Set the height, millimetres (default: depends on the kind).
     #[arg(long, value_name = "MM", value_parser = parse_mm)]
     pub height: Option<f64>,
 
-    /// Pixels an inch of a PNG.
+    /// Set the resolution of a PNG, pixels per inch.
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(36..=2400))]
     pub dpi: u32,
 
-    /// The numbers that the figure shows, as CSV.
+    /// Also write the numbers of the figure to this CSV file.
     #[arg(long, value_name = "FILE", add = ArgValueCompleter::new(folders()))]
-    pub data: Option<PathBuf>,
+    pub csv: Option<PathBuf>,
 
-    /// Words above it; by default none, since a paper has a caption.
+    /// Write this title above it (default: none, for a paper has captions).
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     pub title: String,
 
-    /// Only estimates whose label or name this is; `*` stands for any run of characters, several have commas between:
-    /// `stereo,full/fused`. Of `difference` two: the second is held against the first.
+    /// Use only these estimates, by label or name (default: all).
+    ///
+    /// `*` matches any characters, and commas separate several: `stereo,full/fused`. `difference` needs two: the second is
+    /// compared with the first.
     #[arg(long, value_name = "GLOB,...")]
     pub estimates: Option<String>,
 
     #[command(flatten)]
     pub part: PartArgs,
 
-    /// Over which pixels: of errors `common` (valid in all) or `valid`, by default both where there is room
-    /// for both; of scores those that were scored.
-    #[arg(long, value_enum, value_name = "SET")]
-    pub set: Option<SetOption>,
+    /// Use this pixel set (default: depends on the kind).
+    ///
+    /// Figures of errors take `common` (valid in all estimates) or `valid`; by default they show both if there is room.
+    /// Figures of metrics take a pixel set that was scored.
+    #[arg(long, value_enum, value_name = "PIXELS")]
+    pub pixels: Option<PixelsOption>,
 
-    /// What errors are by, in place of distance or weight: as `analyse --by`.
-    #[arg(long, value_name = "WHAT")]
+    /// Show errors by this quantity, as in `analyse --by`.
+    ///
+    /// The default is distance; for `reliability` it is the confidence.
+    #[arg(long, value_name = "QUANTITY")]
     pub by: Option<String>,
 
-    /// The bins: `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`, as of `analyse`.
+    /// Set the bins, as in `analyse --bins` (default: those of `analyse`).
+    ///
+    /// They are `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`.
     #[arg(long, value_name = "BINS", value_parser = Bins::parse)]
     pub bins: Option<Bins>,
 
-    /// Errors as shares of the true distance, in place of metres.
+    /// Show errors as shares of the ground-truth distance (default: metres).
     #[arg(long)]
     pub relative: bool,
 
-    /// A panel a variant, or all on one.
+    /// Draw one panel per variant, or all on one panel.
     #[arg(long, value_enum, value_name = "LAYOUT", default_value = "multiples")]
     pub layout: LayoutOption,
 
-    /// A bin of fewer pixels is drawn faint and dotted, and sets no axis.
+    /// Draw bins with fewer pixels faint and dotted.
+    ///
+    /// They do not affect the axes either.
     #[arg(long, value_name = "PIXELS", default_value_t = 100)]
-    pub thin: u64,
+    pub min_count: u64,
 
-    /// Where the axis of errors ends.
+    /// End the axis of errors at this value (default: fits the data).
     #[arg(long, value_name = "ERROR", value_parser = parse_mm)]
-    pub most: Option<f64>,
+    pub y_max: Option<f64>,
 
-    /// Which score, of `frames` and `parameter`; by default the first error that was scored.
-    #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(metrics))]
-    pub score: Option<String>,
+    /// Draw this metric, for `frames` and `parameter`.
+    ///
+    /// The default is the first error metric that was scored.
+    #[arg(long, value_name = "METRIC", add = ArgValueCandidates::new(metrics))]
+    pub metric: Option<String>,
 
-    /// Which axes of the matrix, of `parameter`: one or two with commas between; others are averaged over.
+    /// Draw one or two axes of the matrix, for `parameter`.
+    ///
+    /// The values are means over the other axes.
     #[arg(long, value_name = "AXIS,...", value_delimiter = ',')]
     pub axes: Vec<String>,
 
-    /// The frames of `panels`, as `export` takes them: numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a
-    /// text file with a frame id per line. By default five, evenly apart.
+    /// Draw these frames, for `panels` (default: five, evenly spaced).
+    ///
+    /// They are numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with one frame id per line.
     #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
     pub frames: Option<FrameChoice>,
 
     #[command(flatten)]
     pub intervals: IntervalArgs,
+
+    #[command(flatten)]
+    pub folder: RunsFolder,
 
     #[command(flatten)]
     pub output: JsonArgs,
@@ -147,7 +168,7 @@ fn parse_width(text: &str) -> Result<f64, String> {
         "two-columns" => Ok(180.0),
         other => parse_mm(other.trim_end_matches("mm")).and_then(|width| {
             let is_paper = (20.0..=2000.0).contains(&width);
-            is_paper.then_some(width).ok_or_else(|| "give `one-column`, `two-columns`, or 20 to 2000 mm".to_owned())
+            is_paper.then_some(width).ok_or_else(|| "expected `one-column`, `two-columns`, or 20 to 2000 mm".to_owned())
         }),
     }
 }

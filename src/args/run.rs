@@ -1,4 +1,4 @@
-//! A run, and its reports.
+//! Options of `run` and `report`.
 
 use std::path::PathBuf;
 
@@ -7,78 +7,96 @@ use clap_complete::engine::ArgValueCompleter;
 use depthloom_runner::Audit;
 
 use super::compare::parse_confidence;
-use super::{ExecArgs, ExperimentArgs, JsonArgs, RunArg};
+use super::{ExecArgs, ExperimentArgs, JsonArgs, RunArg, RunsFolder};
 use crate::completion::folders;
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "run experiments/table1.yaml" => "into runs/table1/<UTC time>",
-    "run first.yaml --out look --overwrite" => "into look, in place of the run there",
-    "run first.yaml --set sources.street.with.frames=0..2" => "with something set otherwise",
+#[command(after_long_help = examples![
+    guide: "tutorial/first-run.md",
+    "run first.yaml" => "write runs/first/<UTC time>",
+    "run first.yaml --out look --overwrite" => "write look, and replace the run there",
+    "run first.yaml --set sources.street.with.frames=0..2" => "with another value",
     "run first.yaml --json | jq .report.table" => "for programs",
 ])]
 pub(crate) struct RunArgs {
     #[command(flatten)]
     pub experiment: ExperimentArgs,
 
-    /// The folder to write; by default `runs/<experiment>/<UTC time>`.
+    /// Write to this folder (default: `<runs>/<experiment>/<UTC time>`).
+    ///
+    /// `<runs>` is the folder of `--runs`. Repeat a command with the same folder to resume an interrupted run.
     #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
-    /// Replace the output folder if it holds a run that is over.
+    /// Replace the output folder if it holds a finished run.
     #[arg(long)]
     pub overwrite: bool,
 
-    /// Make everything anew: take nothing from earlier runs, and do not go on with one that did not come to its end. So
-    /// does DEPTHLOOM_FRESH=1 in the environment.
+    /// Recompute everything: reuse nothing, resume nothing.
+    ///
+    /// DEPTHLOOM_FRESH=1 in the environment has the same effect.
     #[arg(long)]
     pub fresh: bool,
 
-    /// Recompute reused values and compare them: `sample` (default) recomputes one frame in fifty and at least one
-    /// value of every reused node, `all` every reused value, trained networks included, `none` nothing. A difference
-    /// fails the run.
+    /// Recompute and compare reused values: `sample` (default), `all`, `none`.
+    ///
+    /// `sample` recomputes one frame in fifty, and at least one value of every reused node. `all` recomputes every reused
+    /// value, trained networks included. A difference fails the run.
     #[arg(
         long,
         value_enum,
-        value_name = "WHAT",
+        value_name = "VALUES",
         default_value = "sample",
         hide_default_value = true,
         hide_possible_values = true
     )]
     pub audit: AuditMode,
 
-    /// Wait for the disk after every frame, so that a power cut costs no frame that was written either.
+    /// Wait for the disk after every frame.
+    ///
+    /// After a power cut, no frame that was written is lost.
     #[arg(long)]
     pub durable: bool,
 
-    /// Worker threads; by default one a core. Never changes a result.
+    /// Set the number of worker threads (default: number of cores).
+    ///
+    /// It never changes a result.
     #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub workers: Option<u16>,
 
-    /// Frames in flight at most; by default two more than workers. Bounds memory, never changes a result.
+    /// Limit the frames in flight (default: workers + 2).
+    ///
+    /// It bounds memory, and never changes a result.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub window: Option<u16>,
 
     #[command(flatten)]
     pub exec: ExecArgs,
 
-    /// Continue after a frame failed: what depends on it is left out, and means are taken over the frames common to
-    /// all. An ordered node that failed is not run on later frames; one with aggregate outputs ends the run.
+    /// Continue after a frame failed.
+    ///
+    /// What depends on the frame is left out, and means are over the frames common to all. An ordered node that failed does
+    /// not run on later frames; one with aggregate outputs ends the run.
     #[arg(long)]
     pub keep_going: bool,
 
-    /// Print the paper's Table I beside the table.
+    /// Print Table I of Martins et al. (2018) next to the table.
     #[arg(long)]
     pub paper: bool,
 
-    /// Write `samples.parquet`, too: one row per scored pixel, for `depthloom analyse` and for programs.
+    /// Also write `samples.parquet`: one row per scored pixel.
+    ///
+    /// `depthloom analyse` and other programs read it.
     #[arg(long)]
     pub samples: bool,
 
     #[command(flatten)]
     pub page: PageArgs,
 
-    /// Print the run's folder and nothing else.
+    #[command(flatten)]
+    pub folder: RunsFolder,
+
+    /// Print only the run's folder.
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
 
@@ -86,7 +104,7 @@ pub(crate) struct RunArgs {
     pub output: JsonArgs,
 }
 
-/// How much of what is reused is recomputed.
+/// Which reused values are recomputed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum AuditMode {
     /// Every reused value, trained networks included.
@@ -109,61 +127,54 @@ impl From<AuditMode> for Audit {
 }
 
 impl RunArgs {
-    /// Whether nothing is taken from earlier runs.
+    /// Whether nothing is reused from earlier runs.
     pub(crate) fn is_fresh(&self) -> bool {
-        self.fresh || std::env::var_os("DEPTHLOOM_FRESH").is_some_and(|told| !told.is_empty() && told != "0")
+        self.fresh || std::env::var_os("DEPTHLOOM_FRESH").is_some_and(|value| !value.is_empty() && value != "0")
     }
 }
 
-/// What becomes of `report.html`.
+/// Options of `report.html`.
 #[derive(Debug, Args)]
 pub(crate) struct PageArgs {
-    /// Leave out `report.html`: table, figures, pictures of frames and the plan on one page, for a browser. It has at
-    /// most 40 MB: of long runs fewer frames (200) and smaller pictures, of many variants the best, and says so.
+    /// Do not write `report.html`.
+    ///
+    /// The page has the table, figures, images of frames and the plan, for a browser. It has at most 40 MB. A page of a long
+    /// run has fewer frames (200) and smaller images, a page of many variants has the best ones; it states this.
     #[arg(long)]
     pub no_page: bool,
 
-    /// Open `report.html` in the browser ($BROWSER, or the system's).
+    /// Open `report.html` in the browser ($BROWSER, or the default one).
     #[arg(long, conflicts_with = "no_page")]
     pub open: bool,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "report runs/first/2026-11-21T08-30-05Z" => "its tables and plots again",
-    "report look.partial --out salvaged" => "of a run that did not come to its end",
+#[command(after_long_help = examples![
+    guide: "tutorial/reading-the-report.md",
+    "report @latest" => "recreate its tables, plots and page",
+    "report look.partial --out salvaged" => "report the complete frames of an interrupted run",
 ])]
 pub(crate) struct ReportArgs {
     #[command(flatten)]
     pub run: RunArg,
 
-    /// The folder to write tables and plots to; by default the run's own.
+    /// Write tables and plots to this folder (default: that of the run).
     #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
-    /// Print the paper's Table I beside the table.
+    /// Print Table I of Martins et al. (2018) next to the table.
     #[arg(long)]
     pub paper: bool,
 
-    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap,
-    /// 100,000 resamples); 95 %, or so many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
+    /// Add a confidence interval to each metric (default: 95 per cent).
+    ///
+    /// The interval is that of the mean over frames, or over pixels, by resampling frames (BCa bootstrap, 100,000
+    /// resamples). CSV and Parquet have its ends as `METRIC_low` and `METRIC_high`.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence)]
     pub ci: Option<f64>,
 
     #[command(flatten)]
     pub page: PageArgs,
-
-    #[command(flatten)]
-    pub output: JsonArgs,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = examples![
-    "timings runs/first/2026-11-21T08-30-05Z" => "what to make faster",
-])]
-pub(crate) struct TimingsArgs {
-    #[command(flatten)]
-    pub run: RunArg,
 
     #[command(flatten)]
     pub output: JsonArgs,

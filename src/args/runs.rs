@@ -1,4 +1,4 @@
-//! The folder of runs.
+//! Options of `runs` and its commands.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,118 +8,183 @@ use clap_complete::engine::ArgValueCompleter;
 
 use depthloom_terminal::{parse_age, parse_size};
 
-use crate::completion::{folders, runs};
+use super::RunsFolder;
+use crate::completion::runs;
 
 #[derive(Debug, Args)]
 #[command(disable_help_subcommand = true)]
-#[command(after_help = examples![
-    "runs" => "all runs below `runs`",
-    "report @latest" => "the newest that is over, wherever a run is wanted; `table1/@latest`: of those in runs/table1",
-    "table table1/2026-11-21" => "or the beginning of its name, if no other's begins so",
-    "runs why table1/2026-11-20 @latest" => "which node is another since, and why",
-    "runs prune --keep 3 --dry-run" => "what would go if three of each experiment stayed",
-    "runs --in /data/runs --json | jq -r '.runs[] | select(.state != \"whole\").path'" => "for programs",
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
+    "runs" => "all runs in the folder `runs`",
+    "report @latest" => "the newest finished run, in any command that takes a run; `first/@latest`: of those in runs/first",
+    "table first/one" => "a run by its name, or by a unique prefix of it",
+    "runs diff first/one @latest" => "which nodes changed, and why",
+    "runs prune --keep 3 --dry-run" => "what would be removed if three runs of each experiment stayed",
+    "runs --runs archive --json | jq -r '.runs[] | select(.state != \"whole\").path'" => "for programs",
 ])]
 pub(crate) struct RunsArgs {
-    /// What to do; without one, list them.
+    /// Run this command (default: list).
     #[command(subcommand)]
     pub command: Option<RunsCommand>,
 
-    /// The folder of runs.
-    #[arg(long = "in", global = true, value_name = "DIR", default_value = depthloom_runs::FOLDER, add = ArgValueCompleter::new(folders()))]
-    pub folder: PathBuf,
+    #[command(flatten)]
+    pub folder: RunsFolder,
 
     /// Print one JSON object instead of text.
     #[arg(long, global = true)]
     pub json: bool,
 }
 
-/// What to do with runs.
+/// The commands of `runs`.
 #[derive(Debug, Subcommand)]
 pub(crate) enum RunsCommand {
-    /// List the runs in a folder, newest first; what `runs` does without a command.
-    #[command(after_help = examples![
-        "runs list --in /data/runs" => "the runs below another folder",
+    /// List runs, newest first.
+    ///
+    /// It is what `runs` does without a command.
+    #[command(after_long_help = examples![
+        guide: "how-to/manage-runs.md",
+        "runs list" => "the runs in the folder `runs`",
+        "runs list --runs archive" => "the runs in another folder",
     ])]
     List,
-    /// Show a run: what it is of, what became of it, how it was made, and its files.
+    /// Show the details of a run.
+    ///
+    /// It prints the experiment, the state, when and how the run was made, and its files.
     Show(ShowArgs),
-    /// Say why two runs differ: what was set otherwise, and by parameter, version, input or file which nodes are
-    /// others.
-    Why(WhyArgs),
-    /// Remove runs that are over. Asks nothing: of several all are removed, or none if one may not be.
+    /// Show why two runs differ.
+    ///
+    /// It prints the changed values of the experiment, and the nodes that changed because of a parameter, version, input or
+    /// file.
+    Diff(DiffArgs),
+    /// Show where a run spent its time.
+    ///
+    /// It prints core-milliseconds per frame by node, and of encoding, compression and writing.
+    Timings(TimingsArgs),
+    /// Make an unfinished recording readable for others.
+    ///
+    /// It writes a finished recording with the complete frames, for readers that need one. `depthloom run` does not need it
+    /// to resume a run.
+    Recover(RecoverArgs),
+    /// Remove finished or interrupted runs.
+    ///
+    /// It does not ask for confirmation. It removes all of the runs, or none if one of them may not be removed.
     Rm(RmArgs),
-    /// Remove runs by age, size or number. A run that goes on, holds anything else, or is named by the experiment of
-    /// one that stays, is kept.
+    /// Remove runs by age, size or number.
+    ///
+    /// It keeps runs that are in progress, folders with files of others, and runs that the experiment of a kept run names.
     Prune(PruneArgs),
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
     "runs rm look.partial" => "the files of an interrupted run",
-    "runs rm table1/2026-11-20 table1/2026-11-21" => "several",
+    "runs rm first/one first/two" => "several",
 ])]
 pub(crate) struct RmArgs {
-    /// The runs: folders, names in full, or `@latest`.
-    #[arg(required = true, add = ArgValueCompleter::new(runs))]
+    /// Remove these runs: folders, full names, or `@latest`.
+    #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 }
 
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("rules").required(true).multiple(true).args(["keep", "older_than", "max_size", "unfinished"]))]
-#[command(after_help = examples![
-    "runs prune --keep 3 --dry-run" => "all but the newest three of each experiment: what would go",
-    "runs prune --older-than 30d --keep 1" => "what is older than 30 days, but never an experiment's last",
-    "runs prune --max-size 100GB --unfinished" => "the unfinished, then the oldest until the rest fits",
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
+    "runs prune --keep 3 --dry-run" => "show what would be removed if the newest three of each experiment stayed",
+    "runs prune --older-than 30d --keep 1" => "remove runs older than 30 days, but keep the last of each experiment",
+    "runs prune --max-size 100GB --unfinished" => "remove the unfinished runs, then the oldest until the rest fits",
 ])]
 pub(crate) struct PruneArgs {
-    /// Keep the newest N whole runs of each experiment, whatever else is said; alone, remove all other whole runs.
+    /// Keep the newest N finished runs of each experiment.
+    ///
+    /// It takes precedence over the other rules. Alone, it removes all other finished runs.
     #[arg(long, value_name = "N")]
     pub keep: Option<usize>,
 
-    /// Remove runs that are older: `30d`; `min`, `h`, `d` and `w` are known.
+    /// Remove runs that are older, e.g. `30d` (units: min, h, d, w).
     #[arg(long, value_name = "AGE", value_parser = parse_age)]
     pub older_than: Option<Duration>,
 
-    /// Remove the oldest runs until all that stay take no more room: `50GB`; `kB`, `MB`, `GB` and `TB` are known.
+    /// Remove the oldest runs until the rest fits, e.g. `50GB`.
+    ///
+    /// The units are kB, MB, GB and TB.
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub max_size: Option<u64>,
 
-    /// Remove runs that ended before they were whole, too; nothing can go on from them then.
+    /// Also remove incomplete runs; they can no longer be resumed.
     #[arg(long)]
     pub unfinished: bool,
 
-    /// Look at the runs of this experiment alone.
+    /// Consider only runs of this experiment (default: all).
     #[arg(long, value_name = "NAME")]
     pub experiment: Option<String>,
 
-    /// Say what would be removed, and remove nothing.
+    /// Show what would be removed, and remove nothing.
     #[arg(long, short = 'n')]
     pub dry_run: bool,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "runs show @latest" => "the newest that is over",
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
+    "runs show @latest" => "the newest finished run",
     "runs show look.partial --json | jq .stages" => "for programs",
 ])]
 pub(crate) struct ShowArgs {
-    /// A run: its folder, the beginning of its name, or `@latest`.
+    /// Show this run: its folder, a unique prefix of its name, or `@latest`.
     #[arg(add = ArgValueCompleter::new(runs))]
     pub run: PathBuf,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "runs why table1/2026-11-20 table1/@latest" => "what is another since that day, and why",
-    "runs why A B --json | jq -r '.nodes[] | select(.same | not) | .node'" => "for programs: the nodes whose values differ",
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
+    "runs diff first/one @latest" => "what changed since that run, and why",
+    "runs diff first/one first/two --json | jq -r '.nodes[] | select(.same | not) | .node'" => "for programs: the nodes whose values differ",
 ])]
-pub(crate) struct WhyArgs {
-    /// The earlier run: its folder, its recording, the beginning of its name, or `@latest`.
-    #[arg(add = ArgValueCompleter::new(runs))]
+pub(crate) struct DiffArgs {
+    /// Compare with this earlier run.
+    ///
+    /// Name its folder, its recording, a unique prefix of its name, or `@latest`.
+    #[arg(value_name = "BEFORE", add = ArgValueCompleter::new(runs))]
     pub before: PathBuf,
 
-    /// The later run.
-    #[arg(add = ArgValueCompleter::new(runs))]
+    /// Compare this later run.
+    #[arg(value_name = "AFTER", add = ArgValueCompleter::new(runs))]
     pub after: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
+    "runs timings @latest" => "which nodes take how long",
+    "runs timings @latest --json | jq '.timings[].cpu_ns'" => "for programs",
+])]
+pub(crate) struct TimingsArgs {
+    /// Show the timings of this run.
+    ///
+    /// Name its folder, a unique prefix of its name, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(after_long_help = examples![
+    guide: "how-to/resume.md",
+    "runs recover look.partial" => "write look.recovered.mcap into the current folder",
+    "runs recover look.partial --out look.mcap" => "write another file",
+])]
+pub(crate) struct RecoverArgs {
+    /// Read this run or recording.
+    ///
+    /// Name its folder (`<run>.partial`), its recording, a unique prefix of its name, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// Write this file (default: `<name>.recovered.mcap` in this folder).
+    ///
+    /// The default is in the current folder. A file that exists is not replaced.
+    #[arg(long, short, value_name = "FILE")]
+    pub out: Option<PathBuf>,
 }

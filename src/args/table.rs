@@ -1,4 +1,4 @@
-//! Scores asked for.
+//! Options of `table` and `explain`.
 
 use std::path::PathBuf;
 
@@ -8,24 +8,23 @@ use depthloom_analysis::{Mean, PixelSet, Resampling, Selection, Typesetting};
 use depthloom_graphs::contracts::FrameSelection;
 
 use super::export::parse_frames;
-use super::{JsonArgs, RunArg, TableOutputArgs, compare::parse_confidence};
+use super::{JsonArgs, RunArg, RunsFolder, TableOutputArgs, compare::parse_confidence};
 use crate::completion::{columns, metrics, runs};
 
-/// Which pixels scores are over.
+/// The pixel set that metrics are computed on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum SetOption {
+pub(crate) enum PixelsOption {
     /// Every pixel with ground truth.
     All,
     /// The pixels with ground truth on which an estimate is valid.
     Valid,
-    /// Of disparities: every pixel with ground truth, after the benchmark's filling of invalid pixels.
+    /// For disparities: every pixel with ground truth, after invalid pixels are filled as in the benchmark.
     Filled,
-    /// Of depths, taken again from recorded maps: the pixels with ground truth that are valid in all selected
-    /// estimates.
+    /// For depths, recomputed from recorded maps: the pixels with ground truth that are valid in all selected estimates.
     Common,
 }
 
-impl SetOption {
+impl PixelsOption {
     /// The recorded pixel set; `None` for the one that is computed from recorded maps.
     pub(crate) const fn recorded(self) -> Option<PixelSet> {
         match self {
@@ -37,50 +36,53 @@ impl SetOption {
     }
 }
 
-/// How frames' scores become one.
+/// How the metrics of all frames become one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MeanOption {
-    /// The unweighted mean of the frames' scores.
+    /// The unweighted mean over frames.
     Frames,
-    /// As if all frames were one image.
+    /// The mean over pixels, as if all frames were one image.
     Pixels,
 }
 
-/// What a table is written as.
+/// The format of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum TableFormat {
-    /// Aligned text, the best marked by `*`.
+    /// Aligned text; `*` marks the best values.
     Terminal,
     /// Markdown, as GitHub shows it.
     Md,
     /// Comma-separated values: all digits, no marks.
     Csv,
-    /// Parquet, with the columns of csv; a terminal takes none: with --out, or into a pipe.
+    /// Parquet, with the columns of csv; not to a terminal: use --out or a pipe.
     Parquet,
-    /// A LaTeX float for the package booktabs, in the type's own size.
+    /// A LaTeX float for the package booktabs, in the font size of the document.
     Latex,
     /// One JSON object.
     Json,
 }
 
-/// Which scores of a run, of what.
+/// Which metrics of a run are read.
 #[derive(Debug, Args)]
 pub(crate) struct ScoresArgs {
-    /// The pixels that scores are over; by default every pixel with ground truth, where those were scored.
-    #[arg(long, value_enum)]
-    pub set: Option<SetOption>,
+    /// Use this pixel set (default: `all`, if it was scored).
+    #[arg(long, value_enum, value_name = "PIXELS")]
+    pub pixels: Option<PixelsOption>,
 
-    /// A zone that the experiment scored, e.g. `10..20`; by default the whole image.
+    /// Use a zone that was scored, e.g. `10..20` (default: the whole image).
     #[arg(long, value_name = "ZONE")]
     pub zone: Option<String>,
 
-    /// The frames, by number: `3`, `3,7`, `0..4`, `1..=40`, or a text file with a frame id a line. Without it, all.
+    /// Use only these frames (default: all).
+    ///
+    /// They are numbers (`3`, `3,7`, `0..4`, `1..=40`), or a text file with one frame id per line.
     #[arg(long, value_name = "FRAMES", value_parser = parse_frames)]
     pub frames: Option<FrameSelection>,
 
-    /// What a score of all frames is taken over; by default what the experiment says, which is frames where it says
-    /// nothing.
-    #[arg(long, value_enum)]
+    /// Average over frames or pixels (default: the experiment's `mean`).
+    ///
+    /// An experiment without `mean` averages over frames.
+    #[arg(long, value_enum, value_name = "OVER")]
     pub mean: Option<MeanOption>,
 }
 
@@ -92,23 +94,27 @@ impl ScoresArgs {
             MeanOption::Pixels => Mean::Pixels,
         });
         let (zone, frames) = (self.zone.clone(), self.frames.clone());
-        let (common, set) = (self.set == Some(SetOption::Common), self.set.and_then(SetOption::recorded));
+        let (common, set) = (self.pixels == Some(PixelsOption::Common), self.pixels.and_then(PixelsOption::recorded));
         Selection { common, set, zone, frames, mean, ..Selection::default() }
     }
 }
 
-/// How a table is set.
+/// How a table is typeset.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct TypesettingArgs {
-    /// The caption in LaTeX, taken as LaTeX; by default what the numbers are.
+    /// Set the caption, as LaTeX (default: describes the numbers).
     #[arg(long, value_name = "TEXT")]
     pub caption: Option<String>,
 
-    /// The label in LaTeX, behind `tab:`; by default the experiment's name and what is asked for.
+    /// Set the LaTeX label after `tab:` (default: from the experiment).
+    ///
+    /// The default is the experiment's name and the kind of table.
     #[arg(long, value_name = "NAME")]
     pub label: Option<String>,
 
-    /// Decimals of scores and their intervals in text, Markdown and LaTeX; files have all digits.
+    /// Print metrics with N decimals (default: depends on the metric).
+    ///
+    /// It applies to text, Markdown and LaTeX; CSV, Parquet and JSON have all digits.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=15))]
     pub digits: Option<u8>,
 }
@@ -122,106 +128,128 @@ impl TypesettingArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "table RUN --sort d1 --top 10 --columns d1,epe,density,ms" => "the ten best settings",
-    "table RUN --effects abs_rel" => "what each axis did, and how much of it",
-    "table RUN --best-per-zone abs_rel" => "which setting is best where",
-    "table RUN --effects ms" => "what each axis costs",
-    "table RUN --pareto abs_rel,ms" => "what is worth its time",
-    "table RUN --top 8 --format latex --out variants.tex" => "for a paper",
+#[command(after_long_help = examples![
+    guide: "how-to/ask-a-run.md",
+    "table @latest --sort abs_rel --top 10 --columns abs_rel,rmse,density,ms" => "the ten best settings",
+    "table @latest --effects abs_rel" => "the effect of each axis of a matrix",
+    "table @latest --best-per-zone abs_rel" => "which setting is best in which zone",
+    "table @latest --effects ms" => "what each axis costs",
+    "table @latest --pareto abs_rel,ms" => "the best trade-offs between error and time",
+    "table @latest --top 8 --format latex --out variants.tex" => "for a paper",
 ])]
 pub(crate) struct TableArgs {
-    /// A run: its folder, its recording, the beginning of its name in `runs`, or `@latest`. Of several runs one table,
-    /// with the settings in which they differ.
+    /// Read these runs.
+    ///
+    /// Name a run's folder, its recording, a unique prefix of its name in the folder of runs, or `@latest`. Several runs
+    /// give one table, with the settings in which they differ.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
     #[command(flatten)]
     pub scores: ScoresArgs,
 
-    /// Only estimates whose label or name this is; `*` stands for any run of characters, several have commas between:
-    /// `fused`, `stereo,no_*/mono`.
+    /// Use only these estimates, by label or name (default: all).
+    ///
+    /// `*` matches any characters, and commas separate several: `fused`, `stereo,no_*/mono`.
     #[arg(long, value_name = "GLOB,...")]
     pub estimates: Option<String>,
 
-    /// Sort by a score, `ms`, `density`, `frames` or `pixels`, best first, or by an axis, numbers by size and words in
-    /// the file's order; by default `abs_rel`, or the first error that was scored.
+    /// Sort by this column, best first (default: `abs_rel`).
+    ///
+    /// It is a metric, `ms`, `density`, `frames`, `pixels`, or an axis: numbers by size, words in the order of the file. If
+    /// `abs_rel` was not scored, the default is the first error metric that was.
     #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns))]
     pub sort: Option<String>,
 
-    /// Show so many rows at most.
+    /// Show at most N rows (default: all).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub top: Option<u32>,
 
-    /// What is in rows: variants, their axes in columns; or scores, as in the paper's Table I.
-    #[arg(long, value_enum, default_value = "variant")]
+    /// Put variants or metrics in rows.
+    ///
+    /// `score` has the layout of Table I of Martins et al. (2018).
+    #[arg(long, value_enum, value_name = "ROWS", default_value = "variant")]
     pub rows: RowsOption,
 
-    /// The columns behind the axes, with commas between: scores, `density` (the share of pixels with ground truth that
-    /// were valid), `ms` (core-milliseconds a frame: the processor time of all nodes that the estimate is computed
-    /// from, as if it had been run alone; a node that several share counts for each; without reading, scoring,
-    /// recording and learning), `frames`, `pixels`. Scores of depths and of disparities stand in one row where the
-    /// depth is made of the disparity by `depth/from-disparity`; `disparity_density`, `disparity_frames` and
-    /// `disparity_pixels` are then the disparity's.
-    #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
+    /// Show these columns after the axes (default: the usual ones)
+    ///
+    /// - metrics, e.g. `abs_rel`
+    /// - `density`: the share of pixels with ground truth where the estimate is valid
+    /// - `ms`: core-milliseconds per frame, the CPU time of all nodes that the estimate depends on, as if it ran alone. A
+    ///   node that several estimates share counts for each. Reading, scoring, recording and learning do not count.
+    /// - `frames`, `pixels`
+    /// - `disparity_density`, `disparity_frames`, `disparity_pixels`: of the disparity, where a depth and its disparity
+    ///   share a row. They do if `depth/from-disparity` computes the depth from the disparity.
+    #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', verbatim_doc_comment, add = ArgValueCandidates::new(columns))]
     pub columns: Vec<String>,
 
-    /// Show only what no other row that it can be compared with beats in all of these, e.g. `abs_rel,ms`.
+    /// Show only rows that no other row beats in all of these columns.
+    ///
+    /// For example `abs_rel,ms`. Rows are compared only if they are comparable: the same pixels and frames.
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',', add = ArgValueCandidates::new(columns))]
     pub pareto: Vec<String>,
 
-    /// Show what each axis did to a score or to `ms`: the mean of all rows with a level, and the share of the variance
-    /// between rows that the axis explains alone (eta squared); what is left are interactions of axes.
+    /// Show the effect of each axis on a metric or on `ms`.
+    ///
+    /// The table has the mean of all rows with each level, and the share of the variance between rows that the axis alone
+    /// explains (eta squared). The rest are interactions of axes. It replaces the other kinds of table.
     #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns), conflicts_with_all = ["best_per_zone", "sort", "top", "columns", "pareto", "rows"])]
     pub effects: Option<String>,
 
-    /// Show which row is best in each zone that the experiment scored.
-    #[arg(long, value_name = "SCORE", add = ArgValueCandidates::new(columns), conflicts_with_all = ["zone", "sort", "top", "columns", "pareto", "rows"])]
+    /// Show which row is best in each zone that was scored.
+    #[arg(long, value_name = "METRIC", add = ArgValueCandidates::new(columns), conflicts_with_all = ["zone", "sort", "top", "columns", "pareto", "rows"])]
     pub best_per_zone: Option<String>,
 
-    /// An interval beside each score: of the mean over frames, or over pixels, by resampling frames (BCa bootstrap); 95
-    /// %, or so many per cent. CSV and Parquet have its ends as `SCORE_low` and `SCORE_high`.
+    /// Add a confidence interval to each metric (default: 95 per cent).
+    ///
+    /// The interval is that of the mean over frames, or over pixels, by resampling frames (BCa bootstrap). CSV and Parquet
+    /// have its ends as `METRIC_low` and `METRIC_high`.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence, conflicts_with_all = ["effects", "best_per_zone"])]
     pub ci: Option<f64>,
 
-    /// How often frames are resampled for `--ci`.
+    /// Resample frames N times, with `--ci`.
     #[arg(long, value_name = "N", default_value_t = Resampling::OF_SCORES, value_parser = clap::value_parser!(u32).range(100..=1_000_000), requires = "ci")]
     pub resamples: u32,
 
-    /// The seed of the resamples of `--ci`: equal seeds give equal intervals, on any machine.
-    #[arg(long, default_value_t = 1, requires = "ci")]
+    /// Seed the resampling of `--ci`: equal seeds give equal intervals.
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "ci")]
     pub seed: u64,
 
     #[command(flatten)]
     pub typesetting: TypesettingArgs,
 
     #[command(flatten)]
+    pub folder: RunsFolder,
+
+    #[command(flatten)]
     pub output: TableOutputArgs,
 }
 
-/// What a table has in rows.
+/// The rows of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum RowsOption {
-    /// An estimate of a variant a row, or a depth and the disparity it is made of; its axes and scores in columns.
+    /// One row per estimate of a variant, with its axes and metrics in columns. A depth and the disparity that it is
+    /// computed from share a row.
     Variant,
-    /// A score a row, estimates in columns.
+    /// One row per metric, with estimates in columns.
     Score,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = examples![
-    "explain RUN abs_rel full/fused" => "formula, pixels, frames, source, the paper's convention",
-    "explain RUN rmse fused --set valid --json" => "for programs",
+#[command(after_long_help = examples![
+    guide: "explanation/scores.md",
+    "explain @latest abs_rel base/fused" => "formula, pixels, frames, source, the convention of the paper",
+    "explain @latest rmse base/stereo --pixels valid --json" => "for programs",
 ])]
 pub(crate) struct ExplainArgs {
     #[command(flatten)]
     pub run: RunArg,
 
-    /// The score, e.g. `abs_rel`.
+    /// Explain this metric, e.g. `abs_rel`.
     #[arg(add = ArgValueCandidates::new(metrics))]
-    pub score: String,
+    pub metric: String,
 
-    /// The estimate as tables name it: `fused`, `full/fused`.
+    /// Explain it for this estimate: `fused`, `base/fused`.
     pub estimate: String,
 
     #[command(flatten)]

@@ -7,4 +7,3 @@ pub(crate) mod figure;
 pub(crate) mod report;
 pub(crate) mod samples;
 pub(crate) mod table;
-pub(crate) mod timings;

@@ -1,7 +1,6 @@
 //! Commands of experiments: write, check, plan and run one.
 
 pub(crate) mod check;
-pub(crate) mod data;
 pub(crate) mod dora;
 pub(crate) mod dora_node;
 pub(crate) mod graph;

@@ -4,5 +4,4 @@ pub(crate) mod completions;
 pub(crate) mod doctor;
 pub(crate) mod man;
 pub(crate) mod nodes;
-pub(crate) mod onnx;
 pub(crate) mod schema;

@@ -43,12 +43,12 @@ impl EarlyEnd {
             stop = stop.also(format!("{count} can be read from {at}: `depthloom report {report}`"));
             let printed = partial.join(PRINTED);
             if printed.is_file() {
-                stop = stop.also(format!("what programs printed is in {}", printed.display()));
+                stop = stop.also(format!("the output of programs is in {}", printed.display()));
             }
         }
-        let is_put_down = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
+        let has_checkpoint = std::fs::read_dir(&checkpoints).is_ok_and(|mut files| files.next().is_some());
         let resumes = if frames == 0 { "" } else { "after these frames, " };
-        if stop.exit == ExitCode::Interrupted && is_put_down {
+        if stop.exit == ExitCode::Interrupted && has_checkpoint {
             let checkpoints = checkpoints.display();
             stop = stop.also(format!(
                 "repeat the command with the same --out to resume: {resumes}training from {checkpoints}"

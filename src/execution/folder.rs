@@ -53,7 +53,7 @@ pub(super) fn make_folder(
             return Err(CliError::usage(what, "choose another --out, or leave --json out"));
         }
         Some(out) => RunFolder::create(out, args.overwrite, read, begun)?,
-        None => RunFolder::create_new(&Path::new("runs").join(&plan.experiment), &environment::utc_stamp())?,
+        None => RunFolder::create_new(&args.folder.path().join(&plan.experiment), &environment::utc_stamp())?,
     };
     match write_experiment(&folder, kept, read) {
         Ok(()) => Ok((folder, recording)),
@@ -111,14 +111,15 @@ impl Reusable {
         let partial = folder.partial.display();
         print_warnings(
             args,
-            &[format!(
-                "not resuming after the frames that {partial} holds, since {why}: what is still right is reused"
-            )],
+            &[format!("cannot resume after the frames in {partial}: {why}; values that are still valid are reused")],
         );
         let (recording, aside) = (folder.file(RECORDING), folder.file(OUTDATED));
         depthloom_durable::rename(&recording, &aside).map_err(|error| {
             CliError::of_writing(ExitCode::Engine, format_args!("failed to rename {}", recording.display()), &error)
         })?;
-        Ok(Self { begun: None, earlier: reuse::earlier_runs(args.is_fresh(), folder, &ready.plan) })
+        Ok(Self {
+            begun: None,
+            earlier: reuse::earlier_runs(args.is_fresh(), folder, &args.folder.path(), &ready.plan),
+        })
     }
 }

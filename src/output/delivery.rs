@@ -1,4 +1,4 @@
-//! Tables and figures printed, or written to a file that a person names.
+//! Prints tables and figures, or writes them to the file of `--out`.
 
 use std::fs;
 use std::io::{self, IsTerminal as _};
@@ -15,7 +15,7 @@ use crate::output::{self, CommandOutput};
 /// The width of a table on a terminal, in columns of text.
 const TERMINAL_WIDTH: usize = 110;
 
-/// What a table is written as, and where.
+/// The format of a table, and the file to write.
 pub(crate) struct Delivery<'a> {
     pub format: TableFormat,
     out: Option<&'a Path>,
@@ -28,7 +28,10 @@ impl<'a> Delivery<'a> {
         let default = if args.json { TableFormat::Json } else { TableFormat::Terminal };
         let format = args.format.unwrap_or(default);
         if format == TableFormat::Parquet && out.is_none() && io::stdout().is_terminal() {
-            return Err(CliError::usage("Parquet is not text", "name a file with --out, or pipe it on"));
+            return Err(CliError::usage(
+                "`--format parquet` is not text and cannot be printed on a terminal",
+                "name a file with --out, or use a pipe",
+            ));
         }
         if let Some(out) = out {
             can_be_written(out)?;
@@ -83,10 +86,10 @@ impl<'a> Delivery<'a> {
     }
 }
 
-/// Writes a file that a person named; never one of a run, which `recordings` are those of.
+/// Writes the file of `--out`, but not over a file of one of the runs with these recordings.
 pub(crate) fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Result<(), CliError> {
     if recordings.iter().any(|recording| is_of_the_run(out, recording)) {
-        let what = format!("{} is the run's own", out.display());
+        let what = format!("cannot write {}: it is a file of the run", out.display());
         return Err(CliError::usage(what, "choose another file"));
     }
     write(out, bytes).map_err(|error| {
@@ -113,7 +116,7 @@ pub(crate) fn can_be_written(out: &Path) -> Result<(), CliError> {
         return Err(cannot("it is a folder".to_owned()).remedy(format!("name a file in it, e.g. {}", file.display())));
     }
     if out.is_symlink() && !is_stream(out) {
-        // In a folder that is a stranger's, it may lead to any file of the person's.
+        // In a folder of another user it may lead to any file of this user.
         return Err(cannot("it is a symbolic link".to_owned()).remedy("name the file that it leads to"));
     }
     replaces_no_run(out)?;
@@ -121,12 +124,12 @@ pub(crate) fn can_be_written(out: &Path) -> Result<(), CliError> {
         None => Ok(()),
         Some(folder) => {
             let stop = cannot(format!("there is no folder {}", folder.display()));
-            Err(stop.remedy(format!("make it (`mkdir -p {}`), or choose another --out", folder.display())))
+            Err(stop.remedy(format!("create it (`mkdir -p {}`), or choose another --out", folder.display())))
         }
     }
 }
 
-/// Writes a file that a person named, or into the pipe or device of that name (`/dev/stdout`).
+/// Writes the file, or into the pipe or device of that name (`/dev/stdout`).
 fn write(out: &Path, bytes: &[u8]) -> io::Result<()> {
     if is_stream(out) { fs::write(out, bytes) } else { depthloom_durable::write(out, bytes) }
 }
@@ -138,7 +141,7 @@ fn is_stream(out: &Path) -> bool {
         || fs::metadata(out).is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 
-/// Whether a file is there already beside the recording, or is the recording.
+/// Whether a file exists in the folder of the recording, or is the recording.
 fn is_of_the_run(out: &Path, recording: &Path) -> bool {
     let folder = |path: &Path| path.canonicalize().ok()?.parent().map(Path::to_owned);
     out.exists() && folder(out).is_some_and(|of_out| Some(of_out) == folder(recording))

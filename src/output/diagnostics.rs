@@ -97,7 +97,7 @@ fn render(diagnostic: &Diagnostic) -> String {
     text
 }
 
-/// Prints something worth knowing that is no error to standard error.
+/// Prints a warning to standard error.
 pub(crate) fn print_warning(message: &str) {
     let (yellow, plain) = if *COLOUR.get_or_init(|| false) { ("\x1b[33m", "\x1b[0m") } else { ("", "") };
     tell_styled(format!("{yellow}warning{plain}: {}\n", visible_lines(message)));

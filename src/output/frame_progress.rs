@@ -1,4 +1,4 @@
-//! How far a walk over a data set is: a bar on a terminal, a line now and then otherwise, nothing when asked to be
+//! Progress of a walk over a data set: a bar on a terminal, otherwise a line now and then, or nothing with `--quiet`
 //! quiet.
 
 use std::io::IsTerminal;
@@ -24,19 +24,19 @@ struct Now {
     done: u64,
     faults: u64,
     /// When a line was printed last; `None`: none ever is.
-    said: Option<Instant>,
+    printed: Option<Instant>,
 }
 
 impl FrameProgress {
-    /// A walk over so many frames of a source.
+    /// Starts a walk over a number of frames of a source.
     pub(crate) fn new(name: &str, frames: u64, quiet: bool) -> Self {
         let is_bar = !quiet && std::io::stderr().is_terminal();
         let bar = is_bar.then(|| frames_bar(name, frames));
-        let said = (!quiet && !is_bar).then(Instant::now);
-        Self { name: name.to_owned(), frames, bar, now: Mutex::new(Now { done: 0, faults: 0, said }) }
+        let printed = (!quiet && !is_bar).then(Instant::now);
+        Self { name: name.to_owned(), frames, bar, now: Mutex::new(Now { done: 0, faults: 0, printed }) }
     }
 
-    /// A frame was looked at, and so much found.
+    /// Counts a frame that was read, and its faults.
     pub(crate) fn one_more(&self, faults: u64) {
         let mut now = locked(&self.now);
         now.done += 1;
@@ -47,8 +47,8 @@ impl FrameProgress {
                 bar.set_message(counted(now.faults, "fault"));
             }
         }
-        if now.said.is_some_and(|said| said.elapsed() >= EVERY) {
-            now.said = Some(Instant::now());
+        if now.printed.is_some_and(|printed| printed.elapsed() >= EVERY) {
+            now.printed = Some(Instant::now());
             let frames = counted(self.frames, "frame");
             say(format_args!("{}: {}/{frames}, {}", self.name, now.done, counted(now.faults, "fault")));
         }

@@ -41,12 +41,11 @@ pub(crate) fn write(
     })
 }
 
-/// What lies beside a recording and says where it was made: as far as it is there, and was known before the page was
-/// made.
+/// The environment and the timings next to a recording, without values that change after the page is written.
 pub(crate) fn surroundings(folder: &Path) -> Surroundings {
     let mut environment = environment::read(folder);
     if let Some(entries) = environment.as_object_mut() {
-        // Other files of this machine concern nobody, and the memory of a run is known when its page is written.
+        // A page does not list other files of this machine. The memory of a run is not known yet when its page is written.
         entries.remove("reads");
         entries.remove("peak_resident_bytes");
         // Measured again after the page.
@@ -57,7 +56,7 @@ pub(crate) fn surroundings(folder: &Path) -> Surroundings {
     Surroundings { environment, timings }
 }
 
-/// Opens the page of a folder in a browser; that there is none costs no result.
+/// Opens the page of a folder in a browser. A failure is a warning only.
 pub(crate) fn open(folder: &Path) {
     let page = folder.join(PAGE);
     // A browser has a folder of its own to start from.
@@ -75,13 +74,13 @@ pub(crate) fn open(folder: &Path) {
         Err(error) => Some(error.to_string()),
         // One that stays is a browser; what ends at once says how it went. Explorer ends with 1 however it went.
         Ok(mut child) => {
-            let begun = Instant::now();
+            let start = Instant::now();
             loop {
                 match child.try_wait() {
                     Ok(Some(status)) if !status.success() && !cfg!(windows) => {
                         break Some(format!("it ended with {status}"));
                     }
-                    Ok(None) if begun.elapsed() < STARTED => sleep(Duration::from_millis(20)),
+                    Ok(None) if start.elapsed() < STARTED => sleep(Duration::from_millis(20)),
                     _ => break None,
                 }
             }

@@ -30,7 +30,7 @@ pub(crate) struct Report {
 
 impl Report {
     /// From the summary of the analysis, with the error of the command.
-    pub(crate) fn of(summary: &Summary, error: Option<Error>) -> Self {
+    pub(crate) fn new(summary: &Summary, error: Option<Error>) -> Self {
         Self {
             experiment: summary.experiment.clone(),
             recording: summary.recording.clone(),
@@ -44,7 +44,7 @@ impl Report {
 
 /// The error of a run whose frames were scored without one pixel that counted.
 pub(crate) fn no_pixel_counted(report: &Summary) -> Option<CliError> {
-    report.no_pixel_counted.then(|| CliError::new(ExitCode::FrameFailures, "not one pixel was scored"))
+    report.no_pixel_counted.then(|| CliError::new(ExitCode::FrameFailures, "no pixel was scored"))
 }
 
 /// Analyses a recording until it is done or asked to stop. What is prepared is not computed again.

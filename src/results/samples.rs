@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use depthloom_analysis::{SAMPLES, SamplesWritten, samples_are_of, write_samples};
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
-use depthloom_runs::{failed, open_frames, recording_of, run_folder};
+use depthloom_runs::{failed, open_frames, run_folder};
 use depthloom_terminal::{CliError, ExitCode, say};
 
+use crate::args::RunsFolder;
 use crate::output::progress::bar;
 
 pub(crate) fn folder_of(file: &Path) -> &Path {
@@ -34,17 +35,22 @@ pub(crate) fn write(
     written.map_err(failed)
 }
 
-/// Whether what is named is a file of samples itself.
+/// Whether this is a file of samples, not a run.
 pub(crate) fn is_samples(run: &Path) -> bool {
     run.is_file() && run.extension().is_some_and(|ending| ending == "parquet")
 }
 
 /// The file of samples of a run, written if it is missing or older than the recording; or such a file itself.
-pub(crate) fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> Result<PathBuf, CliError> {
+pub(crate) fn samples_of(
+    run: &Path,
+    folder: &RunsFolder,
+    is_silent: bool,
+    interrupt: &Interrupt,
+) -> Result<PathBuf, CliError> {
     if is_samples(run) {
         return Ok(run.to_owned());
     }
-    let path = recording_of(run, "analyse")?;
+    let path = folder.recording(run, "analyse")?;
     let file = path.with_file_name(SAMPLES);
     let recording = open_frames(&path)?;
     if file.is_file() && samples_are_of(&file, &recording).map_err(failed)? {
@@ -52,7 +58,7 @@ pub(crate) fn samples_of(run: &Path, is_silent: bool, interrupt: &Interrupt) -> 
     }
     let elsewhere = || {
         format!(
-            "`depthloom samples {} --out FILE.parquet` writes the samples to another folder, and `depthloom analyse FILE.parquet` reads them there; \
+            "write the samples to another folder with `depthloom analyse {} --samples-only --out FILE.parquet` and read them with `depthloom analyse FILE.parquet`; \
              for a figure copy the run to a folder that can be written",
             run.display()
         )

@@ -29,10 +29,10 @@ fn samples_and_error_statistics_match_numpy() {
             .arg(&maps),
     );
     let queries: &[(&str, &[&str])] = &[
-        ("distance", &["--set", "valid,common"]),
+        ("distance", &["--pixels", "valid,common"]),
         ("estimate", &["--bins", "log:8"]),
-        ("weight", &["--set", "common"]),
-        ("row", &["--bins", "linear:7", "--set", "valid,common"]),
+        ("weight", &["--pixels", "common"]),
+        ("row", &["--bins", "linear:7", "--pixels", "valid,common"]),
         ("frame", &[]),
     ];
     let mut check = Command::new(python);
@@ -108,7 +108,7 @@ fn unwritable_samples_file_error_suggests_out() {
     let text = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success() && text.contains("samples") && text.contains("--out FILE.parquet"), "{text}");
     let other_file = folder.path().join("other_file.parquet");
-    succeed(depthloom().arg("samples").arg(&run).arg("--out").arg(&other_file));
+    succeed(depthloom().args(["analyse", "--samples-only"]).arg(&run).arg("--out").arg(&other_file));
     let table = succeed(depthloom().arg("analyse").arg(&other_file));
     assert!(String::from_utf8_lossy(&table.stdout).contains("bin_from_m"));
     assert!(!run.join("samples.parquet").exists());
@@ -125,7 +125,7 @@ fn samples_are_written_on_demand_and_are_reproducible() {
     assert!(text.contains("bin_from_m") && text.lines().count() < 12, "{text}");
     let first = std::fs::read(&samples).expect("written by the first query");
     let other_file = folder.path().join("again.parquet");
-    succeed(depthloom().arg("samples").arg(&run).arg("--out").arg(&other_file));
+    succeed(depthloom().args(["analyse", "--samples-only"]).arg(&run).arg("--out").arg(&other_file));
     assert_eq!(std::fs::read(&other_file).expect("written"), first, "equal files");
     // Samples of another recording are replaced. `analyse` also reads a samples file alone.
     let other = folder.path().join("other");
@@ -171,7 +171,7 @@ fn invalid_analyse_arguments_list_the_available_values() {
         (&["--bins", "edges:5,1"], "ascending"),
         (&["--bins", "width:0.00001"], "more than 20000"),
         (&["--by", "frame", "--bins", "log:3"], "takes no --bins"),
-        (&["--gross", "big"], "no limit"),
+        (&["--outlier", "big"], "no limit"),
     ] {
         let error = refused(&run, arguments);
         assert!(error.contains(words), "{arguments:?}: {error}");
@@ -180,7 +180,10 @@ fn invalid_analyse_arguments_list_the_available_values() {
     let file = folder.path().join("table.parquet");
     std::fs::copy(run.join("table.parquet"), &file).expect("copied");
     let error = refused(&file, &[]);
-    assert!(error.contains("is no file of samples") && error.contains("depthloom samples RUN"), "{error}");
+    assert!(
+        error.contains("is no file of samples") && error.contains("depthloom analyse --samples-only RUN"),
+        "{error}"
+    );
     // Maps that were not recorded.
     let scores = folder.path().join("scores");
     succeed(

@@ -117,7 +117,7 @@ matrix:
     assert!(plain("7") < plain("5") && plain("5") < plain("3"));
     assert!(adjusted("5") < adjusted("3") && adjusted("3") < adjusted("7"), "{effects:?}");
     let figure = |axis: &str| {
-        let files = ["--out", "figure.svg", "--data", "figure.csv", "--axes", axis];
+        let files = ["--out", "figure.svg", "--csv", "figure.csv", "--axes", axis];
         succeed(depthloom().current_dir(folder).args(["figure", "run", "parameter"]).args(files));
         read_csv(&folder.join("figure.csv"))
     };

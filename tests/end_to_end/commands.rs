@@ -154,7 +154,7 @@ fn errors_are_json_if_json_is_requested() {
             false,
         ),
         (&["report", empty], false),
-        (&["timings", empty], false),
+        (&["runs", "timings", empty], false),
         (&["nodes", "stereo/sgmb"], false),
         // Found in the arguments.
         (&["doctor", "--jsno"], false),
@@ -231,7 +231,7 @@ fn run_and_timings_print_json() {
     let out = folder.path().join("look");
     let run = json(&succeed(depthloom().args(["run", "--no-page", LOOK, "--json", "--out"]).arg(&out).args(SMALL)));
     assert!(run.get("error").is_none() && run["report"].is_object(), "{run}");
-    let timings = json(&succeed(depthloom().args(["timings", "--json"]).arg(&out)));
+    let timings = json(&succeed(depthloom().args(["runs", "timings", "--json"]).arg(&out)));
     let rows = timings["timings"].as_array().expect("rows");
     let stereo = rows.iter().find(|row| row["node"] == "stereo").expect("stereo");
     assert_eq!((&stereo["stage"], &stereo["phase"], &stereo["frames"]), (&json!("look"), &json!("process"), &json!(2)));
@@ -266,7 +266,7 @@ fn completion_offers_kinds_and_files_by_extension() {
     assert!(!recordings.contains(&"a.yaml".to_owned()));
     assert_eq!(completions(&["run", "a.yaml", "--out", "r"], here), ["runs/"]);
     assert_eq!(completions(&["chec"], here), ["check"]);
-    assert_eq!(completions(&["man", "ti"], here), ["timings"]);
+    assert_eq!(completions(&["man", "ver"], here), ["verify"]);
 }
 
 #[test]
@@ -386,13 +386,13 @@ printf '%s\\n' \"${COMPREPLY[@]}\"";
     }
 }
 
-/// The commands that a help text lists.
+/// The commands that a help text lists: in front of the options, each with its summary.
 fn commands_of(command: &[&str]) -> Vec<String> {
-    let help = text(&succeed(depthloom().args(command).arg("--help")));
-    let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    let help = text(&succeed(depthloom().args(command).arg("-h")));
+    let lines = help.lines().take_while(|line| *line != "Options:");
     let names = lines.filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
-    // A line without a name is the rest of a sentence.
-    names.filter(|name| !name.is_empty()).map(str::to_owned).collect()
+    // Arguments are written in brackets.
+    names.filter(|name| name.starts_with(|c: char| c.is_ascii_lowercase())).map(str::to_owned).collect()
 }
 
 #[test]
@@ -426,14 +426,17 @@ fn every_command_has_a_valid_manual_page() {
 }
 
 #[test]
-fn help_names_exit_codes_and_the_nearest_command() {
-    for command in commands_of(&[]) {
-        let printed = text(&succeed(depthloom().args(["help", &command])));
-        let is_complete = printed.contains("\nExamples:\n  depthloom ") && printed.contains("\nExit codes:\n  0 ");
-        assert!(command == "help" || is_complete, "{printed}");
+fn help_has_examples_and_links_and_errors_suggest_a_command() {
+    let commands = commands_of(&[]);
+    assert!(commands.len() > 20, "{commands:?}");
+    let of_runs = commands_of(&["runs"]).into_iter().map(|command| vec!["runs".to_owned(), command]);
+    for command in commands.into_iter().map(|command| vec![command]).chain(of_runs) {
+        let help = text(&succeed(depthloom().args(&command).arg("--help")));
+        for part in ["\nExamples:\n  depthloom ", "\nGuide: https://", "\nExit codes: https://"] {
+            assert!(help.contains(part), "{command:?}: {help}");
+        }
     }
-    for (typo, near) in
-        [("runn", "run"), ("rnu", "run"), ("reprot", "report"), ("node", "nodes"), ("timing", "timings")]
+    for (typo, near) in [("runn", "run"), ("rnu", "run"), ("reprot", "report"), ("node", "nodes"), ("verfy", "verify")]
     {
         for before in [&[][..], &["help"]] {
             let output = exits_with(depthloom().args(before).arg(typo), 2);

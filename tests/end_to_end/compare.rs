@@ -66,11 +66,11 @@ fn differences_intervals_and_tests_match_scipy() {
     run(folder, "other", &["look.stereo.with.p1=300", "sources.street.with.frames=1..7"]);
     for (arguments, runs, tests) in [
         (&["run"][..], &["run"][..], 2 * 2 * 8),
-        (&["run", "plain", "strict", "--set", "valid", "--interval", "percentile"], &["run"], 2 * 8),
-        (&["run", "*/smooth", "--mean", "pixels", "--scores", "abs_rel,rmse,a1", "--seed", "9"], &["run"], 2 * 3),
+        (&["run", "plain", "strict", "--pixels", "valid", "--interval", "percentile"], &["run"], 2 * 8),
+        (&["run", "*/smooth", "--mean", "pixels", "--metrics", "abs_rel,rmse,a1", "--seed", "9"], &["run"], 2 * 3),
         (&["run", "plain/raw", "plain/smooth", "--confidence", "90", "--resamples", "999"], &["run"], 8),
         (&["run", "other", "--estimates", "large/*"], &["run", "other"], 2 * 8),
-        (&["run:plain/raw", "other:strict/raw", "--scores", "rmse_log"], &["run", "other"], 1),
+        (&["run:plain/raw", "other:strict/raw", "--metrics", "rmse_log"], &["run", "other"], 1),
     ] {
         let resamples: &[&str] = if arguments.contains(&"--resamples") { &[] } else { &["--resamples", "10000"] };
         let compared = json(folder, &[arguments, resamples].concat());
@@ -128,9 +128,9 @@ fn options_that_do_not_apply_by_distance_are_refused() {
     let folder = folder.path();
     run(folder, "run", &[]);
     for (arguments, words) in [
-        (&["run", "--by", "distance", "--set", "all"][..], "on the pixels that are valid in both"),
+        (&["run", "--by", "distance", "--pixels", "all"][..], "on the pixels that are valid in both"),
         (&["run", "--by", "distance", "--baseline", "best"], "by distance no side is the best"),
-        (&["run", "--by", "distance", "--scores", "rmse"], "cannot be used with"),
+        (&["run", "--by", "distance", "--metrics", "rmse"], "cannot be used with"),
         (&["run", "--bins", "width:5"], "required"),
     ] {
         let error = refused(folder, arguments);
@@ -193,8 +193,8 @@ fn estimates_that_are_equal_in_both_runs_are_not_tested() {
     run(folder, "run", &[]);
     // With another filter size, `raw` of each variant stays the same, and `smooth` changes.
     run(folder, "other", &["look.smooth.with.size=3"]);
-    let one = json(folder, &["run", "other", "--estimates", "*/smooth", "--scores", "abs_rel"]);
-    let two = json(folder, &["run", "other", "--scores", "abs_rel"]);
+    let one = json(folder, &["run", "other", "--estimates", "*/smooth", "--metrics", "abs_rel"]);
+    let two = json(folder, &["run", "other", "--metrics", "abs_rel"]);
     let p = |compared: &Json, estimate: &str| -> Vec<Json> {
         let rows = compared["rows"].as_array().expect("rows").iter();
         rows.filter(|row| row["estimate"] == estimate).map(|row| row["p_holm"].clone()).collect()
@@ -204,7 +204,7 @@ fn estimates_that_are_equal_in_both_runs_are_not_tested() {
     assert!(two["notes"].to_string().contains("plain/raw is the same on both sides: it is not tested"), "{two}");
     // The same run under another name.
     run(folder, "same", &[]);
-    let equal = compare(folder, &["run", "same", "--scores", "abs_rel"]).stdout;
+    let equal = compare(folder, &["run", "same", "--metrics", "abs_rel"]).stdout;
     let equal = String::from_utf8_lossy(&equal).split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(equal.contains("nothing was tested, because no value differs"), "{equal}");
     assert!(!equal.contains("0 tests"), "{equal}");
@@ -219,7 +219,7 @@ fn too_few_frames_for_any_verdict_are_noted() {
     let notes = json(folder, &["run"])["notes"].to_string();
     let note = "no verdict is possible: with 32 tests of 7 frames the smallest p_holm that can be reached is 0.500, not below 0.05";
     assert!(notes.contains(note), "{notes}");
-    let notes = json(folder, &["run", "plain", "large", "--scores", "abs_rel"])["notes"].to_string();
+    let notes = json(folder, &["run", "plain", "large", "--metrics", "abs_rel"])["notes"].to_string();
     assert!(!notes.contains("no verdict is possible"), "2 tests reach 0.031: {notes}");
 }
 
@@ -239,7 +239,7 @@ fn frames_and_several_estimates_are_selected() {
     };
     for (selection, frames) in [("0..4", &["0", "1", "2", "3"][..]), ("5,6", &["5", "6"]), ("4..=6", &["4", "5", "6"])]
     {
-        let compared = json(folder, &["run", "plain", "large", "--frames", selection, "--scores", "abs_rel"]);
+        let compared = json(folder, &["run", "plain", "large", "--frames", selection, "--metrics", "abs_rel"]);
         let row =
             compared["rows"].as_array().expect("rows").iter().find(|row| row["estimate"] == "raw").expect("a row");
         assert_eq!(row["frames"], frames.len(), "{selection}");
@@ -308,7 +308,7 @@ fn an_estimate_shared_by_variants_is_tested_once() {
     // `raw` depends only on the block size, so against block=3 two variants share one test.
     let compared = json(
         folder,
-        &["shared", "block=3+size=3/raw", "block=5+size=3/raw", "block=5+size=5/raw", "--scores", "abs_rel"],
+        &["shared", "block=3+size=3/raw", "block=5+size=3/raw", "block=5+size=5/raw", "--metrics", "abs_rel"],
     );
     assert_eq!(compared["method"]["tests"], 1, "{compared}");
     let rows = compared["rows"].as_array().expect("rows");
@@ -354,8 +354,13 @@ fn latex_tables_take_caption_label_and_digits_and_keep_intervals_in_cells() {
     }
     assert!(rows.count() >= 6, "{plain}");
     let label = |text: &str| text.lines().find(|line| line.starts_with("\\label")).expect("a label").to_owned();
-    let labels =
-        [latex(&[]), plain, latex(&["--rows", "score"]), latex(&["--set", "valid"]), latex(&["--effects", "abs_rel"])];
+    let labels = [
+        latex(&[]),
+        plain,
+        latex(&["--rows", "score"]),
+        latex(&["--pixels", "valid"]),
+        latex(&["--effects", "abs_rel"]),
+    ];
     let labels: std::collections::BTreeSet<String> = labels.iter().map(|text| label(text)).collect();
     assert_eq!(labels.len(), 5, "{labels:?}");
     let own = latex(&["--caption", "Ours, $n = 7$.", "--label", "ours", "--digits", "2", "--columns", "abs_rel"]);
@@ -400,7 +405,7 @@ fn estimates_of_one_name_in_two_stages_are_distinguished() {
         table.iter().map(|row| format!("{} {} {}", row["stage"], row["variant"], row["estimate"])).collect();
     assert_eq!(labels, ["develop plain stereo", "hold plain stereo", "develop large stereo", "hold large stereo"]);
     // Estimates are compared within their stage.
-    let compared = json(folder, &["run", "plain", "large", "--scores", "abs_rel"]);
+    let compared = json(folder, &["run", "plain", "large", "--metrics", "abs_rel"]);
     let rows = compared["rows"].as_array().expect("rows");
     assert_eq!(rows.len(), 2, "{compared}");
     for (row, stage) in rows.iter().zip(["develop", "hold"]) {
@@ -419,7 +424,7 @@ fn an_exceeded_limit_exits_with_3_and_an_unmatched_limit_with_2() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     run(folder, "run", &[]);
-    let change = json(folder, &["run", "plain/raw", "strict/raw", "--scores", "abs_rel"])["rows"][0]["change"].clone();
+    let change = json(folder, &["run", "plain/raw", "strict/raw", "--metrics", "abs_rel"])["rows"][0]["change"].clone();
     let percent = 100.0 * change.as_f64().expect("a number");
     let (below, above) =
         (format!("strict/raw.abs_rel > {}%", percent - 0.01), format!("strict/raw.abs_rel > {}%", percent + 0.01));
@@ -508,7 +513,7 @@ fn sides_that_cannot_be_compared_are_refused() {
         (&["run", "plain"], "there is nothing to hold plain against"),
         (&["run", "plain", "large/raw"], "cannot be held against one another"),
         (&["run", "plain", "large", "--baseline", "larg"], "did you mean `large`?"),
-        (&["run", "plain", "large", "--scores", "d1"], "`d1`"),
+        (&["run", "plain", "large", "--metrics", "d1"], "`d1`"),
         (&["run", "plain", "large", "--zone", "0..10"], "no zone"),
         (&["nothing", "plain"], "failed to open nothing"),
     ] {

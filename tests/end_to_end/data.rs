@@ -1,4 +1,4 @@
-//! `depthloom check --data` and `depthloom data`: data sets are checked before anything is computed from them.
+//! `depthloom check --data` and `depthloom inspect`: data sets are checked before anything is computed from them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -223,7 +223,7 @@ fn scores_without_ground_truth_are_reported_by_check_and_fail_a_run() {
     let output = run("none");
     assert_eq!(output.status.code(), Some(3));
     let stderr = rig.text_of(&output.stderr);
-    let warnings = stderr.lines().filter(|line| line.starts_with("warning: ") || line.starts_with("not one pixel"));
+    let warnings = stderr.lines().filter(|line| line.starts_with("warning: ") || line.starts_with("no pixel"));
     printed.extend(warnings.map(|line| format!("{line}\n")));
     let stdout = rig.text_of(&output.stdout);
     printed.extend(stdout.lines().filter(|line| line.starts_with("note: ")).map(|line| format!("{line}\n")));
@@ -285,17 +285,18 @@ fn check_pasted(rig: &Rig, stanza: &str) {
 #[test]
 fn a_data_set_is_recognised_and_its_sources_can_be_pasted() {
     let rig = Rig::new();
-    let output = succeed(depthloom().arg("data").arg(rig.path("kitti")));
+    let output = succeed(depthloom().arg("inspect").arg(rig.path("kitti")));
     let printed = rig.text_of(&output.stdout);
     snapshot("data_of_kitti", &printed);
     let stdout = String::from_utf8(output.stdout).expect("UTF-8");
     check_pasted(&rig, &stdout[stdout.find("sources:\n").expect("a stanza")..]);
     // Its folder `training` is recognised as that half of the data set.
-    let half = succeed(depthloom().arg("data").arg(rig.path("kitti/training")));
+    let half = succeed(depthloom().arg("inspect").arg(rig.path("kitti/training")));
     assert_eq!(rig.text_of(&half.stdout), printed);
 
     let sheet = rig.path("sheet.png");
-    let output = succeed(depthloom().arg("data").arg(rig.path("pairs")).args(["--json", "--sheet"]).arg(&sheet));
+    let output =
+        succeed(depthloom().arg("inspect").arg(rig.path("pairs")).args(["--json", "--contact-sheet"]).arg(&sheet));
     let data: Json = serde_json::from_slice(&output.stdout).expect("JSON");
     let found = &data["found"][0];
     assert_eq!((&found["kind"], &found["frames"]), (&"images".into(), &6.into()));
@@ -304,7 +305,7 @@ fn a_data_set_is_recognised_and_its_sources_can_be_pasted() {
     // Four frames across, two rows: 320x96 each.
     assert_eq!(image::image_dimensions(&sheet).expect("a PNG"), (4 * 326 + 6, 2 * (96 + 6) + 6));
 
-    succeed(depthloom().arg("data").arg(rig.path("kitti")).arg("--sheet").arg(&sheet));
+    succeed(depthloom().arg("inspect").arg(rig.path("kitti")).arg("--contact-sheet").arg(&sheet));
     let sheet = image::open(&sheet).expect("a PNG").into_rgb8();
     assert_eq!(sheet.dimensions(), (4 * 326 + 6, 2 * (2 * 96 + 6) + 6), "ground truth below each image");
     let red = sheet.pixels().filter(|pixel| pixel.0[0] > 150 && pixel.0[2] < 60).count();
@@ -319,10 +320,10 @@ fn an_unknown_folder_is_described_by_its_files() {
         fs::create_dir_all(path.parent().expect("it has one")).expect("made");
         fs::write(path, "").expect("written");
     }
-    let output = depthloom().arg("data").arg(rig.path("other")).output().expect("it runs");
+    let output = depthloom().arg("inspect").arg(rig.path("other")).output().expect("it runs");
     assert_eq!(output.status.code(), Some(2));
     snapshot("data_of_an_unknown_folder", &format!("{}{}", rig.text_of(&output.stdout), rig.text_of(&output.stderr)));
-    let output = depthloom().arg("data").arg(rig.path("nowhere")).output().expect("it runs");
+    let output = depthloom().arg("inspect").arg(rig.path("nowhere")).output().expect("it runs");
     assert_eq!(output.status.code(), Some(2));
 }
 
@@ -331,15 +332,15 @@ fn a_run_is_recognised_as_a_source() {
     let rig = Rig::new();
     let run = rig.path("run");
     succeed(depthloom().args(["run", "--no-page"]).arg(rig.path("own.yaml")).args(["--quiet", "--out"]).arg(&run));
-    let output = succeed(depthloom().arg("data").arg(&run));
+    let output = succeed(depthloom().arg("inspect").arg(&run).arg("--as-source"));
     let printed = String::from_utf8(output.stdout).expect("UTF-8");
     assert!(printed.starts_with("a recording of depthloom, stage look (mcap)\n"), "{printed}");
     check_pasted(&rig, &printed[printed.find("sources:\n").expect("a stanza")..]);
 }
 
-/// Exit code and printed text of `depthloom data`.
+/// Exit code and printed text of `depthloom inspect`.
 fn data_of(rig: &Rig, arguments: &[&str]) -> (Option<i32>, String) {
-    let output = depthloom().arg("data").args(arguments).output().expect("it runs");
+    let output = depthloom().arg("inspect").args(arguments).output().expect("it runs");
     (output.status.code(), format!("{}{}", rig.text_of(&output.stdout), rig.text_of(&output.stderr)))
 }
 
@@ -394,15 +395,15 @@ fn assumptions_and_contradictions_are_reported_together() {
 fn an_unwritable_sheet_does_not_suppress_the_report() {
     let rig = Rig::new();
     let (root, sheet) = (rig.path("kitti").display().to_string(), rig.path("nowhere/sheet.png").display().to_string());
-    let (code, text) = data_of(&rig, &[&root, "--sheet", &sheet]);
+    let (code, text) = data_of(&rig, &[&root, "--contact-sheet", &sheet]);
     assert_eq!(code, Some(1));
     assert!(text.starts_with("KITTI stereo 2015, training") && text.contains("\nsources:\n"), "{text}");
     assert!(
         text.contains("error: failed to write ROOT/nowhere/sheet.png: ")
-            && text.contains("\n  help: name with --sheet"),
+            && text.contains("\n  help: name a file with --contact-sheet"),
         "{text}"
     );
-    let output = depthloom().args(["data", &root, "--json", "--sheet", &sheet]).output().expect("it runs");
+    let output = depthloom().args(["inspect", &root, "--json", "--contact-sheet", &sheet]).output().expect("it runs");
     let data: Json = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!((output.status.code(), &data["error"]["exit_code"]), (Some(1), &1.into()));
     assert_eq!(data["found"][0]["frames"], 6);

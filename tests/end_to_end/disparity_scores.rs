@@ -58,7 +58,7 @@ fn depths_and_disparities_have_their_own_metrics_and_zones() {
         String::from_utf8(output.stdout).expect("UTF-8")
     };
     let both: serde_json::Value =
-        serde_json::from_str(&table_of(&["--columns", "abs_rel,d1", "--set", "filled", "--json"])).expect("JSON");
+        serde_json::from_str(&table_of(&["--columns", "abs_rel,d1", "--pixels", "filled", "--json"])).expect("JSON");
     let row = both["rows"].as_array().expect("rows").iter().find(|row| row["d1"].is_number()).expect("a row");
     assert!(row["abs_rel"].is_number() && row["set"] == "all+filled", "{row}");
     let filled: Vec<f64> =

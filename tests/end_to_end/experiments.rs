@@ -106,7 +106,7 @@ fn a_run_writes_every_file_and_prints_its_folder() {
     std::fs::remove_file(out.join("table.csv")).expect("removed");
     succeed(depthloom().arg("report").arg(&out));
     assert_eq!(std::fs::read(out.join("table.csv")).expect("a table"), table);
-    let timings = stdout(&succeed(depthloom().arg("timings").arg(&out)));
+    let timings = stdout(&succeed(depthloom().args(["runs", "timings"]).arg(&out)));
     assert!(timings.contains("stereo"), "{timings}");
 }
 
@@ -119,7 +119,7 @@ fn every_command_has_help_and_every_kind_a_reference() {
         let reference = stdout(&succeed(depthloom().args(["nodes", kind])));
         assert!(reference.contains(kind), "{reference}");
     }
-    for command in ["run", "check", "plan", "graph", "report", "timings", "nodes", "synth", "doctor", "schema"] {
+    for command in ["run", "check", "plan", "graph", "report", "runs", "nodes", "synth", "doctor", "schema"] {
         succeed(depthloom().args([command, "--help"]));
     }
     for format in ["mermaid", "dot"] {

@@ -57,7 +57,7 @@ const KINDS: [(&str, &[&str], &str); 9] = [
     ("difference", &["--estimates", "stereo,mono", "--resamples", "500"], "difference of mean errors, m"),
     ("histogram", &["--variant", "size=3+weighting=full"], "share of pixels, %"),
     ("cdf", &["--layout", "overlaid"], "share of pixels, %"),
-    ("frames", &["--score", "rmse"], "a frame"),
+    ("frames", &["--metric", "rmse"], "a frame"),
     ("parameter", &[], "weighting"),
     ("reliability", &["--variant", "size=3+weighting=full"], "absolute error"),
     ("learning", &[], "learn/teacher"),
@@ -118,7 +118,7 @@ fn figures_show_the_numbers_of_the_tables() {
     let folder = folder.path();
     let run_folder = run(folder);
     let data = |arguments: &[&str]| -> PathBuf {
-        let files = ["--out", "figure.svg", "--data", "figure.csv"];
+        let files = ["--out", "figure.svg", "--csv", "figure.csv"];
         let output = figure(folder, &[arguments, &files].concat());
         assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
         folder.join("figure.csv")
@@ -131,15 +131,15 @@ fn figures_show_the_numbers_of_the_tables() {
     let text = |path: &Path| std::fs::read_to_string(path).expect("a file");
     let bins = ["--bins", "width:2"];
     for (kind, query) in [
-        ("error-vs-distance", &["--set", "common,valid", "--bins", "width:2"][..]),
-        ("reliability", &["--set", "common,valid", "--by", "weight"]),
-        ("histogram", &["--set", "common", "--by", "error", "--bins", "width:2", "--percentiles", ""]),
+        ("error-vs-distance", &["--pixels", "common,valid", "--bins", "width:2"][..]),
+        ("reliability", &["--pixels", "common,valid", "--by", "weight"]),
+        ("histogram", &["--pixels", "common", "--by", "error", "--bins", "width:2", "--percentiles", ""]),
     ] {
         let more = if kind == "reliability" { &[][..] } else { &bins[..] };
         let drawn = data(&[&["run", kind, "--variant", "size=3*"], more].concat());
         if kind == "histogram" {
             // The figure has no percentiles: compare the columns that both tables have.
-            let query = ["run", "--variant", "size=3*", "--set", "common", "--by", "error", "--bins", "width:2"];
+            let query = ["run", "--variant", "size=3*", "--pixels", "common", "--by", "error", "--bins", "width:2"];
             std::fs::write(folder.join("analysed.csv"), csv("analyse", &query)).expect("written");
             let (drawn, analysed) = (read_csv(&drawn), read_csv(&folder.join("analysed.csv")));
             assert_eq!(drawn.len(), analysed.len());
@@ -159,7 +159,7 @@ fn figures_show_the_numbers_of_the_tables() {
 
     // Metrics per frame equal `scores.csv`; metrics by parameter equal the means in `table.csv`.
     let scores = read_csv(&run_folder.join("scores.csv"));
-    let frames = read_csv(&data(&["run", "frames", "--score", "rmse"]));
+    let frames = read_csv(&data(&["run", "frames", "--metric", "rmse"]));
     let is_same = |one: &crate::support::Row, two: &crate::support::Row| {
         ["stage", "variant", "estimate", "set", "position"].iter().all(|column| one[*column] == two[*column])
     };
@@ -169,7 +169,7 @@ fn figures_show_the_numbers_of_the_tables() {
         assert_eq!(row["rmse"], scored["rmse"]);
     }
     let table = read_csv(&run_folder.join("table.csv"));
-    let parameter = read_csv(&data(&["run", "parameter", "--score", "abs_rel", "--estimates", "fused"]));
+    let parameter = read_csv(&data(&["run", "parameter", "--metric", "abs_rel", "--estimates", "fused"]));
     assert_eq!(parameter.len(), 4);
     for row in &parameter {
         let is_same = |other: &&crate::support::Row| {
@@ -184,7 +184,7 @@ fn figures_show_the_numbers_of_the_tables() {
     assert!((number(&one[0], "abs_rel") - mean).abs() < 1e-12 && one[0]["rows"] == "2", "{one:?}");
     // An estimate that the parameter does not affect is in the figure and in its table.
     let both =
-        read_csv(&data(&["run", "parameter", "--axes", "size", "--estimates", "fused,mono", "--score", "abs_rel"]));
+        read_csv(&data(&["run", "parameter", "--axes", "size", "--estimates", "fused,mono", "--metric", "abs_rel"]));
     let mono = table.iter().find(|row| row["estimate"] == "mono").expect("a row of the table");
     let level: Vec<_> = both.iter().filter(|row| row["size"].is_empty()).collect();
     assert!(level.len() == 1 && level[0]["estimate"] == "mono" && level[0]["abs_rel"] == mono["abs_rel"], "{both:?}");
@@ -200,16 +200,16 @@ fn invalid_figure_arguments_are_refused_with_a_remedy() {
     let folder = folder.path();
     run(folder);
     for (arguments, words) in [
-        (&["run", "cdf", "--out", "a.jpg"][..], "end it in `.svg`, `.png` or `.pdf`"),
+        (&["run", "cdf", "--out", "a.jpg"][..], "use `.svg`, `.png` or `.pdf`"),
         (&["run", "cdf", "--out", "a.svg", "--format", "png"], "contradicts the extension"),
         (&["run", "cdf", "--out", "no/a.svg"], "there is no folder no"),
         (&["run", "cdf", "--out", "run/scores.csv", "--format", "svg"], "it is a file of a run"),
         (&["run", "cdf", "--out", "a.svg", "--estimates", "absent"], "no estimate is `absent`"),
-        (&["run", "cdf", "--out", "a.svg", "--set", "all"], "a pixel without an answer has no error"),
+        (&["run", "cdf", "--out", "a.svg", "--pixels", "all"], "an invalid pixel has no error to draw"),
         (&["run", "cdf", "--out", "a.svg", "--height", "20"], "it needs a height of"),
-        (&["run", "cdf", "--out", "a.svg", "--score", "rmse"], "takes no --score"),
+        (&["run", "cdf", "--out", "a.svg", "--metric", "rmse"], "does not support --metric"),
         (&["run", "difference", "--out", "a.svg", "--estimates", "stereo,fused"], "are several"),
-        (&["run", "frames", "--out", "a.svg", "--score", "d1"], "score of disparities"),
+        (&["run", "frames", "--out", "a.svg", "--metric", "d1"], "score of disparities"),
         (&["run", "parameter", "--out", "a.svg", "--axes", "sise"], "did you mean `size`?"),
         (&["run", "parameter", "--out", "a.svg", "--variant", "size=3+weighting=full"], "no parameter differs"),
         (&["run", "panels", "--out", "a.svg", "--frames", "77"], "there is no frame 77"),
@@ -275,7 +275,7 @@ matrix:
         std::fs::write(folder.join(&file), experiment.replace("SCORE", score)).expect("written");
         succeed(depthloom().current_dir(folder).args(["run", "--no-page", &file, "--quiet", "--out", name]));
         let arguments =
-            ["figure", name, "panels", "--frames", "0", "--variant", "block=5*", "--out", "m.svg", "--data", "m.csv"];
+            ["figure", name, "panels", "--frames", "0", "--variant", "block=5*", "--out", "m.svg", "--csv", "m.csv"];
         succeed(depthloom().current_dir(folder).args(arguments));
         let svg = std::fs::read_to_string(folder.join("m.svg")).expect("a figure");
         assert_eq!(svg.contains("near, aligned"), name == "aligned");

@@ -32,7 +32,7 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
     }
     std::fs::write(partial.join("recording.mcap"), &bytes[..bytes.len() / 4 * 3]).expect("written");
     let recovered = folder.join("recovered.mcap");
-    succeed(depthloom().args(["recover", "--out"]).arg(&recovered).arg(partial.join("recording.mcap")));
+    succeed(depthloom().args(["runs", "recover", "--out"]).arg(&recovered).arg(partial.join("recording.mcap")));
     let resumed = run(&at("resumed"), &[]);
     vec![complete, reused, resumed, recovered]
 }

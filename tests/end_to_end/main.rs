@@ -26,6 +26,7 @@ mod fixtures;
 mod from_recording;
 mod golden;
 mod guide;
+mod help;
 mod killed;
 mod learning;
 mod looking;

@@ -213,7 +213,7 @@ fn stereo_networks_and_networks_with_custom_ports_run_and_replay() {
         ["sgbm", "network", "checked", "mono", "fused"].iter().all(|name| rows.iter().any(|row| row == name)),
         "{rows:?}"
     );
-    let replayed = succeed(depthloom().args(["replay", "--check"]).arg(&one));
+    let replayed = succeed(depthloom().args(["verify"]).arg(&one));
     let printed = String::from_utf8_lossy(&replayed.stdout);
     assert!(printed.contains("network"), "{printed}");
 }
@@ -222,7 +222,7 @@ fn stereo_networks_and_networks_with_custom_ports_run_and_replay() {
 fn onnx_prints_inputs_and_a_valid_node_definition() {
     let fixture = |file: &str| workspace().join("tests/fixtures/networks").join(file);
     let shown = |file: &str| {
-        let output = succeed(depthloom().arg("onnx").arg(fixture(file)).args(["--size", "160x96"]));
+        let output = succeed(depthloom().arg("inspect").arg(fixture(file)).args(["--size", "160x96"]));
         String::from_utf8(output.stdout).expect("text")
     };
     let shifts = shown("shifts.onnx");
@@ -248,7 +248,7 @@ fn onnx_prints_inputs_and_a_valid_node_definition() {
     let path = folder.path().join("pasted.yaml");
     std::fs::write(&path, text).expect("written");
     succeed(depthloom().arg("check").arg(&path));
-    let output = depthloom().arg("onnx").arg(fixture("left.png")).output().expect("it runs");
+    let output = depthloom().arg("inspect").arg(fixture("left.png")).output().expect("it runs");
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && stderr.contains("it is not an ONNX file"), "{stderr}");
 }
@@ -260,7 +260,7 @@ fn faults_51_and_59_onnx_prints_a_working_node_definition_or_the_reason() {
     let shown = |inputs: &[Tensor<'_>], output: &Tensor<'_>| {
         let kernel: [(&str, &[i64]); 1] = [("kernel_shape", &[1, 1])];
         std::fs::write(&path, onnx_file::model_with("MaxPool", &kernel, inputs, output)).expect("written");
-        String::from_utf8(succeed(depthloom().arg("onnx").arg(&path)).stdout).expect("text")
+        String::from_utf8(succeed(depthloom().arg("inspect").arg(&path)).stdout).expect("text")
     };
     let image = |name, element| Tensor(name, element, &[1, 3, 64, 192]);
     for (why, input, output) in [

@@ -114,7 +114,7 @@ fn every_json_output_matches_its_schema() {
     check("doctor", 0, &["doctor", "--json"]);
     check("nodes", 0, &["nodes", "--json"]);
     let network = workspace().join("tests/fixtures/networks/shifts.onnx");
-    let onnx = check("onnx", 0, &["onnx", network.to_str().expect("a path"), "--json"]);
+    let onnx = check("inspect-onnx", 0, &["inspect", network.to_str().expect("a path"), "--json"]);
     assert_eq!(onnx["kind"], "stereo/onnx");
     check("nodes-kind", 0, &["nodes", "stereo/sgbm", "--json"]);
     check("nodes-kind", 0, &["nodes", "kitti/stereo2015", "--json"]);
@@ -124,7 +124,7 @@ fn every_json_output_matches_its_schema() {
     check("error", 2, &["plan", "wrong.yaml", "--json"]);
     check("plan", 0, &["plan", "outputs.yaml", "--json"]);
     check("graph", 0, &["graph", "outputs.yaml", "--json"]);
-    check("data", 0, &["data", "data", "--json"]);
+    check("inspect-data-set", 0, &["inspect", "data", "--json"]);
 
     let run = check("run", 0, &["run", "outputs.yaml", "--out", "runs/outputs/first", "--json"]);
     assert_eq!(
@@ -163,33 +163,33 @@ fn every_json_output_matches_its_schema() {
     check("compare", 3, &["compare", first, "--fail-if", "abs_rel >= -1000%", "--json"]);
     let explained = check("explain", 0, &["explain", first, "abs_rel", "block=9/depth", "--json"]);
     assert_eq!((&explained["variant"], &explained["estimate"]), (&json!("block=9"), &json!("depth")));
-    check("samples", 0, &["samples", first, "--json"]);
+    check("analyse-samples", 0, &["analyse", "--samples-only", first, "--json"]);
     check("analyse", 0, &["analyse", first, "--by", "frame", "--json"]);
-    check("figure", 0, &["figure", first, "cdf", "--out", "cdf.pdf", "--data", "cdf.csv", "--json"]);
+    check("figure", 0, &["figure", first, "cdf", "--out", "cdf.pdf", "--csv", "cdf.csv", "--json"]);
     check("figure", 0, &["figure", first, "frames", "--out", "frames.png", "--json"]);
     let by_distance = ["compare", first, "block=3/depth", "block=9/depth", "--by", "distance", "--json"];
     check("compare-by-distance", 0, &by_distance);
-    check("timings", 0, &["timings", first, "--json"]);
-    check("info", 0, &["info", first, "--keys", "--check", "--json"]);
+    check("runs-timings", 0, &["runs", "timings", first, "--json"]);
+    check("inspect-recording", 0, &["inspect", first, "--keys", "--verify-bytes", "--json"]);
     check("export", 0, &["export", first, "--out", "maps", "--json"]);
-    check("replay", 0, &["replay", first, "--check", "--json"]);
+    check("verify", 0, &["verify", first, "--json"]);
     check("plan-reuse", 0, &["plan", "outputs.yaml", "--reuse", "--json"]);
     check("runs-list", 0, &["runs", "--json"]);
     check("runs-show", 0, &["runs", "show", first, "--json"]);
-    check("runs-why", 0, &["runs", "why", first, "runs/outputs/second", "--json"]);
+    check("runs-diff", 0, &["runs", "diff", first, "runs/outputs/second", "--json"]);
     check("runs-prune", 0, &["runs", "prune", "--keep", "1", "--dry-run", "--json"]);
     check("runs-rm", 0, &["runs", "rm", "runs/outputs/second", "--json"]);
 
     // A truncated recording, and one with a changed byte.
     let recording = fs::read(here.join(first).join("recording.mcap")).expect("a recording");
     fs::write(here.join("cut.mcap"), &recording[..recording.len() / 2]).expect("written");
-    check("recover", 0, &["recover", "cut.mcap", "--out", "recovered.mcap", "--json"]);
+    check("runs-recover", 0, &["runs", "recover", "cut.mcap", "--out", "recovered.mcap", "--json"]);
     let mut flipped = recording;
     let middle = flipped.len() / 2;
     flipped[middle] ^= 1;
     fs::write(here.join("flipped.mcap"), &flipped).expect("written");
     check("report", 3, &["report", "flipped.mcap", "--out", "of-flipped", "--json"]);
-    check("info", 3, &["info", "flipped.mcap", "--check", "--json"]);
+    check("inspect-recording", 3, &["inspect", "flipped.mcap", "--verify-bytes", "--json"]);
 
     let published = fs::read_dir(workspace().join("docs/schemas")).expect("schemas");
     let names = published.map(|file| file.expect("a file").path().file_stem().expect("its name").display().to_string());
@@ -204,6 +204,6 @@ fn schemas_are_printed_by_name() {
         let printed = succeed(Command::arg(&mut depthloom(), "schema").args(arguments)).stdout;
         serde_json::from_slice(&printed).expect("JSON")
     };
-    assert_eq!(schema(&["--output", "run"])["title"], "depthloom.run");
+    assert_eq!(schema(&["--of", "run"])["title"], "depthloom.run");
     assert!(schema(&[])["properties"]["experiment"].is_object());
 }

@@ -50,7 +50,7 @@ fn python_reads_recordings_with_reuse_resumption_and_recovery() {
     let (resumed, reused_nodes) = run("apart/resumed", &[]);
     assert!(reused_nodes > 0);
     let recovered = at("recovered.mcap");
-    succeed(depthloom().args(["recover", "--out"]).arg(&recovered).arg(&cut));
+    succeed(depthloom().args(["runs", "recover", "--out"]).arg(&recovered).arg(&cut));
     for path in [complete, reusing, resumed, recovered] {
         let mut theirs = Command::new(&python);
         let theirs = succeed(theirs.arg(workspace().join("tests/python/read_recording.py")).arg(&path));

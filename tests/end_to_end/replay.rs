@@ -44,7 +44,7 @@ fn recorded_as(experiment: &Path, recording: &Path, change: impl Fn(&mut Planned
 
 /// Exit code, standard output and standard error of `replay --check`.
 fn check(run: &Path, more: &[&str]) -> (Option<i32>, String, String) {
-    let output = depthloom().arg("replay").arg(run).arg("--check").args(more).output().expect("the binary starts");
+    let output = depthloom().arg("verify").arg(run).args(more).output().expect("the binary starts");
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("UTF-8");
     (output.status.code(), text(output.stdout), text(output.stderr))
 }

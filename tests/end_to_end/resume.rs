@@ -163,7 +163,7 @@ fn a_recovered_recording_contains_the_committed_frames() {
         fs::write(&cut, &reference.recording[..reference.recording.len() / 8 * share]).expect("written");
         let open = |path: &Path| depthloom_recording::Recording::open(path).expect("a recording");
         let mut recover = depthloom();
-        recover.args(["recover", "--out"]).arg(&recovered).arg(&cut);
+        recover.args(["runs", "recover", "--out"]).arg(&recovered).arg(&cut);
         if open(&cut).is_empty() {
             assert_eq!(recover.output().expect("the binary starts").status.code(), Some(2));
             assert!(!recovered.exists());
@@ -184,7 +184,8 @@ fn a_recovered_recording_contains_the_committed_frames() {
             mcap::MessageStream::new(&bytes).expect("sound").filter_map(Result::ok).count() as u64,
             message_count
         );
-        let refused = depthloom().args(["recover", "--out"]).arg(&recovered).arg(&cut).output().expect("it starts");
+        let refused =
+            depthloom().args(["runs", "recover", "--out"]).arg(&recovered).arg(&cut).output().expect("it starts");
         assert_eq!(refused.status.code(), Some(2), "an existing file is kept");
         fs::remove_file(&recovered).expect("removed");
     }

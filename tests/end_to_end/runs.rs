@@ -70,7 +70,7 @@ fn set_finished(run: &Path, stamp: &str) {
 #[test]
 fn runs_are_listed_newest_first_with_their_state() {
     let here = Here::new();
-    assert!(here.fails(&["runs"], 2).contains("--in"), "there is no folder of runs yet");
+    assert!(here.fails(&["runs"], 2).contains("--runs"), "there is no folder of runs yet");
     set_finished(&here.run("runs/look/one", &[]), "2020-11-21T10-00-00Z");
     set_finished(&here.run("runs/look/two", &["--set", "look.stereo.with.block=9"]), "2020-11-22T10-00-00Z");
     // A run that was killed in the middle of its frames.
@@ -184,9 +184,8 @@ fn every_command_accepts_a_run_by_name_or_prefix() {
         assert_eq!(text(&succeed(&mut here.command(&["table", name]))), by_path(day), "{name}");
     }
     assert_ne!(by_path("20"), by_path("21"));
-    for command in ["report", "timings"] {
-        succeed(&mut here.command(&[command, "2026-11-20"]));
-    }
+    succeed(&mut here.command(&["report", "2026-11-20"]));
+    succeed(&mut here.command(&["runs", "timings", "2026-11-20"]));
     succeed(&mut here.command(&["explain", "@latest", "abs_rel", "stereo"]));
     let error = here.fails(&["table", "look"], 2);
     assert!(error.contains("`look` names 2 runs") && error.contains("look/2026-11-21, look/2026-11-20"), "{error}");
@@ -207,17 +206,17 @@ fn differences_of_runs_are_listed_by_parameter_source_and_consumers() {
     here.run("runs/block", &["--set", "look.stereo.with.block=9"]);
     here.run("runs/street", &["--set", "sources.street.with.frames=1..3", "--set", "sources.street.with.seed=7"]);
 
-    let same = here.json(&["runs", "why", "first", "again"]);
+    let same = here.json(&["runs", "diff", "first", "again"]);
     assert_eq!((&same["experiment"], &same["made_by"]), (&json!([]), &json!([])));
     assert!(same["nodes"].as_array().expect("nodes").iter().all(|node| node["same"] == true), "{same}");
-    let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "again"])));
+    let printed = text(&succeed(&mut here.command(&["runs", "diff", "first", "again"])));
     assert!(
         printed.ends_with("\nall nodes are the same, and so are their values on all frames in both\n"),
         "{printed}"
     );
 
     // The penalties differ as well, because their defaults depend on the block size.
-    let block = here.json(&["runs", "why", "first", "block"]);
+    let block = here.json(&["runs", "diff", "first", "block"]);
     let set = json!([{ "what": "parameter", "path": "stages.look.nodes.stereo.with", "before": null, "after": { "block": 9 } }]);
     assert_eq!(block["experiment"], set);
     let node = |comparison: &Json, name: &str| -> Json {
@@ -240,7 +239,7 @@ fn differences_of_runs_are_listed_by_parameter_source_and_consumers() {
         json!([{ "stage": "look", "source": [], "both": 2, "same": 2, "only_before": 0, "only_after": 0 }])
     );
 
-    let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "block"])));
+    let printed = text(&succeed(&mut here.command(&["runs", "diff", "first", "block"])));
     assert!(printed.contains("\nnodes\n  look.stereo  block: 5 -> 9; p1: 200 -> 648; p2: 800 -> 2592\n"), "{printed}");
     assert!(
         printed.contains("\nnodes that differ because they read those\n  look.depth, look.score.stereo\n"),
@@ -248,12 +247,12 @@ fn differences_of_runs_are_listed_by_parameter_source_and_consumers() {
     );
 
     // Other frames: every node is the same, but its values differ.
-    let street = here.json(&["runs", "why", "first", "street"]);
+    let street = here.json(&["runs", "diff", "first", "street"]);
     let frames = &street["frames"][0];
     assert_eq!((&frames["both"], &frames["same"], &frames["only_before"]), (&json!(1), &json!(0), &json!(1)));
     let stereo = node(&street, "stereo");
     assert_eq!((&stereo["differences"], &stereo["same"]), (&json!([]), &json!(false)));
-    let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "street"])));
+    let printed = text(&succeed(&mut here.command(&["runs", "diff", "first", "street"])));
     assert!(printed.contains("source of look: seed: 1 -> 7"), "{printed}");
     assert!(
         printed.contains("read other values\n  look.stereo (0 of 1 equal), look.depth (0 of 1 equal)"),
@@ -263,14 +262,14 @@ fn differences_of_runs_are_listed_by_parameter_source_and_consumers() {
     // Recordings outside of the folder of runs can be compared as well.
     let copy = here.path().join("copy.mcap");
     std::fs::copy(first.join("recording.mcap"), copy).expect("copied");
-    assert_eq!(here.json(&["runs", "why", "copy.mcap", "block"])["nodes"], block["nodes"]);
+    assert_eq!(here.json(&["runs", "diff", "copy.mcap", "block"])["nodes"], block["nodes"]);
     // Without a common frame, no values are compared.
     here.run("runs/later", &["--set", "sources.street.with.frames=7..9"]);
-    let printed = text(&succeed(&mut here.command(&["runs", "why", "first", "later"])));
+    let printed = text(&succeed(&mut here.command(&["runs", "diff", "first", "later"])));
     assert!(printed.contains("look: 0 in both, 2 only before, 2 only after"), "{printed}");
     let message = "all nodes are the same; no values were compared, because no frame with values is in both runs";
     assert!(printed.contains(message) && !printed.contains("so are their values"), "{printed}");
-    assert!(here.fails(&["runs", "why", "first", "none"], 2).contains("none"));
+    assert!(here.fails(&["runs", "diff", "first", "none"], 2).contains("none"));
 }
 
 #[test]
@@ -303,7 +302,7 @@ fn info_reports_topics_sizes_keys_and_damage() {
     let here = Here::new();
     let run = here.run("runs/first", &[]);
     let recording = run.join("recording.mcap");
-    let info = here.json(&["info", "first", "--keys", "--check"]);
+    let info = here.json(&["inspect", "first", "--keys", "--verify-bytes"]);
     assert_eq!((&info["condition"], &info["checked"], &info["damage"]), (&json!("whole"), &json!(true), &json!([])));
     let topics = info["topics"].as_array().expect("topics");
     let topic = |name: &str| topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("{name}"));
@@ -321,22 +320,25 @@ fn info_reports_topics_sizes_keys_and_damage() {
     let stored: u64 = topics.iter().map(|topic| topic["stored_bytes"].as_u64().expect("a size")).sum();
     let size = std::fs::metadata(&recording).expect("a recording").len();
     assert!(info["bytes"] == size && stored < size && stored > size / 2, "{stored} of {size}");
-    let text = text(&succeed(&mut here.command(&["info", "first"])));
-    assert!(text.contains("recording.mcap: whole by its summary; --check reads every byte\n"), "{text}");
+    let text = text(&succeed(&mut here.command(&["inspect", "first"])));
+    assert!(
+        text.contains("recording.mcap: complete according to its summary; --verify-bytes reads every byte\n"),
+        "{text}"
+    );
 
     // A flipped bit within a chunk is found only with `--check`, which reads every byte.
     let mut bytes = std::fs::read(&recording).expect("a recording");
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     std::fs::write(&recording, &bytes).expect("written");
-    succeed(&mut here.command(&["info", "first"]));
-    let output = here.command(&["info", "first", "--check"]).output().expect("the binary starts");
+    succeed(&mut here.command(&["inspect", "first"]));
+    let output = here.command(&["inspect", "first", "--verify-bytes"]).output().expect("the binary starts");
     let printed = String::from_utf8(output.stdout).expect("UTF-8");
     assert!(
         printed.lines().next().is_some_and(|line| line.ends_with("recording.mcap: damaged in 1 place")),
         "{printed}"
     );
-    let output = here.command(&["info", "first", "--check", "--json"]).output().expect("the binary starts");
+    let output = here.command(&["inspect", "first", "--verify-bytes", "--json"]).output().expect("the binary starts");
     assert_eq!(output.status.code(), Some(3));
     let info = json_of(&output);
     assert_eq!((&info["condition"], &info["error"]["exit_code"]), (&json!("damaged"), &json!(3)));

@@ -195,7 +195,7 @@ fn a_run_of_many_variants_prints_the_best_rows() {
     let latex = std::fs::read_to_string(run.join("table.tex")).expect("the table");
     assert!(latex.contains("the first 20 of 32 rows by abs\\_rel") && !latex.contains("resizebox"), "{latex}");
     // The table with metrics in rows is available on request.
-    let few = text(&table(&run, &["--rows", "score", "--estimates", "block=3*/smooth", "--set", "all"]));
+    let few = text(&table(&run, &["--rows", "score", "--estimates", "block=3*/smooth", "--pixels", "all"]));
     assert!(few.lines().any(|line| line.starts_with("abs_rel ↓")), "{few}");
 }
 
@@ -260,7 +260,7 @@ stages:
 ";
     let folder = tempfile::tempdir().expect("a folder");
     let (recorded, _) = run(folder.path(), experiment);
-    let rows: Json = serde_json::from_slice(&table(&recorded, &["--set", "common", "--json"]).stdout).expect("JSON");
+    let rows: Json = serde_json::from_slice(&table(&recorded, &["--pixels", "common", "--json"]).stdout).expect("JSON");
     let rows = rows["rows"].as_array().expect("rows");
     let row = |name: &str| rows.iter().find(|row| row["estimate"] == name).expect("a row");
     let written = read_csv(&recorded.join("table.csv"));
@@ -277,7 +277,7 @@ stages:
     // Without recorded maps, the error names those to record.
     let other = tempfile::tempdir().expect("a folder");
     let (bare, _) = run(other.path(), &format!("{experiment}record: []\n"));
-    let refused = refused(&bare, &["--set", "common"]);
+    let refused = refused(&bare, &["--pixels", "common"]);
     assert!(refused.contains("`look.smooth/depth`") && refused.contains("`record:`"), "{refused}");
 }
 
@@ -296,7 +296,8 @@ fn table_out_does_not_replace_other_files() {
     let copy = folder.path().join("copy.mcap");
     std::fs::copy(&recording, &copy).expect("copied");
     for (out, why) in [(&recording, "it is a file of a run"), (&copy, "it is a recording")] {
-        let refused = depthloom().arg("samples").arg(&run).arg("--out").arg(out).output().expect("it runs");
+        let refused =
+            depthloom().args(["analyse", "--samples-only"]).arg(&run).arg("--out").arg(out).output().expect("it runs");
         assert_eq!(refused.status.code(), Some(2));
         assert!(String::from_utf8_lossy(&refused.stderr).contains(why));
         assert!(std::fs::read(out).expect("read") == before);
@@ -400,7 +401,7 @@ fn a_damaged_recording_exits_with_3_and_damaged_timings_remove_a_column() {
         bytes.copy_from_slice(&sound);
         bytes[at..at + 64].fill(0xff);
         std::fs::write(&recording, &bytes).expect("written");
-        let condition = depthloom().args(["info", "--json"]).arg(&run).output().expect("it runs");
+        let condition = depthloom().args(["inspect", "--json"]).arg(&run).output().expect("it runs");
         let is_damaged = String::from_utf8_lossy(&condition.stdout).contains("\"condition\": \"damaged");
         let output = csv_table(&run);
         // If the damage leaves no frame, there is no table.
@@ -424,5 +425,5 @@ fn a_pipe_in_place_of_a_marker_does_not_block_the_list_of_runs() {
     let marker = run.join("depthloom-run.json");
     std::fs::remove_file(&marker).expect("removed");
     succeed(Command::new("mkfifo").arg(&marker));
-    succeed(depthloom().args(["runs", "--in"]).arg(folder.path()));
+    succeed(depthloom().args(["runs", "--runs"]).arg(folder.path()));
 }

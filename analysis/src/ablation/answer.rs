@@ -130,7 +130,7 @@ pub(crate) fn of_frames(
         ids.dedup_by_key(|(index, _)| *index);
     }
     let selected = wanted.select(&ids).map_err(|fault| {
-        let help = fault.remedy_text().unwrap_or("`depthloom info RUN` lists the frames").to_owned();
+        let help = fault.remedy_text().unwrap_or("`depthloom inspect RUN` lists the frames").to_owned();
         AnalysisError::asked(format!("failed to select frames: {}", fault.chain()), help)
     })?;
     let indices: HashSet<u64> = selected.iter().map(|at| ids[*at].0).collect();

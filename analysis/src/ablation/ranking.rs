@@ -128,7 +128,7 @@ impl Ranking {
         for metric in metrics.iter().copied().filter(|metric| is_partial(*metric)) {
             let name = ablation.metrics[metric].name;
             notes.push(format!(
-                "{name} leaves out invalid pixels, also over all pixels with ground truth, so none is marked as best: look at density, or take `--set filled`"
+                "{name} leaves out invalid pixels, also over all pixels with ground truth, so none is marked as best: look at density, or take `--pixels filled`"
             ));
         }
         notes.extend(best::note(&shown, &metrics));

@@ -73,9 +73,9 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str
         return Err(AnalysisError::asked(
             "there is no best in any zone: no two of the selected rows can be compared".to_owned(),
             format!(
-                "two or more estimates over the same pixels are needed: over `--set valid` each has its own{}",
+                "two or more estimates over the same pixels are needed: over `--pixels valid` each has its own{}",
                 match named.pooling {
-                    Pooling::MeanOfAnswers => format!(", and so has `{}` but over `--set filled`", named.name),
+                    Pooling::MeanOfAnswers => format!(", and so has `{}` but over `--pixels filled`", named.name),
                     _ => String::new(),
                 }
             ),

@@ -1,7 +1,7 @@
 //! Where is it better? Absolute errors of pairs by true distance, on the pixels that are valid in both, paired over
 //! frames; and the distance at which one of the two should hand over to the other.
 //!
-//! A bin's mean and median are over all its pixels, as `analyse --set common` has them. Frames are the sample: they are
+//! A bin's mean and median are over all its pixels, as `analyse --pixels common` has them. Frames are the sample: they are
 //! drawn again for intervals, with all their pixels, and tests are of frames' own means and medians.
 
 mod handover;

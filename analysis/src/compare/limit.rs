@@ -181,7 +181,7 @@ pub(super) fn judged(
                         "`{written}` cannot be told of {title}: there is no {} on a frame of both",
                         limit.measure.name()
                     ),
-                    "name it in --scores, if there are any; `depthloom table RUN` says what has which".to_owned(),
+                    "name it in --metrics, if there are any; `depthloom table RUN` says what has which".to_owned(),
                 ));
             };
             let Estimate { lead, name, .. } = pair.other.estimate;

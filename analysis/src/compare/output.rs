@@ -63,7 +63,7 @@ impl CompareMethod {
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub(crate) struct OtherParameters {
     pub(super) side: String,
-    /// As in `runs why`; `what` may also be `new` or `gone`, and `node` says whose it is.
+    /// As in `runs diff`; `what` may also be `new` or `gone`, and `node` says whose it is.
     #[schemars(with = "Vec<BTreeMap<String, Json>>")]
     pub(super) differences: Vec<Changed>,
 }

@@ -146,13 +146,13 @@ impl<'a> Compared<'a> {
             }
         }
         if self.pairs.iter().any(|pair| pair.set == PixelSet::Valid) {
-            notes.push("each is over its own valid pixels, so differences are partly differences of pixels: look at density, or take `--set common`".to_owned());
+            notes.push("each is over its own valid pixels, so differences are partly differences of pixels: look at density, or take `--pixels common`".to_owned());
         }
         for Contrast { metric, .. } in self.contrasts.iter().filter(|of| self.pair(of).set == PixelSet::All) {
             if metric.pooling == Pooling::MeanOfAnswers {
                 let name = metric.name;
                 notes.push(format!(
-                    "{name} leaves out invalid pixels, also over all pixels with ground truth: take `--set filled`"
+                    "{name} leaves out invalid pixels, also over all pixels with ground truth: take `--pixels filled`"
                 ));
             }
         }
@@ -164,7 +164,7 @@ impl<'a> Compared<'a> {
         let resampling = &self.options.resampling;
         if let Some(p) = smallest_reachable(self.contrasts).filter(|p| *p >= 1.0 - resampling.confidence) {
             notes.push(format!(
-                "no verdict is possible: with {} of {} the smallest p_holm that can be reached is {p:.3}, not below {}; take more frames, or fewer sides or `--scores`",
+                "no verdict is possible: with {} of {} the smallest p_holm that can be reached is {p:.3}, not below {}; take more frames, or fewer sides or `--metrics`",
                 counted(tests(self.contrasts), "test"),
                 counted(frames().max().unwrap_or(0), "frame"),
                 significance(resampling),

@@ -51,7 +51,7 @@ impl SamplesFile {
         });
         let is_none = || {
             let what = format!("{} is no file of samples that this version wrote", path.display());
-            AnalysisError::asked(what, "make it again: `depthloom samples RUN`".to_owned())
+            AnalysisError::asked(what, "make it again: `depthloom analyse RUN --samples-only`".to_owned())
         };
         let described: Described =
             of_file.and_then(|text| serde_json::from_str(text.as_str()).ok()).ok_or_else(is_none)?;

@@ -190,7 +190,7 @@ fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Res
 fn unknown(pattern: &str, outputs: &[Output<'_>]) -> CliError {
     let ends = outputs.iter().flat_map(|output| &output.names).flat_map(|name| ends_of(name));
     let topics: Vec<&str> = outputs.iter().filter(|output| output.recorded).map(|output| output.names[0]).collect();
-    let others = if topics.len() > MOST_LISTED { ", ... (`depthloom info RUN` has all)" } else { "" };
+    let others = if topics.len() > MOST_LISTED { ", ... (`depthloom inspect RUN` has all)" } else { "" };
     let has = format!("it has {}{others}", topics[..topics.len().min(MOST_LISTED)].join(", "));
     CliError::unknown(format!("the run has no topic `{pattern}`"), nearest(pattern, ends), has)
 }

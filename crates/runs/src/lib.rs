@@ -25,8 +25,8 @@ pub use found::{FoundRun, all, in_folder};
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};
 pub use opening::{
-    end, failed, is_recording, open, open_frames, partial_with, read_failed, recording_in, recording_of,
-    remedy_of_partial, run_failed,
+    end, failed, is_recording, open, open_frames, partial_with, read_failed, recording_in, remedy_of_partial,
+    run_failed,
 };
 pub use plain::file_name;
 pub use timings::write_timings;

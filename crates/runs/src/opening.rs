@@ -11,24 +11,16 @@ use depthloom_recording::{Condition, Recording, RecordingError};
 use depthloom_runner::RunError;
 use depthloom_terminal::{CliError, ExitCode, say};
 
-use crate::files::{FOLDER, RECORDING};
+use crate::files::RECORDING;
 use crate::named::named;
 
 const NAME_A_RUN: &str = "name a run's folder, a recording, or a run that `depthloom runs` lists";
 
-/// The recording of a run that is [named](named()) in the folder of runs, or the recording itself; `command` appears in
-/// remedies.
+/// The recording of a run that is [named](named()) in a folder of runs, or the recording itself; `command` is for
+/// messages.
 ///
 /// # Errors
 /// If no recording has this name, or several have.
-pub fn recording_of(run: &Path, command: &str) -> Result<PathBuf, CliError> {
-    recording_in(Path::new(FOLDER), run, command)
-}
-
-/// As [`recording_of`], in another folder of runs.
-///
-/// # Errors
-/// As [`recording_of`].
 pub fn recording_in(folder: &Path, run: &Path, command: &str) -> Result<PathBuf, CliError> {
     let run = &named(run, folder)?;
     let failed = |what: String| CliError::new(ExitCode::Usage, format!("failed to open {}: {what}", run.display()));

@@ -14,17 +14,17 @@ use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::files::{FOLDER, OUTDATED, RECORDING};
+use crate::files::{OUTDATED, RECORDING};
 use crate::found::{all, in_folder};
 use crate::run_folder::RunFolder;
 
-/// The recordings that a run may reuse, newest first: those of its own folder, of the runs beside it, and in `runs/`.
+/// The recordings that a run may reuse, newest first: those of its own folder, of the runs beside it, and in the folder of runs.
 /// Empty with `--fresh`.
-pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, plan: &Plan) -> EarlierRuns {
+pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, runs: &Path, plan: &Plan) -> EarlierRuns {
     let mut recordings = Vec::new();
     if !is_fresh {
         let own = [folder.file(RECORDING), folder.file(OUTDATED)];
-        let found = found(folder.out.parent()).into_iter().filter(|path| !own.contains(path)).collect::<Vec<_>>();
+        let found = found(folder.out.parent(), runs).into_iter().filter(|path| !own.contains(path)).collect::<Vec<_>>();
         recordings.extend(own.into_iter().filter(|path| path.exists()));
         recordings.extend(found);
     }
@@ -75,10 +75,10 @@ pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> 
 }
 
 /// The recordings of the runs beside `out`, and of those that `depthloom runs` lists.
-fn found(out: Option<&Path>) -> Vec<PathBuf> {
+fn found(out: Option<&Path>, runs: &Path) -> Vec<PathBuf> {
     let folder = |beside: &Path| if beside.as_os_str().is_empty() { PathBuf::from(".") } else { beside.to_owned() };
     let siblings = out.into_iter().flat_map(|out| in_folder(&folder(out)));
-    let found = siblings.chain(all(Path::new(FOLDER)).unwrap_or_default());
+    let found = siblings.chain(all(runs).unwrap_or_default());
     let (mut seen, mut recordings) = (BTreeSet::new(), Vec::new());
     for path in found.map(|run| run.path.join(RECORDING)) {
         let Ok(metadata) = std::fs::metadata(&path) else { continue };
@@ -92,8 +92,8 @@ fn found(out: Option<&Path>) -> Vec<PathBuf> {
 }
 
 /// The recordings that a run at `out` may reuse.
-pub fn beside(out: Option<&Path>, plan: &Plan) -> EarlierRuns {
-    EarlierRuns::new(found(out.and_then(Path::parent)), plan)
+pub fn beside(out: Option<&Path>, runs: &Path, plan: &Plan) -> EarlierRuns {
+    EarlierRuns::new(found(out.and_then(Path::parent), runs), plan)
 }
 
 /// The number of frames in a recording, over all stage runs.

@@ -142,7 +142,7 @@ pub(crate) struct Listing {
     frames: Vec<(Frame, Vec<(Part, PathBuf)>)>,
     pub faults: Vec<Fault>,
     pub warnings: Vec<String>,
-    /// Files without a partner: `run` leaves them out and warns, `data check` reports them.
+    /// Files without a partner: `run` leaves them out and warns, `check --data` reports them.
     pub unpaired: Vec<String>,
     incomplete: Vec<Vec<(Part, PathBuf)>>,
     /// Faults beyond the first of their frame.

@@ -172,7 +172,7 @@ class Run:
         """
         path = self._file("samples.parquet")
         if not path.exists():
-            ask("samples", path.parent)
+            ask("analyse", "--samples-only", path.parent)
         return pl.scan_parquet(path)
 
     def _file(self, name: str) -> Path:

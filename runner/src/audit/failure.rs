@@ -44,10 +44,10 @@ impl AuditFailure {
             }
             Cause::Implementation => {
                 "its implementation changed without a new version of its kind, the machine computes differently, or the recording is damaged \
-                 (`depthloom info --check`)"
+                 (`depthloom inspect --verify-bytes`)"
             }
             Cause::Data => {
-                "the data changed in a way that the cache key of a frame does not include, or the recording is damaged (`depthloom info --check`)"
+                "the data changed in a way that the cache key of a frame does not include, or the recording is damaged (`depthloom inspect --verify-bytes`)"
             }
         };
         let stale = self.stored_in.as_ref().map_or_else(String::new, |path| {

@@ -1,4 +1,4 @@
-//! `depthloom compare`: is it really better?
+//! `depthloom compare`: is one result significantly better than another?
 
 use std::path::{Path, PathBuf};
 
@@ -6,12 +6,12 @@ use depthloom_analysis::{CompareOptions, ComparedRun, ComparisonOutput, Resampli
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
-use depthloom_runs::{end, failed, open_frames, recording_of};
+use depthloom_runs::{end, failed, open_frames};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::args::{CompareArgs, CompareBy, SetOption, TableFormat};
+use crate::args::{CompareArgs, CompareBy, PixelsOption, RunsFolder, TableFormat};
 use crate::output;
 use crate::output::delivery::Delivery;
 use crate::output::diagnostics::{Error, print_stop};
@@ -20,7 +20,7 @@ use crate::signals;
 
 const TERMINAL_WIDTH: usize = 140;
 
-/// Of `compare`: what is better, and how sure that is.
+/// Output of `compare`: which side is better, and how significantly.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Compare {
     #[serde(flatten)]
@@ -32,11 +32,11 @@ pub(crate) struct Compare {
 pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     let delivery = Delivery::new(&args.output)?;
     let interrupt = signals::listen("stopping")?;
-    let mut opened = Opened::default();
+    let mut opened = Opened { folder: args.folder.clone(), runs: Vec::new() };
     let mut sides: Vec<Side> = Vec::new();
     for written in &args.sides {
         let side = opened.side(written, sides.last())?;
-        // A run whose parts are named is itself none of the sides.
+        // A run of which parts are named is not a side itself.
         if sides.last().is_some_and(|last| last.name.is_none() && last.run == side.run && side.name.is_some()) {
             sides.pop();
         }
@@ -45,8 +45,8 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     let runs: Vec<ComparedRun<'_>> =
         opened.runs.iter().map(|(called, recording)| ComparedRun { called, recording }).collect();
     let options = CompareOptions {
-        selection: Selection { estimates: args.estimates.clone(), ..args.pixels.selection() },
-        scores: args.scores.clone(),
+        selection: Selection { estimates: args.estimates.clone(), ..args.scores.selection() },
+        scores: args.metrics.clone(),
         baseline: args.baseline.clone(),
         resampling: args.intervals.resampling(match args.by {
             Some(CompareBy::Distance) => Resampling::OF_ERRORS,
@@ -82,7 +82,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     Ok(stop.exit)
 }
 
-/// Compares absolute errors by true distance; of runs that have no samples yet, these are made first.
+/// Compares absolute errors by ground-truth distance. Missing samples of a run are written first.
 fn by_distance(
     args: &CompareArgs,
     delivery: &Delivery<'_>,
@@ -91,18 +91,19 @@ fn by_distance(
     options: &CompareOptions,
     interrupt: &Interrupt,
 ) -> Result<ExitCode, CliError> {
-    if !matches!(args.pixels.set, None | Some(SetOption::Common)) {
-        let what = "errors by distance are compared on the pixels that are valid in both";
-        return Err(CliError::usage(what, "leave --set out"));
+    if !matches!(args.scores.pixels, None | Some(PixelsOption::Common)) {
+        let what =
+            "`--by distance` supports `--pixels common` only: errors are compared on the pixels that are valid in both";
+        return Err(CliError::usage(what, "leave out --pixels"));
     }
     if args.baseline.as_deref() == Some("best") {
-        let what = "by distance no side is the best one";
-        return Err(CliError::usage(what, "name the baseline"));
+        let what = "`--baseline best` does not support `--by distance`: there is no best side over all distances";
+        return Err(CliError::usage(what, "name a side, or leave out --baseline"));
     }
     let is_silent = !delivery.is_shown();
     let mut samples = Vec::new();
     for run in runs {
-        samples.push(samples_of(run.recording.path(), is_silent, interrupt)?);
+        samples.push(samples_of(run.recording.path(), &args.folder, is_silent, interrupt)?);
     }
     let stop = || interrupt.stops_admission();
     let compared = depthloom_analysis::compare_by_distance(runs, &samples, sides, options, args.bins.as_ref(), &stop);
@@ -114,8 +115,8 @@ fn by_distance(
 }
 
 /// The runs that were named so far.
-#[derive(Default)]
 struct Opened {
+    folder: RunsFolder,
     runs: Vec<(String, Recording)>,
 }
 
@@ -128,13 +129,13 @@ impl Opened {
         {
             return Ok(Side { run, name: Some(text.to_owned()) });
         }
-        let is_run = match recording_of(written, "compare") {
+        let is_run = match self.folder.recording(written, "compare") {
             Ok(path) => return Ok(Side { run: self.open(written, &path)?, name: None }),
             Err(stop) => stop,
         };
         for (place, _) in text.unwrap_or_default().match_indices(':') {
             let (run, name) = written.to_str().unwrap_or_default().split_at(place);
-            let Ok(path) = recording_of(Path::new(run), "compare") else { continue };
+            let Ok(path) = self.folder.recording(Path::new(run), "compare") else { continue };
             let (run, name) = (self.open(Path::new(run), &path)?, &name[1..]);
             if !self.has(run, name)? {
                 return Err(self.no_such(run, name)?);

@@ -1,26 +1,26 @@
 //! `depthloom explain`: where a number comes from.
 
-use depthloom_runs::{end, failed, open_frames, recording_of};
+use depthloom_runs::{end, failed, open_frames};
 use depthloom_terminal::{CliError, ExitCode, print};
 
-use crate::args::{ExplainArgs, SetOption};
+use crate::args::{ExplainArgs, PixelsOption};
 use crate::output;
 use crate::signals;
 
-/// Says where a score of an estimate comes from.
+/// Prints how a metric of an estimate was computed.
 pub(crate) fn explain(args: &ExplainArgs) -> Result<ExitCode, CliError> {
-    if args.scores.set == Some(SetOption::Common) {
+    if args.scores.pixels == Some(PixelsOption::Common) {
         return Err(CliError::usage(
-            "`explain` does not support `--set common`: that pixel set depends on which estimates are compared",
-            "`depthloom table RUN --set common` compares; explain one of another --set",
+            "`explain` does not support `--pixels common`: that pixel set depends on which estimates are compared",
+            "use `depthloom table RUN --pixels common`, or `explain --pixels valid`",
         ));
     }
-    let path = recording_of(&args.run, "explain")?;
+    let path = args.run.recording("explain")?;
     let interrupt = signals::listen("stopping")?;
     let recording = open_frames(&path)?;
     let selection = args.scores.selection();
     let stop = || interrupt.stops_admission();
-    let explanation = depthloom_analysis::explain(&recording, &args.score, &args.estimate, &selection, &stop);
+    let explanation = depthloom_analysis::explain(&recording, &args.metric, &args.estimate, &selection, &stop);
     let explanation = explanation.map_err(failed)?;
     if args.output.json {
         output::print(&explanation)?;

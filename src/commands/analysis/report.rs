@@ -1,10 +1,10 @@
-//! `depthloom report`: what a run found, from its recording alone.
+//! `depthloom report`: tables, plots and page of a run, from its recording alone.
 
 use std::path::Path;
 
 use depthloom_analysis::{Prepared, ReportOptions, Resampling};
 use depthloom_recording::Recording;
-use depthloom_runs::{models, recording_of, run_folder};
+use depthloom_runs::{models, run_folder};
 use depthloom_terminal::{CliError, ExitCode, print, say};
 
 use crate::args::ReportArgs;
@@ -14,24 +14,24 @@ use crate::results::page;
 use crate::results::report::{Report, analyse, no_pixel_counted, summary};
 use crate::signals;
 
-/// Makes tables, plots and models again, from the recording alone.
+/// Recreates tables, plots and models from the recording alone.
 pub(crate) fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
-    let path = recording_of(&args.run, "report")?;
+    let path = args.run.recording("report")?;
     let out = match &args.out {
         Some(out) => out.clone(),
         None => path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned(),
     };
     if let Some(run) = run_folder::around(&out) {
-        // Its own folder is where a report belongs.
+        // A report may be written to the run's own folder.
         let of_recording = std::fs::canonicalize(&path).ok().and_then(|path| path.parent().map(Path::to_owned));
         let is_its_own = [of_recording, std::fs::canonicalize(&out).ok()].iter().all(|of| of.as_ref() == Some(&run));
         if !is_its_own {
-            let what = format!("{} is a run's folder, and holds what the run wrote and nothing else", run.display());
+            let what = format!("--out is the folder of another run: {}", run.display());
             return Err(CliError::usage(what, "choose another --out"));
         }
     } else if let Some(name) = run_folder::in_the_way_of_a_report(&out) {
-        let what = format!("{} exists already, and no report wrote it", out.join(name).display());
-        return Err(CliError::usage(what, "choose another --out, or move it away"));
+        let what = format!("--out has a file that no report wrote: {}", out.join(name).display());
+        return Err(CliError::usage(what, "choose another --out, or move the file away"));
     }
     let interrupt = signals::listen("stopping: what is not written yet stays as it was")?;
     std::fs::create_dir_all(&out).map_err(|error| {
@@ -49,26 +49,26 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
     let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
     let options = ReportOptions { paper: args.paper, intervals, check_every_byte: true, ..ReportOptions::default() };
     let report = analyse(&recording, &out, &options, Prepared::default(), &interrupt)?;
-    let but_whole = |stop: CliError| stop.also(format!("tables and plots are whole in {}", out.display()));
-    models::write(&recording, &out).map_err(but_whole)?;
+    let tables_written = |stop: CliError| stop.also(format!("tables and plots were written to {}", out.display()));
+    models::write(&recording, &out).map_err(tables_written)?;
     if !args.page.no_page {
         let of_run = path.parent().unwrap_or(Path::new("."));
         page::write(&recording, &out, &report, &page::surroundings(of_run), args.output.json, &interrupt)
-            .map_err(but_whole)?;
+            .map_err(tables_written)?;
     }
     // A report of an unfinished recording is a success, that of a damaged one is not.
     let damaged = || CliError::new(ExitCode::FrameFailures, format!("{} is damaged", path.display()));
     let faulty = report.is_damaged.then(damaged);
     let faulty = faulty.or_else(|| no_pixel_counted(&report));
     let printed = if args.output.json {
-        output::print(&Report::of(&report, faulty.as_ref().map(Error::from)))
+        output::print(&Report::new(&report, faulty.as_ref().map(Error::from)))
     } else {
         if report.is_damaged {
             say(format_args!("warning: {} is damaged", path.display()));
         }
         print(summary(&report, &out))
     };
-    printed.map_err(but_whole)?;
+    printed.map_err(tables_written)?;
     if args.page.open {
         page::open(&out);
     }

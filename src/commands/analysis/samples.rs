@@ -1,35 +1,40 @@
-//! `depthloom samples`: one row per scored pixel.
+//! `depthloom analyse --samples-only`: one row per scored pixel.
 
 use depthloom_analysis::SAMPLES;
 use depthloom_graphs::counted;
-use depthloom_runs::{end, open_frames, recording_of, run_folder};
+use depthloom_runs::{end, open_frames, run_folder};
 use depthloom_terminal::{CliError, ExitCode, print, say};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::args::SamplesArgs;
+use crate::args::AnalyseArgs;
 use crate::output;
 use crate::output::delivery::can_be_written;
 use crate::results::samples::{folder_of, write};
 use crate::signals;
 
-/// Of `samples`: what was written.
+/// Output of `analyse --samples-only`: the file that was written.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Samples {
     file: String,
-    /// The rows.
+    /// The number of rows.
     samples: u64,
     frames: u64,
-    /// The columns of estimates.
+    /// The number of columns of estimates.
     estimates: u64,
     notes: Vec<String>,
 }
 
-pub(crate) fn samples(args: &SamplesArgs) -> Result<ExitCode, CliError> {
-    let path = recording_of(&args.run, "samples")?;
-    let out = match &args.out {
+/// Writes the samples of a run and prints where they are.
+pub(crate) fn samples(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
+    let [run] = &args.runs[..] else {
+        let what = format!("--samples-only needs one run, and {} were given", args.runs.len());
+        return Err(CliError::usage(what, "write the samples of one run after the other"));
+    };
+    let path = args.folder.recording(run, "analyse --samples-only")?;
+    let out = match &args.output.out {
         Some(out) => {
-            // The run's own samples may be written again.
+            // The samples in the run's folder may be replaced.
             let own = path.with_file_name(SAMPLES);
             if !matches!((out.canonicalize(), own.canonicalize()), (Ok(out), Ok(own)) if out == own) {
                 can_be_written(out)?;

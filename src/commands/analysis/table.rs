@@ -1,21 +1,21 @@
-//! `depthloom table`: the scores of a run, asked.
+//! `depthloom table`: queries the metrics of a run.
 
 use std::path::Path;
 
 use depthloom_analysis::{BoardRun, Costs, Question, Ranking, Resampling, Selection, TableOutput, plan_key};
 use depthloom_graphs::chain;
-use depthloom_runs::{TIMINGS, end, failed, open_frames, recording_of};
+use depthloom_runs::{TIMINGS, end, failed, open_frames};
 use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::args::{RowsOption, TableArgs};
 use crate::output::delivery::Delivery;
 use crate::signals;
 
-/// Prints a table of a run's scores, or writes it to a file.
+/// Prints a table of a run's metrics, or writes it to a file.
 pub(crate) fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
     let delivery = Delivery::new(&args.output)?;
     let [run] = &args.runs[..] else { return leaderboard(args, &delivery) };
-    let path = recording_of(run, "table")?;
+    let path = args.folder.recording(run, "table")?;
     let interrupt = signals::listen("stopping")?;
     let recording = open_frames(&path)?;
     let costs = costs(&path)?;
@@ -60,10 +60,10 @@ fn ranking(args: &TableArgs, intervals: Option<Resampling>) -> Ranking {
 
 fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, CliError> {
     if args.effects.is_some() || args.best_per_zone.is_some() || args.rows == RowsOption::Score || args.ci.is_some() {
-        let what = "a table of several runs has estimates in rows";
-        return Err(CliError::usage(what, "leave out --effects, --best-per-zone, --rows and --ci"));
+        let what = "a table of several runs supports neither --effects, --best-per-zone, `--rows score` nor --ci";
+        return Err(CliError::usage(what, "leave them out, or name one run"));
     }
-    let paths = args.runs.iter().map(|run| recording_of(run, "table")).collect::<Result<Vec<_>, _>>()?;
+    let paths = args.runs.iter().map(|run| args.folder.recording(run, "table")).collect::<Result<Vec<_>, _>>()?;
     let interrupt = signals::listen("stopping")?;
     let recordings = paths.iter().map(|path| open_frames(path)).collect::<Result<Vec<_>, _>>()?;
     let costs = paths.iter().map(|path| costs(path)).collect::<Result<Vec<_>, _>>()?;
@@ -81,7 +81,7 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, Cl
     Ok(end(&recordings))
 }
 
-/// What the run's nodes cost, if its timings lie beside the recording.
+/// The CPU time of the run's nodes, if its timings are next to the recording.
 fn costs(recording: &Path) -> Result<Option<Costs>, CliError> {
     let timings = recording.with_file_name(TIMINGS);
     if !timings.is_file() {
@@ -91,7 +91,10 @@ fn costs(recording: &Path) -> Result<Option<Costs>, CliError> {
         Ok(timings) => Ok(Some(Costs::new(&timings))),
         Err(error) => {
             let why = chain(&error);
-            say(format_args!("warning: no `ms`: {why}; {} is damaged, and may be removed", timings.display()));
+            say(format_args!(
+                "warning: `ms` is not available: {why}; {} is damaged and can be removed",
+                timings.display()
+            ));
             Ok(None)
         }
     }

@@ -41,7 +41,7 @@ pub(crate) struct Check {
     error: Option<Error>,
 }
 
-/// Loads the experiment and says what it holds; with `--data` looks at its frames as well.
+/// Loads the experiment and prints a summary; with `--data` it also reads the frames.
 pub(crate) fn check(args: &CheckArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let loaded = load(&args.experiment, registry, args.output.json || args.sarif);
     let experiment = &args.experiment.experiment;

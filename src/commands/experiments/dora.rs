@@ -24,7 +24,7 @@ pub(crate) fn dora(args: &DoraArgs, registry: &Registry) -> Result<ExitCode, Cli
     let wanted = DataflowOptions {
         program: text(std::env::current_exe().map_err(|error| before("failed to find this program", &error))?)?,
         arguments: arguments(&plan)?,
-        // Of a frame comes one message at most, and of all frames one more.
+        // A node sends at most one message per frame, and one more at the end.
         queue: args.window() + 8,
         machines: args.machines.clone(),
     };
@@ -47,11 +47,11 @@ fn before(intent: &str, error: &dyn std::error::Error) -> CliError {
 
 fn text(words: impl Into<OsString>) -> Result<String, CliError> {
     words.into().into_string().map_err(|words| {
-        CliError::new(ExitCode::Usage, format!("{} is not UTF-8; a dataflow must be", Path::new(&words).display()))
+        CliError::new(ExitCode::Usage, format!("{} is not UTF-8, but a dataflow must be", Path::new(&words).display()))
     })
 }
 
-/// A dataflow starts programs: of a stranger's experiment none that the person did not allow.
+/// Checks the permission to start programs, because a dataflow starts them.
 fn may_start(plan: &Plan) -> Result<(), CliError> {
     for (run, node) in plan.runs.iter().flat_map(|run| run.nodes.iter().map(move |node| (run, node))) {
         if node.kind == KIND
@@ -65,17 +65,17 @@ fn may_start(plan: &Plan) -> Result<(), CliError> {
     Ok(())
 }
 
-/// What every part is given besides its name: what this command was given.
+/// The arguments of every node besides its name: those of this command.
 fn arguments(plan: &Plan) -> Result<Vec<String>, CliError> {
     let folder = std::env::current_dir().map_err(|error| before("failed to find the current folder", &error))?;
     let mut words = vec!["--plan".to_owned(), print_of(plan).to_string(), "--folder".to_owned(), text(folder)?];
-    // Options of the program stand before its command, and none of them has a value of that name.
-    let mut given = std::env::args_os().skip_while(|word| word != "dora").skip(1);
-    while let Some(word) = given.next() {
+    // Options of the program are in front of its command, and none of them has a value of that name.
+    let mut words_of_command = std::env::args_os().skip_while(|word| word != "dora").skip(1);
+    while let Some(word) = words_of_command.next() {
         let word = text(word)?;
-        // Where a part runs is for dora to know.
+        // Only dora needs to know where a node runs.
         if word == "--machine" {
-            given.next();
+            words_of_command.next();
         } else if !word.starts_with("--machine=") {
             words.push(word);
         }

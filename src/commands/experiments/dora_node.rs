@@ -24,7 +24,7 @@ pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<E
     let mut loaded = load(&dora.run.experiment, registry, true)?;
     if print_of(&loaded.plan).to_string() != args.plan {
         let what = format!(
-            "{} is another experiment than the dataflow was written of",
+            "{} differs from the experiment that the dataflow was written for",
             dora.run.experiment.experiment.display()
         );
         return Err(CliError::usage(

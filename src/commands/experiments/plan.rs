@@ -20,7 +20,7 @@ use crate::experiment::load;
 use crate::output;
 use crate::output::diagnostics::print_warning;
 
-/// Of `plan --reuse`: what would be taken from earlier runs.
+/// Output of `plan --reuse`: what a run would reuse from earlier runs.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct PlanReuse {
     /// The run that is nearest.
@@ -57,18 +57,18 @@ pub(crate) fn plan(args: &PlanArgs, registry: &Registry) -> Result<ExitCode, Cli
     Ok(ExitCode::Success)
 }
 
-/// Prints what of the plan would run and what would be taken from earlier runs, and why not all.
+/// Prints which nodes would run, what would be reused from earlier runs, and why not all.
 fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCode, CliError> {
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let ready = Ready::new(loaded.plan, registry).map_err(|missing| CliError::of_missing(&missing))?;
     let plan = ready.plan.clone();
-    let earlier = reuse::beside(args.out.as_deref(), &plan);
+    let earlier = reuse::beside(args.out.as_deref(), &args.folder.path(), &plan);
     let warnings = reuse::unreadable(&earlier);
     if !args.output.json {
         warnings.iter().for_each(|warning| print_warning(warning));
     }
     let foreseen = depthloom_runner::foresee(&ready, &earlier, &InlineHost)
-        .map_err(|what| CliError::new(ExitCode::Engine, format!("failed to look ahead: {what}")))?;
+        .map_err(|what| CliError::new(ExitCode::Engine, format!("failed to determine what would be reused: {what}")))?;
     let nearest = earlier.nearest(&plan);
     let pairs = nearest.map(|(_, before)| node_pairs(before, &RecordedPlan::from_plan(&plan))).unwrap_or_default();
     let why = |node: NodeRef, foreseen: Foreseen| {

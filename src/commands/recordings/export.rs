@@ -6,7 +6,7 @@ use std::path::Path;
 
 use depthloom_codecs::files::Colours;
 use depthloom_recording::{Condition, Recording};
-use depthloom_runs::{environment, open, recording_of};
+use depthloom_runs::{environment, open};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -19,7 +19,7 @@ use depthloom_export::{Chosen, ExportFormat, Exported, Folder, Form, Maps, chose
 use depthloom_graphs::{chain, counted};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 
-/// Of `export`: what was written.
+/// Output of `export`: the files that were written.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Export {
     folder: String,
@@ -32,20 +32,20 @@ pub(crate) struct Export {
 
 pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     let folder = Folder::at(&args.out, args.overwrite)?;
-    let path = recording_of(&args.run, "export")?;
-    let interrupt = signals::listen("stopping: files begun are finished")?;
+    let path = args.run.recording("export")?;
+    let interrupt = signals::listen("stopping: files that were started are finished")?;
     let recording = open(&path)?;
     let chosen = chosen(recording.plan(), &args.topics, &args.format)?;
     let colours = args.colormap.map(colours);
-    meant(args, &chosen, colours)?;
+    check_options(args, &chosen, colours)?;
     let runs: BTreeSet<RunId> = chosen.iter().map(|chosen| chosen.run).collect();
     let frames = frames(&recording, &runs, args.frames.as_ref())?;
     let maps = Maps::new(&recording, &frames, &chosen, colours, args.range)?;
-    let as_one = |format: ExportFormat| {
-        let of_format = chosen.iter().filter(move |chosen| chosen.formats.contains(&format));
-        of_format.map(move |chosen| (chosen, format))
+    let single_files = |format: ExportFormat| {
+        let topics = chosen.iter().filter(move |chosen| chosen.formats.contains(&format));
+        topics.map(move |chosen| (chosen, format))
     };
-    let files = || as_one(ExportFormat::Onnx).chain(as_one(ExportFormat::Parquet));
+    let files = || single_files(ExportFormat::Onnx).chain(single_files(ExportFormat::Parquet));
     folder.check(maps.files().chain(files().map(|(chosen, format)| chosen.path_with(format.name()))))?;
     folder.create()?;
 
@@ -62,15 +62,15 @@ pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
             damaged.extend(left_out);
         }
     }
-    let files: u64 = exported.iter().map(|of| of.files).sum();
+    let files: u64 = exported.iter().map(|topic| topic.files).sum();
     if stop() {
-        let whole = format!("{} in {}", counted(files, "file"), args.out.display());
+        let complete = format!("{} in {}", counted(files, "file"), args.out.display());
         return Err(
-            CliError::new(ExitCode::Interrupted, "interrupted while exporting").remedy(format!("whole: {whole}"))
+            CliError::new(ExitCode::Interrupted, "interrupted while exporting").remedy(format!("complete: {complete}"))
         );
     }
     for error in &damaged {
-        say(format_args!("warning: left out: {}", chain(error)));
+        say(format_args!("warning: not exported: {}", chain(error)));
     }
     print_warnings(args, &recording, &exported);
     let is_damaged = !damaged.is_empty() || matches!(recording.condition(), Condition::Damaged { .. });
@@ -98,24 +98,24 @@ const fn colours(option: ColoursOption) -> Colours {
     }
 }
 
-/// That colours and a range are of use to something.
-fn meant(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colours>) -> Result<(), CliError> {
+/// Refuses colours and a range that apply to nothing.
+fn check_options(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colours>) -> Result<(), CliError> {
     let formats =
         || chosen.iter().flat_map(|chosen| chosen.formats.iter().map(move |format| (*format, chosen.value_type)));
     let forms: Vec<Form> =
-        formats().filter_map(|(format, of)| Form::for_maps(format, of, colours, args.range)).collect();
+        formats().filter_map(|(format, value_type)| Form::for_maps(format, value_type, colours, args.range)).collect();
     let has_colours = forms.iter().any(|form| matches!(form, Form::Coloured(..)));
     let has_points = forms.iter().any(|form| form.is_cloud());
     if args.colormap.is_some() && !has_colours {
         return Err(CliError::usage(
-            "--colormap colours nothing: it is of disparities, depths and weights as PNG",
-            "leave it out, or ask for one of these with `--format png`",
+            "--colormap has no effect: no disparity, depth or confidence is exported as PNG",
+            "leave it out, or name such a topic with `--format png`",
         ));
     }
     if args.range.is_some() && !has_colours && !has_points {
         return Err(CliError::usage(
-            "--range bounds nothing: it is of colours and of point clouds",
-            "add --colormap turbo, or `--format ply`",
+            "--range has no effect: neither coloured maps nor point clouds are exported",
+            "add `--colormap turbo` or `--format ply`, or leave it out",
         ));
     }
     Ok(())
@@ -126,19 +126,19 @@ fn print_warnings(args: &ExportArgs, recording: &Recording, exported: &[Exported
     if *recording.condition() != Condition::Whole {
         say(format_args!("warning: {} is {}", recording.path().display(), recording.condition()));
     }
-    for Exported { topic, clipped_pixels, .. } in exported.iter().filter(|of| of.clipped_pixels > 0) {
+    for Exported { topic, clipped_pixels, .. } in exported.iter().filter(|topic| topic.clipped_pixels > 0) {
         let pixels = counted(*clipped_pixels, "pixel");
         say(format_args!(
-            "warning: {pixels} of {topic} are beyond what 16 bits hold and stand as the largest number, or as none below zero; `--format npy` has them"
+            "warning: {pixels} of {topic} do not fit into 16 bits: they are written as the largest number, or as invalid if below zero; `--format npy` keeps the values"
         ));
     }
-    for Exported { topic, .. } in exported.iter().filter(|of| of.files == 0 && !args.topics.is_empty()) {
+    for Exported { topic, .. } in exported.iter().filter(|topic| topic.files == 0 && !args.topics.is_empty()) {
         say(format_args!("warning: {topic} has no value on these frames"));
     }
 }
 
 fn text(exported: &[Exported], files: u64, folder: &Path) -> String {
-    let row = |of: &Exported| [of.topic.clone(), counted(of.files, "file"), of.path.clone()];
-    let rows: Vec<[String; 3]> = exported.iter().filter(|of| of.files > 0).map(row).collect();
+    let row = |topic: &Exported| [topic.topic.clone(), counted(topic.files, "file"), topic.path.clone()];
+    let rows: Vec<[String; 3]> = exported.iter().filter(|topic| topic.files > 0).map(row).collect();
     format!("{}{} in {}\n", aligned(&rows, &[1]), counted(files, "file"), folder.display())
 }

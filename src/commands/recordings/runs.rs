@@ -1,10 +1,12 @@
 //! `depthloom runs`: the folder of runs.
 
+mod diff;
 mod list;
 mod prune;
+mod recover;
 mod rm;
 mod show;
-mod why;
+mod timings;
 
 use std::path::Path;
 
@@ -15,8 +17,10 @@ use serde::Serialize;
 
 pub(crate) use list::RunsList;
 pub(crate) use prune::RunsPrune;
+pub(crate) use recover::Recover;
 pub(crate) use rm::RunsRm;
 pub(crate) use show::RunsShow;
+pub(crate) use timings::Timings;
 
 use crate::args::{RunsArgs, RunsCommand};
 use crate::output::diagnostics::{Error, print_stop};
@@ -27,16 +31,19 @@ pub(crate) fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
     match &args.command {
         None | Some(RunsCommand::List) => list::list(args),
         Some(RunsCommand::Show(command)) => show::show(args, command),
-        Some(RunsCommand::Why(command)) => why::why(args, command),
+        Some(RunsCommand::Diff(command)) => diff::diff(args, command),
+        Some(RunsCommand::Timings(command)) => timings::timings(args, command),
+        Some(RunsCommand::Recover(command)) => recover::recover(args, command),
         Some(RunsCommand::Rm(command)) => rm::rm(args, command),
         Some(RunsCommand::Prune(rules)) => prune::prune(args, rules),
     }
 }
 
 fn all_in(args: &RunsArgs) -> Result<Vec<FoundRun>, CliError> {
-    all(&args.folder).map_err(|error| {
-        let stop = CliError::because(ExitCode::Usage, format_args!("failed to list {}", args.folder.display()), &error);
-        stop.remedy("without --out, `depthloom run` writes below `runs`; name another folder with --in")
+    let folder = args.folder.path();
+    all(&folder).map_err(|error| {
+        let stop = CliError::because(ExitCode::Usage, format_args!("failed to list {}", folder.display()), &error);
+        stop.remedy("without --out, `depthloom run` writes to `runs`; name another folder with --runs")
     })
 }
 
@@ -71,13 +78,13 @@ impl RemovedRuns {
         if as_json { Ok(()) } else { print(format!("{what} {} ({})\n", folder.display(), size(bytes))) }
     }
 
-    /// How many, and how many bytes they had.
+    /// The number of runs, and of their bytes.
     const fn sum(&self) -> (usize, u64) {
         (self.runs.len(), self.bytes)
     }
 
     /// Prints errors, and with `--json` the output that `output` makes.
-    fn tell<T: CommandOutput>(
+    fn finish<T: CommandOutput>(
         self,
         args: &RunsArgs,
         output: impl FnOnce(Vec<Removed>, u64, Option<Error>) -> T,

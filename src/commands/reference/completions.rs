@@ -13,7 +13,7 @@ pub(crate) fn completions(shell: clap_complete::Shell, command: &clap::Command) 
         |error: &dyn std::error::Error| CliError::because(ExitCode::Engine, "failed to write the script", error);
     let shells = Shells::builtins();
     let shell = shells.completer(&shell.to_string()).ok_or_else(|| {
-        CliError::usage(format!("{shell} cannot ask a program"), "bash, elvish, fish, powershell and zsh can")
+        CliError::usage(format!("completion is not available for {shell}"), "use bash, elvish, fish, powershell or zsh")
     })?;
     let called = PathBuf::from(std::env::args_os().next().unwrap_or_default());
     // Found by name, it is found so again: it may move with an update.

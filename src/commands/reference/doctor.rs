@@ -81,7 +81,7 @@ fn looked_at() -> Vec<String> {
     onnx::search_path().into_iter().map(place).collect()
 }
 
-/// The engine of networks, with what it offers; or why there is none.
+/// The inference engine and what it offers, or why it is not available.
 fn networks(engine: &Result<&onnx::Engine, Fault>) -> String {
     let below = |line: &str| format!("\n              {line}");
     let text = match engine {
@@ -92,7 +92,7 @@ fn networks(engine: &Result<&onnx::Engine, Fault>) -> String {
                 (None, Some(why)) => format!("part of this program: {why}"),
             };
             let providers = environment::names(&found.providers()).join(", ");
-            let choice = format!("{}=onnxruntime or tract asks for an engine by name", onnx::VARIABLE);
+            let choice = format!("{}=onnxruntime or tract selects the engine", onnx::VARIABLE);
             let places = format!("looked at, where ORT_DYLIB_PATH names none: {}", looked_at().join(", "));
             let lines = [format!("providers: {providers}"), places, choice].map(|line| below(&line)).concat();
             format!("{}, {origin}{lines}", found.title())

@@ -12,7 +12,7 @@ use crate::args::ManArgs;
 
 /// When this version was released, as CHANGELOG.md has it: pages bear no date of the clock, so that equal versions
 /// print equal ones.
-const RELEASED: &str = "2026-11-21";
+const RELEASED: &str = "2026-11-25";
 
 /// Prints a page of a program, or writes all.
 pub(crate) fn man(args: &ManArgs, program: clap::Command) -> Result<ExitCode, CliError> {
@@ -23,7 +23,7 @@ pub(crate) fn man(args: &ManArgs, program: clap::Command) -> Result<ExitCode, Cl
         print_path("manual pages in ", out)?;
         return Ok(ExitCode::Success);
     }
-    let wanted = match &args.command {
+    let shown = match &args.command {
         None => &program,
         Some(name) => {
             let found = name.split([' ', '-']).try_fold(&program, |command, name| command.find_subcommand(name));
@@ -31,7 +31,7 @@ pub(crate) fn man(args: &ManArgs, program: clap::Command) -> Result<ExitCode, Cl
         }
     };
     let page =
-        page(wanted).map_err(|error| CliError::because(ExitCode::Engine, "failed to write the manual page", &error))?;
+        page(shown).map_err(|error| CliError::because(ExitCode::Engine, "failed to write the manual page", &error))?;
     print_bytes(&page)?;
     Ok(ExitCode::Success)
 }
@@ -80,11 +80,10 @@ fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
     Ok(tidied(&String::from_utf8_lossy(&page)).into_bytes())
 }
 
-/// The longest line of a page's source, bytes: what `mandoc -Tlint` asks for.
+/// The longest line of a page's source, bytes: the limit of `mandoc -Tlint`.
 const LINE_BYTES: usize = 78;
 
-/// A page as roff is usually written: what it sets up stands once, its title in capitals, no space is asked for twice,
-/// lines are short.
+/// A page in the usual style of roff: definitions once, the title in capitals, no repeated spaces, short lines.
 fn tidied(page: &str) -> String {
     let lines: Vec<&str> = page.lines().map(str::trim_end).collect();
     let mut tidied = String::new();
@@ -143,7 +142,7 @@ fn footer(command: &clap::Command) -> Roff {
         paragraph(&mut roff, (code as u8).to_string(), about);
     }
     roff.control("SH", ["EXAMPLES"]);
-    let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+    let help = command.get_after_long_help().map(ToString::to_string).unwrap_or_default();
     let examples: Vec<&str> = help.lines().skip(1).take_while(|line| !line.is_empty()).map(str::trim).collect();
     for example in examples.chunks_exact(2) {
         paragraph(&mut roff, example[0].to_owned(), example[1]);

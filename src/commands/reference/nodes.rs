@@ -1,4 +1,4 @@
-//! `depthloom nodes` and `depthloom schema`: what can stand in an experiment.
+//! `depthloom nodes`: the kinds of nodes and sources.
 
 use depthloom_graphs::{Registry, render};
 use depthloom_terminal::{CliError, ExitCode, print};

@@ -48,7 +48,7 @@ pub(crate) struct Diagnostic {
     severity: Severity,
     message: String,
     help: Option<String>,
-    /// What is said of the place itself.
+    /// The label of the place.
     #[serde(skip_serializing_if = "Option::is_none")]
     label: Option<Option<String>>,
     #[serde(skip_serializing_if = "Option::is_none")]

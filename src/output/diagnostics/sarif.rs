@@ -9,15 +9,15 @@ use serde_json::{Value as Json, json};
 
 const SCHEMA: &str = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json";
 
-/// The rules: a diagnostic says itself what is wrong, so that there is one for each severity.
+/// The rules: one for each severity, because the message of a diagnostic has the details.
 const RULES: [(Severity, &str, &str); 2] = [
     (Severity::Error, "experiment-error", "The experiment cannot be run."),
-    (Severity::Warning, "experiment-warning", "The experiment can be run, but probably does not say what was meant."),
+    (Severity::Warning, "experiment-warning", "The experiment can be run, but probably does not do what was intended."),
 ];
 
 /// A log of one run of `depthloom check` on `experiment`.
 ///
-/// Files are named as they were asked for, relative to the working directory: run in the root of a repository, where
+/// Files are named as on the command line, relative to the working directory. Run it in the root of a repository, where
 /// code review tools look for them.
 pub(crate) fn sarif<'a>(experiment: &Path, diagnostics: impl IntoIterator<Item = &'a Diagnostic>) -> Json {
     let rules = RULES.map(|(level, id, about)| {
@@ -73,12 +73,12 @@ fn result(experiment: &Path, diagnostic: &Diagnostic) -> Json {
     result
 }
 
-/// Whether it is no file, but a piece of the command line (`--set`).
+/// Whether it is a piece of the command line (`--set`), not a file.
 fn is_argument(file: &SourceFile) -> bool {
     file.name.starts_with("--")
 }
 
-/// A stretch of a file; what was said on the command line belongs to the experiment as a whole.
+/// A region of a file. A place on the command line belongs to the experiment as a whole.
 fn location(experiment: &Path, place: &Place) -> Json {
     if is_argument(&place.file) {
         return json!({ "physicalLocation": { "artifactLocation": { "uri": uri(experiment) } } });
@@ -107,7 +107,7 @@ fn uri(path: &Path) -> String {
     if absolute.is_some() { format!("file:///{names}") } else { names }
 }
 
-/// What is no unreserved character of RFC 3986 becomes `%` and its value.
+/// Percent-encodes all characters except the unreserved ones of RFC 3986.
 fn escaped(name: &[u8]) -> String {
     name.iter().fold(String::new(), |mut text, byte| {
         if byte.is_ascii_alphanumeric() || b"-._~".contains(byte) {

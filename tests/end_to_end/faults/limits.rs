@@ -72,8 +72,10 @@ fn commands_on_an_unfinished_run_name_its_partial_folder() {
     let out = folder.path().join("run");
     let output = limited("--fsize=1500000", "0..100", &out);
     assert_eq!(output.status.code(), Some(1), "{}", stderr_of(&output));
-    for (command, path) in [("report", out.clone()), ("report", out.join("recording.mcap")), ("timings", out.clone())] {
-        let output = depthloom().arg(command).arg(&path).output().expect("the binary starts");
+    for (command, path) in
+        [("report", out.clone()), ("report", out.join("recording.mcap")), ("runs timings", out.clone())]
+    {
+        let output = depthloom().args(command.split(' ')).arg(&path).output().expect("the binary starts");
         assert_eq!(output.status.code(), Some(2), "{}", stderr_of(&output));
         let reads = format!("`depthloom {command} {}` reads its complete frames", partial(&out).display());
         let is_readable = command == "report" || partial(&out).join("timings.parquet").is_file();

@@ -94,7 +94,8 @@ fn recover(folder: &Path, bytes: &[u8]) -> (Option<i32>, String, Option<PathBuf>
     let (input, out) = (folder.join("input.mcap"), folder.join("recovered.mcap"));
     std::fs::write(&input, bytes).expect("written");
     let _ = std::fs::remove_file(&out);
-    let output = depthloom().arg("recover").arg(&input).arg("--out").arg(&out).output().expect("the binary starts");
+    let output =
+        depthloom().args(["runs", "recover"]).arg(&input).arg("--out").arg(&out).output().expect("the binary starts");
     assert!(!folder.join("recovered.mcap.partial").exists());
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned(), out.exists().then_some(out))
 }
@@ -130,7 +131,7 @@ fn recover_keeps_the_frames_before_the_damage_and_reports_its_position() {
         assert_eq!(recovered.frames(RunId(0)).len(), frames);
         assert!(recovered.damage(&|| false).is_empty());
         assert_eq!(*recovered.condition(), Condition::Recovered);
-        let info = succeed(depthloom().arg("info").arg(&out));
+        let info = succeed(depthloom().arg("inspect").arg(&out));
         assert!(String::from_utf8_lossy(&info.stdout).contains(": recovered from an unfinished or damaged recording"));
         recovered_count += 1;
     }
@@ -154,11 +155,11 @@ fn every_analysis_of_a_recording_damaged_before_its_first_frame_exits_with_3() {
     for arguments in [
         &["table"][..],
         &["explain", "RUN", "abs_rel", "stereo"],
-        &["samples"],
+        &["analyse", "--samples-only"],
         &["analyse"],
         &["figure", "RUN", "cdf", "--out", "cdf.svg"],
         &["compare", "RUN", "RUN"],
-        &["recover", "RUN", "--out", "out.mcap"],
+        &["runs", "recover", "RUN", "--out", "out.mcap"],
     ] {
         let mut command = depthloom();
         command.current_dir(folder.path()).arg(arguments[0]);

@@ -113,7 +113,7 @@ fn fault_47_a_signal_during_the_analysis_ends_it() {
     send("TERM", &child);
     let output = child.wait_with_output().expect("ended");
     assert_eq!(output.status.code(), Some(130), "{}", stderr_of(&output));
-    assert!(stderr_of(&output).contains("the recording is whole"), "{}", stderr_of(&output));
+    assert!(stderr_of(&output).contains("the recording is complete"), "{}", stderr_of(&output));
     assert!(!out.exists());
     let files = fs::read_dir(partial(&out)).expect("a folder").flatten();
     let hidden: Vec<_> =

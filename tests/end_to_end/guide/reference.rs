@@ -3,6 +3,7 @@
 
 use std::fmt::Write as _;
 
+use depthloom_terminal::ExitCode;
 use serde_json::Value as Json;
 
 use super::page::{self, Use, blocks, pages};
@@ -60,12 +61,13 @@ fn nodes() -> String {
     kinds("Nodes", about, false)
 }
 
-/// The commands that a help text lists.
+/// The commands that a help text lists: in front of the options, each with its summary.
 fn commands_of(command: &[&str]) -> Vec<String> {
-    let help = stdout_of(&[command, &["--help"]].concat());
-    let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    let help = stdout_of(&[command, &["-h"]].concat());
+    let lines = help.lines().take_while(|line| *line != "Options:");
     let names = lines.filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
-    names.filter(|name| !name.is_empty() && *name != "help").map(str::to_owned).collect()
+    // Arguments are written in brackets.
+    names.filter(|name| name.starts_with(|c: char| c.is_ascii_lowercase())).map(str::to_owned).collect()
 }
 
 /// All commands and their subcommands, each with its help.
@@ -95,19 +97,8 @@ fn commands() -> String {
 fn exit_codes() -> String {
     let about = "The meaning of a command's exit code. A script that only tests for `0` works with all commands. `3` is a result, not a fault of the command: \
                  frames failed, values differ, or a limit of `compare --fail-if` was exceeded.";
-    let help = stdout_of(&["--help"]);
-    let lines = help.lines().skip_while(|line| *line != "Exit codes:").skip(1).map(str::trim);
-    let mut rows: Vec<String> = Vec::new();
-    for line in lines.take_while(|line| !line.is_empty()) {
-        match (line.split_once(' '), rows.last_mut()) {
-            (Some((code, meaning)), _) if code.parse::<u8>().is_ok() => {
-                rows.push(format!("| {code} | {}", meaning.trim()));
-            }
-            // A long meaning continues on the next line.
-            (_, Some(row)) => row.push_str(&format!(" {line}")),
-            (_, None) => {}
-        }
-    }
+    let rows: Vec<String> =
+        ExitCode::ALL.iter().map(|(code, meaning)| format!("| {} | {meaning}", *code as u8)).collect();
     let head = head("Exit codes", about);
     format!("{head}\n| code | meaning |\n|---|---|\n{} |\n", rows.join(" |\n"))
 }
@@ -216,7 +207,7 @@ fn capital(text: &str) -> String {
 
 fn outputs() -> String {
     let about = "With `--json`, a command prints one object, which begins with `format: { name, version }`. The version increases if a key is removed or changes its \
-                 meaning; additional keys do not change it. Each section links the JSON Schema, which `depthloom schema --output NAME` prints. If the exit code is not 0, \
+                 meaning; additional keys do not change it. Each section links the JSON Schema, which `depthloom schema --of NAME` prints. If the exit code is not 0, \
                  the object contains `error`.";
     let mut text = head("JSON outputs", about);
     let files = std::fs::read_dir(workspace().join("docs/schemas")).expect("schemas");
@@ -224,7 +215,7 @@ fn outputs() -> String {
         files.map(|file| file.expect("a file").path().file_stem().expect("its name").display().to_string()).collect();
     names.sort();
     for name in names {
-        let schema = json(&["schema", "--output", &name]);
+        let schema = json(&["schema", "--of", &name]);
         let about = schema["description"].as_str().unwrap_or_default();
         let _ = write!(text, "\n## {name}\n\n{about} [Schema](../schemas/{name}.json).\n");
         keys(&mut text, &schema);

@@ -138,7 +138,7 @@ fn fails(peer: &Peer, mode: &str, expected: &str, frame: &str) -> Result<(), Str
     if !remaining.is_empty() {
         return Err(format!("{remaining:?} still run"));
     }
-    let info = depthloom().arg("info").arg(&out).output().map_err(|error| error.to_string())?;
+    let info = depthloom().arg("inspect").arg(&out).output().map_err(|error| error.to_string())?;
     if !info.status.success() {
         return Err(format!("its recording cannot be read: {}", output_of(&info)));
     }

@@ -136,7 +136,7 @@ depthloom.serve(Node)
     assert_eq!(output.status.code(), Some(3), "{}", output_of(&output));
     let table = crate::support::read_csv(&programs.path("runs/sizes/table.csv"));
     assert_eq!(table[0]["frames"], "2", "{table:?}");
-    succeed(depthloom().arg("samples").arg(programs.path("runs/sizes")));
+    succeed(depthloom().args(["analyse", "--samples-only"]).arg(programs.path("runs/sizes")));
 }
 
 #[test]

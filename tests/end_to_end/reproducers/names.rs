@@ -40,7 +40,7 @@ fn data_in_a_folder_without_a_utf8_name_is_described_or_refused() {
     let case = Case::new();
     let folder = case.path("").join(OsStr::from_bytes(b"caf\xe9"));
     fs::create_dir(&folder).expect("made");
-    for arguments in [&["data"][..], &["data", "--json"]] {
+    for arguments in [&["inspect"][..], &["inspect", "--json"]] {
         let output = case.depthloom(arguments).arg(&folder).output().expect("the program starts");
         let code = output.status.code().expect("it ends by itself");
         assert!((1..=3).contains(&code), "{arguments:?}: {code} {}", stderr_of(&output));

@@ -45,7 +45,7 @@ function times() {
     rows.sort((a, b) => b.cpu_ms - a.cpu_ms);
     const most = rows[0].cpu_ms || 1, SHOWN = 300;
     body.append(
-      el("p", { className: "quiet" }, `Processor time of all threads, longest first; what was taken from earlier runs has none.${rows.length > SHOWN ? ` The first ${SHOWN} of ${rows.length}; \`depthloom timings\` has all.` : ""}`),
+      el("p", { className: "quiet" }, `Processor time of all threads, longest first; what was taken from earlier runs has none.${rows.length > SHOWN ? ` The first ${SHOWN} of ${rows.length}; \`depthloom runs timings\` has all.` : ""}`),
       grid([["stage", true], ["variant", true], ["node", true], ["phase", true], ["times"], ["core-ms each"], ["median"], ["core-s in all"], ["share"], [""]], rows.slice(0, SHOWN).map((row) => el("tr", {},
         [row.stage, row.variant ?? "", row.node, row.phase].map((text) => el("td", { className: "text", title: text }, text)),
         [row.frames.toLocaleString("en"), short(row.ms, 3), row.median_ms === null ? "–" : short(row.median_ms, 3), short(row.cpu_ms / 1000, 3), `${((100 * row.cpu_ms) / whole).toFixed(1)} %`].map((text) => el("td", {}, text)),
@@ -65,7 +65,7 @@ function again() {
   if (command) body.append(el("p", {}, "The command that made it:"), el("pre", { id: "command" }, command.map(quoted).join(" ")));
   body.append(
     el("p", {}, "From its own folder, with every parameter as it was:"), el("pre", {}, "depthloom run experiment.resolved.yaml"),
-    el("p", {}, "It is the same run if the plan's key is the same, and the same values where the keys of nodes are (", el("code", {}, "depthloom info --keys RUN"), "; ", el("code", {}, "depthloom replay RUN --check"), " makes them again and compares)."),
+    el("p", {}, "It is the same run if the plan's key is the same, and the same values where the keys of nodes are (", el("code", {}, "depthloom inspect --keys RUN"), "; ", el("code", {}, "depthloom verify RUN --verify-bytes"), " makes them again and compares)."),
     terms([["key of the plan", el("code", {}, K.plan)], ["depthloom", D.environment?.depthloom ?? null]]));
   const parameters = (of) => el("td", { className: "text wraps" }, Object.entries(of.params ?? {}).map(([name, value]) => `${name}: ${typeof value === "string" ? value : JSON.stringify(value)}`).join(", "));
   body.append(

@@ -11,7 +11,7 @@ use super::all_in;
 use crate::args::RunsArgs;
 use crate::output;
 
-/// Of `runs`: the runs in a folder, newest first.
+/// Output of `runs`: the runs in a folder, newest first.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct RunsList {
     folder: String,
@@ -22,11 +22,11 @@ pub(super) fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
     let runs = all_in(args)?;
     let glances: Vec<Glance> = runs.iter().rev().map(Glance::at).collect();
     if args.json {
-        output::print(&RunsList { folder: args.folder.to_string_lossy().into_owned(), runs: glances })?;
+        output::print(&RunsList { folder: args.folder.path().to_string_lossy().into_owned(), runs: glances })?;
         return Ok(ExitCode::Success);
     }
     if runs.is_empty() {
-        say(format_args!("no runs in {}", args.folder.display()));
+        say(format_args!("no runs in {}", args.folder.path().display()));
         return Ok(ExitCode::Success);
     }
     let head = ["run", "time (UTC)", "experiment", "variants", "frames", "size", "state", "best score"];

@@ -18,14 +18,14 @@ use depthloom_terminal::{CliError, ExitCode, print, size};
 /// How much of an experiment is read, bytes: none is larger.
 const LARGEST: u64 = 64 << 20;
 
-/// Of `runs prune`: what was removed, or would be.
+/// Output of `runs prune`: what was removed, or would be.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct RunsPrune {
     dry_run: bool,
-    /// How many runs were looked at.
+    /// The number of runs that the rules were applied to.
     runs: u64,
-    /// What the rules chose and was kept.
-    kept: Vec<Kept>,
+    /// Runs that the rules selected, but that were kept.
+    kept: Vec<KeptRun>,
     removed: Vec<Removed>,
     bytes: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -34,14 +34,14 @@ pub(crate) struct RunsPrune {
 
 /// A run that was kept, and why.
 #[derive(JsonSchema, Serialize)]
-pub(super) struct Kept {
+pub(super) struct KeptRun {
     path: String,
     why: String,
 }
 
-/// Removes what the rules choose, and says what was kept though they chose it.
+/// Removes the runs that the rules select, and reports those that were kept nevertheless.
 pub(super) fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliError> {
-    let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::of).collect();
+    let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::new).collect();
     let chosen = chosen(&runs, rules, Utc::now());
     let (chosen, mut kept) = without_those_that_are_read(&runs, &chosen);
     let selected = || runs.iter().filter(|run| run.is_of(rules));
@@ -50,7 +50,7 @@ pub(super) fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliE
         match Removal::prepare(&run.found.path) {
             Ok(removal) if rules.dry_run => removed.add("would remove", removal.folder(), run.bytes, args.json)?,
             Ok(removal) => removed.remove(removal, args.json)?,
-            // Begun in the meantime, or not ours to remove.
+            // The run was started in the meantime, or the folder has files of others.
             Err(stop) => kept.push((run, stop.message.what)),
         }
     }
@@ -61,13 +61,13 @@ pub(super) fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliE
         let all = selected().map(|run| run.bytes).sum();
         let verb = if rules.dry_run { "would remove" } else { "removed" };
         let (gone, bytes) = removed.sum();
-        let of = counted(selected().count(), "run");
-        print(format!("{verb} {gone} of {of}, {} of {}\n", size(bytes), size(all)))?;
+        let runs = counted(selected().count(), "run");
+        print(format!("{verb} {gone} of {runs}, {} of {}\n", size(bytes), size(all)))?;
     }
     let path = |run: &Run| run.found.path.to_string_lossy().into_owned();
-    let kept = kept.into_iter().map(|(run, why)| Kept { path: path(run), why }).collect();
+    let kept = kept.into_iter().map(|(run, why)| KeptRun { path: path(run), why }).collect();
     let (dry_run, runs) = (rules.dry_run, selected().count() as u64);
-    removed.tell(args, |removed, bytes, error| RunsPrune { dry_run, runs, kept, removed, bytes, error })
+    removed.finish(args, |removed, bytes, error| RunsPrune { dry_run, runs, kept, removed, bytes, error })
 }
 
 /// A run, and what rules ask of it.
@@ -80,7 +80,7 @@ struct Run {
 }
 
 impl Run {
-    fn of(found: FoundRun) -> Self {
+    fn new(found: FoundRun) -> Self {
         let Glance { state, experiment, bytes, .. } = Glance::at(&found);
         Self { found, state, experiment, bytes }
     }
@@ -90,12 +90,12 @@ impl Run {
     }
 }
 
-/// The runs that rules choose, by place, of runs that are sorted oldest first.
+/// The indices of the runs that the rules select. The runs are sorted, oldest first.
 fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
     let mut left: BTreeMap<&Option<String>, usize> = BTreeMap::new();
     let mut is_kept = vec![false; runs.len()];
-    // Of other experiments all stay.
-    let is_asked = |run: &Run| run.is_of(rules);
+    // Runs of other experiments are kept.
+    let is_selected = |run: &Run| run.is_of(rules);
     for (place, run) in runs.iter().enumerate().rev().filter(|(_, run)| run.state == State::Whole) {
         let left = left.entry(&run.experiment).or_insert(rules.keep.unwrap_or(0));
         is_kept[place] = *left > 0;
@@ -108,11 +108,11 @@ fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
             || (rules.unfinished && run.state == State::Unfinished)
             || (by_number_alone && run.state == State::Whole)
     };
-    let may_go = |place: usize| !is_kept[place] && runs[place].state != State::Running && is_asked(&runs[place]);
+    let may_go = |place: usize| !is_kept[place] && runs[place].state != State::Running && is_selected(&runs[place]);
     let mut chosen: Vec<bool> = (0..runs.len()).map(|place| may_go(place) && is_chosen(&runs[place])).collect();
     if let Some(most) = rules.max_size {
         let stays = |chosen: &[bool]| -> u64 {
-            let stay = runs.iter().zip(chosen).filter(|(run, goes)| !**goes && is_asked(run));
+            let stay = runs.iter().zip(chosen).filter(|(run, goes)| !**goes && is_selected(run));
             stay.map(|(run, _)| run.bytes).sum()
         };
         for place in 0..runs.len() {
@@ -125,13 +125,13 @@ fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
     (0..runs.len()).filter(|&place| chosen[place]).collect()
 }
 
-/// Leaves out what a run that stays reads: a model of it, its recording, its experiment. And why.
+/// Keeps runs whose model, recording or experiment another kept run reads, with the reason.
 fn without_those_that_are_read<'a>(runs: &'a [Run], chosen: &[usize]) -> (Vec<usize>, Vec<(&'a Run, String)>) {
     let (mut chosen, mut kept) = (chosen.to_vec(), Vec::new());
-    let reads: Vec<Reads> = runs.iter().map(|run| Reads::of(&run.found.path)).collect();
+    let reads: Vec<Reads> = runs.iter().map(|run| Reads::new(&run.found.path)).collect();
     loop {
         let stay: Vec<usize> = (0..runs.len()).filter(|place| !chosen.contains(place)).collect();
-        let reader = |place: usize| stay.iter().find(|&&stays| reads[stays].lies_in(&runs[place].found.path));
+        let reader = |place: usize| stay.iter().find(|&&stays| reads[stays].is_in(&runs[place].found.path));
         let Some((at, reader)) = chosen.iter().enumerate().find_map(|(at, &place)| Some((at, *reader(place)?))) else {
             return (chosen, kept);
         };
@@ -140,23 +140,22 @@ fn without_those_that_are_read<'a>(runs: &'a [Run], chosen: &[usize]) -> (Vec<us
 }
 
 struct Reads {
-    /// Its experiment, in which every path leads to its file from anywhere; but what a variable stands for is not in
-    /// it.
+    /// The resolved experiment with absolute paths. The values of environment variables are not in it.
     resolved: String,
-    /// Where the files lay, when it ran; one that an earlier version made does not say.
+    /// The files that it read; empty if an earlier version made the run.
     files: Vec<PathBuf>,
 }
 
 impl Reads {
-    fn of(run: &Path) -> Self {
+    fn new(run: &Path) -> Self {
         let resolved = regular_file::read(&run.join("experiment.resolved.yaml"), LARGEST).unwrap_or_default();
         let files = environment::read(run)["reads"].as_array().cloned().unwrap_or_default();
         let files = files.iter().filter_map(|file| file.as_str()).map(PathBuf::from).collect();
         Self { resolved: String::from_utf8_lossy(&resolved).into_owned(), files }
     }
 
-    /// Whether anything of it lies in a folder.
-    fn lies_in(&self, folder: &Path) -> bool {
+    /// Whether one of the files is in a folder.
+    fn is_in(&self, folder: &Path) -> bool {
         let Ok(folder) = folder.canonicalize() else { return false };
         self.files.iter().any(|file| file.starts_with(&folder)) || names(&self.resolved, &folder)
     }
@@ -180,7 +179,7 @@ mod tests {
 
     const DAY: Duration = Duration::from_secs(86_400);
 
-    /// A run of so many days ago, of so many bytes.
+    /// A run with this age and size.
     fn run(experiment: &str, days: i64, bytes: u64, state: State) -> Run {
         let time = DateTime::<Utc>::UNIX_EPOCH - TimeDelta::days(days);
         let found = FoundRun { name: format!("{experiment}/{days}"), path: PathBuf::new(), time };
@@ -230,14 +229,14 @@ mod tests {
     #[test]
     fn the_oldest_go_until_the_rest_fits() {
         let runs = some();
-        let of = |most: u64| PruneArgs { max_size: Some(most), ..rules() };
-        assert_eq!(names_of(&runs, &of(70)), [""; 0]);
-        assert_eq!(names_of(&runs, &of(69)), ["a/9"]);
-        assert_eq!(names_of(&runs, &of(45)), ["a/9", "b/8", "a/7"]);
-        assert_eq!(names_of(&runs, &PruneArgs { keep: Some(1), ..of(45) }), ["a/9", "a/7", "a/5"]);
-        assert_eq!(names_of(&runs, &of(0)).len(), 6, "one runs");
+        let limited = |most: u64| PruneArgs { max_size: Some(most), ..rules() };
+        assert_eq!(names_of(&runs, &limited(70)), [""; 0]);
+        assert_eq!(names_of(&runs, &limited(69)), ["a/9"]);
+        assert_eq!(names_of(&runs, &limited(45)), ["a/9", "b/8", "a/7"]);
+        assert_eq!(names_of(&runs, &PruneArgs { keep: Some(1), ..limited(45) }), ["a/9", "a/7", "a/5"]);
+        assert_eq!(names_of(&runs, &limited(0)).len(), 6, "one runs");
         // Of one experiment alone, no other counts.
-        let of_b = |most: u64| PruneArgs { experiment: Some("b".to_owned()), ..of(most) };
+        let of_b = |most: u64| PruneArgs { experiment: Some("b".to_owned()), ..limited(most) };
         assert_eq!(names_of(&runs, &of_b(10)), [""; 0]);
         assert_eq!(names_of(&runs, &of_b(9)), ["b/8"]);
     }

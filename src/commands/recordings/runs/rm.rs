@@ -11,7 +11,7 @@ use super::{Removed, RemovedRuns};
 use crate::args::{RmArgs, RunsArgs};
 use crate::output::diagnostics::Error;
 
-/// Of `runs rm`: what was removed.
+/// Output of `runs rm`: the runs that were removed.
 #[derive(Default, JsonSchema, Serialize)]
 pub(crate) struct RunsRm {
     removed: Vec<Removed>,
@@ -22,23 +22,24 @@ pub(crate) struct RunsRm {
 
 /// Removes the runs that are named: all of them, or none if one may not be removed.
 pub(super) fn rm(args: &RunsArgs, named: &RmArgs) -> Result<ExitCode, CliError> {
-    // Without this, names would be those of the current directory.
-    if args.folder != Path::new(depthloom_runs::FOLDER) && !args.folder.is_dir() {
-        let what = format!("--in {}: there is no such folder", args.folder.display());
+    let folder_of_runs = args.folder.path();
+    // Without this check, names would be looked up in the current directory.
+    if folder_of_runs != Path::new(depthloom_runs::FOLDER) && !folder_of_runs.is_dir() {
+        let what = format!("--runs {}: there is no such folder", folder_of_runs.display());
         return Err(CliError::usage(what, "name the folder that holds the runs"));
     }
     let mut removals: Vec<Removal> = Vec::new();
     for run in &named.runs {
-        let folder = named_in_full(run, &args.folder)?;
+        let folder = named_in_full(run, &folder_of_runs)?;
         // A run may be named twice.
-        let is_taken = |removal: &Removal| same(removal.folder(), &folder);
-        if !removals.iter().any(is_taken) {
+        let is_listed = |removal: &Removal| same(removal.folder(), &folder);
+        if !removals.iter().any(is_listed) {
             removals.push(Removal::prepare(&folder)?);
         }
     }
     let mut done = RemovedRuns::default();
     removals.into_iter().try_for_each(|removal| done.remove(removal, args.json))?;
-    done.tell(args, |removed, bytes, error| RunsRm { removed, bytes, error })
+    done.finish(args, |removed, bytes, error| RunsRm { removed, bytes, error })
 }
 
 fn same(one: &Path, other: &Path) -> bool {

@@ -1,4 +1,4 @@
-//! `depthloom runs show`: a run at length.
+//! `depthloom runs show`: the details of a run.
 
 use depthloom_analysis::variant_of;
 use depthloom_graphs::plan::RunId;
@@ -15,7 +15,7 @@ use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 
 const NAMED: usize = 12;
 
-/// Of `runs show`: a run.
+/// Output of `runs show`: a run.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct RunsShow {
     name: String,
@@ -34,7 +34,7 @@ pub(crate) struct RunsShow {
     warning: Option<String>,
     about: Option<String>,
     stages: Vec<Stage>,
-    /// What `environment.json` says; null where it says nothing.
+    /// The content of `environment.json`; null if the file is missing.
     environment: Json,
     files: Vec<File>,
 }
@@ -46,22 +46,23 @@ pub(super) struct Stage {
     #[serde(skip)]
     name: String,
     stage: String,
-    /// Where variants have sources of their own, the first of this one.
+    /// If variants have their own sources, the first variant of this one.
     variant: Option<String>,
     frames: u64,
     source: String,
     source_kinds: Vec<String>,
     nodes: u64,
-    /// The nodes that learnt a model.
+    /// The nodes that trained a model.
     models: Vec<String>,
 }
 
-/// Prints what a run is of, what became of it, and what lies in its folder.
+/// Prints the experiment of a run, its state and its files.
 pub(super) fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliError> {
-    let path = named(&show.run, &args.folder)?;
-    let run = FoundRun::at(&path, &args.folder)?;
+    let folder = args.folder.path();
+    let path = named(&show.run, &folder)?;
+    let run = FoundRun::at(&path, &folder)?;
     let glance = Glance::at(&run);
-    // What another process writes at this moment is not read, and of what cannot be read the glance says why.
+    // A recording that another process is writing is not read. If one cannot be read, the glance has the reason.
     let recording = (glance.state != State::Running).then(|| Recording::open(path.join(RECORDING)).ok()).flatten();
     let environment = environment::read(&path);
     let files = files_in(&path);
@@ -168,10 +169,10 @@ impl Stage {
     fn text(&self) -> String {
         let (frames, nodes) = (counted(self.frames, "frame"), counted(self.nodes, "node"));
         let (source, kinds) = (&self.source, self.source_kinds.join(", then "));
-        let learnt = match self.models.as_slice() {
+        let trained = match self.models.as_slice() {
             [] => String::new(),
-            models => format!("; learnt {}", models.join(", ")),
+            models => format!("; trained {}", models.join(", ")),
         };
-        format!("{}: {frames} of {source} ({kinds}), {nodes}{learnt}", self.name)
+        format!("{}: {frames} of {source} ({kinds}), {nodes}{trained}", self.name)
     }
 }

@@ -1,23 +1,21 @@
-//! `depthloom timings`: where a run's time went.
-
-use std::path::Path;
+//! `depthloom runs timings`: where a run spent its time.
 
 use depthloom_analysis::{AnalysisError, RowKey};
-use depthloom_runs::{FOLDER, TIMINGS, named, partial_with, remedy_of_partial};
+use depthloom_runs::{TIMINGS, named, partial_with, remedy_of_partial};
 use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::args::TimingsArgs;
+use crate::args::{RunsArgs, TimingsArgs};
 use crate::output;
 
-/// Of `timings`: where a run's time went.
+/// Output of `runs timings`: where a run spent its time.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Timings {
     timings: Vec<Timing>,
 }
 
-/// What a part of a run cost.
+/// The cost of a part of a run.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Timing {
     stage: String,
@@ -33,17 +31,17 @@ pub(crate) struct Timing {
 }
 
 /// Prints core-milliseconds per frame by node, encoding, compression and writing.
-pub(crate) fn timings(args: &TimingsArgs) -> Result<ExitCode, CliError> {
-    let run = named(&args.run, Path::new(FOLDER))?;
+pub(super) fn timings(args: &RunsArgs, command: &TimingsArgs) -> Result<ExitCode, CliError> {
+    let run = named(&command.run, &args.folder.path())?;
     let path = run.join(TIMINGS);
     let failed = |error: AnalysisError| {
         let stop = CliError::because(ExitCode::Usage, "failed to show the timings", &error);
         match partial_with(&run, TIMINGS).filter(|_| !run.exists()) {
-            Some(partial) => stop.remedy(remedy_of_partial(&partial, "timings")),
-            None => stop.remedy("name the folder of a run"),
+            Some(partial) => stop.remedy(remedy_of_partial(&partial, "runs timings")),
+            None => stop.remedy("name the folder of a run, or a run that `depthloom runs` lists"),
         }
     };
-    if args.output.json {
+    if args.json {
         let timings = depthloom_analysis::read_timings(&path).map_err(failed)?;
         output::print(&Timings { timings: timings.into_iter().map(Timing::new).collect() })?;
     } else {

@@ -18,7 +18,7 @@ pub(super) struct Seen {
     calibrations_differ: bool,
     /// Whether the frames are made of files, and none of these is a calibration.
     pub calibration_is_assumed: bool,
-    /// By port, of true depths and disparities.
+    /// Ground truth by port: depths and disparities.
     truths: BTreeMap<&'static str, SeenTruth>,
 }
 
@@ -171,7 +171,7 @@ pub(super) struct Calibration {
     baseline_m: f64,
     doffs_px: f64,
     same_for_all: bool,
-    /// Whether it is no measured one.
+    /// Whether it was assumed, not read from a file.
     assumed: bool,
 }
 

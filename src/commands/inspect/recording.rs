@@ -1,33 +1,37 @@
-//! `depthloom info`: what a recording holds, and what each topic takes.
+//! `depthloom inspect` of a recording: its topics with their sizes, and whether it is complete.
 
 use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use depthloom_analysis::{StageFrames, variant_of};
 use depthloom_graphs::contracts::{Slot, SlotKey};
 use depthloom_graphs::{Key, counted};
 use depthloom_recording::{Condition, Damage as RecordedDamage, Recording, TopicSize};
-use depthloom_runs::{open, read_failed, recording_of};
+use depthloom_runs::{open, read_failed};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::args::InfoArgs;
+use super::Subject;
+use crate::args::InspectArgs;
 use crate::output;
 use crate::output::diagnostics::Error;
 use crate::signals;
 
-/// Of a key as many digits as tell it from others.
+/// The digits of a key that are printed.
 const KEY_DIGITS: usize = 12;
 
-/// Of `info`: what a recording holds.
+/// Output of `inspect` for a recording or run.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Info {
+    /// The kind of thing that was inspected: `recording`.
+    subject: Subject,
     file: String,
     bytes: u64,
     /// `whole`, `unfinished`, `recovered` or `damaged`.
     condition: &'static str,
-    /// What is wrong, in words.
+    /// What is wrong; null if nothing is.
     what: Option<String>,
     /// Whether every byte was checked.
     checked: bool,
@@ -37,9 +41,9 @@ pub(crate) struct Info {
     topics: Vec<Topic>,
     attachments: Vec<Attachment>,
     damage: Vec<Damage>,
-    /// With `--keys`.
+    /// Only with `--keys`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    keys: Option<Vec<KeyOf>>,
+    keys: Option<Vec<ValueKey>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Error>,
 }
@@ -48,7 +52,7 @@ pub(crate) struct Info {
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Topic {
     topic: String,
-    // Of a planned port its type, of other topics what they are for.
+    /// The type of the port's values; for other topics, their purpose.
     #[serde(rename = "type")]
     carries: String,
     schema: String,
@@ -57,7 +61,7 @@ pub(crate) struct Topic {
     stored_bytes: u64,
     /// How many different keys its values have.
     keys: u64,
-    // Of the node whose output it is.
+    /// The hash of the node that outputs it; null for other topics.
     recipe: Option<String>,
 }
 
@@ -70,7 +74,7 @@ pub(crate) struct Attachment {
     bytes: u64,
 }
 
-/// Bytes that are not what was written.
+/// A damaged part of the file.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Damage {
     offset: u64,
@@ -80,28 +84,27 @@ pub(crate) struct Damage {
 
 /// The key of a value.
 #[derive(JsonSchema, Serialize)]
-pub(crate) struct KeyOf {
+pub(crate) struct ValueKey {
     /// The name of its stage run.
     #[serde(skip)]
     run: String,
     stage: String,
     /// Null where all variants share the node; of several, the first.
     variant: Option<String>,
-    /// Null of what is one a stage.
+    /// Null for a value that exists once per stage.
     frame: Option<String>,
     node: String,
     key: String,
 }
 
 /// Prints topics with their messages, sizes and keys, attachments, and whether the recording is whole.
-pub(crate) fn info(args: &InfoArgs) -> Result<ExitCode, CliError> {
-    let path = recording_of(&args.run, "info")?;
+pub(super) fn inspect(args: &InspectArgs, path: &Path) -> Result<ExitCode, CliError> {
     let interrupt = signals::listen("stopping")?;
-    let recording = open(&path)?;
+    let recording = open(path)?;
     let stop = || interrupt.stops_admission();
     let sizes = recording.topic_sizes(&stop);
     let sizes = sizes.map_err(|error| read_failed("failed to read the recording", &error))?;
-    let damage = if args.check { recording.damage(&stop) } else { Vec::new() };
+    let damage = if args.verify_bytes { recording.damage(&stop) } else { Vec::new() };
     if stop() {
         return Err(CliError::new(ExitCode::Interrupted, "interrupted while reading"));
     }
@@ -117,7 +120,7 @@ pub(crate) fn info(args: &InfoArgs) -> Result<ExitCode, CliError> {
     Ok(faulty.map_or(ExitCode::Success, |stop| stop.exit))
 }
 
-/// The topics in the order of the plan, then those that are no port's.
+/// The topics of ports in the order of the plan, then the others.
 fn topics(recording: &Recording, sizes: Vec<TopicSize>) -> Vec<Topic> {
     let plan = recording.plan();
     let mut sizes: BTreeMap<String, TopicSize> = sizes.into_iter().map(|size| (size.topic.clone(), size)).collect();
@@ -130,18 +133,18 @@ fn topics(recording: &Recording, sizes: Vec<TopicSize>) -> Vec<Topic> {
                 Slot::Node { node, .. } => Some(plan.runs[run].nodes[node].recipe),
             };
             let keys = keys_of(recording, run, slot).map(|(_, key)| key).collect::<BTreeSet<Key>>().len();
-            topics.push(Topic::of(size, &output.value_type, keys as u64, recipe));
+            topics.push(Topic::new(size, &output.value_type, keys as u64, recipe));
         }
     }
     topics.extend(sizes.into_values().map(|size| {
-        let carries = if size.topic.ends_with("/commit") { "commit" } else { "for looking at" };
-        Topic::of(size, carries, 0, None)
+        let carries = if size.topic.ends_with("/commit") { "commit" } else { "for viewers" };
+        Topic::new(size, carries, 0, None)
     }));
     topics
 }
 
 impl Topic {
-    fn of(size: TopicSize, carries: &str, keys: u64, recipe: Option<Key>) -> Self {
+    fn new(size: TopicSize, carries: &str, keys: u64, recipe: Option<Key>) -> Self {
         let TopicSize { topic, schema, messages, raw_bytes, stored_bytes } = size;
         let recipe = recipe.map(|recipe| recipe.to_string());
         Self { topic, carries: carries.to_owned(), schema, messages, raw_bytes, stored_bytes, keys, recipe }
@@ -150,7 +153,7 @@ impl Topic {
 
 /// The frames' positions and keys of a port's values.
 fn keys_of(recording: &Recording, run: RunId, slot: Slot) -> impl Iterator<Item = (FrameIndex, Key)> {
-    let of_once = recording.aggregate_values().iter().filter(move |once| match slot {
+    let aggregates = recording.aggregate_values().iter().filter(move |once| match slot {
         Slot::Source { .. } => false,
         Slot::Node { node, port } => (once.run, once.node, once.port) == (run, node, port),
     });
@@ -161,20 +164,20 @@ fn keys_of(recording: &Recording, run: RunId, slot: Slot) -> impl Iterator<Item 
         };
         key.map(|key| (position, key))
     });
-    frames.chain(of_once.map(|once| (FrameIndex(0), once.key)))
+    frames.chain(aggregates.map(|once| (FrameIndex(0), once.key)))
 }
 
-fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args: &InfoArgs) -> String {
+fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args: &InspectArgs) -> String {
     let plan = recording.plan();
-    let condition = match (recording.condition(), args.check) {
-        (Condition::Whole, false) => "whole by its summary; --check reads every byte".to_owned(),
-        (Condition::Whole, true) if damage.is_empty() => "whole, every byte of it".to_owned(),
+    let condition = match (recording.condition(), args.verify_bytes) {
+        (Condition::Whole, false) => "complete according to its summary; --verify-bytes reads every byte".to_owned(),
+        (Condition::Whole, true) if damage.is_empty() => "complete, every byte verified".to_owned(),
         (Condition::Whole, true) => format!("damaged in {}", counted(damage.len(), "place")),
         (condition, _) => condition.to_string(),
     };
     let mut text = format!("{}: {condition}\n", recording.path().display());
     for RecordedDamage { offset, bytes, content } in damage {
-        text += &format!("damaged in the {bytes} bytes from byte {offset} on: it held {content}\n");
+        text += &format!("damaged: {bytes} bytes from byte {offset}, which held {content}\n");
     }
     let stages = RunId::enumerate(&plan.runs)
         .map(|(run, planned)| format!("{} {}", planned.name(), counted(recording.frames(run).len(), "frame")));
@@ -195,9 +198,8 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
     let attachments = recording.attachments();
     let attached: u64 = attachments.iter().map(|attachment| attachment.size).sum();
     text += &format!("\n{}, {}\n", counted(attachments.len(), "attachment"), size(attached));
-    let of_attachments =
-        attachments.iter().map(|entry| [entry.name.clone(), entry.media_type.clone(), size(entry.size)]);
-    text += &aligned(&of_attachments.map(|row| row.map(|cell| format!("  {cell}"))).collect::<Vec<_>>(), &[2]);
+    let rows = attachments.iter().map(|entry| [entry.name.clone(), entry.media_type.clone(), size(entry.size)]);
+    text += &aligned(&rows.map(|row| row.map(|cell| format!("  {cell}"))).collect::<Vec<_>>(), &[2]);
     let other = recording.file_bytes().saturating_sub(all.stored_bytes + attached);
     text += &format!(
         "\n{} in all, {} of it indexes, checksums and descriptions\n",
@@ -245,9 +247,9 @@ fn total(topics: &[Topic]) -> Topic {
 }
 
 /// The keys of all values: of sources and nodes by frame, then of aggregates.
-fn all_keys(recording: &Recording) -> Vec<KeyOf> {
+fn all_keys(recording: &Recording) -> Vec<ValueKey> {
     let plan = recording.plan();
-    let entry = |run: RunId, variants: &[VariantId], frame: Option<&str>, node: &str, key: Key| KeyOf {
+    let entry = |run: RunId, variants: &[VariantId], frame: Option<&str>, node: &str, key: Key| ValueKey {
         run: plan.runs[run].name().to_owned(),
         stage: plan.runs[run].stage.clone(),
         variant: variant_of(plan, variants).map(str::to_owned),
@@ -273,7 +275,7 @@ fn all_keys(recording: &Recording) -> Vec<KeyOf> {
     keys
 }
 
-fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], args: &InfoArgs) -> Info {
+fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], args: &InspectArgs) -> Info {
     let plan = recording.plan();
     let is_whole = *recording.condition() == Condition::Whole;
     let attachments = recording.attachments().iter().map(|entry| Attachment {
@@ -284,11 +286,12 @@ fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], 
     let place =
         |entry: &RecordedDamage| Damage { offset: entry.offset, bytes: entry.bytes, held: entry.content.to_string() };
     Info {
+        subject: Subject::Recording,
         file: recording.path().to_string_lossy().into_owned(),
         bytes: recording.file_bytes(),
         condition: if damage.is_empty() { recording.condition().name() } else { "damaged" },
         what: (!is_whole).then(|| recording.condition().to_string()),
-        checked: args.check || !is_whole,
+        checked: args.verify_bytes || !is_whole,
         experiment: plan.experiment.clone(),
         variants: plan.variants.clone(),
         stages: StageFrames::of(recording),

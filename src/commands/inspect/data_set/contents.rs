@@ -1,4 +1,4 @@
-//! What lies in a folder that no kind knows.
+//! The files of a folder that no kind of source recognises.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

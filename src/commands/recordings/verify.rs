@@ -1,4 +1,4 @@
-//! `depthloom replay`: nodes made again from a recording, and compared with it.
+//! `depthloom verify`: recomputes nodes from a recording and compares the values with it.
 
 use std::sync::Arc;
 
@@ -6,27 +6,27 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
 use depthloom_recording::Recording;
 use depthloom_runner::{Options, run};
-use depthloom_runs::{open, recording_of, run_failed};
+use depthloom_runs::{open, run_failed};
 use depthloom_terminal::{CliError, ExitCode, print, say};
 use depthloom_verify::{Checker, ComparedNode, OtherNode, Outcome, Report, SHOWN, Tolerances, Unchecked, node_name};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::allow_exec;
-use crate::args::ReplayArgs;
+use crate::args::VerifyArgs;
 use crate::output;
 use crate::output::diagnostics::Error;
 use crate::output::progress::Progress;
 use crate::signals;
 
-/// Of `replay`: whether nodes make again what was recorded.
+/// Output of `verify`: whether recomputed values equal the recorded ones.
 #[derive(JsonSchema, Serialize)]
-pub(crate) struct Replay {
+pub(crate) struct Verify {
     run: String,
-    /// The nodes that were named.
-    asked: Vec<String>,
+    /// The nodes that were named on the command line.
+    requested: Vec<String>,
     equal: bool,
-    /// Of how many frames values were kept.
+    /// Values of one in this many frames were recorded.
     every: u64,
     nodes: Vec<ComparedNode>,
     not_compared: Vec<OtherNode>,
@@ -36,10 +36,10 @@ pub(crate) struct Replay {
     error: Option<Error>,
 }
 
-/// Makes nodes again and says whether their values are those recorded.
-pub(crate) fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+/// Recomputes nodes and compares their values with the recorded ones.
+pub(crate) fn verify(args: &VerifyArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     allow_exec::decide(args.exec, None)?;
-    let path = recording_of(&args.run, "replay")?;
+    let path = args.run.recording("verify")?;
     let interrupt = signals::listen("stopping: nothing is written")?;
     let recording = Arc::new(open(&path)?);
     let mut replay = depthloom_verify::Replay::new(&recording, registry, &args.nodes)
@@ -53,7 +53,7 @@ pub(crate) fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode,
     let checker = Checker::new(Arc::clone(&recording), &mut replay, Tolerances::new(&args.tolerance));
     let report = run(replay.ready, &checker, &options, &progress, &interrupt).map_err(|error| run_failed(&error))?;
     if report.interrupted {
-        return Err(CliError::new(ExitCode::Interrupted, "interrupted: not all was compared"));
+        return Err(CliError::new(ExitCode::Interrupted, "interrupted: not all values were compared"));
     }
 
     let Outcome { checked, behind, failed, mut damage } = checker.finish();
@@ -62,9 +62,9 @@ pub(crate) fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode,
     let report = Report { recording: &recording, checked, unchecked, failed, damage };
     let verdict = report.verdict().map(|what| CliError::new(ExitCode::FrameFailures, what));
     if args.output.json {
-        output::print(&Replay {
+        output::print(&Verify {
             run: args.run.to_string_lossy().into_owned(),
-            asked: args.nodes.clone(),
+            requested: args.nodes.clone(),
             equal: report.is_equal(),
             every: recording.plan().every,
             nodes: report.compared(),
@@ -77,15 +77,15 @@ pub(crate) fn replay(args: &ReplayArgs, registry: &Registry) -> Result<ExitCode,
         print(report.text())?;
         report.damage.iter().take(SHOWN).for_each(|what| say(format_args!("damaged: {what}")));
     }
-    // What a damaged recording lost was not compared.
-    let of_condition = depthloom_runs::end([&*recording]);
-    Ok(verdict.map_or(of_condition, |stop| {
+    // Lost frames of a damaged recording were not compared.
+    let exit = depthloom_runs::end([&*recording]);
+    Ok(verdict.map_or(exit, |stop| {
         say(&stop);
         stop.exit
     }))
 }
 
-/// What is to be said where a pattern names no node.
+/// The error for a pattern that matches no node.
 fn unknown(recording: &Recording, pattern: &str) -> CliError {
     let runs = &recording.plan().runs;
     let names: Vec<String> = runs
@@ -100,9 +100,9 @@ fn unknown(recording: &Recording, pattern: &str) -> CliError {
     CliError::unknown(what, near, format!("its nodes are {}", nodes.join(", ")))
 }
 
-/// Refuses what would pass without a comparison: nothing at all to compare, or not what was asked for by name.
+/// Refuses a request that would compare nothing, or not every node that was named.
 fn refuse(
-    args: &ReplayArgs,
+    args: &VerifyArgs,
     recording: &Recording,
     replay: &depthloom_verify::Replay,
     unchecked: &[Unchecked],
@@ -110,7 +110,7 @@ fn refuse(
     let is_named = |node: &Unchecked| {
         let run = &recording.plan().runs[node.node.run];
         let name = &run.nodes[node.node.node].name;
-        args.nodes.iter().any(|of| of == name || *of == format!("{}.{name}", run.stage))
+        args.nodes.iter().any(|pattern| pattern == name || *pattern == format!("{}.{name}", run.stage))
     };
     let compares = replay.nodes.iter().flatten().any(|node| node.expected.iter().any(Option::is_some));
     let described = |node: &Unchecked| format!("`{}`: {}", node_name(recording, node.node), node.why);
@@ -120,10 +120,10 @@ fn refuse(
             Err(CliError::new(ExitCode::FrameFailures, format!("the recording is damaged: {}", described(node))))
         }
         Some(node) => Err(CliError::usage(
-            format!("cannot make again {}", described(node)),
-            "`record:` of the experiment says what is recorded; without names, the nodes that can be are compared",
+            format!("cannot recompute {}", described(node)),
+            "`record:` of the experiment selects what is recorded; without names, all nodes that can be recomputed are compared",
         )),
-        None if !compares => Err(CliError::new(ExitCode::Usage, "nothing is recorded that could be compared")),
+        None if !compares => Err(CliError::new(ExitCode::Usage, "the recording has no values that could be compared")),
         None => Ok(()),
     }
 }

@@ -1,7 +1,8 @@
-//! `depthloom onnx`: what an ONNX file takes, gives and costs, and the lines that put it into an experiment.
+//! `depthloom inspect` of an ONNX file: inputs, outputs, cost, and the `nodes:` entry for an experiment.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::path::Path;
 
 use depthloom_graphs::render::ByName;
 use depthloom_graphs::{Key, regular_file};
@@ -10,18 +11,21 @@ use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::args::OnnxArgs;
+use super::Subject;
+use crate::args::InspectArgs;
 use crate::output;
 
-/// The largest file that is looked at: ONNX's own limit.
+/// The largest file that is read: the limit of ONNX.
 const MOST_BYTES: u64 = 2 << 30;
 
-/// Of `onnx`: what an ONNX file takes, gives and costs.
+/// Output of `inspect` for an ONNX file.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Onnx {
+    /// The kind of thing that was inspected: `onnx`.
+    subject: Subject,
     file: String,
     bytes: u64,
-    /// The hash of its content, by which it enters keys.
+    /// The hash of its content, as it enters keys.
     hash: String,
     producer: String,
     ir_version: i64,
@@ -29,45 +33,48 @@ pub(crate) struct Onnx {
     inputs: Vec<Tensor>,
     outputs: Vec<Tensor>,
     metadata: ByName<String>,
-    /// How often each operator stands in it.
+    /// The number of uses of each operator.
     operators: BTreeMap<String, u64>,
-    /// Numbers in its weights.
+    /// The number of its parameters.
     parameters: u64,
-    /// The first file of weights that is not in its own.
+    /// The first external file of weights; null if the file has all weights.
     external: Option<String>,
-    /// Of one run with inputs of `counted_for`; `null` where they cannot be counted.
+    /// The multiply-adds of one inference on inputs of `counted_for`; null if they cannot be counted.
     multiply_adds: Option<u64>,
-    /// Why they cannot.
+    /// Why they cannot be counted.
     not_counted: Option<String>,
-    /// By input, the shape that multiply-adds are counted for.
+    /// The shape of each input that multiply-adds are counted for.
     counted_for: Vec<Vec<u64>>,
-    /// The kind that the stanza is of: `mono/onnx`, `stereo/onnx` or `onnx`; `null` if none runs the model.
+    /// The kind of the node in `stanza`: `mono/onnx`, `stereo/onnx` or `onnx`; null if no kind runs the model.
     kind: Option<String>,
-    /// YAML: the node, to put under `nodes:`; `null` if no kind runs the model.
+    /// YAML: the entry for `nodes:`; null if no kind runs the model.
     stanza: Option<String>,
-    /// Why no kind runs the model; `null` if one does.
+    /// Why no kind runs the model; null if one does.
     refusal: Option<String>,
 }
 
 /// An operator set.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Opset {
-    /// Empty of the standard one.
+    /// Empty for the standard operator set.
     domain: String,
     version: i64,
 }
 
-pub(crate) fn onnx(args: &OnnxArgs) -> Result<ExitCode, CliError> {
-    let file = &args.file;
+/// The image size that multiply-adds are counted for by default: columns, rows.
+const SIZE: (usize, usize) = (1248, 384);
+
+pub(super) fn inspect(args: &InspectArgs, file: &Path) -> Result<ExitCode, CliError> {
+    let size = args.size.unwrap_or(SIZE);
     let bytes = regular_file::read(file, MOST_BYTES)
         .map_err(|error| CliError::new(ExitCode::Usage, format!("failed to read {}: {error}", file.display())))?;
     let model = Description::read(&bytes).map_err(|what| {
         CliError::usage(
             format!("{}: {what}", file.display()),
-            "a model of PyTorch becomes one by `torch.onnx.export(network, example, \"net.onnx\")`",
+            "a PyTorch model is exported with `torch.onnx.export(network, example, \"net.onnx\")`",
         )
     })?;
-    let shapes: Vec<Vec<usize>> = model.inputs.iter().map(|input| onnx::closed_shape(input, args.size)).collect();
+    let shapes: Vec<Vec<usize>> = model.inputs.iter().map(|input| onnx::closed_shape(input, size)).collect();
     let cost = match &model.external {
         None => onnx::multiply_adds(&bytes, &shapes),
         Some(other) => Err(format!("its weights are in another file, `{other}`")),
@@ -77,6 +84,7 @@ pub(crate) fn onnx(args: &OnnxArgs) -> Result<ExitCode, CliError> {
     if args.output.json {
         let opset = |(domain, version): &(String, i64)| Opset { domain: domain.clone(), version: *version };
         output::print(&Onnx {
+            subject: Subject::Onnx,
             file: file.to_string_lossy().into_owned(),
             bytes: bytes.len() as u64,
             hash: hash.to_string(),
@@ -104,7 +112,7 @@ pub(crate) fn onnx(args: &OnnxArgs) -> Result<ExitCode, CliError> {
         .iter()
         .map(|(domain, version)| if domain.is_empty() { version.to_string() } else { format!("{domain} {version}") })
         .collect();
-    let producer = if model.producer.is_empty() { "a program that does not say so" } else { &model.producer };
+    let producer = if model.producer.is_empty() { "an unnamed program" } else { &model.producer };
     let _ = writeln!(text, "written by     {producer}, form {}, operator set {}", model.ir_version, opsets.join(", "));
     for (what, tensors) in [("input ", &model.inputs), ("output", &model.outputs)] {
         for tensor in tensors {
@@ -118,25 +126,25 @@ pub(crate) fn onnx(args: &OnnxArgs) -> Result<ExitCode, CliError> {
         }
     }
     for (key, value) in &model.metadata {
-        let _ = writeln!(text, "says           {key} = {}", value.replace('\n', " "));
+        let _ = writeln!(text, "metadata       {key} = {}", value.replace('\n', " "));
     }
     let operators: Vec<String> = model.operators.iter().map(|(name, count)| format!("{name} {count}")).collect();
     let _ = writeln!(text, "operators      {}", operators.join(", "));
     let _ = writeln!(text, "parameters     {}", model.parameters);
     if let Some(other) = &model.external {
-        let _ = writeln!(text, "weights        in another file, `{other}`: save it whole before it is run");
+        let _ = writeln!(text, "weights        in another file, `{other}`: save the model in one file to run it");
     }
     let _ = match &cost {
         Ok(count) => {
             let shapes: Vec<String> = shapes.iter().map(|shape| join(shape)).collect();
             let giga = *count as f64 / 1e9;
-            writeln!(text, "multiply-adds  {giga:.3} billion a run, of {}", shapes.join(" and "))
+            writeln!(text, "multiply-adds  {giga:.3} billion per inference, for {}", shapes.join(" and "))
         }
         Err(why) => writeln!(text, "multiply-adds  not counted: {why}"),
     };
     let _ = match &node {
         Ok((kind, stanza)) => {
-            write!(text, "\n# under `nodes:` of a stage; `depthloom nodes {kind}` explains every parameter\n{stanza}")
+            write!(text, "\n# for `nodes:` of a stage; `depthloom nodes {kind}` explains every parameter\n{stanza}")
         }
         Err(why) => writeln!(text, "\nno kind of node runs this model: {why}"),
     };

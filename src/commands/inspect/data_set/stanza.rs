@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 
 use serde_json::Value as Json;
 
-use super::Known;
+use super::RecognisedSource;
 
 /// What to paste into an experiment: the sources of which frames can be read; what else they may have, as comments.
 /// `None` if there is no such.
-pub(super) fn stanza(known: &[Known<'_>]) -> Option<String> {
+pub(super) fn stanza(known: &[RecognisedSource<'_>]) -> Option<String> {
     let mut text = "sources:\n".to_owned();
     for one in known {
         if one.seen.frames == 0 {

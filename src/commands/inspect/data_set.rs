@@ -1,4 +1,4 @@
-//! `depthloom data`: what a folder holds, and the source that it is.
+//! `depthloom inspect` of a data set: its frames and faults, and the `sources:` entry for an experiment.
 
 mod contact_sheet;
 mod contents;
@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use depthloom_datasets::inspection::inspect;
+use depthloom_datasets::inspection;
 use depthloom_graphs::contracts::{Fact, Recognised, Survey};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Fault, Port, Registry, Scratch, Source, Value, ValueType};
@@ -23,35 +23,38 @@ use self::contact_sheet::Sheet;
 use self::contents::{Contents, contents};
 use self::seen::{Calibration, ImageSize, Seen, Truth};
 use self::stanza::stanza;
-use crate::args::DataArgs;
+use super::Subject;
+use crate::args::InspectArgs;
 use crate::check_data::{DataFact, file_of};
 use crate::output;
 use crate::output::delivery::replaces_no_run;
 use crate::output::diagnostics::Error;
 use crate::output::warnings::WarningCollector;
 
-/// As many frames are read of a data set, from all over it.
+/// The number of frames that are read, evenly spaced.
 const LOOKED_AT: usize = 16;
 
-/// The most faults that are told of a source.
+/// The largest number of faults that are printed per source.
 const MOST_FAULTS: usize = 8;
 
-/// The kind that takes any two folders: asked only where no other knows a folder.
+/// The kind that accepts any two folders: it is tried only if no other recognises a folder.
 const ANY_PAIRS: &str = "images";
 
-/// Of `data`: what a folder holds.
+/// Output of `inspect` for a data set or bag.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Data {
+    /// The kind of thing that was inspected: `data-set`.
+    subject: Subject,
     root: String,
-    /// The data sets it is; none where it is laid out as nothing that is known.
+    /// The recognised data sets; empty if no known layout was found.
     found: Vec<DataSet>,
     /// The contact sheet that was written.
     #[serde(skip_serializing_if = "Option::is_none")]
     sheet: Option<Option<String>>,
-    /// What to paste into an experiment.
+    /// YAML: the entry for `sources:` of an experiment.
     #[serde(skip_serializing_if = "Option::is_none")]
     stanza: Option<Option<String>>,
-    /// What lies in a folder that is nothing known.
+    /// The files of a folder with no known layout.
     #[serde(skip_serializing_if = "Option::is_none")]
     contents: Option<Vec<Contents>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -70,7 +73,7 @@ pub(crate) struct DataSet {
     /// Other ways to read it.
     alternatives: Json,
     frames: u64,
-    /// How many frames were looked at.
+    /// The number of frames that were read.
     looked_at: u64,
     sizes: Vec<ImageSize>,
     calibration: Option<Calibration>,
@@ -94,33 +97,32 @@ impl From<&Wrong> for DataSetFault {
     }
 }
 
-/// Says what a folder holds and prints the source to paste.
-pub(crate) fn data(args: &DataArgs, registry: &Registry) -> Result<ExitCode, CliError> {
-    let root = std::path::absolute(&args.root).unwrap_or_else(|_| args.root.clone());
-    if !root.exists() {
-        let what = format!("there is no folder {}", root.display());
-        return Err(CliError::usage(what, "name the folder that the data set was unpacked to"));
-    }
+/// Describes a data set and prints the source to paste.
+pub(super) fn inspect(args: &InspectArgs, path: &Path, registry: &Registry) -> Result<ExitCode, CliError> {
+    let root = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     if root.to_str().is_none() {
-        let what = format!("the name of {} is not UTF-8: no experiment can name it", root.display());
+        let what = format!("the name of {} is not UTF-8, so no experiment can name it", root.display());
         return Err(CliError::usage(what, "rename the folder"));
     }
-    let mut known = known(registry, &root);
-    if known.is_empty() {
+    let mut sources = recognised(registry, &root);
+    if sources.is_empty() {
         return unknown(args, &root);
     }
-    name(&mut known);
-    let mut sheet = args.sheet.as_ref().map(|_| Sheet::default());
-    for one in &mut known {
-        one.look(sheet.as_mut());
+    name(&mut sources);
+    let mut sheet = args.contact_sheet.as_ref().map(|_| Sheet::default());
+    for source in &mut sources {
+        source.look(sheet.as_mut());
     }
-    let stanza = stanza(&known);
+    let stanza = stanza(&sources);
     let unusable = stanza.is_none().then(|| {
         let what = format!("{}: no frame can be read", root.display());
-        CliError::usage(what, "repair what is listed as `wrong`, or name the folder that the data set was unpacked to")
+        CliError::usage(
+            what,
+            "repair the faults that are listed as `wrong`, or name the folder that the data set was unpacked to",
+        )
     });
-    // What was found is told, whether or not the sheet can be written.
-    let written = || match (&args.sheet, &sheet) {
+    // The results are printed even if the sheet cannot be written.
+    let written = || match (&args.contact_sheet, &sheet) {
         (Some(path), Some(sheet)) if unusable.is_none() => write(path, sheet).map(|()| Some(path)),
         _ => Ok(None),
     };
@@ -130,8 +132,9 @@ pub(crate) fn data(args: &DataArgs, registry: &Registry) -> Result<ExitCode, Cli
             Err(stop) => (None, Some(stop)),
         };
         output::print(&Data {
+            subject: Subject::DataSet,
             root: root.to_string_lossy().into_owned(),
-            found: known.iter().map(DataSet::from).collect(),
+            found: sources.iter().map(DataSet::from).collect(),
             sheet: Some(sheet),
             stanza: Some(stanza),
             contents: None,
@@ -140,35 +143,39 @@ pub(crate) fn data(args: &DataArgs, registry: &Registry) -> Result<ExitCode, Cli
         return Ok(stop.map_or(ExitCode::Success, |stop| stop.exit));
     }
     let mut text = String::new();
-    let mut said = BTreeSet::new();
-    known.iter().for_each(|one| text.push_str(&one.text(&mut said)));
+    let mut remedies = BTreeSet::new();
+    sources.iter().for_each(|source| text.push_str(&source.text(&mut remedies)));
     text.push_str(stanza.as_deref().unwrap_or_default());
     print(text)?;
     written()?.map_or(Ok(()), |path| print_path("contact sheet: ", path))?;
     unusable.map_or(Ok(ExitCode::Success), Err)
 }
 
-/// The sources that a folder is; else those that the folders and files in it are; else any pairs of images in it.
-fn known<'a>(registry: &'a Registry, root: &Path) -> Vec<Known<'a>> {
-    let by_kinds = |path: &Path| -> Vec<Known<'a>> {
+/// The sources that a folder is recognised as; else those of the folders and files in it; else any pairs of images in it.
+fn recognised<'a>(registry: &'a Registry, root: &Path) -> Vec<RecognisedSource<'a>> {
+    let by_kinds = |path: &Path| -> Vec<RecognisedSource<'a>> {
         let kinds = registry.sources().filter(|entry| entry.declaration.kind != ANY_PAIRS);
-        kinds.flat_map(|entry| Known::recognise(entry, path)).collect()
+        kinds.flat_map(|entry| RecognisedSource::recognise(entry, path)).collect()
     };
     let mut found = by_kinds(root);
     if found.is_empty() {
-        found = within(root).iter().flat_map(|path| by_kinds(path)).collect();
+        found = entries_of(root).iter().flat_map(|path| by_kinds(path)).collect();
     }
     if found.is_empty() {
-        found = registry.source_kind(ANY_PAIRS).into_iter().flat_map(|entry| Known::recognise(entry, root)).collect();
+        found = registry
+            .source_kind(ANY_PAIRS)
+            .into_iter()
+            .flat_map(|entry| RecognisedSource::recognise(entry, root))
+            .collect();
     }
     found
 }
 
-struct Known<'a> {
+struct RecognisedSource<'a> {
     entry: &'a SourceEntry,
     name: String,
     what: String,
-    /// As they are pasted: without defaults.
+    /// Without defaults, as in the entry to paste.
     params: Json,
     alternatives: Vec<String>,
     frames: Vec<String>,
@@ -189,9 +196,8 @@ impl From<&Fault> for Wrong {
     }
 }
 
-/// The folders in a folder, and the files in it that may be a bag or a recording, in order; none of one that holds very
-/// many.
-fn within(root: &Path) -> Vec<PathBuf> {
+/// The folders in a folder, and the files in it that may be a bag or a recording, sorted. At most 200 entries are read.
+fn entries_of(root: &Path) -> Vec<PathBuf> {
     let is_bag = |path: &Path| path.extension().is_some_and(|ending| ending == "mcap" || ending == "db3");
     let entries = std::fs::read_dir(root).into_iter().flatten().flatten().take(200);
     let paths = entries.map(|entry| entry.path());
@@ -202,20 +208,20 @@ fn within(root: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Names them by the end of their kind; where there are several of one, numbered.
-fn name(known: &mut [Known<'_>]) {
+/// Names sources by the last part of their kind, with numbers if several have the same one.
+fn name(sources: &mut [RecognisedSource<'_>]) {
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
-    for one in known {
-        let kind = one.entry.declaration.kind;
+    for source in sources {
+        let kind = source.entry.declaration.kind;
         let end = kind.rsplit('/').next().unwrap_or(kind);
         let base: String = end.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
         let count = counts.entry(base.clone()).or_default();
         *count += 1;
-        one.name = if *count == 1 { base } else { format!("{base}_{count}") };
+        source.name = if *count == 1 { base } else { format!("{base}_{count}") };
     }
 }
 
-impl<'a> Known<'a> {
+impl<'a> RecognisedSource<'a> {
     fn recognise(entry: &'a SourceEntry, path: &Path) -> impl Iterator<Item = Self> {
         entry.recognise(path).into_iter().map(move |Recognised { what, params, alternatives }| Self {
             entry,
@@ -231,7 +237,7 @@ impl<'a> Known<'a> {
         })
     }
 
-    /// Opens the source and looks at frames from all over it.
+    /// Opens the source and reads evenly spaced frames.
     fn look(&mut self, mut sheet: Option<&mut Sheet>) {
         let resolved = match self.entry.resolve(&self.params) {
             Ok(resolved) => resolved,
@@ -250,20 +256,20 @@ impl<'a> Known<'a> {
         if let Some(sheet) = sheet.as_deref_mut() {
             sheet.begin();
         }
-        let told = WarningCollector::default();
+        let warnings = WarningCollector::default();
         for position in positions {
             let mut scratch = Scratch::default();
-            let read = source.examine(position, &mut Context::new(&told, &mut scratch));
+            let read = source.examine(position, &mut Context::new(&warnings, &mut scratch));
             match read.and_then(|read| read.outputs.in_order_of(&ports).map_err(|fault| vec![fault])) {
-                Ok(values) => self.take(&*source, position, &ports, &values, sheet.as_deref_mut()),
+                Ok(values) => self.examine(&*source, position, &ports, &values, sheet.as_deref_mut()),
                 Err(faults) => self.faults.extend(faults.iter().map(Wrong::from)),
             }
         }
-        self.warnings.extend(told.into_warnings());
+        self.warnings.extend(warnings.into_warnings());
     }
 
-    /// Takes note of a frame's values, and of what they say against each other.
-    fn take(
+    /// Summarises the values of a frame, and checks them against each other.
+    fn examine(
         &mut self,
         source: &dyn Source,
         position: FrameIndex,
@@ -280,7 +286,7 @@ impl<'a> Known<'a> {
         let files = source.files(position);
         self.seen.calibration_is_assumed |=
             !files.is_empty() && !files.iter().any(|(part, _)| part.starts_with("calibration"));
-        for found in inspect(ports, values) {
+        for found in inspection::inspect(ports, values) {
             let place = match file_of(found.port, &files) {
                 Some(path) => path.display().to_string(),
                 None => format!("frame {}", self.frames[position]),
@@ -289,16 +295,16 @@ impl<'a> Known<'a> {
             self.faults.push(Wrong { what: format!("{place}: {}", found.what), remedy });
         }
         if let Some(sheet) = sheet {
-            let of = |name: &str| ports.iter().position(|port| port.name == name).and_then(|at| values[at].as_ref());
+            let value = |name: &str| ports.iter().position(|port| port.name == name).and_then(|at| values[at].as_ref());
             let truth = ports.iter().zip(values).find_map(|(port, value)| {
                 value.as_ref().filter(|_| matches!(port.value_type, ValueType::Depth | ValueType::TrueDisparity))
             });
-            sheet.add(of("left"), of("depth").or(truth));
+            sheet.add(value("left"), value("depth").or(truth));
         }
     }
 
-    /// A line each; a remedy once, where it is said first.
-    fn text(&self, said: &mut BTreeSet<String>) -> String {
+    /// One line per fact and fault; each remedy is printed once.
+    fn text(&self, remedies: &mut BTreeSet<String>) -> String {
         let mut text = format!("{} ({})\n", self.what, self.entry.declaration.kind);
         let mut line = |label: &str, what: &str| {
             let _ = writeln!(text, "  {label:12} {what}");
@@ -323,7 +329,7 @@ impl<'a> Known<'a> {
         }
         for Wrong { what, remedy } in self.faults.iter().take(MOST_FAULTS) {
             line("wrong", what);
-            if let Some(remedy) = remedy.as_ref().filter(|remedy| said.insert((*remedy).clone())) {
+            if let Some(remedy) = remedy.as_ref().filter(|remedy| remedies.insert((*remedy).clone())) {
                 line("  help", remedy);
             }
         }
@@ -339,43 +345,42 @@ impl<'a> Known<'a> {
     }
 }
 
-impl From<&Known<'_>> for DataSet {
-    fn from(of: &Known<'_>) -> Self {
+impl From<&RecognisedSource<'_>> for DataSet {
+    fn from(source: &RecognisedSource<'_>) -> Self {
         Self {
-            what: of.what.clone(),
-            kind: of.entry.declaration.kind.to_owned(),
-            name: of.name.clone(),
-            with: of.params.as_object().cloned().unwrap_or_default(),
-            alternatives: of.alternatives.clone().into(),
-            frames: of.frames.len() as u64,
-            looked_at: of.seen.frames as u64,
-            sizes: of.seen.sizes(),
-            calibration: of.seen.calibration(),
-            truth: of.seen.truth_of_ports(),
-            facts: of.facts.iter().map(DataFact::from).collect(),
-            faults: of.faults.iter().map(DataSetFault::from).collect(),
-            warnings: of.warnings.clone(),
+            what: source.what.clone(),
+            kind: source.entry.declaration.kind.to_owned(),
+            name: source.name.clone(),
+            with: source.params.as_object().cloned().unwrap_or_default(),
+            alternatives: source.alternatives.clone().into(),
+            frames: source.frames.len() as u64,
+            looked_at: source.seen.frames as u64,
+            sizes: source.seen.sizes(),
+            calibration: source.seen.calibration(),
+            truth: source.seen.truth_of_ports(),
+            facts: source.facts.iter().map(DataFact::from).collect(),
+            faults: source.faults.iter().map(DataSetFault::from).collect(),
+            warnings: source.warnings.clone(),
         }
     }
 }
 
-/// Tells what lies in a folder that no kind knows.
-fn unknown(args: &DataArgs, root: &Path) -> Result<ExitCode, CliError> {
+/// Lists the files of a folder that no kind of source recognises.
+fn unknown(args: &InspectArgs, root: &Path) -> Result<ExitCode, CliError> {
     let found = contents(root);
     let stop = match root.is_dir() {
         true => CliError::usage(
-            format!("{} is laid out as no data set that is known", root.display()),
-            "pairs of images are the source `images`: two patterns of names, `left: \"cam0/*.png\"` and `right: \"cam1/*.png\"`, or a `list:` (CSV), relative \
-             to `root`; its `calibration` in numbers (`focal_px`, `baseline_m`) or files; `truth` where there is some: `depthloom nodes images`. `depthloom nodes` lists \
-             the other kinds with their layouts",
+            format!("no known data set layout was found in {}", root.display()),
+            "for pairs of images use the source `images` (`depthloom nodes images`); `depthloom nodes` lists the other kinds with their layouts",
         ),
         false => CliError::usage(
-            format!("{} is not a bag, a recording or a folder", root.display()),
-            "name the folder that a data set was unpacked to, the folder or a file (.mcap, .db3) of a ROS 2 bag, or the folder of a run",
+            format!("{} is not a bag, a recording, an ONNX file or a folder", root.display()),
+            "name the folder of a data set, the folder or a file (.mcap, .db3) of a ROS 2 bag, a run, or an .onnx file",
         ),
     };
     if args.output.json {
         output::print(&Data {
+            subject: Subject::DataSet,
             root: root.to_string_lossy().into_owned(),
             found: Vec::new(),
             sheet: None,
@@ -400,12 +405,12 @@ fn write(path: &Path, sheet: &Sheet) -> Result<(), CliError> {
     replaces_no_run(path)?;
     let failed = |error: std::io::Error| {
         CliError::because(ExitCode::Engine, format!("failed to write {}", path.display()), &error)
-            .remedy("name with --sheet a file in a folder that is there and may be written")
+            .remedy("name a file with --contact-sheet, in a folder that exists and can be written")
     };
     let bytes = sheet.png().ok_or_else(|| {
         CliError::usage(
             "no frame can be shown: none has a left image",
-            "`depthloom data ROOT` without --sheet says what there is",
+            "`depthloom inspect ROOT` without --contact-sheet describes the data set",
         )
     })?;
     depthloom_durable::write(path, &bytes).map_err(failed)

@@ -1,28 +1,30 @@
-//! `depthloom recover`: a finished recording of one that was not finished.
+//! `depthloom runs recover`: a finished recording from an unfinished one.
 
 use std::path::{Path, PathBuf};
 
 use depthloom_recording::{RecordingError, Recovered};
-use depthloom_runs::{RECORDING, open, recording_of};
+use depthloom_runs::{RECORDING, open};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::args::RecoverArgs;
+use crate::args::{RecoverArgs, RunsArgs};
 use crate::output;
 use depthloom_graphs::{chain, counted};
 use depthloom_terminal::{CliError, ExitCode, print_path, say};
 
-/// Of `recover`: the recording that was made.
+/// Output of `runs recover`: the recording that was written.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Recover {
+    /// The file that was written.
     recording: String,
+    /// The number of complete frames in it.
     frames: u64,
 }
 
 /// Copies the complete frames, and closes the copy with a summary.
-pub(crate) fn recover(args: &RecoverArgs) -> Result<ExitCode, CliError> {
-    let path = recording_of(&args.run, "recover")?;
-    let out = args.out.clone().unwrap_or_else(|| named_after(&path));
+pub(super) fn recover(args: &RunsArgs, command: &RecoverArgs) -> Result<ExitCode, CliError> {
+    let path = args.folder.recording(&command.run, "runs recover")?;
+    let out = command.out.clone().unwrap_or_else(|| named_after(&path));
     if out.symlink_metadata().is_ok() {
         return Err(CliError::usage(format!("{} exists already", out.display()), "choose another --out"));
     }
@@ -30,7 +32,7 @@ pub(crate) fn recover(args: &RecoverArgs) -> Result<ExitCode, CliError> {
     let partial = depthloom_durable::partial_name(&out);
     if partial.symlink_metadata().is_ok() {
         let what =
-            format!("{} exists already: left by an earlier `recover`, or one still writes it", partial.display());
+            format!("{} exists already: another `runs recover` was interrupted, or is writing it", partial.display());
         return Err(CliError::usage(what, "remove it, or choose another --out"));
     }
     let recovered = depthloom_recording::recover(&recording, &partial).map_err(|error| {
@@ -50,11 +52,11 @@ pub(crate) fn recover(args: &RecoverArgs) -> Result<ExitCode, CliError> {
         let lost = if lost > 0 { format!("; {} left out", counted(lost, "frame")) } else { String::new() };
         say(format_args!("warning: {}{lost}", chain(damage)));
     }
-    if args.output.json {
+    if args.json {
         output::print(&Recover { recording: out.to_string_lossy().into_owned(), frames })?;
     } else {
-        say(format_args!("recovered {} of {}", counted(frames, "frame"), path.display()));
-        print_path("", &out)?;
+        say(format_args!("recovered {} of {}; the new recording is:", counted(frames, "frame"), path.display()));
+        print_path("", &std::path::absolute(&out).unwrap_or(out))?;
     }
     Ok(if damage.is_some() { ExitCode::FrameFailures } else { ExitCode::Success })
 }

@@ -1,0 +1,22 @@
+//! `depthloom runs diff`: why the values of two runs differ.
+
+use std::path::Path;
+
+use depthloom_runs::open;
+use depthloom_terminal::{CliError, ExitCode, print};
+use depthloom_verify::RunDifference;
+
+use crate::args::{DiffArgs, RunsArgs};
+use crate::output;
+
+/// Prints the differences between two runs; the first counts as the earlier one.
+pub(super) fn diff(args: &RunsArgs, diff: &DiffArgs) -> Result<ExitCode, CliError> {
+    let recording = |run: &Path| open(&args.folder.recording(run, "runs show")?);
+    let difference = RunDifference::new(&recording(&diff.before)?, &recording(&diff.after)?)?;
+    if args.json {
+        output::print(&difference)?;
+    } else {
+        print(difference.text())?;
+    }
+    Ok(ExitCode::Success)
+}
