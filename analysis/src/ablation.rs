@@ -1,5 +1,5 @@
-//! Variants side by side: a row an estimate, its factors in columns, so that many can be sorted, ranked and asked what
-//! did it.
+//! Scores of many variants in one table: one row per estimate, its factors in columns. Rows can be sorted and ranked,
+//! and the effect of each axis computed.
 
 mod adjusted;
 mod answer;
@@ -22,20 +22,19 @@ mod zones;
 use std::collections::HashMap;
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::FrameSelection;
 use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow};
 
 pub(crate) use adjusted::{LevelMeans, level_means};
+pub(crate) use answer::{FrameSet, scored, select_frames, source_keys};
 pub use answer::{Question, answer};
-pub(crate) use answer::{of_frames, scored, source_of};
 pub use best_value::{BestValue, best_value};
 use comparability::Classes;
 pub use cost::Costs;
 pub(crate) use effects::table as effects_table;
 pub(crate) use factor::Factor;
-pub(crate) use joined::of_label;
+pub(crate) use joined::estimate_by_label;
 pub use leaderboard::{BoardRun, leaderboard};
 pub use ranking::Ranking;
 pub use score_table::TableRow;
@@ -44,30 +43,30 @@ pub(crate) use shared::shared_scores;
 pub(crate) use zones::table as zones_table;
 
 use crate::error::{AnalysisError, listed, unknown};
-use crate::estimates::{Estimate, each_names_one, is_of, is_pattern_of, names_of};
+use crate::estimates::{Estimate, check_patterns, estimate_names, matches_estimate, pattern_matches};
+use crate::input::frame_choice::FrameChoice;
 use crate::scores::{FrameScore, averaged};
 use crate::statistics::{Statistic, Weighted};
 use crate::tables::COMMON;
 
-/// What of a recording's scores a table is of.
+/// Selects the scores of a recording that a table shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
-    /// Whether scores are taken again from recorded maps, of those pixels with ground truth alone that all selected
-    /// estimates valid.
+    /// Whether scores are computed again from recorded maps, only over the pixels with ground truth that are valid in
+    /// all selected estimates.
     pub common: bool,
-    /// The pixel set; `None`: of each estimate every pixel with ground truth, or where it was not scored on those, what
-    /// it was scored on.
+    /// The pixel set. `None`: every pixel with ground truth, or for an estimate that was not scored on those, the set it
+    /// was scored on.
     pub set: Option<PixelSet>,
-    /// Whether depths are there besides where disparities alone have the pixel set.
+    /// Whether depths are included where only disparities have the pixel set.
     pub with_depths: bool,
     /// The zone; `None`: the whole image.
     pub zone: Option<String>,
     /// The frames; `None`: all.
-    pub frames: Option<FrameSelection>,
-    /// What a data set's value is taken over; `None`: what the experiment says.
+    pub frames: Option<FrameChoice>,
+    /// How the value of a data set is averaged. `None`: as the experiment declares it.
     pub mean: Option<Mean>,
-    /// A pattern of estimates' labels or names, in which `*` stands for any run of characters, or several with commas
-    /// between; `None`: all.
+    /// Patterns of labels or names of estimates, separated by commas; `*` matches any characters. `None`: all.
     pub estimates: Option<String>,
 }
 
@@ -79,7 +78,7 @@ impl Selection {
         if self.common { COMMON.to_owned() } else { sets.join("+") }
     }
 
-    /// What tells tables of it from others, for a LaTeX label.
+    /// The parts of a LaTeX label that identify the selection.
     pub(crate) fn label(&self) -> Vec<String> {
         let parts = [
             self.common.then(|| "common".to_owned()),
@@ -93,7 +92,7 @@ impl Selection {
     }
 }
 
-/// An axis of the experiment, and its levels: numbers by size, others in the file's order.
+/// An axis of the experiment and its levels: numbers by size, others in the order of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Axis {
     pub(crate) name: String,
@@ -107,16 +106,18 @@ pub(crate) struct Ablation<'a> {
     pub(crate) experiment: &'a str,
     estimates: &'a [Estimate],
     pub(crate) axes: Vec<Axis>,
-    /// By estimate, by axis: the level; `None` where it has none.
+    /// The level of each estimate on each axis; `None` if the estimate has no level there.
     levels: Vec<Vec<Option<usize>>>,
-    /// The scores that were taken anywhere, in the catalogue's order.
+    /// Whether a pixel was scored on any frame, complete or not.
+    has_pixels: bool,
+    /// The metrics that any estimate has, in the order of the catalogue.
     pub(crate) metrics: Vec<&'static Metric>,
     scores: HashMap<(usize, PixelSet, &'a str), Vec<&'a FrameScore>>,
     /// The zones, in the order of the recording, the whole image first.
     zones: Vec<&'a str>,
     core_ms: Vec<Option<f64>>,
     has_timings: bool,
-    /// By estimate: the topic of the disparity that it is, or that it was computed from.
+    /// For each estimate, the topic of its disparity: the estimate itself, or the disparity it was computed from.
     disparities: Vec<Option<&'a str>>,
     source: &'a dyn Fn(RunId, FrameIndex) -> Option<Key>,
 }
@@ -125,53 +126,53 @@ pub(crate) struct Ablation<'a> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Row {
     pub(crate) estimate: usize,
-    /// The pixels that it is over.
+    /// The pixel set of the scores.
     pub(crate) set: PixelSet,
     /// How many frames had a pixel to score.
     pub(crate) frames: u64,
-    /// How many pixels counted in all.
+    /// The number of scored pixels in all frames.
     pub(crate) pixels: u64,
-    /// The share of pixels with ground truth that are valid, as the scores are taken: mean over frames or over pixels.
+    /// The share of pixels with ground truth that are valid, averaged like the scores: over frames or over pixels.
     pub(crate) density: Option<f64>,
-    /// By metric of the ablation.
+    /// One value per metric of the ablation.
     pub(crate) values: Vec<Option<f64>>,
     pub(crate) core_ms: Option<f64>,
-    /// Rows of one number may be compared: they are over the same pixels of the same frames, scored in the same way.
-    /// But for scores that are [`over answers alone`](Self::over_answers).
+    /// Rows with the same number are comparable: same frames, same pixels, same scoring. Metrics that are
+    /// [over valid pixels only](Self::only_over_valid) are not comparable.
     pub(crate) comparable: Option<usize>,
-    /// By metric of the ablation: whether it leaves out invalid pixels of the row.
-    pub(crate) over_answers: Vec<bool>,
-    /// What its values are taken over.
+    /// For each metric of the ablation, whether it excludes invalid pixels of the row.
+    pub(crate) only_over_valid: Vec<bool>,
+    /// How its values are averaged.
     pub(crate) mean: Mean,
-    /// Of a depth: the scores of the disparity that it was computed from, where they stand in one row.
+    /// The scores of the disparity that this depth was computed from, if both share one row.
     pub(crate) joined: Option<Box<Row>>,
 }
 
 impl Row {
-    /// The row, and the one that is joined to it.
+    /// The row and the row that is joined to it.
     pub(crate) fn parts(&self) -> impl Iterator<Item = &Self> {
         std::iter::once(self).chain(self.joined.as_deref())
     }
 
-    /// That of the two which has a value of a metric.
-    pub(crate) fn of(&self, metric: usize) -> &Self {
+    /// The part of the row that has a value of this metric.
+    pub(crate) fn part_with(&self, metric: usize) -> &Self {
         self.joined.as_deref().filter(|joined| joined.values[metric].is_some()).unwrap_or(self)
     }
 
     pub(crate) fn value(&self, metric: usize) -> Option<f64> {
-        self.of(metric).values[metric]
+        self.part_with(metric).values[metric]
     }
 
-    /// Rows of one number may be compared by this metric.
+    /// Rows with the same number are comparable by this metric.
     pub(crate) fn comparable_by(&self, metric: usize) -> Option<usize> {
-        let part = self.of(metric);
-        part.comparable.filter(|_| !part.over_answers[metric])
+        let part = self.part_with(metric);
+        part.comparable.filter(|_| !part.only_over_valid[metric])
     }
 }
 
 impl<'a> Ablation<'a> {
-    /// What was scored on the frames that all estimates of their stage have; `source(run, position)` is the key of a
-    /// frame's source values.
+    /// Collects the scores of complete frames: frames that have scores of all estimates of their stage.
+    /// `source(run, position)` is the key of the source values of a frame.
     pub(crate) fn new(
         plan: &'a RecordedPlan,
         estimates: &'a [Estimate],
@@ -183,7 +184,7 @@ impl<'a> Ablation<'a> {
         let mut by_row: HashMap<(usize, PixelSet, &str), Vec<&FrameScore>> = HashMap::new();
         let mut zones = vec![""];
         let mut metrics: Vec<&'static Metric> = Vec::new();
-        for score in crate::scores::of_complete_frames(scores, estimates) {
+        for score in crate::scores::scores_of_complete_frames(scores, estimates) {
             let zone = score.row.zone.as_str();
             if !zones.contains(&zone) {
                 zones.push(zone);
@@ -201,6 +202,7 @@ impl<'a> Ablation<'a> {
             estimates,
             axes,
             levels,
+            has_pixels: scores.iter().any(|score| score.row.pixels > 0),
             metrics,
             scores: by_row,
             zones,
@@ -214,11 +216,11 @@ impl<'a> Ablation<'a> {
     /// The selected rows, in the order of estimates.
     ///
     /// # Errors
-    /// If nothing is selected: what was asked for, and what there is.
+    /// If nothing is selected; the error names the selection and the available values.
     pub(crate) fn rows(&self, selection: &Selection) -> Result<Vec<Row>, AnalysisError> {
         self.any_score()?;
         if let Some(patterns) = &selection.estimates {
-            each_names_one(patterns, self.estimates)?;
+            check_patterns(patterns, self.estimates)?;
         }
         let zone = self.zone(selection)?;
         self.check_set(selection)?;
@@ -230,12 +232,12 @@ impl<'a> Ablation<'a> {
         Ok(rows)
     }
 
-    /// The selected rows, one on each pixel set, "valid" before "all"; also those without a score.
+    /// The selected rows, one per pixel set (`valid` before `all`), including rows without a score.
     pub(crate) fn rows_on_all_sets(&self, selection: &Selection) -> Result<Vec<Row>, AnalysisError> {
         let zone = self.zone(selection)?;
         Ok(self.rows_on_sets(selection, zone, |estimate| {
-            let is_wanted = |set: &PixelSet| selection.set.is_none_or(|wanted| wanted == *set);
-            let mut sets: Vec<PixelSet> = estimate.sets.iter().copied().filter(is_wanted).collect();
+            let is_selected = |set: &PixelSet| selection.set.is_none_or(|selected| selected == *set);
+            let mut sets: Vec<PixelSet> = estimate.sets.iter().copied().filter(is_selected).collect();
             sets.sort_by_key(|set| std::cmp::Reverse(*set));
             sets
         }))
@@ -250,7 +252,7 @@ impl<'a> Ablation<'a> {
         let mut classes = Classes::default();
         let mut rows = Vec::new();
         for (index, estimate) in self.estimates.iter().enumerate() {
-            if selection.estimates.as_deref().is_some_and(|pattern| !is_of(estimate, pattern)) {
+            if selection.estimates.as_deref().is_some_and(|pattern| !matches_estimate(estimate, pattern)) {
                 continue;
             }
             let mean = selection.mean.unwrap_or(estimate.mean);
@@ -281,7 +283,11 @@ impl<'a> Ablation<'a> {
                 Mean::Pixels => (truth > 0).then(|| valid as f64 / truth as f64),
             },
             values: self.metrics.iter().map(value).collect(),
-            over_answers: self.metrics.iter().map(|metric| rows().any(|row| metric.pixels(row) < row.pixels)).collect(),
+            only_over_valid: self
+                .metrics
+                .iter()
+                .map(|metric| rows().any(|row| metric.pixels(row) < row.pixels))
+                .collect(),
             core_ms: self.core_ms[index],
             comparable,
             mean,
@@ -289,13 +295,13 @@ impl<'a> Ablation<'a> {
         }
     }
 
-    /// A metric of a row as a function of how often each frame counts, with the number of frames that have it; of no
-    /// metric, NaN.
+    /// A metric of a row as a function of the weight of each frame, and the number of frames that have it. Without a
+    /// metric the function returns NaN.
     fn statistic(&self, row: &Row, metric: Option<usize>, zone: &'a str) -> (usize, Box<Statistic<'_>>) {
         let settings = self.estimate(row).settings.unwrap_or_default();
         let frames = self.frames(row.estimate, row.set, zone).iter().map(|score| &score.row);
-        let weighted = metric
-            .and_then(|metric| Weighted::of_those_that_have_it(self.metrics[metric], row.mean, &settings, frames));
+        let weighted =
+            metric.and_then(|metric| Weighted::of_scored_frames(self.metrics[metric], row.mean, &settings, frames));
         match weighted {
             Some((frames, weighted)) => (frames, Box::new(move |times: &[f64]| weighted.value(times))),
             None => (0, Box::new(|_: &[f64]| f64::NAN)),
@@ -306,7 +312,7 @@ impl<'a> Ablation<'a> {
         &self.estimates[row.estimate]
     }
 
-    /// What a row's estimates are called under `estimates:`.
+    /// The names of a row's estimates under `estimates:`.
     pub(crate) fn name(&self, row: &Row) -> String {
         let names: Vec<&str> = row.parts().map(|part| self.estimate(part).name.as_str()).collect();
         names.join("+")
@@ -322,7 +328,7 @@ impl<'a> Ablation<'a> {
         self.level(row, axis).map(|level| self.axes[axis].levels[level].as_str())
     }
 
-    /// The frames' scores of a row.
+    /// The scores of an estimate, frame by frame.
     pub(crate) fn frames(&self, estimate: usize, set: PixelSet, zone: &'a str) -> &[&'a FrameScore] {
         self.scores.get(&(estimate, set, zone)).map_or(&[], Vec::as_slice)
     }
@@ -332,22 +338,22 @@ impl<'a> Ablation<'a> {
         &self.zones
     }
 
-    /// The zone that is asked for.
+    /// The selected zone; the whole image is an empty name.
     pub(crate) fn zone(&self, selection: &Selection) -> Result<&'a str, AnalysisError> {
-        let Some(wanted) = &selection.zone else { return Ok("") };
+        let Some(name) = &selection.zone else { return Ok("") };
         let known = &self.zones[1..];
-        known.iter().find(|zone| **zone == wanted).copied().ok_or_else(|| {
+        known.iter().find(|zone| **zone == name).copied().ok_or_else(|| {
             if known.is_empty() {
-                return AnalysisError::asked(
-                    format!("there is no zone `{wanted}`: this recording has scores of the whole image alone"),
-                    "declare `zones` where the experiment scores, and run it again".to_owned(),
+                return AnalysisError::request(
+                    format!("there is no zone `{name}`: this recording has scores only for the whole image"),
+                    "declare `zones` in the score of the experiment, and run it again".to_owned(),
                 );
             }
-            unknown("zone", wanted, known.iter().copied())
+            unknown("zone", name, known.iter().copied())
         })
     }
 
-    /// That something was scored on the pixel set that is asked for.
+    /// Checks that something was scored on the selected pixel set.
     pub(crate) fn check_set(&self, selection: &Selection) -> Result<(), AnalysisError> {
         let mut scored: Vec<PixelSet> = self.estimates.iter().flat_map(|estimate| estimate.sets.clone()).collect();
         scored.sort_unstable();
@@ -357,19 +363,23 @@ impl<'a> Ablation<'a> {
             Some(set) if scored.contains(&set) => Ok(()),
             Some(set) => {
                 let scored: Vec<String> = scored.iter().map(|set| format!("`{set}`")).collect();
-                Err(AnalysisError::asked(
+                Err(AnalysisError::request(
                     format!("nothing was scored on `{set}`"),
-                    format!("what was scored is {}: name `{set}` in `sets` and run again", scored.join(" and ")),
+                    format!("scored pixel sets: {}; add `{set}` to `sets` and run again", scored.join(" and ")),
                 ))
             }
         }
     }
 
-    /// That there is a score at all: a frame without one pixel to score has none.
+    /// Checks that there is a score: a frame without pixels has no score.
     fn any_score(&self) -> Result<(), AnalysisError> {
         if self.metrics.is_empty() {
-            let help = "`depthloom report` says why";
-            return Err(AnalysisError::asked("not one pixel was scored".to_owned(), help.to_owned()));
+            let what = match self.has_pixels {
+                true => "no frame has scores of all estimates of its stage",
+                false => "not one pixel was scored",
+            };
+            let help = "`depthloom report` prints the reason";
+            return Err(AnalysisError::request(what.to_owned(), help.to_owned()));
         }
         Ok(())
     }
@@ -379,13 +389,15 @@ impl<'a> Ablation<'a> {
         self.any_score()?;
         self.metrics.iter().position(|metric| metric.name == name).ok_or_else(|| {
             let scored = listed(self.metric_names());
-            let is_of = |family: Family| family.metrics().iter().any(|metric| metric.name == name);
-            let help = match (is_of(Family::Depth), is_of(Family::Disparity)) {
-                (true, _) => format!("name it in `metrics` of a score of depths, and run again; scored were {scored}"),
-                (_, true) => format!("it is a score of disparities: `score/disparity` takes it; scored were {scored}"),
-                _ => return unknown("score", name, self.metric_names()),
+            let has_metric = |family: Family| family.metrics().iter().any(|metric| metric.name == name);
+            let help = match (has_metric(Family::Depth), has_metric(Family::Disparity)) {
+                (true, _) => format!("add it to `metrics` of a depth score, and run again; scored metrics: {scored}"),
+                (_, true) => {
+                    format!("it is a metric of disparities, which `score/disparity` computes; scored metrics: {scored}")
+                }
+                _ => return unknown("metric", name, self.metric_names()),
             };
-            AnalysisError::asked(format!("`{name}` was not scored"), help)
+            AnalysisError::request(format!("`{name}` was not scored"), help)
         })
     }
 
@@ -393,15 +405,15 @@ impl<'a> Ablation<'a> {
         self.metrics.iter().map(|metric| metric.name)
     }
 
-    /// What the numbers of rows are: pixels, preset, frames.
+    /// Describes the numbers of rows: pixels, preset, frames.
     pub(crate) fn about(&self, rows: &[Row], selection: &Selection) -> Result<String, AnalysisError> {
         let zone = self.zone(selection)?;
         let parts = || rows.iter().flat_map(Row::parts);
         let mut sets: Vec<PixelSet> = parts().map(|row| row.set).collect();
         sets.sort_unstable();
         sets.dedup();
-        let of_sets: Vec<&str> = sets.into_iter().map(pixels_of).collect();
-        let pixels = match (of_sets.join(" or "), zone) {
+        let descriptions: Vec<&str> = sets.into_iter().map(pixels_in_words).collect();
+        let pixels = match (descriptions.join(" or "), zone) {
             _ if selection.common => "the pixels with ground truth that are valid in all rows".to_owned(),
             (pixels, "") => pixels,
             (pixels, zone) => format!("{pixels} of zone {zone}"),
@@ -418,30 +430,29 @@ impl<'a> Ablation<'a> {
         Ok(format!("{pixels}, {}, {mean}", presets.join(" and ")))
     }
 
-    /// Why no row was selected.
+    /// The error for a selection without rows.
     fn nothing_selected(&self, selection: &Selection, zone: &str) -> AnalysisError {
         let set = selection.set.unwrap_or(PixelSet::All);
         let Some(pattern) = &selection.estimates else {
             let place = if zone.is_empty() { String::new() } else { format!(" in zone `{zone}`") };
-            return AnalysisError::asked(
-                format!("no frame has a score on `{set}`{place} of all estimates of its stage"),
-                "`depthloom report` says which frames failed".to_owned(),
+            return AnalysisError::request(
+                format!("no frame has scores of all estimates of its stage on `{set}`{place}"),
+                "`depthloom report` lists the frames that failed".to_owned(),
             );
         };
-        let names = || names_of(self.estimates).into_iter();
-        if names().any(|name| is_pattern_of(pattern, name)) {
-            return AnalysisError::asked(
-                format!("no estimate that `{pattern}` names was scored on `{set}`"),
-                "choose another --set".to_owned(),
+        let names = || estimate_names(self.estimates).into_iter();
+        if names().any(|name| pattern_matches(pattern, name)) {
+            return AnalysisError::request(
+                format!("no estimate that matches `{pattern}` was scored on `{set}`"),
+                "choose another `--pixels`".to_owned(),
             );
         }
         unknown("estimate", pattern, names())
     }
 }
 
-/// The pixels that an estimate's scores are taken over: those that are asked for, or every pixel with ground truth
-/// where that was scored. A depth is never filled: where that is asked for, and depths too, theirs are as if nothing
-/// was.
+/// The pixel set of an estimate's scores: the selected one, or every pixel with ground truth if that was scored. A depth
+/// is never filled: if `filled` is selected together with depths, depths use their default set.
 fn set_of(estimate: &Estimate, selection: &Selection) -> Option<PixelSet> {
     let is_other_kind = selection.set == Some(PixelSet::Filled) && estimate.family == Family::Depth;
     match selection.set {
@@ -450,8 +461,7 @@ fn set_of(estimate: &Estimate, selection: &Selection) -> Option<PixelSet> {
     }
 }
 
-/// The axes of an experiment, and by estimate its levels. Where variants have no factors, they are one axis
-/// themselves.
+/// The axes of an experiment, and the levels of each estimate. If variants have no factors, they are one axis.
 fn axes(plan: &RecordedPlan, estimates: &[Estimate]) -> (Vec<Axis>, Vec<Vec<Option<usize>>>) {
     let mut axes: Vec<Axis> = Vec::new();
     let mut level = |axis: &str, value: &str| {
@@ -473,22 +483,22 @@ fn axes(plan: &RecordedPlan, estimates: &[Estimate]) -> (Vec<Axis>, Vec<Vec<Opti
             (factors, _) => factors.iter().map(|factor| level(&factor.axis, &factor.value)).collect(),
         })
         .collect();
-    // By axis: the place of each level once numbers stand by size.
+    // For each axis, the new place of each level once numbers are sorted by size.
     let places: Vec<Vec<usize>> = axes.iter_mut().map(in_order).collect();
     let place: HashMap<&str, usize> = plan.variants.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
-    let of = |estimate: &Estimate| {
+    let levels_of_estimate = |estimate: &Estimate| {
         let mut levels = vec![None; axes.len()];
-        let variant = estimate.lead.variant.as_deref().and_then(|name| place.get(name));
+        let variant = estimate.row_key.variant.as_deref().and_then(|name| place.get(name));
         for &(axis, level) in variant.map_or(&[][..], |&variant| &by_variant[variant]) {
             levels[axis] = Some(places[axis][level]);
         }
         levels
     };
-    let levels = estimates.iter().map(of).collect();
+    let levels = estimates.iter().map(levels_of_estimate).collect();
     (axes, levels)
 }
 
-/// Puts the levels of an axis of numbers in order; gives the new place of each.
+/// Sorts the levels of a numeric axis. Returns the new place of each level.
 fn in_order(axis: &mut Axis) -> Vec<usize> {
     let number = |level: &String| level.parse().ok().filter(|number: &f64| number.is_finite());
     let Some(numbers) = axis.levels.iter().map(number).collect::<Option<Vec<f64>>>() else {
@@ -503,8 +513,8 @@ fn in_order(axis: &mut Axis) -> Vec<usize> {
     places
 }
 
-/// The pixels of a set, in words.
-pub(crate) const fn pixels_of(set: PixelSet) -> &'static str {
+/// Describes the pixels of a pixel set.
+pub(crate) const fn pixels_in_words(set: PixelSet) -> &'static str {
     match set {
         PixelSet::All => "all pixels with ground truth",
         PixelSet::Valid => "the pixels with ground truth that are valid in each",
@@ -512,7 +522,7 @@ pub(crate) const fn pixels_of(set: PixelSet) -> &'static str {
     }
 }
 
-/// The unweighted mean; `None` of nothing.
+/// The unweighted mean; `None` without values.
 pub(crate) fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (count, sum) = values.fold((0_u64, 0.0), |(count, sum), value| (count + 1, sum + value));
     (count > 0).then(|| sum / count as f64)

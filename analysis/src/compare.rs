@@ -1,8 +1,8 @@
-//! Is it really better? Scores of runs, variants or estimates, paired over frames: differences with their intervals,
-//! tests, wins and losses.
+//! Compares the scores of runs, variants or estimates, paired over frames: differences with intervals, tests, wins and
+//! losses.
 //!
-//! Frames are the sample: two frames of a street are less alike than two pixels of a frame, so that frames are
-//! resampled and ranked, never pixels.
+//! The sampling unit is the frame, because pixels within a frame are correlated. Frames are resampled and ranked, never
+//! pixels.
 
 mod contrast;
 mod distance;
@@ -22,68 +22,71 @@ pub use output::ComparisonOutput;
 pub use side::{Side, names};
 pub use table::Comparison;
 
-use crate::ablation::{Ablation, Selection, of_frames, scored, shared_scores, source_of};
+use crate::ablation::{Ablation, Row, Selection, scored, select_frames, shared_scores, source_keys};
 use crate::error::{AnalysisError, caught, listed, unknown};
-use crate::estimates::{Estimate, estimates, names_of};
+use crate::estimates::{Estimate, estimate_names, estimates};
 use crate::scores::FrameScore;
 use crate::statistics::Resampling;
 use crate::tables::Typesetting;
 use contrast::contrasts;
 use frames::{Paired, ScoredBy};
 use limit::Limit;
-use side::{Party, parties};
+use side::{Kind, Party, parties};
 use table::Compared;
 
-/// Of so few frames intervals are too narrow.
+/// With fewer frames, intervals are too narrow.
 const FEW: usize = 10;
 
-/// The probability below which a test decides, rounded for text.
+/// The number of variants from which on the best one gets a note on selection.
+const SEVERAL: usize = 3;
+
+/// The significance level of tests, rounded for text.
 fn significance(resampling: &Resampling) -> f64 {
     ((1.0 - resampling.confidence) * 1e8).round() / 1e8
 }
 
-/// The note of comparisons over few frames.
+/// The note for comparisons over few frames.
 fn few_frames(frames: usize) -> Option<String> {
     let frames = (frames < FEW).then(|| counted(frames, "frame"))?;
-    Some(format!("{frames}: intervals of so few are too narrow, and tests find little"))
+    Some(format!("only {frames}: with so few, intervals are too narrow and tests have little power"))
 }
 
-/// A run that takes part.
+/// A compared run.
 #[derive(Clone, Copy, Debug)]
 pub struct ComparedRun<'a> {
-    /// What it is called.
+    /// Its name.
     pub called: &'a str,
     /// Its recording.
     pub recording: &'a Recording,
 }
 
-/// What of the scores is compared, and how.
+/// The options of a comparison.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CompareOptions {
-    /// Which pixels, which estimates of the sides.
+    /// The pixels, frames and estimates that are compared.
     pub selection: Selection,
-    /// The scores; empty: all that both have.
+    /// The metrics; empty: all that both sides have.
     pub scores: Vec<String>,
-    /// What the others are held against: the name of a side, or `best`; `None`: the first.
+    /// The side that the others are compared with: its name, or `best`. `None`: the first side.
     pub baseline: Option<String>,
-    /// How frames are resampled for intervals. Its confidence is also what tests are held against.
+    /// The resampling of frames for intervals. Its confidence is also that of tests.
     pub resampling: Resampling,
-    /// What must not be, as `fused.abs_rel > +1%`.
+    /// Limits on changes that make the comparison fail, for example `fused.abs_rel > +1%`.
     pub fail_if: Vec<String>,
-    /// How the table is set.
+    /// The typesetting of the table.
     pub typesetting: Typesetting,
 }
 
-/// A run with its scores.
-struct Opened<'a> {
+/// A run with its estimates and scores.
+struct RunScores<'a> {
     run: ComparedRun<'a>,
     estimates: Vec<Estimate>,
     scores: Vec<FrameScore>,
 }
 
-/// Two estimates over the frames that both have.
+/// Two estimates over their common frames.
 struct Pair<'a> {
-    /// The place of the other among the parties, and what the two have in common by name.
+    /// The place of the other side among the parties, and the name by which both estimates were paired.
     party: usize,
     name: String,
     baseline: ScoredBy<'a>,
@@ -92,12 +95,11 @@ struct Pair<'a> {
     paired: Paired<'a>,
 }
 
-/// Compares sides with the first, or with a baseline, from scores that were recorded; no map is read, but for the
-/// pixels that are valid in all.
+/// Compares sides with the first side, or with a baseline, from recorded scores. Maps are read only for `--pixels common`.
 ///
 /// # Errors
-/// If a recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if what was asked for is
-/// not there, or has no frame in common; [`AnalysisError::Stopped`] once `stop` says so.
+/// If a recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if a requested name does not exist
+/// or the sides have no common frame; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn compare(
     runs: &[ComparedRun<'_>],
     sides: &[Side],
@@ -108,49 +110,52 @@ pub fn compare(
         let limits = options.fail_if.iter().map(|text| Limit::parse(text)).collect::<Result<Vec<_>, _>>()?;
         let all = runs.iter().map(|run| estimates(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
         let (kind, parties) = parties(runs, &all, sides, options.selection.estimates.as_deref())?;
-        let mut opened = Vec::new();
+        let mut run_scores = Vec::new();
         for (place, (run, estimates)) in runs.iter().zip(all).enumerate() {
             let (estimates, scores) = if options.selection.common {
-                of_common_pixels(run, place, &estimates, &parties, &options.selection, stop)?
+                scores_on_common_pixels(run, place, &estimates, &parties, &options.selection, stop)?
             } else {
                 let scores = scored(run.recording, &estimates, stop)?;
                 (estimates, scores)
             };
-            let scores = of_frames(run.recording, &estimates, scores, &options.selection)?;
-            opened.push(Opened { run: *run, estimates, scores });
+            let scores = select_frames(run.recording, &estimates, scores, &options.selection)?;
+            run_scores.push(RunScores { run: *run, estimates, scores });
         }
-        let sources: Vec<_> = runs.iter().map(|run| source_of(run.recording)).collect();
-        let ablations: Vec<Ablation<'_>> = (opened.iter().zip(&sources))
-            .map(|(of, source)| Ablation::new(of.run.recording.plan(), &of.estimates, &of.scores, source, None))
+        let sources: Vec<_> = runs.iter().map(|run| source_keys(run.recording)).collect();
+        let ablations: Vec<Ablation<'_>> = (run_scores.iter().zip(&sources))
+            .map(|(own, source)| Ablation::new(own.run.recording.plan(), &own.estimates, &own.scores, source, None))
             .collect();
-        let asked = |ablation: &Ablation<'_>| {
+        let check_selection = |ablation: &Ablation<'_>| {
             ablation.zone(&options.selection)?;
             ablation.check_set(&options.selection)
         };
-        ablations.iter().try_for_each(asked)?;
+        ablations.iter().try_for_each(check_selection)?;
         for score in &options.scores {
             if ablations.iter().all(|ablation| ablation.metric(score).is_err()) {
                 ablations[0].metric(score)?;
             }
         }
-        let baseline = side::baseline(&parties, options, |party| best_of(party, &opened, &ablations, options))?;
-        let (pairs, notes) = pairs(&opened, &ablations, &parties, baseline, options)?;
+        let baseline = side::baseline(&parties, options, |party| best_of(party, &run_scores, &ablations, options))?;
+        let (pairs, mut notes) = pairs(&run_scores, &ablations, &parties, baseline, options)?;
+        if kind != Kind::Runs && !options.selection.common {
+            notes.extend(selection_notes(&parties, &run_scores, &ablations, options));
+        }
         let contrasts = contrasts(&pairs, options, stop)?;
         if contrasts.is_empty() {
             let titles: Vec<&str> = parties.iter().map(|party| party.title.as_str()).collect();
-            return Err(AnalysisError::asked(
-                format!("there is no score that {} have on frames of both", titles.join(" and ")),
-                "`depthloom table RUN` says what was scored".to_owned(),
+            return Err(AnalysisError::request(
+                format!("no metric was scored on common frames of {}", titles.join(" and ")),
+                "`depthloom table RUN` shows what was scored".to_owned(),
             ));
         }
         let limits = limit::judged(&limits, &pairs, &contrasts, options)?;
-        let (opened, parties, pairs, contrasts) = (&opened, &parties, &pairs, &contrasts);
-        Ok(Compared { kind, opened, parties, baseline, pairs, contrasts, options }.comparison(limits, notes))
+        let (run_scores, parties, pairs, contrasts) = (&run_scores, &parties, &pairs, &contrasts);
+        Ok(Compared { kind, run_scores, parties, baseline, pairs, contrasts, options }.comparison(limits, notes))
     })
 }
 
-/// The estimates of the parties, scored again on the pixels that are valid in all of them.
-fn of_common_pixels(
+/// The estimates of the parties, scored again over the pixels that are valid in all of them.
+fn scores_on_common_pixels(
     run: &ComparedRun<'_>,
     place: usize,
     estimates: &[Estimate],
@@ -159,24 +164,24 @@ fn of_common_pixels(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Vec<Estimate>, Vec<FrameScore>), AnalysisError> {
     if parties.iter().any(|party| party.run != place) {
-        return Err(AnalysisError::asked(
-            "the pixels that are valid in all are known of one run's estimates".to_owned(),
-            "compare variants or estimates of one run, or take another --set".to_owned(),
+        return Err(AnalysisError::request(
+            "`--pixels common` needs estimates of a single run".to_owned(),
+            "compare variants or estimates of one run, or choose another `--pixels`".to_owned(),
         ));
     }
-    let is_in = |of: &&Estimate| parties.iter().any(|party| party.has(&of.label));
-    let some: Vec<Estimate> = estimates.iter().filter(is_in).cloned().collect();
-    shared_scores(run.recording, &some, &Selection { estimates: None, ..selection.clone() }, stop)
+    let is_compared = |estimate: &&Estimate| parties.iter().any(|party| party.has(&estimate.label));
+    let compared: Vec<Estimate> = estimates.iter().filter(is_compared).cloned().collect();
+    shared_scores(run.recording, &compared, &Selection { estimates: None, ..selection.clone() }, stop)
 }
 
-/// The best value of a party by the first score that is asked for, and whether more of it is better.
+/// The best value of a party by the first requested metric, and whether higher values are better.
 fn best_of(
     party: &Party,
-    opened: &[Opened<'_>],
+    run_scores: &[RunScores<'_>],
     ablations: &[Ablation<'_>],
     options: &CompareOptions,
 ) -> Result<Option<(f64, bool)>, AnalysisError> {
-    let (ablation, estimates) = (&ablations[party.run], &opened[party.run].estimates);
+    let (ablation, estimates) = (&ablations[party.run], &run_scores[party.run].estimates);
     let rows = ablation.rows(&Selection { estimates: None, common: false, ..options.selection.clone() })?;
     let metric = match options.scores.first() {
         Some(score) => ablation.metric(score)?,
@@ -189,9 +194,58 @@ fn best_of(
     Ok(best.map(|best| (best, more)))
 }
 
-/// The pairs, other by other, and what is to be said of those that are none.
+/// Notes on sides that are the best of several variants, not all of which are compared: such a side may have been chosen
+/// because of these scores, and the correction for multiple tests does not know the other variants.
+fn selection_notes(
+    parties: &[Party],
+    run_scores: &[RunScores<'_>],
+    ablations: &[Ablation<'_>],
+    options: &CompareOptions,
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    for party in parties {
+        let (ablation, estimates) = (&ablations[party.run], &run_scores[party.run].estimates);
+        let selection = Selection { estimates: None, ..options.selection.clone() };
+        let Ok(rows) = ablation.rows(&selection) else { continue };
+        let metric = match options.scores.first().map(|name| ablation.metric(name)) {
+            Some(Ok(metric)) => metric,
+            Some(Err(_)) => continue,
+            None => ablation.first_error(&rows),
+        };
+        let is_compared = |row: &Row| {
+            let is_own = |other: &Party| other.run == party.run && other.has(&estimates[row.estimate].label);
+            parties.iter().any(is_own)
+        };
+        for own in rows.iter().filter(|row| party.has(&estimates[row.estimate].label)) {
+            let (name, class) = (&estimates[own.estimate].name, own.comparable_by(metric));
+            let is_candidate = |row: &&Row| {
+                let is_variant = estimates[row.estimate].name == *name && row.comparable_by(metric) == class;
+                is_variant && row.value(metric).is_some()
+            };
+            let candidates: Vec<&Row> = rows.iter().filter(is_candidate).collect();
+            let (Some(_), Some(value)) = (class, own.value(metric)) else { continue };
+            let more_is_better = ablation.metrics[metric].more_is_better;
+            let is_better = |other: f64| if more_is_better { other > value } else { other < value };
+            let is_best = !candidates.iter().filter_map(|row| row.value(metric)).any(is_better);
+            if is_best && candidates.len() >= SEVERAL && candidates.iter().any(|row| !is_compared(row)) {
+                let note = format!(
+                    "{} has the best {} of {} variants on the same frames: if it was chosen because of that, its advantage is overestimated; confirm it on other frames",
+                    party.title,
+                    ablation.metrics[metric].name,
+                    candidates.len()
+                );
+                if !notes.contains(&note) {
+                    notes.push(note);
+                }
+            }
+        }
+    }
+    notes
+}
+
+/// The pairs of each side with the baseline, and notes on estimates without a pair.
 fn pairs<'a>(
-    opened: &'a [Opened<'a>],
+    run_scores: &'a [RunScores<'a>],
     ablations: &[Ablation<'a>],
     parties: &[Party],
     baseline: usize,
@@ -200,28 +254,29 @@ fn pairs<'a>(
     let (mut pairs, mut notes) = (Vec::new(), Vec::new());
     let first = &parties[baseline];
     for (place, party) in parties.iter().enumerate().filter(|(place, _)| *place != baseline) {
-        let mut left_out = Vec::new();
+        let mut unpaired = Vec::new();
         for (name, label) in &party.entries {
-            let Some((_, base)) = first.entries.iter().find(|(of, _)| of == name) else {
-                left_out.push(name.as_str());
+            let Some((_, base)) = first.entries.iter().find(|(known, _)| known == name) else {
+                unpaired.push(name.as_str());
                 continue;
             };
-            let of = |party: &Party, label: &str| {
-                let opened = &opened[party.run];
-                let index = opened.estimates.iter().position(|of| of.label == label)?;
-                Some((opened, index, &opened.estimates[index]))
+            let estimate_of = |party: &Party, label: &str| {
+                let own = &run_scores[party.run];
+                let index = own.estimates.iter().position(|estimate| estimate.label == label)?;
+                Some((own, index, &own.estimates[index]))
             };
-            let (Some((one, base, estimate)), Some((two, other, against))) = (of(first, base), of(party, label)) else {
+            let sides = (estimate_of(first, base), estimate_of(party, label));
+            let (Some((one, base, estimate)), Some((two, other, against))) = sides else {
                 continue;
             };
-            let wanted = match options.selection.set {
+            let selected = match options.selection.set {
                 _ if options.selection.common => Some(PixelSet::All),
                 set => set,
             };
             let sets = [PixelSet::All, PixelSet::Valid, PixelSet::Filled].into_iter();
             let mut both = sets.filter(|set| estimate.sets.contains(set) && against.sets.contains(set));
-            let Some(set) = both.find(|set| wanted.is_none_or(|wanted| wanted == *set)) else {
-                left_out.push(name.as_str());
+            let Some(set) = both.find(|set| selected.is_none_or(|selected| selected == *set)) else {
+                unpaired.push(name.as_str());
                 continue;
             };
             let scores = |place: usize, index: usize| {
@@ -229,23 +284,23 @@ fn pairs<'a>(
             };
             let baseline = ScoredBy { run: one.run, estimate, scores: scores(first.run, base)? };
             let other = ScoredBy { run: two.run, estimate: against, scores: scores(party.run, other)? };
-            let paired = Paired::of(&baseline, &other);
+            let paired = Paired::new(&baseline, &other);
             if paired.frames.is_empty() {
                 notes.push(format!(
-                    "{} and {} have no frame in common",
-                    baseline.title(opened.len()),
-                    other.title(opened.len())
+                    "{} and {} have no common frame",
+                    baseline.title(run_scores.len()),
+                    other.title(run_scores.len())
                 ));
                 continue;
             }
             pairs.push(Pair { party: place, name: name.clone(), baseline, other, set, paired });
         }
-        if !left_out.is_empty() {
+        if !unpaired.is_empty() {
             notes.push(format!(
-                "of {} alone, or not scored on the same pixels in {}: {}",
+                "estimates of {} without a counterpart on the same pixels in {}: {}",
                 party.title,
                 first.title,
-                listed(left_out)
+                listed(unpaired)
             ));
         }
     }
@@ -253,19 +308,18 @@ fn pairs<'a>(
         let what = notes
             .first()
             .cloned()
-            .unwrap_or_else(|| format!("{} has no estimate of a name that another side has too", first.title));
-        return Err(AnalysisError::asked(
+            .unwrap_or_else(|| format!("{} has no estimate whose name occurs in another side", first.title));
+        return Err(AnalysisError::request(
             what,
-            "name estimates to hold against each other: `compare RUN full/fused full/mono`, `compare A:fused B:fused`"
-                .to_owned(),
+            "name the estimates to compare: `compare RUN full/fused full/mono`, `compare A:fused B:fused`".to_owned(),
         ));
     }
     Ok((pairs, notes))
 }
 
-/// That a side has no such name, with the nearest that is there.
+/// The error for an unknown variant or estimate, with the nearest known name.
 fn no_such(name: &str, estimates: &[Estimate], variants: &[String]) -> AnalysisError {
     let known: Vec<&str> =
-        variants.iter().map(String::as_str).filter(|name| !name.is_empty()).chain(names_of(estimates)).collect();
+        variants.iter().map(String::as_str).filter(|name| !name.is_empty()).chain(estimate_names(estimates)).collect();
     unknown("variant or estimate", name, known)
 }

@@ -1,4 +1,4 @@
-//! Learning curves: how the losses of trained networks fell, as they were recorded.
+//! Recorded learning curves: the losses of trained networks.
 
 use depthloom_graphs::Value;
 use depthloom_graphs::plan::{NodeId, RunId};
@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::error::AnalysisError;
 use crate::tables::{RowKey, RowKeys, Rows, Table, key_columns};
 
-/// Where a learning curve ended.
+/// The end of a learning curve.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct CurveEnd {
     stage: String,
@@ -19,17 +19,17 @@ pub struct CurveEnd {
     points: u64,
     step: Option<u64>,
     loss: Option<f64>,
-    /// The last that was measured.
+    /// The last measured validation loss.
     validation: Option<f64>,
 }
 
-/// A learning curve and what it is called.
+/// A learning curve with its names.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct LearningCurve {
-    /// Its topic without what all curves share: `learn/teacher`, or `learn/variant/teacher`.
+    /// Its topic without the parts that all curves share: `learn/train`, or `learn/variant/train`.
     pub(crate) label: String,
-    /// The stage, and the variant of the node where not all share it.
-    pub(crate) lead: RowKey,
+    /// The stage, and the variant if not all variants share the node.
+    pub(crate) row_key: RowKey,
     /// The node.
     pub(crate) node: String,
     pub(crate) curve: Curve,
@@ -55,11 +55,11 @@ pub(crate) fn learning_curves(recording: &Recording) -> Result<Vec<LearningCurve
 
 /// The learning curve of a node, without a label.
 pub(crate) fn learning_curve(plan: &RecordedPlan, run: RunId, node: NodeId, curve: &Curve) -> LearningCurve {
-    let (run, leads) = (&plan.runs[run], RowKeys::new(plan));
+    let (run, row_keys) = (&plan.runs[run], RowKeys::new(plan));
     let node = &run.nodes[node];
     LearningCurve {
         label: String::new(),
-        lead: leads.of_those(&run.stage, &node.variants),
+        row_key: row_keys.for_variants(&run.stage, &node.variants),
         node: node.name.clone(),
         curve: curve.clone(),
     }
@@ -72,13 +72,14 @@ pub(crate) fn figure(curves: &[LearningCurve]) -> String {
     depthloom_figures::Sheet { title: "Learning curves".to_owned(), ..sheet }.drawing().unwrap_or_default().svg()
 }
 
-/// The table `learning_curves.csv` holds: what a row is of, `step, loss, validation, learning_rate`; a validation that
-/// was not measured is null.
+/// The table of `learning_curves.csv`: key columns, `step, loss, validation, learning_rate`. A validation loss that was
+/// not measured is null.
 pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Table {
     let points: Vec<(&LearningCurve, &CurvePoint)> =
         curves.iter().flat_map(|curve| curve.curve.points.iter().map(move |point| (curve, point))).collect();
     let rows = Rows(&points);
-    let mut columns = key_columns(&points, |(curve, _)| &curve.lead, vec![rows.key("node", |(curve, _)| &curve.node)]);
+    let mut columns =
+        key_columns(&points, |(curve, _)| &curve.row_key, vec![rows.key("node", |(curve, _)| &curve.node)]);
     columns.extend([
         rows.count("step", |(_, point)| point.step),
         rows.number("loss", |(_, point)| point.loss),
@@ -89,13 +90,13 @@ pub(crate) fn table_of_points(curves: &[LearningCurve]) -> Table {
 }
 
 impl LearningCurve {
-    /// Where it ended, for programs: last step, loss, and the last validation that was measured.
+    /// The end of the curve: last step, loss, and the last measured validation loss.
     pub(crate) fn end(&self) -> CurveEnd {
         let points = &self.curve.points;
         let last = points.last();
         CurveEnd {
-            stage: self.lead.stage.clone(),
-            variant: self.lead.variant.clone(),
+            stage: self.row_key.stage.clone(),
+            variant: self.row_key.variant.clone(),
             node: self.node.clone(),
             points: points.len() as u64,
             step: last.map(|point| point.step),

@@ -1,8 +1,8 @@
-//! Absolute error against true distance, per metre: counts and percentiles of the errors, by the [query
+//! Absolute error against ground-truth distance, per metre: counts and percentiles of the errors, computed by the [query
 //! engine](crate::query).
 //!
-//! Two pixel sets: those for which an estimate is valid, and the *shared* ones, for which all estimates with the same
-//! ground truth and settings are. An estimate that is valid on easy pixels only would win on its own set.
+//! There are two pixel sets: the valid pixels of an estimate, and the *shared* pixels, which are valid in all estimates
+//! with the same ground truth and settings. An estimate that is valid only on easy pixels would win on its own set.
 
 mod earlier;
 mod inputs;
@@ -23,7 +23,7 @@ use depthloom_recording::{RecordedPlan, Recording};
 use depthloom_scores::PixelSet;
 
 use self::earlier::{ORIGIN, Origin};
-use self::maps::Taken;
+use self::maps::CollectedSamples;
 use self::samples::Samples;
 pub use self::sink::{RecordedSamples, SampleSink};
 use crate::error::AnalysisError;
@@ -31,21 +31,21 @@ use crate::estimates::{Estimate, estimate_columns};
 use crate::files::Output;
 use crate::tables::{COMMON, Cells, Column, RowKey, RowKeys, Rows, Table, key_columns};
 
-/// The percentiles that are computed.
+/// The computed percentiles.
 pub const PERCENTILES: [u32; 5] = [5, 25, 50, 75, 95];
-/// Pixels from this true distance on are left out, metres: counting takes memory for every metre up to the farthest.
+/// Pixels at this ground-truth distance or beyond are excluded, metres: counting needs memory for every metre.
 pub(crate) const FARTHEST_M: u32 = 4096;
 
-/// Absolute errors of an estimate in one metre of true distance.
+/// Absolute errors of an estimate in one metre of ground-truth distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistanceBin {
     /// Index of the estimate.
     pub estimate: usize,
-    /// The bin holds true distances from this many metres up to, not including, one metre more.
+    /// The bin covers ground-truth distances from this many metres up to, but not including, one metre more.
     pub bin_m: u32,
-    /// Over all pixels for which the estimate is valid.
+    /// Over the valid pixels of the estimate.
     pub valid: Spread,
-    /// Over those for which all that it is compared with are valid too; `None` if there is none.
+    /// Over the pixels that are valid in all compared estimates; `None` without such pixels.
     pub shared: Option<Spread>,
 }
 
@@ -58,19 +58,19 @@ pub struct Spread {
     pub percentiles_m: [f64; 5],
 }
 
-/// Error against distance, and how many true distances are in each metre.
+/// Error against distance, and the number of pixels with ground truth in each metre.
 pub(crate) struct Distances {
-    /// By estimate, then by metre.
+    /// Sorted by estimate, then by metre.
     pub(crate) bins: Vec<DistanceBin>,
-    /// By estimate: how many pixels were left out because they are beyond [`FARTHEST_M`].
+    /// For each estimate, the number of pixels that were excluded because they are beyond [`FARTHEST_M`].
     pub(crate) beyond: Vec<u64>,
-    /// Scored pixels with ground truth by stage run and metre, over the frames whose values were recorded; each ground
-    /// truth counts once.
+    /// Scored pixels with ground truth by stage run and metre, over the frames with recorded values. Each ground truth
+    /// counts once.
     truth: BTreeMap<(RunId, u32), u64>,
 }
 
 /// Computes the error against distance of a recording, and its table. The maps of frames with `recorded` samples are
-/// not read. The bins of equal maps come from one of the `reports` of earlier runs, given by their folders.
+/// not read. The bins of equal maps are reused from one of the `reports` of earlier runs, given by their folders.
 pub(crate) fn distances(
     recording: &Recording,
     estimates: &[Estimate],
@@ -83,9 +83,9 @@ pub(crate) fn distances(
     let distances = match unchanged::distances(recording, estimates, &inputs, reports, samples_in_memory, output)? {
         Some(distances) => distances,
         None => {
-            let none = || Taken::none_yet(Samples::new(estimates.len(), samples_in_memory, output));
-            let taken = recorded.map_or_else(none, |recorded| recorded.0);
-            maps::distances(recording, estimates, |_| true, output, taken)?
+            let none = || CollectedSamples::empty(Samples::new(estimates.len(), samples_in_memory, output));
+            let collected = recorded.map_or_else(none, |recorded| recorded.0);
+            maps::distances(recording, estimates, |_| true, output, collected)?
         }
     };
     let origin = Origin::new(&distances.bins, &inputs, &distances.beyond);
@@ -104,7 +104,7 @@ impl Distances {
     /// The table `true_distances.csv`.
     pub(crate) fn table_of_truth(&self, plan: &RecordedPlan) -> Table {
         let keys = RowKeys::new(plan);
-        let key = |run: RunId| keys.of_those(&plan.runs[run].stage, &plan.runs[run].variants);
+        let key = |run: RunId| keys.for_variants(&plan.runs[run].stage, &plan.runs[run].variants);
         let rows: Vec<(RowKey, u64)> = self.truth.iter().map(|((run, _), count)| (key(*run), *count)).collect();
         let mut columns = key_columns(&rows, |(key, _)| key, Vec::new());
         columns.extend(bin_columns(self.truth.keys().map(|(_, metre)| *metre)));
@@ -112,8 +112,8 @@ impl Distances {
         Table::new(columns)
     }
 
-    /// The table `error_vs_distance`: estimate by estimate, first on the pixels for which each is valid (`valid`),
-    /// then on the shared ones.
+    /// The table `error_vs_distance`: estimate by estimate, first on the valid pixels of each (`valid`), then on the shared
+    /// ones.
     fn table(&self, estimates: &[Estimate], origin: &Origin) -> Table {
         let mut rows: Vec<(&Estimate, &str, u32, Spread)> = Vec::new();
         for bins in self.bins.chunk_by(|a, b| a.estimate == b.estimate) {
@@ -132,7 +132,7 @@ impl Distances {
     }
 }
 
-/// The edges of bins of a metre of true distance: from the first up to, not including, the second.
+/// The edges of one-metre bins of ground-truth distance. The upper edge is excluded.
 fn bin_columns(metres: impl Iterator<Item = u32> + Clone) -> [Column; 2] {
     let column = |name: &str, metres| Column::new(name, Cells::Metres(metres)).unit("m");
     [column("bin_from_m", metres.clone().collect()), column("bin_to_m", metres.map(|metre| metre + 1).collect())]

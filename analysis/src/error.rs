@@ -14,24 +14,24 @@ use polars::error::PolarsError;
 /// Why a recording could not be analysed.
 #[derive(Debug, thiserror::Error)]
 pub enum AnalysisError {
-    /// It was asked to stop: what it has not written yet is what it was.
-    #[error("stopped before it was done")]
+    /// The analysis was stopped; files that it had not written yet are unchanged.
+    #[error("stopped before it was finished")]
     Stopped,
     /// The recording cannot be read.
     #[error("failed to read the recording")]
     Recording {
         /// Why.
         source: RecordingError,
-        /// What was written before, and is whole.
-        whole: Option<String>,
+        /// The files that were written before the error and are complete.
+        complete: Option<String>,
     },
-    /// The recording holds something an analysis cannot use.
+    /// The recording contains something that an analysis cannot use.
     #[error("{what}")]
     Content {
-        /// What, and where.
+        /// The content, and its location.
         what: String,
     },
-    /// The request names what does not exist, or what cannot be computed.
+    /// The request names something that does not exist or cannot be computed.
     #[error(transparent)]
     Request(ErrorMessage),
     /// A file cannot be written.
@@ -39,7 +39,7 @@ pub enum AnalysisError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         #[source]
         source: io::Error,
     },
@@ -48,30 +48,30 @@ pub enum AnalysisError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         #[source]
         source: io::Error,
     },
-    /// A table cannot be put together or read.
+    /// A table cannot be computed or read.
     #[error("failed to compute {what}")]
     Compute {
         /// What was being computed.
         what: String,
-        /// What polars said.
+        /// The error of polars.
         #[source]
         source: Box<PolarsError>,
     },
-    /// An error in the analysis itself, or in a library of its.
-    #[error("the analysis panicked: {what}; this is an error in the engine: please report it")]
+    /// A panic in the analysis or in one of its libraries.
+    #[error("the analysis panicked: {what}; this is a bug in depthloom: please report it")]
     Panicked {
-        /// What the panic said.
+        /// The message of the panic.
         what: String,
     },
 }
 
 impl From<RecordingError> for AnalysisError {
     fn from(source: RecordingError) -> Self {
-        Self::Recording { source, whole: None }
+        Self::Recording { source, complete: None }
     }
 }
 
@@ -89,79 +89,79 @@ impl From<PageError> for AnalysisError {
 
 impl Remedied for AnalysisError {
     fn remedy(&self) -> Option<String> {
-        let (source, whole) = match self {
-            Self::Recording { source, whole } => (source, whole),
+        let (source, complete) = match self {
+            Self::Recording { source, complete } => (source, complete),
             Self::Request(message) => return message.remedy.clone(),
             Self::Write { source, .. } => return remedy_of_writing(source).map(ToOwned::to_owned),
             _ => return None,
         };
-        let whole = whole.as_ref().map(|whole| format!("what is whole all the same: {whole}"));
-        let remedies: Vec<String> = source.remedy().into_iter().chain(whole).collect();
+        let complete = complete.as_ref().map(|files| format!("these files are complete: {files}"));
+        let remedies: Vec<String> = source.remedy().into_iter().chain(complete).collect();
         (!remedies.is_empty()).then(|| remedies.join("; "))
     }
 }
 
 impl AnalysisError {
-    /// Whether it is that the recording is damaged.
+    /// Whether the recording is damaged.
     #[must_use]
     pub const fn is_damage(&self) -> bool {
         matches!(self, Self::Recording { source, .. } if source.is_damage())
     }
 
-    /// Where the recording cannot be read: these files are whole.
-    pub(crate) fn but_whole(self, files: &[&str], folder: &Path) -> Self {
+    /// Adds the complete files to an error of reading the recording.
+    pub(crate) fn with_complete_files(self, files: &[&str], folder: &Path) -> Self {
         match self {
             Self::Recording { source, .. } if !files.is_empty() => {
-                let whole = Some(format!("{} in {}", files.join(", "), folder.display()));
-                Self::Recording { source, whole }
+                let complete = Some(format!("{} in {}", files.join(", "), folder.display()));
+                Self::Recording { source, complete }
             }
             other => other,
         }
     }
 
-    /// For `map_err`: what was being computed.
+    /// For `map_err`: an error of computing `what`.
     pub(crate) fn compute(what: impl Into<String>) -> impl FnOnce(PolarsError) -> Self {
         move |source| Self::Compute { what: what.into(), source: Box::new(source) }
     }
 
-    /// For `map_err`: what was being written.
+    /// For `map_err`: an error of writing `path`.
     pub(crate) fn write(path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Write { path: path.to_owned(), source }
     }
 
-    /// For `map_err`: what was being read.
+    /// For `map_err`: an error of reading `path`.
     pub(crate) fn read(path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Read { path: path.to_owned(), source }
     }
 
-    /// Something in a recording that an analysis cannot use.
+    /// Recorded content that an analysis cannot use.
     pub(crate) fn content(what: impl Into<String>) -> Self {
         Self::Content { what: what.into() }
     }
 
-    /// The request names what does not exist; `help` says what does.
-    pub(crate) fn asked(what: String, help: String) -> Self {
+    /// A request that cannot be fulfilled; `help` is the remedy.
+    pub(crate) fn request(what: String, help: String) -> Self {
         Self::Request(ErrorMessage::new(what).remedy(help))
     }
 }
 
-/// That something is not there, with the nearest that is.
+/// The error for an unknown name, with the nearest known name.
 pub(crate) fn unknown<'a>(
     what: &str,
-    wanted: &str,
+    name: &str,
     known: impl IntoIterator<Item = &'a str, IntoIter: Clone>,
 ) -> AnalysisError {
     let known = known.into_iter();
-    let help = nearest_of(wanted, known.clone()).unwrap_or_else(|| format!("there are {}", listed(known)));
-    AnalysisError::asked(format!("there is no {what} `{wanted}`"), help)
+    let help = nearest_of(name, known.clone()).unwrap_or_else(|| format!("available: {}", listed(known)));
+    AnalysisError::request(format!("there is no {what} `{name}`"), help)
 }
 
-/// The nearest of what there is, as a question.
-pub(crate) fn nearest_of<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
-    nearest(wanted, known).map(|near| format!("did you mean `{near}`?"))
+/// The nearest known name, as a question.
+pub(crate) fn nearest_of<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    nearest(name, known).map(|near| format!("did you mean `{near}`?"))
 }
 
-/// Names in a row, the first few of many.
+/// A list of names, shortened if it is long.
 pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     const SHOWN: usize = 12;
     let names: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();
@@ -172,7 +172,7 @@ pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     }
 }
 
-/// Runs `f`; a panic in it is an error as any other.
+/// Runs `f`; a panic becomes an error.
 pub(crate) fn caught<R>(f: impl FnOnce() -> Result<R, AnalysisError>) -> Result<R, AnalysisError> {
     depthloom_threads::caught(f).unwrap_or_else(|Caught(what)| Err(AnalysisError::Panicked { what }))
 }

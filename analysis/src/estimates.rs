@@ -1,4 +1,4 @@
-//! What a recording scored: estimates, in the order of every table and plot.
+//! The estimates that a recording scored, in the order of all tables and plots.
 
 use std::collections::HashSet;
 
@@ -10,42 +10,42 @@ use depthloom_scores::{DisparityScoreParams, Family, Mean, Metric, PixelSet, Sco
 use crate::error::{AnalysisError, unknown};
 use crate::tables::{Column, RowKey, RowKeys, Rows, key_columns};
 
-/// The kind that scores disparities; all others score depths.
+/// The kind that scores disparities; all other kinds score depths.
 const DISPARITY: &str = "score/disparity";
 
-/// An estimate that was scored against the truth.
+/// An estimate that was scored against ground truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
-    /// What people call it: `name` if it is the same in all variants, else `variant/name`.
+    /// Its label: `name` if it is the same in all variants, otherwise `variant/name`.
     pub label: String,
-    /// Its name under `estimates:`: that in tables, where stage and variant stand beside it.
+    /// Its name under `estimates:`, as in tables, which have columns for stage and variant.
     pub name: String,
-    /// Its stage, and its variant where it is not the same in all.
-    pub lead: RowKey,
+    /// Its stage, and its variant if it is not the same in all variants.
+    pub row_key: RowKey,
     /// Index of the stage run in the recorded plan.
     pub run: RunId,
-    /// What was scored.
+    /// Whether depths or disparities were scored.
     pub family: Family,
     /// The pixel sets it was scored on.
     pub sets: Vec<PixelSet>,
-    /// The scores that were taken, in the catalogue's order.
+    /// The metrics, in the order of the catalogue.
     pub metrics: Vec<&'static Metric>,
-    /// What a data set's value is taken over.
+    /// How the value of a data set is averaged.
     pub mean: Mean,
-    /// How depths were scored; `None` of disparities, which know no bounds.
+    /// The settings of depth scores; `None` for disparities, which have no bounds.
     pub settings: Option<Settings>,
-    /// How it was scored, in words: the preset, and what differs from it.
+    /// Describes the scoring: the preset, and the parameters that differ from it.
     pub preset: String,
     /// The topic of its scores; `None` if they were not recorded.
     pub score_topic: Option<String>,
     /// The topic of the estimated depth; `None` if it was not recorded.
     pub estimate_topic: Option<String>,
-    /// The topic of the true depth; `None` if it was not recorded.
+    /// The topic of the ground-truth depth; `None` if it was not recorded.
     pub truth_topic: Option<String>,
-    /// The topic of what was scored, recorded or not; `None` if the recording does not say.
-    pub estimate: Option<String>,
-    /// The topic of what the true depth was taken from, recorded or not; `None` if the recording does not say.
-    pub truth: Option<String>,
+    /// The topic of the output that is scored, recorded or not; `None` if the recording does not name it.
+    pub scored_output: Option<String>,
+    /// The topic of the output with the ground truth, recorded or not; `None` if the recording does not name it.
+    pub truth_output: Option<String>,
 }
 
 /// The recorded maps that an estimate's error against distance is computed from.
@@ -57,19 +57,17 @@ pub(crate) struct Compared<'a> {
 }
 
 impl Estimate {
-    /// Its maps; `None` of disparities, and if one of the maps was not recorded.
+    /// Its maps; `None` for disparities, and if one of the maps was not recorded.
     pub(crate) fn compared(&self) -> Option<Compared<'_>> {
         let (truth_topic, estimate_topic) = (self.truth_topic.as_deref()?, self.estimate_topic.as_deref()?);
         Some(Compared { truth_topic, estimate_topic, settings: self.settings.as_ref()? })
     }
 }
 
-/// The estimates of a recording: those that all variants share first, then variant by variant in the order of the
-/// file.
+/// The estimates of a recording: first those that all variants share, then variant by variant in the order of the file.
 ///
 /// # Errors
-/// If a score node's parameters are not those of a kind `score/*` this version knows, or something in the plan points
-/// outside it.
+/// If this version does not know the parameters of a score node, or the plan is damaged.
 pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisError> {
     let all = || {
         RunId::enumerate(&plan.runs).flat_map(|(r, run)| run.estimates.iter().map(move |estimate| (r, run, estimate)))
@@ -77,27 +75,32 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
     let mut labels = HashSet::new();
     let repeated: HashSet<&str> =
         all().map(|(.., e)| e.label.as_str()).filter(|label| !labels.insert(*label)).collect();
-    let leads = RowKeys::new(plan);
+    let row_keys = RowKeys::new(plan);
     let mut ordered = Vec::new();
     for (run, planned, estimate) in all() {
         let kind = planned.nodes.get(estimate.score_node.0).map_or("", |node| node.kind.as_str());
-        let Asked { family, sets, metrics, mean, settings } = asked(kind, &estimate.score_params).map_err(|error| {
-            AnalysisError::content(format!("parameters of the scores of `{}`: {error}", estimate.label))
-        })?;
+        let ScoreParameters { family, sets, metrics, mean, settings } = score_parameters(kind, &estimate.score_params)
+            .map_err(|error| {
+                AnalysisError::content(format!("invalid score parameters of `{}`: {error}", estimate.label))
+            })?;
         // Two stages may score estimates of one name.
         let label = match repeated.contains(estimate.label.as_str()) {
             true => format!("{}.{}", planned.stage, estimate.label),
             false => estimate.label.clone(),
         };
         let named = |v: VariantId| {
-            let what =
-                || format!("the recording's plan is damaged: `{label}` is of variant {v} of {}", plan.variants.len());
+            let what = || {
+                format!(
+                    "the recording's plan is damaged: `{label}` belongs to variant {v}, but there are {} variants",
+                    plan.variants.len()
+                )
+            };
             plan.variants.get(v.0).cloned().ok_or_else(|| AnalysisError::content(what()))
         };
         estimate.variant.map(named).transpose()?;
-        let lead = match estimate.variant {
-            Some(variant) => leads.of(&planned.stage, &[variant]),
-            None => leads.of_all(&planned.stage),
+        let row_key = match estimate.variant {
+            Some(variant) => row_keys.for_some(&planned.stage, &[variant]),
+            None => row_keys.shared_by_all(&planned.stage),
         };
         let scoring = planned.nodes.get(estimate.score_node.0);
         let from =
@@ -106,7 +109,7 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
         let estimate = Estimate {
             label,
             name: estimate.name.clone(),
-            lead,
+            row_key,
             run,
             family,
             sets,
@@ -117,8 +120,8 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
             score_topic: estimate.score_topic.clone(),
             estimate_topic: estimate.estimate_topic.clone(),
             truth_topic: estimate.truth_topic.clone(),
-            estimate: from("estimate"),
-            truth: from("truth"),
+            scored_output: from("estimate"),
+            truth_output: from("truth"),
         };
         ordered.push((place, estimate));
     }
@@ -126,7 +129,7 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
     Ok(ordered.into_iter().map(|(_, estimate)| estimate).collect())
 }
 
-/// The columns of tables whose rows are of an estimate on a pixel set; `more` stands before the axes.
+/// The key columns of tables with one row per estimate and pixel set; `more` is placed before the axes.
 pub(crate) fn estimate_columns<'r, R>(
     rows: &'r [R],
     key: impl Fn(&'r R) -> (&'r Estimate, &'r str),
@@ -135,29 +138,29 @@ pub(crate) fn estimate_columns<'r, R>(
     let cells = Rows(rows);
     let mut own = vec![cells.key("estimate", |row| &key(row).0.name), cells.key("set", |row| key(row).1)];
     own.extend(more);
-    key_columns(rows, |row| &key(row).0.lead, own)
+    key_columns(rows, |row| &key(row).0.row_key, own)
 }
 
-/// The names that estimates go by, each once: those under `estimates:`, then labels.
-pub(crate) fn names_of(estimates: &[Estimate]) -> Vec<&str> {
-    let names = estimates.iter().map(|of| of.name.as_str());
+/// The distinct names of estimates: those under `estimates:`, then labels.
+pub(crate) fn estimate_names(estimates: &[Estimate]) -> Vec<&str> {
+    let names = estimates.iter().map(|estimate| estimate.name.as_str());
     let mut seen = HashSet::new();
-    names.chain(estimates.iter().map(|of| of.label.as_str())).filter(|name| seen.insert(*name)).collect()
+    names.chain(estimates.iter().map(|estimate| estimate.label.as_str())).filter(|name| seen.insert(*name)).collect()
 }
 
-/// Whether a pattern names an estimate, by its label or its name; several patterns have commas between.
-pub(crate) fn is_of(estimate: &Estimate, patterns: &str) -> bool {
-    is_pattern_of(patterns, &estimate.label) || is_pattern_of(patterns, &estimate.name)
+/// Whether one of the patterns, separated by commas, matches the label or the name of an estimate.
+pub(crate) fn matches_estimate(estimate: &Estimate, patterns: &str) -> bool {
+    pattern_matches(patterns, &estimate.label) || pattern_matches(patterns, &estimate.name)
 }
 
-pub(crate) fn is_pattern_of(patterns: &str, name: &str) -> bool {
-    // A name may have a comma itself.
+pub(crate) fn pattern_matches(patterns: &str, name: &str) -> bool {
+    // A name may contain a comma.
     glob(patterns, name) || patterns.split(',').any(|pattern| glob(pattern.trim(), name))
 }
 
-/// That each of the patterns names an estimate.
-pub(crate) fn each_names_one(patterns: &str, estimates: &[Estimate]) -> Result<(), AnalysisError> {
-    let names = names_of(estimates);
+/// Checks that each pattern matches an estimate.
+pub(crate) fn check_patterns(patterns: &str, estimates: &[Estimate]) -> Result<(), AnalysisError> {
+    let names = estimate_names(estimates);
     let is_one = |pattern: &str| names.iter().any(|name| glob(pattern, name));
     match patterns.split(',').map(str::trim).find(|pattern| !is_one(pattern)) {
         Some(pattern) if !is_one(patterns) => Err(unknown("estimate", pattern, names.iter().copied())),
@@ -165,8 +168,8 @@ pub(crate) fn each_names_one(patterns: &str, estimates: &[Estimate]) -> Result<(
     }
 }
 
-/// `preset paper`, `preset paper with max_m 50 and crop garg`: what is set beside the preset, but for what says which
-/// rows there are.
+/// Describes the scoring: `preset paper`, `preset paper with max_m 50 and crop garg`. Parameters that only select rows are
+/// not included.
 fn preset(params: &serde_json::Value) -> String {
     const ROWS: [&str; 5] = ["preset", "sets", "metrics", "zones", "mean"];
     let set = params.as_object().into_iter().flatten();
@@ -184,8 +187,8 @@ fn preset(params: &serde_json::Value) -> String {
     }
 }
 
-/// What recorded parameters ask for.
-struct Asked {
+/// The recorded parameters of a score node.
+struct ScoreParameters {
     family: Family,
     sets: Vec<PixelSet>,
     metrics: Vec<&'static Metric>,
@@ -193,29 +196,30 @@ struct Asked {
     settings: Option<Settings>,
 }
 
-/// What a score node of that kind was asked for by its recorded parameters; what is null is the preset's.
-fn asked(kind: &str, params: &serde_json::Value) -> Result<Asked, String> {
+/// Reads the recorded parameters of a score node of this kind. Null parameters have the values of the preset.
+fn score_parameters(kind: &str, params: &serde_json::Value) -> Result<ScoreParameters, String> {
     if kind == DISPARITY {
         let params: DisparityScoreParams =
             serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
         params.check().map_err(|(_, what)| what)?;
         let metrics = params.metrics().map_err(|(_, what)| what)?;
-        return Ok(Asked { family: Family::Disparity, sets: params.sets, metrics, mean: params.mean, settings: None });
+        let (sets, mean) = (params.sets, params.mean);
+        return Ok(ScoreParameters { family: Family::Disparity, sets, metrics, mean, settings: None });
     }
     let params: ScoreParams = serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
     params.check().map_err(|(_, what)| what)?;
     let (metrics, settings) = (params.metrics().map_err(|(_, what)| what)?, Some(params.settings()));
-    Ok(Asked { family: Family::Depth, sets: params.sets, metrics, mean: params.mean, settings })
+    Ok(ScoreParameters { family: Family::Depth, sets: params.sets, metrics, mean: params.mean, settings })
 }
 
 #[cfg(test)]
 impl Estimate {
-    /// One of depths, scored as the paper does.
+    /// A depth estimate with the default settings.
     pub(crate) fn of_depths(label: &str, variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Self {
         Self {
             label: label.to_owned(),
             name: name.to_owned(),
-            lead: RowKey { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
+            row_key: RowKey { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
             run: RunId(0),
             sets: sets.to_vec(),
             family: Family::Depth,
@@ -226,8 +230,8 @@ impl Estimate {
             score_topic: None,
             estimate_topic: None,
             truth_topic: None,
-            estimate: None,
-            truth: None,
+            scored_output: None,
+            truth_output: None,
         }
     }
 }
@@ -241,20 +245,21 @@ mod tests {
     use super::*;
 
     fn settings(params: &serde_json::Value) -> Result<(Vec<PixelSet>, Settings), String> {
-        asked("score/depth", params).map(|asked| (asked.sets, asked.settings.expect("depths have settings")))
+        let read = score_parameters("score/depth", params)?;
+        Ok((read.sets, read.settings.expect("depths have settings")))
     }
 
     #[test]
-    fn disparities_are_asked_for_their_own_scores() {
+    fn disparities_have_their_own_metrics() {
         let params = json!({ "sets": ["filled"], "metrics": ["d1", "epe"], "mean": "pixels" });
-        let asked = asked(DISPARITY, &params).unwrap();
-        let names: Vec<&str> = asked.metrics.iter().map(|metric| metric.name).collect();
-        assert_eq!((names, asked.family, asked.mean), (vec!["epe", "d1"], Family::Disparity, Mean::Pixels));
+        let read = score_parameters(DISPARITY, &params).unwrap();
+        let names: Vec<&str> = read.metrics.iter().map(|metric| metric.name).collect();
+        assert_eq!((names, read.family, read.mean), (vec!["epe", "d1"], Family::Disparity, Mean::Pixels));
         assert!(settings(&params).is_err(), "a depth has neither");
     }
 
     #[test]
-    fn what_is_null_is_the_presets() {
+    fn null_parameters_have_the_values_of_the_preset() {
         let params = json!({
             "preset": "monodepth2", "sets": ["valid", "all"], "min_m": null, "max_m": 50.0, "missing_m": null,
             "crop": "eigen", "median_scaling": null, "sq_rel": null, "silog": "hundred-deviation",
@@ -267,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_11_recorded_settings_that_nothing_can_be_scored_with_are_refused_by_name() {
+    fn fault_11_invalid_recorded_settings_are_refused_by_name() {
         let refused = |name: &str, value: serde_json::Value| {
             let mut params = json!({ "preset": "paper", "sets": ["all"] });
             params[name] = value;
@@ -280,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_11_an_estimate_of_a_variant_that_is_not_there_is_an_error() {
+    fn fault_11_an_estimate_of_a_missing_variant_is_an_error() {
         let mut plan = json!({
             "experiment": "x", "about": "", "variants": ["a", "b"], "every": 1, "view": false,
             "runs": [{
@@ -293,10 +298,10 @@ mod tests {
             }],
         });
         let read = |plan: &serde_json::Value| estimates(&RecordedPlan::deserialize(plan).unwrap());
-        assert_eq!(read(&plan).unwrap()[0].lead.variant.as_deref(), Some("b"));
+        assert_eq!(read(&plan).unwrap()[0].row_key.variant.as_deref(), Some("b"));
         plan["runs"][0]["estimates"][0]["variant"] = json!(9);
         let error = read(&plan).unwrap_err().to_string();
-        assert_eq!(error, "the recording's plan is damaged: `b/mono` is of variant 9 of 2");
+        assert_eq!(error, "the recording's plan is damaged: `b/mono` belongs to variant 9, but there are 2 variants");
     }
 
     #[test]
@@ -311,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_11_settings_that_no_experiment_may_have_are_refused() {
+    fn fault_11_settings_that_no_experiment_can_have_are_refused() {
         let fine = json!({ "preset": "paper", "sets": ["all"] });
         let with = |name: &str, value: serde_json::Value| {
             let mut params = fine.clone();

@@ -1,26 +1,28 @@
-//! Where a number of a table comes from.
+//! Explains the origin of a number in a table.
 
 use depthloom_recording::{RecordedPlan, RecordedRun, Recording};
 use depthloom_scores::{Align, Family, Mean, Metric, PixelSet, Preset, Settings};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::ablation::{Ablation, Selection, average, of_frames, of_label, pixels_of, scored, source_of};
+use crate::ablation::{
+    Ablation, Selection, average, estimate_by_label, pixels_in_words, scored, select_frames, source_keys,
+};
 use crate::error::{AnalysisError, caught, unknown};
 use crate::estimates::{Estimate, estimates};
-use crate::input::condition;
+use crate::input::condition::recording_notes;
 use crate::input::paper::{is_of_kitti, paper_scores};
 use crate::input::warnings::warnings;
 use crate::scores::FrameScore;
 
-/// How many frames are told that moved a number most.
+/// The number of reported frames that changed the number most.
 const WORST: usize = 3;
-/// Of so many frames it is tried what the number were without them.
+/// The number of frames for which the value without the frame is computed.
 const TRIED: usize = 64;
-/// What a line of the explanation is called: columns of text.
+/// The width of the names of facts, columns of text.
 const NAMES: usize = 13;
 
-/// Of `explain`: where a number comes from.
+/// The output of `explain`: the origin of a number.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct Explain {
     score: &'static str,
@@ -28,17 +30,17 @@ pub struct Explain {
     variant: Option<String>,
     estimate: String,
     value: Option<f64>,
-    /// Empty where it has none.
+    /// Empty if the metric has no unit.
     unit: &'static str,
     more_is_better: bool,
     set: &'static str,
-    /// Empty of the whole image.
+    /// The zone; empty for the whole image.
     zone: String,
     /// `frames` or `pixels`.
     mean: &'static str,
     facts: Vec<Fact>,
     frames: Vec<ScoredFrame>,
-    /// The frames without which the number would be better most.
+    /// The frames whose removal would improve the number most.
     worst: Vec<WorstFrame>,
     notes: Vec<String>,
     #[serde(skip)]
@@ -48,16 +50,16 @@ pub struct Explain {
     label: String,
 }
 
-/// What made a number.
+/// A fact about the origin of a number.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct Fact {
     what: &'static str,
     here: String,
-    /// What Martins et al. 2018 have.
+    /// The value of the fact in Martins et al. 2018.
     paper: Option<String>,
 }
 
-/// A frame's share in a number.
+/// The contribution of a frame to a number.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct ScoredFrame {
     frame: String,
@@ -75,15 +77,15 @@ pub struct WorstFrame {
     source_key: Option<String>,
     pixels: u64,
     value: Option<f64>,
-    /// The number without it.
+    /// The number without this frame.
     without: Option<f64>,
 }
 
-/// Explains a score of an estimate, from a recording's scores alone: no map is read.
+/// Explains a score of an estimate from the recorded scores, without reading maps.
 ///
 /// # Errors
-/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if there is no such
-/// score, estimate or zone; [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if the metric, estimate or zone
+/// does not exist; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn explain(
     recording: &Recording,
     metric: &str,
@@ -95,10 +97,10 @@ pub fn explain(
         let estimates = estimates(recording.plan())?;
         let index = estimates.iter().position(|known| known.label == estimate);
         let index = index
-            .or_else(|| of_label(&estimates, estimate, metric))
+            .or_else(|| estimate_by_label(&estimates, estimate, metric))
             .ok_or_else(|| unknown("estimate", estimate, estimates.iter().map(|known| known.label.as_str())))?;
-        let scores = of_frames(recording, &estimates, scored(recording, &estimates, stop)?, selection)?;
-        let source = source_of(recording);
+        let scores = select_frames(recording, &estimates, scored(recording, &estimates, stop)?, selection)?;
+        let source = source_keys(recording);
         let ablation = Ablation::new(recording.plan(), &estimates, &scores, &source, None);
         explained(recording, &ablation, &estimates[index], index, metric, selection)
     })
@@ -116,17 +118,17 @@ fn explained(
     let zone = ablation.zone(selection)?;
     let set = selection.set.unwrap_or_else(|| estimate.sets.iter().copied().min().unwrap_or(PixelSet::All));
     if !estimate.sets.contains(&set) {
-        let sets: Vec<String> = estimate.sets.iter().map(|set| format!("`--set {set}`")).collect();
-        return Err(AnalysisError::asked(
+        let sets: Vec<String> = estimate.sets.iter().map(|set| format!("`--pixels {set}`")).collect();
+        return Err(AnalysisError::request(
             format!("`{}` was not scored on `{set}`", estimate.label),
-            format!("take {}", sets.join(" or ")),
+            format!("use {}", sets.join(" or ")),
         ));
     }
     let scores = ablation.frames(index, set, zone);
-    if scores.iter().all(|score| !score.row.scores.iter().any(|(of, _)| of.name == metric.name)) {
-        return Err(AnalysisError::asked(
-            format!("`{}` was not taken of `{}`", metric.name, estimate.label),
-            "name it in `metrics` of its score and run again, or name another estimate".to_owned(),
+    if scores.iter().all(|score| !score.row.scores.iter().any(|(known, _)| known.name == metric.name)) {
+        return Err(AnalysisError::request(
+            format!("`{}` was not scored for `{}`", metric.name, estimate.label),
+            "add it to `metrics` of its score and run again, or choose another estimate".to_owned(),
         ));
     }
     let settings = estimate.settings.unwrap_or_default();
@@ -135,7 +137,7 @@ fn explained(
         Mean::Frames => average(scores.filter_map(|score| score.row.get(metric))),
         Mean::Pixels => metric.pooled(scores.map(|score| &score.row), &settings),
     };
-    let whole = value(&mut scores.iter().copied());
+    let all_frames = value(&mut scores.iter().copied());
     let recorded = recording.frames(estimate.run);
     let frames: Vec<ScoredFrame> = scores
         .iter()
@@ -154,39 +156,39 @@ fn explained(
     let facts = facts(plan, estimate, metric, set, zone, mean, &frames, recorded.len(), scores);
     Ok(Explain {
         score: metric.name,
-        stage: estimate.lead.stage.clone(),
-        variant: estimate.lead.variant.clone(),
+        stage: estimate.row_key.stage.clone(),
+        variant: estimate.row_key.variant.clone(),
         estimate: estimate.name.clone(),
-        value: whole,
+        value: all_frames,
         unit: metric.unit,
         more_is_better: metric.more_is_better,
         set: set.name(),
         zone: zone.to_owned(),
         mean: mean.name(),
         facts,
-        worst: worst(metric, &frames, whole, mean, without),
+        worst: worst(metric, &frames, all_frames, mean, without),
         frames,
-        notes: [warnings(recording, Some(estimate.run)), condition::findings(recording, &[], true).notes].concat(),
+        notes: [warnings(recording, Some(estimate.run)), recording_notes(recording)].concat(),
         metric,
         label: estimate.label.clone(),
     })
 }
 
-/// The frames that made a number worse, the one that did it most first.
+/// The frames that made the number worse, the largest change first.
 fn worst(
     metric: &Metric,
     frames: &[ScoredFrame],
-    whole: Option<f64>,
+    all_frames: Option<f64>,
     mean: Mean,
     without: impl Fn(usize) -> Option<f64>,
 ) -> Vec<WorstFrame> {
-    let Some(whole) = whole else { return Vec::new() };
+    let Some(all_frames) = all_frames else { return Vec::new() };
     let sign = if metric.more_is_better { -1.0 } else { 1.0 };
     let weight = |frame: &ScoredFrame| if mean == Mean::Frames { 1.0 } else { frame.pixels as f64 };
     let mut worst: Vec<(f64, usize)> = frames
         .iter()
         .enumerate()
-        .filter_map(|(place, frame)| Some((sign * (frame.value? - whole) * weight(frame), place)))
+        .filter_map(|(place, frame)| Some((sign * (frame.value? - all_frames) * weight(frame), place)))
         .collect();
     worst.sort_by(|a, b| b.0.total_cmp(&a.0));
     worst.truncate(TRIED);
@@ -197,14 +199,14 @@ fn worst(
             WorstFrame { frame, position, source_key, pixels, value, without: without(place) }
         })
         .collect();
-    let moved = |frame: &WorstFrame| frame.without.map_or(0.0, |without| sign * (whole - without));
+    let moved = |frame: &WorstFrame| frame.without.map_or(0.0, |without| sign * (all_frames - without));
     worst.sort_by(|a, b| moved(b).total_cmp(&moved(a)));
-    worst.retain(|of| frames.len() > 1 && moved(of) > 0.0);
+    worst.retain(|frame| frames.len() > 1 && moved(frame) > 0.0);
     worst.truncate(WORST);
     worst
 }
 
-#[expect(clippy::too_many_arguments, reason = "a fact is of each of them")]
+#[expect(clippy::too_many_arguments, reason = "the facts need all of them")]
 fn facts(
     plan: &RecordedPlan,
     estimate: &Estimate,
@@ -213,14 +215,14 @@ fn facts(
     zone: &str,
     mean: Mean,
     frames: &[ScoredFrame],
-    of_frames: usize,
+    recorded_frames: usize,
     scores: &[&FrameScore],
 ) -> Vec<Fact> {
     let run = &plan.runs[estimate.run];
     let mut facts = Vec::new();
     let mut fact = |what, here: String, paper: Option<String>| facts.push(Fact { what, here, paper });
-    let place = Family::Depth.defaults().iter().position(|of| of.name == metric.name);
-    let of_paper = |text: String| place.map(|_| text);
+    let place = Family::Depth.defaults().iter().position(|known| known.name == metric.name);
+    let paper_fact = |text: String| place.map(|_| text);
 
     if let Some(number) = place
         .and_then(|place| Some(paper_scores(estimate, set)?[place]))
@@ -229,36 +231,39 @@ fn facts(
         fact("the paper", format!("{number:.2} in Table I of Martins et al. 2018"), None);
     }
     let paper = Preset::Paper.settings();
-    let formula = |of: &Settings| metric.formula_with(of).to_owned();
-    fact("formula", formula(&estimate.settings.unwrap_or_default()), of_paper(formula(&paper)));
+    let formula = |settings: &Settings| metric.formula_with(settings).to_owned();
+    fact("formula", formula(&estimate.settings.unwrap_or_default()), paper_fact(formula(&paper)));
     fact("after", metric.source.to_owned(), None);
-    fact("scored with", estimate.preset.clone(), of_paper("preset paper".to_owned()));
+    fact("scored with", estimate.preset.clone(), paper_fact("preset paper".to_owned()));
     let pixels = match zone {
-        "" => pixels_of(set).to_owned(),
-        zone => format!("{} of zone {zone}", pixels_of(set)),
+        "" => pixels_in_words(set).to_owned(),
+        zone => format!("{} of zone {zone}", pixels_in_words(set)),
     };
     fact("pixels", format!("{} (set `{set}`)", pixels.replace("each", "it")), None);
     if let Some(settings) = &estimate.settings {
-        let bounds = |of: &Settings| format!("{} m < truth < {} m, answers clamped to that", of.min_m, of.max_m);
-        fact("caps", bounds(settings), of_paper(bounds(&paper)));
-        if set == PixelSet::All {
-            let missing = |of: &Settings| format!("counts as {} m", of.missing_m);
-            fact("no answer", missing(settings), of_paper(missing(&paper)));
-        }
-        let crop = |of: &Settings| format!("{:?}", of.crop).to_lowercase();
-        fact("crop", crop(settings), of_paper(crop(&paper)));
-        let align = |of: &Settings| match of.align {
-            Align::None => "none".to_owned(),
-            align => format!("{}, frame by frame over the scored pixels with an answer", align.name()),
+        let bounds = |settings: &Settings| {
+            let (least, most) = (settings.min_m, settings.max_m);
+            format!("{least} m < ground truth < {most} m, estimates clamped to that range")
         };
-        fact("alignment", align(settings), of_paper(align(&paper)));
+        fact("caps", bounds(settings), paper_fact(bounds(&paper)));
+        if set == PixelSet::All {
+            let missing = |settings: &Settings| format!("an invalid pixel counts as {} m", settings.missing_m);
+            fact("invalid", missing(settings), paper_fact(missing(&paper)));
+        }
+        let crop = |settings: &Settings| format!("{:?}", settings.crop).to_lowercase();
+        fact("crop", crop(settings), paper_fact(crop(&paper)));
+        let align = |settings: &Settings| match settings.align {
+            Align::None => "none".to_owned(),
+            align => format!("{}, frame by frame over the scored valid pixels", align.name()),
+        };
+        fact("alignment", align(settings), paper_fact(align(&paper)));
     }
     let means = |mean| match mean {
-        Mean::Frames => "of the frames' scores, each weighing the same".to_owned(),
+        Mean::Frames => "over frames, with equal weights".to_owned(),
         Mean::Pixels => "over the pixels of all frames".to_owned(),
     };
-    fact("mean", means(mean), of_paper(means(Mean::Frames)));
-    fact("frames", frames_text(frames, of_frames), None);
+    fact("mean", means(mean), paper_fact(means(Mean::Frames)));
+    fact("frames", frames_text(frames, recorded_frames), None);
     let (valid, truth) = (
         scores.iter().map(|score| score.row.valid).sum::<u64>(),
         scores.iter().map(|score| score.row.truth).sum::<u64>(),
@@ -266,52 +271,52 @@ fn facts(
     if truth > 0 {
         let share = 100.0 * valid as f64 / truth as f64;
         let pooled = format!("{valid} of {truth} pixels with ground truth ({share:.2} %)");
-        // The table's density is a mean over frames, which is not the share of all pixels where frames have more or
-        // fewer of them.
-        let of_frames =
-            average(scores.iter().filter(|of| of.row.truth > 0).map(|of| of.row.valid as f64 / of.row.truth as f64));
-        let of_frames =
-            of_frames.map(|mean| format!("{:.2} %", 100.0 * mean)).filter(|mean| *mean != format!("{share:.2} %"));
-        let of_frames = of_frames
+        // The density in tables is a mean over frames. It differs from the share of all pixels if frames have different
+        // numbers of pixels.
+        let with_truth = scores.iter().filter(|score| score.row.truth > 0);
+        let frame_mean = average(with_truth.map(|score| score.row.valid as f64 / score.row.truth as f64));
+        let frame_mean =
+            frame_mean.map(|mean| format!("{:.2} %", 100.0 * mean)).filter(|mean| *mean != format!("{share:.2} %"));
+        let frame_mean = frame_mean
             .filter(|_| mean == Mean::Frames)
-            .map(|mean| format!("; the mean of the frames' shares, the density in tables, is {mean}"));
-        fact("valid", format!("{pooled}{}", of_frames.unwrap_or_default()), None);
+            .map(|mean| format!("; the density in tables is the mean over frames: {mean}"));
+        fact("valid", format!("{pooled}{}", frame_mean.unwrap_or_default()), None);
     }
     for part in &run.source.parts {
         let text = format!("{}: {} version {} {}", run.source.name, part.kind, part.version, part.params);
         fact("source", text, None);
     }
     if let Some(key) = frames.first().and_then(|frame| frame.source_key.as_ref()) {
-        fact("key", format!("{key}, of the source's values on frame {}", frames[0].frame), None);
+        fact("key", format!("{key}, source values of frame {}", frames[0].frame), None);
     }
-    let topic = |what: &str, of: Option<&String>, recorded: Option<&String>| match (of, recorded) {
+    let topic = |what: &str, output: Option<&String>, recorded: Option<&String>| match (output, recorded) {
         (_, Some(topic)) => format!("{what} {topic}"),
         (Some(topic), None) => format!("{what} {topic}, not recorded"),
         (None, None) => format!("{what} was not recorded"),
     };
     fact("scores", topic("topic", None, estimate.score_topic.as_ref()), None);
-    let lead = &estimate.lead;
-    let variant = lead.variant.as_deref().unwrap_or("empty");
-    let place = format!("`stage` {}, `variant` {variant}, `estimate` {}, `set` {set}", lead.stage, estimate.name);
-    fact("files", format!("scores.csv (by frame) and table.csv, where {place}"), None);
-    let output = topic("topic", estimate.estimate.as_ref(), estimate.estimate_topic.as_ref());
-    fact("estimate", format!("{output}{}", made_by(run, estimate.estimate.as_deref())), None);
-    let truth = topic("topic", estimate.truth.as_ref(), estimate.truth_topic.as_ref());
-    fact("truth", format!("{truth}{}", made_by(run, estimate.truth.as_deref())), None);
+    let row_key = &estimate.row_key;
+    let variant = row_key.variant.as_deref().unwrap_or("empty");
+    let place = format!("`stage` {}, `variant` {variant}, `estimate` {}, `set` {set}", row_key.stage, estimate.name);
+    fact("files", format!("scores.csv (by frame) and table.csv, rows with {place}"), None);
+    let output = topic("topic", estimate.scored_output.as_ref(), estimate.estimate_topic.as_ref());
+    fact("estimate", format!("{output}{}", computed_by(run, estimate.scored_output.as_deref())), None);
+    let truth = topic("topic", estimate.truth_output.as_ref(), estimate.truth_topic.as_ref());
+    fact("ground truth", format!("{truth}{}", computed_by(run, estimate.truth_output.as_deref())), None);
     facts
 }
 
-/// What node gives a topic, and its recipe.
-fn made_by(run: &RecordedRun, topic: Option<&str>) -> String {
-    let gives = |node: &&depthloom_recording::RecordedNode| {
+/// The node that computes a topic, and its hash.
+fn computed_by(run: &RecordedRun, topic: Option<&str>) -> String {
+    let computes = |node: &&depthloom_recording::RecordedNode| {
         node.outputs.iter().any(|output| Some(output.topic.as_str()) == topic)
     };
-    run.nodes.iter().find(gives).map_or_else(String::new, |node| {
-        format!(", from {}.{} ({} version {}, recipe {})", run.stage, node.name, node.kind, node.version, node.recipe)
+    run.nodes.iter().find(computes).map_or_else(String::new, |node| {
+        format!(", from {}.{} ({} version {}, hash {})", run.stage, node.name, node.kind, node.version, node.recipe)
     })
 }
 
-fn frames_text(frames: &[ScoredFrame], of: usize) -> String {
+fn frames_text(frames: &[ScoredFrame], recorded: usize) -> String {
     const NAMED: usize = 6;
     let counted: Vec<&ScoredFrame> = frames.iter().filter(|frame| frame.pixels > 0).collect();
     let pixels: u64 = counted.iter().map(|frame| frame.pixels).sum();
@@ -321,7 +326,7 @@ fn frames_text(frames: &[ScoredFrame], of: usize) -> String {
         [names @ .., last] if names.len() >= NAMED => format!("{}, ... {last}", names[..NAMED - 1].join(", ")),
         names => names.join(", "),
     };
-    format!("{} of {of} ({names}); {pixels} pixels", counted.len())
+    format!("{} of {recorded} ({names}); {pixels} pixels", counted.len())
 }
 
 impl Explain {
@@ -346,7 +351,7 @@ impl Explain {
             }
         }
         if !self.worst.is_empty() {
-            text.push_str("\nframes that made it worse most\n");
+            text.push_str("\nframes that made it worse, largest change first\n");
             let wide = self.worst.iter().map(|worst| worst.frame.chars().count()).max().unwrap_or(0);
             for WorstFrame { frame, position, pixels, value, without, .. } in &self.worst {
                 text.push_str(&format!(

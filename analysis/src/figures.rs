@@ -1,9 +1,9 @@
-//! Figures for papers: of a stated size in millimetres, as SVG, PNG or PDF, with the numbers that they show.
+//! Figures for papers, with a given size in millimetres, as SVG, PNG or PDF, and with their data as CSV.
 //!
-//! Their numbers are those of [`analyse`](crate::analyse()), [`compare`](crate::compare()), the table and the report.
+//! The numbers equal those of [`analyse`](crate::analyse()), [`compare`](crate::compare()), the table and the report.
 
-mod asked;
 mod difference;
+mod error_bins;
 mod errors;
 mod maps;
 mod parameter;
@@ -19,96 +19,97 @@ use depthloom_figures::{Sheet, learning_curves as drawn_curves};
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
-use self::asked::Watch;
+use self::error_bins::Watch;
 use self::scores::with_scores;
 use crate::curves::{LearningCurve, learning_curves, table_of_points};
 use crate::error::{AnalysisError, caught};
 use crate::estimates::Estimate;
+use crate::input::condition::recording_notes;
 use crate::input::frame_choice::FrameChoice;
 use crate::query::{Bins, Gross, Inquiry, SampleSet, Unit, is_any};
 use crate::statistics::Resampling;
 use crate::tables::RowKey;
 
-/// A bin of fewer pixels is thin by default.
-pub(crate) const THIN: u64 = 100;
-/// The most panels that can be read.
+/// The default minimum number of pixels: bins with fewer are drawn faint.
+pub(crate) const MIN_COUNT: u64 = 100;
+/// The maximum number of readable panels.
 const MAX_PANELS: usize = 17;
-/// The sides of a page, millimetres.
+/// The width and height of an A4 page, millimetres.
 const A4_WIDE_MM: f64 = 210.0;
 const A4_MM: f64 = 297.0;
 
-/// What a figure shows.
+/// The kind of a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FigureKind {
-    /// The paper's: median, 25 to 75 % and 5 to 95 % of the absolute error by true distance.
+    /// Median, 25 to 75 % and 5 to 95 % of the absolute error by ground-truth distance, as in the paper.
     ErrorVsDistance,
-    /// How much farther off one estimate is than another, by distance, and where one hands over to the other.
+    /// Difference of the errors of two estimates by distance, and the distance at which the better one changes.
     Difference,
-    /// How often errors of which size are.
+    /// Error histogram.
     Histogram,
-    /// The share of pixels whose error is below what.
+    /// Cumulative error distribution.
     Cdf,
-    /// A score on every frame: a strip an estimate.
+    /// A metric on every frame: one strip per estimate, one dot per frame.
     Frames,
-    /// A score against a parameter of `matrix:`: a line for one, a heat map for two.
+    /// A metric against parameters of `matrix:`: a line for one parameter, a heat map for two.
     Parameter,
-    /// Errors by the weight that was given to them.
+    /// Errors by the confidence that was assigned to them.
     Reliability,
-    /// Losses by step of learning.
+    /// Training and validation loss by step.
     Learning,
-    /// Frames as the paper shows them: image, stereo, mono, fused, weight, difference of errors, truth.
+    /// Frames as in the paper: image, stereo, mono, fused, confidence, difference of errors, ground truth.
     Panels,
 }
 
 impl FigureKind {
-    /// Whether it reads samples, which must be written first.
+    /// Whether the kind reads samples, which must be written first.
     #[must_use]
-    pub const fn is_of_samples(self) -> bool {
+    pub const fn needs_samples(self) -> bool {
         matches!(self, Self::ErrorVsDistance | Self::Difference | Self::Histogram | Self::Cdf | Self::Reliability)
     }
 }
 
-/// What of runs a figure shows, and how.
+/// The contents and the layout of a figure.
 #[derive(Clone, Debug)]
 pub struct FigureRequest {
-    /// What it shows.
+    /// The kind.
     pub kind: FigureKind,
     /// Its size.
     pub size: Size,
-    /// Words above it; empty: none, since a paper has a caption.
+    /// The title above the figure; empty by default, because papers have captions.
     pub title: String,
-    /// Only estimates whose label or name is one of these patterns, with commas between.
+    /// Only estimates whose label or name matches one of these patterns, separated by commas.
     pub estimates: Option<String>,
-    /// Only what these variants have, and what all share; patterns with commas between.
+    /// Only these variants, and everything that all variants share; patterns separated by commas.
     pub variants: Option<String>,
-    /// Only these stages; patterns with commas between.
+    /// Only these stages; patterns separated by commas.
     pub stages: Option<String>,
-    /// The pixels of errors; `None`: those valid in all estimates, and beside them the valid ones of each.
+    /// The pixel set of errors. `None`: the pixels that are valid in all estimates, and additionally the valid pixels of
+    /// each.
     pub set: Option<SampleSet>,
-    /// The pixels of scores, of `frames` and `parameter`; `None`: every pixel with ground truth, where those were
-    /// scored.
+    /// The pixel set of scores, for `frames` and `parameter`. `None`: every pixel with ground truth, if those were scored.
     pub scored_set: Option<PixelSet>,
-    /// What errors are by, where the kind does not say: [`By::parse`](crate::By::parse).
+    /// The quantity that errors are binned by, if the kind does not define it: [`By::parse`](crate::By::parse).
     pub by: Option<String>,
-    /// The bins, as `analyse` takes them.
+    /// The bins, as in `analyse`.
     pub bins: Option<Bins>,
     /// The unit of errors.
     pub unit: Unit,
-    /// A panel per variant, or one for all.
+    /// One panel per variant, or one for all.
     pub layout: Layout,
-    /// A bin of fewer pixels is drawn faint, and sets no axis.
-    pub thin: u64,
-    /// The end of the errors' axis.
-    pub most: Option<f64>,
-    /// Which score; `None`: the first error that was scored.
+    /// Bins with fewer pixels are drawn faint and do not set the range of axes.
+    pub min_count: u64,
+    /// The end of the error axis.
+    pub y_max: Option<f64>,
+    /// The metric; `None`: the first error that was scored.
     pub score: Option<String>,
-    /// Which axes of the matrix.
+    /// The axes of the matrix.
     pub axes: Vec<String>,
-    /// Which frames; `None`: a few, evenly apart.
+    /// The frames; `None`: a few, evenly spaced.
     pub frames: Option<FrameChoice>,
-    /// How frames are resampled for a band around differences.
+    /// The resampling of frames for the band around differences.
     pub resampling: Resampling,
-    /// The most pixels per inch of a picture of a map.
+    /// The maximum resolution of maps, pixels per inch.
     pub dpi: f64,
 }
 
@@ -119,62 +120,63 @@ impl FigureRequest {
         Inquiry { sets, unit: self.unit, gross: Gross::OfTruth(0.25), ..Inquiry::default() }
     }
 
-    fn wants(&self, estimate: &Estimate) -> bool {
-        self.wants_those(&estimate.lead, &[&estimate.label, &estimate.name])
+    fn selects(&self, estimate: &Estimate) -> bool {
+        self.selects_names(&estimate.row_key, &[&estimate.label, &estimate.name])
     }
 
-    fn wants_those(&self, lead: &RowKey, names: &[&str]) -> bool {
-        let is = |patterns: &Option<String>, texts: &[&str]| {
+    fn selects_names(&self, row_key: &RowKey, names: &[&str]) -> bool {
+        let matches = |patterns: &Option<String>, texts: &[&str]| {
             patterns.as_deref().is_none_or(|patterns| is_any(patterns, texts))
         };
-        is(&self.stages, &[&lead.stage])
-            && is(&self.estimates, names)
-            && lead.variant.as_deref().is_none_or(|variant| is(&self.variants, &[variant]))
+        matches(&self.stages, &[&row_key.stage])
+            && matches(&self.estimates, names)
+            && row_key.variant.as_deref().is_none_or(|variant| matches(&self.variants, &[variant]))
     }
 
     /// A sheet of the requested size as a figure.
     fn figure(&self, sheet: Sheet, about: String, data: Vec<u8>) -> Result<Figure, AnalysisError> {
         if self.kind != FigureKind::Panels && sheet.panels.len() > MAX_PANELS {
-            let what = format!("{} panels are more than {MAX_PANELS}", sheet.panels.len());
-            let help = "choose some with --variant or --estimates, or draw all on one with `--layout overlaid`";
-            return Err(AnalysisError::asked(what, help.to_owned()));
+            let what = format!("the figure would have {} panels, but the maximum is {MAX_PANELS}", sheet.panels.len());
+            let help =
+                "select some with `--variant` or `--estimates`, or draw all in one panel with `--layout overlaid`";
+            return Err(AnalysisError::request(what, help.to_owned()));
         }
         let drawing = Sheet { size: self.size, title: self.title.clone(), ..sheet }.drawing();
-        let help = || "ask for another --width or --height".to_owned();
-        let drawing = drawing.map_err(|what| AnalysisError::asked(what, help()))?;
+        let help = || "change `--width` or `--height`".to_owned();
+        let drawing = drawing.map_err(|what| AnalysisError::request(what, help()))?;
         Ok(Figure { drawing, about, data, notes: Vec::new() })
     }
 }
 
-/// A run that a figure shows.
+/// A run shown in a figure.
 #[derive(Debug)]
 pub struct FigureRun<'a> {
     /// Its name.
     pub called: &'a str,
     /// Its recording.
     pub recording: &'a Recording,
-    /// Its samples, where the kind [reads them](FigureKind::is_of_samples).
+    /// Its samples, if the kind [needs them](FigureKind::needs_samples).
     pub samples: Option<PathBuf>,
 }
 
 /// A figure, drawn.
 #[derive(Clone, Debug)]
 pub struct Figure {
-    /// What is on it.
+    /// The drawing.
     pub drawing: Drawing,
-    /// What it shows, over which pixels: the beginning of a caption, without a full stop.
+    /// Describes the contents and the pixels: the beginning of a caption, without a full stop.
     pub about: String,
-    /// The numbers that it shows, as CSV.
+    /// The data of the figure, as CSV.
     pub data: Vec<u8>,
-    /// Remarks beside its caption.
+    /// Notes besides the caption.
     pub notes: Vec<String>,
 }
 
-/// Draws a figure of runs. `progress` is called with the samples read so far and their number.
+/// Draws a figure of runs. `progress` is called with the number of samples read so far, and their total.
 ///
 /// # Errors
-/// [`AnalysisError::Request`] if what is requested is not there, or does not fit the size; if a recording or samples
-/// cannot be read; [`AnalysisError::Stopped`] once `stop` says so.
+/// [`AnalysisError::Request`] if requested data does not exist or does not fit the size; if a recording or samples cannot
+/// be read; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn figure(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,
@@ -194,11 +196,21 @@ pub fn figure(
         FigureKind::Learning => learning(only(runs)?, request),
         FigureKind::Panels => maps::panels(only(runs)?, request, stop),
     })?;
+    if request.kind != FigureKind::Learning {
+        for run in runs {
+            let prefix = if runs.len() > 1 { format!("{}: ", run.called) } else { String::new() };
+            let notes = recording_notes(run.recording).into_iter().map(|note| format!("{prefix}{note}"));
+            let new: Vec<String> = notes.filter(|note| !figure.notes.contains(note)).collect();
+            figure.notes.extend(new);
+        }
+    }
     let (_, height_mm) = figure.drawing.size_mm();
     let is_for_a_page = request.size.width_mm <= A4_WIDE_MM && request.size.height_mm.is_none();
     if is_for_a_page && height_mm > A4_MM {
-        let help = "show less of it, or make it narrower";
-        figure.notes.push(format!("it is {height_mm:.0} mm high, more than a page of A4 has ({A4_MM:.0} mm): {help}"));
+        let help = "show less, or reduce `--width`";
+        figure
+            .notes
+            .push(format!("the figure is {height_mm:.0} mm high, more than an A4 page ({A4_MM:.0} mm): {help}"));
     }
     Ok(figure)
 }
@@ -207,23 +219,24 @@ fn only<'r, 'a>(runs: &'r [FigureRun<'a>]) -> Result<&'r FigureRun<'a>, Analysis
     if let [only] = runs {
         return Ok(only);
     }
-    let help = "draw one of each; `error-vs-distance`, `difference`, `histogram`, `cdf` and `reliability` take several";
-    Err(AnalysisError::asked("this kind of figure is of one run".to_owned(), help.to_owned()))
+    let help = "draw one figure per run; only `error-vs-distance`, `difference`, `histogram`, `cdf` and `reliability` accept several runs";
+    Err(AnalysisError::request("this kind of figure shows a single run".to_owned(), help.to_owned()))
 }
 
 fn learning(run: &FigureRun<'_>, request: &FigureRequest) -> Result<Figure, AnalysisError> {
     let mut curves = learning_curves(run.recording)?;
-    curves.retain(|curve| request.wants_those(&curve.lead, &[&curve.node]));
+    curves.retain(|curve| request.selects_names(&curve.row_key, &[&curve.node]));
     if curves.is_empty() {
-        let (what, help) = ("there is no learning curve", "stages with a node `learn/ssl` have one");
-        return Err(AnalysisError::asked(what.to_owned(), help.to_owned()));
+        let (what, help) = ("no learning curve was recorded", "stages with a node `learn/ssl` record one");
+        return Err(AnalysisError::request(what.to_owned(), help.to_owned()));
     }
     let sheet = drawn_curves(curves.iter().map(|curve| (curve.label.as_str(), &curve.curve)));
-    let about = "Learning curves: mean loss since the last point, and validation on samples held out".to_owned();
+    let about =
+        "Learning curves: mean training loss since the last point, and validation loss on held-out samples".to_owned();
     let mut figure = request.figure(sheet, about, table_of_points(&curves).csv())?;
     let single = curves.iter().filter(|curve| curve.curve.points.len() == 1);
     let note = |curve: &LearningCurve| {
-        format!("{} has one point only, so no line is drawn; `--csv` writes the point", curve.label)
+        format!("{} has only one point, so no line is drawn; `--csv` writes the point", curve.label)
     };
     figure.notes.extend(single.map(note));
     Ok(figure)

@@ -1,4 +1,4 @@
-//! The files of a report: each whole or not there.
+//! Writes the files of a report atomically: each is complete or missing.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write as _};
@@ -9,7 +9,7 @@ use depthloom_graphs::Key;
 use crate::error::AnalysisError;
 use crate::tables::{Table, parquet_of_parts};
 
-/// Where a report's files go, and whether it is to go on.
+/// The folder of a report, and the stop callback.
 #[derive(Clone, Copy)]
 pub(crate) struct Output<'a> {
     pub(crate) folder: &'a Path,
@@ -17,14 +17,14 @@ pub(crate) struct Output<'a> {
 }
 
 impl Output<'_> {
-    /// An error once it is to stop.
-    pub(crate) fn go_on(&self) -> Result<(), AnalysisError> {
+    /// Returns an error once the report must stop.
+    pub(crate) fn check_stop(&self) -> Result<(), AnalysisError> {
         if (self.stop)() { Err(AnalysisError::Stopped) } else { Ok(()) }
     }
 
     /// Writes a file.
     pub(crate) fn write(&self, name: &str, content: &[u8]) -> Result<(), AnalysisError> {
-        self.go_on()?;
+        self.check_stop()?;
         let path = self.folder.join(name);
         depthloom_durable::write(&path, content).map_err(AnalysisError::write(&path))
     }
@@ -39,7 +39,7 @@ impl Output<'_> {
         name: &str,
         write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
     ) -> Result<(), AnalysisError> {
-        self.go_on()?;
+        self.check_stop()?;
         let path = self.folder.join(name);
         let written = depthloom_durable::write_with(&path, |file| {
             let mut file = BufWriter::new(file);
@@ -49,13 +49,13 @@ impl Output<'_> {
         written.map_err(AnalysisError::write(&path))
     }
 
-    /// Writes a table as CSV and as Parquet, of a run whose plan has this key.
+    /// Writes a table as CSV and as Parquet. `run` is the key of the run's plan.
     pub(crate) fn write_table(&self, name: &str, run: &Key, table: &Table) -> Result<(), AnalysisError> {
         self.write_table_in_parts(name, run, || std::iter::once(table))
     }
 
-    /// Writes a table as CSV and as Parquet that `parts` makes from top to bottom, one or more; memory holds one of
-    /// them at a time.
+    /// Writes a table as CSV and as Parquet. `parts` yields one or more parts from top to bottom; only one part is in memory
+    /// at a time.
     pub(crate) fn write_table_in_parts<T: AsRef<Table>, I: Iterator<Item = T>>(
         &self,
         name: &str,

@@ -1,5 +1,5 @@
-//! What a recording has and lacks, before anything is computed of it: scores, timings, warnings, damage, parameters.
-//! And the scores of the paper, to compare with.
+//! The inputs of analyses: scores, timings, warnings, damage and parameters of a recording, and the published scores of the
+//! paper.
 
 pub(crate) mod condition;
 pub(crate) mod frame_choice;

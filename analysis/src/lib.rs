@@ -1,9 +1,9 @@
 //! Recordings to percentiles, tables and plots, with polars.
 //!
-//! Reports are made [from a recording](report()), so that a question thought of tomorrow needs no second run. What
-//! flows: a recording's plan names the [estimates](Estimate); their recorded [scores](FrameScore) make `scores.csv`
-//! and, as the mean over frames, the [table](Table); their recorded maps make the [error against distance](DistanceBin)
-//! and its figure. The learning curves of what was trained have a figure and a table of their own.
+//! Reports are computed [from a recording](report()), so that later questions need no second run. The plan of a recording
+//! names the [estimates](Estimate). Their recorded [scores](FrameScore) give `scores.csv` and, averaged over frames, the
+//! [table](Table). Their recorded maps give the [error against distance](DistanceBin) and its figure. Learning curves of
+//! trained networks have their own figure and table.
 
 mod ablation;
 mod compare;
@@ -37,13 +37,13 @@ pub use error::AnalysisError;
 pub use estimates::Estimate;
 pub use explain::{Explain, Fact, ScoredFrame, WorstFrame, explain};
 pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, figure};
-pub use input::condition::{DamagedPlace, RecordingCondition, StageFrames};
+pub use input::condition::{DamagedPlace, RecordingCondition, StageFrames, recording_notes};
 pub use input::frame_choice::FrameChoice;
 pub use input::paper::paper_scores;
 pub use input::rows::{TopicRows, curve_rows, topic_rows};
 pub use input::timings::{Timing, read_timings, timings_table, write_timings};
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
-pub use query::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_are_of};
+pub use query::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_match};
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
 pub use samples::{SAMPLES, SamplesWritten, write_samples};
 pub use scores::FrameScore;
@@ -53,7 +53,7 @@ pub use tables::{
     variant_of,
 };
 
-/// All scores there are, of any family, in the order of every table.
+/// All metrics of all families, in the order of tables.
 pub fn metrics() -> impl Iterator<Item = &'static Metric> {
     depthloom_scores::DEPTH.iter().chain(&depthloom_scores::DISPARITY)
 }

@@ -1,4 +1,4 @@
-//! `report.html`: what the page of a run shows.
+//! Writes `report.html`, the page of a run.
 
 mod choice;
 mod data;
@@ -10,7 +10,7 @@ use depthloom_figures::page::{self, Pictures, plan_drawing};
 use depthloom_recording::Recording;
 use serde_json::{Value as Json, json};
 
-use crate::ablation::{Ablation, source_of};
+use crate::ablation::{Ablation, source_keys};
 use crate::error::{AnalysisError, caught};
 use crate::estimates::estimates;
 use crate::files::Output;
@@ -21,33 +21,33 @@ use crate::report::Summary;
 
 pub use page::PAGE_MARK;
 
-/// Its name in the folder of a report.
+/// The file name of the page in the folder of a report.
 pub const PAGE: &str = "report.html";
 
-/// What a page says besides what its recording holds: where the run was made, and where its time went.
+/// Contents of a page that are not in the recording: the environment and the timings of the run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Surroundings {
-    /// What `environment.json` says; null where there is none.
+    /// The contents of `environment.json`; null if the file is missing.
     pub environment: Json,
-    /// What `timings.parquet` says.
+    /// The contents of `timings.parquet`.
     pub timings: Vec<Timing>,
 }
 
-/// What was written.
+/// Describes the written page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PageWritten {
-    /// Frames with pictures.
+    /// The number of frames with pictures.
     pub frames: usize,
-    /// Bytes.
+    /// The size of the page in bytes.
     pub bytes: u64,
 }
 
-/// Writes [`PAGE`] into `folder`, of a recording whose [report](crate::report()) said `summary`. Equal recordings and
-/// surroundings give equal bytes; memory depends on neither the number of frames nor on that of maps.
+/// Writes [`PAGE`] into `folder`. `summary` is the result of the [report](crate::report()) of the recording. Equal recordings
+/// and surroundings give equal bytes. Memory use does not depend on the number of frames or maps.
 ///
 /// # Errors
-/// If the recording cannot be read or the page not be written; [`AnalysisError::Stopped`] once `stop` says so. Maps
-/// whose bytes are damaged are left out.
+/// If the recording cannot be read or the page cannot be written; [`AnalysisError::Stopped`] once `stop` returns true.
+/// Damaged maps are skipped.
 pub fn write_page(
     recording: &Recording,
     folder: &Path,
@@ -64,10 +64,10 @@ fn written(
     surroundings: &Surroundings,
     output: Output<'_>,
 ) -> Result<PageWritten, AnalysisError> {
-    let (plan, found) = (recording.plan(), &summary.found);
+    let (plan, report) = (recording.plan(), &summary.data);
     let estimates = estimates(plan)?;
     let scores = reading::scores(recording, &estimates, output.stop)?;
-    let table = found.table.as_ref();
+    let table = report.table.as_ref();
     let shown = choice::estimates_shown(&estimates, table);
     let mut series = choice::series(recording, &estimates, &shown, table, &scores);
     let mut notes = warnings(recording, None);
@@ -81,21 +81,21 @@ fn written(
         "notes": notes,
         "table": table.map(|table| data::table(table, &estimates)),
         "answers": table.map_or(Ok(Vec::new()), |table| {
-            let source = source_of(recording);
-            data::answers(&Ablation::new(plan, &estimates, &scores, &source, None), table)
+            let source = source_keys(recording);
+            data::query_tables(&Ablation::new(plan, &estimates, &scores, &source, None), table)
         })?,
         "estimates": data::estimates(&estimates, &shown),
         "estimates_in_all": estimates.len(),
-        "distances": data::distances(found, &shown),
+        "distances": data::distances(report, &shown),
         "scores": data::scores(recording, &estimates, &shown, &series, &scores),
-        "curves": data::curves(found),
+        "curves": data::curves(report),
         "every": plan.every,
         "failures": data::failures(recording),
         "timings": data::timings(&surroundings.timings),
         "environment": surroundings.environment,
         "keys": data::keys(plan),
     });
-    // Pictures take the memory that these did.
+    // Frees the memory for the pictures.
     drop(scores);
     let drawing = plan_drawing(plan);
     let numbers = (data.to_string().len() + drawing.len()) as u64;
@@ -106,7 +106,7 @@ fn written(
     data["damaged"] = pictures.damaged().into();
     let path = output.folder.join(PAGE);
     let mut bytes = 0;
-    output.go_on()?;
+    output.check_stop()?;
     let result = depthloom_durable::write_with(&path, |file| -> std::io::Result<()> {
         let mut file = BufWriter::with_capacity(1 << 16, file);
         bytes = page::write_page(&mut file, &plan.experiment, &drawing, &data, &mut pictures)?;

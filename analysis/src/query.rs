@@ -1,9 +1,8 @@
-//! Errors against anything: distance, weight, row, frame, or a column of one's own choice, as queries over
-//! [samples](crate::samples).
+//! Errors binned by distance, confidence, row, frame or any other column, as queries over [samples](crate::samples).
 //!
-//! polars reads the file; [sums](sums) and [percentiles](percentiles) are loops of our own, which a benchmark compares
-//! with polars'. Both go through the file a row group at a time, so that memory depends on neither frames nor pixels.
-//! The [error against distance](crate::distance) of a report takes its percentiles from here.
+//! polars reads the file; [sums](sums) and [percentiles](percentiles) are own loops, which a benchmark compares with polars.
+//! Both read one row group at a time, so that memory use depends on neither frames nor pixels. The [error against
+//! distance](crate::distance) of a report uses these percentiles.
 
 mod bins;
 mod job;
@@ -31,33 +30,32 @@ use crate::tables::COMMON;
 use crate::tables::Table;
 use job::Job;
 
-/// What the errors of samples are asked for.
+/// A query of the errors of samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inquiry {
-    /// What they are put into bins by.
+    /// The quantity that errors are binned by.
     pub by: By,
-    /// The bins; `None` for those that suit what they are by.
+    /// The bins; `None`: the default bins of the quantity.
     pub bins: Option<Bins>,
-    /// Which percentiles, from 0 to 100.
+    /// The percentiles, from 0 to 100.
     pub percentiles: Vec<f64>,
-    /// Only estimates whose label or name this is; `*` stands for any run of characters, and commas stand between
-    /// several.
+    /// Only estimates whose label or name matches; `*` matches any characters, and commas separate several patterns.
     pub estimates: Option<String>,
-    /// Only what these variants have, and what all share.
+    /// Only these variants, and everything that all variants share.
     pub variants: Option<String>,
     /// Only these stages.
     pub stages: Option<String>,
-    /// Over which pixels, in this order.
+    /// The pixel sets, in this order.
     pub sets: Vec<SampleSet>,
-    /// What an error is in.
+    /// The unit of errors.
     pub unit: Unit,
-    /// From where on one is gross.
+    /// The limit beyond which an error is an outlier.
     pub gross: Gross,
 }
 
 impl Default for Inquiry {
-    /// By distance, a metre a bin; the five percentiles of the paper's figure, over the valid pixels of each estimate,
-    /// in metres; a quarter of the distance is gross.
+    /// By distance in bins of one metre; the five percentiles of the paper's figure; over the valid pixels of each estimate;
+    /// in metres; errors beyond a quarter of the distance are outliers.
     fn default() -> Self {
         Self {
             by: By::Distance,
@@ -73,29 +71,29 @@ impl Default for Inquiry {
     }
 }
 
-/// What samples are put into bins by.
+/// The quantity that samples are binned by.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum By {
-    /// The true distance, metres.
+    /// The ground-truth distance, metres.
     Distance,
-    /// The estimate's own answer, metres.
+    /// The estimated distance, metres.
     Estimate,
-    /// The estimate's own absolute error, in the inquiry's unit.
+    /// The absolute error of the estimate, in the unit of the query.
     Error,
-    /// The weight recorded for the estimate's variant.
+    /// The confidence recorded for the estimate's variant.
     Weight,
     /// The pixel's row, from the top.
     Row,
     /// The pixel's column, from the left.
     Column,
-    /// The frame: a bin a frame.
+    /// The frame: one bin per frame.
     Frame,
     /// A column of the samples.
     Named(String),
 }
 
 impl By {
-    /// Reads `distance`, `estimate`, `error`, `weight`, `row`, `column`, `frame`, or the name of a column.
+    /// Parses `distance`, `estimate`, `error`, `weight`, `row`, `column`, `frame`, or the name of a column.
     #[must_use]
     pub fn parse(text: &str) -> Self {
         match text {
@@ -111,17 +109,17 @@ impl By {
     }
 }
 
-/// The pixels that samples are of.
+/// The pixel set of a query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SampleSet {
-    /// Those valid in the estimate.
+    /// The valid pixels of each estimate.
     Valid,
-    /// Those valid in all selected estimates that were scored in the same way.
+    /// The pixels that are valid in all selected estimates with the same scoring.
     Common,
 }
 
 impl SampleSet {
-    /// As tables have it.
+    /// The name, as in tables.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -131,7 +129,7 @@ impl SampleSet {
     }
 }
 
-/// What an error is in.
+/// The unit of errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
     /// `y - t`, metres.
@@ -140,20 +138,20 @@ pub enum Unit {
     OfTruth,
 }
 
-/// From where on an error is gross.
+/// The limit beyond which an error is an outlier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Gross {
-    /// Beyond so many metres.
+    /// A limit in metres.
     Metres(f64),
-    /// Beyond such a share of the truth.
+    /// A limit as a share of the ground-truth distance.
     OfTruth(f64),
 }
 
 impl Gross {
-    /// Reads `3m` or `25%`.
+    /// Parses `3m` or `25%`.
     ///
     /// # Errors
-    /// What is wrong, in words.
+    /// If the text is not a limit.
     pub fn parse(text: &str) -> Result<Self, String> {
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|limit| limit.is_finite() && *limit > 0.0);
         let limit = match (text.strip_suffix('%'), text.strip_suffix('m')) {
@@ -161,43 +159,43 @@ impl Gross {
             (None, Some(metres)) => number(metres).map(Self::Metres),
             (None, None) => None,
         };
-        limit.ok_or_else(|| format!("`{text}` is no limit: give metres (`3m`) or a share of the distance (`25%`)"))
+        limit.ok_or_else(|| format!("`{text}` is not a limit: use metres (`3m`) or a share of the distance (`25%`)"))
     }
 
     fn words(self) -> String {
         match self {
             Self::Metres(limit) => format!("beyond {limit} m"),
-            Self::OfTruth(limit) => format!("beyond {} % of the true distance", 100.0 * limit),
+            Self::OfTruth(limit) => format!("beyond {} % of the ground-truth distance", 100.0 * limit),
         }
     }
 }
 
-/// Answers an inquiry about files of samples, each with its run's name; gives the key of the run's plan, too, or one of
-/// all. `progress` is called with the samples read so far and all that will be.
+/// Computes the query over samples files, each with the name of its run. Also returns the key of the run's plan, or a
+/// combined key of all runs. `progress` is called with the number of samples read so far, and their total.
 ///
 /// # Errors
-/// [`AnalysisError::Request`] if it names what is not there, or a file is none of samples; if a file cannot be read;
-/// [`AnalysisError::Stopped`] once `stop` says so.
+/// [`AnalysisError::Request`] if the query names something that does not exist, or a file is not a samples file; if a file
+/// cannot be read; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn analyse(
     files: &[(String, PathBuf)],
     inquiry: &Inquiry,
     progress: &(dyn Fn(u64, u64) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Table, Key), AnalysisError> {
-    valid(files, inquiry, progress, stop).map(|(grid, key, _)| (grid, key))
+    analyse_frames(files, inquiry, progress, stop).map(|(grid, key, _)| (grid, key))
 }
 
-/// The same, and how many frames it is of.
-pub(crate) fn valid(
+/// The same, with the number of frames.
+pub(crate) fn analyse_frames(
     files: &[(String, PathBuf)],
     inquiry: &Inquiry,
     progress: &(dyn Fn(u64, u64) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Table, Key, usize), AnalysisError> {
     caught(|| {
-        if let Some(percentile) = inquiry.percentiles.iter().find(|of| !(0.0..=100.0).contains(*of)) {
-            let what = format!("there is no percentile {percentile}");
-            return Err(AnalysisError::asked(what, "give numbers from 0 to 100".to_owned()));
+        if let Some(percentile) = inquiry.percentiles.iter().find(|percentile| !(0.0..=100.0).contains(*percentile)) {
+            let what = format!("percentile {percentile} is out of range");
+            return Err(AnalysisError::request(what, "use numbers from 0 to 100".to_owned()));
         }
         let opened: Result<Vec<(&str, SamplesFile)>, AnalysisError> =
             files.iter().map(|(run, path)| Ok((run.as_str(), SamplesFile::open(path)?))).collect();
@@ -207,29 +205,29 @@ pub(crate) fn valid(
             jobs.extend(jobs_of(run, file, inquiry)?);
         }
         if jobs.is_empty() {
-            return Err(nothing(&opened, inquiry));
+            return Err(no_samples(&opened, inquiry));
         }
         let all: u64 = jobs.iter().map(Job::samples).sum();
-        let mut found = Vec::new();
+        let mut results = Vec::new();
         let mut before = 0;
         for job in &jobs {
-            found.push(job.answer(inquiry, &|done| progress(before + done, all), stop)?);
+            results.push(job.compute(inquiry, &|done| progress(before + done, all), stop)?);
             before += job.samples();
         }
-        let grid = rows::grid(&jobs, &found, inquiry, files.len() > 1);
+        let grid = rows::grid(&jobs, &results, inquiry, files.len() > 1);
         let runs: Vec<Key> = opened.iter().filter_map(|(_, file)| file.described.run()).collect();
         let run = match runs[..] {
             [one] => one,
             _ => runs.iter().fold(Key::digest("depthloom runs"), KeyBuilder::key).finish(),
         };
-        // Stages of a run are of the same frames, as a rule.
-        let of_run = |run: &str| jobs.iter().filter(|job| job.run == run).map(Job::frames).max().unwrap_or(0);
-        let frames = opened.iter().map(|(run, _)| of_run(run)).sum();
+        // The stages of a run usually have the same frames.
+        let frames_of_run = |run: &str| jobs.iter().filter(|job| job.run == run).map(Job::frames).max().unwrap_or(0);
+        let frames = opened.iter().map(|(run, _)| frames_of_run(run)).sum();
         Ok((grid, run, frames))
     })
 }
 
-/// What is to be done: for each stage, way of scoring, pixel set and column that samples are put into bins by.
+/// The jobs of a query: one per stage, scoring, pixel set and binning column.
 fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result<Vec<Job<'a>>, AnalysisError> {
     let mut populations: Vec<(&str, &str, Vec<&Part>)> = Vec::new();
     for part in &file.parts {
@@ -240,18 +238,18 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
     }
     let mut jobs = Vec::new();
     for (stage, scoring, parts) in populations {
-        let asked = |of: &&DescribedEstimate| {
-            let is = |patterns: &Option<String>, texts: &[&str]| {
+        let is_selected = |estimate: &&DescribedEstimate| {
+            let matches = |patterns: &Option<String>, texts: &[&str]| {
                 patterns.as_deref().is_none_or(|patterns| is_any(patterns, texts))
             };
-            of.stage == stage
-                && of.scoring == scoring
-                && is(&inquiry.stages, &[stage])
-                && of.variant.as_deref().is_none_or(|variant| is(&inquiry.variants, &[variant]))
-                && is(&inquiry.estimates, &[&of.label, &of.estimate])
+            estimate.stage == stage
+                && estimate.scoring == scoring
+                && matches(&inquiry.stages, &[stage])
+                && estimate.variant.as_deref().is_none_or(|variant| matches(&inquiry.variants, &[variant]))
+                && matches(&inquiry.estimates, &[&estimate.label, &estimate.estimate])
         };
-        let estimates: Vec<&DescribedEstimate> = file.described.estimates.iter().filter(asked).collect();
-        // Each estimate by its column.
+        let estimates: Vec<&DescribedEstimate> = file.described.estimates.iter().filter(is_selected).collect();
+        // Estimates grouped by their binning column.
         let mut by_column: Vec<(Option<String>, Vec<usize>)> = Vec::new();
         for (place, estimate) in estimates.iter().enumerate() {
             let Some(column) = column_of(&inquiry.by, estimate, &file.described)? else { continue };
@@ -277,13 +275,13 @@ fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result
     Ok(jobs)
 }
 
-/// Whether one of some texts is one of some patterns with commas between.
+/// Whether one of the patterns, separated by commas, matches one of the texts.
 pub(crate) fn is_any(patterns: &str, texts: &[&str]) -> bool {
     patterns.split(',').any(|pattern| texts.iter().any(|text| glob(pattern.trim(), text)))
 }
 
-/// The column that an estimate's samples are put into bins by; of frames there is none (`Some(None)`), and an
-/// estimate without a weight is left out (`None`).
+/// The binning column of an estimate. Binning by frame has no column (`Some(None)`); an estimate without a recorded
+/// confidence is excluded (`None`).
 fn column_of(
     by: &By,
     estimate: &DescribedEstimate,
@@ -297,67 +295,77 @@ fn column_of(
         By::Estimate | By::Error => estimate.column.clone(),
         By::Named(name) => {
             let columns = || {
-                let of_estimates = described.estimates.iter().map(|of| of.column.as_str());
-                of_estimates.chain(described.weights.iter().map(|of| of.column.as_str()))
+                let estimates = described.estimates.iter().map(|estimate| estimate.column.as_str());
+                estimates.chain(described.weights.iter().map(|weight| weight.column.as_str()))
             };
             if !columns().any(|column| column == name) {
                 let all: Vec<&str> = columns().collect();
                 let what = format!("samples have no column `{name}`");
-                let help = "there are distance, estimate, error, weight, row, column, frame";
-                return Err(AnalysisError::asked(what, format!("{help}, and {}", all.join(", "))));
+                let help = "available: distance, estimate, error, weight, row, column, frame";
+                return Err(AnalysisError::request(what, format!("{help}, and {}", all.join(", "))));
             }
             name.clone()
         }
         By::Weight => {
-            let of_stage = || described.weights.iter().filter(|weight| weight.stage == estimate.stage);
-            let own: Vec<&str> = of_stage()
+            let stage_weights = || described.weights.iter().filter(|weight| weight.stage == estimate.stage);
+            let own: Vec<&str> = stage_weights()
                 .filter(|weight| weight.variant == estimate.variant)
                 .map(|weight| weight.column.as_str())
                 .collect();
-            let shared = || of_stage().filter(|weight| weight.variant.is_none()).map(|weight| weight.column.as_str());
+            let shared =
+                || stage_weights().filter(|weight| weight.variant.is_none()).map(|weight| weight.column.as_str());
             let candidates = if own.is_empty() { shared().collect() } else { own };
             match candidates[..] {
                 [] => return Ok(None),
                 [one] => one.to_owned(),
                 _ => {
-                    let what = format!("{} has several weights: {}", estimate.label, candidates.join(", "));
-                    return Err(AnalysisError::asked(what, format!("name one: `--by {}`", candidates[0])));
+                    let what = format!("{} has several confidence columns: {}", estimate.label, candidates.join(", "));
+                    return Err(AnalysisError::request(
+                        what,
+                        format!("choose one, for example `--by {}`", candidates[0]),
+                    ));
                 }
             }
         }
     })))
 }
 
-/// Why there is nothing to be asked.
-fn nothing(files: &[(&str, SamplesFile)], inquiry: &Inquiry) -> AnalysisError {
-    let labels = files.iter().flat_map(|(_, file)| file.described.estimates.iter().map(|of| of.label.as_str()));
+/// The error for a query without samples.
+fn no_samples(files: &[(&str, SamplesFile)], inquiry: &Inquiry) -> AnalysisError {
+    let labels =
+        files.iter().flat_map(|(_, file)| file.described.estimates.iter().map(|estimate| estimate.label.as_str()));
     let mut labels: Vec<&str> = labels.collect();
     labels.sort_unstable();
     labels.dedup();
     let has_weights = files.iter().any(|(_, file)| !file.described.weights.is_empty());
     let (what, help) = if files.iter().all(|(_, file)| file.parts.is_empty()) {
         (
-            "there are no samples: no frame has a pixel with a truth that is scored".to_owned(),
-            "`depthloom check --data` says what a source's truth looks like".to_owned(),
+            "there are no samples: no frame has a scored pixel with ground truth".to_owned(),
+            "`depthloom check --data` describes the ground truth of a source".to_owned(),
         )
     } else if inquiry.by == By::Weight && !has_weights {
-        ("no weight was recorded".to_owned(), "add its node to `record:`, and run again".to_owned())
+        (
+            "no confidence was recorded, which `--by weight` needs".to_owned(),
+            "add its node to `record:`, and run again".to_owned(),
+        )
     } else {
-        let asked = [("", &inquiry.estimates), (" of a variant", &inquiry.variants), (" of a stage", &inquiry.stages)];
-        let asked = asked.iter().filter_map(|(what, asked)| Some(format!("{what} `{}`", asked.as_deref()?)));
-        let asked: Vec<String> = asked.map(|of| of.trim_start().to_owned()).collect();
-        (format!("no estimate is {}", asked.join(", ")), format!("there are {}", labels.join(", ")))
+        let (estimates, variants) = (&inquiry.estimates, &inquiry.variants);
+        let options = [("estimate", estimates), ("variant", variants), ("stage", &inquiry.stages)];
+        let selections =
+            options.iter().filter_map(|(what, patterns)| Some(format!("{what} `{}`", patterns.as_deref()?)));
+        let selections: Vec<String> = selections.collect();
+        (format!("no samples match {}", selections.join(", ")), format!("available: {}", labels.join(", ")))
     };
-    AnalysisError::asked(what, help)
+    AnalysisError::request(what, help)
 }
 
-/// Whether a file holds the samples of a recording as it is.
+/// Whether a file contains the samples of a recording in its current state.
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn samples_are_of(file: &Path, recording: &depthloom_recording::Recording) -> Result<bool, AnalysisError> {
+pub fn samples_match(file: &Path, recording: &depthloom_recording::Recording) -> Result<bool, AnalysisError> {
     caught(|| match SamplesFile::open(file) {
-        Ok(file) => Ok(file.described.is_of(recording)),
+        Ok(file) => Ok(file.described.matches(recording)),
         Err(AnalysisError::Request { .. } | AnalysisError::Compute { .. }) => Ok(false),
         Err(error) => Err(error),
     })

@@ -1,4 +1,4 @@
-//! Everything a run's folder says of its recording.
+//! Writes the report of a recording into the folder of its run.
 
 mod figure;
 
@@ -9,7 +9,7 @@ use depthloom_graphs::plan::RunId;
 use depthloom_graphs::{Key, counted};
 use depthloom_recording::Recording;
 
-use crate::ablation::{Ablation, Ranking, ScoreTable, Selection, TableRow, source_of};
+use crate::ablation::{Ablation, Ranking, ScoreTable, Selection, TableRow, source_keys};
 use crate::curves::{CurveEnd, LearningCurve, figure as figure_of, learning_curves, table_of_points};
 use crate::distance::{DistanceBin, Distances, FARTHEST_M, RecordedSamples, distances};
 use crate::error::{AnalysisError, caught};
@@ -25,75 +25,74 @@ use crate::tables::{Table, plan_key};
 
 use figure::{Figure, render};
 
-/// Columns of text of a terminal's table.
+/// The width of tables on the terminal.
 const TERMINAL_WIDTH: usize = 110;
 
-/// So many variants stand in columns, as in Table I; of more, each is a row.
+/// The maximum number of variants that are shown as columns, as in Table I. More variants are shown as rows.
 const MOST_IN_COLUMNS: usize = 12;
-/// So many rows are printed then, and in LaTeX.
+/// The maximum number of such rows on the terminal and in LaTeX.
 const PRINTED: usize = 20;
-/// What is printed below them.
-const MORE: &str = "\nmore: `depthloom table RUN` has all rows; `--effects SCORE` says what each axis did, `--best-per-zone SCORE` which is best where\n";
-/// Rows of scores that are put into the form of a table at a time, and a row group of the Parquet file.
+/// The text below them.
+const MORE: &str = "\nmore: `depthloom table RUN` shows all rows; `--effects METRIC` the effect of each axis, `--best-per-zone METRIC` the best row of each zone\n";
+/// The number of rows of scores per part of the table, and per row group of the Parquet file.
 const ROWS_AT_ONCE: usize = 1 << 12;
 
-/// What a report shows, and what it may take.
+/// The options of a report.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReportOptions {
-    /// Whether the paper's numbers stand beside ours.
+    /// Whether the table also shows the published numbers of the paper.
     pub paper: bool,
-    /// How frames are resampled for an interval beside each number of the table; `None`: there are none.
+    /// The resampling of frames for an interval of each number of the table; `None`: no intervals.
     pub intervals: Option<Resampling>,
-    /// Whether bytes are checked, too, that no number comes from.
+    /// Whether all bytes are checked, including those that no number depends on.
     pub check_every_byte: bool,
-    /// How many samples of the error against distance are held in memory at most, of 4 to 8 bytes. More are in a
-    /// temporary file; the numbers are the same to the bit.
+    /// The maximum number of samples of the error against distance in memory, of 4 to 8 bytes each. Further samples are stored
+    /// in a temporary file; the numbers are identical.
     pub samples_in_memory: usize,
 }
 
 impl Default for ReportOptions {
-    /// Without the paper's numbers; what is read is checked; 8 MiB of samples at worst: few, so that memory is the same
-    /// from the first hundred frames on (beyond, a file costs about as much time).
+    /// Without the published numbers; only bytes that are read are checked; at most 8 MiB of samples, so that memory use is
+    /// constant after about a hundred frames (a file takes about as much time).
     fn default() -> Self {
         Self { paper: false, intervals: None, check_every_byte: false, samples_in_memory: 1 << 20 }
     }
 }
 
-/// What a report found.
+/// The results of a report.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// The table for a terminal, if a frame was scored; what is missing, and why, under it.
+    /// The table for a terminal, if a frame was scored, followed by notes on missing results.
     pub text: String,
     /// The name of the experiment.
     pub experiment: String,
-    /// In what condition the recording is.
+    /// The condition of the recording.
     pub recording: RecordingCondition,
-    /// The rows of the table, one an estimate and pixel set; none if there is no table.
+    /// The rows of the table, one per estimate and pixel set; empty without a table.
     pub rows: Vec<TableRow>,
-    /// Where each learning curve ended.
+    /// The ends of the learning curves.
     pub curve_ends: Vec<CurveEnd>,
-    /// What is missing, and why.
+    /// Notes on missing results, with reasons.
     pub notes: Vec<String>,
-    /// Whether a frame was scored: whether there are `scores.*`.
+    /// Whether a frame was scored, so that there are `scores.*`.
     pub scored: bool,
-    /// Whether there is a mean to show: whether there are `table.*`.
+    /// Whether there are means, so that there are `table.*`.
     pub table: bool,
-    /// Whether frames were scored, and not one pixel of them counted: the truth and the score's limits do not go
-    /// together.
+    /// Whether frames were scored, but no pixel counted: the ground truth does not match the limits of the score.
     pub no_pixel_counted: bool,
-    /// Whether maps were kept to compare: whether there are `error_vs_distance.*` and `true_distances.csv`.
+    /// Whether maps were recorded, so that there are `error_vs_distance.*` and `true_distances.csv`.
     pub distances: bool,
-    /// How many learning curves there are.
+    /// The number of learning curves.
     pub learning_curves: usize,
-    /// Whether bytes of the recording are not what was written; no number comes from there.
+    /// Whether bytes of the recording are damaged; no number depends on them.
     pub is_damaged: bool,
-    /// What else was found, for the [page](crate::write_page).
-    pub(crate) found: Found,
+    /// Further results, for the [page](crate::write_page).
+    pub(crate) data: ReportData,
 }
 
-/// What was found, as it is drawn.
+/// The results that are drawn on the page.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Found {
+pub(crate) struct ReportData {
     pub(crate) table: Option<ScoreTable>,
     pub(crate) bins: Vec<DistanceBin>,
     /// Scored pixels with ground truth by metre.
@@ -101,16 +100,16 @@ pub(crate) struct Found {
     pub(crate) curves: Vec<LearningCurve>,
 }
 
-/// Analyses a recording and writes into `folder`: if something was scored, `scores.{csv,parquet}` and
-/// `table.{csv,md,tex,parquet}`; if its maps were kept, `error_vs_distance.{csv,parquet,svg}` and `true_distances.csv`;
-/// if something learned, `learning_curves.{csv,parquet,svg}`.
+/// Analyses a recording and writes files into `folder`. If something was scored: `scores.{csv,parquet}` and
+/// `table.{csv,md,tex,parquet}`. If maps were recorded: `error_vs_distance.{csv,parquet,svg}` and `true_distances.csv`. If a
+/// network was trained: `learning_curves.{csv,parquet,svg}`.
 ///
-/// Every file is written under another name first and renamed once it is on the disk. Equal recordings give equal
-/// files. `stop` is asked between frames and between files, on several threads.
+/// Every file is written under a temporary name and renamed once it is on disk. Equal recordings give equal files. `stop` is
+/// polled between frames and between files, on several threads.
 ///
 /// # Errors
-/// If the recording cannot be read, or is damaged where a number would come from, or a file cannot be written;
-/// [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read, if damage affects a number, or if a file cannot be written;
+/// [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn report(
     recording: &Recording,
     folder: &Path,
@@ -120,17 +119,17 @@ pub fn report(
     report_with(recording, folder, options, Prepared::default(), stop)
 }
 
-/// What a run has at hand when its recording is finished, and its report need not compute from the recorded maps.
+/// Data that a run has already computed, so that the report need not compute it from the recorded maps.
 #[derive(Default)]
 pub struct Prepared<'a> {
-    /// Samples that were taken while frames were recorded.
+    /// Samples that were collected during recording.
     pub samples: Option<RecordedSamples<'a>>,
-    /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is taken from
+    /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is reused from
     /// their reports.
     pub reports: Vec<PathBuf>,
 }
 
-/// As [`report`], with the same result. What is [prepared](Prepared) is not computed again.
+/// As [`report`], with the same result, but reuses [prepared](Prepared) data.
 ///
 /// # Errors
 /// As [`report`].
@@ -156,15 +155,15 @@ fn analyse(
     let Scored { table, scored, unscored, incomplete } = write_scores(recording, &estimates, options, output)?;
     written.extend(scored.then_some("scores.*"));
     written.extend(table.is_some().then_some("table.*"));
-    let found = write_distances(recording, &estimates, options, output, prepared)
-        .map_err(|error| error.but_whole(&written, output.folder))?;
-    let (distances, truth) = (!found.bins.is_empty(), found.truth_of_all());
-    let Distances { bins, beyond, .. } = found;
+    let errors = write_distances(recording, &estimates, options, output, prepared)
+        .map_err(|error| error.with_complete_files(&written, output.folder))?;
+    let (distances, truth) = (!errors.bins.is_empty(), errors.truth_of_all());
+    let Distances { bins, beyond, .. } = errors;
     written.extend(distances.then_some("error_vs_distance.*"));
-    let curves = learning_curves(recording).map_err(|error| error.but_whole(&written, output.folder))?;
+    let curves = learning_curves(recording).map_err(|error| error.with_complete_files(&written, output.folder))?;
     write_curves(&curves, &plan_key(plan), output)?;
     let damage = if options.check_every_byte { recording.damage(output.stop) } else { Vec::new() };
-    output.go_on()?;
+    output.check_stop()?;
 
     let Findings { recording: condition, mut notes, is_damaged } =
         condition::findings(recording, &damage, scored || !curves.is_empty());
@@ -172,32 +171,32 @@ fn analyse(
         (true, ..) => notes.insert(0, "nothing was scored: no stage has a `score:`".to_owned()),
         (_, false, _) => notes.insert(0, "no table: no frame was scored".to_owned()),
         (_, _, None) if unscored.everything => notes.insert(0, "no table: no pixel was scored".to_owned()),
-        (_, _, None) => notes.insert(0, "no table: no frame has the scores of all estimates of its stage".to_owned()),
+        (_, _, None) => notes.insert(0, "no table: no frame has scores of all estimates of its stage".to_owned()),
         _ => {}
     }
     let unscored_everything = unscored.everything;
     notes.extend(unscored.note);
     notes.extend(incomplete);
-    if options.paper && estimates.iter().any(|e| e.lead.variant.is_none() && e.name != "stereo") {
+    if options.paper && estimates.iter().any(|e| e.row_key.variant.is_none() && e.name != "stereo") {
         notes.push(
-            "the paper's numbers beside estimates that no variant changes are those of its method `full`".to_owned(),
+            "estimates that no variant changes are compared with the published numbers of the method `full`".to_owned(),
         );
     }
-    // Disparities have none; and of frames that all lack their truth more is said above.
+    // Disparities have no error against distance. Frames without ground truth are reported above.
     if scored || !unscored_everything {
-        let of_depths: Vec<&Estimate> = estimates.iter().filter(|of| of.settings.is_some()).collect();
-        notes.extend(not_recorded(plan, &of_depths, "no error against distance"));
-        notes.extend(sparsely_kept(recording, &of_depths, !distances));
+        let depths: Vec<&Estimate> = estimates.iter().filter(|estimate| estimate.settings.is_some()).collect();
+        notes.extend(not_recorded(plan, &depths, "no error against distance"));
+        notes.extend(sparsely_kept(recording, &depths, !distances));
     }
     for (estimate, beyond) in estimates.iter().zip(&beyond).filter(|(_, beyond)| **beyond > 0) {
         let label = &estimate.label;
-        notes.push(format!("error against distance of {label} leaves out {beyond} pixels beyond {FARTHEST_M} m"));
+        notes.push(format!("error against distance of {label} excludes {beyond} pixels beyond {FARTHEST_M} m"));
     }
     let failed: usize =
         RunId::all(plan.runs.len()).flat_map(|run| recording.frames(run)).filter(|f| !f.failures.is_empty()).count();
     if failed > 0 {
         let frames = counted(failed, "frame");
-        notes.push(format!("{frames} failed somewhere; means are over the frames all estimates have"));
+        notes.push(format!("{frames} failed; means cover only the frames that all estimates have"));
     }
     let mut text = table.as_ref().map_or_else(String::new, |(_, text)| text.clone());
     for note in &notes {
@@ -216,20 +215,20 @@ fn analyse(
         distances,
         learning_curves: curves.len(),
         is_damaged,
-        found: Found { table: table.map(|(table, _)| table), bins, truth, curves },
+        data: ReportData { table: table.map(|(table, _)| table), bins, truth, curves },
     })
 }
 
-/// What came of the scores.
+/// The results of the scores.
 #[derive(Default)]
 struct Scored {
-    /// The table of their means, and as text, if there is a mean.
+    /// The table of their means, also as text, if there are means.
     table: Option<(ScoreTable, String)>,
     /// Whether there are scores.
     scored: bool,
-    /// The frames without one.
+    /// The frames without scores.
     unscored: Unscored,
-    /// What is to be said of frames on which an estimate is missing.
+    /// Notes on frames with missing estimates.
     incomplete: Vec<String>,
 }
 
@@ -242,14 +241,14 @@ fn write_scores(
 ) -> Result<Scored, AnalysisError> {
     let plan = recording.plan();
     let scores = reading::scores(recording, estimates, output.stop)?;
-    let (unscored, run) = (Unscored::of(recording, estimates, &scores)?, plan_key(plan));
+    let (unscored, run) = (Unscored::new(recording, estimates, &scores)?, plan_key(plan));
     if scores.is_empty() {
         return Ok(Scored { unscored, ..Scored::default() });
     }
-    let incomplete = incomplete_frames(recording, estimates, &scores);
+    let incomplete = incomplete_frames(recording, estimates, &scores, None);
     let parts = || scores.chunks(ROWS_AT_ONCE).map(|rows| table_of_scores(rows, estimates));
     output.write_table_in_parts("scores", &run, parts)?;
-    let source = source_of(recording);
+    let source = source_keys(recording);
     let (ablation, all) = (Ablation::new(plan, estimates, &scores, &source, None), Selection::default());
     let rows = ablation.rows_on_all_sets(&all)?;
     if rows.iter().all(|row| row.frames == 0) {
@@ -258,7 +257,7 @@ fn write_scores(
     let scores = ScoreTable::new(&ablation, &rows, &all, options.paper, options.intervals, output.stop)?;
     let table = Table { label: plan.experiment.clone(), ..scores.table() };
     output.write_table("table", &run, &table)?;
-    // Of many variants each is a row, and the best of them are printed.
+    // Many variants are shown as rows, and only the best are printed.
     let (all, printed, more) = match plan.variants.len() > MOST_IN_COLUMNS && !options.paper {
         true => {
             let ranked = |top: Option<usize>| {

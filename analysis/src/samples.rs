@@ -1,7 +1,7 @@
-//! `samples.parquet`: one row per scored pixel, a column an estimate; what every question about errors is asked of.
+//! `samples.parquet`: one row per scored pixel, one column per estimate. All queries of errors read this file.
 //!
-//! One file, zstd. A row group is one frame scored in one way, so that a file of any size is written and read a part at
-//! a time: frames in order, stage run by stage run. Its columns:
+//! The file is compressed with zstd. A row group contains one frame with one scoring, so that a file of any size is written
+//! and read in parts: frames in order, stage run by stage run. Its columns:
 //!
 //! | column | type | what it is |
 //! |---|---|---|
@@ -9,10 +9,10 @@
 //! | `position` | u32 | the frame's place in its stage |
 //! | `x`, `y` | u32 | the pixel: column from the left, row from the top |
 //! | `truth_m` | f32 | metres |
-//! | an estimate's label, e.g. `full/fused` | f32 | metres, as scored (aligned and clamped as its score says); null: no answer, or not scored so |
-//! | a weight's topic without its stage, e.g. `full/weight.weight` | f32 | from 0 to 1; null: none |
+//! | an estimate's label, e.g. `full/fused` | f32 | metres, as scored (aligned and clamped as declared); null: invalid, or not scored in this way |
+//! | the topic of a confidence without its stage, e.g. `full/weight.weight` | f32 | from 0 to 1; null: missing |
 //!
-//! The file's metadata say which estimate a column is of ([`Described`]), units, and which recording it was made from.
+//! The metadata of the file contain the estimate of each column ([`Described`]), units, and the recording of the samples.
 
 mod described;
 mod read;
@@ -22,5 +22,5 @@ pub(crate) use described::{Described, DescribedEstimate};
 pub(crate) use read::{Part, SamplesFile};
 pub use write::{SamplesWritten, write_samples};
 
-/// Its name in a run's folder.
+/// The file name in the folder of a run.
 pub const SAMPLES: &str = "samples.parquet";

@@ -1,4 +1,4 @@
-//! Scores per frame: the rows the engine recorded, as a table.
+//! Recorded scores per frame, as a table.
 
 use std::collections::{HashMap, HashSet};
 use std::ops::RangeInclusive;
@@ -9,6 +9,7 @@ use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_recording::Recording;
 use depthloom_scores::{Mean, Metric, ScoreRow};
 
+use crate::ablation::FrameSet;
 use crate::error::listed;
 use crate::estimates::{Estimate, estimate_columns};
 use crate::tables::{DIMENSIONLESS, Rows, Table};
@@ -16,9 +17,9 @@ use crate::tables::{DIMENSIONLESS, Rows, Table};
 /// The scores of one estimate on one frame and one pixel set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameScore {
-    /// The frame's id: what people call it. Sources that are joined may repeat one, and a frame may be asked for twice.
+    /// The id of the frame. Concatenated sources may repeat an id, and a frame may be requested twice.
     pub frame: Arc<str>,
-    /// The frame's place in its stage run: what tells it from all others of the run.
+    /// The position of the frame in its stage run, which identifies it.
     pub position: FrameIndex,
     /// Index of the estimate.
     pub estimate: usize,
@@ -32,7 +33,8 @@ pub(crate) fn order_frame(rows: &mut [FrameScore]) {
     rows.sort_by_key(|score| (score.row.set, score.estimate));
 }
 
-/// Over how many frames rows are, and how: `is_all(mean)` says whether each of them is averaged so.
+/// Describes the number of frames of rows, and their averaging. `is_all(mean)` states whether all rows are averaged in this
+/// way.
 pub(crate) fn averaged(frames: RangeInclusive<u64>, is_all: impl Fn(Mean) -> bool) -> String {
     let (least, most) = frames.into_inner();
     let frames = match least == most {
@@ -41,12 +43,12 @@ pub(crate) fn averaged(frames: RangeInclusive<u64>, is_all: impl Fn(Mean) -> boo
     };
     match (is_all(Mean::Frames), is_all(Mean::Pixels)) {
         (true, _) => format!("mean over {frames}"),
-        (_, true) => format!("over the pixels of {frames} together"),
-        _ => format!("over {frames}, of some the mean, of others the pixels together"),
+        (_, true) => format!("over all pixels of {frames}"),
+        _ => format!("over {frames}, some averaged over frames, others over pixels"),
     }
 }
 
-/// The metrics that any of the estimates has, in the catalogue's order: what tables have columns for.
+/// The metrics of all estimates, in the order of the catalogue: the columns of tables.
 pub(crate) fn metrics_of<'e>(estimates: impl IntoIterator<Item = &'e Estimate>) -> Vec<&'static Metric> {
     let mut metrics: Vec<&'static Metric> = Vec::new();
     for metric in estimates.into_iter().flat_map(|estimate| &estimate.metrics) {
@@ -58,9 +60,8 @@ pub(crate) fn metrics_of<'e>(estimates: impl IntoIterator<Item = &'e Estimate>) 
     metrics
 }
 
-/// The table `scores.csv` holds: what a row is of, with its `zone` (null: the whole image), `position` and `frame`;
-/// `pixels`, the scores that were asked for, `density`; a score of no pixel is null. No two rows have the same stage,
-/// variant, estimate, set, zone and position, whatever frames are called.
+/// The table of `scores.csv`: key columns, `zone` (null: the whole image), `position`, `frame`, `pixels`, the metrics,
+/// `density`. A metric without pixels is null. No two rows have the same stage, variant, estimate, set, zone and position.
 pub(crate) fn table_of_scores(scores: &[FrameScore], estimates: &[Estimate]) -> Table {
     let rows = Rows(scores);
     let zone = rows.text("zone", |score| Some(&score.row.zone).filter(|zone| !zone.is_empty()));
@@ -75,33 +76,48 @@ pub(crate) fn table_of_scores(scores: &[FrameScore], estimates: &[Estimate]) -> 
     Table::new(columns)
 }
 
-/// The scores, of zones too, of the frames that have rows of all estimates of their stage run.
-pub(crate) fn of_complete_frames<'a>(scores: &'a [FrameScore], estimates: &[Estimate]) -> Vec<&'a FrameScore> {
+/// The scores, including those of zones, of the frames that have rows of all estimates of their stage run. An estimate
+/// without any score does not count: otherwise no frame would be complete.
+pub(crate) fn scores_of_complete_frames<'a>(scores: &'a [FrameScore], estimates: &[Estimate]) -> Vec<&'a FrameScore> {
     let place = |score: &FrameScore| (estimates[score.estimate].run, score.position);
     let mut rows_of_frame: HashMap<(RunId, FrameIndex), usize> = HashMap::new();
     for score in scores.iter().filter(|score| score.row.zone.is_empty()) {
         *rows_of_frame.entry(place(score)).or_default() += 1;
     }
     let mut rows_of_run: HashMap<RunId, usize> = HashMap::new();
-    for estimate in estimates {
+    let scored: HashSet<usize> = scores.iter().map(|score| score.estimate).collect();
+    for (_, estimate) in estimates.iter().enumerate().filter(|(index, _)| scored.contains(index)) {
         *rows_of_run.entry(estimate.run).or_default() += estimate.sets.len();
     }
-    let is_whole = |score: &&FrameScore| rows_of_frame.get(&place(score)) == rows_of_run.get(&place(score).0);
-    scores.iter().filter(is_whole).collect()
+    let is_complete = |score: &&FrameScore| rows_of_frame.get(&place(score)) == rows_of_run.get(&place(score).0);
+    scores.iter().filter(is_complete).collect()
 }
 
-/// What is to be said of frames that not all means are over, although nothing failed on them: an estimate is missing
-/// there.
-pub(crate) fn incomplete_frames(recording: &Recording, estimates: &[Estimate], scores: &[FrameScore]) -> Vec<String> {
+/// Notes on the selected frames (`None`: all) that are excluded from means without a failure, because an estimate is missing.
+pub(crate) fn incomplete_frames(
+    recording: &Recording,
+    estimates: &[Estimate],
+    scores: &[FrameScore],
+    selected: Option<&FrameSet>,
+) -> Vec<String> {
     let mut scored: HashMap<(RunId, FrameIndex), HashSet<usize>> = HashMap::new();
     for score in scores {
         scored.entry((estimates[score.estimate].run, score.position)).or_default().insert(score.estimate);
     }
+    let has_score: HashSet<usize> = scores.iter().map(|score| score.estimate).collect();
     let mut notes = Vec::new();
     for (run, planned) in RunId::enumerate(&recording.plan().runs) {
-        let own: Vec<usize> = (0..estimates.len()).filter(|place| estimates[*place].run == run).collect();
-        let (mut frames, mut unscored, mut labels) = (0, 0, Vec::new());
+        let of_run = (0..estimates.len()).filter(|place| estimates[*place].run == run);
+        let (own, without): (Vec<usize>, Vec<usize>) = of_run.partition(|place| has_score.contains(place));
+        if !own.is_empty() {
+            notes.extend(without.into_iter().map(|place| without_a_score(recording, &estimates[place])));
+        }
+        let (mut all, mut frames, mut unscored, mut labels) = (0, 0, 0, Vec::new());
         for (position, frame) in FrameIndex::enumerate(recording.frames(run)) {
+            if selected.is_some_and(|selected| !selected.contains(&(run, position))) {
+                continue;
+            }
+            all += 1;
             if !frame.failures.is_empty() {
                 continue;
             }
@@ -121,20 +137,38 @@ pub(crate) fn incomplete_frames(recording: &Recording, estimates: &[Estimate], s
                 }
             }
         }
-        let all = recording.frames(run).len();
         if !own.is_empty() && 0 < unscored && unscored < all {
             notes.push(format!(
-                "stage `{}`: means leave out {unscored} of {all} frames, which have no truth or no value of any estimate",
+                "stage `{}`: means exclude {unscored} of {all} frames, which have no ground truth or no value of any estimate",
                 planned.name()
             ));
         }
         if frames > 0 {
             notes.push(format!(
-                "stage `{}`: means leave out {frames} of {all} frames, on which there is no value of {}",
+                "stage `{}`: means exclude {frames} of {all} frames, which have no value of {}",
                 planned.name(),
                 listed(labels)
             ));
         }
     }
     notes
+}
+
+/// A note on an estimate without any score, although others of its stage run have some.
+fn without_a_score(recording: &Recording, estimate: &Estimate) -> String {
+    const INSPECTED: usize = 16;
+    let label = &estimate.label;
+    let truth = estimate.truth_topic.as_deref().filter(|topic| {
+        let Ok(mut reader) = recording.reader(estimate.run, &[*topic]) else { return false };
+        let positions = FrameIndex::all(recording.frames(estimate.run).len()).take(INSPECTED);
+        let values: Result<Vec<_>, _> = positions.map(|position| reader.read(position)).collect();
+        values.is_ok_and(|values| values.iter().flatten().all(Option::is_none))
+    });
+    match truth {
+        Some(topic) => format!(
+            "`{label}` is excluded: no frame has its ground truth `{}`; enable it in the parameters of the source",
+            topic.trim_start_matches('/')
+        ),
+        None => format!("`{label}` is excluded: it has no score on any frame"),
+    }
 }

@@ -1,7 +1,8 @@
-//! How sure a number is: intervals by resampling frames, tests of paired differences.
+//! Intervals by resampling frames, and tests of paired differences.
 //!
-//! Plain arithmetic and `libm` alone, sums in the order of frames, every resample with random numbers of its own: the
-//! same bits with any number of threads on any machine. Held to SciPy (`tests/fixtures/golden/statistics.json`).
+//! Uses only plain arithmetic and `libm`, sums in the order of frames, and own random numbers for every resample: the results
+//! are bit-identical with any number of threads on any machine. Compared with SciPy
+//! (`tests/fixtures/golden/statistics.json`).
 
 mod bootstrap;
 mod holm;

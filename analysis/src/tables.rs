@@ -1,7 +1,7 @@
 //! Tables: columns of text and numbers, with one renderer per format.
 //!
-//! Files (CSV, Parquet, JSON) have all rows below each other, and all digits. Text (terminal, Markdown, LaTeX) has the
-//! columns that a reader needs, either oriented in the same way or with a line per column.
+//! Files (CSV, Parquet, JSON) have all rows and all digits. Text (terminal, Markdown, LaTeX) has the columns that a reader
+//! needs, with one line per row or one line per metric.
 
 pub(crate) mod best;
 mod column;
@@ -25,60 +25,59 @@ pub(crate) use parquet::{file_metadata, parquet_of_parts, with_arrow_schema};
 pub(crate) use row_key::key_columns;
 pub use row_key::{COMMON, KEY_COLUMNS, Level, RowKey, RowKeys, plan_key, variant_of};
 
-/// The unit of shares and other numbers that have none.
+/// The unit of shares and other dimensionless numbers.
 pub(crate) const DIMENSIONLESS: &str = "1";
 
-/// The unit of a metric; of shares and of numbers without one, `1`.
+/// The unit of a metric; `1` if it is dimensionless.
 pub(crate) const fn unit_of(metric: &Metric) -> &'static str {
     if metric.unit.is_empty() { DIMENSIONLESS } else { metric.unit }
 }
 
-/// Caption, label and decimals that replace the usual ones.
+/// Caption, label and decimals that replace the defaults.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Typesetting {
-    /// LaTeX's caption, as LaTeX reads it.
+    /// The LaTeX caption, inserted verbatim.
     pub caption: Option<String>,
-    /// LaTeX's label behind `tab:`.
+    /// The LaTeX label after `tab:`.
     pub label: Option<String>,
-    /// How many decimals of metrics and of their intervals text shows.
+    /// The number of decimals of metrics and their intervals in text.
     pub decimals: Option<usize>,
 }
 
-/// Which way text shows a table.
+/// The orientation of a table in text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Orientation {
-    /// A line per row.
+    /// One line per row.
     #[default]
     Rows,
-    /// A line per metric, as in Table I of the paper: the key columns are the headings, two of which stand above each
-    /// other.
+    /// One line per metric, as in Table I of the paper. Two key columns are the headings, one above the other.
     Metrics,
 }
 
 /// A table that can be written in any format.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
-    /// What the numbers are: a caption, without a full stop.
+    /// Describes the numbers: a caption, without a full stop.
     pub(crate) about: String,
-    /// The LaTeX label, behind `tab:`.
+    /// The LaTeX label, after `tab:`.
     pub(crate) label: String,
     /// The LaTeX caption; `None`: `about` and notes.
     pub(crate) caption: Option<String>,
     pub(crate) columns: Vec<Column>,
     pub(crate) orientation: Orientation,
-    /// What marked cells are, where that is more than `best`.
+    /// Describes marked cells, if it is more than `best`.
     pub(crate) marks: Option<&'static str>,
-    /// The rows before which text leaves a gap.
+    /// The rows before which text has a gap.
     pub(crate) gaps: Vec<usize>,
-    /// The rows at which text shows columns that have one value for several rows.
+    /// The rows at which text shows columns with one value for several rows.
     pub(crate) starts: Vec<usize>,
     pub(crate) notes: Vec<String>,
-    /// What the metadata of its Parquet file has besides the usual: names and texts.
+    /// Additional metadata of its Parquet file: names and texts.
     pub(crate) metadata: Vec<(&'static str, String)>,
 }
 
 impl Table {
-    /// A table of columns that only files have.
+    /// A table with these columns and without a caption.
     pub(crate) fn new(columns: Vec<Column>) -> Self {
         Self { columns, ..Self::default() }
     }
@@ -108,15 +107,20 @@ impl Table {
         }
     }
 
-    /// Replaces caption, label and decimals where others are wanted.
+    /// Appends notes.
+    pub fn add_notes(&mut self, notes: impl IntoIterator<Item = String>) {
+        self.notes.extend(notes);
+    }
+
+    /// Replaces caption, label and decimals if given.
     pub fn typeset(&mut self, typesetting: &Typesetting) {
         self.caption.clone_from(&typesetting.caption);
         if let Some(label) = &typesetting.label {
             self.label.clone_from(label);
         }
         for column in &mut self.columns {
-            if let (Some(wanted), Some(decimals)) = (typesetting.decimals, column.cells.decimals()) {
-                *decimals = wanted;
+            if let (Some(requested), Some(decimals)) = (typesetting.decimals, column.cells.decimals()) {
+                *decimals = requested;
             }
         }
     }
@@ -130,7 +134,7 @@ impl Table {
         self.columns.iter().any(|column| column.best.contains(&true))
     }
 
-    /// What marked cells are, if any cell is.
+    /// Describes marked cells, if any.
     fn marks(&self) -> Option<&'static str> {
         self.has_marks().then(|| self.marks.unwrap_or("best"))
     }

@@ -6,7 +6,6 @@ use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 use depthloom_analysis::FrameChoice;
 use depthloom_export::ExportFormat;
-use depthloom_graphs::contracts::FrameSelection;
 
 use super::{JsonArgs, RunArg};
 use crate::completion::folders;
@@ -87,11 +86,6 @@ pub(crate) struct ExportArgs {
 
     #[command(flatten)]
     pub output: JsonArgs,
-}
-
-pub(super) fn parse_frames(text: &str) -> Result<FrameSelection, String> {
-    let list: Option<Vec<u64>> = text.split(',').map(|index| index.trim().parse().ok()).collect();
-    list.map_or_else(|| FrameSelection::parse(text), |list| Ok(FrameSelection::List(list)))
 }
 
 fn parse_range(text: &str) -> Result<(f64, f64), String> {

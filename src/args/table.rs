@@ -4,10 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
-use depthloom_analysis::{Mean, PixelSet, Resampling, Selection, Typesetting};
-use depthloom_graphs::contracts::FrameSelection;
+use depthloom_analysis::{FrameChoice, Mean, PixelSet, Resampling, Selection, Typesetting};
 
-use super::export::parse_frames;
 use super::{JsonArgs, RunArg, RunsFolder, TableOutputArgs, compare::parse_confidence};
 use crate::completion::{columns, metrics, runs};
 
@@ -75,9 +73,9 @@ pub(crate) struct ScoresArgs {
 
     /// Use only these frames (default: all).
     ///
-    /// They are numbers (`3`, `3,7`, `0..4`, `1..=40`), or a text file with one frame id per line.
-    #[arg(long, value_name = "FRAMES", value_parser = parse_frames)]
-    pub frames: Option<FrameSelection>,
+    /// They are numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with one frame id per line.
+    #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
+    pub frames: Option<FrameChoice>,
 
     /// Average over frames or pixels (default: the experiment's `mean`).
     ///

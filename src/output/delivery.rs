@@ -4,10 +4,11 @@ use std::fs;
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
 
-use depthloom_analysis::{Table, TableOutput};
+use depthloom_analysis::{Table, TableOutput, recording_notes};
 use depthloom_graphs::Key;
+use depthloom_recording::Recording;
 use depthloom_runs::{failed, run_folder};
-use depthloom_terminal::{CliError, ExitCode, print, print_bytes, print_quoted};
+use depthloom_terminal::{CliError, ExitCode, print, print_bytes, print_quoted, say};
 
 use crate::args::{TableFormat, TableOutputArgs};
 use crate::output::{self, CommandOutput};
@@ -68,6 +69,14 @@ impl<'a> Delivery<'a> {
             TableFormat::Json => json().into_bytes(),
         };
         self.deliver(&bytes, recordings)
+    }
+
+    /// Prints the notes on the condition of recordings as warnings, if the format has no place for notes.
+    pub(crate) fn warn_of_condition<'r>(&self, recordings: impl IntoIterator<Item = &'r Recording>) {
+        if matches!(self.format, TableFormat::Csv | TableFormat::Parquet) {
+            let notes = recordings.into_iter().flat_map(recording_notes);
+            notes.for_each(|note| say(format_args!("warning: {note}")));
+        }
     }
 
     /// Whether the output is text for a terminal.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{SAMPLES, SamplesWritten, samples_are_of, write_samples};
+use depthloom_analysis::{SAMPLES, SamplesWritten, samples_match, write_samples};
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
 use depthloom_runs::{failed, open_frames, run_folder};
@@ -53,7 +53,7 @@ pub(crate) fn samples_of(
     let path = folder.recording(run, "analyse")?;
     let file = path.with_file_name(SAMPLES);
     let recording = open_frames(&path)?;
-    if file.is_file() && samples_are_of(&file, &recording).map_err(failed)? {
+    if file.is_file() && samples_match(&file, &recording).map_err(failed)? {
         return Ok(file);
     }
     let elsewhere = || {

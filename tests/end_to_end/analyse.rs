@@ -165,13 +165,13 @@ fn invalid_analyse_arguments_list_the_available_values() {
     assert!(String::from_utf8_lossy(&relative.stdout).contains("by relative error"));
     for (arguments, words) in [
         (&["--by", "colour"][..], "no column `colour`"),
-        (&["--by", "weight"], "no weight was recorded"),
-        (&["--estimates", "mono"], "there are stereo"),
-        (&["--percentiles", "101"], "no percentile 101"),
+        (&["--by", "weight"], "no confidence was recorded"),
+        (&["--estimates", "mono"], "available: stereo"),
+        (&["--percentiles", "101"], "percentile 101 is out of range"),
         (&["--bins", "edges:5,1"], "ascending"),
-        (&["--bins", "width:0.00001"], "more than 20000"),
+        (&["--bins", "width:0.00001"], "the maximum is 20000"),
         (&["--by", "frame", "--bins", "log:3"], "takes no --bins"),
-        (&["--outlier", "big"], "no limit"),
+        (&["--outlier", "big"], "is not a limit"),
     ] {
         let error = refused(&run, arguments);
         assert!(error.contains(words), "{arguments:?}: {error}");
@@ -181,7 +181,7 @@ fn invalid_analyse_arguments_list_the_available_values() {
     std::fs::copy(run.join("table.parquet"), &file).expect("copied");
     let error = refused(&file, &[]);
     assert!(
-        error.contains("is no file of samples") && error.contains("depthloom analyse --samples-only RUN"),
+        error.contains("is not a samples file") && error.contains("depthloom analyse RUN --samples-only"),
         "{error}"
     );
     // Maps that were not recorded.

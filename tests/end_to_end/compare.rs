@@ -154,10 +154,10 @@ fn differing_parameters_are_listed_and_output_is_reproducible() {
     let variants = text(&["run", "plain", "large"]);
     for part in [
         "large differs in\n  look.stereo  block: 5 -> 9",
-        "large against plain: all pixels with ground truth, preset paper, mean over 7 frames",
+        "large compared with plain: all pixels with ground truth, preset paper, mean over 7 frames",
         "95 % BCa bootstrap over frames, 100000 resamples, seed 1",
         "corrected for the 16 tests here",
-        "7 frames: intervals of so few are too narrow",
+        "only 7 frames: with so few, intervals are too narrow",
     ] {
         let flat = variants.replace("\n", " ");
         assert!(variants.contains(part) || flat.contains(part), "{part}: {variants}");
@@ -173,7 +173,7 @@ fn differing_parameters_are_listed_and_output_is_reproducible() {
     run(folder, "other", &["look.stereo.with.p1=300", "sources.street.with.frames=2..9"]);
     let compared = json(folder, &["run", "other"]);
     let text = compared.to_string();
-    assert!(text.contains("5 frames are in both; 2 in the baseline alone and 2 in the other alone"), "{text}");
+    assert!(text.contains("5 frames are in both; 2 frames only in the baseline and 2 only in the other"), "{text}");
     let differences = compared["parameters"][0]["differences"].as_array().expect("differences");
     let p1 = differences.iter().find(|difference| difference["path"] == "p1").expect("the parameter");
     assert_eq!((&p1["after"], p1["node"].as_str()), (&Json::from(300), Some("look.stereo of plain")));
@@ -201,7 +201,7 @@ fn estimates_that_are_equal_in_both_runs_are_not_tested() {
     };
     assert_eq!(p(&two, "smooth"), p(&one, "smooth"), "an estimate that cannot differ does not weaken other tests");
     assert_eq!((p(&two, "raw"), two["method"]["tests"].clone()), (vec![Json::Null; 3], 3.into()));
-    assert!(two["notes"].to_string().contains("plain/raw is the same on both sides: it is not tested"), "{two}");
+    assert!(two["notes"].to_string().contains("plain/raw is identical on both sides, so it is not tested"), "{two}");
     // The same run under another name.
     run(folder, "same", &[]);
     let equal = compare(folder, &["run", "same", "--metrics", "abs_rel"]).stdout;
@@ -217,7 +217,8 @@ fn too_few_frames_for_any_verdict_are_noted() {
     run(folder, "run", &[]);
     // 7 frames: 2 / 2^7 for each of 32 tests.
     let notes = json(folder, &["run"])["notes"].to_string();
-    let note = "no verdict is possible: with 32 tests of 7 frames the smallest p_holm that can be reached is 0.500, not below 0.05";
+    let note =
+        "no verdict is possible: with 32 tests of 7 frames the smallest possible p_holm is 0.500, not below 0.05";
     assert!(notes.contains(note), "{notes}");
     let notes = json(folder, &["run", "plain", "large", "--metrics", "abs_rel"])["notes"].to_string();
     assert!(!notes.contains("no verdict is possible"), "2 tests reach 0.031: {notes}");
@@ -457,8 +458,8 @@ fn an_exceeded_limit_exits_with_3_and_an_unmatched_limit_with_2() {
     // Without an estimate, the limit applies to all pairs that have the metric.
     assert_eq!(exit(&["a1 < -100%"]).1["limits"].as_array().map(Vec::len), Some(2));
     for (limit, message) in [
-        ("fused.abs_rel > 1%", "is on nothing that is compared"),
-        ("raw.d1 > 0", "is on nothing that is compared"),
+        ("fused.abs_rel > 1%", "matches no compared estimate with this metric"),
+        ("raw.d1 > 0", "matches no compared estimate with this metric"),
         ("raw.abs_rle > 1%", "did you mean `abs_rel`?"),
         ("raw.abs_rel", "has no `>` or `<`"),
     ] {
@@ -470,7 +471,7 @@ fn an_exceeded_limit_exits_with_3_and_an_unmatched_limit_with_2() {
     let error = refused(folder, &["run", "near", "--fail-if", "abs_rel > 1%"]);
     assert!(error.contains("scored in different ways"), "{error}");
     let compared = json(folder, &["run", "near"]).to_string();
-    assert!(compared.contains("differences are of the scoring too"), "{compared}");
+    assert!(compared.contains("differences also include the difference of scoring"), "{compared}");
 }
 
 #[test]
@@ -494,7 +495,7 @@ fn tables_have_intervals_if_requested() {
     }
     assert_eq!(variants.len(), 6);
     let latex = std::fs::read_to_string(folder.join("tables/table.tex")).expect("the table");
-    let stated = "in square brackets its interval (95 \\% BCa bootstrap over frames, 100000 resamples, seed 1)";
+    let stated = "intervals in square brackets (95 \\% BCa bootstrap over frames, 100000 resamples, seed 1)";
     assert!(latex.contains(stated) && latex.contains("\\label{tab:compared}"), "{latex}");
     // Higher confidence yields wider intervals. Intervals are not written by default.
     let wider = rows(&["table", "run", "--ci=99", "--format", "csv", "--out", "rows.csv"], "rows.csv");
@@ -510,8 +511,8 @@ fn sides_that_cannot_be_compared_are_refused() {
     for (arguments, message) in [
         (&["run", "plian"][..], "did you mean `plain`?"),
         (&["run:plian", "run"], "`plian` is neither a run nor a variant or estimate of run"),
-        (&["run", "plain"], "there is nothing to hold plain against"),
-        (&["run", "plain", "large/raw"], "cannot be held against one another"),
+        (&["run", "plain"], "there is nothing to compare plain with"),
+        (&["run", "plain", "large/raw"], "cannot be compared with one another"),
         (&["run", "plain", "large", "--baseline", "larg"], "did you mean `large`?"),
         (&["run", "plain", "large", "--metrics", "d1"], "`d1`"),
         (&["run", "plain", "large", "--zone", "0..10"], "no zone"),

@@ -16,7 +16,7 @@ fn depths_and_disparities_have_their_own_metrics_and_zones() {
     }
     let output = succeed(&mut command);
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(text.contains("over all their pixels alike for disparity"), "{text}");
+    assert!(text.contains("but over all pixels of these frames for disparity"), "{text}");
 
     let rows = read_csv(&run.join("scores.csv"));
     let rows_of = |estimate: &str, set: &str, zone: &str| -> Vec<&Row> {

@@ -53,7 +53,7 @@ fn refused(folder: &Path, arguments: &[&str]) -> String {
 
 /// Kinds of figures, their arguments, and words that they contain.
 const KINDS: [(&str, &[&str], &str); 9] = [
-    ("error-vs-distance", &["--variant", "size=3*"], "true distance t, m"),
+    ("error-vs-distance", &["--variant", "size=3*"], "ground-truth distance t, m"),
     ("difference", &["--estimates", "stereo,mono", "--resamples", "500"], "difference of mean errors, m"),
     ("histogram", &["--variant", "size=3+weighting=full"], "share of pixels, %"),
     ("cdf", &["--layout", "overlaid"], "share of pixels, %"),
@@ -204,16 +204,16 @@ fn invalid_figure_arguments_are_refused_with_a_remedy() {
         (&["run", "cdf", "--out", "a.svg", "--format", "png"], "contradicts the extension"),
         (&["run", "cdf", "--out", "no/a.svg"], "there is no folder no"),
         (&["run", "cdf", "--out", "run/scores.csv", "--format", "svg"], "it is a file of a run"),
-        (&["run", "cdf", "--out", "a.svg", "--estimates", "absent"], "no estimate is `absent`"),
+        (&["run", "cdf", "--out", "a.svg", "--estimates", "absent"], "no samples match estimate `absent`"),
         (&["run", "cdf", "--out", "a.svg", "--pixels", "all"], "an invalid pixel has no error to draw"),
         (&["run", "cdf", "--out", "a.svg", "--height", "20"], "it needs a height of"),
         (&["run", "cdf", "--out", "a.svg", "--metric", "rmse"], "does not support --metric"),
-        (&["run", "difference", "--out", "a.svg", "--estimates", "stereo,fused"], "are several"),
-        (&["run", "frames", "--out", "a.svg", "--metric", "d1"], "score of disparities"),
+        (&["run", "difference", "--out", "a.svg", "--estimates", "stereo,fused"], "matches several estimates"),
+        (&["run", "frames", "--out", "a.svg", "--metric", "d1"], "metric of disparities"),
         (&["run", "parameter", "--out", "a.svg", "--axes", "sise"], "did you mean `size`?"),
         (&["run", "parameter", "--out", "a.svg", "--variant", "size=3+weighting=full"], "no parameter differs"),
         (&["run", "panels", "--out", "a.svg", "--frames", "77"], "there is no frame 77"),
-        (&["run", "run", "panels", "--out", "a.svg"], "this kind of figure is of one run"),
+        (&["run", "run", "panels", "--out", "a.svg"], "this kind of figure shows a single run"),
         (&["nowhere", "cdf", "--out", "a.svg"], "failed to open nowhere"),
     ] {
         let error = refused(folder, arguments);
@@ -230,7 +230,7 @@ fn a_learning_curve_of_one_point_is_drawn_with_a_note() {
     succeed(depthloom().current_dir(folder).args(["run", "--no-page", "drawn.yaml", "--quiet", "--out", "run"]));
     let output = figure(folder, &["run", "learning", "--out", "a.svg"]);
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(text.contains("note: learn/teacher has one point only"), "{text}");
+    assert!(text.contains("note: learn/teacher has only one point"), "{text}");
 }
 
 #[test]
@@ -247,7 +247,7 @@ fn panels_of_a_run_that_scores_only_disparities_are_refused() {
     std::fs::write(folder.join("drawn.yaml"), disparities).expect("written");
     succeed(depthloom().current_dir(folder).args(["run", "--no-page", "drawn.yaml", "--quiet", "--out", "run"]));
     let error = refused(folder, &["run", "panels", "--out", "a.svg"]);
-    assert!(error.contains("panels show depths, and this run scores only disparities"), "{error}");
+    assert!(error.contains("`panels` shows depths, but this run scores only disparities"), "{error}");
 }
 
 /// A depth that is aligned before scoring is shown aligned; variants without the parameter are one level line.

@@ -65,7 +65,7 @@ fn an_interrupted_run_finishes_its_frames_and_leaves_them_readable() {
     let partial = out.with_extension("partial");
     let report = succeed(depthloom().arg("report").arg(&partial));
     assert!(
-        String::from_utf8_lossy(&report.stdout).contains("note: the recording is unfinished; all numbers are of its")
+        String::from_utf8_lossy(&report.stdout).contains("note: the recording is unfinished; all numbers cover its")
     );
     assert_report_equals_complete_run(&partial, folder.path());
 }

@@ -137,6 +137,25 @@ fn table_matches_the_runs_files_and_effects_match_a_calculation() {
 }
 
 #[test]
+fn compare_notes_a_side_that_is_the_best_of_several_variants() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), SWEEP);
+    let ranked = text(&table(&run, &["--estimates", "*/smooth", "--sort", "abs_rel", "--format", "csv"]));
+    let variants: Vec<&str> = ranked.lines().skip(1).filter_map(|line| line.split(',').nth(1)).collect();
+    let compared = |sides: &[&str]| {
+        let sides = sides.iter().map(|variant| format!("{variant}/smooth"));
+        text(&succeed(depthloom().arg("compare").arg(&run).args(sides).args(["--resamples", "200"])))
+    };
+    let flat = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let note = format!("{}/smooth has the best abs_rel of 8 variants on the same frames", variants[0]);
+    let printed = flat(compared(&[variants[1], variants[0]]));
+    assert!(printed.contains(&note), "{printed}");
+    // The correction for multiple tests covers a comparison of all variants.
+    let printed = flat(compared(&variants));
+    assert!(!printed.contains("on the same frames"), "{printed}");
+}
+
+#[test]
 fn explain_prints_the_origin_of_a_number() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, _) = run(folder.path(), SWEEP);
@@ -147,12 +166,12 @@ fn explain_prints_the_origin_of_a_number() {
         "mean(|y - t| / t) (as in Martins et al. 2018)",
         "preset paper",
         "all pixels with ground truth (set `all`)",
-        "0.001 m < truth < 80 m",
+        "0.001 m < ground truth < 80 m",
         "2 of 2 (000000_10, 000001_10)",
         "synthetic/road",
         "/look/block=3+uniqueness=0+mode=hh/smooth/depth",
         "(filter/median version",
-        "frames that made it worse most",
+        "frames that made it worse, largest change first",
     ] {
         assert!(printed.contains(part), "{part}: {printed}");
     }

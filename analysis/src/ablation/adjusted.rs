@@ -1,24 +1,25 @@
-//! Means by the level of an axis as they would be if every level stood beside the other axes' levels as all rows do.
+//! Means of the levels of an axis, adjusted to the same mix of levels of the other axes.
 //!
-//! Where an ablation leaves combinations out, a level's plain mean is over other settings than that of its neighbour,
-//! and compares these. Rows are therefore described by least squares as a sum of one number a level of every axis (main
-//! effects, no interactions); the *adjusted mean* of a level is the mean of what this description gives of all rows,
-//! were they of that level (least-squares means weighted by the rows there are: Searle, Speed and Milliken 1980,
-//! `weights = "proportional"` of R's `emmeans`). In a full design it is the plain mean.
+//! If an ablation omits combinations, the plain means of two levels average over different settings, so their
+//! difference also contains the effect of those settings. A least-squares model therefore describes each row as a sum of
+//! one number per level of every axis (main effects, no interactions). The *adjusted mean* of a level is the mean of the
+//! model's values for all rows, with that level in place of their own. These are least-squares means weighted by the
+//! existing rows: Searle, Speed and Milliken 1980, `weights = "proportional"` of R's `emmeans`. In a full design the
+//! adjusted mean equals the plain mean.
 
 use super::factor::{Factor, are_orthogonal};
 
-/// What is left of a column, in parts of its length, when those before it explain it.
-const NOTHING: f64 = 1e-9;
+/// A column counts as explained by earlier columns if its residual is below this share of its length.
+const NEGLIGIBLE: f64 = 1e-9;
 
-/// By level of an axis.
+/// The means of the levels of an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum LevelMeans {
     /// The plain means: levels are compared over the same settings of the other axes.
     Plain,
-    /// The adjusted means; `None` of a level without rows.
+    /// The adjusted means; `None` for a level without rows.
     Adjusted(Vec<Option<f64>>),
-    /// The rows do not tell the axis from the others.
+    /// The effect of the axis cannot be separated from the other axes.
     Confounded,
 }
 
@@ -32,8 +33,8 @@ pub(crate) fn level_means(values: &[f64], focus: &Factor, others: &[&Factor]) ->
     let focus = among(focus);
     let varies = |factor: &Factor| {
         let levels = present(factor).len();
-        // An axis that not all of these rows have hangs on another one; and one with a level of its own for every row
-        // explains anything.
+        // An axis that only some of these rows have depends on another axis. An axis with a different level in every
+        // row explains anything.
         factor.of_row.iter().all(Option::is_some) && levels > 1 && levels < rows.len()
     };
     let others: Vec<Factor> = others.iter().map(|factor| among(factor)).filter(varies).collect();
@@ -44,8 +45,8 @@ pub(crate) fn level_means(values: &[f64], focus: &Factor, others: &[&Factor]) ->
     let levels = present(&focus);
     let Some(effects) = effects_of(&values, &focus, &levels, &others) else { return LevelMeans::Confounded };
     let count = values.len() as f64;
-    let of_levels = focus.of_row.iter().flatten().map(|level| effects[*level].unwrap_or(0.0));
-    let base = (values.iter().sum::<f64>() - of_levels.sum::<f64>()) / count;
+    let row_effects = focus.of_row.iter().flatten().map(|level| effects[*level].unwrap_or(0.0));
+    let base = (values.iter().sum::<f64>() - row_effects.sum::<f64>()) / count;
     LevelMeans::Adjusted(effects.into_iter().map(|effect| effect.map(|effect| base + effect)).collect())
 }
 
@@ -57,52 +58,52 @@ fn present(factor: &Factor) -> Vec<usize> {
     levels
 }
 
-/// By level of the axis, its number of the least-squares description, less that of the first; `None` where the others
-/// explain a level.
+/// The effect of each level in the least-squares model, relative to the first level. `None` if the other axes explain a
+/// level.
 fn effects_of(values: &[f64], focus: &Factor, levels: &[usize], others: &[Factor]) -> Option<Vec<Option<f64>>> {
     let column = |factor: &Factor, level: usize| -> Vec<f64> {
-        factor.of_row.iter().map(|of| f64::from(u8::from(*of == Some(level)))).collect()
+        factor.of_row.iter().map(|own| f64::from(u8::from(*own == Some(level)))).collect()
     };
-    // Gram-Schmidt: the axis comes last, so that what is left of it is what the others do not explain.
+    // Gram-Schmidt: the axis comes last, so that its residual is what the other axes do not explain.
     let mut basis: Vec<Vec<f64>> = Vec::new();
     let mut add = |mut column: Vec<f64>| -> Option<Vec<f64>> {
-        let whole = dot(&column, &column).sqrt();
+        let length = dot(&column, &column).sqrt();
         let mut shares = vec![0.0; basis.len()];
-        // Twice, for what rounding left.
+        // The second pass removes rounding errors of the first.
         for _ in 0..2 {
-            for (share, of) in shares.iter_mut().zip(&basis) {
-                let part = dot(&column, of);
-                column.iter_mut().zip(of).for_each(|(value, of)| *value -= part * of);
+            for (share, direction) in shares.iter_mut().zip(&basis) {
+                let part = dot(&column, direction);
+                column.iter_mut().zip(direction).for_each(|(value, unit)| *value -= part * unit);
                 *share += part;
             }
         }
-        let left = dot(&column, &column).sqrt();
-        if left <= NOTHING * whole {
+        let residual = dot(&column, &column).sqrt();
+        if residual <= NEGLIGIBLE * length {
             return None;
         }
-        column.iter_mut().for_each(|value| *value /= left);
+        column.iter_mut().for_each(|value| *value /= residual);
         basis.push(column);
-        shares.push(left);
+        shares.push(residual);
         Some(shares)
     };
     add(vec![1.0; values.len()])?;
     for other in others {
         for level in present(other).into_iter().skip(1) {
-            // A column that those before it explain adds nothing.
+            // A column that earlier columns explain adds nothing.
             let _ = add(column(other, level));
         }
     }
     let own: Vec<Vec<f64>> = levels.iter().skip(1).map(|&level| add(column(focus, level))).collect::<Option<_>>()?;
-    // From the last column back: what its direction holds of the values, less what later columns put there.
+    // Back substitution, from the last column to the first.
     let first = basis.len() - own.len();
-    let mut found = vec![0.0; own.len()];
+    let mut coefficients = vec![0.0; own.len()];
     for at in (0..own.len()).rev() {
-        let later: f64 = (at + 1..own.len()).map(|later| found[later] * own[later][first + at]).sum();
-        found[at] = (dot(values, &basis[first + at]) - later) / own[at][first + at];
+        let later: f64 = (at + 1..own.len()).map(|later| coefficients[later] * own[later][first + at]).sum();
+        coefficients[at] = (dot(values, &basis[first + at]) - later) / own[at][first + at];
     }
     let mut effects = vec![None; focus.levels];
     effects[levels[0]] = Some(0.0);
-    levels.iter().skip(1).zip(found).for_each(|(&level, effect)| effects[level] = Some(effect));
+    levels.iter().skip(1).zip(coefficients).for_each(|(&level, effect)| effects[level] = Some(effect));
     Some(effects)
 }
 
@@ -123,7 +124,7 @@ mod tests {
     /// *map(dummies, others)]` and `beta = np.linalg.lstsq(X, v)[0]`, the mean of `X_level @ beta`, `X_level` being
     /// X with all rows of that level.
     #[test]
-    fn means_of_a_design_with_holes_are_numpys() {
+    fn means_of_an_incomplete_design_equal_numpy() {
         let rows = [
             [0, 0, 0],
             [0, 0, 1],
@@ -159,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_design_keeps_its_plain_means_and_an_axis_that_goes_with_another_has_none() {
+    fn full_designs_keep_plain_means_and_inseparable_axes_are_confounded() {
         let (a, b) = (factor([0, 0, 1, 1]), factor([0, 1, 0, 1]));
         assert_eq!(level_means(&[1.0, 2.0, 3.0, 6.0], &a, &[&b]), LevelMeans::Plain);
         let other = factor([1, 1, 0, 0]);
@@ -167,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_that_only_some_rows_have_do_not_adjust_those_they_hang_on() {
+    fn nested_axes_do_not_adjust_the_axes_they_depend_on() {
         let a = factor([0, 0, 1, 1]);
         let nested = Factor { levels: 2, of_row: vec![None, None, Some(0), Some(1)] };
         assert_eq!(level_means(&[1.0, 2.0, 3.0, 6.0], &a, &[&nested]), LevelMeans::Plain);

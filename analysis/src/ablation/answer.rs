@@ -1,41 +1,39 @@
-//! Questions about a run's scores, each answered with a table.
+//! Queries of the scores of a run. Each gives a table.
 
 use std::collections::HashSet;
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::FrameSelection;
 use depthloom_graphs::plan::{FrameIndex, RunId};
-use depthloom_recording::{RecordedFrame, Recording};
+use depthloom_recording::Recording;
 
 use super::shared::shared_scores;
 use super::{Ablation, Costs, Ranking, ScoreTable, Selection, effects, zones};
 use crate::error::{AnalysisError, caught};
 use crate::estimates::{Estimate, estimates};
-use crate::input::condition;
+use crate::input::condition::recording_notes;
 use crate::input::reading;
 use crate::scores::{FrameScore, incomplete_frames};
 use crate::statistics::Resampling;
 use crate::tables::Table;
 
-/// What a table of a run's scores shows.
+/// Selects the kind of table.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Question {
-    /// A row per estimate, its variant's axes and its scores in columns.
+    /// One row per estimate, with the axes of its variant and its metrics in columns.
     Ranking(Ranking),
-    /// What each axis did to this score, `ms` or count of pixels.
+    /// The effect of each axis on this metric, on `ms`, or on a count of pixels.
     Effects(String),
-    /// Which row is best by this score, in each zone.
+    /// The best row by this metric in each zone.
     BestPerZone(String),
-    /// A line per score, estimates in columns, as in Table I; with intervals if frames are resampled.
+    /// One line per metric, estimates in columns, as in Table I; with intervals if frames are resampled.
     Scores(Option<Resampling>),
 }
 
-/// Answers a question from a recording's scores alone: no map is read. `costs` are those of its run, where they are
-/// known.
+/// Computes a table from the scores of a recording, without reading maps. `costs` are the costs of its run, if known.
 ///
 /// # Errors
-/// If the recording cannot be read or is damaged where scores are; [`AnalysisError::Request`] if the question names
-/// what is not there; [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if the question names an unknown
+/// metric, estimate, zone or pixel set; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn answer(
     recording: &Recording,
     costs: Option<&Costs>,
@@ -45,7 +43,7 @@ pub fn answer(
 ) -> Result<Table, AnalysisError> {
     caught(|| {
         let (estimates, scores) = selected_scores(recording, selection, stop)?;
-        let source = source_of(recording);
+        let source = source_keys(recording);
         let ablation = Ablation::new(recording.plan(), &estimates, &scores, &source, costs);
         let mut table = match question {
             Question::Ranking(ranking) => ranking.table(&ablation, selection, stop)?,
@@ -55,17 +53,18 @@ pub fn answer(
                 let scored: HashSet<usize> = ablation.rows(selection)?.iter().map(|row| row.estimate).collect();
                 let mut rows = ablation.rows_on_all_sets(selection)?;
                 rows.retain(|row| scored.contains(&row.estimate));
-                return Ok(ScoreTable::new(&ablation, &rows, selection, false, *intervals, stop)?.table());
+                ScoreTable::new(&ablation, &rows, selection, false, *intervals, stop)?.table()
             }
         };
-        table.notes.extend(incomplete_frames(recording, &estimates, &scores));
-        table.notes.extend(condition::findings(recording, &[], true).notes);
+        let frames = selected_frames(recording, selection)?;
+        table.notes.extend(incomplete_frames(recording, &estimates, &scores, frames.as_ref()));
+        table.notes.extend(recording_notes(recording));
         Ok(table)
     })
 }
 
-/// The key of a frame's source values, by stage run and position.
-pub(crate) fn source_of(recording: &Recording) -> impl Fn(RunId, FrameIndex) -> Option<Key> {
+/// Looks up the key of a frame's source values by stage run and position.
+pub(crate) fn source_keys(recording: &Recording) -> impl Fn(RunId, FrameIndex) -> Option<Key> {
     |run, position| recording.frames(run).get(position.0).and_then(|frame| frame.source_key)
 }
 
@@ -83,70 +82,62 @@ pub(crate) fn selected_scores(
             (all, scores)
         }
     };
-    let scores = of_frames(recording, &estimates, scores, selection)?;
+    let scores = select_frames(recording, &estimates, scores, selection)?;
     Ok((estimates, scores))
 }
 
-/// The scores that a recording holds.
+/// The recorded scores.
 pub(crate) fn scored(
     recording: &Recording,
     estimates: &[Estimate],
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<FrameScore>, AnalysisError> {
-    let nothing = |what: &str, help: &str| Err(AnalysisError::asked(what.to_owned(), help.to_owned()));
+    let no_scores = |what: &str, help: &str| Err(AnalysisError::request(what.to_owned(), help.to_owned()));
     if estimates.is_empty() {
-        return nothing("nothing was scored: no stage has a `score:`", "give a stage one, and run again");
+        return no_scores("nothing was scored: no stage has a `score:`", "add a `score:` to a stage, and run again");
     }
     let scores = reading::scores(recording, estimates, stop)?;
     if scores.is_empty() {
-        return nothing("no frame was scored", "`depthloom report` says which stages have no frames");
+        return no_scores("no frame was scored", "`depthloom report` lists the stages without frames");
     }
     Ok(scores)
+}
+
+/// Frames of a recording: stage run and position.
+pub(crate) type FrameSet = HashSet<(RunId, FrameIndex)>;
+
+/// The selected frames; `None`: all.
+///
+/// # Errors
+/// If no frame is selected, or a selected frame does not exist.
+pub(crate) fn selected_frames(recording: &Recording, selection: &Selection) -> Result<Option<FrameSet>, AnalysisError> {
+    let Some(choice) = &selection.frames else { return Ok(None) };
+    let (mut places, mut frames) = (Vec::new(), Vec::new());
+    for run in RunId::all(recording.plan().runs.len()) {
+        for (position, frame) in FrameIndex::enumerate(recording.frames(run)) {
+            places.push((run, position));
+            frames.push(frame);
+        }
+    }
+    let positions = choice.of_recorded().positions(&frames)?;
+    Ok(Some(positions.into_iter().map(|at| places[at]).collect()))
 }
 
 /// The scores of the selected frames.
 ///
 /// # Errors
-/// If no frame is selected, or one that is asked for is not there.
-pub(crate) fn of_frames(
+/// As [`selected_frames`]; also if no selected frame was scored.
+pub(crate) fn select_frames(
     recording: &Recording,
     estimates: &[Estimate],
-    scores: Vec<FrameScore>,
+    mut scores: Vec<FrameScore>,
     selection: &Selection,
 ) -> Result<Vec<FrameScore>, AnalysisError> {
-    let Some(wanted) = &selection.frames else { return Ok(scores) };
-    let wanted = match wanted {
-        // A frame that failed in its source is not in the recording.
-        FrameSelection::Range(range) => FrameSelection::Available(range.clone()),
-        other => other.clone(),
-    };
-    let frames = || RunId::all(recording.plan().runs.len()).flat_map(|run| recording.frames(run));
-    let mut ids: Vec<(u64, &str)> = frames().map(|frame| (frame.index, &*frame.id)).collect();
-    ids.sort_unstable();
-    let is_file = matches!(wanted, FrameSelection::File(_));
-    if is_file {
-        ids.dedup();
-    } else {
-        ids.dedup_by_key(|(index, _)| *index);
-    }
-    let selected = wanted.select(&ids).map_err(|fault| {
-        let help = fault.remedy_text().unwrap_or("`depthloom inspect RUN` lists the frames").to_owned();
-        AnalysisError::asked(format!("failed to select frames: {}", fault.chain()), help)
-    })?;
-    let indices: HashSet<u64> = selected.iter().map(|at| ids[*at].0).collect();
-    let names: HashSet<&str> = selected.iter().map(|at| ids[*at].1).collect();
-    let runs: Vec<&[RecordedFrame]> =
-        RunId::all(recording.plan().runs.len()).map(|run| recording.frames(run)).collect();
-    let is_wanted = |score: &FrameScore| {
-        runs[estimates[score.estimate].run].get(score.position.0).is_some_and(|frame| match is_file {
-            true => names.contains(&*frame.id),
-            false => indices.contains(&frame.index),
-        })
-    };
-    let scores: Vec<FrameScore> = scores.into_iter().filter(is_wanted).collect();
+    let Some(frames) = selected_frames(recording, selection)? else { return Ok(scores) };
+    scores.retain(|score| frames.contains(&(estimates[score.estimate].run, score.position)));
     if scores.is_empty() {
-        let help = "choose others with --frames".to_owned();
-        return Err(AnalysisError::asked("no selected frame was scored".to_owned(), help));
+        let help = "choose other frames with `--frames`".to_owned();
+        return Err(AnalysisError::request("no selected frame was scored".to_owned(), help));
     }
     Ok(scores)
 }

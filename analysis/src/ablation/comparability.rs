@@ -7,8 +7,8 @@ use depthloom_scores::{Mean, PixelSet, Settings};
 use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
-/// What equal scores can be compared by: they are over as many pixels of the same frames, by source and id, with the
-/// same ground truth, scored and averaged in the same way.
+/// The properties that comparable scores share: the same frames (by source and id) with the same number of pixels, the
+/// same ground truth, the same scoring and averaging.
 #[derive(PartialEq)]
 struct Comparability<'a> {
     settings: (&'a Option<Settings>, Mean),
@@ -22,8 +22,8 @@ struct Comparability<'a> {
 pub(super) struct Classes<'a>(Vec<Comparability<'a>>);
 
 impl<'a> Classes<'a> {
-    /// The class of an estimate's scores on one pixel set of one zone; `None` of those over the pixels that each
-    /// estimate made valid, which are its own. `source(run, position)` is the key of a frame's source values.
+    /// The class of an estimate's scores on one pixel set of one zone. `None` for the set `valid`, which differs between
+    /// estimates. `source(run, position)` is the key of the source values of a frame.
     pub(super) fn class(
         &mut self,
         estimate: &'a Estimate,
@@ -37,7 +37,7 @@ impl<'a> Classes<'a> {
         let frame = |score: &&'a FrameScore| (source(estimate.run, score.position), &*score.frame, score.row.pixels);
         let comparability = Comparability {
             settings: (&estimate.settings, mean),
-            truth: estimate.truth.as_deref(),
+            truth: estimate.truth_output.as_deref(),
             set,
             frames: scores.iter().map(frame).collect(),
         };

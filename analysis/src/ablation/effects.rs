@@ -9,17 +9,17 @@ use crate::error::AnalysisError;
 use crate::tables::{Column, Format, Rows, Table};
 use depthloom_graphs::counted;
 
-/// Levels that are numbers are taken together in so many ranges where nearly every row has one of its own.
+/// The number of ranges into which a numeric axis is grouped if nearly every row has its own level.
 const RANGES: usize = 4;
-/// So many interactions of two axes are named, if they explain at least this share.
+/// The maximum number of interactions of two axes that are shown, and the smallest share that is shown.
 const PAIRS: usize = 3;
 const LEAST_PAIR: f64 = 0.005;
 
-/// An axis as it is looked at: the names of its levels, and the level of each row.
-struct Looked {
+/// An axis of the table: the names of its levels, and the level of each row.
+struct AxisLevels {
     name: String,
     levels: Vec<String>,
-    /// `None`: the row is not on this axis.
+    /// `None` if the row does not have this axis.
     of_row: Vec<Option<usize>>,
     is_numeric: bool,
     in_ranges: bool,
@@ -40,44 +40,44 @@ struct Line {
     has_gap: bool,
 }
 
-/// What each axis did to a score or a cost: of each level how many rows, their mean and how far that is from the mean
-/// of all rows with the axis; of each axis its share of the variance, the largest first.
-pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, of: &str) -> Result<Table, AnalysisError> {
-    let column = ablation.goal_measure(of, "effects are")?;
+/// The effect of each axis on a metric or a cost. Each level has the number of its rows, their mean, and the difference
+/// from the mean of all rows with the axis. Each axis has its share of the variance, the largest first.
+pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, measure: &str) -> Result<Table, AnalysisError> {
+    let column = ablation.goal_measure(measure, "`--effects`")?;
     let all = ablation.rows(selection)?;
     ablation.require(&all, column)?;
-    // Of a score, the rows of which it was taken.
-    let was_taken = |row: &Row| match column.metric() {
+    // A row without the metric does not take part.
+    let has_metric = |row: &Row| match column.metric() {
         Some(metric) => {
             row.values[metric].is_some() || ablation.estimate(row).metrics.contains(&ablation.metrics[metric])
         }
         None => true,
     };
-    let all: Vec<Row> = all.into_iter().filter(was_taken).collect();
+    let all: Vec<Row> = all.into_iter().filter(has_metric).collect();
     let has_axis = |row: &&Row| (0..ablation.axes.len()).any(|axis| ablation.level(row, axis).is_some());
     let value = |row: &Row| ablation.number(row, column).filter(|value| value.is_finite());
     let rows: Vec<&Row> = all.iter().filter(has_axis).filter(|row| value(row).is_some()).collect();
-    let looked = looked_at(ablation, &rows);
-    if looked.is_empty() {
-        return Err(AnalysisError::asked(
-            "there is no axis to see the effect of: the selected estimates do not differ on any".to_owned(),
-            "`matrix` and `variants` make axes; `--estimates` may have left one value of each".to_owned(),
+    let axes = differing_axes(ablation, &rows);
+    if axes.is_empty() {
+        return Err(AnalysisError::request(
+            "no axis has an effect: the selected estimates do not differ on any axis".to_owned(),
+            "declare axes with `matrix:` or `variants:`, or select more estimates with `--estimates`".to_owned(),
         ));
     }
     let values: Vec<f64> = rows.iter().filter_map(|row| value(row)).collect();
     let factors: Vec<Factor> =
-        looked.iter().map(|axis| Factor { levels: axis.levels.len(), of_row: axis.of_row.clone() }).collect();
+        axes.iter().map(|axis| Factor { levels: axis.levels.len(), of_row: axis.of_row.clone() }).collect();
     let found = effects(&values, &factors);
 
     let (named, more_is_better) = (ablation.measure_name(column), ablation.better(column) == Better::More);
-    // Time is time, whatever was scored.
+    // CPU times are comparable, whatever was scored.
     let comparable = |row: &Row| match column {
         Measure::Ms => Some(0),
         Measure::Metric(metric) => row.comparable_by(metric),
         _ => row.comparable,
     };
     let is_comparable = rows.iter().all(|row| comparable(row).is_some() && comparable(row) == comparable(rows[0]));
-    let lines = lines(&looked, &found, more_is_better, is_comparable);
+    let lines = lines(&axes, &found, more_is_better, is_comparable);
     let decimals = ablation.decimals(column);
     let cells = Rows(&lines);
     let mean = cells.number(named, |line| line.mean).better(more_is_better).decimals(decimals);
@@ -90,20 +90,20 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, of: &str) ->
     let places = |is_place: fn(&Line) -> bool| (0..lines.len()).filter(|&line| is_place(&lines[line])).collect();
     Ok(Table {
         about: format!(
-            "effect of each axis on {named}{}; {} rows, mean {:.decimals$}, standard deviation {:.decimals$}; share: of the variance between \
+            "effect of each axis on {named}{}; {} rows, mean {:.decimals$}, standard deviation {:.decimals$}; share: share of the variance between \
              rows (eta squared)",
             match column {
-                Measure::Ms => ", core-milliseconds a frame".to_owned(),
+                Measure::Ms => ", core-milliseconds per frame".to_owned(),
                 _ => format!(" over {}", ablation.about(&all, selection)?),
             },
             rows.len(),
             found.mean,
             found.deviation,
         ),
-        label: [vec![format!("{}-effects-{of}", ablation.experiment)], selection.label()].concat().join("-"),
+        label: [vec![format!("{}-effects-{measure}", ablation.experiment)], selection.label()].concat().join("-"),
         gaps: places(|line| line.has_gap),
         starts: places(|line| line.is_start),
-        notes: notes(ablation, &all, &rows, &looked, &found, is_comparable),
+        notes: notes(ablation, &all, &rows, &axes, &found, is_comparable),
         ..Table::new(vec![
             cells.key("axis", |line| &line.axis).once(),
             Column::levels("level", levels, |line| lines[line].level_is_number),
@@ -115,12 +115,12 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, of: &str) ->
     })
 }
 
-/// The axes on which rows differ, the estimate's name among them where there are several.
-fn looked_at(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<Looked> {
-    let mut looked = Vec::new();
+/// The axes on which rows differ. The name of the estimate is one of them if there are several.
+fn differing_axes(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<AxisLevels> {
+    let mut axes = Vec::new();
     for (axis, named) in ablation.axes.iter().enumerate() {
         let of_row = rows.iter().map(|row| ablation.level(row, axis));
-        looked.extend(differing(&named.name, of_row, named.is_numeric, |level| named.levels[level].clone()));
+        axes.extend(differing(&named.name, of_row, named.is_numeric, |level| named.levels[level].clone()));
     }
     let mut names: Vec<&str> = Vec::new();
     let of_row: Vec<usize> = rows
@@ -133,17 +133,17 @@ fn looked_at(ablation: &Ablation<'_>, rows: &[&Row]) -> Vec<Looked> {
             })
         })
         .collect();
-    looked.extend(differing("estimate", of_row.into_iter().map(Some), false, |level| names[level].to_owned()));
-    looked
+    axes.extend(differing("estimate", of_row.into_iter().map(Some), false, |level| names[level].to_owned()));
+    axes
 }
 
-/// An axis, if the rows that have it differ on it: with the levels that they have.
+/// An axis with the levels of its rows, if these rows differ on it.
 fn differing(
     name: &str,
     of_row: impl Iterator<Item = Option<usize>>,
     is_numeric: bool,
     level_name: impl Fn(usize) -> String,
-) -> Option<Looked> {
+) -> Option<AxisLevels> {
     let of_row: Vec<Option<usize>> = of_row.collect();
     let mut present: Vec<usize> = of_row.iter().copied().flatten().collect();
     present.sort_unstable();
@@ -154,12 +154,13 @@ fn differing(
     let levels: Vec<String> = present.iter().copied().map(level_name).collect();
     let place = |level: usize| present.binary_search(&level).ok();
     let of_row = of_row.into_iter().map(|level| level.and_then(place)).collect();
-    let looked = Looked { name: name.to_owned(), levels, of_row, is_numeric, in_ranges: false };
-    Some(in_ranges(&looked).unwrap_or(looked))
+    let axis = AxisLevels { name: name.to_owned(), levels, of_row, is_numeric, in_ranges: false };
+    Some(in_ranges(&axis).unwrap_or(axis))
 }
 
-/// An axis of numbers of which nearly every row has one of its own, in ranges of as many rows; `None` of others.
-fn in_ranges(axis: &Looked) -> Option<Looked> {
+/// A numeric axis on which nearly every row has its own level, grouped in ranges of equal row counts. `None` for other
+/// axes.
+fn in_ranges(axis: &AxisLevels) -> Option<AxisLevels> {
     let rows = axis.of_row.iter().flatten().count();
     if !axis.is_numeric || axis.levels.len() < 2 * RANGES || rows >= 2 * axis.levels.len() {
         return None;
@@ -175,7 +176,7 @@ fn in_ranges(axis: &Looked) -> Option<Looked> {
         let inside = || sorted.iter().copied().filter(|number| range(*number) == of);
         format!("{} to {}", inside().fold(f64::INFINITY, f64::min), inside().fold(f64::NEG_INFINITY, f64::max))
     };
-    Some(Looked {
+    Some(AxisLevels {
         name: axis.name.clone(),
         levels: (0..firsts.len()).map(name).collect(),
         of_row: axis.of_row.iter().map(|level| level.map(|level| range(numbers[level]))).collect(),
@@ -184,8 +185,8 @@ fn in_ranges(axis: &Looked) -> Option<Looked> {
     })
 }
 
-fn lines(looked: &[Looked], found: &Effects, more_is_better: bool, is_comparable: bool) -> Vec<Line> {
-    let mut order: Vec<usize> = (0..looked.len()).collect();
+fn lines(axes: &[AxisLevels], found: &Effects, more_is_better: bool, is_comparable: bool) -> Vec<Line> {
+    let mut order: Vec<usize> = (0..axes.len()).collect();
     let share = |axis: usize| found.factors[axis].share.unwrap_or(-1.0);
     order.sort_by(|&a, &b| share(b).total_cmp(&share(a)));
     let mut lines = Vec::new();
@@ -194,9 +195,9 @@ fn lines(looked: &[Looked], found: &Effects, more_is_better: bool, is_comparable
         let means = effect.levels.iter().filter_map(|(_, mean)| *mean);
         let best = if more_is_better { means.reduce(f64::max) } else { means.reduce(f64::min) };
         lines.extend(effect.levels.iter().enumerate().map(|(level, (rows, mean))| Line {
-            axis: looked[axis].name.clone(),
-            level: Some(looked[axis].levels[level].clone()),
-            level_is_number: looked[axis].is_numeric,
+            axis: axes[axis].name.clone(),
+            level: Some(axes[axis].levels[level].clone()),
+            level_is_number: axes[axis].is_numeric,
             rows: Some(*rows as u64),
             mean: *mean,
             difference: mean.map(|mean| mean - effect.mean),
@@ -213,11 +214,11 @@ fn lines(looked: &[Looked], found: &Effects, more_is_better: bool, is_comparable
         has_gap,
         ..Line::default()
     };
-    if let Some(left) = found.left.filter(|_| looked.len() > 1) {
-        lines.push(others("interactions".to_owned(), left, true));
-        let told = found.pairs.iter().take(PAIRS).filter(|(.., share)| *share >= LEAST_PAIR);
+    if let Some(residual) = found.residual.filter(|_| axes.len() > 1) {
+        lines.push(others("interactions".to_owned(), residual, true));
+        let largest = found.pairs.iter().take(PAIRS).filter(|(.., share)| *share >= LEAST_PAIR);
         lines.extend(
-            told.map(|(a, b, share)| others(format!("{} x {}", looked[*a].name, looked[*b].name), *share, false)),
+            largest.map(|(a, b, share)| others(format!("{} x {}", axes[*a].name, axes[*b].name), *share, false)),
         );
     }
     lines
@@ -227,7 +228,7 @@ fn notes(
     ablation: &Ablation<'_>,
     all: &[Row],
     rows: &[&Row],
-    looked: &[Looked],
+    axes: &[AxisLevels],
     found: &Effects,
     is_comparable: bool,
 ) -> Vec<String> {
@@ -236,59 +237,58 @@ fn notes(
     let mut shared: Vec<&str> = shared.map(|row| ablation.estimate(row).label.as_str()).collect();
     shared.dedup();
     if !shared.is_empty() {
-        notes.push(format!("left out, for no axis changes it: {}", shared.join(", ")));
+        notes.push(format!("excluded, because no axis changes it: {}", shared.join(", ")));
     }
     let without = all.len() - shared.len() - rows.len();
     if without > 0 {
-        notes.push(format!("left out: {} without a value", counted(without, "row")));
+        notes.push(format!("excluded: {} without a value", counted(without, "row")));
     }
     if !is_comparable {
         notes.push(
-            "rows are not over the same pixels scored in the same way: differences are not the axes' alone".to_owned(),
+            "the rows differ in pixels or scoring, so the differences are not only effects of the axes".to_owned(),
         );
     }
-    for axis in looked {
+    for axis in axes {
         let have = axis.of_row.iter().flatten().count();
         if have < rows.len() {
             notes.push(format!(
-                "{} is there in {have} of {} rows: its means and differences are over those, its share of the variance between all",
-                axis.name,
-                rows.len()
+                "{have} of {} rows have the axis {}: its means and differences cover these rows, its share is of the variance between all rows",
+                rows.len(),
+                axis.name
             ));
         }
     }
-    let ranges: Vec<&str> = looked.iter().filter(|axis| axis.in_ranges).map(|axis| axis.name.as_str()).collect();
+    let ranges: Vec<&str> = axes.iter().filter(|axis| axis.in_ranges).map(|axis| axis.name.as_str()).collect();
     if !ranges.is_empty() {
         notes.push(format!(
-            "nearly every row has a value of its own of {}: taken together in ranges",
+            "nearly every row has its own level of {}: the levels are grouped in ranges",
             ranges.join(", ")
         ));
     }
-    let single =
-        looked.iter().zip(&found.factors).filter(|(_, effect)| effect.levels.iter().all(|(rows, _)| *rows <= 1));
+    let single = axes.iter().zip(&found.factors).filter(|(_, effect)| effect.levels.iter().all(|(rows, _)| *rows <= 1));
     for (axis, _) in single {
         notes
-            .push(format!("no share of {}: every row has a level of its own, which would explain anything", axis.name));
+            .push(format!("no share for {}: every row has its own level, which would explain any variance", axis.name));
     }
-    let named = |of: MeansOf| {
-        let some = looked.iter().zip(&found.factors).filter(|(_, effect)| effect.means == of);
-        some.map(|(axis, _)| axis.name.as_str()).collect::<Vec<_>>().join(", ")
+    let names = |means: MeansOf| {
+        let matching = axes.iter().zip(&found.factors).filter(|(_, effect)| effect.means == means);
+        matching.map(|(axis, _)| axis.name.as_str()).collect::<Vec<_>>().join(", ")
     };
-    let adjusted = named(MeansOf::LeastSquares);
+    let adjusted = names(MeansOf::LeastSquares);
     if !adjusted.is_empty() {
         notes.push(format!(
             "means of {adjusted} are adjusted by least squares for the settings of the other axes, which are not the same at each level"
         ));
     }
-    let confounded = named(MeansOf::Confounded);
+    let confounded = names(MeansOf::Confounded);
     if !confounded.is_empty() {
         notes.push(format!(
-            "the rows do not tell {confounded} from the other axes: its means are over different settings, and none is marked as best"
+            "the effect of {confounded} cannot be separated from the other axes: its means cover different settings, and none is marked as best"
         ));
     }
     if !found.is_orthogonal {
         notes.push(
-            "not every level of an axis meets those of the others in the same proportions: shares overlap, and do not add up".to_owned(),
+            "the levels of the axes are not combined in equal proportions: shares overlap and do not add up".to_owned(),
         );
     }
     notes

@@ -1,17 +1,17 @@
-//! The levels of an axis by row, and how those of several axes lie to each other.
+//! The levels of an axis by row, and the orthogonality of several axes.
 
 /// An axis as rows have it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Factor {
-    /// How many levels it has.
+    /// The number of levels.
     pub(crate) levels: usize,
-    /// The level of each row, below `levels`; `None` where it is not on the axis.
+    /// The level of each row, below `levels`; `None` if the row does not have the axis.
     pub(crate) of_row: Vec<Option<usize>>,
 }
 
-/// Whether each level of one meets the levels of the other in the same proportions, in the rows that have both; and
-/// where either has rows that the other has not, whether one of them has its levels there in the proportions that it
-/// has over all.
+/// Whether, in the rows that have both axes, each level of one is combined with the levels of the other in equal
+/// proportions. If some rows lack one of the axes, one axis must also have the same proportions of levels in these rows
+/// as in all rows.
 pub(super) fn are_orthogonal(a: &Factor, b: &Factor) -> bool {
     let (mut of_a, mut of_b) = (vec![0; a.levels], vec![0; b.levels]);
     let (mut all_a, mut all_b) = (vec![0; a.levels], vec![0; b.levels]);
@@ -38,7 +38,7 @@ pub(super) fn are_orthogonal(a: &Factor, b: &Factor) -> bool {
         && (in_proportion(&of_a, &all_a) || in_proportion(&of_b, &all_b))
 }
 
-/// Whether every combination of the factors' levels is there as often as every other.
+/// Whether all combinations of levels occur equally often.
 pub(super) fn is_full(factors: &[Factor], rows: usize) -> bool {
     let combinations = factors.iter().try_fold(1_usize, |all, factor| all.checked_mul(factor.levels));
     let Some(combinations) = combinations.filter(|&all| all > 0 && all <= rows && rows.is_multiple_of(all)) else {

@@ -1,4 +1,4 @@
-//! One row of a depth and of the disparity it was computed from, which are scored each for itself.
+//! Joins the row of a depth with the row of the disparity it was computed from. Both are scored separately.
 
 use std::collections::HashMap;
 
@@ -9,12 +9,12 @@ use depthloom_scores::{Family, Metric};
 use super::{Ablation, Row};
 use crate::estimates::Estimate;
 
-/// The kind that makes a depth of a disparity, pixel by pixel: both are one estimate.
+/// The kind that converts a disparity to a depth pixel by pixel: both are one estimate.
 const DEPTH_FROM_DISPARITY: &str = "depth/from-disparity";
 
-/// By estimate: the topic of the disparity that it is, or that it was computed from.
+/// For each estimate, the topic of its disparity: the estimate itself, or the disparity it was computed from.
 pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimates: &'a [Estimate]) -> Vec<Option<&'a str>> {
-    let of_depth: HashMap<(RunId, &str), &str> = RunId::enumerate(&plan.runs)
+    let by_depth: HashMap<(RunId, &str), &str> = RunId::enumerate(&plan.runs)
         .flat_map(|(run, planned)| planned.nodes.iter().map(move |node| (run, node)))
         .filter(|(_, node)| node.kind == DEPTH_FROM_DISPARITY)
         .filter_map(|(run, node)| {
@@ -22,23 +22,23 @@ pub(super) fn disparities<'a>(plan: &'a RecordedPlan, estimates: &'a [Estimate])
             Some(((run, node.outputs.first()?.topic.as_str()), disparity))
         })
         .collect();
-    let of = |estimate: &'a Estimate| match (estimate.family, estimate.estimate.as_deref()) {
+    let disparity = |estimate: &'a Estimate| match (estimate.family, estimate.scored_output.as_deref()) {
         (Family::Disparity, topic) => topic,
-        (Family::Depth, topic) => of_depth.get(&(estimate.run, topic?)).copied(),
+        (Family::Depth, topic) => by_depth.get(&(estimate.run, topic?)).copied(),
     };
-    estimates.iter().map(of).collect()
+    estimates.iter().map(disparity).collect()
 }
 
-/// The rows, of which one of a depth and one of its disparity, of the same variant and stage, become one where the
-/// depth stands. Where there are several of either it is not known which go together: they stay rows of their own.
+/// Joins the row of a depth with the row of its disparity if both have the same variant and stage. The joined row takes
+/// the place of the depth. If there are several of either, the pairs are unknown and all rows stay separate.
 pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
-    /// Rows of depths, and of disparities.
+    /// Rows of depths and of disparities.
     type Both = [Vec<usize>; 2];
     let mut by_disparity: HashMap<(RunId, Option<&str>, &str), Both> = HashMap::new();
     for (place, row) in rows.iter().enumerate() {
         if let Some(disparity) = ablation.disparities[row.estimate] {
             let estimate = ablation.estimate(row);
-            let both = by_disparity.entry((estimate.run, estimate.lead.variant.as_deref(), disparity)).or_default();
+            let both = by_disparity.entry((estimate.run, estimate.row_key.variant.as_deref(), disparity)).or_default();
             both[usize::from(estimate.family == Family::Disparity)].push(place);
         }
     }
@@ -58,16 +58,16 @@ pub(super) fn joined(ablation: &Ablation<'_>, rows: Vec<Row>) -> Vec<Row> {
     rows.into_iter().flatten().collect()
 }
 
-/// Of the two estimates that a label as `full/depth+disparity` names, that which has a score.
-pub(crate) fn of_label(estimates: &[Estimate], wanted: &str, metric: &str) -> Option<usize> {
-    let family = Family::Disparity.metrics().iter().any(|of: &Metric| of.name == metric);
+/// The estimate with this metric, of the two that a label such as `full/depth+disparity` names.
+pub(crate) fn estimate_by_label(estimates: &[Estimate], label: &str, metric: &str) -> Option<usize> {
+    let is_of_disparities = Family::Disparity.metrics().iter().any(|known: &Metric| known.name == metric);
     estimates.iter().enumerate().filter(|(_, depth)| depth.family == Family::Depth).find_map(|(place, depth)| {
-        let name = wanted.strip_prefix(depth.label.as_str())?.strip_prefix('+')?;
-        let is_its = |of: &Estimate| {
-            of.family == Family::Disparity && of.name == name && (of.run, &of.lead) == (depth.run, &depth.lead)
-        };
-        let disparity = estimates.iter().position(is_its)?;
-        Some(if family { disparity } else { place })
+        let name = label.strip_prefix(depth.label.as_str())?.strip_prefix('+')?;
+        let disparity = estimates.iter().position(|other| {
+            let is_same_variant = (other.run, &other.row_key) == (depth.run, &depth.row_key);
+            other.family == Family::Disparity && other.name == name && is_same_variant
+        })?;
+        Some(if is_of_disparities { disparity } else { place })
     })
 }
 
@@ -94,14 +94,14 @@ mod tests {
         let depths = json!({ "preset": "paper", "sets": ["all"], "metrics": ["abs_rel"] });
         let disparities = json!({ "sets": ["all"], "metrics": ["d1"], "mean": "pixels" });
         for (variant, name) in ["block=3", "block=9"].into_iter().enumerate() {
-            let of = json!([variant]);
+            let variants = json!([variant]);
             let topic = |name: &str| format!("/s/v{variant}/{name}");
             let [disparity, depth, smooth] = ["disparity", "depth", "smooth"].map(topic);
-            nodes.push(node("stereo/sgbm", "match", &[], &output("disparity", "disparity", &disparity), &of));
+            nodes.push(node("stereo/sgbm", "match", &[], &output("disparity", "disparity", &disparity), &variants));
             let inputs = [("disparity", disparity.as_str())];
-            nodes.push(node("depth/from-disparity", "depth", &inputs, &output("depth", "depth", &depth), &of));
+            nodes.push(node("depth/from-disparity", "depth", &inputs, &output("depth", "depth", &depth), &variants));
             let inputs = [("depth", depth.as_str())];
-            nodes.push(node("filter/median", "smooth", &inputs, &output("depth", "depth", &smooth), &of));
+            nodes.push(node("filter/median", "smooth", &inputs, &output("depth", "depth", &smooth), &variants));
             for (kind, params, scored, topic) in [
                 ("score/depth", &depths, "depth", &depth),
                 ("score/depth", &depths, "smooth", &smooth),
@@ -109,7 +109,13 @@ mod tests {
             ] {
                 let rows = format!("{topic}/rows");
                 let inputs = [("estimate", topic.as_str()), ("truth", "/s/source/truth")];
-                nodes.push(node(kind, &format!("score.{scored}"), &inputs, &output("rows", "scores", &rows), &of));
+                nodes.push(node(
+                    kind,
+                    &format!("score.{scored}"),
+                    &inputs,
+                    &output("rows", "scores", &rows),
+                    &variants,
+                ));
                 estimates.push(estimate(scored, &json!([variant, name]), topic, &rows, nodes.len() - 1, params));
             }
         }
@@ -142,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_depth_and_the_disparity_it_is_made_of_are_one_row() {
+    fn a_depth_and_its_disparity_share_a_row() {
         let grid = ask(&Ranking::default(), &Selection::default()).unwrap();
         let expected = "\
 stage,variant,estimate,set,zone,block,abs_rel,d1,density,disparity_density
@@ -154,49 +160,50 @@ s,block=9,depth+disparity,all,,9,0.4,0.01,0.5,0.8
         assert_eq!(csv(&grid), expected);
         let text = grid.terminal(110);
         assert!(text.contains("0.1000*  0.03000") && text.contains("0.4000   0.01000*"), "{text}");
-        assert!(!text.contains("kinds that cannot be compared"), "{text}");
-        assert!(text.contains("density is the depth's"), "{text}");
+        assert!(!text.contains("groups that cannot be compared"), "{text}");
+        assert!(text.contains("density is that of the depth"), "{text}");
+        assert!(grid.about.ends_with("over 1 frame, some averaged over frames, others over pixels; 4 rows by abs_rel"));
+    }
+
+    #[test]
+    fn a_front_of_depth_and_disparity_metrics_has_rows_with_both() {
+        let both = Ranking { pareto: owned(&["abs_rel", "d1"]), ..Ranking::default() };
+        let on_it = labels(&ask(&both, &Selection::default()).unwrap());
+        assert_eq!(on_it, ["block=3/depth+disparity", "block=9/depth+disparity"]);
+        // A smoothed depth has no disparity, so no row has both.
+        let apart = Selection { estimates: Some("smooth".to_owned()), ..Selection::default() };
+        assert!(refused(ask(&both, &apart)).starts_with("`d1` was not scored for the selected estimates"));
+    }
+
+    #[test]
+    fn metrics_of_one_family_select_the_rows_of_that_family() {
+        let ranking = Ranking { columns: owned(&["d1", "density"]), ..Ranking::default() };
+        let grid = ask(&ranking, &Selection::default()).unwrap();
+        let expected = "stage,variant,estimate,set,zone,block,d1,density\n\
+                        s,block=9,disparity,all,,9,0.01,0.8\ns,block=3,disparity,all,,3,0.03,0.8\n";
+        assert_eq!(csv(&grid), expected);
+        assert!(grid.notes.contains(&"excluded: 4 rows without any of these metrics".to_owned()));
+    }
+
+    #[test]
+    fn a_note_reports_cut_rows_without_the_sorting_metric() {
+        let ranking = Ranking { sort: Some("d1".to_owned()), top: Some(2), ..Ranking::default() };
+        let grid = ask(&ranking, &Selection::default()).unwrap();
+        assert!(grid.about.ends_with("the first 2 of 4 rows by d1"), "{}", grid.about);
         assert!(
-            grid.about.ends_with("over 1 frame, of some the mean, of others the pixels together; 4 rows by abs_rel")
+            grid.notes.contains(&"2 of the rows that are not shown have no value of d1, so they come last".to_owned())
         );
     }
 
     #[test]
-    fn a_front_of_both_kinds_is_of_rows_that_have_both() {
-        let both = Ranking { pareto: owned(&["abs_rel", "d1"]), ..Ranking::default() };
-        let on_it = labels(&ask(&both, &Selection::default()).unwrap());
-        assert_eq!(on_it, ["block=3/depth+disparity", "block=9/depth+disparity"]);
-        // No disparity was made of what is smoothed: nothing has both.
-        let apart = Selection { estimates: Some("smooth".to_owned()), ..Selection::default() };
-        assert!(refused(ask(&both, &apart)).starts_with("`d1` was not taken of the selected estimates"));
-    }
-
-    #[test]
-    fn where_scores_of_one_kind_are_asked_for_only_their_rows_are_there() {
-        let of = Ranking { columns: owned(&["d1", "density"]), ..Ranking::default() };
-        let grid = ask(&of, &Selection::default()).unwrap();
-        let expected = "stage,variant,estimate,set,zone,block,d1,density\n\
-                        s,block=9,disparity,all,,9,0.01,0.8\ns,block=3,disparity,all,,3,0.03,0.8\n";
-        assert_eq!(csv(&grid), expected);
-        assert!(grid.notes.contains(&"left out: 4 rows of which none of these scores was taken".to_owned()));
-    }
-
-    #[test]
-    fn rows_without_what_is_sorted_by_are_said_to_come_last_where_they_are_cut() {
-        let of = Ranking { sort: Some("d1".to_owned()), top: Some(2), ..Ranking::default() };
-        let grid = ask(&of, &Selection::default()).unwrap();
-        assert!(grid.about.ends_with("the first 2 of 4 rows by d1"), "{}", grid.about);
-        assert!(grid.notes.contains(&"2 of the rows that are not shown have no d1: they come last".to_owned()));
-    }
-
-    #[test]
-    fn the_label_of_both_names_the_one_that_has_the_score() {
+    fn a_joined_label_finds_the_estimate_with_the_metric() {
         let plan = plan();
         let estimates = estimates(&plan).unwrap();
         let named = |metric: &str| {
-            of_label(&estimates, "block=9/depth+disparity", metric).map(|place| estimates[place].label.as_str())
+            estimate_by_label(&estimates, "block=9/depth+disparity", metric)
+                .map(|place| estimates[place].label.as_str())
         };
         assert_eq!((named("abs_rel"), named("d1")), (Some("block=9/depth"), Some("block=9/disparity")));
-        assert_eq!(of_label(&estimates, "block=9/smoth+disparity", "d1"), None);
+        assert_eq!(estimate_by_label(&estimates, "block=9/smoth+disparity", "d1"), None);
     }
 }

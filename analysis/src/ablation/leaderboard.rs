@@ -7,13 +7,13 @@ use depthloom_recording::{PlanDifference, Recording};
 use depthloom_scores::Metric;
 use serde_json::Value as Json;
 
-use super::answer::{selected_scores, source_of};
+use super::answer::{selected_frames, selected_scores, source_keys};
 use super::best::candidate;
 use super::comparability::Classes;
 use super::front::{Better, Goal, fronts, sort_best_first};
 use super::{Ablation, Costs, Ranking, Row, Selection};
 use crate::error::{AnalysisError, caught};
-use crate::input::condition;
+use crate::input::condition::recording_notes;
 use crate::input::parameters::parameter_changes;
 use crate::scores::incomplete_frames;
 use crate::tables::best::{Candidate, best};
@@ -22,23 +22,23 @@ use crate::tables::{Column, Format, Rows, Table};
 /// A run of a [leaderboard](leaderboard()).
 #[derive(Clone, Copy, Debug)]
 pub struct BoardRun<'a> {
-    /// What it is called.
+    /// Its name.
     pub called: &'a str,
     /// Its recording.
     pub recording: &'a Recording,
-    /// What its nodes cost, where that is known.
+    /// The costs of its nodes, if known.
     pub costs: Option<&'a Costs>,
 }
 
-/// A row, and the run that it is of.
+/// A row and its run.
 struct Entry {
     run: usize,
     row: Row,
-    /// By metric of the board: the class of rows that it may be compared with, over all runs.
+    /// For each metric of the board, the class of comparable rows over all runs.
     classes: Vec<Option<usize>>,
 }
 
-/// The estimates of several runs, best first: their run, the settings in which the runs differ, their scores.
+/// The estimates of several runs, best first, with their run, the settings in which the runs differ, and their metrics.
 ///
 /// # Errors
 /// As [`answer`](super::answer()).
@@ -50,14 +50,14 @@ pub fn leaderboard(
 ) -> Result<Table, AnalysisError> {
     caught(|| {
         if ranking.intervals.is_some() {
-            return Err(AnalysisError::asked(
-                "intervals are of one run's table".to_owned(),
-                "name one run, or take `compare`, which has intervals of differences".to_owned(),
+            return Err(AnalysisError::request(
+                "`--ci` needs a single run".to_owned(),
+                "name one run, or use `depthloom compare`, which has intervals of differences".to_owned(),
             ));
         }
         let opened =
             runs.iter().map(|run| selected_scores(run.recording, selection, stop)).collect::<Result<Vec<_>, _>>()?;
-        let sources: Vec<_> = runs.iter().map(|run| source_of(run.recording)).collect();
+        let sources: Vec<_> = runs.iter().map(|run| source_keys(run.recording)).collect();
         let ablations: Vec<Ablation<'_>> = (runs.iter().zip(&opened).zip(&sources))
             .map(|((run, (estimates, scores)), source)| {
                 Ablation::new(run.recording.plan(), estimates, scores, source, run.costs)
@@ -65,8 +65,9 @@ pub fn leaderboard(
             .collect();
         let mut table = Board::new(runs, &ablations, selection, ranking)?.table(selection, ranking)?;
         for (run, (estimates, scores)) in runs.iter().zip(&opened) {
-            let notes = incomplete_frames(run.recording, estimates, scores);
-            let notes = notes.into_iter().chain(condition::findings(run.recording, &[], true).notes);
+            let frames = selected_frames(run.recording, selection)?;
+            let notes = incomplete_frames(run.recording, estimates, scores, frames.as_ref());
+            let notes = notes.into_iter().chain(recording_notes(run.recording));
             table.notes.extend(notes.map(|note| format!("{}: {note}", run.called)));
         }
         Ok(table)
@@ -99,7 +100,7 @@ impl<'a> Board<'a> {
                 let class = |metric: &&Metric| {
                     let metric = ablation.metrics.iter().position(|known| known == metric)?;
                     row.comparable_by(metric)?;
-                    let part = row.of(metric);
+                    let part = row.part_with(metric);
                     let scores = ablation.frames(part.estimate, part.set, zone);
                     classes.class(ablation.estimate(part), (part.set, part.mean), scores, ablation.source)
                 };
@@ -114,15 +115,15 @@ impl<'a> Board<'a> {
         &self.ablations[entry.run]
     }
 
-    /// The value of an entry in the column of that name.
+    /// The value of an entry in the column with this name.
     fn number(&self, entry: &Entry, name: &str) -> Option<f64> {
         let ablation = self.ablation(entry);
         ablation.number(&entry.row, ablation.measure(name).ok()?)
     }
 
-    /// What is better in a column, in the first run that has it.
+    /// The direction of a column, from the first run that has it.
     fn goal(&self, name: &str) -> Result<Goal, AnalysisError> {
-        let goal = |ablation: &Ablation<'_>| Ok(ablation.goal(ablation.goal_measure(name, "a leaderboard is")?));
+        let goal = |ablation: &Ablation<'_>| Ok(ablation.goal(ablation.goal_measure(name, "a leaderboard")?));
         let found = self.ablations.iter().find_map(|ablation| goal(ablation).ok());
         found.map_or_else(|| goal(&self.ablations[0]), Ok)
     }
@@ -138,13 +139,13 @@ impl<'a> Board<'a> {
         let mut order: Vec<usize> = (0..self.entries.len()).collect();
         if !ranking.pareto.is_empty() {
             let goals = ranking.pareto.iter().map(|name| self.goal(name)).collect::<Result<Vec<_>, _>>()?;
-            let kind = |place: usize| {
+            let group = |place: usize| {
                 let metrics = self.metrics.iter().zip(&self.entries[place].classes);
-                let wanted = metrics.filter(|(metric, _)| ranking.pareto.iter().any(|name| name == metric.name));
-                wanted.map(|(_, class)| *class).collect()
+                let chosen = metrics.filter(|(metric, _)| ranking.pareto.iter().any(|name| name == metric.name));
+                chosen.map(|(_, class)| *class).collect()
             };
             let values = |place: usize| ranking.pareto.iter().map(|name| number(place, name)).collect();
-            order = fronts(self.entries.len(), kind, values, &goals);
+            order = fronts(self.entries.len(), group, values, &goals);
         }
         sort_best_first(&mut order, self.goal(by)?.better, |place| number(place, by));
         let all = order.len();
@@ -165,19 +166,19 @@ impl<'a> Board<'a> {
             if order.len() == all { format!("{all} rows") } else { format!("the first {} of {all} rows", order.len()) };
         let notes = names
             .contains(&"ms")
-            .then(|| "ms: of several runs, timings are of several moments and perhaps machines".to_owned());
+            .then(|| "ms: the runs were timed at different times and perhaps on different machines".to_owned());
         let label = [vec!["leaderboard".to_owned()], selection.label()].concat().join("-");
-        let about = format!("{} runs; of the first {about}; {count} by {by}", self.runs.len());
+        let about = format!("{} runs; in the first run: {about}; {count} by {by}", self.runs.len());
         Ok(Table { about, label, notes: notes.into_iter().collect(), ..Table::new(columns) })
     }
 
-    /// The columns that say what entries are: text shows those on which they differ.
+    /// The columns that identify entries. Text shows only those on which entries differ.
     fn keys(&self, shown: &[&Entry], selection: &Selection) -> Vec<Column> {
         let rows = Rows(shown);
         let estimate = |entry: &Entry| self.ablation(entry).estimate(&entry.row);
         let mut columns = vec![
-            rows.key("stage", |entry| &estimate(entry).lead.stage),
-            rows.key("variant", |entry| estimate(entry).lead.variant.as_ref()),
+            rows.key("stage", |entry| &estimate(entry).row_key.stage),
+            rows.key("variant", |entry| estimate(entry).row_key.variant.as_ref()),
             rows.key("estimate", |entry| self.ablation(entry).name(&entry.row)),
             rows.key("set", |entry| selection.set_name(&entry.row)),
         ];
@@ -211,28 +212,28 @@ impl<'a> Board<'a> {
         Ok(column.metric(self.metrics[place]).marked(order.iter().map(|&place| best[place]).collect()))
     }
 
-    /// The parameters in which the entries differ: `stage.node.parameter`, and its value by entry; `None` where
-    /// variants that share an entry do not agree.
+    /// The parameters in which entries differ: `stage.node.parameter`, and the value of each entry. `None` if variants that
+    /// share an entry have different values.
     fn settings(&self, entries: &[&Entry]) -> Vec<(String, Vec<Option<String>>)> {
         let text = |value: Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
         let variants = |entry: &Entry| -> Vec<Option<VariantId>> {
             let all = &self.runs[entry.run].recording.plan().variants;
-            let is_of = |name: &&String| match &self.ablations[entry.run].estimate(&entry.row).lead.variant {
+            let is_own = |name: &&String| match &self.ablations[entry.run].estimate(&entry.row).row_key.variant {
                 Some(variant) => *name == variant,
                 None => true,
             };
-            let own: Vec<_> = VariantId::all(all.len()).filter(|variant| is_of(&&all[*variant])).map(Some).collect();
+            let own: Vec<_> = VariantId::all(all.len()).filter(|variant| is_own(&&all[*variant])).map(Some).collect();
             if own.is_empty() { vec![None] } else { own }
         };
         let Some(first) = entries.first() else { return Vec::new() };
         let base = (self.runs[first.run].recording.plan(), variants(first)[0]);
-        // Of each variant of a run, what is not as in the first entry.
+        // The settings of each variant that differ from those of the first entry.
         let mut known: HashMap<(usize, Option<VariantId>), Vec<Setting>> = HashMap::new();
         for entry in entries {
             for variant in variants(entry) {
                 known.entry((entry.run, variant)).or_insert_with(|| {
-                    let of = (self.runs[entry.run].recording.plan(), variant);
-                    let changes = parameter_changes(base, of).into_iter();
+                    let other = (self.runs[entry.run].recording.plan(), variant);
+                    let changes = parameter_changes(base, other).into_iter();
                     let setting = |(node, difference)| match difference {
                         PlanDifference::Parameter { path, before, after } => Some(Setting {
                             name: format!("{node}.{path}"),
@@ -254,20 +255,20 @@ impl<'a> Board<'a> {
             }
         }
         let value = |entry: &Entry, (name, before): (&str, &Option<String>)| {
-            let of_variant = |variant: Option<VariantId>| {
+            let setting_of_variant = |variant: Option<VariantId>| {
                 let changed = known[&(entry.run, variant)].iter().find(|setting| setting.name == name);
                 changed.map_or(before, |setting| &setting.after)
             };
             let variants = variants(entry);
-            let value = of_variant(variants[0]);
-            value.clone().filter(|_| variants.iter().all(|variant| of_variant(*variant) == value))
+            let value = setting_of_variant(variants[0]);
+            value.clone().filter(|_| variants.iter().all(|variant| setting_of_variant(*variant) == value))
         };
         let values = |name| entries.iter().map(|entry| value(entry, name)).collect();
         names.into_iter().map(|name| (name.0.to_owned(), values(name))).collect()
     }
 }
 
-/// A parameter that is not as in the first entry.
+/// A parameter that differs from the first entry.
 struct Setting {
     /// `stage.node.parameter`.
     name: String,

@@ -1,4 +1,4 @@
-//! The measures of rows, each a column: scores, costs, counts, axes.
+//! The measures of rows, one per column: metrics, costs, counts, axes.
 
 use depthloom_scores::{Family, Mean, Metric, Pooling};
 
@@ -6,7 +6,7 @@ use super::front::Better;
 use super::{Ablation, Row};
 use crate::error::{AnalysisError, listed, nearest_of};
 
-/// The measures besides axes and metrics, the last three of rows of a depth and its disparity.
+/// The measures besides axes and metrics. The last three exist only in joined rows of a depth and its disparity.
 const NAMED: [(&str, Measure); 7] = [
     ("density", Measure::Density(Part::Own)),
     ("ms", Measure::Ms),
@@ -28,17 +28,17 @@ pub(super) enum Measure {
     Pixels(Part),
 }
 
-/// Whose pixels are counted in a row of a depth and its disparity.
+/// The part of a joined row whose pixels are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
-    /// The row's own; of such a row, the depth's.
+    /// The row's own pixels; in a joined row, those of the depth.
     Own,
-    /// The disparity's.
+    /// The pixels of the disparity.
     Disparity,
 }
 
 impl Part {
-    fn of(self, row: &Row) -> Option<&Row> {
+    fn row(self, row: &Row) -> Option<&Row> {
         match self {
             Self::Own => Some(row),
             Self::Disparity => row.joined.as_deref(),
@@ -58,23 +58,23 @@ impl Measure {
         }
     }
 
-    /// Whether it is of the disparity in a row of a depth and its disparity.
+    /// Whether it is a measure of the disparity in a joined row.
     pub(super) const fn is_of_disparity(self) -> bool {
         matches!(self, Self::Density(Part::Disparity) | Self::Frames(Part::Disparity) | Self::Pixels(Part::Disparity))
     }
 
-    /// A row's count of frames or pixels.
+    /// The number of frames or pixels of a row.
     pub(super) fn count(self, row: &Row) -> Option<u64> {
         match self {
-            Self::Frames(part) => part.of(row).map(|row| row.frames),
-            Self::Pixels(part) => part.of(row).map(|row| row.pixels),
+            Self::Frames(part) => part.row(row).map(|row| row.frames),
+            Self::Pixels(part) => part.row(row).map(|row| row.pixels),
             _ => None,
         }
     }
 }
 
 impl Ablation<'_> {
-    /// The column of that name.
+    /// The measure with this name.
     pub(super) fn measure(&self, name: &str) -> Result<Measure, AnalysisError> {
         if let Some((_, measure)) = NAMED.iter().find(|(known, _)| *known == name) {
             return Ok(*measure);
@@ -90,9 +90,9 @@ impl Ablation<'_> {
         let known: Vec<&str> = axes.clone().chain(scores).chain(self.others()).collect();
         let help = nearest_of(name, known).unwrap_or_else(|| {
             let axes = if self.axes.is_empty() { String::new() } else { format!("axes {}, ", listed(axes)) };
-            format!("there are {axes}scores {}, and {}", listed(self.metric_names()), listed(self.others()))
+            format!("available: {axes}metrics {}, and {}", listed(self.metric_names()), listed(self.others()))
         });
-        Err(AnalysisError::asked(format!("there is no column `{name}`"), help))
+        Err(AnalysisError::request(format!("there is no column `{name}`"), help))
     }
 
     /// The measures besides axes and metrics that rows may have.
@@ -102,13 +102,17 @@ impl Ablation<'_> {
         NAMED.iter().take(count).map(|(name, _)| *name)
     }
 
-    /// The column of that name, of which less or more is better; `use_of` says what it is wanted for.
-    pub(super) fn goal_measure(&self, name: &str, use_of: &str) -> Result<Measure, AnalysisError> {
+    /// The measure with this name, which must have a better direction; `purpose` is the option or table that needs it.
+    pub(super) fn goal_measure(&self, name: &str, purpose: &str) -> Result<Measure, AnalysisError> {
         let column = self.measure(name)?;
         if column.is_axis() {
-            return Err(AnalysisError::asked(
-                format!("`{name}` is an axis: neither way of it is better"),
-                format!("{use_of} of scores ({}) and of {}", listed(self.metric_names()), listed(self.others())),
+            return Err(AnalysisError::request(
+                format!("`{name}` is an axis: it has no better direction"),
+                format!(
+                    "{purpose} needs a metric ({}) or one of {}",
+                    listed(self.metric_names()),
+                    listed(self.others())
+                ),
             ));
         }
         Ok(column)
@@ -122,18 +126,18 @@ impl Ablation<'_> {
         }
     }
 
-    /// A row's number in a column.
+    /// The number of a row in a column.
     pub(super) fn number(&self, row: &Row, column: Measure) -> Option<f64> {
         match column {
             Measure::Axis(axis) => self.level(row, axis).map(|level| level as f64),
             Measure::Metric(metric) => row.value(metric),
-            Measure::Density(part) => part.of(row)?.density,
+            Measure::Density(part) => part.row(row)?.density,
             Measure::Ms => row.core_ms,
             Measure::Frames(_) | Measure::Pixels(_) => column.count(row).map(|count| count as f64),
         }
     }
 
-    /// Which way a column is better; of an axis, its order.
+    /// The better direction of a column; for an axis, its order.
     pub(super) fn better(&self, column: Measure) -> Better {
         match column {
             Measure::Axis(_) | Measure::Ms => Better::Less,
@@ -142,10 +146,10 @@ impl Ablation<'_> {
         }
     }
 
-    /// How many decimals of a column are shown.
+    /// The number of decimals that are shown.
     pub(super) fn decimals(&self, column: Measure) -> usize {
         match column {
-            // Variants differ by less than methods do.
+            // Differences between variants are smaller than those between methods.
             Measure::Metric(metric) => self.metrics[metric].decimals + 1,
             Measure::Density(_) => 4,
             Measure::Ms => 2,
@@ -153,7 +157,7 @@ impl Ablation<'_> {
         }
     }
 
-    /// An error where no row has a value in a column that was asked for.
+    /// Returns an error if no row has a value in a requested column.
     pub(super) fn require(&self, rows: &[Row], column: Measure) -> Result<(), AnalysisError> {
         if rows.iter().any(|row| self.number(row, column).is_some()) {
             return Ok(());
@@ -161,57 +165,57 @@ impl Ablation<'_> {
         let name = self.measure_name(column);
         let (what, help) = match column {
             Measure::Ms if self.has_timings => (
-                "no row has a value of `ms`: nodes of these estimates did not run, because their values were reused"
+                "no row has a value of `ms`: the values of these estimates were reused, so their nodes were not timed"
                     .to_owned(),
-                "`depthloom run --fresh` recomputes and times them",
+                "run again with `depthloom run --fresh` to time all nodes",
             ),
             Measure::Ms => (
-                "core-milliseconds of these estimates are not known".to_owned(),
-                "they come from `timings.parquet`, which a run leaves beside its recording: name the run's folder, or run again",
+                "no row has a value of `ms`: there are no timings".to_owned(),
+                "name the run's folder, which contains `timings.parquet`, or run again",
             ),
             Measure::Density(Part::Own) => (
-                "the number of valid pixels was not recorded".to_owned(),
-                "recordings of earlier versions do not hold it: run again",
+                "no row has a value of `density`: the number of valid pixels was not recorded".to_owned(),
+                "recordings of earlier versions do not contain it: run again",
             ),
             Measure::Density(Part::Disparity) | Measure::Frames(Part::Disparity) | Measure::Pixels(Part::Disparity) => {
                 (
                     format!("no row has a value of `{name}`"),
-                    "rows have it that are of a depth and of the disparity it was made of by `depth/from-disparity`, where both are scored",
+                    "score both a disparity and the depth that `depth/from-disparity` computes from it",
                 )
             }
             Measure::Metric(metric) => {
-                let asked: Vec<&Row> =
+                let scored: Vec<&Row> =
                     rows.iter().filter(|row| self.estimate(row).metrics.contains(&self.metrics[metric])).collect();
-                let has_pixels = asked.iter().any(|row| row.pixels > 0);
-                let pooled = asked.iter().all(|row| row.mean == Mean::Pixels);
-                if asked.is_empty() {
+                let has_pixels = scored.iter().any(|row| row.pixels > 0);
+                let pooled = scored.iter().all(|row| row.mean == Mean::Pixels);
+                if scored.is_empty() {
                     let family = match self.metrics[metric] {
-                        of if Family::Depth.metrics().contains(of) => "depths",
+                        metric if Family::Depth.metrics().contains(metric) => "depths",
                         _ => "disparities",
                     };
-                    let help = format!("it is a score of {family}: choose other --estimates");
-                    return Err(AnalysisError::asked(
-                        format!("`{name}` was not taken of the selected estimates"),
+                    let help = format!("it is a metric of {family}: select others with `--estimates`");
+                    return Err(AnalysisError::request(
+                        format!("`{name}` was not scored for the selected estimates"),
                         help,
                     ));
                 }
                 if has_pixels && pooled && self.metrics[metric].pooling == Pooling::None {
                     (
-                        format!("`{name}` over the pixels of all frames does not follow from the frames' scores"),
-                        "take `--mean frames`",
+                        format!("`{name}` over the pixels of all frames cannot be computed from the scores of frames"),
+                        "use `--mean frames`",
                     )
                 } else {
                     (
                         format!("no row has a value of `{name}`"),
-                        "no frame had a pixel to score there: choose another --zone or --set",
+                        "no frame has a pixel to score: choose another `--zone` or `--pixels`",
                     )
                 }
             }
             Measure::Axis(_) | Measure::Frames(Part::Own) | Measure::Pixels(Part::Own) => (
                 format!("no row has a value of `{name}`"),
-                "the selected estimates are of no variant: choose other --estimates",
+                "the selected estimates belong to no variant: select others with `--estimates`",
             ),
         };
-        Err(AnalysisError::asked(what, help.to_owned()))
+        Err(AnalysisError::request(what, help.to_owned()))
     }
 }

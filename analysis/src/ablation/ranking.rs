@@ -15,28 +15,27 @@ use crate::error::{AnalysisError, listed};
 use crate::statistics::Resampling;
 use crate::tables::{Column, DIMENSIONLESS, Format, KEY_COLUMNS, Rows, Table};
 
-/// Rows whose cost differs by no more than this share are equally fast: timings of one run vary by as much.
+/// Rows whose costs differ by at most this share count as equally fast, because timings of one run vary by as much.
 pub(super) const TIMING_NOISE: f64 = 0.05;
 
-/// A table with a row an estimate, or a depth and the disparity it was computed from.
+/// A table with one row per estimate, or per depth together with the disparity it was computed from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ranking {
-    /// What to sort by: a score or a column of numbers, best first; or an axis, numbers by size, others in the file's
-    /// order. `None`: by the first error that was shown and that a row has, `abs_rel` before others.
+    /// The sorting column: a metric or a column of numbers, best first; or an axis, numbers by size, others in the order of
+    /// the file. `None`: the first shown error that a row has, `abs_rel` before others.
     pub sort: Option<String>,
-    /// How many rows are shown at most.
+    /// The maximum number of rows.
     pub top: Option<usize>,
-    /// The columns behind the axes; empty: all scores, `density` where not every pixel is valid, and `ms` where it
-    /// is known.
+    /// The columns after the axes. Empty: all metrics, `density` if some pixels are invalid, and `ms` if it is known.
     pub columns: Vec<String>,
-    /// Columns on whose Pareto front the rows are to be; empty: all rows.
+    /// Selects the rows on the Pareto front of these columns. Empty: all rows.
     pub pareto: Vec<String>,
-    /// How frames are resampled for an interval beside each score; `None`: there are none.
+    /// The resampling of frames for an interval of each metric; `None`: no intervals.
     pub intervals: Option<Resampling>,
 }
 
 impl Ranking {
-    /// The table of the selected rows; `stop` is asked while frames are resampled.
+    /// The table of the selected rows. `stop` is polled while frames are resampled.
     pub(crate) fn table(
         &self,
         ablation: &Ablation<'_>,
@@ -44,12 +43,12 @@ impl Ranking {
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Table, AnalysisError> {
         let selection = &self.with_depths(selection);
-        let (rows, left_out) = self.rows(ablation, ablation.rows(selection)?)?;
+        let (rows, excluded) = self.rows(ablation, ablation.rows(selection)?)?;
         let mut about = ablation.about(&rows, selection)?;
         let all = rows.len();
         let sort = match (&self.sort, self.pareto.first()) {
             (Some(name), _) | (None, Some(name)) => ablation.measure(name)?,
-            (None, None) => self.sort_of_itself(ablation, &rows)?,
+            (None, None) => self.default_sort(ablation, &rows)?,
         };
         let by = ablation.measure_name(sort);
         let mut order: Vec<usize> = (0..rows.len()).collect();
@@ -61,7 +60,7 @@ impl Ranking {
         }
         if self.pareto.iter().any(|name| name == "ms") {
             let percent = 100.0 * TIMING_NOISE;
-            notes.push(format!("on the front, costs that differ by no more than {percent} % are equal"));
+            notes.push(format!("on the Pareto front, costs that differ by at most {percent} % count as equal"));
         }
         ablation.require(&rows, sort)?;
         sort_best_first(&mut order, ablation.better(sort), |row| ablation.number(&rows[row], sort));
@@ -69,7 +68,8 @@ impl Ranking {
             about.push_str(&format!("; the first {top} of {} rows by {by}", order.len()));
             let without = order[top..].iter().filter(|&&row| ablation.number(&rows[row], sort).is_none()).count();
             if without > 0 {
-                notes.push(format!("{without} of the rows that are not shown have no {by}: they come last"));
+                notes
+                    .push(format!("{without} of the rows that are not shown have no value of {by}, so they come last"));
             }
             order.truncate(top);
         } else if self.pareto.is_empty() {
@@ -82,11 +82,10 @@ impl Ranking {
         let measures = self.measures(ablation, &rows)?;
         if measures.contains(&Measure::Ms) {
             notes.push(
-                "ms: processor time of all nodes that an estimate is computed from, core-milliseconds a frame"
-                    .to_owned(),
+                "ms: CPU time of all nodes that an estimate is computed from, core-milliseconds per frame".to_owned(),
             );
         }
-        let best = Best::of(ablation, &rows);
+        let best = Best::new(ablation, &rows);
         for &measure in &measures {
             let column = ablation.measure_column(measure, &shown);
             let Some(metric) = measure.metric() else {
@@ -96,7 +95,7 @@ impl Ranking {
             columns.push(column.marked(order.iter().map(|&row| best.is_best(metric, row)).collect()));
             if let Some(resampling) = &self.intervals {
                 let zone = ablation.zone(selection)?;
-                let statistic = |row: &&Row| ablation.statistic(row.of(metric), Some(metric), zone);
+                let statistic = |row: &&Row| ablation.statistic(row.part_with(metric), Some(metric), zone);
                 let found = resampling.intervals_of(&shown.iter().map(statistic).collect::<Vec<_>>(), stop)?;
                 let metric = ablation.metrics[metric];
                 columns.extend(interval_columns(metric, &resampling.level(), found, metric.decimals + 1));
@@ -107,43 +106,43 @@ impl Ranking {
         }
         if measures.contains(&Measure::Density(Part::Disparity)) {
             notes.push(
-                "a row is of a depth and of the disparity it was made of: density is the depth's, disparity_density the disparity's"
+                "a row combines a depth and the disparity it was computed from: density is that of the depth, disparity_density that of the disparity"
                     .to_owned(),
             );
         }
-        if left_out > 0 {
-            let rows = counted(left_out, "row");
-            notes.push(format!("left out: {rows} of which none of these scores was taken"));
+        if excluded > 0 {
+            let rows = counted(excluded, "row");
+            notes.push(format!("excluded: {rows} without any of these metrics"));
         }
         if rows.iter().all(|row| row.set == PixelSet::Valid) && rows.len() > 1 {
             notes.push(
-                "each row is over its own valid pixels, so nothing is marked as best: look at density".to_owned(),
+                "each row covers its own valid pixels, so none is marked as best: compare density, too".to_owned(),
             );
         }
         let metrics: Vec<usize> = measures.iter().filter_map(|measure| measure.metric()).collect();
         let is_partial = |metric: usize| {
-            let mut parts = rows.iter().map(|row| row.of(metric));
-            parts.any(|row| row.comparable.is_some() && row.over_answers[metric])
+            let mut parts = rows.iter().map(|row| row.part_with(metric));
+            parts.any(|row| row.comparable.is_some() && row.only_over_valid[metric])
         };
         for metric in metrics.iter().copied().filter(|metric| is_partial(*metric)) {
             let name = ablation.metrics[metric].name;
             notes.push(format!(
-                "{name} leaves out invalid pixels, also over all pixels with ground truth, so none is marked as best: look at density, or take `--pixels filled`"
+                "{name} excludes invalid pixels, also over all pixels with ground truth, so none is marked as best: compare density, or use `--pixels filled`"
             ));
         }
         notes.extend(best::note(&shown, &metrics));
         Ok(Table { about, label: self.label(ablation, selection), notes, ..Table::new(columns) })
     }
 
-    /// The selection, with depths beside disparities that are filled where a score of depths is asked for.
+    /// The selection, which includes depths besides filled disparities if a metric of depths is requested.
     pub(super) fn with_depths(&self, selection: &Selection) -> Selection {
         let mut named = self.columns.iter().chain(&self.sort).chain(&self.pareto);
-        let with_depths = named.any(|name| Family::Depth.metrics().iter().any(|of| of.name == *name));
+        let with_depths = named.any(|name| Family::Depth.metrics().iter().any(|metric| metric.name == *name));
         Selection { with_depths, ..selection.clone() }
     }
 
-    /// The rows that have to do with the scores that are asked for, and how many others were left out: where those are
-    /// of depths and of disparities, a row of both where one was made of the other.
+    /// The rows with a requested metric, and the number of excluded rows. If metrics of depths and of disparities are
+    /// requested, the row of a depth is joined with the row of its disparity.
     pub(super) fn rows(&self, ablation: &Ablation<'_>, rows: Vec<Row>) -> Result<(Vec<Row>, usize), AnalysisError> {
         let named = self.columns.iter().chain(&self.sort).chain(&self.pareto);
         let named = named.map(|name| ablation.measure(name)).collect::<Result<Vec<Measure>, _>>()?;
@@ -151,39 +150,41 @@ impl Ranking {
         if self.columns.is_empty() {
             metrics = (0..ablation.metrics.len()).collect();
         }
-        let is_of = |family: Family| metrics.iter().any(|&of| family.metrics().contains(ablation.metrics[of]));
-        if is_of(Family::Depth) && is_of(Family::Disparity) || named.iter().any(|column| column.is_of_disparity()) {
+        let has_family =
+            |family: Family| metrics.iter().any(|&metric| family.metrics().contains(ablation.metrics[metric]));
+        if has_family(Family::Depth) && has_family(Family::Disparity)
+            || named.iter().any(|column| column.is_of_disparity())
+        {
             return Ok((joined(ablation, rows), 0));
         }
         let all = rows.len();
-        let taken = |row: &Row| {
-            let taken = &ablation.estimate(row).metrics;
-            metrics.iter().any(|&metric| row.values[metric].is_some() || taken.contains(&ablation.metrics[metric]))
+        let has_metric = |row: &Row| {
+            let scored = &ablation.estimate(row).metrics;
+            metrics.iter().any(|&metric| row.values[metric].is_some() || scored.contains(&ablation.metrics[metric]))
         };
-        if metrics.is_empty() || !rows.iter().any(taken) {
+        if metrics.is_empty() || !rows.iter().any(has_metric) {
             return Ok((rows, 0));
         }
-        let rows: Vec<Row> = rows.into_iter().filter(taken).collect();
-        let left_out = all - rows.len();
-        Ok((rows, left_out))
+        let rows: Vec<Row> = rows.into_iter().filter(has_metric).collect();
+        let excluded = all - rows.len();
+        Ok((rows, excluded))
     }
 
-    /// What rows are sorted by where nobody says: the first score that is shown and that a row has, `abs_rel` before
-    /// others where all are shown.
-    fn sort_of_itself(&self, ablation: &Ablation<'_>, rows: &[Row]) -> Result<Measure, AnalysisError> {
-        let asked = self.columns.iter().map(|name| ablation.measure(name)).collect::<Result<Vec<_>, _>>()?;
+    /// The default sorting column: the first shown metric that a row has. If all are shown, `abs_rel` comes before others.
+    fn default_sort(&self, ablation: &Ablation<'_>, rows: &[Row]) -> Result<Measure, AnalysisError> {
+        let requested = self.columns.iter().map(|name| ablation.measure(name)).collect::<Result<Vec<_>, _>>()?;
         let has_value = |column: &Measure| rows.iter().any(|row| ablation.number(row, *column).is_some());
-        let first = asked.into_iter().filter(|column| !column.is_axis()).find(has_value);
+        let first = requested.into_iter().filter(|column| !column.is_axis()).find(has_value);
         Ok(first.unwrap_or_else(|| Measure::Metric(ablation.first_error(rows))))
     }
 
-    /// What tells the table from others of the experiment: what was asked for beside the defaults.
+    /// A label that identifies the table among those of the experiment, built from the options that are not defaults.
     fn label(&self, ablation: &Ablation<'_>, selection: &Selection) -> String {
         let mut parts = vec![ablation.experiment.to_owned(), "variants".to_owned()];
         parts.extend(selection.label());
-        let of = |word: &str, names: &[String]| (!names.is_empty()).then(|| format!("{word}-{}", names.join("-")));
-        parts.extend(of("pareto", &self.pareto));
-        parts.extend(of("of", &self.columns));
+        let part = |word: &str, names: &[String]| (!names.is_empty()).then(|| format!("{word}-{}", names.join("-")));
+        parts.extend(part("pareto", &self.pareto));
+        parts.extend(part("of", &self.columns));
         parts.extend(self.sort.as_ref().map(|sort| format!("by-{sort}")));
         parts.extend(self.top.map(|top| format!("top-{top}")));
         parts.extend(self.intervals.map(|_| "ci".to_owned()));
@@ -196,14 +197,14 @@ impl Ranking {
                 let column = ablation.measure(name)?;
                 ablation.require(rows, column).map(|()| column)
             });
-            // Axes are there already.
-            let mut once: Vec<Measure> = Vec::new();
-            for column in columns.collect::<Result<Vec<_>, _>>()?.into_iter().filter(|of| !of.is_axis()) {
-                if !once.contains(&column) {
-                    once.push(column);
+            // The axes have columns already.
+            let mut distinct: Vec<Measure> = Vec::new();
+            for column in columns.collect::<Result<Vec<_>, _>>()?.into_iter().filter(|column| !column.is_axis()) {
+                if !distinct.contains(&column) {
+                    distinct.push(column);
                 }
             }
-            return Ok(once);
+            return Ok(distinct);
         }
         let has_value = |column: &Measure| rows.iter().any(|row| ablation.number(row, *column).is_some());
         let mut columns: Vec<Measure> = (0..ablation.metrics.len()).map(Measure::Metric).filter(has_value).collect();
@@ -225,20 +226,21 @@ impl Ranking {
     }
 }
 
-/// The columns that say what shown rows are: those that every table begins with. Text shows the axes on which `rows`
-/// differ and the estimate's name where there are several; where that does not tell rows apart, stage and variant too.
+/// The columns that identify the shown rows, with which every table begins. Text shows the axes on which `rows` differ,
+/// and the name of the estimate if there are several. If these do not identify rows, text also shows stage and variant.
 pub(super) fn keys(ablation: &Ablation<'_>, selection: &Selection, rows: &[Row], shown: &[&Row]) -> Vec<Column> {
     let differ = |text: &dyn Fn(&Row) -> Option<String>| rows.iter().any(|row| text(row) != text(&rows[0]));
-    let lead = |row: &Row| &ablation.estimate(row).lead;
+    let row_key = |row: &Row| &ablation.estimate(row).row_key;
     let cells = Rows(shown);
     let shown_if = |is_shown: bool, column: Column| if is_shown { column } else { column.in_files() };
     let mut axes = Vec::new();
-    let mut of_variants = false;
+    let mut shows_variant = false;
     for (axis, named) in ablation.axes.iter().enumerate() {
         let level = |row: &Row| ablation.level_name(row, axis).map(str::to_owned);
-        let Some(column) = rows.first().and_then(|row| lead(row).level(&named.name)).map(|level| &level.column) else {
-            // Variants without a matrix are an axis themselves.
-            of_variants |= differ(&level);
+        let Some(column) = rows.first().and_then(|row| row_key(row).level(&named.name)).map(|level| &level.column)
+        else {
+            // Variants without a matrix are an axis.
+            shows_variant |= differ(&level);
             continue;
         };
         let levels = Column::levels(column, shown.iter().map(|row| level(row)), |_| named.is_numeric).axis();
@@ -246,36 +248,40 @@ pub(super) fn keys(ablation: &Ablation<'_>, selection: &Selection, rows: &[Row],
         axes.push(shown_if(differ(&level), Column { shown: shown_name, ..levels }));
     }
     let is_shown =
-        differ(&|row| Some(ablation.name(row))) || !of_variants && axes.iter().all(|axis| axis.only_in_files);
+        differ(&|row| Some(ablation.name(row))) || !shows_variant && axes.iter().all(|axis| axis.only_in_files);
     let set = |row: &Row| selection.set_name(row);
     let mut columns = vec![
-        cells.key("stage", |row| &lead(row).stage).in_files(),
-        shown_if(of_variants, cells.key("variant", |row| lead(row).variant.as_ref())),
+        cells.key("stage", |row| &row_key(row).stage).in_files(),
+        shown_if(shows_variant, cells.key("variant", |row| row_key(row).variant.as_ref())),
         shown_if(is_shown, cells.key("estimate", |row| ablation.name(row))),
         shown_if(differ(&|row| Some(set(row))), cells.key("set", |row| set(row))),
     ];
     columns.extend(axes);
-    for left in 0..2 {
-        if are_told_apart(&columns, shown) {
+    for place in 0..2 {
+        if identifies_rows(&columns, shown) {
             break;
         }
-        columns[left].only_in_files = false;
+        columns[place].only_in_files = false;
     }
     columns
 }
 
-/// Whether text tells rows of different estimates apart. One may be shown several times, as the best of several zones.
-fn are_told_apart(columns: &[Column], shown: &[&Row]) -> bool {
+/// Whether the text of rows of different estimates differs. An estimate may have several rows, as the best of several
+/// zones.
+fn identifies_rows(columns: &[Column], shown: &[&Row]) -> bool {
     let mut seen: HashMap<Vec<Option<String>>, usize> = HashMap::new();
-    let told = |row: usize| columns.iter().filter(|column| !column.only_in_files).map(move |of| of.cells.text(row));
+    let texts = |row: usize| {
+        let visible = columns.iter().filter(|column| !column.only_in_files);
+        visible.map(|column| column.cells.text(row)).collect::<Vec<_>>()
+    };
     (0..shown.len()).all(|row| {
         let estimate = shown[row].estimate;
-        *seen.entry(told(row).collect()).or_insert(estimate) == estimate
+        *seen.entry(texts(row)).or_insert(estimate) == estimate
     })
 }
 
 impl Ablation<'_> {
-    /// The place of the metric that rows are sorted by where nobody says: the first error, `abs_rel` before others.
+    /// The place of the default sorting metric: the first error, `abs_rel` before others.
     pub(crate) fn first_error(&self, rows: &[Row]) -> usize {
         let has_value = |metric: &usize| rows.iter().any(|row| row.value(*metric).is_some());
         let named = ["abs_rel", "d1", "epe"].into_iter().filter_map(|name| self.metric(name).ok()).find(has_value);
@@ -286,32 +292,32 @@ impl Ablation<'_> {
     /// The rows on the Pareto front of some columns.
     fn front(&self, rows: &[Row], names: &[String]) -> Result<Vec<usize>, AnalysisError> {
         let columns = names.iter().map(|name| {
-            let column = self.goal_measure(name, "a front is")?;
+            let column = self.goal_measure(name, "`--pareto`")?;
             self.require(rows, column).map(|()| column)
         });
         let columns = columns.collect::<Result<Vec<Measure>, _>>()?;
         if columns.len() < 2 {
-            return Err(AnalysisError::asked(
-                format!("a front of `{}` alone is its best row", names.join(",")),
-                "name two columns, e.g. `--pareto abs_rel,ms`".to_owned(),
+            return Err(AnalysisError::request(
+                format!("`--pareto` needs two or more columns, but got only `{}`", names.join(",")),
+                "name two columns, for example `--pareto abs_rel,ms`".to_owned(),
             ));
         }
         if !rows.iter().any(|row| columns.iter().all(|column| self.number(row, *column).is_some())) {
-            return Err(AnalysisError::asked(
+            return Err(AnalysisError::request(
                 format!("no row has all of {}", listed(names.iter().map(String::as_str))),
-                "a row is one estimate, or a depth and the disparity that `depth/from-disparity` made it of where both are scored"
+                "only a disparity and the depth that `depth/from-disparity` computes from it share a row, if both are scored"
                     .to_owned(),
             ));
         }
         let goals: Vec<Goal> = columns.iter().map(|column| self.goal(*column)).collect();
-        // What cannot be compared beats nothing: of each kind of rows there is a front.
+        // Each group of comparable rows has its own front.
         let metrics: Vec<usize> = columns.iter().filter_map(|column| column.metric()).collect();
-        let kind = |row: usize| metrics.iter().map(|metric| rows[row].of(*metric).comparable).collect();
+        let group = |row: usize| metrics.iter().map(|metric| rows[row].part_with(*metric).comparable).collect();
         let values = |row: usize| columns.iter().map(|column| self.number(&rows[row], *column)).collect();
-        Ok(fronts(rows.len(), kind, values, &goals))
+        Ok(fronts(rows.len(), group, values, &goals))
     }
 
-    /// Which way a measure is better, and how exact it is.
+    /// The better direction of a measure, and its noise.
     pub(super) fn goal(&self, measure: Measure) -> Goal {
         Goal { better: self.better(measure), noise: if measure == Measure::Ms { TIMING_NOISE } else { 0.0 } }
     }

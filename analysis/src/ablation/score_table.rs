@@ -1,4 +1,4 @@
-//! Table I: the value of every metric over all frames, by variant and estimate.
+//! The layout of Table I: the value of every metric over all frames, by variant and estimate.
 
 use std::collections::HashSet;
 
@@ -17,19 +17,19 @@ use crate::tables::{
     Cells, Column, DIMENSIONLESS, JsonRow, KEY_COLUMNS, Orientation, RowKey, Rows, Table, key_columns, unit_of,
 };
 
-/// The value of every metric over the frames that have scores of all estimates of their stage run, a row per estimate
+/// The value of every metric over the frames that have scores of all estimates of their stage run, one row per estimate
 /// and pixel set.
 ///
-/// A frame on which a metric has no pixel adds nothing to that metric's mean.
+/// A frame without pixels for a metric does not count in the mean of that metric.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScoreTable {
-    /// The metrics, in the order they are shown.
+    /// The metrics, in display order.
     pub(crate) metrics: Vec<&'static Metric>,
     pub(crate) rows: Vec<ScoreTableRow>,
-    /// How frames were resampled for intervals; `None`: there are none.
+    /// The resampling of frames for intervals; `None`: no intervals.
     intervals: Option<Resampling>,
     with_paper: bool,
-    /// The zone; empty: the whole image.
+    /// The zone; the whole image is an empty name.
     zone: String,
     /// Its LaTeX label.
     label: String,
@@ -38,27 +38,27 @@ pub(crate) struct ScoreTable {
 /// An estimate on a pixel set.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScoreTableRow {
-    /// The variant, or the estimate itself where all variants share it: a heading.
+    /// The heading: the variant, or the estimate if all variants share it.
     group: String,
-    /// Its name below that heading.
+    /// Its name below the heading.
     name: String,
     pub(crate) key: RowKey,
     /// Its name under `estimates:`.
     pub(crate) estimate: String,
     pub(crate) label: String,
     pub(crate) set: PixelSet,
-    /// How many frames the values are over.
+    /// The number of frames that the values are averaged over.
     pub(crate) frames: u64,
     mean: Mean,
     class: Option<usize>,
-    /// By metric of the table.
+    /// One value per metric of the table.
     pub(crate) values: Vec<Option<f64>>,
     pub(crate) intervals: Vec<Option<Interval>>,
-    /// Whether a value is the best among two or more that can be compared.
+    /// Whether a value is the best among two or more comparable ones.
     pub(crate) best: Vec<bool>,
-    /// The share of pixels with ground truth that are valid; `None` if the recording does not say.
+    /// The share of pixels with ground truth that are valid; `None` if it was not recorded.
     pub(crate) density: Option<f64>,
-    /// The paper's numbers, where it has some: of the eight metrics that a `score/depth` takes by default.
+    /// The published numbers, if any, of the eight default metrics of `score/depth`.
     paper: Option<[f64; 8]>,
 }
 
@@ -66,13 +66,12 @@ pub(crate) struct ScoreTableRow {
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct TableRow {
     stage: String,
-    /// Null where all variants share the row.
+    /// Null if all variants share the row.
     variant: Option<String>,
     estimate: String,
     /// The pixels: `all`, `valid` or `filled`.
     set: &'static str,
-    // Keys are in the order of the columns of the file, in which `frames` is between the scores and the paper's
-    // numbers.
+    // Keys are in the order of the columns of the file: scores, `frames`, published numbers.
     #[serde(flatten)]
     axes_and_scores: JsonRow,
     frames: u64,
@@ -80,7 +79,7 @@ pub struct TableRow {
     paper_and_density: JsonRow,
 }
 
-/// The paper's number of a metric.
+/// The published number of a metric.
 pub(crate) fn paper_number(paper: Option<[f64; 8]>, metric: &Metric) -> Option<f64> {
     let place = Family::Depth.defaults().iter().position(|known| *known == metric)?;
     paper.map(|paper| paper[place])
@@ -96,11 +95,11 @@ impl ScoreTable {
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, AnalysisError> {
         let zone = ablation.zone(selection)?;
-        let best = Best::of(ablation, rows);
+        let best = Best::new(ablation, rows);
         let metrics = metrics_of(rows.iter().map(|row| ablation.estimate(row)));
         let places: Vec<Option<usize>> =
             metrics.iter().map(|metric| ablation.metrics.iter().position(|known| known == metric)).collect();
-        let mut found = match intervals {
+        let mut all_intervals = match intervals {
             None => Vec::new(),
             Some(resampling) => {
                 let numbers = rows.iter().flat_map(|row| places.iter().map(move |place| (row, *place)));
@@ -112,7 +111,7 @@ impl ScoreTable {
         let rows = rows.iter().enumerate().map(|(at, row)| {
             let estimate = ablation.estimate(row);
             let has_several_sets = rows.iter().filter(|other| other.estimate == row.estimate).count() > 1;
-            let (group, name) = match (&estimate.lead.variant, has_several_sets || row.set != PixelSet::All) {
+            let (group, name) = match (&estimate.row_key.variant, has_several_sets || row.set != PixelSet::All) {
                 (Some(variant), false) => (variant.clone(), estimate.name.clone()),
                 (Some(variant), true) => (variant.clone(), format!("{} {}", estimate.name, row.set)),
                 (None, _) => (estimate.label.clone(), row.set.to_string()),
@@ -120,7 +119,7 @@ impl ScoreTable {
             ScoreTableRow {
                 group,
                 name,
-                key: estimate.lead.clone(),
+                key: estimate.row_key.clone(),
                 estimate: estimate.name.clone(),
                 label: estimate.label.clone(),
                 set: row.set,
@@ -128,7 +127,7 @@ impl ScoreTable {
                 mean: row.mean,
                 class: row.comparable,
                 values: places.iter().map(|place| row.values[(*place)?]).collect(),
-                intervals: metrics.iter().map(|_| found.next().flatten()).collect(),
+                intervals: metrics.iter().map(|_| all_intervals.next().flatten()).collect(),
                 best: places.iter().map(|place| place.is_some_and(|place| best.is_best(place, at))).collect(),
                 density: row.density,
                 paper: if with_paper { paper_scores(estimate, row.set) } else { None },
@@ -138,8 +137,8 @@ impl ScoreTable {
         Ok(Self { rows: rows.collect(), metrics, intervals, with_paper, zone: zone.to_owned(), label })
     }
 
-    /// The table in any format. Its files have a row per estimate and pixel set: the key columns, the metrics,
-    /// `frames`, the paper's numbers as `paper_a1 ...` where they are wanted, `density`.
+    /// The table in any format. Its files have one row per estimate and pixel set: the key columns, the metrics, `frames`,
+    /// the published numbers as `paper_a1 ...` if requested, `density`.
     pub(crate) fn table(&self) -> Table {
         let rows = Rows(&self.rows);
         let own = vec![rows.key("estimate", |row| &row.estimate), rows.key("set", |row| row.set.name())];
@@ -150,7 +149,7 @@ impl ScoreTable {
         for (at, &metric) in self.metrics.iter().enumerate() {
             let best = self.rows.iter().map(|row| row.best[at]).collect();
             let column = rows.metric(metric, |row| row.values[at]).decimals(metric.decimals).marked(best);
-            columns.push(Column { shown: Some(metric.plain.to_owned()), latex: Some(metric.latex), ..column });
+            columns.push(Column { shown: Some(metric.plain.to_owned()), latex: Some(metric.latex.into()), ..column });
             if self.intervals.is_some() {
                 let intervals = self.rows.iter().map(|row| row.intervals[at]).collect();
                 columns.extend(interval_columns(metric, "interval", intervals, metric.decimals));
@@ -194,17 +193,17 @@ impl ScoreTable {
         self.rows.iter().enumerate().map(row).collect()
     }
 
-    /// What marked values are; `None` if there are none.
+    /// Describes the marked values; `None` if no value is marked.
     pub(crate) fn marks(&self) -> Option<&'static str> {
         let has_marks = self.rows.iter().any(|row| row.best.contains(&true));
         let classes: HashSet<usize> = self.rows.iter().filter_map(|row| row.class).collect();
         has_marks.then_some(match classes.len() {
             1 => "best over all pixels with ground truth",
-            _ => "best of those over the same pixels with ground truth",
+            _ => "best among rows over the same pixels with ground truth",
         })
     }
 
-    /// What the numbers are, in one line.
+    /// Describes the numbers in one line.
     pub(crate) fn about(&self) -> String {
         let zone = if self.zone.is_empty() { String::new() } else { format!("zone {}: ", self.zone) };
         let counts: HashSet<u64> = self.rows.iter().map(|row| row.frames).collect();
@@ -217,12 +216,13 @@ impl ScoreTable {
             all if all == self.rows.len() => format!("over all pixels of {frames}"),
             _ => {
                 pooled.dedup();
-                format!("mean over {frames}, over all their pixels alike for {}", pooled.join(", "))
+                format!("mean over {frames}, but over all pixels of these frames for {}", pooled.join(", "))
             }
         };
-        let intervals = self.intervals.as_ref().map_or_else(String::new, |resampling| {
-            format!(", in square brackets its interval ({})", resampling.about())
-        });
+        let intervals = self
+            .intervals
+            .as_ref()
+            .map_or_else(String::new, |resampling| format!(", intervals in square brackets ({})", resampling.about()));
         let fewer = self.rows.iter().filter(|row| row.frames < most);
         let fewer: Vec<String> = fewer.map(|row| format!("{} on {}: {}", row.label, row.set, row.frames)).collect();
         let fewer = if fewer.is_empty() { String::new() } else { format!(" ({})", fewer.join(", ")) };
@@ -230,7 +230,7 @@ impl ScoreTable {
     }
 }
 
-/// The columns of a metric's intervals: for text, and of both ends for files.
+/// The columns of the intervals of a metric: one for text, and both ends for files.
 pub(super) fn interval_columns(
     metric: &Metric,
     name: &str,

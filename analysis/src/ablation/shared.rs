@@ -1,4 +1,4 @@
-//! Scores on the pixels that are valid in all compared estimates, taken again from recorded maps.
+//! Scores over the pixels that are valid in all compared estimates, computed again from recorded maps.
 
 use depthloom_graphs::Value;
 use depthloom_graphs::plan::FrameIndex;
@@ -7,18 +7,18 @@ use depthloom_scores::{PixelSet, ScoreRow, ScoredPixels, Settings, score_pixels}
 
 use super::Selection;
 use crate::error::AnalysisError;
-use crate::estimates::{Estimate, each_names_one, is_of};
+use crate::estimates::{Estimate, check_patterns, matches_estimate};
 use crate::input::maps::not_recorded;
 use crate::scores::FrameScore;
 
-/// Maps of one frame that are held at once.
+/// The maximum number of maps of one frame in memory.
 const AT_ONCE: usize = 16;
 
-/// The selected estimates of depth, and their scores on the frames whose maps were recorded: those that were taken of
-/// them, of the pixels with ground truth that are valid in all estimates with the same ground truth and settings. What
-/// aligns an estimate is fitted on these pixels.
+/// The selected depth estimates, and their scores on the frames whose maps were recorded. The scores have the metrics of
+/// each estimate, over the pixels with ground truth that are valid in all estimates with the same ground truth and
+/// settings. The alignment of an estimate is fitted on these pixels.
 ///
-/// Of a row, `truth` counts all pixels with ground truth and `valid` those valid in all.
+/// In a row, `truth` counts all pixels with ground truth and `valid` those that are valid in all estimates.
 pub(crate) fn shared_scores(
     recording: &Recording,
     estimates: &[Estimate],
@@ -26,45 +26,48 @@ pub(crate) fn shared_scores(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Vec<Estimate>, Vec<FrameScore>), AnalysisError> {
     if selection.zone.is_some() {
-        return Err(AnalysisError::asked(
-            "scores on the pixels that are valid in all are of the whole image alone".to_owned(),
-            "leave out --zone, or take another --set".to_owned(),
+        return Err(AnalysisError::request(
+            "`--pixels common` does not support `--zone`: it scores the whole image".to_owned(),
+            "omit `--zone`, or choose another `--pixels`".to_owned(),
         ));
     }
-    let wanted = |of: &&Estimate| selection.estimates.as_deref().is_none_or(|pattern| is_of(of, pattern));
-    let named: Vec<&Estimate> = estimates.iter().filter(wanted).collect();
+    let is_selected = |estimate: &&Estimate| {
+        selection.estimates.as_deref().is_none_or(|patterns| matches_estimate(estimate, patterns))
+    };
+    let named: Vec<&Estimate> = estimates.iter().filter(is_selected).collect();
     if let Some(patterns) = &selection.estimates {
-        each_names_one(patterns, estimates)?;
+        check_patterns(patterns, estimates)?;
     }
-    let of_depth = named.into_iter().filter(|of| of.settings.is_some());
-    let selected: Vec<Estimate> = of_depth.map(|of| Estimate { sets: vec![PixelSet::All], ..of.clone() }).collect();
+    let depths = named.into_iter().filter(|estimate| estimate.settings.is_some());
+    let selected: Vec<Estimate> =
+        depths.map(|estimate| Estimate { sets: vec![PixelSet::All], ..estimate.clone() }).collect();
     if selected.is_empty() {
-        return Err(AnalysisError::asked(
-            "pixels that are valid in all are known of depths alone".to_owned(),
-            "take another --set".to_owned(),
+        return Err(AnalysisError::request(
+            "`--pixels common` supports only depths, and no depth is selected".to_owned(),
+            "choose another `--pixels`".to_owned(),
         ));
     }
     let all: Vec<&Estimate> = selected.iter().collect();
-    if let Some(missing) = not_recorded(recording.plan(), &all, "no scores on the pixels that are valid in all") {
-        return Err(AnalysisError::asked(missing, "and run it again".to_owned()));
+    if let Some(missing) = not_recorded(recording.plan(), &all, "no scores for `--pixels common`") {
+        return Err(AnalysisError::request(missing, "then run the experiment again".to_owned()));
     }
     let mut scores = Vec::new();
-    let mut left: Vec<usize> = (0..selected.len()).collect();
-    while let Some(&first) = left.first() {
-        let of = |index: usize| (selected[index].run, &selected[index].truth_topic, selected[index].settings);
-        let compared: Vec<usize> = left.extract_if(.., |index| of(*index) == of(first)).collect();
+    let mut pending: Vec<usize> = (0..selected.len()).collect();
+    while let Some(&first) = pending.first() {
+        let scoring = |index: usize| (selected[index].run, &selected[index].truth_topic, selected[index].settings);
+        let compared: Vec<usize> = pending.extract_if(.., |index| scoring(*index) == scoring(first)).collect();
         score_together(recording, &selected, &compared, stop, &mut scores)?;
     }
     if scores.is_empty() {
-        return Err(AnalysisError::asked(
-            "no frame has the maps of all selected estimates".to_owned(),
-            "`record: { every: 1 }` keeps those of every frame".to_owned(),
+        return Err(AnalysisError::request(
+            "no frame has recorded maps of all selected estimates".to_owned(),
+            "record the maps of every frame with `record: { every: 1 }`".to_owned(),
         ));
     }
     Ok((selected, scores))
 }
 
-/// Scores estimates of one truth and one way to be scored.
+/// Scores estimates with the same ground truth and the same settings.
 fn score_together(
     recording: &Recording,
     estimates: &[Estimate],
@@ -89,15 +92,15 @@ fn score_together(
         let (width, height) = truth.dimensions();
         let pixels =
             |metres: &[f32], settings: &Settings| ScoredPixels::new(metres, width as usize, height as usize, settings);
-        // The truth where all are valid.
+        // The ground truth of the pixels that are valid in all estimates.
         let mut shared: Vec<f32> = truth.as_raw().clone();
         let mut has_all = true;
         for (_, reader) in &mut readers {
             for value in reader.read(position)? {
                 match value.as_ref().and_then(Value::metres) {
                     Some(estimate) if estimate.dimensions() == (width, height) => {
-                        let answers = estimate.as_raw().iter();
-                        shared.iter_mut().zip(answers).filter(|(_, y)| !y.is_finite()).for_each(|(t, _)| *t = f32::NAN);
+                        let metres = estimate.as_raw().iter();
+                        shared.iter_mut().zip(metres).filter(|(_, y)| !y.is_finite()).for_each(|(t, _)| *t = f32::NAN);
                     }
                     _ => has_all = false,
                 }

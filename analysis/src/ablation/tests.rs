@@ -1,4 +1,4 @@
-//! Ablations of a recorded plan with two axes, and scores that are easy to reckon with.
+//! Ablations of a recorded plan with two axes, and scores that are easy to compute by hand.
 
 use depthloom_graphs::plan::FrameIndex;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::estimates::estimates;
 use crate::input::timings::Timing;
 use crate::tables::RowKey;
 
-/// A recorded output that is there for every frame.
+/// An output that is recorded on every frame.
 pub(super) fn output(port: &str, kind: &str, topic: &str) -> Json {
     json!({ "port": port, "type": kind, "once": false, "topic": topic, "aliases": [], "recorded": true })
 }
@@ -26,8 +26,8 @@ pub(super) fn node(kind: &str, name: &str, inputs: &[(&str, &str)], output: &Jso
     })
 }
 
-/// Variants of `block` (3, 9) and `mode` (hh, sgbm) with an estimate each, and one that all share; the source's depth
-/// is the truth.
+/// Variants of `block` (3, 9) and `mode` (hh, sgbm) with one estimate each, and one estimate that all share. The depth of
+/// the source is the ground truth.
 fn plan() -> RecordedPlan {
     let params = json!({ "preset": "paper", "sets": ["valid", "all"], "max_m": null });
     let node = |name: &str, inputs: &[(&str, &str)], output: &Json, variants: &Json| {
@@ -48,10 +48,10 @@ fn plan() -> RecordedPlan {
     let mut names = Vec::new();
     for (variant, (block, mode)) in [("3", "hh"), ("3", "sgbm"), ("9", "hh"), ("9", "sgbm")].into_iter().enumerate() {
         let (depth, scores) = (format!("/s/v{variant}/depth"), format!("/s/v{variant}/score"));
-        let of = json!([variant]);
-        nodes.push(node("smooth", &[("depth", "/s/stereo")], &output("depth", "depth", &depth), &of));
+        let variants = json!([variant]);
+        nodes.push(node("smooth", &[("depth", "/s/stereo")], &output("depth", "depth", &depth), &variants));
         let inputs = [("estimate", depth.as_str()), ("truth", "/s/source/depth")];
-        nodes.push(node("score.smooth", &inputs, &output("rows", "scores", &scores), &of));
+        nodes.push(node("score.smooth", &inputs, &output("rows", "scores", &scores), &variants));
         let (name, score_node) = (format!("block={block}+mode={mode}"), nodes.len() - 1);
         estimates.push(estimate("smooth", &json!([variant, name]), &depth, &scores, score_node, &params));
         factors.push(json!([{ "axis": "block", "value": block }, { "axis": "mode", "value": mode }]));
@@ -90,8 +90,8 @@ fn score(position: usize, estimate: usize, zone: &str, pixels: u64, abs_rel: f64
     })
 }
 
-/// Of two frames, the second with three times as many pixels: by estimate (`stereo`, then the variants) the error of
-/// the first; that of the second is 0.1 more. Near, the order of variants is the other way round.
+/// Two frames, the second with three times as many pixels. The errors on the first frame are listed by estimate
+/// (`stereo`, then the variants); those on the second are 0.1 higher. In zone `near` the order of variants is reversed.
 fn scores() -> Vec<FrameScore> {
     let mut scores = Vec::new();
     for (position, (pixels, more)) in [(100, 0.0), (300, 0.1)].into_iter().enumerate() {
@@ -105,7 +105,7 @@ fn scores() -> Vec<FrameScore> {
 
 fn costs() -> Costs {
     let timing = |variant: Option<&str>, node: &str, phase: &str, cpu_ns: u64| Timing {
-        lead: RowKey { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
+        row_key: RowKey { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
         node: node.to_owned(),
         phase: phase.to_owned(),
         frames: 2,
@@ -123,13 +123,13 @@ fn costs() -> Costs {
     ])
 }
 
-/// Asks of an ablation of these scores.
-fn ask<R>(of: impl FnOnce(&Ablation<'_>) -> R) -> R {
-    ask_of(&estimates(&plan()).unwrap(), &scores(), of)
+/// Runs a query on the ablation of these scores.
+fn ask<R>(query: impl FnOnce(&Ablation<'_>) -> R) -> R {
+    ask_of(&estimates(&plan()).unwrap(), &scores(), query)
 }
 
-fn ask_of<R>(estimates: &[Estimate], scores: &[FrameScore], of: impl FnOnce(&Ablation<'_>) -> R) -> R {
-    of(&Ablation::new(&plan(), estimates, scores, &|_, _| None, Some(&costs())))
+fn ask_of<R>(estimates: &[Estimate], scores: &[FrameScore], query: impl FnOnce(&Ablation<'_>) -> R) -> R {
+    query(&Ablation::new(&plan(), estimates, scores, &|_, _| None, Some(&costs())))
 }
 
 fn ranking(ranking: &Ranking, selection: &Selection) -> Result<crate::tables::Table, AnalysisError> {
@@ -144,18 +144,18 @@ pub(super) fn owned(names: &[&str]) -> Vec<String> {
     names.iter().map(|name| (*name).to_owned()).collect()
 }
 
-/// What the rows of a table are called.
+/// The labels of the rows of a table.
 pub(super) fn labels(grid: &crate::tables::Table) -> Vec<String> {
     let csv = csv(grid);
-    let of = |line: &str| match line.split(',').collect::<Vec<_>>()[1..3] {
+    let label = |line: &str| match line.split(',').collect::<Vec<_>>()[1..3] {
         ["", estimate] => estimate.to_owned(),
         [variant, estimate] => format!("{variant}/{estimate}"),
         _ => line.to_owned(),
     };
-    csv.lines().skip(1).map(of).collect()
+    csv.lines().skip(1).map(label).collect()
 }
 
-/// What an error says, and what helps.
+/// The message and the remedy of an error.
 pub(super) fn refused<R: std::fmt::Debug>(result: Result<R, AnalysisError>) -> String {
     let error = result.unwrap_err();
     format!("{error}; {}", error.remedy().unwrap())
@@ -174,7 +174,7 @@ smooth    3      sgbm     0.2500      50.0 %  12.00
 smooth    9      hh       0.3500      50.0 %  13.00
 stereo    -      -        0.5500      50.0 %  10.00
 smooth    9      sgbm     0.6500      50.0 %      -
-note: ms: processor time of all nodes that an estimate is computed from, core-milliseconds a frame
+note: ms: CPU time of all nodes that an estimate is computed from, core-milliseconds per frame
 ";
     assert_eq!(grid.terminal(110), expected);
     let last = csv(&grid).lines().last().unwrap().to_owned();
@@ -182,9 +182,9 @@ note: ms: processor time of all nodes that an estimate is computed from, core-mi
 }
 
 #[test]
-fn what_one_pays_for_is_all_that_an_estimate_comes_from_and_shared_nodes_count_for_each() {
+fn costs_include_all_upstream_nodes_and_shared_nodes_count_for_each_estimate() {
     let estimates = estimates(&plan()).unwrap();
-    // `stereo` 10 ms a frame, `smooth` 1, 2 and 3 ms on top; the time of the last variant's node is not known.
+    // `stereo` takes 10 ms per frame, `smooth` 1, 2 and 3 ms on top; the node of the last variant has no timing.
     let ms = costs().core_ms(&plan(), &estimates);
     assert_eq!(ms, [Some(10.0), Some(11.0), Some(12.0), Some(13.0), None]);
 }
@@ -197,31 +197,32 @@ fn rows_are_cut_filtered_and_on_the_front() {
     let of_block_9 = Selection { estimates: Some("block=9*".to_owned()), ..Selection::default() };
     let by_mode = Ranking { sort: Some("mode".to_owned()), ..Ranking::default() };
     assert_eq!(labels(&by_mode, &of_block_9), ["block=9+mode=hh/smooth", "block=9+mode=sgbm/smooth"]);
-    // 11 ms for 0.15 beats 12 and 13 ms for more; what has no time is not on it.
+    // 11 ms for 0.15 beats 12 and 13 ms for more; a row without a time is not on the front.
     let front = Ranking { pareto: owned(&["abs_rel", "ms"]), ..Ranking::default() };
     assert_eq!(labels(&front, &Selection::default()), ["block=3+mode=hh/smooth", "stereo"]);
 }
 
 #[test]
-fn best_is_marked_only_between_what_is_comparable() {
+fn the_best_value_is_marked_only_among_comparable_rows() {
     let selection = Selection { set: Some(PixelSet::Valid), ..Selection::default() };
     let grid = ranking(&Ranking::default(), &selection).unwrap();
-    assert!(!grid.terminal(110).contains('*'), "each is over its own pixels");
-    assert!(grid.notes.iter().any(|note| note.contains("over its own valid pixels")), "{:?}", grid.notes);
-    // Three of one truth, two of another: a best of each.
+    assert!(!grid.terminal(110).contains('*'), "each row covers its own pixels");
+    assert!(grid.notes.iter().any(|note| note.contains("covers its own valid pixels")), "{:?}", grid.notes);
+    // Three rows with one ground truth, two with another: each group has a best row.
     let mut estimates = estimates(&plan()).unwrap();
     for estimate in &mut estimates[3..] {
-        estimate.truth = Some("/s/lidar/depth".to_owned());
+        estimate.truth_output = Some("/s/lidar/depth".to_owned());
     }
-    let of = Ranking { columns: owned(&["abs_rel"]), ..Ranking::default() };
-    let grid = ask_of(&estimates, &scores(), |ablation| of.table(ablation, &Selection::default(), &|| false)).unwrap();
+    let ranking = Ranking { columns: owned(&["abs_rel"]), ..Ranking::default() };
+    let grid =
+        ask_of(&estimates, &scores(), |ablation| ranking.table(ablation, &Selection::default(), &|| false)).unwrap();
     let marked = grid.terminal(110).lines().filter(|line| line.ends_with('*')).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(marked, ["smooth    3      hh       0.1500*", "smooth    9      hh       0.3500*"]);
-    assert!(grid.notes[0].starts_with("rows are of 2 kinds that cannot be compared"), "{:?}", grid.notes);
+    assert!(grid.notes[0].starts_with("the rows form 2 groups that cannot be compared"), "{:?}", grid.notes);
 }
 
 #[test]
-fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for() {
+fn means_over_pixels_weigh_all_pixels_equally() {
     // (100 * 0.1 + 300 * 0.2) / 400 = 0.175, not 0.15.
     let value = |mean| {
         let selection = Selection { mean, estimates: Some("block=3+mode=hh/*".to_owned()), ..Selection::default() };
@@ -233,13 +234,13 @@ fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for() {
 
 /// By hand: the variants' means are 0.15, 0.25, 0.35 and 0.65, their mean is 0.35; squares (4 + 1 + 0 + 9) / 100.
 /// `block` has means 0.2 and 0.5, its share is 4 * 0.15^2 / 0.14 = 9 / 14; `mode` has 0.25 and 0.45, 4 / 14; 1 / 14
-/// remains.
+/// remains for the interaction.
 #[test]
-fn the_effect_of_each_axis_is_told_with_what_is_left() {
+fn effects_show_each_axis_and_the_interactions() {
     let grid = ask(|ablation| effects::table(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
 effect of each axis on abs_rel over all pixels with ground truth, preset paper, mean over 2 frames; 4 rows, mean
-0.3500, standard deviation 0.1871; share: of the variance between rows (eta squared); * best
+0.3500, standard deviation 0.1871; share: share of the variance between rows (eta squared); * best
 
 axis          level  rows  abs_rel ↓   difference   share
 block         3         2     0.2000*     -0.1500  64.3 %
@@ -250,34 +251,34 @@ mode          hh        2     0.2500*     -0.1000  28.6 %
 
 interactions  -         -          -            -   7.1 %
 block x mode  -         -          -            -   7.1 %
-note: left out, for no axis changes it: stereo
+note: excluded, because no axis changes it: stereo
 ";
     assert_eq!(grid.terminal(118), expected);
     let more = ask(|ablation| effects::table(ablation, &Selection::default(), "a1")).unwrap();
-    assert!(more.terminal(118).contains("3         2  0.8000*"), "more of it is better: {}", more.terminal(118));
+    assert!(more.terminal(118).contains("3         2  0.8000*"), "higher is better: {}", more.terminal(118));
 }
 
 #[test]
-fn time_has_effects_too_and_what_has_none_is_told_why() {
+fn effects_on_time_are_shown_and_axes_are_refused() {
     let effects = |of: &str| ask(|ablation| effects::table(ablation, &Selection::default(), of));
     let text = effects("ms").unwrap().terminal(118);
-    // 11 and 12 of block 3, 13 and nothing of block 9: `sgbm` costs 1 more, and a third of the rows have it.
+    // Block 3 has 11 and 12, block 9 has 13 and one missing value: `sgbm` costs 1 more, and a third of the rows have it.
     assert!(
         text.contains("block  3         2  11.33*")
             && text.contains("9         1  13.33")
-            && text.starts_with("effect of each axis on ms, core-milliseconds a frame; 3 rows"),
+            && text.starts_with("effect of each axis on ms, core-milliseconds per frame; 3 rows"),
         "{text}"
     );
-    assert!(text.contains("note: left out: 1 row without a value"), "{text}");
-    assert!(refused(effects("mode")).starts_with("`mode` is an axis: neither way of it is better"));
+    assert!(text.contains("note: excluded: 1 row without a value"), "{text}");
+    assert!(refused(effects("mode")).starts_with("`mode` is an axis: it has no better direction"));
     let best = |of: &str| refused(ask(|ablation| zones::table(ablation, &Selection::default(), of)));
-    assert!(best("mode").starts_with("`mode` is no score: zones have a best of scores alone"), "{}", best("mode"));
-    assert!(best("ms").starts_with("`ms` is no score: zones have a best of scores alone"), "{}", best("ms"));
+    assert!(best("mode").starts_with("`mode` is not a metric: `--best-per-zone` needs a metric"), "{}", best("mode"));
+    assert!(best("ms").starts_with("`ms` is not a metric: `--best-per-zone` needs a metric"), "{}", best("ms"));
 }
 
-/// A median of all pixels does not follow from those of the frames; where a zone has no pixel that is not the reason.
+/// The median over all pixels cannot be computed from the medians of frames. An empty zone is a different reason.
 #[test]
-fn a_median_over_pixels_is_refused_with_its_reason_wherever_it_is_asked_for() {
+fn a_median_over_pixels_is_refused_with_its_reason() {
     let median = Metric::named("median_error").unwrap();
     let mut estimates = estimates(&plan()).unwrap();
     estimates.iter_mut().for_each(|estimate| estimate.metrics.push(median));
@@ -289,18 +290,17 @@ fn a_median_over_pixels_is_refused_with_its_reason_wherever_it_is_asked_for() {
         refused(ask_of(&estimates, &scores, of))
     };
     let pixels = Selection { mean: Some(Mean::Pixels), ..Selection::default() };
-    let reason =
-        "`median_error` over the pixels of all frames does not follow from the frames' scores; take `--mean frames`";
+    let reason = "`median_error` over the pixels of all frames cannot be computed from the scores of frames; use `--mean frames`";
     assert_eq!(ask(&|of| effects::table(of, &pixels, "median_error")), reason);
     assert_eq!(ask(&|of| zones::table(of, &pixels, "median_error")), reason);
     let near = Selection { zone: Some("near".to_owned()), ..Selection::default() };
     let of_near = ask(&|of| effects::table(of, &near, "median_error"));
-    assert!(of_near.starts_with("no row has a value of `median_error`; no frame had a pixel"), "{of_near}");
+    assert!(of_near.starts_with("no row has a value of `median_error`; no frame has a pixel"), "{of_near}");
 }
 
-/// `block` is there where `mode` is sgbm alone, drawn as 9 and then 3.
+/// Only variants with mode sgbm have the axis `block`, whose levels come in the order 9, 3.
 #[test]
-fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size() {
+fn nested_axes_are_compared_among_their_variants_and_numbers_sorted_by_size() {
     let mut plan = plan();
     let factor =
         |axis: &str, value: &str| depthloom_graphs::plan::Factor { axis: axis.to_owned(), value: value.to_owned() };
@@ -314,11 +314,14 @@ fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size
     let scores = scores();
     let ablation = Ablation::new(&plan, &estimates, &scores, &|_, _| None, None);
     let text = effects::table(&ablation, &Selection::default(), "abs_rel").unwrap().terminal(118);
-    // Of 0.25 and 0.65 the mean is 0.45; 0.35 is that of all four.
+    // The mean of 0.25 and 0.65 is 0.45; the mean of all four is 0.35.
     for line in ["block  3         1     0.6500       0.2000", "       9         1     0.2500*     -0.2000"] {
         assert!(text.contains(line), "{text}");
     }
-    assert!(text.contains("note: block is there in 2 of 4 rows: its means and differences are over those"), "{text}");
+    assert!(
+        text.contains("note: 2 of 4 rows have the axis block: its means and differences cover these rows"),
+        "{text}"
+    );
     assert!(!text.contains("(none)"), "{text}");
     let by_block = Ranking { sort: Some("block".to_owned()), ..Ranking::default() };
     let grid = by_block.table(&ablation, &Selection::default(), &|| false).unwrap();
@@ -328,22 +331,22 @@ fn an_axis_that_some_variants_have_is_told_among_those_and_numbers_stand_by_size
 }
 
 #[test]
-fn what_cannot_be_compared_beats_nothing_on_a_front() {
+fn rows_that_cannot_be_compared_do_not_dominate_each_other() {
     let mut estimates = estimates(&plan()).unwrap();
     for estimate in &mut estimates[3..] {
-        estimate.truth = Some("/s/lidar/depth".to_owned());
+        estimate.truth_output = Some("/s/lidar/depth".to_owned());
     }
     let front = Ranking { pareto: owned(&["abs_rel", "ms"]), ..Ranking::default() };
     let grid =
         ask_of(&estimates, &scores(), |ablation| front.table(ablation, &Selection::default(), &|| false)).unwrap();
     let labels = labels(&grid);
-    // 13 ms for 0.35 are beaten by 11 ms for 0.15, but those are of another truth.
+    // 11 ms for 0.15 would dominate 13 ms for 0.35, but that row has other ground truth.
     assert_eq!(labels, ["block=3+mode=hh/smooth", "block=9+mode=hh/smooth", "stereo"]);
-    assert!(grid.notes.iter().any(|note| note.starts_with("rows are of 2 kinds")), "{:?}", grid.notes);
+    assert!(grid.notes.iter().any(|note| note.starts_with("the rows form 2 groups")), "{:?}", grid.notes);
 }
 
 #[test]
-fn where_combinations_are_missing_shares_are_said_to_overlap() {
+fn a_note_reports_overlapping_shares_of_incomplete_designs() {
     let selection = Selection { estimates: Some("*/smooth".to_owned()), ..Selection::default() };
     let grid = ask_of(
         &estimates(&plan()).unwrap()[..4],
@@ -356,7 +359,7 @@ fn where_combinations_are_missing_shares_are_said_to_overlap() {
 }
 
 #[test]
-fn each_zone_has_its_best_beside_what_the_best_overall_has_there() {
+fn each_zone_has_its_best_row_and_the_value_of_the_overall_best() {
     let grid = ask(|ablation| zones::table(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
 zone,stage,variant,estimate,set,block,mode,abs_rel,best_overall,rows,pixels
@@ -372,36 +375,36 @@ near,s,block=9+mode=sgbm,smooth,all,9,sgbm,0.35000000000000003,0.850000000000000
 }
 
 #[test]
-fn who_is_best_in_several_zones_is_told_by_its_axes() {
+fn a_row_that_is_best_in_several_zones_shows_its_axes() {
     let everywhere = scores().into_iter().filter(|score| score.row.zone.is_empty()).flat_map(|score| {
         let near = ScoreRow { zone: "near".to_owned(), ..score.row.clone() };
         [FrameScore { row: near, ..score.clone() }, score]
     });
     let scores: Vec<FrameScore> = everywhere.collect();
-    let of = |ablation: &Ablation<'_>| zones::table(ablation, &Selection::default(), "abs_rel");
-    let text = ask_of(&estimates(&plan()).unwrap(), &scores, of).unwrap().terminal(110);
+    let query = |ablation: &Ablation<'_>| zones::table(ablation, &Selection::default(), "abs_rel");
+    let text = ask_of(&estimates(&plan()).unwrap(), &scores, query).unwrap().terminal(110);
     assert!(text.contains("\nzone         estimate  block  mode  abs_rel"), "{text}");
 }
 
 #[test]
-fn what_is_not_there_is_told_with_what_is() {
+fn unknown_names_are_reported_with_the_available_ones() {
     let sorted = |by: &str| {
         refused(ranking(&Ranking { sort: Some(by.to_owned()), ..Ranking::default() }, &Selection::default()))
     };
     assert_eq!(sorted("absrel"), "there is no column `absrel`; did you mean `abs_rel`?");
     assert_eq!(sorted("blok"), "there is no column `blok`; did you mean `block`?");
-    assert!(sorted("rmse").starts_with("`rmse` was not scored; name it in `metrics`"), "{}", sorted("rmse"));
-    assert!(sorted("epe").contains("`score/disparity` takes it"), "{}", sorted("epe"));
+    assert!(sorted("rmse").starts_with("`rmse` was not scored; add it to `metrics`"), "{}", sorted("rmse"));
+    assert!(sorted("epe").contains("`score/disparity` computes"), "{}", sorted("epe"));
     let selected = |selection: Selection| refused(ask(|ablation| ablation.rows(&selection)));
     let zone = Selection { zone: Some("naer".to_owned()), ..Selection::default() };
     assert_eq!(selected(zone), "there is no zone `naer`; did you mean `near`?");
     let pattern = Selection { estimates: Some("smoth".to_owned()), ..Selection::default() };
     assert_eq!(selected(pattern), "there is no estimate `smoth`; did you mean `smooth`?");
     let set = Selection { set: Some(PixelSet::Filled), ..Selection::default() };
-    assert!(selected(set).starts_with("nothing was scored on `filled`; what was scored is `all` and `valid`"));
-    assert!(sorted("nothing").contains("axes `block`, `mode`, scores `a1`"), "{}", sorted("nothing"));
+    assert!(selected(set).starts_with("nothing was scored on `filled`; scored pixel sets: `all` and `valid`"));
+    assert!(sorted("nothing").contains("axes `block`, `mode`, metrics `a1`"), "{}", sorted("nothing"));
     let pattern = Selection { estimates: Some("qqqqqqqqq".to_owned()), ..Selection::default() };
-    assert!(selected(pattern).contains("there are `stereo`, `smooth`, `block=3+mode=hh/smooth`, `block=3"));
+    assert!(selected(pattern).contains("available: `stereo`, `smooth`, `block=3+mode=hh/smooth`, `block=3"));
     let front =
         |of: &[&str]| refused(ranking(&Ranking { pareto: owned(of), ..Ranking::default() }, &Selection::default()));
     assert!(front(&["abs_rel"]).contains("name two columns"));
@@ -409,18 +412,18 @@ fn what_is_not_there_is_told_with_what_is() {
     let effects = refused(ask(|ablation| {
         effects::table(ablation, &Selection { estimates: Some("stereo".to_owned()), ..Selection::default() }, "abs_rel")
     }));
-    assert!(effects.starts_with("there is no axis to see the effect of"), "{effects}");
+    assert!(effects.starts_with("no axis has an effect"), "{effects}");
     let estimates = estimates(&plan()).unwrap();
-    let of = Ranking { sort: Some("ms".to_owned()), ..Ranking::default() };
+    let ranking = Ranking { sort: Some("ms".to_owned()), ..Ranking::default() };
     let (plan, scores) = (plan(), scores());
     let without = Ablation::new(&plan, &estimates, &scores, &|_, _| None, None);
-    assert!(refused(of.table(&without, &Selection::default(), &|| false)).contains("timings.parquet"));
+    assert!(refused(ranking.table(&without, &Selection::default(), &|| false)).contains("timings.parquet"));
     let reused = Ablation::new(&plan, &estimates, &scores, &|_, _| None, Some(&Costs::new(&[])));
-    assert!(refused(of.table(&reused, &Selection::default(), &|| false)).contains("run --fresh"));
+    assert!(refused(ranking.table(&reused, &Selection::default(), &|| false)).contains("run --fresh"));
 }
 
 #[test]
-fn variants_that_no_matrix_made_are_an_axis_themselves() {
+fn variants_without_a_matrix_are_an_axis() {
     let mut plan = plan();
     plan.factors = Vec::new();
     let estimates = estimates(&plan).unwrap();
@@ -429,14 +432,14 @@ fn variants_that_no_matrix_made_are_an_axis_themselves() {
     let axis = Axis { name: "variant".to_owned(), levels: plan.variants.clone(), is_numeric: false };
     assert_eq!(ablation.axes, [axis]);
     let grid = effects::table(&ablation, &Selection::default(), "abs_rel").unwrap();
-    assert!(grid.notes.iter().any(|note| note.starts_with("no share of variant")), "{:?}", grid.notes);
+    assert!(grid.notes.iter().any(|note| note.starts_with("no share for variant")), "{:?}", grid.notes);
     let grid = Ranking::default().table(&ablation, &Selection::default(), &|| false).unwrap();
     let text = grid.terminal(110);
     assert!(text.contains("\nvariant            estimate    a1"), "{text}");
     assert!(csv(&grid).starts_with("stage,variant,estimate,set,zone,a1,"), "{}", csv(&grid));
 }
 
-/// The scores with an end-point error besides, which leaves out invalid pixels.
+/// The scores with an additional end-point error, which excludes invalid pixels.
 fn with_end_point_errors() -> Vec<FrameScore> {
     let mut scores = scores();
     for score in &mut scores {
@@ -447,7 +450,7 @@ fn with_end_point_errors() -> Vec<FrameScore> {
 }
 
 #[test]
-fn a_score_of_answers_alone_is_never_compared_over_pixels_that_were_not_valid() {
+fn metrics_over_valid_pixels_only_are_never_marked_as_best() {
     let ask = |ranking: &Ranking| {
         ask_of(&estimates(&plan()).unwrap(), &with_end_point_errors(), |of| {
             ranking.table(of, &Selection::default(), &|| false)
@@ -456,15 +459,11 @@ fn a_score_of_answers_alone_is_never_compared_over_pixels_that_were_not_valid() 
     };
     let text = |metric: &str| ask(&Ranking { columns: owned(&[metric]), ..Ranking::default() }).terminal(200);
     assert!(text("abs_rel").contains('*'), "{}", text("abs_rel"));
-    assert!(
-        !text("epe").contains('*') && text("epe").contains("note: epe leaves out invalid pixels"),
-        "{}",
-        text("epe")
-    );
+    assert!(!text("epe").contains('*') && text("epe").contains("note: epe excludes invalid pixels"), "{}", text("epe"));
 }
 
 #[test]
-fn what_is_asked_for_decides_the_order_and_stands_once() {
+fn requested_columns_keep_their_order_and_appear_once() {
     let grid =
         ranking(&Ranking { columns: owned(&["a1", "abs_rel", "a1"]), ..Ranking::default() }, &Selection::default());
     let grid = grid.unwrap();
@@ -473,7 +472,7 @@ fn what_is_asked_for_decides_the_order_and_stands_once() {
 }
 
 #[test]
-fn where_no_pixel_was_scored_that_is_the_answer() {
+fn a_recording_without_scored_pixels_is_an_error() {
     let none = |score: &FrameScore| {
         let row = ScoreRow { pixels: 0, valid: 0, truth: 0, ..ScoreRow::new(score.row.set, &score.row.zone) };
         FrameScore { row, ..score.clone() }
@@ -483,4 +482,25 @@ fn where_no_pixel_was_scored_that_is_the_answer() {
         Ranking::default().table(of, &Selection::default(), &|| false)
     });
     assert!(refused(refusal).starts_with("not one pixel was scored"));
+}
+
+#[test]
+fn estimates_that_share_no_frame_are_an_error() {
+    let scores: Vec<FrameScore> =
+        scores().into_iter().filter(|score| (score.estimate == 0) == (score.position == FrameIndex(0))).collect();
+    let refusal = ask_of(&estimates(&plan()).unwrap(), &scores, |ablation| {
+        Ranking::default().table(ablation, &Selection::default(), &|| false)
+    });
+    assert!(refused(refusal).starts_with("no frame has scores of all estimates of its stage"));
+}
+
+#[test]
+fn an_estimate_without_any_score_does_not_exclude_the_others() {
+    let scores: Vec<FrameScore> = scores().into_iter().filter(|score| score.estimate != 4).collect();
+    let grid = ask_of(&estimates(&plan()).unwrap(), &scores, |ablation| {
+        Ranking::default().table(ablation, &Selection::default(), &|| false)
+    });
+    let labels = labels(&grid.unwrap());
+    assert_eq!(labels.len(), 4, "{labels:?}");
+    assert!(!labels.iter().any(|label| label.starts_with("block=9+mode=sgbm")), "{labels:?}");
 }

@@ -8,24 +8,23 @@ use super::{Ablation, Row, Selection};
 use crate::error::{AnalysisError, listed};
 use crate::tables::{Rows, Table};
 
-/// Of the whole image and of each zone, which row is best, and what the row that is best over the whole image has
-/// there.
+/// The best row in the whole image and in each zone, with the value there of the row that is best over the whole image.
 pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str) -> Result<Table, AnalysisError> {
     let column = ablation.measure(metric)?;
     let Some(metric) = column.metric() else {
-        return Err(AnalysisError::asked(
-            format!("`{metric}` is no score: zones have a best of scores alone"),
-            format!("there are {}", listed(ablation.metric_names())),
+        return Err(AnalysisError::request(
+            format!("`{metric}` is not a metric: `--best-per-zone` needs a metric"),
+            format!("available: {}", listed(ablation.metric_names())),
         ));
     };
     if ablation.zones().len() < 2 {
-        return Err(AnalysisError::asked(
-            "there are no zones: this recording has scores of the whole image alone".to_owned(),
-            "declare `zones` where the experiment scores, and run it again".to_owned(),
+        return Err(AnalysisError::request(
+            "there are no zones: this recording has scores only for the whole image".to_owned(),
+            "declare `zones` in the score of the experiment, and run it again".to_owned(),
         ));
     }
     let named = ablation.metrics[metric];
-    // Only rows of which the score was taken are told apart.
+    // Only rows with this metric are identified by their axes.
     let mut all = ablation.rows(&Selection { zone: None, ..selection.clone() })?;
     ablation.require(&all, column)?;
     all.retain(|row| row.values[metric].is_some());
@@ -36,17 +35,17 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str
     for &zone in ablation.zones() {
         let here = Selection { zone: (!zone.is_empty()).then(|| zone.to_owned()), ..selection.clone() };
         let Ok(mut rows) = ablation.rows(&here) else {
-            notes.push(format!("nothing that is selected was scored in zone {zone}"));
+            notes.push(format!("no selected estimate was scored in zone {zone}"));
             continue;
         };
         rows.retain(|row| row.values[metric].is_some() || ablation.estimate(row).metrics.contains(&named));
-        let best = Best::of(ablation, &rows);
+        let best = Best::new(ablation, &rows);
         if zone.is_empty() {
             about = ablation.about(&rows, &here)?;
         }
         let marked: Vec<usize> = (0..rows.len()).filter(|&row| best.is_best(metric, row)).collect();
         if marked.len() > 1 {
-            notes.push(format!("in {} {} rows are equally good: the first is named", name(zone), marked.len()));
+            notes.push(format!("in {}, {} rows are equally good: the first is shown", name(zone), marked.len()));
         }
         let Some(&winner) = marked.first() else {
             notes.push(format!(
@@ -70,12 +69,12 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str
         });
     }
     if winners.is_empty() {
-        return Err(AnalysisError::asked(
-            "there is no best in any zone: no two of the selected rows can be compared".to_owned(),
+        return Err(AnalysisError::request(
+            "no zone has a best row: no two of the selected rows can be compared".to_owned(),
             format!(
-                "two or more estimates over the same pixels are needed: over `--pixels valid` each has its own{}",
+                "select two or more estimates over the same pixels: with `--pixels valid` each has its own pixels{}",
                 match named.pooling {
-                    Pooling::MeanOfAnswers => format!(", and so has `{}` but over `--pixels filled`", named.name),
+                    Pooling::MeanOfAnswers => format!(", and `{}` needs `--pixels filled`", named.name),
                     _ => String::new(),
                 }
             ),
@@ -99,9 +98,9 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str
 struct Winner {
     zone: String,
     row: Row,
-    /// What the row that is best over the whole image has there.
+    /// The value in this zone of the row that is best over the whole image.
     best_overall: Option<f64>,
-    /// How many rows it can be compared with, itself included.
+    /// The number of comparable rows, including itself.
     rows: u64,
 }
 

@@ -1,4 +1,4 @@
-//! One score of a pair: the difference, how sure it is, and on how many frames it is which way.
+//! One metric of a pair: the difference, its significance, and the number of wins and losses.
 
 use std::collections::BTreeSet;
 
@@ -11,38 +11,38 @@ use super::{CompareOptions, Pair};
 use crate::error::AnalysisError;
 use crate::statistics::{Interval, SignedRank, Statistic, Weighted, holm};
 
-/// A score of a pair.
+/// A metric of a pair.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Contrast {
     pub(super) pair: usize,
     pub(super) metric: &'static Metric,
-    /// On how many frames both have it.
+    /// The number of frames on which both have the metric.
     pub(super) frames: usize,
-    /// The data set's value of either, over these frames.
+    /// The value of each side over these frames.
     pub(super) baseline: f64,
     pub(super) value: f64,
     pub(super) interval: Option<Interval>,
-    /// On how many frames the other is better, as good, and worse.
+    /// The number of frames on which the other side is better, equal, and worse.
     pub(super) wins: u64,
     pub(super) ties: u64,
     pub(super) losses: u64,
     pub(super) test: Option<SignedRank>,
-    /// Whether both are the same node's values, scored in one way: there is nothing to test.
+    /// Whether both are values of the same node with the same scoring, so that there is nothing to test.
     pub(super) is_identical: bool,
-    /// The test's probability, corrected for all tests of the comparison.
+    /// The probability of the test, corrected for all tests of the comparison.
     pub(super) p_holm: Option<f64>,
-    /// A digest of the score and of its values on each frame of both sides: of variants that share their estimates it
-    /// is one test.
+    /// A digest of the metric and of its values on each frame of both sides. Variants that share their estimates have one
+    /// test.
     tested: Key,
     pub(super) verdict: Verdict,
 }
 
-/// What can be said of the other.
+/// The verdict on the other side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     Better,
     Worse,
-    /// The frames do not tell.
+    /// The frames do not decide it.
     Unclear,
 }
 
@@ -56,7 +56,7 @@ impl Verdict {
     }
 }
 
-/// How many rows have which verdict.
+/// The number of rows by verdict.
 #[derive(Clone, Debug, Default, PartialEq, JsonSchema, Serialize)]
 pub(crate) struct Verdicts {
     better: u64,
@@ -79,7 +79,7 @@ impl FromIterator<Verdict> for Verdicts {
 }
 
 impl Contrast {
-    /// Of the other, less that of the baseline.
+    /// The value of the other side minus that of the baseline.
     pub(super) fn difference(&self) -> f64 {
         self.value - self.baseline
     }
@@ -92,12 +92,12 @@ impl Contrast {
         }
     }
 
-    /// Both must say so: the test, which asks on how many frames and by how much one is ahead, and the interval, which
-    /// is of the value in the table.
+    /// A verdict needs both the test, which ranks the differences of frames, and the interval, which belongs to the value
+    /// in the table.
     fn judged(&self, level: f64) -> Verdict {
         let (Some(p), Some(Interval { low, high })) = (self.p_holm, self.interval) else { return Verdict::Unclear };
-        let is_sure = p < level && (low > 0.0 || high < 0.0);
-        match is_sure {
+        let is_significant = p < level && (low > 0.0 || high < 0.0);
+        match is_significant {
             false => Verdict::Unclear,
             true if (low > 0.0) == self.metric.more_is_better => Verdict::Better,
             true => Verdict::Worse,
@@ -105,7 +105,7 @@ impl Contrast {
     }
 }
 
-/// A score of a pair, before frames are resampled.
+/// A metric of a pair, before frames are resampled.
 struct Sample {
     contrast: Contrast,
     baseline: Weighted,
@@ -114,24 +114,25 @@ struct Sample {
     is_equal: bool,
 }
 
-/// The scores of all pairs, pair by pair in the order of every table.
+/// The metrics of all pairs, pair by pair in the order of tables.
 pub(super) fn contrasts(
     pairs: &[Pair<'_>],
     options: &CompareOptions,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<Contrast>, AnalysisError> {
-    let is_wanted =
+    let is_requested =
         |metric: &Metric| options.scores.is_empty() || options.scores.iter().any(|name| name == metric.name);
     let mut samples = Vec::new();
     for (place, pair) in pairs.iter().enumerate() {
         let both = pair.baseline.estimate.metrics.iter().filter(|of| pair.other.estimate.metrics.contains(of));
-        for metric in both.copied().filter(|metric| is_wanted(metric)) {
+        for metric in both.copied().filter(|metric| is_requested(metric)) {
             samples.extend(sample(place, pair, metric, pair.mean(options)));
         }
     }
-    // Nodes with different keys may have equal values, too.
-    let differing: BTreeSet<usize> = samples.iter().filter(|of| !of.is_equal).map(|of| of.contrast.pair).collect();
-    for sample in samples.iter_mut().filter(|of| !differing.contains(&of.contrast.pair)) {
+    // Nodes with different keys may have equal values.
+    let differing: BTreeSet<usize> =
+        samples.iter().filter(|sample| !sample.is_equal).map(|sample| sample.contrast.pair).collect();
+    for sample in samples.iter_mut().filter(|sample| !differing.contains(&sample.contrast.pair)) {
         sample.contrast.is_identical = true;
     }
     let number = |sample: &Sample| -> (usize, Box<Statistic<'_>>) {
@@ -142,7 +143,7 @@ pub(super) fn contrasts(
     let intervals = options.resampling.intervals_of(&numbers, stop)?;
     samples.iter_mut().zip(intervals).for_each(|(sample, interval)| sample.contrast.interval = interval);
     let mut contrasts: Vec<Contrast> = samples.into_iter().map(|sample| sample.contrast).collect();
-    // What is one and the same cannot differ: it is no test, and would only weaken the others.
+    // Identical values cannot differ: a test of them would only weaken the correction of the others.
     let differing = contrasts.iter().enumerate().filter(|(_, of)| !of.is_identical);
     let tested: Vec<(usize, f64)> = differing.filter_map(|(place, of)| Some((place, of.test?.p))).collect();
     let mut distinct: Vec<(Key, f64)> = Vec::new();
@@ -163,22 +164,22 @@ pub(super) fn contrasts(
     Ok(contrasts)
 }
 
-/// How many different tests there are.
+/// The number of different tests.
 pub(super) fn tests(contrasts: &[Contrast]) -> usize {
     let tested = contrasts.iter().filter(|of| of.p_holm.is_some());
     tested.map(|of| of.tested).collect::<BTreeSet<Key>>().len()
 }
 
-/// The smallest corrected probability that as many tests of as many frames could have, were each difference of one
-/// sign; `None` without tests.
+/// The smallest corrected probability that this number of tests and frames allows, if all differences have one sign.
+/// `None` without tests.
 pub(super) fn smallest_reachable(contrasts: &[Contrast]) -> Option<f64> {
     let most = contrasts.iter().filter(|of| of.p_holm.is_some()).map(|of| of.frames).max()?;
-    let of_one_sign: Vec<f64> = (1..=most).map(|frame| frame as f64).collect();
-    Some((SignedRank::of(&of_one_sign)?.p * tests(contrasts) as f64).min(1.0))
+    let one_sign: Vec<f64> = (1..=most).map(|frame| frame as f64).collect();
+    Some((SignedRank::test(&one_sign)?.p * tests(contrasts) as f64).min(1.0))
 }
 
-/// A score of a pair on the frames that both have it on; `None` if there is no such frame, or a data set's value does
-/// not follow from frames'.
+/// A metric of a pair on the frames on which both have it. `None` if there is no such frame, or if the value of a data
+/// set cannot be computed from the values of frames.
 fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) -> Option<Sample> {
     let frames = pair.paired.frames.iter().map(|(one, two)| (&one.row, &two.row));
     let both = |(one, two): (&ScoreRow, &ScoreRow)| Some((one.get(metric)?, two.get(metric)?));
@@ -187,9 +188,9 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
     if ours.is_empty() {
         return None;
     }
-    let settings = |of: &super::ScoredBy<'_>| of.estimate.settings.unwrap_or_default();
-    let baseline = Weighted::of(metric, mean, &settings(&pair.baseline), ours.iter().copied())?;
-    let other = Weighted::of(metric, mean, &settings(&pair.other), theirs.iter().copied())?;
+    let settings = |side: &super::ScoredBy<'_>| side.estimate.settings.unwrap_or_default();
+    let baseline = Weighted::new(metric, mean, &settings(&pair.baseline), ours.iter().copied())?;
+    let other = Weighted::new(metric, mean, &settings(&pair.other), theirs.iter().copied())?;
     let values = || ours.iter().zip(&theirs).filter_map(|(one, two)| both((one, two)));
     let count = |is: &dyn Fn(f64, f64) -> bool| values().filter(|(one, two)| is(*one, *two)).count() as u64;
     let (higher, lower) = (count(&|one, two| two > one), count(&|one, two| two < one));
@@ -202,13 +203,13 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
         pair: place,
         metric,
         frames: ours.len(),
-        baseline: baseline.whole(),
-        value: other.whole(),
+        baseline: baseline.of_all_frames(),
+        value: other.of_all_frames(),
         interval: None,
         wins,
         ties: ours.len() as u64 - wins - losses,
         losses,
-        test: SignedRank::of(&differences),
+        test: SignedRank::test(&differences),
         is_identical: pair.is_identical(),
         p_holm: None,
         tested: tested.finish(),
@@ -219,15 +220,16 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
 }
 
 impl Pair<'_> {
-    /// What a data set's value is taken over.
+    /// How the value of a data set is averaged.
     pub(super) fn mean(&self, options: &CompareOptions) -> Mean {
         options.selection.mean.unwrap_or(self.baseline.estimate.mean)
     }
 
-    /// Whether both are values of one node, on frames of equal source values, scored in one way.
+    /// Whether both are values of one node on frames with equal source values, with the same scoring.
     fn is_identical(&self) -> bool {
-        fn node<'a>(of: &'a super::ScoredBy<'_>) -> Option<(&'a Key, &'a str)> {
-            let (topic, run) = (of.estimate.estimate.as_deref()?, &of.run.recording.plan().runs[of.estimate.run]);
+        fn node<'a>(side: &'a super::ScoredBy<'_>) -> Option<(&'a Key, &'a str)> {
+            let estimate = side.estimate;
+            let (topic, run) = (estimate.scored_output.as_deref()?, &side.run.recording.plan().runs[estimate.run]);
             run.nodes.iter().find_map(|node| {
                 let output = node.outputs.iter().find(|output| output.topic == topic)?;
                 Some((&node.recipe, output.port.as_str()))
@@ -235,10 +237,13 @@ impl Pair<'_> {
         }
         let (one, two) = (self.baseline.estimate, self.other.estimate);
         let is_one_node = node(&self.baseline).is_some() && node(&self.baseline) == node(&self.other);
-        is_one_node && one.settings == two.settings && one.truth == two.truth && self.paired.other_values == 0
+        is_one_node
+            && one.settings == two.settings
+            && one.truth_output == two.truth_output
+            && self.paired.other_values == 0
     }
 
-    /// Whether both were scored in one way; where not, a difference is also one of scoring.
+    /// Whether both have the same scoring. If not, differences also contain the difference of scoring.
     pub(super) fn is_scored_alike(&self, options: &CompareOptions) -> bool {
         let (one, two) = (self.baseline.estimate, self.other.estimate);
         one.settings == two.settings && (options.selection.mean.is_some() || one.mean == two.mean)

@@ -1,8 +1,8 @@
-//! Where is it better? Absolute errors of pairs by true distance, on the pixels that are valid in both, paired over
-//! frames; and the distance at which one of the two should hand over to the other.
+//! Compares the absolute errors of pairs by ground-truth distance, on the pixels that are valid in both, paired over
+//! frames. Also computes the handover distance, at which the better of the two estimates changes.
 //!
-//! A bin's mean and median are over all its pixels, as `analyse --pixels common` has them. Frames are the sample: they are
-//! drawn again for intervals, with all their pixels, and tests are of frames' own means and medians.
+//! The mean and median of a bin cover all its pixels, as in `analyse --pixels common`. The sampling unit is the frame:
+//! intervals resample frames with all their pixels, and tests use the means and medians of frames.
 
 mod handover;
 mod median;
@@ -21,18 +21,19 @@ use super::side::{self, parties};
 use super::{CompareOptions, ComparedRun, Side};
 use crate::error::{AnalysisError, caught};
 use crate::estimates::estimates;
+use crate::input::condition::recording_notes;
 use crate::query::Bins;
 use crate::samples::SamplesFile;
-use crate::statistics::{Interval, SignedRank, Statistic as OfFrames, holm};
+use crate::statistics::{Interval, SignedRank, Statistic as FrameStatistic, holm};
 use median::Median;
-use read::{OfBin, Pixels};
+use read::{BinPixels, Pixels};
 
-/// The width of a bin where nothing else is asked for, metres.
+/// The default width of a bin, metres.
 const WIDTH_M: f64 = 5.0;
-/// Bins of fewer pixels decide nothing of where one hands over to the other.
-pub(crate) const THIN: u64 = 100;
+/// Bins with fewer pixels are ignored for the handover distance.
+pub(crate) const MIN_PIXELS: u64 = 100;
 
-/// What of a bin's absolute errors is compared.
+/// The statistic of the absolute errors of a bin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Statistic {
     Mean,
@@ -50,14 +51,14 @@ impl Statistic {
     }
 }
 
-/// An estimate held against another.
+/// An estimate compared with another.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DistancePair {
-    /// Of the baseline, then of the other.
+    /// The baseline, then the other.
     pub(crate) estimates: [Compared; 2],
-    /// How many frames both have.
+    /// The number of common frames.
     pub(crate) frames: usize,
-    /// Mean, then median: where one hands over to the other, if it does.
+    /// The handover distance by mean, then by median, if there is one.
     pub(crate) handovers: Vec<(Statistic, Option<Handover>)>,
     /// Statistic by statistic, near bins first.
     pub(crate) rows: Vec<DistanceRow>,
@@ -70,7 +71,7 @@ pub(crate) struct Compared {
     pub(crate) stage: String,
     pub(crate) variant: Option<String>,
     pub(crate) estimate: String,
-    /// What people call it, with its run where there are several.
+    /// Its label, with its run if there are several.
     pub(crate) title: String,
 }
 
@@ -81,7 +82,7 @@ pub(crate) struct DistanceRow {
     pub(crate) from_m: f64,
     pub(crate) to_m: f64,
     pub(crate) pixels: u64,
-    /// How many frames have pixels in it.
+    /// The number of frames with pixels in the bin.
     pub(crate) frames: usize,
     pub(crate) baseline_m: f64,
     pub(crate) value_m: f64,
@@ -100,11 +101,12 @@ impl DistanceRow {
     }
 }
 
-/// Compares sides with the first, or with a baseline, by true distance; `samples` are the runs' files of samples.
+/// Compares sides with the first side, or with a baseline, by ground-truth distance. `samples` are the samples files of the
+/// runs.
 ///
 /// # Errors
-/// If a recording or samples cannot be read; [`AnalysisError::Request`] if what was asked for is not there, or has no
-/// pixel in common; [`AnalysisError::Stopped`] once `stop` says so.
+/// If a recording or samples cannot be read; [`AnalysisError::Request`] if a requested name does not exist or the sides
+/// have no common pixel; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn compare_by_distance(
     runs: &[ComparedRun<'_>],
     samples: &[PathBuf],
@@ -123,23 +125,23 @@ pub fn compare_by_distance(
         let first = &parties[baseline];
         for party in parties.iter().enumerate().filter(|(place, _)| *place != baseline).map(|(_, party)| party) {
             for (name, label) in &party.entries {
-                let Some((_, base)) = first.entries.iter().find(|(of, _)| of == name) else { continue };
+                let Some((_, base)) = first.entries.iter().find(|(known, _)| known == name) else { continue };
                 let sides = [(first.run, base.as_str()), (party.run, label.as_str())];
-                let of = |(run, label): (usize, &str)| {
-                    let found = files[run].described.estimates.iter().find(|of| of.label == label)?;
+                let side = |(run, label): (usize, &str)| {
+                    let found = files[run].described.estimates.iter().find(|estimate| estimate.label == label)?;
                     let title = if runs.len() > 1 { format!("{}:{label}", runs[run].called) } else { label.to_owned() };
                     let (run, stage) = (runs[run].called.to_owned(), found.stage.clone());
                     let (variant, estimate) = (found.variant.clone(), found.estimate.clone());
                     Some((found, Compared { run, stage, variant, estimate, title }))
                 };
-                // Disparities, and what was not recorded, have no samples.
-                let (Some((one, baseline)), Some((two, other))) = (of(sides[0]), of(sides[1])) else {
-                    notes.push(format!("{label} or {base} has no samples: only depths that were recorded have"));
+                // Disparities and unrecorded depths have no samples.
+                let (Some((one, baseline)), Some((two, other))) = (side(sides[0]), side(sides[1])) else {
+                    notes.push(format!("{label} or {base} has no samples: only recorded depths have samples"));
                     continue;
                 };
                 if one.scoring != two.scoring {
                     notes.push(format!(
-                        "{label} and {base} were scored in different ways ({}; {}): differences are of the scoring too",
+                        "{label} and {base} were scored in different ways ({}; {}): differences also include the difference of scoring",
                         two.scoring, one.scoring
                     ));
                 }
@@ -155,16 +157,20 @@ pub fn compare_by_distance(
             let what = notes
                 .first()
                 .cloned()
-                .unwrap_or_else(|| format!("{} has no estimate of a name that another side has too", first.title));
-            let help = "name estimates to hold against each other: `compare RUN stereo full/mono --by distance`";
-            return Err(AnalysisError::asked(what, help.to_owned()));
+                .unwrap_or_else(|| format!("{} has no estimate whose name occurs in another side", first.title));
+            let help = "name the estimates to compare: `compare RUN stereo full/mono --by distance`";
+            return Err(AnalysisError::request(what, help.to_owned()));
+        }
+        for run in runs {
+            let prefix = if runs.len() > 1 { format!("{}: ", run.called) } else { String::new() };
+            notes.extend(recording_notes(run.recording).into_iter().map(|note| format!("{prefix}{note}")));
         }
         let key = crate::tables::plan_key(runs[first.run].recording.plan());
         Ok(table::comparison(pairs, notes, options, key, runs.len() > 1))
     })
 }
 
-/// Finds everything of a pair.
+/// Compares one pair.
 fn pair(
     estimates: [Compared; 2],
     pixels: &Pixels,
@@ -178,80 +184,79 @@ fn pair(
             Statistic::Mean => Vec::new(),
             Statistic::Median => pixels.bins.iter().map(|bin| bin.medians(pixels.frames)).collect(),
         };
-        // Of a bin by how often each frame of the run counts: the statistic of both, and how many pixels.
+        // Computes the statistic of both sides in a bin, and the number of pixels, for these weights of frames.
         let value = |at: usize, times: &[f64]| -> ([f64; 2], f64) {
             let bin = &pixels.bins[at];
-            let count = bin.frames.iter().map(|of| times[of.frame] * of.count as f64).sum::<f64>();
+            let count = bin.frames.iter().map(|own| times[own.frame] * own.count as f64).sum::<f64>();
             let values = match statistic {
-                Statistic::Mean => {
-                    [0, 1].map(|side| bin.frames.iter().map(|of| times[of.frame] * of.sums[side]).sum::<f64>() / count)
-                }
+                Statistic::Mean => [0, 1]
+                    .map(|side| bin.frames.iter().map(|own| times[own.frame] * own.sums[side]).sum::<f64>() / count),
                 Statistic::Median => [0, 1].map(|side| medians[at][side].value(times)),
             };
             (values, count)
         };
-        let mut of_statistic = Vec::new();
-        let mut numbers: Vec<(usize, Box<OfFrames<'_>>)> = Vec::new();
+        let mut statistic_rows = Vec::new();
+        let mut numbers: Vec<(usize, Box<FrameStatistic<'_>>)> = Vec::new();
         let once = vec![1.0; pixels.frames];
         for (at, bin) in pixels.bins.iter().enumerate() {
             let ([baseline_m, value_m], _) = value(at, &once);
-            of_statistic.push(row(statistic, bin, baseline_m, value_m));
+            statistic_rows.push(row(statistic, bin, baseline_m, value_m));
             let (value, frames) = (&value, pixels.frames);
-            // Drawn are the frames that have pixels in the bin.
+            // Only the frames with pixels in the bin are resampled.
             numbers.push((
                 bin.frames.len(),
                 Box::new(move |times: &[f64]| {
-                    let mut of_all = vec![0.0; frames];
-                    bin.frames.iter().zip(times).for_each(|(of, times)| of_all[of.frame] = *times);
-                    let ([one, two], _) = value(at, &of_all);
+                    let mut all_times = vec![0.0; frames];
+                    bin.frames.iter().zip(times).for_each(|(own, times)| all_times[own.frame] = *times);
+                    let ([one, two], _) = value(at, &all_times);
                     two - one
                 }),
             ));
         }
         let intervals = options.resampling.intervals_of(&numbers, stop)?;
         drop(numbers);
-        of_statistic.iter_mut().zip(intervals).for_each(|(row, interval)| row.interval = interval);
-        correct(&mut of_statistic, 1.0 - options.resampling.confidence);
+        statistic_rows.iter_mut().zip(intervals).for_each(|(row, interval)| row.interval = interval);
+        correct(&mut statistic_rows, 1.0 - options.resampling.confidence);
         let middles: Vec<f64> = pixels.bins.iter().map(|bin| 0.5 * (bin.from_m + bin.to_m)).collect();
         let curve = |times: &[f64]| -> Vec<(f64, f64, f64)> {
             let bins = (0..pixels.bins.len()).map(|at| {
                 let ([one, two], count) = value(at, times);
                 (middles[at], two - one, count)
             });
-            bins.filter(|(_, difference, count)| *count >= THIN as f64 && difference.is_finite()).collect()
+            bins.filter(|(_, difference, count)| *count >= MIN_PIXELS as f64 && difference.is_finite()).collect()
         };
-        handovers.push((statistic, handover::found(&curve, pixels.frames, &options.resampling, stop)?));
-        rows.extend(of_statistic);
+        handovers.push((statistic, handover::handover(&curve, pixels.frames, &options.resampling, stop)?));
+        rows.extend(statistic_rows);
     }
     Ok(DistancePair { estimates, frames: pixels.frames, handovers, rows })
 }
 
-fn row(statistic: Statistic, bin: &OfBin, baseline_m: f64, value_m: f64) -> DistanceRow {
-    let of_frame = |of: &read::OfFrame| match statistic {
-        Statistic::Mean => of.sums.map(|sum| sum / of.count as f64),
-        Statistic::Median => of.medians,
+fn row(statistic: Statistic, bin: &BinPixels, baseline_m: f64, value_m: f64) -> DistanceRow {
+    let frame_values = |frame: &read::FramePixels| match statistic {
+        Statistic::Mean => frame.sums.map(|sum| sum / frame.count as f64),
+        Statistic::Median => frame.medians,
     };
-    let differences: Vec<f64> = bin.frames.iter().map(of_frame).map(|[one, two]| two - one).collect();
-    let count = |is: &dyn Fn(f64) -> bool| differences.iter().filter(|of| is(**of)).count() as u64;
+    let differences: Vec<f64> = bin.frames.iter().map(frame_values).map(|[one, two]| two - one).collect();
+    let count = |is: &dyn Fn(f64) -> bool| differences.iter().filter(|difference| is(**difference)).count() as u64;
     DistanceRow {
         statistic,
         from_m: bin.from_m,
         to_m: bin.to_m,
-        pixels: bin.frames.iter().map(|of| of.count).sum(),
+        pixels: bin.frames.iter().map(|frame| frame.count).sum(),
         frames: bin.frames.len(),
         baseline_m,
         value_m,
         interval: None,
-        wins: count(&|of| of < 0.0),
-        ties: count(&|of| of == 0.0),
-        losses: count(&|of| of > 0.0),
-        test: SignedRank::of(&differences),
+        wins: count(&|difference| difference < 0.0),
+        ties: count(&|difference| difference == 0.0),
+        losses: count(&|difference| difference > 0.0),
+        test: SignedRank::test(&differences),
         p_holm: None,
         verdict: Verdict::Unclear,
     }
 }
 
-/// Corrects the tests of all bins, and judges.
+/// Corrects the tests of all bins and sets the verdicts.
 fn correct(rows: &mut [DistanceRow], level: f64) {
     let tested: Vec<(usize, f64)> =
         rows.iter().enumerate().filter_map(|(place, row)| Some((place, row.test?.p))).collect();

@@ -1,4 +1,4 @@
-//! Which frame of one estimate is held against which of another.
+//! Pairs the frames of two estimates.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use super::ComparedRun;
 use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
-/// An estimate's scores on one pixel set of one zone, frame by frame.
+/// The scores of an estimate on one pixel set of one zone, frame by frame.
 #[derive(Clone)]
 pub(super) struct ScoredBy<'a> {
     pub(super) run: ComparedRun<'a>,
@@ -16,16 +16,16 @@ pub(super) struct ScoredBy<'a> {
     pub(super) scores: Vec<&'a FrameScore>,
 }
 
-/// The frames of two estimates that are the same.
+/// The common frames of two estimates.
 pub(super) struct Paired<'a> {
-    /// The baseline's score, and the other's, in the baseline's order.
+    /// The scores of the baseline and of the other, in the order of the baseline.
     pub(super) frames: Vec<(&'a FrameScore, &'a FrameScore)>,
-    /// How many frames one of them has alone.
+    /// The numbers of frames that only one side has.
     pub(super) only_baseline: usize,
     pub(super) only_other: usize,
-    /// On how many of the frames in both the source's values are not the same.
+    /// The number of common frames with different source values.
     pub(super) other_values: usize,
-    /// On how many the number of pixels with ground truth is not.
+    /// The number of common frames with different numbers of pixels with ground truth.
     pub(super) other_truth: usize,
 }
 
@@ -34,7 +34,7 @@ impl ScoredBy<'_> {
         &self.run.recording.plan().runs[self.estimate.run].stage
     }
 
-    /// Its label, with its run where there are several.
+    /// Its label, with its run if there are several.
     pub(super) fn title(&self, runs: usize) -> String {
         if runs > 1 { format!("{}:{}", self.run.called, self.estimate.label) } else { self.estimate.label.clone() }
     }
@@ -43,32 +43,32 @@ impl ScoredBy<'_> {
         self.run.recording.frames(self.estimate.run).get(score.position.0).and_then(|frame| frame.source_key)
     }
 
-    fn is_of_run(&self, other: &Self) -> bool {
+    fn has_same_run(&self, other: &Self) -> bool {
         std::ptr::eq(self.run.recording, other.run.recording) && self.estimate.run == other.estimate.run
     }
 }
 
 impl<'a> Paired<'a> {
-    /// Frames of one run by their places; else those of one id, of stages of one name. Where an id repeats, frames of
-    /// equal source values go together before others, the first before the second. Stages of two names have only frames
-    /// of equal source values in common.
-    pub(super) fn of(baseline: &ScoredBy<'a>, other: &ScoredBy<'a>) -> Self {
-        let (is_run, is_stage) = (baseline.is_of_run(other), baseline.stage() == other.stage());
-        let mut left: BTreeMap<&str, Vec<&'a FrameScore>> = BTreeMap::new();
+    /// Pairs the frames of one run by position. Frames of different runs are paired by id if their stages have one name.
+    /// If an id repeats, frames with equal source values are paired first, in their order. Stages with different names
+    /// share only frames with equal source values.
+    pub(super) fn new(baseline: &ScoredBy<'a>, other: &ScoredBy<'a>) -> Self {
+        let (is_run, is_stage) = (baseline.has_same_run(other), baseline.stage() == other.stage());
+        let mut unpaired: BTreeMap<&str, Vec<&'a FrameScore>> = BTreeMap::new();
         for &score in &other.scores {
-            left.entry(&score.frame).or_default().push(score);
+            unpaired.entry(&score.frame).or_default().push(score);
         }
-        let mut take = |score: &FrameScore, is_its: &dyn Fn(&FrameScore) -> bool| {
-            let of_id = left.get_mut(&*score.frame)?;
-            let place = of_id.iter().position(|other| is_its(other))?;
-            Some(of_id.remove(place))
+        let mut take = |score: &FrameScore, is_counterpart: &dyn Fn(&FrameScore) -> bool| {
+            let same_id = unpaired.get_mut(&*score.frame)?;
+            let place = same_id.iter().position(|other| is_counterpart(other))?;
+            Some(same_id.remove(place))
         };
         let mut found: Vec<Option<&'a FrameScore>> = vec![None; baseline.scores.len()];
         for (score, found) in baseline.scores.iter().zip(&mut found) {
             let key = baseline.key(score);
-            *found = take(score, &|of| match is_run {
-                true => of.position == score.position,
-                false => key.is_some() && other.key(of) == key,
+            *found = take(score, &|candidate| match is_run {
+                true => candidate.position == score.position,
+                false => key.is_some() && other.key(candidate) == key,
             });
         }
         if is_stage && !is_run {
@@ -76,7 +76,8 @@ impl<'a> Paired<'a> {
                 *found = take(score, &|_| true);
             }
         }
-        let frames: Vec<_> = baseline.scores.iter().zip(found).filter_map(|(score, of)| Some((*score, of?))).collect();
+        let frames: Vec<_> =
+            baseline.scores.iter().zip(found).filter_map(|(score, found)| Some((*score, found?))).collect();
         let count = |differs: &dyn Fn(&FrameScore, &FrameScore) -> bool| {
             frames.iter().filter(|(one, two)| differs(one, two)).count()
         };

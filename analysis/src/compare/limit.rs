@@ -1,4 +1,4 @@
-//! What must not be: `fused.abs_rel > +1%`.
+//! Limits of `--fail-if`, for example `fused.abs_rel > +1%`.
 
 use std::collections::BTreeSet;
 
@@ -10,14 +10,14 @@ use serde::Serialize;
 use super::contrast::Contrast;
 use super::{CompareOptions, Pair};
 use crate::error::{AnalysisError, listed, unknown};
-use crate::estimates::{Estimate, is_of};
+use crate::estimates::{Estimate, matches_estimate};
 
-/// What a limit is on.
+/// The measure of a limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Measure {
-    /// A metric, which has a row of the comparison.
+    /// A metric, which has a row in the comparison.
     Metric(&'static Metric),
-    /// The share of valid pixels, which has none.
+    /// The share of valid pixels, which has no row.
     Density,
 }
 
@@ -32,7 +32,7 @@ impl Measure {
         }
     }
 
-    /// With how many decimals a change is shown.
+    /// The number of decimals of a change in text.
     pub(super) const fn decimals(self) -> usize {
         match self {
             Self::Metric(metric) => metric.decimals + 2,
@@ -41,46 +41,46 @@ impl Measure {
     }
 }
 
-/// A bound on how a score may change.
+/// A bound on the change of a metric.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Limit {
     written: String,
-    /// A pattern of the estimates that it is on; `None`: all.
+    /// A pattern of the estimates that the limit applies to; `None`: all.
     estimate: Option<String>,
     measure: Measure,
-    /// Whether a change above it is too much, or one below.
+    /// Whether changes above the bound exceed the limit, or changes below it.
     is_above: bool,
-    /// Whether the bound itself is too much already.
+    /// Whether a change equal to the bound exceeds the limit.
     is_reached: bool,
     change: f64,
-    /// Whether the change is one in per cent of the baseline's value.
+    /// Whether the change is in per cent of the baseline's value.
     is_relative: bool,
 }
 
-/// A limit held against a row.
+/// A limit checked against a row.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 #[schemars(rename = "Limit")]
 pub(crate) struct JudgedLimit {
     /// As it was written.
     limit: String,
-    /// The row's place in `rows`; null for `density`, which has no row.
+    /// The index of the row in `rows`; null for `density`, which has no row.
     row: Option<u64>,
-    /// In per cent of the baseline's value, or in the score's unit; null where the baseline's value is 0.
+    /// In per cent of the baseline's value, or in the unit of the metric; null if the baseline's value is 0.
     change: Option<f64>,
     is_percent: bool,
     pub(super) exceeded: bool,
-    /// The limit and the change, for people.
+    /// The limit and the change as text.
     #[serde(skip)]
     pub(super) text: String,
 }
 
 impl Limit {
-    /// Reads `[ESTIMATE.]SCORE > [+|-]NUMBER[%]`; also `<`, `>=`, `<=`.
+    /// Parses `[ESTIMATE.]METRIC > [+|-]NUMBER[%]`; also `<`, `>=`, `<=`.
     pub(super) fn parse(written: &str) -> Result<Self, AnalysisError> {
         let wrong = |what: String| {
-            AnalysisError::asked(
+            AnalysisError::request(
                 what,
-                "write it as `fused.abs_rel > +1%`, `d1 >= 0.002` or `no_*/fused.a1 < -0.5%`".to_owned(),
+                "examples: `fused.abs_rel > +1%`, `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`".to_owned(),
             )
         };
         let Some(place) = written.rfind(['<', '>']) else {
@@ -96,24 +96,25 @@ impl Limit {
             None => (right, false),
         };
         let change = number.parse().ok().filter(|change: &f64| change.is_finite());
-        let change = change.ok_or_else(|| wrong(format!("`{right}` in `{written}` is no number")))?;
+        let change = change.ok_or_else(|| wrong(format!("`{right}` in `{written}` is not a number")))?;
         let all = || crate::metrics().map(Measure::Metric).chain([Measure::Density]);
-        let of = |measure: &Measure| left == measure.name() || left.ends_with(&format!(".{}", measure.name()));
-        let Some(measure) = all().filter(of).max_by_key(|measure| measure.name().len()) else {
+        let is_named = |measure: &Measure| left == measure.name() || left.ends_with(&format!(".{}", measure.name()));
+        let Some(measure) = all().filter(is_named).max_by_key(|measure| measure.name().len()) else {
             let name = left.rsplit('.').next().unwrap_or(left);
-            return Err(unknown("score", name, all().map(Measure::name).collect::<Vec<_>>()));
+            return Err(unknown("metric", name, all().map(Measure::name).collect::<Vec<_>>()));
         };
         let estimate = left.strip_suffix(measure.name()).and_then(|left| left.strip_suffix('.')).map(str::to_owned);
         let is_above = written[place..].starts_with('>');
         Ok(Self { written: written.trim().to_owned(), estimate, measure, is_above, is_reached, change, is_relative })
     }
 
-    fn is_on(&self, pair: &Pair<'_>) -> bool {
+    fn applies_to(&self, pair: &Pair<'_>) -> bool {
         let Some(pattern) = &self.estimate else { return true };
-        is_of(pair.other.estimate, pattern) || glob(pattern, &pair.name)
+        matches_estimate(pair.other.estimate, pattern) || glob(pattern, &pair.name)
     }
 
-    /// Judges the values of the baseline and of the other, of this label; the metric has a row in that place.
+    /// Checks the change from the baseline's value to the value of the other side, whose label is `label`. `row` is the index
+    /// of the metric's row.
     fn judge(&self, label: &str, row: usize, baseline: f64, value: f64) -> JudgedLimit {
         let change = match (value - baseline, self.is_relative) {
             (difference, true) if difference != 0.0 => 100.0 * difference / baseline.abs(),
@@ -135,9 +136,9 @@ impl Limit {
     }
 }
 
-/// How all that limits are on stand to them.
+/// Checks all limits.
 ///
-/// What cannot be held against a limit is an error, and not kept: a guard that looks at nothing guards nothing.
+/// A limit that cannot be checked is an error: a guard that checks nothing must not pass.
 pub(super) fn judged(
     limits: &[Limit],
     pairs: &[Pair<'_>],
@@ -147,8 +148,8 @@ pub(super) fn judged(
     let mut judged = Vec::new();
     for limit in limits {
         let written = &limit.written;
-        let mut met = 0;
-        for (place, pair) in pairs.iter().enumerate().filter(|(_, pair)| limit.is_on(pair)) {
+        let mut checked = 0;
+        for (place, pair) in pairs.iter().enumerate().filter(|(_, pair)| limit.applies_to(pair)) {
             let has = |metrics: &[&'static Metric]| match limit.measure {
                 Measure::Metric(metric) => metrics.contains(&metric),
                 Measure::Density => true,
@@ -156,15 +157,15 @@ pub(super) fn judged(
             if !has(&pair.baseline.estimate.metrics) || !has(&pair.other.estimate.metrics) {
                 continue;
             }
-            met += 1;
+            checked += 1;
             let title = &pair.other.estimate.label;
             if !pair.is_scored_alike(options) {
-                return Err(AnalysisError::asked(
-                    format!("`{written}` cannot be told of {title}: the two were scored in different ways"),
-                    "score both alike: same preset, bounds, crop, alignment and mean".to_owned(),
+                return Err(AnalysisError::request(
+                    format!("cannot check `{written}` for {title}: it and its baseline were scored in different ways"),
+                    "score both with the same preset, bounds, crop, alignment and mean".to_owned(),
                 ));
             }
-            let of = |(_, contrast): &(usize, &Contrast)| {
+            let is_measured = |(_, contrast): &(usize, &Contrast)| {
                 contrast.pair == place
                     && match limit.measure {
                         Measure::Metric(metric) => contrast.metric == metric,
@@ -175,44 +176,44 @@ pub(super) fn judged(
                 Measure::Metric(_) => Some((row, contrast.baseline, contrast.value)),
                 Measure::Density => densities(pair, options).map(|(baseline, value)| (row, baseline, value)),
             };
-            let Some((row, baseline, value)) = contrasts.iter().enumerate().find(of).and_then(values) else {
-                return Err(AnalysisError::asked(
+            let Some((row, baseline, value)) = contrasts.iter().enumerate().find(is_measured).and_then(values) else {
+                return Err(AnalysisError::request(
                     format!(
-                        "`{written}` cannot be told of {title}: there is no {} on a frame of both",
+                        "cannot check `{written}` for {title}: no common frame has a value of {}",
                         limit.measure.name()
                     ),
-                    "name it in --metrics, if there are any; `depthloom table RUN` says what has which".to_owned(),
+                    "add it to `--metrics` if that is given; `depthloom table RUN` shows the metrics of each estimate"
+                        .to_owned(),
                 ));
             };
-            let Estimate { lead, name, .. } = pair.other.estimate;
-            let label = lead.variant.as_ref().map_or_else(|| name.clone(), |variant| format!("{variant}/{name}"));
+            let Estimate { row_key, name, .. } = pair.other.estimate;
+            let label = row_key.variant.as_ref().map_or_else(|| name.clone(), |variant| format!("{variant}/{name}"));
             judged.push(limit.judge(&label, row, baseline, value));
         }
-        if met == 0 {
+        if checked == 0 {
             let names: BTreeSet<&str> = pairs.iter().map(|pair| pair.other.estimate.label.as_str()).collect();
-            return Err(AnalysisError::asked(
-                format!("`{written}` is on nothing that is compared"),
-                format!("compared are {}; was {} taken of both?", listed(names), limit.measure.name()),
+            return Err(AnalysisError::request(
+                format!("`{written}` matches no compared estimate with this metric"),
+                format!("compared estimates: {}; check that both sides have {}", listed(names), limit.measure.name()),
             ));
         }
     }
     Ok(judged)
 }
 
-/// The shares of valid pixels of the baseline and of the other, over the frames of both; `None` if the recording does
-/// not say.
+/// The shares of valid pixels of both sides over their common frames. `None` if they were not recorded.
 fn densities(pair: &Pair<'_>, options: &CompareOptions) -> Option<(f64, f64)> {
     let rows = pair.paired.frames.iter().map(|(one, two)| (&one.row, &two.row));
     let both: Vec<_> = rows.filter(|(one, two)| one.density().is_some() && two.density().is_some()).collect();
     let (ours, theirs): (Vec<&ScoreRow>, Vec<&ScoreRow>) = both.into_iter().unzip();
-    let of = |rows: &[&ScoreRow]| match pair.mean(options) {
+    let density = |rows: &[&ScoreRow]| match pair.mean(options) {
         Mean::Frames => rows.iter().filter_map(|row| row.density()).sum::<f64>() / rows.len() as f64,
         Mean::Pixels => {
             let sum = |count: fn(&ScoreRow) -> u64| rows.iter().map(|row| count(row)).sum::<u64>() as f64;
             sum(|row| row.valid) / sum(|row| row.truth)
         }
     };
-    (!ours.is_empty()).then(|| (of(&ours), of(&theirs)))
+    (!ours.is_empty()).then(|| (density(&ours), density(&theirs)))
 }
 
 #[cfg(test)]
@@ -220,23 +221,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_limit_names_estimate_score_and_change() {
-        let of = |text: &str| {
+    fn limits_parse_estimate_metric_and_change() {
+        let parsed = |text: &str| {
             let Limit { estimate, measure, is_above, is_reached, change, is_relative, .. } =
                 Limit::parse(text).unwrap();
             (estimate, measure.name(), is_above, is_reached, change, is_relative)
         };
-        assert_eq!(of("fused.abs_rel > +1%"), (Some("fused".to_owned()), "abs_rel", true, false, 1.0, true));
-        assert_eq!(of("a1<-0.005"), (None, "a1", false, false, -0.005, false));
-        // A dot in a name, and in that of a score.
-        assert_eq!(of("p=0.5/raw.bad_0.5 >= 2 %"), (Some("p=0.5/raw".to_owned()), "bad_0.5", true, true, 2.0, true));
-        assert_eq!(of("look.mono.irmse > 0"), (Some("look.mono".to_owned()), "irmse", true, false, 0.0, false));
-        assert_eq!(of("*.density < -1%"), (Some("*".to_owned()), "density", false, false, -1.0, true));
+        assert_eq!(parsed("fused.abs_rel > +1%"), (Some("fused".to_owned()), "abs_rel", true, false, 1.0, true));
+        assert_eq!(parsed("a1<-0.005"), (None, "a1", false, false, -0.005, false));
+        // A dot in the name of an estimate, and in that of a metric.
+        assert_eq!(
+            parsed("p=0.5/raw.bad_0.5 >= 2 %"),
+            (Some("p=0.5/raw".to_owned()), "bad_0.5", true, true, 2.0, true)
+        );
+        assert_eq!(parsed("look.mono.irmse > 0"), (Some("look.mono".to_owned()), "irmse", true, false, 0.0, false));
+        assert_eq!(parsed("*.density < -1%"), (Some("*".to_owned()), "density", false, false, -1.0, true));
         for (text, what) in [
             ("fused.abs_rel", "`fused.abs_rel` has no `>` or `<`"),
-            ("fused.abs_rel > much", "`much` in `fused.abs_rel > much` is no number"),
-            ("fused.abs_rel > nan", "`nan` in `fused.abs_rel > nan` is no number"),
-            ("fused.abs_rle > 1%", "there is no score `abs_rle`"),
+            ("fused.abs_rel > much", "`much` in `fused.abs_rel > much` is not a number"),
+            ("fused.abs_rel > nan", "`nan` in `fused.abs_rel > nan` is not a number"),
+            ("fused.abs_rle > 1%", "there is no metric `abs_rle`"),
         ] {
             assert_eq!(Limit::parse(text).unwrap_err().to_string(), what);
         }

@@ -1,4 +1,4 @@
-//! A comparison for programs.
+//! The JSON output of a comparison.
 
 use std::collections::BTreeMap;
 
@@ -12,23 +12,23 @@ use crate::input::parameters::Changed;
 use crate::statistics::Resampling;
 use crate::tables::JsonRow;
 
-/// What is better, and how sure that is.
+/// The output of `compare`: differences, with intervals and tests.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct ComparisonOutput {
-    /// What the numbers are.
+    /// Describes the numbers.
     pub(super) about: String,
     pub(super) method: CompareMethod,
     pub(super) verdicts: Verdicts,
-    /// By side, what was set otherwise than in the baseline.
+    /// For each side, the parameters that differ from the baseline.
     pub(super) parameters: Vec<OtherParameters>,
-    /// A score of a pair each: the columns of its CSV form, which docs/tables.md explains.
+    /// One row per metric of a pair, with the columns of the CSV form, which docs/tables.md explains.
     pub(super) rows: Vec<JsonRow>,
-    /// How `--fail-if` is kept, by estimate.
+    /// The result of each `--fail-if`, by estimate.
     pub(super) limits: Vec<JudgedLimit>,
     pub(super) notes: Vec<String>,
 }
 
-/// How intervals and tests were found.
+/// The method of intervals and tests.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub(crate) struct CompareMethod {
     /// `BCa` or `percentile`.
@@ -41,7 +41,7 @@ pub(crate) struct CompareMethod {
     test: &'static str,
     /// `holm`.
     correction: &'static str,
-    /// How many tests were corrected for.
+    /// The number of tests in the correction.
     pub(super) tests: u64,
 }
 
@@ -59,11 +59,11 @@ impl CompareMethod {
     }
 }
 
-/// What was set otherwise in a side.
+/// The parameters of a side that differ from the baseline.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub(crate) struct OtherParameters {
     pub(super) side: String,
-    /// As in `runs diff`; `what` may also be `new` or `gone`, and `node` says whose it is.
+    /// As in `runs diff`; `what` may also be `new` or `gone`, and `node` names the node.
     #[schemars(with = "Vec<BTreeMap<String, Json>>")]
     pub(super) differences: Vec<Changed>,
 }

@@ -1,4 +1,4 @@
-//! A comparison as a table, and what stands below it.
+//! A comparison as a table, with limits and parameters below it.
 
 use depthloom_graphs::plan::VariantId;
 use depthloom_graphs::{Key, counted};
@@ -8,16 +8,16 @@ use super::contrast::{Contrast, smallest_reachable, tests};
 use super::limit::JudgedLimit;
 use super::output::{CompareMethod, ComparisonOutput, OtherParameters};
 use super::side::{Kind, Party};
-use super::{CompareOptions, Opened, Pair, few_frames, significance};
-use crate::ablation::pixels_of;
+use super::{CompareOptions, Pair, RunScores, few_frames, significance};
+use crate::ablation::pixels_in_words;
 use crate::error::AnalysisError;
-use crate::input::condition;
+use crate::input::condition::recording_notes;
 use crate::input::parameters::{Changed, changed};
 use crate::scores::averaged;
 use crate::statistics::Interval;
 use crate::tables::{COMMON, Column, DIMENSIONLESS, Level, Rows, Table, plan_key, unit_of};
 
-/// So many sides are named in a heading, and of so many parameters are shown.
+/// The maximum number of sides in a heading, and of parameters below the table.
 const NAMED: usize = 4;
 const SHOWN: usize = 12;
 
@@ -26,16 +26,16 @@ const SHOWN: usize = 12;
 pub struct Comparison {
     /// The table; [`Comparison::terminal`] and [`Comparison::markdown`] have more.
     pub table: Table,
-    /// For programs, with the columns of the table's CSV form.
+    /// The JSON output, with the columns of the table's CSV form.
     pub output: ComparisonOutput,
     /// The key of the baseline's plan.
     key: Key,
 }
 
-/// Sides with what was found of their pairs.
+/// Sides with the results of their pairs.
 pub(super) struct Compared<'a> {
     pub(super) kind: Kind,
-    pub(super) opened: &'a [Opened<'a>],
+    pub(super) run_scores: &'a [RunScores<'a>],
     pub(super) parties: &'a [Party],
     /// The place of the baseline among the parties.
     pub(super) baseline: usize,
@@ -45,22 +45,22 @@ pub(super) struct Compared<'a> {
 }
 
 impl<'a> Compared<'a> {
-    /// The comparison; `notes` are those on sides that have no pair.
+    /// Builds the comparison. `notes` are the notes on sides without a pair.
     pub(super) fn comparison(&self, limits: Vec<JudgedLimit>, mut notes: Vec<String>) -> Comparison {
         let (options, contrasts) = (self.options, self.contrasts);
         let first = &self.parties[self.baseline];
-        let plan = self.opened[first.run].run.recording.plan();
+        let plan = self.run_scores[first.run].run.recording.plan();
         notes.extend(self.notes());
         if options.baseline.as_deref() == Some("best") && first.title != "best" {
             let title = &first.title;
             notes.push(format!(
-                "{title} was chosen for its scores on these frames: against it, others look worse than they are"
+                "{title} was chosen because it was best on the same frames, so the other sides look worse than they are"
             ));
         }
-        for Opened { run, .. } in self.opened {
-            let prefix = if self.opened.len() > 1 { format!("{}: ", run.called) } else { String::new() };
-            let of_recording = condition::findings(run.recording, &[], true).notes;
-            notes.extend(of_recording.into_iter().map(|note| format!("{prefix}{note}")));
+        for RunScores { run, .. } in self.run_scores {
+            let prefix = if self.run_scores.len() > 1 { format!("{}: ", run.called) } else { String::new() };
+            let recording_notes = recording_notes(run.recording);
+            notes.extend(recording_notes.into_iter().map(|note| format!("{prefix}{note}")));
         }
         let method = CompareMethod::new(&options.resampling, tests(contrasts));
         let compared_with = vec![format!("{}-compared-{}", plan.experiment, first.title)];
@@ -98,15 +98,15 @@ impl<'a> Compared<'a> {
         &self.pairs[contrast.pair]
     }
 
-    /// What was set otherwise in a side.
+    /// The parameters of a side that differ from the baseline.
     fn parameters(&self, first: &Party, other: &Party) -> Vec<Changed> {
-        let plan = |party: &Party| self.opened[party.run].run.recording.plan();
-        // Of an estimate, those of its variant; a run has all of its variants.
+        let plan = |party: &Party| self.run_scores[party.run].run.recording.plan();
+        // An estimate has the parameters of its variant; a run has those of all variants.
         let is_run = first.entries.iter().any(|(name, label)| name == label);
         let variant_of_estimate = |party: &Party| {
             let (_, label) = party.entries.first()?;
-            let estimates = &self.opened[party.run].estimates;
-            let variant = estimates.iter().find(|estimate| estimate.label == *label)?.lead.variant.as_ref()?;
+            let estimates = &self.run_scores[party.run].estimates;
+            let variant = estimates.iter().find(|estimate| estimate.label == *label)?.row_key.variant.as_ref()?;
             plan(party).variants.iter().position(|name| name == variant).map(VariantId)
         };
         let variant = |party: &Party| if is_run { None } else { party.variant.or_else(|| variant_of_estimate(party)) };
@@ -121,50 +121,51 @@ impl<'a> Compared<'a> {
             let stage = pair.other.stage();
             if paired.only_baseline + paired.only_other > 0 {
                 notes.push(format!(
-                    "stage {stage}: {all} frames are in both; {} in the baseline alone and {} in the other alone do not count",
+                    "stage {stage}: {all} frames are in both; {} frames only in the baseline and {} only in the other are excluded",
                     paired.only_baseline, paired.only_other
                 ));
             }
             if paired.other_values > 0 {
                 notes.push(format!(
-                    "stage {stage}: on {} of {all} frames the source's values are not the same",
+                    "stage {stage}: on {} of {all} frames the source values differ",
                     paired.other_values
                 ));
             }
             let label = &pair.other.estimate.label;
             if paired.other_truth > 0 && pair.set != PixelSet::Valid {
                 notes.push(format!(
-                    "{label}: on {} of {all} frames other pixels with ground truth were scored",
+                    "{label}: on {} of {all} frames different pixels with ground truth were scored",
                     paired.other_truth
                 ));
             }
             if !pair.is_scored_alike(self.options) {
                 let (one, two) = (&pair.baseline.estimate.preset, &pair.other.estimate.preset);
                 notes.push(format!(
-                    "{label} and its baseline were scored in different ways ({two}; {one}): differences are of the scoring too"
+                    "{label} and its baseline were scored in different ways ({two}; {one}): differences also include the difference of scoring"
                 ));
             }
         }
         if self.pairs.iter().any(|pair| pair.set == PixelSet::Valid) {
-            notes.push("each is over its own valid pixels, so differences are partly differences of pixels: look at density, or take `--pixels common`".to_owned());
+            notes.push("each side covers its own valid pixels, so differences are partly differences of pixels: compare density, or use `--pixels common`".to_owned());
         }
-        for Contrast { metric, .. } in self.contrasts.iter().filter(|of| self.pair(of).set == PixelSet::All) {
+        for Contrast { metric, .. } in self.contrasts.iter().filter(|contrast| self.pair(contrast).set == PixelSet::All)
+        {
             if metric.pooling == Pooling::MeanOfAnswers {
                 let name = metric.name;
                 notes.push(format!(
-                    "{name} leaves out invalid pixels, also over all pixels with ground truth: take `--pixels filled`"
+                    "{name} excludes invalid pixels, also over all pixels with ground truth: use `--pixels filled`"
                 ));
             }
         }
         for contrast in self.contrasts.iter().filter(|contrast| contrast.is_identical) {
             let label = &self.pair(contrast).other.estimate.label;
-            notes.push(format!("{label} is the same on both sides: it is not tested"));
+            notes.push(format!("{label} is identical on both sides, so it is not tested"));
         }
         let frames = || self.contrasts.iter().map(|contrast| contrast.frames);
         let resampling = &self.options.resampling;
         if let Some(p) = smallest_reachable(self.contrasts).filter(|p| *p >= 1.0 - resampling.confidence) {
             notes.push(format!(
-                "no verdict is possible: with {} of {} the smallest p_holm that can be reached is {p:.3}, not below {}; take more frames, or fewer sides or `--metrics`",
+                "no verdict is possible: with {} of {} the smallest possible p_holm is {p:.3}, not below {}; use more frames, fewer sides or fewer `--metrics`",
                 counted(tests(self.contrasts), "test"),
                 counted(frames().max().unwrap_or(0), "frame"),
                 significance(resampling),
@@ -174,7 +175,7 @@ impl<'a> Compared<'a> {
         distinct(notes)
     }
 
-    /// What the numbers are.
+    /// Describes the numbers.
     fn about(&self, method: &CompareMethod) -> String {
         let selection = &self.options.selection;
         let titles: Vec<&str> = self.others().map(|party| party.title.as_str()).collect();
@@ -186,8 +187,8 @@ impl<'a> Compared<'a> {
         };
         let pixels = self.pairs.iter().map(|pair| match &selection.zone {
             _ if selection.common => "the pixels with ground truth that are valid in all".to_owned(),
-            None => pixels_of(pair.set).to_owned(),
-            Some(zone) => format!("{} of zone {zone}", pixels_of(pair.set)),
+            None => pixels_in_words(pair.set).to_owned(),
+            Some(zone) => format!("{} of zone {zone}", pixels_in_words(pair.set)),
         });
         let presets = self.pairs.iter().map(|pair| pair.other.estimate.preset.clone());
         let frames = || self.contrasts.iter().map(|contrast| contrast.frames as u64);
@@ -202,7 +203,7 @@ impl<'a> Compared<'a> {
             ),
         };
         format!(
-            "{titles} against {}: {}, {}, {}; interval of the difference: {}; {test}",
+            "{titles} compared with {}: {}, {}, {}; interval of the difference: {}; {test}",
             self.parties[self.baseline].title,
             distinct(pixels).join(" and "),
             distinct(presets).join(" and "),
@@ -227,8 +228,8 @@ impl<'a> Compared<'a> {
         let differ_in_frames = self.contrasts.iter().any(|of| of.frames != self.contrasts[0].frames);
 
         let mut columns = vec![
-            rows.key("stage", |of| &other(of).estimate.lead.stage).in_files(),
-            rows.key("variant", |of| other(of).estimate.lead.variant.as_ref()).in_files(),
+            rows.key("stage", |of| &other(of).estimate.row_key.stage).in_files(),
+            rows.key("variant", |of| other(of).estimate.row_key.variant.as_ref()).in_files(),
             rows.key("estimate", |of| &other(of).estimate.name).in_files(),
             rows.key("set", |of| if options.selection.common { COMMON } else { self.pair(of).set.name() }).in_files(),
         ];
@@ -236,8 +237,8 @@ impl<'a> Compared<'a> {
         columns.extend([
             rows.key("run", |of| other(of).run.called).in_files(),
             rows.key("baseline_run", |of| baseline(of).run.called).in_files(),
-            rows.key("baseline_stage", |of| &baseline(of).estimate.lead.stage).in_files(),
-            rows.key("baseline_variant", |of| baseline(of).estimate.lead.variant.as_ref()).in_files(),
+            rows.key("baseline_stage", |of| &baseline(of).estimate.row_key.stage).in_files(),
+            rows.key("baseline_variant", |of| baseline(of).estimate.row_key.variant.as_ref()).in_files(),
             rows.key("baseline_estimate", |of| &baseline(of).estimate.name).in_files(),
             rows.key("zone", |_| options.selection.zone.as_ref()).in_files(),
             rows.key("mean", |of| self.pair(of).mean(options).name()).in_files(),
@@ -267,9 +268,9 @@ impl<'a> Compared<'a> {
         columns
     }
 
-    /// The axes of all that is compared; one that a side's experiment does not have is empty.
+    /// The axes of all compared sides; empty for a side whose experiment lacks the axis.
     fn axes(&self) -> Vec<Column> {
-        let factors = |of: &Contrast| &self.pair(of).other.estimate.lead.factors;
+        let factors = |of: &Contrast| &self.pair(of).other.estimate.row_key.factors;
         let mut axes: Vec<&Level> = Vec::new();
         for level in self.contrasts.iter().flat_map(factors) {
             if !axes.iter().any(|known| known.axis == level.axis) {
@@ -285,7 +286,7 @@ impl<'a> Compared<'a> {
         axes.into_iter().map(column).collect()
     }
 
-    /// What a row is of, for people: as little as tells it from others.
+    /// The columns that identify a row in text, as few as possible.
     fn names(&self) -> Vec<Column> {
         let rows = Rows(self.contrasts);
         let title = |name: &str| rows.key(name, |of| &self.parties[self.pair(of).party].title).once().in_text();
@@ -302,7 +303,7 @@ impl<'a> Compared<'a> {
     }
 }
 
-/// The different ones of some texts, in their order.
+/// The distinct texts, in their order.
 fn distinct(texts: impl IntoIterator<Item = String>) -> Vec<String> {
     let mut known: Vec<String> = Vec::new();
     for text in texts {
@@ -314,8 +315,8 @@ fn distinct(texts: impl IntoIterator<Item = String>) -> Vec<String> {
 }
 
 impl Comparison {
-    /// As aligned text, with how limits are kept and the parameters that differ behind; in blocks below each other
-    /// where it is wider than `width` columns of text.
+    /// As aligned text, followed by the limits and the parameters that differ. A table wider than `width` columns is split
+    /// into blocks.
     #[must_use]
     pub fn terminal(&self, width: usize) -> String {
         let mut text = self.table.terminal(width);
@@ -355,29 +356,29 @@ impl Comparison {
         self.table.parquet("compared", &self.key)
     }
 
-    /// The limits that are exceeded, each with what exceeds it.
+    /// The exceeded limits, each with the change that exceeds it.
     #[must_use]
     pub fn exceeded(&self) -> Vec<String> {
         self.output.limits.iter().filter(|limit| limit.exceeded).map(|limit| limit.text.clone()).collect()
     }
 
-    /// By side, the parameters that differ: as many as are read, of all sides together.
+    /// For each side, the first parameters that differ.
     fn differing(&self) -> Vec<(String, Vec<String>)> {
-        let mut told = Vec::new();
+        let mut sections = Vec::new();
         let differs = |side: &&OtherParameters| !side.differences.is_empty();
         let sides = self.output.parameters.iter().filter(differs).count();
         let most = (SHOWN / sides.max(1)).max(1);
         for OtherParameters { side, differences } in self.output.parameters.iter().take(SHOWN).filter(differs) {
             let mut lines: Vec<String> = differences.iter().take(most).map(Changed::text).collect();
             if differences.len() > most {
-                lines.push(format!("and {} more, which --json lists", differences.len() - most));
+                lines.push(format!("and {} more (all with `--json`)", differences.len() - most));
             }
-            told.push((format!("{side} differs in"), lines));
+            sections.push((format!("{side} differs in"), lines));
         }
         if self.output.parameters.len() > SHOWN {
             let more = self.output.parameters.len() - SHOWN;
-            told.push((format!("and {more} more sides, which --json lists"), Vec::new()));
+            sections.push((format!("and {more} more sides (all with `--json`)"), Vec::new()));
         }
-        told
+        sections
     }
 }

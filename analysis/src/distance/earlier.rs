@@ -1,4 +1,4 @@
-//! The error against distance that an earlier run's report found: of equal maps it is not computed again.
+//! Reads the error against distance from the report of an earlier run, so that it is not recomputed for equal maps.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -33,12 +33,12 @@ struct EstimateOrigin {
     group: usize,
     valid_rows: usize,
     common_rows: usize,
-    /// The number of pixels that were left out because they are too far.
+    /// The number of pixels that were excluded because they are too far.
     beyond: u64,
 }
 
 impl Origin {
-    /// The origin of the bins. `beyond` is, by estimate, the number of pixels that were left out.
+    /// The origin of the bins. `beyond` is, by estimate, the number of excluded pixels.
     pub(super) fn new(bins: &[DistanceBin], inputs: &[Option<Input>], beyond: &[u64]) -> Self {
         let estimates = bins.chunk_by(|a, b| a.estimate == b.estimate).map(|bins| {
             let index = bins[0].estimate;
@@ -64,11 +64,11 @@ impl Origin {
 /// A checksum of the origin of bins and of the bins: of every column of the table except the labels.
 fn checksum(estimates: &[EstimateOrigin], bins: &[DistanceBin]) -> Key {
     let mut numbers: Vec<u64> = Vec::new();
-    for of in estimates {
-        let input = of.input.map_or(0, |key| u128::from_le_bytes(*key.as_bytes()));
+    for origin in estimates {
+        let input = origin.input.map_or(0, |key| u128::from_le_bytes(*key.as_bytes()));
         numbers.extend([input as u64, (input >> 64) as u64]);
-        numbers.extend([of.group, of.valid_rows, of.common_rows].map(|number| number as u64));
-        numbers.push(of.beyond);
+        numbers.extend([origin.group, origin.valid_rows, origin.common_rows].map(|number| number as u64));
+        numbers.push(origin.beyond);
     }
     for bin in bins {
         numbers.extend([u64::from(bin.bin_m), u64::from(bin.shared.is_some())]);
@@ -111,46 +111,49 @@ impl EarlierBins {
         let origin: Origin = serde_json::from_str(origin.value.as_ref()?.as_str()).ok()?;
         let rows = rows(reader).ok()?;
         let (estimates, checked) = (origin.estimates, origin.rows);
-        let bins_of = Self::split(&estimates, &rows)?;
-        if checksum(&estimates, &bins_of.concat()) != checked {
+        let bins_by_estimate = Self::split(&estimates, &rows)?;
+        if checksum(&estimates, &bins_by_estimate.concat()) != checked {
             return None;
         }
-        let estimates = estimates.into_iter().zip(bins_of).map(|(origin, bins)| EarlierEstimate { origin, bins });
+        let estimates =
+            estimates.into_iter().zip(bins_by_estimate).map(|(origin, bins)| EarlierEstimate { origin, bins });
         Some(Self { estimates: estimates.collect() })
     }
 
     /// The bins of each estimate. `None` if there are more or fewer rows than the origin says.
     fn split(estimates: &[EstimateOrigin], mut rows: &[(u32, Spread)]) -> Option<Vec<Vec<DistanceBin>>> {
-        let mut bins_of = Vec::with_capacity(estimates.len());
-        for (estimate, of) in estimates.iter().enumerate() {
-            let (valid, rest) = rows.split_at_checked(of.valid_rows)?;
-            let (shared, rest) = rest.split_at_checked(of.common_rows)?;
+        let mut bins_by_estimate = Vec::with_capacity(estimates.len());
+        for (estimate, origin) in estimates.iter().enumerate() {
+            let (valid, rest) = rows.split_at_checked(origin.valid_rows)?;
+            let (shared, rest) = rest.split_at_checked(origin.common_rows)?;
             rows = rest;
             let shared_in = |bin: u32| shared.iter().find(|(bin_m, _)| *bin_m == bin).map(|(_, spread)| *spread);
             let bin =
                 |&(bin_m, valid): &(u32, Spread)| DistanceBin { estimate, bin_m, valid, shared: shared_in(bin_m) };
-            bins_of.push(valid.iter().map(bin).collect());
+            bins_by_estimate.push(valid.iter().map(bin).collect());
         }
-        rows.is_empty().then_some(bins_of)
+        rows.is_empty().then_some(bins_by_estimate)
     }
 
     /// Finds estimates of the report by the keys of their inputs: by key, the index of the estimate. All of them are
     /// in one group of the report, the group with the most matches.
     pub(super) fn matches(&self, inputs: &[Option<Key>]) -> Vec<Option<usize>> {
-        let of_group = |group: usize| -> Vec<Option<usize>> {
+        let matches_in_group = |group: usize| -> Vec<Option<usize>> {
             let with = |key: Key| {
-                self.estimates.iter().position(|of| of.origin.group == group && of.origin.input == Some(key))
+                let is_match =
+                    |earlier: &EarlierEstimate| earlier.origin.group == group && earlier.origin.input == Some(key);
+                self.estimates.iter().position(is_match)
             };
             inputs.iter().map(|key| key.and_then(with)).collect()
         };
-        let groups: BTreeSet<usize> = self.estimates.iter().map(|of| of.origin.group).collect();
-        let found = groups.into_iter().map(of_group);
+        let groups: BTreeSet<usize> = self.estimates.iter().map(|earlier| earlier.origin.group).collect();
+        let found = groups.into_iter().map(matches_in_group);
         let best = found.max_by_key(|found| found.iter().flatten().count());
         best.unwrap_or_else(|| vec![None; inputs.len()])
     }
 
     /// Whether every valid pixel of an estimate of the report is valid in its whole group.
-    pub(super) fn answers_only_shared(&self, estimate: usize) -> bool {
+    pub(super) fn is_valid_only_where_shared(&self, estimate: usize) -> bool {
         let count = |bin: &DistanceBin| bin.shared.map_or(0, |shared| shared.count);
         self.estimates[estimate].bins.iter().all(|bin| bin.valid.count == count(bin))
     }
@@ -160,7 +163,7 @@ impl EarlierBins {
         self.estimates[estimate].bins.iter().map(move |bin| DistanceBin { estimate: index, ..*bin })
     }
 
-    /// The number of pixels of an estimate of the report that were left out because they are too far.
+    /// The number of pixels of an estimate of the report that were excluded because they are too far.
     pub(super) fn beyond(&self, estimate: usize) -> u64 {
         self.estimates[estimate].origin.beyond
     }

@@ -16,31 +16,31 @@ use crate::estimates::{Compared, Estimate};
 use crate::files::Output;
 use crate::query::scan;
 
-/// The error against distance of those estimates for whose index `is_wanted` returns true. All cores read maps, one
-/// frame each, except those of frames that are in `taken`.
+/// The error against distance of the estimates for whose index `is_selected` returns true. All cores read maps, one
+/// frame each, except the maps of frames that were already collected.
 pub(super) fn distances(
     recording: &Recording,
     estimates: &[Estimate],
-    is_wanted: impl Fn(usize) -> bool,
+    is_selected: impl Fn(usize) -> bool,
     output: Output<'_>,
-    Taken { samples, mut truth, frames }: Taken<'_>,
+    CollectedSamples { samples, mut truth, frames }: CollectedSamples<'_>,
 ) -> Result<Distances, AnalysisError> {
     let samples = Mutex::new(samples);
     for run in RunId::all(recording.plan().runs.len()) {
-        let maps = Maps::new(run, estimates, &is_wanted);
+        let maps = Maps::new(run, estimates, &is_selected);
         if maps.estimates.is_empty() {
             continue;
         }
-        let left = FrameIndex::all(recording.frames(run).len());
-        let left: Vec<FrameIndex> = left.filter(|position| !frames.contains(&(run, *position))).collect();
-        // The order of samples changes no percentile.
+        let all = FrameIndex::all(recording.frames(run).len());
+        let pending: Vec<FrameIndex> = all.filter(|position| !frames.contains(&(run, *position))).collect();
+        // Percentiles do not depend on the order of samples.
         let new_worker = || (None, BTreeMap::new());
-        let workers = scan(left.len(), output.stop, new_worker, |(reader, truth), frame| {
+        let workers = scan(pending.len(), output.stop, new_worker, |(reader, truth), frame| {
             let mut own = match reader.take() {
                 Some(own) => own,
                 None => recording.reader(run, &maps.topics)?,
             };
-            let frame = maps.samples(estimates, &own.read(left[frame])?, truth)?;
+            let frame = maps.samples(estimates, &own.read(pending[frame])?, truth)?;
             *reader = Some(own);
             locked(&samples).take(frame)
         })?;
@@ -52,36 +52,37 @@ pub(super) fn distances(
     Ok(Distances { beyond: samples.beyond().to_vec(), bins: samples.percentiles()?, truth })
 }
 
-/// The samples of frames whose maps were at hand.
-pub(super) struct Taken<'a> {
+/// Samples that were collected while their maps were in memory.
+pub(super) struct CollectedSamples<'a> {
     pub(super) samples: Samples<'a>,
     /// Pixels with ground truth by stage run and metre.
     pub(super) truth: BTreeMap<(RunId, u32), u64>,
-    /// Which frames: stage run and position.
+    /// The frames: stage run and position.
     pub(super) frames: BTreeSet<(RunId, FrameIndex)>,
 }
 
-impl<'a> Taken<'a> {
-    /// Of no frame yet.
-    pub(super) fn none_yet(samples: Samples<'a>) -> Self {
+impl<'a> CollectedSamples<'a> {
+    /// Without frames.
+    pub(super) fn empty(samples: Samples<'a>) -> Self {
         Self { samples, truth: BTreeMap::new(), frames: BTreeSet::new() }
     }
 }
 
-/// The maps of a stage run that are compared: its topics, and where among them each estimate's are.
+/// The compared maps of a stage run: their topics, and the places of the maps of each estimate among them.
 pub(super) struct Maps {
     run: RunId,
     pub(super) topics: Vec<String>,
-    /// Estimate, place of its truth, place of its estimate.
+    /// Index of the estimate, place of its ground truth, place of its depth.
     estimates: Vec<(usize, usize, usize)>,
 }
 
 impl Maps {
-    /// The maps of those estimates for whose index `is_wanted` holds.
-    pub(super) fn new(run: RunId, estimates: &[Estimate], is_wanted: impl Fn(usize) -> bool) -> Self {
+    /// The maps of the estimates for whose index `is_selected` returns true.
+    pub(super) fn new(run: RunId, estimates: &[Estimate], is_selected: impl Fn(usize) -> bool) -> Self {
         let mut maps = Self { run, topics: Vec::new(), estimates: Vec::new() };
-        let of_run = estimates.iter().enumerate().filter(|(index, of)| of.run == run && is_wanted(*index));
-        for (index, estimate) in of_run {
+        let selected =
+            estimates.iter().enumerate().filter(|(index, estimate)| estimate.run == run && is_selected(*index));
+        for (index, estimate) in selected {
             if let Some(Compared { truth_topic, estimate_topic, .. }) = estimate.compared() {
                 let places = (index, maps.place(truth_topic), maps.place(estimate_topic));
                 maps.estimates.push(places);
@@ -97,8 +98,8 @@ impl Maps {
         })
     }
 
-    /// The samples of a frame, by the values of its topics; and its pixels with ground truth, added to those by stage
-    /// run and metre.
+    /// The samples of a frame, from the values of its topics. Adds its pixels with ground truth to `counts` by stage run
+    /// and metre.
     pub(super) fn samples(
         &self,
         estimates: &[Estimate],
@@ -107,33 +108,34 @@ impl Maps {
     ) -> Result<FrameSamples, AnalysisError> {
         let map = |place: usize| maps[place].as_ref().filter(|value| value.metres().is_some());
         let mut samples = FrameSamples::default();
-        let mut left: Vec<(usize, usize, usize)> = self.estimates.clone();
-        // By truth that estimates with several settings are scored against, the pixels that were counted.
+        let mut pending: Vec<(usize, usize, usize)> = self.estimates.clone();
+        // The pixels that were counted, for each ground truth that is used with several settings.
         let mut counted: BTreeMap<usize, Vec<bool>> = BTreeMap::new();
-        // Those with one truth and one way to be scored are compared: nearly always all of them.
-        while let Some(&(first, truth_place, _)) = left.first() {
+        // Estimates with the same ground truth and settings are compared: nearly always all of them.
+        while let Some(&(first, truth_place, _)) = pending.first() {
             let Some(settings) = &estimates[first].settings else { break };
-            let compared: Vec<(usize, Option<&Value>)> = left
+            let compared: Vec<(usize, Option<&Value>)> = pending
                 .extract_if(.., |(index, truth, _)| {
                     *truth == truth_place && estimates[*index].settings.as_ref() == Some(settings)
                 })
                 .map(|(index, _, estimate)| (index, map(estimate)))
                 .collect();
             let Some(truth) = map(truth_place).and_then(Value::metres) else { continue };
-            // One of another size than its truth was not scored either: the frame failed there, which the run has said.
-            let is_of_size = |value: &&Value| value.metres().is_some_and(|map| map.dimensions() == truth.dimensions());
+            // An estimate whose size differs from its ground truth was not scored: the run reported the failure.
+            let has_truth_size =
+                |value: &&Value| value.metres().is_some_and(|map| map.dimensions() == truth.dimensions());
             let compared: Vec<_> =
-                compared.into_iter().map(|(index, estimate)| (index, estimate.filter(is_of_size))).collect();
+                compared.into_iter().map(|(index, estimate)| (index, estimate.filter(has_truth_size))).collect();
             let (width, height) = truth.dimensions();
             let pixels = ScoredPixels::new(truth, width as usize, height as usize, settings).by_metre(FARTHEST_M);
             if compared.iter().any(|(_, estimate)| estimate.is_some()) {
-                let is_with_others = left.iter().any(|(_, truth, _)| *truth == truth_place);
+                let is_with_others = pending.iter().any(|(_, truth, _)| *truth == truth_place);
                 if is_with_others {
                     counted.entry(truth_place).or_insert_with(|| vec![false; (width * height) as usize]);
                 }
-                let mut of_truth = counted.get_mut(&truth_place);
+                let mut counted_pixels = counted.get_mut(&truth_place);
                 for (metre, range) in pixels.metres().filter(|(metre, _)| *metre < FARTHEST_M) {
-                    let new = match &mut of_truth {
+                    let new = match &mut counted_pixels {
                         None => range.len(),
                         Some(counted) => {
                             let places = pixels.positions()[range].iter();

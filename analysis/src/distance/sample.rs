@@ -1,10 +1,10 @@
-//! A sample: the bits of an error, and whether its pixel is valid in all that are compared.
+//! A sample: the bits of an error, and whether its pixel is valid in all compared estimates.
 
-/// The lowest bit of a sample, which says: this pixel is not valid in all that are compared. The error's bits stand
-/// above it, so that samples sort as their errors do; an error's own sign is never needed.
+/// The lowest bit of a sample is set if its pixel is not valid in all compared estimates. The bits of the error are above
+/// it, so that samples sort like their errors. The sign of an error is not needed.
 const ALONE: u32 = 1;
 
-/// An error of zero or more as an integer that sorts as it does.
+/// A non-negative error as an integer with the same order.
 pub(super) const fn bits_from_error(error_m: f32) -> u32 {
     error_m.to_bits()
 }
@@ -14,7 +14,7 @@ pub(super) const fn error_from_bits(bits: u32) -> f32 {
     f32::from_bits(bits)
 }
 
-/// A sample: an error, and whether its pixel is valid in all that are compared.
+/// A sample: an error, and whether its pixel is valid in all compared estimates.
 pub(super) const fn sample(error_m: f32, is_shared: bool) -> u32 {
     bits_from_error(error_m) << 1 | if is_shared { 0 } else { ALONE }
 }
@@ -24,17 +24,17 @@ pub(super) const fn error_bits(sample: u32) -> u32 {
     sample >> 1
 }
 
-/// Which of an estimate's samples.
+/// Selects samples of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Which {
-    /// Its valid pixels.
+    /// Valid pixels.
     Valid,
-    /// Those that are also valid in all that it is compared with.
+    /// Pixels that are valid in all compared estimates.
     Shared,
 }
 
 impl Which {
-    /// Whether a sample is one of these.
+    /// Whether a sample is selected.
     pub(super) const fn has(self, sample: u32) -> bool {
         matches!(self, Self::Valid) || sample & ALONE == 0
     }
@@ -45,7 +45,7 @@ mod tests {
     use super::{bits_from_error, error_from_bits};
 
     #[test]
-    fn bits_sort_as_errors_do() {
+    fn bits_sort_like_errors() {
         let errors = [0.0, 1e-9, 1e-6, 0.25, 0.250_001, 3.0, 79.9];
         let bits = errors.map(bits_from_error);
         assert!(bits.is_sorted());

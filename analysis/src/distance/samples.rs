@@ -1,4 +1,4 @@
-//! The samples, as they come in.
+//! Collects samples.
 
 use std::num::NonZero;
 use std::sync::Mutex;
@@ -14,40 +14,40 @@ use super::{selection, sorting};
 use crate::error::AnalysisError;
 use crate::files::Output;
 
-/// Collects the samples of all estimates, with no more than a given number of them in memory.
+/// Collects the samples of all estimates, with at most a given number of them in memory.
 ///
-/// A sample takes 4 bytes, 8 at worst while its bin grows. When more than `at_most` are held, all go to a [temporary
-/// file](Spill), from which as many metres as fit are read back at a time. A metre with more samples than `at_most` is
-/// [counted](super::selection): exact, and with memory that depends on neither frames nor pixels. All ways give the
-/// same bits.
+/// A sample takes 4 bytes, or up to 8 while its bin grows. Once there are more than `at_most`, all are moved to a
+/// [temporary file](Spill), from which as many metres as fit are read back at a time. A metre with more samples than
+/// `at_most` is [counted](super::selection): exactly, and with memory that depends on neither frames nor pixels. All ways
+/// give the same bits.
 pub(super) struct Samples<'a> {
     output: Output<'a>,
-    /// By estimate and metre of true distance.
-    held: Vec<Vec<Vec<u32>>>,
-    /// By estimate: how many samples were too far.
+    /// By estimate and metre of ground-truth distance.
+    in_memory: Vec<Vec<Vec<u32>>>,
+    /// For each estimate, the number of samples that were too far.
     beyond: Vec<u64>,
     count: usize,
     at_most: usize,
     spill: Option<Spill>,
 }
 
-/// The samples of one frame, put together on any thread.
+/// The samples of one frame, collected on any thread.
 #[derive(Default)]
-pub(super) struct FrameSamples(Vec<OfEstimate>);
+pub(super) struct FrameSamples(Vec<EstimateSamples>);
 
-/// The samples of an estimate on a frame.
-struct OfEstimate {
+/// The samples of an estimate on one frame.
+struct EstimateSamples {
     estimate: usize,
     samples: Vec<u32>,
-    /// Metres, nearest first, and where among the samples each ends.
+    /// Metres, nearest first, each with the end of its samples.
     ends: Vec<(usize, usize)>,
-    /// How many were too far.
+    /// The number of samples that were too far.
     beyond: u64,
 }
 
 impl FrameSamples {
-    /// Adds the valid pixels of an estimate, of which these are the [errors](ScoredPixels::absolute_errors);
-    /// `shared` says of each scored pixel whether it is valid in all that are compared. The pixels are [by
+    /// Adds the valid pixels of an estimate, given their [errors](ScoredPixels::absolute_errors). `shared` states for each
+    /// scored pixel whether it is valid in all compared estimates. The pixels must be [sorted by
     /// metre](ScoredPixels::by_metre).
     pub(super) fn add(&mut self, estimate: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
         let mut samples = vec![0; errors_m.len()];
@@ -58,27 +58,34 @@ impl FrameSamples {
                 continue;
             }
             for (&error_m, &is_shared) in errors_m[range.clone()].iter().zip(&shared[range]) {
-                // Without a branch: answers have no pattern to foresee.
+                // Branch-free, because valid pixels have no predictable pattern.
                 samples[kept] = sample(error_m, is_shared);
                 kept += usize::from(!error_m.is_nan());
             }
             ends.push((metre as usize, kept));
         }
         samples.truncate(kept);
-        self.0.push(OfEstimate { estimate, samples, ends, beyond });
+        self.0.push(EstimateSamples { estimate, samples, ends, beyond });
     }
 }
 
 impl<'a> Samples<'a> {
-    /// Samples of so many estimates, at most `at_most` of them in memory.
+    /// Without samples, for this number of estimates; at most `at_most` samples stay in memory.
     pub(super) fn new(estimates: usize, at_most: usize, output: Output<'a>) -> Self {
-        Self { output, held: vec![Vec::new(); estimates], beyond: vec![0; estimates], count: 0, at_most, spill: None }
+        Self {
+            output,
+            in_memory: vec![Vec::new(); estimates],
+            beyond: vec![0; estimates],
+            count: 0,
+            at_most,
+            spill: None,
+        }
     }
 
-    /// Takes the samples of a frame.
+    /// Adds the samples of a frame.
     pub(super) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
-        for OfEstimate { estimate, samples, ends, beyond } in frame.0 {
-            let bins = &mut self.held[estimate];
+        for EstimateSamples { estimate, samples, ends, beyond } in frame.0 {
+            let bins = &mut self.in_memory[estimate];
             self.count += samples.len();
             self.beyond[estimate] += beyond;
             let mut start = 0;
@@ -93,7 +100,7 @@ impl<'a> Samples<'a> {
         if self.count > self.at_most { self.spill() } else { Ok(()) }
     }
 
-    /// By estimate: how many samples were left out, since their true distance is too far.
+    /// For each estimate, the number of samples that were excluded because their ground-truth distance is too far.
     pub(super) fn beyond(&self) -> &[u64] {
         &self.beyond
     }
@@ -104,11 +111,11 @@ impl<'a> Samples<'a> {
             self.spill()?;
         }
         let mut bins = Vec::new();
-        for estimate in 0..self.held.len() {
-            self.output.go_on()?;
+        for estimate in 0..self.in_memory.len() {
+            self.output.check_stop()?;
             let spreads = match &self.spill {
-                Some(spill) => self.of_spill(spill, estimate)?,
-                None => of_metres(std::mem::take(&mut self.held[estimate])),
+                Some(spill) => self.spilled_spreads(spill, estimate)?,
+                None => spreads_by_metre(std::mem::take(&mut self.in_memory[estimate])),
             };
             for (bin_m, [valid, shared]) in (0..).zip(spreads) {
                 bins.extend(valid.map(|valid| DistanceBin { estimate, bin_m, valid, shared }));
@@ -117,8 +124,8 @@ impl<'a> Samples<'a> {
         Ok(bins)
     }
 
-    /// How the samples of an estimate in the file spread, by metre.
-    fn of_spill(&self, spill: &Spill, estimate: usize) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
+    /// The spreads of an estimate's samples in the file, by metre.
+    fn spilled_spreads(&self, spill: &Spill, estimate: usize) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
         let counts = spill.counts(estimate);
         let mut spreads = Vec::with_capacity(counts.len());
         while spreads.len() < counts.len() {
@@ -127,12 +134,12 @@ impl<'a> Samples<'a> {
                 together += **count;
                 together <= self.at_most as u64
             };
-            let mut held: Vec<Vec<u32>> =
+            let mut read_back: Vec<Vec<u32>> =
                 counts[first..].iter().take_while(fits).map(|count| Vec::with_capacity(*count as usize)).collect();
-            if held.is_empty() {
+            if read_back.is_empty() {
                 let visit = |f: &mut dyn FnMut(&[u32])| {
                     spill.visit(estimate, first..first + 1, &mut |_, samples| {
-                        self.output.go_on()?;
+                        self.output.check_stop()?;
                         f(samples);
                         Ok(())
                     })
@@ -140,35 +147,35 @@ impl<'a> Samples<'a> {
                 spreads.push(selection::spreads(visit)?);
                 continue;
             }
-            spill.visit(estimate, first..first + held.len(), &mut |metre, samples| {
-                held[metre - first].extend_from_slice(samples);
+            spill.visit(estimate, first..first + read_back.len(), &mut |metre, samples| {
+                read_back[metre - first].extend_from_slice(samples);
                 Ok(())
             })?;
-            self.output.go_on()?;
-            spreads.extend(of_metres(held));
+            self.output.check_stop()?;
+            spreads.extend(spreads_by_metre(read_back));
         }
         Ok(spreads)
     }
 
-    /// Appends what is held to the file.
+    /// Appends the samples in memory to the file.
     fn spill(&mut self) -> Result<(), AnalysisError> {
         self.count = 0;
         if self.spill.is_none() {
-            self.spill = Some(Spill::new(self.output.folder, self.held.len())?);
+            self.spill = Some(Spill::new(self.output.folder, self.in_memory.len())?);
         }
         let Some(spill) = &mut self.spill else { return Ok(()) };
-        for estimate in 0..self.held.len() {
-            // What is held is freed: a bin that once was full would keep its room for ever.
-            let bins = std::mem::take(&mut self.held[estimate]);
+        for estimate in 0..self.in_memory.len() {
+            // Frees the memory: a bin that was full once would keep its capacity.
+            let bins = std::mem::take(&mut self.in_memory[estimate]);
             spill.append(estimate, &bins)?;
         }
         Ok(())
     }
 }
 
-/// How the samples of some metres spread, found on all cores.
-fn of_metres(held: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
-    let metres: Vec<_> = held.into_iter().map(|samples| Mutex::new((samples, [None; 2]))).collect();
+/// The spreads of samples by metre, computed on all cores.
+fn spreads_by_metre(samples: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
+    let metres: Vec<_> = samples.into_iter().map(|metre| Mutex::new((metre, [None; 2]))).collect();
     let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
     let _own = budget.permit();
     budget.run(metres.len(), &|metre| {
@@ -193,7 +200,7 @@ mod tests {
         sorted[below] + (sorted[above] - sorted[below]) * (position - position.floor())
     }
 
-    /// Frames: the truth and two estimates.
+    /// Frames: ground truth and two estimates.
     type Frames = [(Vec<f32>, [Vec<f32>; 2])];
 
     fn naive(frames: &Frames, estimate: usize) -> Vec<(u32, Spread, Option<Spread>)> {
@@ -258,7 +265,7 @@ mod tests {
         })
     }
 
-    /// Few distances, so that bins are full; some errors many times over.
+    /// Few distances, so that bins are full; some errors are repeated.
     fn frames() -> impl Strategy<Value = Vec<(Vec<f32>, [Vec<f32>; 2])>> {
         let metres = || {
             let metre = prop_oneof![1 => Just(f32::NAN), 1 => Just(10.0_f32), 3 => 0.0_f32..100.0, 6 => 8.0_f32..10.0];
@@ -270,7 +277,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
         #[test]
-        fn percentiles_are_numpys_in_memory_and_from_disk(frames in frames()) {
+        fn percentiles_equal_numpy_in_memory_and_from_disk(frames in frames()) {
             let in_memory = collected(&frames, usize::MAX);
             prop_assert!(same(&in_memory, &frames), "{in_memory:?}");
             prop_assert_eq!(&collected(&frames, 50), &in_memory, "to the bit");
@@ -279,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn percentiles_of_a_few_numbers_are_those_numpy_prints() {
+    fn percentiles_of_a_few_numbers_equal_numpy() {
         // np.percentile([0.5, 1, 2, 4, 8, 16], [5, 25, 50, 75, 95]), and of the three that are valid in the other
         // estimate
         let valid = Spread { count: 6, percentiles_m: [0.625, 1.25, 3.0, 7.0, 14.0] };
@@ -295,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_far_to_count_is_left_out_and_counted() {
+    fn pixels_that_are_too_far_are_excluded_and_counted() {
         let settings = Settings { max_m: 1e30, ..Settings::default() };
         let truth = [5.0, 1e9, 4095.5, 4096.0];
         let pixels = ScoredPixels::new(&truth, 4, 1, &settings).by_metre(FARTHEST_M);

@@ -1,17 +1,17 @@
-//! Percentiles of samples of one metre that do not fit in memory: exact, [by counting](crate::query).
+//! Exact percentiles of samples of one metre that do not fit in memory, [by counting](crate::query).
 
 use super::sample::{Which, error_bits, error_from_bits};
 use super::{PERCENTILES, Spread};
 use crate::error::AnalysisError;
 use crate::query::{Memory, OUTSIDE, Pass, Tally, percentiles};
 
-/// Counters and samples held: little beside the samples that did not fit.
+/// The memory for counters and samples: little compared with the samples that did not fit.
 const MEMORY: Memory = Memory { samples: 1 << 16, counters: 1 << 16 };
 /// The groups that are counted.
 const WHICHES: [Which; 2] = [Which::Valid, Which::Shared];
 
-/// How the errors of a metre spread, all valid ones and those that are shared. `visit(f)` calls `f(samples)`
-/// for all samples, and does so again when asked again.
+/// The spreads of the errors of a metre: over all valid pixels, and over shared ones. `visit(f)` must call `f(samples)` for
+/// all samples each time it is called.
 pub(super) fn spreads(
     visit: impl Fn(&mut dyn FnMut(&[u32])) -> Result<(), AnalysisError>,
 ) -> Result<[Option<Spread>; 2], AnalysisError> {
@@ -31,9 +31,9 @@ pub(super) fn spreads(
     };
     let found = percentiles(WHICHES.len(), &PERCENTILES.map(f64::from), MEMORY, scan)?;
     let spread = |group: usize| {
-        let of = &found[group];
-        let percentiles_m = of.values.as_slice().try_into().ok()?;
-        Some(Spread { count: of.count, percentiles_m })
+        let percentiles = &found[group];
+        let percentiles_m = percentiles.values.as_slice().try_into().ok()?;
+        Some(Spread { count: percentiles.count, percentiles_m })
     };
     Ok([spread(0), spread(1)])
 }

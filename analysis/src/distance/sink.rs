@@ -1,4 +1,4 @@
-//! A sink of a run that takes samples while their maps are in memory, so that the report need not read them.
+//! A sink that collects samples during a run, while their maps are in memory, so that the report need not read them.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -11,37 +11,37 @@ use depthloom_graphs::{Frame, Key, Value};
 use depthloom_recording::RecordedPlan;
 use depthloom_threads::{into_unlocked, locked};
 
-use super::maps::{Maps, Taken};
+use super::maps::{CollectedSamples, Maps};
 use super::samples::Samples;
 use crate::error::{AnalysisError, caught};
 use crate::estimates::{Estimate, estimates};
 use crate::files::Output;
 
-/// Passes all values on to a sink, and takes samples of the maps that the error against distance is computed from.
+/// Forwards all values to another sink, and collects samples of the maps for the error against distance.
 ///
-/// A frame with maps that an earlier run has stored, and that are not decoded, is left to be read.
+/// Frames with reused maps that are not decoded are not collected; the report reads them.
 pub struct SampleSink<'t, 'a, T> {
     tap: &'t T,
     estimates: Vec<Estimate>,
     /// By stage run.
     runs: Vec<StageSlots>,
-    /// By stage run and position: frames of which parts are missing.
+    /// By stage run and position: frames with missing parts.
     pending: Mutex<HashMap<(RunId, FrameIndex), Pending>>,
-    taken: Mutex<Taken<'a>>,
-    /// Whether something failed: then the report reads everything, and says what.
+    collected: Mutex<CollectedSamples<'a>>,
+    /// Whether something failed. The report then reads everything, and reports the error.
     is_broken: AtomicBool,
 }
 
-/// The samples of frames that were recorded, which a report need not read.
-pub struct RecordedSamples<'a>(pub(super) Taken<'a>);
+/// The samples of recorded frames, whose maps a report need not read.
+pub struct RecordedSamples<'a>(pub(super) CollectedSamples<'a>);
 
 struct StageSlots {
     maps: Maps,
-    /// By slot, the place of its topic among those of the maps.
+    /// The place of each slot's topic among the topics of the maps.
     places: BTreeMap<Slot, usize>,
 }
 
-/// A frame of which not all parts are encoded.
+/// A frame whose parts are not all encoded yet.
 struct Pending {
     /// By topic.
     values: Vec<Option<Value>>,
@@ -51,7 +51,7 @@ struct Pending {
 }
 
 impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
-    /// Samples that memory does not hold are in a temporary file in `folder`.
+    /// Samples that exceed the memory limit are stored in a temporary file in `folder`.
     ///
     /// # Errors
     /// As [`report`](crate::report) of the recording.
@@ -72,18 +72,18 @@ impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
         });
         let runs = runs.collect();
         let samples = Samples::new(estimates.len(), samples_in_memory, Output { folder, stop });
-        let taken = Mutex::new(Taken::none_yet(samples));
-        Ok(Self { tap, estimates, runs, pending: Mutex::default(), taken, is_broken: AtomicBool::new(false) })
+        let collected = Mutex::new(CollectedSamples::empty(samples));
+        Ok(Self { tap, estimates, runs, pending: Mutex::default(), collected, is_broken: AtomicBool::new(false) })
     }
 
     /// The samples; `None` if something failed.
     #[must_use]
     pub fn finish(self) -> Option<RecordedSamples<'a>> {
-        let taken = into_unlocked(self.taken);
-        (!self.is_broken.into_inner()).then_some(RecordedSamples(taken))
+        let collected = into_unlocked(self.collected);
+        (!self.is_broken.into_inner()).then_some(RecordedSamples(collected))
     }
 
-    /// Keeps a part's values; after the last part of a frame, takes its samples.
+    /// Stores the values of a part. After the last part of a frame, collects its samples.
     fn keep<'v>(&self, run: RunId, position: FrameIndex, values: impl Iterator<Item = (Slot, Option<&'v Value>)>) {
         let StageSlots { maps, places } = &self.runs[run];
         if places.is_empty() || self.is_broken.load(Ordering::Relaxed) {
@@ -106,16 +106,16 @@ impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
             (frame.parts_left == 0).then(|| pending.remove(&(run, position))).flatten()
         };
         let Some(Pending { values, is_partial: false, .. }) = complete else { return };
-        let took = caught(|| {
+        let result = caught(|| {
             let mut truth = BTreeMap::new();
             let samples = maps.samples(&self.estimates, &values, &mut truth)?;
-            let mut taken = locked(&self.taken);
-            taken.samples.take(samples)?;
-            truth.into_iter().for_each(|(metre, count)| *taken.truth.entry(metre).or_default() += count);
-            taken.frames.insert((run, position));
+            let mut collected = locked(&self.collected);
+            collected.samples.take(samples)?;
+            truth.into_iter().for_each(|(metre, count)| *collected.truth.entry(metre).or_default() += count);
+            collected.frames.insert((run, position));
             Ok(())
         });
-        if took.is_err() {
+        if result.is_err() {
             self.is_broken.store(true, Ordering::Relaxed);
         }
     }

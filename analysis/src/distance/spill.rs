@@ -1,8 +1,7 @@
-//! Samples that no longer fit in memory: a temporary file without a name.
+//! Samples that do not fit in memory: an unnamed temporary file.
 //!
-//! It belongs to this process alone and goes with it, however that ends: nobody else's samples get in, and nothing is
-//! left. What was written where is remembered here, so that a file that gives back less than was put into it is an
-//! error.
+//! The file belongs to this process only, and the system removes it when the process ends for any reason. The positions
+//! of all writes are kept in memory, so that a file that returns fewer samples than were written is an error.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write as _};
@@ -12,30 +11,30 @@ use std::path::{Path, PathBuf};
 
 use crate::error::AnalysisError;
 
-/// What is called with a metre of true distance and samples there.
+/// A callback for a metre of ground-truth distance and samples in it.
 pub(super) type Visitor<'a> = dyn FnMut(usize, &[u32]) -> Result<(), AnalysisError> + 'a;
 
-/// Samples read at a time.
+/// The number of samples per read.
 const BATCH: usize = 1 << 14;
 
-/// The file, and what stands where in it.
+/// The file and an index of its contents.
 pub(super) struct Spill {
     file: File,
-    /// The folder it has no name in: for messages.
+    /// The folder of the file, for messages.
     folder: PathBuf,
     end: u64,
-    by_estimate: Vec<OfEstimate>,
+    by_estimate: Vec<SpilledEstimate>,
 }
 
-/// What the file holds of an estimate.
+/// The index of an estimate's samples in the file.
 #[derive(Clone, Default)]
-struct OfEstimate {
+struct SpilledEstimate {
     stretches: Vec<Stretch>,
-    /// By metre: how many samples in all stretches.
+    /// The number of samples of each metre in all stretches.
     counts: Vec<u64>,
 }
 
-/// What was appended at one time: how many samples there are of each metre, then the samples, metre by metre.
+/// One append: the number of samples of each metre, then the samples, metre by metre.
 #[derive(Clone, Copy)]
 struct Stretch {
     start: u64,
@@ -46,20 +45,20 @@ impl Spill {
     /// An empty file on the file system of `folder`.
     pub(super) fn new(folder: &Path, estimates: usize) -> Result<Self, AnalysisError> {
         let file = tempfile::tempfile_in(folder).map_err(AnalysisError::write(&temporary(folder)))?;
-        Ok(Self { file, folder: folder.to_owned(), end: 0, by_estimate: vec![OfEstimate::default(); estimates] })
+        Ok(Self { file, folder: folder.to_owned(), end: 0, by_estimate: vec![SpilledEstimate::default(); estimates] })
     }
 
-    /// How many samples of an estimate there are, by metre.
+    /// The number of samples of an estimate by metre.
     pub(super) fn counts(&self, estimate: usize) -> &[u64] {
         &self.by_estimate[estimate].counts
     }
 
     /// Appends the samples of an estimate, by metre.
     pub(super) fn append(&mut self, estimate: usize, bins: &[Vec<u32>]) -> Result<(), AnalysisError> {
-        let of = &mut self.by_estimate[estimate];
-        of.stretches.push(Stretch { start: self.end, metres: bins.len() });
-        of.counts.resize(of.counts.len().max(bins.len()), 0);
-        of.counts.iter_mut().zip(bins).for_each(|(count, bin)| *count += bin.len() as u64);
+        let index = &mut self.by_estimate[estimate];
+        index.stretches.push(Stretch { start: self.end, metres: bins.len() });
+        index.counts.resize(index.counts.len().max(bins.len()), 0);
+        index.counts.iter_mut().zip(bins).for_each(|(count, bin)| *count += bin.len() as u64);
         let mut file = BufWriter::with_capacity(4 * BATCH, &self.file);
         let counts: Vec<u32> = bins.iter().map(|bin| bin.len() as u32).collect();
         for numbers in std::iter::once(&counts).chain(bins) {
@@ -87,24 +86,24 @@ impl Spill {
             let mut at = stretch.start + 4 * (stretch.metres as u64 + before);
             for (metre, &count) in counts.iter().enumerate().take(metres.end).skip(metres.start) {
                 seen[metre - metres.start] += u64::from(count);
-                let mut left = count as usize;
-                while left > 0 {
-                    let batch = &mut samples[..left.min(BATCH)];
+                let mut remaining = count as usize;
+                while remaining > 0 {
+                    let batch = &mut samples[..remaining.min(BATCH)];
                     self.file.read_exact_at(bytemuck::cast_slice_mut(batch), at).map_err(failed)?;
                     f(metre, batch)?;
-                    left -= batch.len();
+                    remaining -= batch.len();
                     at += 4 * batch.len() as u64;
                 }
             }
         }
         if metres.zip(seen).any(|(metre, seen)| self.counts(estimate).get(metre).is_some_and(|count| *count != seen)) {
-            return Err(failed(io::Error::other("it does not hold what was written to it")));
+            return Err(failed(io::Error::other("the file does not contain the data that was written to it")));
         }
         Ok(())
     }
 }
 
-/// What messages call the file.
+/// The name of the file in messages.
 fn temporary(folder: &Path) -> PathBuf {
     folder.join("(a temporary file for the error against distance)")
 }
@@ -114,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fault_01_a_spill_that_lost_its_end_is_an_error() {
+    fn fault_01_a_truncated_spill_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let mut spill = Spill::new(folder.path(), 2).unwrap();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "it has no name");
@@ -136,8 +135,8 @@ mod tests {
         spill.file.set_len(spill.end - 2).unwrap();
         let error = all(0, 0..4).unwrap_err();
         assert!(matches!(error, AnalysisError::Read { .. }), "{error}");
-        assert_eq!(all(0, 0..3).unwrap().len(), 4, "what is whole can be read");
-        // A disk that gives back other bytes.
+        assert_eq!(all(0, 0..3).unwrap().len(), 4, "complete stretches can be read");
+        // A disk that returns other bytes.
         spill.file.write_all_at(&[1], 0).unwrap();
         let error = all(0, 0..3).unwrap_err();
         assert!(error.to_string().starts_with("failed to read"), "{error}");

@@ -7,7 +7,7 @@ use depthloom_recording::Recording;
 
 use super::earlier::EarlierBins;
 use super::inputs::Input;
-use super::maps::{self, Taken};
+use super::maps::{self, CollectedSamples};
 use super::samples::Samples;
 use super::{DistanceBin, Distances};
 use crate::error::AnalysisError;
@@ -36,8 +36,8 @@ pub(super) fn distances(
     });
     let best = earlier.max_by_key(|(_, reused)| reused.unread.len());
     let Some((earlier, reused)) = best.filter(|(_, reused)| !reused.unread.is_empty()) else { return Ok(None) };
-    let taken = Taken::none_yet(Samples::new(estimates.len(), samples_in_memory, output));
-    let mut distances = maps::distances(recording, estimates, |index| reused.read.contains(&index), output, taken)?;
+    let collected = CollectedSamples::empty(Samples::new(estimates.len(), samples_in_memory, output));
+    let mut distances = maps::distances(recording, estimates, |index| reused.read.contains(&index), output, collected)?;
     let is_unchanged = |(index, in_report): &(usize, usize)| {
         let bins = distances.bins.iter().filter(|bin| bin.estimate == *index);
         bins.copied().eq(earlier.bins(*in_report, *index))
@@ -73,12 +73,13 @@ impl Reused {
                 (0..inputs.len()).filter(|index| inputs[*index].is_some_and(|input| input.group == group)).collect();
             let keys: Vec<_> = members.iter().map(|index| inputs[*index].and_then(|input| input.key)).collect();
             let matches = earlier.matches(&keys);
-            let known = || members.iter().zip(&matches).filter_map(|(index, of)| Some((*index, (*of)?)));
-            let Some(check) = known().find(|(_, of)| earlier.answers_only_shared(*of)) else {
+            let known = || members.iter().zip(&matches).filter_map(|(index, in_report)| Some((*index, (*in_report)?)));
+            let Some(check) = known().find(|(_, in_report)| earlier.is_valid_only_where_shared(*in_report)) else {
                 reused.read.extend(members);
                 continue;
             };
-            let changed = members.iter().zip(&matches).filter(|(_, of)| of.is_none()).map(|(index, _)| *index);
+            let changed =
+                members.iter().zip(&matches).filter(|(_, in_report)| in_report.is_none()).map(|(index, _)| *index);
             reused.read.extend(changed.chain([check.0]));
             reused.checked.push(check);
             reused.unread.extend(known().filter(|known| *known != check));

@@ -1,4 +1,4 @@
-//! How much farther off one estimate is than another by distance, with its band, and where one hands over to the other.
+//! The difference of the errors of two estimates by distance, with its band, and the handover distance.
 
 use depthloom_figures::{
     Anchor, Axis, BLACK, Colour, Entry, Fill, Item, LINE_PT, OTHERS, Panel, Scale, Sheet, Step, Stroke, Swatch, bands,
@@ -9,14 +9,14 @@ use depthloom_graphs::counted;
 use super::{Figure, FigureRequest, FigureRun};
 use crate::compare::{CompareOptions, ComparedRun, DistancePair, DistanceRow, Side, Statistic, compare_by_distance};
 use crate::error::{AnalysisError, listed};
-use crate::estimates::{Estimate, estimates, names_of};
+use crate::estimates::{Estimate, estimate_names, estimates};
 use crate::query::is_any;
 
 const BAND_OPACITY: f64 = 0.28;
 const HANDOVER: Stroke = Stroke::new(BLACK, 0.8).dashed(&[3.0, 1.5]);
-/// The colour of the difference: that of neither estimate.
+/// The colour of the difference, distinct from those of both estimates.
 const DIFFERENCE: Colour = [0x44, 0x44, 0x55];
-/// An interval of a bin that fewer frames have pixels in says little, unless every frame has some.
+/// Bins with pixels from fewer frames are drawn faint, unless every frame has pixels there.
 const FEW: usize = 5;
 
 pub(super) fn difference(
@@ -31,18 +31,18 @@ pub(super) fn difference(
     let options = CompareOptions { resampling: request.resampling, ..CompareOptions::default() };
     let found = compare_by_distance(&compared, &samples, &sides, &options, request.bins.as_ref(), stop)?;
     let [pair] = &found.pairs[..] else {
-        let what = format!("{} pairs are too many for a figure of a difference", found.pairs.len());
-        return Err(AnalysisError::asked(what, "name one with --estimates".to_owned()));
+        let what = format!("`difference` shows one pair of estimates, but {} match", found.pairs.len());
+        return Err(AnalysisError::request(what, "name two estimates with `--estimates`".to_owned()));
     };
     let few = FEW.min(pair.frames);
     let titles = [0, 1].map(|side| pair.estimates[side].title.as_str());
     let ([baseline, other], level) = (distinguished(titles), request.resampling.level());
     let mut legend = vec![
-        Entry::new(format!("{other} less {baseline}"), Swatch::Line(Stroke::new(DIFFERENCE, LINE_PT))),
+        Entry::new(format!("{other} minus {baseline}"), Swatch::Line(Stroke::new(DIFFERENCE, LINE_PT))),
         Entry::new(format!("{level} interval"), Swatch::Block(Fill::new(DIFFERENCE, BAND_OPACITY))),
     ];
     for (title, tint) in [baseline, other].iter().zip(tints(pair)) {
-        legend.push(Entry::new(format!("{title} is nearer the truth"), Swatch::Block(Fill::new(tint, 0.16))));
+        legend.push(Entry::new(format!("{title} has the smaller error"), Swatch::Block(Fill::new(tint, 0.16))));
     }
     if pair.handovers.iter().any(|(_, handover)| handover.is_some()) {
         legend.push(Entry::new(format!("handover, {level} interval"), Swatch::Line(HANDOVER)));
@@ -50,12 +50,12 @@ pub(super) fn difference(
     if pair.rows.iter().any(|row| is_thin(row, request, few)) {
         let too_few_frames = pair.rows.iter().any(|row| row.frames < few);
         let frames = if too_few_frames { format!(" or {few} frames") } else { String::new() };
-        legend.push(thin_entry(format!("fewer than {} pixels{frames}", request.thin), DIFFERENCE));
+        legend.push(thin_entry(format!("fewer than {} pixels{frames}", request.min_count), DIFFERENCE));
     }
     let panels = Statistic::ALL.map(|statistic| panel(pair, statistic, request, few)).into();
     let (handovers, notes) = found.table.notes.split_at(Statistic::ALL.len().min(found.table.notes.len()));
     let about = format!(
-        "Absolute error of {} less that of {} by true distance, over the pixels of {} that are valid in both; band: {}; {}",
+        "Absolute error of {} minus that of {} by ground-truth distance, over the pixels of {} that are valid in both; band: {}; {}",
         titles[1],
         titles[0],
         counted(pair.frames, "frame"),
@@ -66,24 +66,28 @@ pub(super) fn difference(
     Ok(Figure { notes: notes.to_vec(), ..figure })
 }
 
-/// The two estimates: those named, or stereo and mono where there is one of each.
+/// The two estimates: those named, or by default stereo and mono, if there is one of each.
 fn sides(runs: &[FigureRun<'_>], request: &FigureRequest) -> Result<Vec<Side>, AnalysisError> {
     let all = runs.iter().map(|run| estimates(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
     let patterns: Vec<&str> = request.estimates.as_deref().unwrap_or("stereo,mono").split(',').map(str::trim).collect();
     let any_estimate = FigureRequest { estimates: None, ..request.clone() };
     let one = |run: usize, pattern: &str| -> Result<Side, AnalysisError> {
-        let is_one =
-            |of: &&Estimate| of.settings.is_some() && any_estimate.wants(of) && is_any(pattern, &[&of.label, &of.name]);
-        let labels: Vec<&str> = all[run].iter().filter(is_one).map(|of| of.label.as_str()).collect();
+        let is_one = |own: &&Estimate| {
+            own.settings.is_some() && any_estimate.selects(own) && is_any(pattern, &[&own.label, &own.name])
+        };
+        let labels: Vec<&str> = all[run].iter().filter(is_one).map(|estimate| estimate.label.as_str()).collect();
         match labels[..] {
             [label] => Ok(Side { run, name: Some(label.to_owned()) }),
             [] => {
-                let help = format!("name two with --estimates; there are {}", listed(names_of(&all[run])));
-                Err(AnalysisError::asked(format!("no estimate is `{pattern}`"), help))
+                let help = format!("name two with `--estimates`; available: {}", listed(estimate_names(&all[run])));
+                Err(AnalysisError::request(format!("no depth estimate matches `{pattern}`"), help))
             }
             _ => {
-                let help = "name two estimates, e.g. `--estimates stereo,full/mono`, or choose with --variant";
-                Err(AnalysisError::asked(format!("`{pattern}` are several: {}", listed(labels)), help.to_owned()))
+                let help = "name two estimates, for example `--estimates stereo,full/mono`, or select with `--variant`";
+                Err(AnalysisError::request(
+                    format!("`{pattern}` matches several estimates: {}", listed(labels)),
+                    help.to_owned(),
+                ))
             }
         }
     };
@@ -91,25 +95,25 @@ fn sides(runs: &[FigureRun<'_>], request: &FigureRequest) -> Result<Vec<Side>, A
         (1, [first, second]) => Ok(vec![one(0, first)?, one(0, second)?]),
         (2, [first] | [first, _]) => Ok(vec![one(0, first)?, one(1, patterns[patterns.len() - 1])?]),
         _ => {
-            let help = "name two of one run (`--estimates stereo,full/mono`), or one of two runs";
-            Err(AnalysisError::asked("a difference is of two estimates".to_owned(), help.to_owned()))
+            let help = "name two estimates of one run (`--estimates stereo,full/mono`), or one estimate of two runs";
+            Err(AnalysisError::request("`difference` needs two estimates".to_owned(), help.to_owned()))
         }
     }
 }
 
-/// Whether a bin says little: it is drawn faint, and sets no axis.
+/// Whether a bin has few pixels or frames: it is drawn faint and does not set the range of axes.
 fn is_thin(row: &DistanceRow, request: &FigureRequest, few: usize) -> bool {
-    row.pixels < request.thin || row.frames < few
+    row.pixels < request.min_count || row.frames < few
 }
 
-/// The colours of the baseline and the other, which differ where their names do not.
+/// The colours of the baseline and the other, which differ even if their names are equal.
 fn tints(pair: &DistancePair) -> [Colour; 2] {
     let names: Vec<&str> = pair.estimates.iter().map(|estimate| estimate.estimate.as_str()).collect();
     [tint(&names, names[0]), if names[0] == names[1] { colour(OTHERS[1]) } else { tint(&names, names[1]) }]
 }
 
-/// What differs between two titles: of `size=3+weighting=full/fused` and `size=5+weighting=full/fused` the sizes.
-/// Titles without a long part in common stay as they are.
+/// The parts in which two titles differ: of `size=3+weighting=full/fused` and `size=5+weighting=full/fused` the sizes.
+/// Titles without a long common part are unchanged.
 fn distinguished(titles: [&str; 2]) -> [String; 2] {
     const LONG: usize = 24;
     let parts = titles.map(|title| title.split_inclusive(['/', '+', ':']).collect::<Vec<&str>>());
@@ -136,18 +140,18 @@ fn panel(pair: &DistancePair, statistic: Statistic, request: &FigureRequest, few
     let (low, high) =
         (shown().fold(0.0, |low, band| band.0.min(low)), shown().fold(0.0, |high, band| band.1.max(high)));
     let room = 0.06 * (high - low).max(1e-9);
-    let (low, high) = request.most.map_or((low - room, high + room), |most| (-most, most));
+    let (low, high) = request.y_max.map_or((low - room, high + room), |y_max| (-y_max, y_max));
     let (near, far) = (steps.first().map_or(0.0, |step| step.edges.0), steps.last().map_or(80.0, |step| step.edges.1));
     let near = if near < 0.5 * far { 0.0 } else { near };
     let y = Axis::new(low, high, format!("difference of {} errors, m", statistic.name()));
-    let mut panel = Panel::new(statistic.name(), Axis::new(near, far, "true distance t, m"), y);
+    let mut panel = Panel::new(statistic.name(), Axis::new(near, far, "ground-truth distance t, m"), y);
     panel.aspect = Some(0.66);
-    // Above zero the other is farther off, so that the baseline is nearer the truth; below it is the other way round.
+    // Above zero the other has larger errors, so that the baseline is better; below zero the other is better.
     for (y, tint) in [(0.0, high), (low, 0.0)].into_iter().zip(tints(pair)) {
         panel.items.push(Item::block((near, far), y, Fill::new(tint, 0.1)));
     }
     panel.items.push(Item::horizontal(0.0, Stroke::new(BLACK, 0.6)));
-    let handover = pair.handovers.iter().find(|(of, _)| *of == statistic).and_then(|(_, handover)| handover.as_ref());
+    let handover = pair.handovers.iter().find(|(by, _)| *by == statistic).and_then(|(_, handover)| handover.as_ref());
     let mut words = None;
     if let Some(handover) = handover {
         let middle = handover.distance_m;
@@ -159,7 +163,7 @@ fn panel(pair: &DistancePair, statistic: Statistic, request: &FigureRequest, few
             panel.items.push(Item::block(ends, edge, Fill::new([0x88; 3], 0.22)));
         }
         panel.items.push(Item::vertical(middle, HANDOVER));
-        // Beside the line, on the side that has room.
+        // The label is next to the line, on the side with more room.
         let (aside, on_left) = (0.012 * (far - near), middle < 0.5 * (near + far));
         let (x, anchor) = if on_left { (ends.1 + aside, Anchor::Start) } else { (ends.0 - aside, Anchor::End) };
         words = Some(Item::Words((x, high), -9.0, text, anchor, BLACK));

@@ -1,5 +1,5 @@
-//! Frames as the paper shows them (Martins et al. 2018, figures 4 and 5), one beside the other: the image, the
-//! estimates in one scale of colours, the weight, the difference of two estimates' errors, the truth.
+//! Frames as in the paper (Martins et al. 2018, figures 4 and 5), side by side: the image, the estimates with one colour
+//! scale, the confidence, the difference of the errors of two estimates, the ground truth.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -19,31 +19,31 @@ use crate::error::{AnalysisError, listed};
 use crate::estimates::{Estimate, estimates};
 use crate::tables::{self, Cells, Column, Format};
 
-/// The number of frames by default, and the most.
+/// The default and the maximum number of frames.
 const SHOWN: usize = 5;
 const MOST: usize = 40;
-/// The nearest distance that has a colour of its own, metres.
+/// The nearest distance of the colour scale, metres.
 const NEAR_M: f64 = 2.0;
-/// The share of differences of errors within the scale.
+/// The share of error differences within the colour scale.
 const SCALE_SHARE: f64 = 0.95;
 
 /// A row of the figure: the topics of its maps.
 enum Row {
     Image(usize),
     Depth(usize),
-    Weight(usize),
-    /// The error of the first less that of the second.
+    Confidence(usize),
+    /// The error of the first minus that of the second.
     Difference([usize; 2]),
 }
 
-/// The maps of a stage run that are shown; the first topic is the ground truth.
-struct Shown {
+/// The displayed maps of a stage run; the first topic is the ground truth.
+struct PanelMaps {
     run: RunId,
     topics: Vec<String>,
     rows: Vec<(String, Row)>,
     settings: Settings,
     variant: Option<String>,
-    /// By topic of an estimate that is aligned before it is scored: how.
+    /// The settings of estimates that are aligned before they are scored, by topic.
     aligned: BTreeMap<usize, Settings>,
 }
 
@@ -54,7 +54,7 @@ pub(super) fn panels(
     request: &FigureRequest,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Figure, AnalysisError> {
-    let shown = Shown::new(run.recording, request)?;
+    let shown = PanelMaps::new(run.recording, request)?;
     let mut reader = run.recording.reader(shown.run, &shown.topics)?;
     let mut frames: Vec<(&str, Maps)> = Vec::new();
     for position in positions(run.recording, shown.run, request)? {
@@ -67,27 +67,34 @@ pub(super) fn panels(
     shown.figure(&frames, request)
 }
 
-impl Shown {
+impl PanelMaps {
     fn new(recording: &Recording, request: &FigureRequest) -> Result<Self, AnalysisError> {
         let (plan, all) = (recording.plan(), estimates(recording.plan())?);
-        let has_maps = |of: &Estimate| of.settings.is_some() && of.estimate_topic.is_some() && of.truth_topic.is_some();
-        let wanted: Vec<&Estimate> = all.iter().filter(|of| has_maps(of) && request.wants(of)).collect();
-        // Of several variants the first: maps of all of them are a figure each.
-        let Some(first) = wanted.iter().find(|of| of.lead.variant.is_some()).or(wanted.first()) else {
-            if all.iter().any(|of| of.score_topic.is_some()) && all.iter().all(|of| of.settings.is_none()) {
-                let what = "panels show depths, and this run scores only disparities";
+        let has_maps = |estimate: &Estimate| estimate.compared().is_some();
+        let selected: Vec<&Estimate> =
+            all.iter().filter(|estimate| has_maps(estimate) && request.selects(estimate)).collect();
+        // The figure shows one variant: by default the first.
+        let own_variant = selected.iter().find(|estimate| estimate.row_key.variant.is_some());
+        let Some(first) = own_variant.or(selected.first()) else {
+            let has_scores = all.iter().any(|estimate| estimate.score_topic.is_some());
+            if has_scores && all.iter().all(|estimate| estimate.settings.is_none()) {
+                let what = "`panels` shows depths, but this run scores only disparities";
                 let help = "add a node `depth/from-disparity` and score its depth";
-                return Err(AnalysisError::asked(what.to_owned(), help.to_owned()));
+                return Err(AnalysisError::request(what.to_owned(), help.to_owned()));
             }
-            let labels = listed(all.iter().map(|of| of.label.as_str()));
-            let what = "no estimate that is asked for has its depths and its truth recorded".to_owned();
-            return Err(AnalysisError::asked(what, format!("there are {labels}; `record:` says what is kept")));
+            let labels = listed(all.iter().map(|estimate| estimate.label.as_str()));
+            let what = "no selected estimate has recorded maps of its depth and its ground truth".to_owned();
+            return Err(AnalysisError::request(
+                what,
+                format!("available estimates: {labels}; `record:` selects the recorded outputs"),
+            ));
         };
-        let (run, variant) = (first.run, first.lead.variant.clone());
-        let mut estimates = wanted.clone();
-        estimates.retain(|of| of.run == run && (of.lead.variant.is_none() || of.lead.variant == variant));
-        // As in the paper: stereo, mono, what is neither, what is fused.
-        estimates.sort_by_key(|of| match of.name.as_str() {
+        let (run, variant) = (first.run, first.row_key.variant.clone());
+        let mut estimates = selected.clone();
+        let is_shown = |own: &Option<String>| own.is_none() || *own == variant;
+        estimates.retain(|estimate| estimate.run == run && is_shown(&estimate.row_key.variant));
+        // The order of the paper: stereo, mono, others, fused.
+        estimates.sort_by_key(|estimate| match estimate.name.as_str() {
             name if name.starts_with("stereo") => 0,
             name if name.starts_with("mono") => 1,
             name if name.starts_with("fus") => 3,
@@ -101,24 +108,24 @@ impl Shown {
             shown.rows.push(("image".to_owned(), row));
         }
         let mut depths: Vec<(&str, usize)> = Vec::new();
-        for of in estimates {
-            let topic = shown.topic(of.estimate_topic.as_deref().unwrap_or_default());
-            let aligned = of.settings.filter(|settings| settings.align != Align::None);
-            let name = if aligned.is_some() { format!("{}, aligned", of.name) } else { of.name.clone() };
+        for estimate in estimates {
+            let topic = shown.topic(estimate.estimate_topic.as_deref().unwrap_or_default());
+            let aligned = estimate.settings.filter(|settings| settings.align != Align::None);
+            let name = if aligned.is_some() { format!("{}, aligned", estimate.name) } else { estimate.name.clone() };
             shown.aligned.extend(aligned.map(|settings| (topic, settings)));
-            depths.push((&of.name, topic));
+            depths.push((&estimate.name, topic));
             shown.rows.push((name, Row::Depth(topic)));
         }
-        if let Some(weight) = weight(plan, run, shown.variant.as_deref()) {
-            let row = Row::Weight(shown.topic(&weight));
-            shown.rows.push(("weight".to_owned(), row));
+        if let Some(confidence) = confidence(plan, run, shown.variant.as_deref()) {
+            let row = Row::Confidence(shown.topic(&confidence));
+            shown.rows.push(("confidence".to_owned(), row));
         }
         let family = |family: &str| depths.iter().find(|(name, _)| name.starts_with(family)).map(|(_, topic)| *topic);
         let two = family("mono").zip(family("stereo"));
         if let Some((one, other)) = two.or_else(|| Some((depths.first()?.1, depths.get(1)?.1))) {
             shown.rows.push(("difference".to_owned(), Row::Difference([one, other])));
         }
-        shown.rows.push(("truth".to_owned(), Row::Depth(0)));
+        shown.rows.push(("ground truth".to_owned(), Row::Depth(0)));
         Ok(shown)
     }
 
@@ -129,7 +136,7 @@ impl Shown {
         })
     }
 
-    /// The maps of a frame, with estimates as they are scored.
+    /// The maps of a frame, with estimates aligned as for scoring.
     fn as_scored(&self, mut maps: Maps) -> Maps {
         let Some(truth) = maps[0].clone() else { return maps };
         for (topic, settings) in &self.aligned {
@@ -141,17 +148,20 @@ impl Shown {
 
     fn figure(&self, frames: &[(&str, Maps)], request: &FigureRequest) -> Result<Figure, AnalysisError> {
         if request.size.height_mm.is_some() {
-            let what = "a figure of panels has the height that its frames give it".to_owned();
-            return Err(AnalysisError::asked(what, "leave --height out".to_owned()));
+            let what = "`panels` does not support `--height`: the height follows from the frames".to_owned();
+            return Err(AnalysisError::request(what, "omit `--height`".to_owned()));
         }
         let size = |value: &Value| match value {
             Value::Weight(weight) => Some(weight.share.dimensions()),
             other => other.metres().map(Raster::dimensions),
         };
         let Some((wide, high)) = frames.iter().find_map(|(_, maps)| maps.iter().flatten().find_map(size)) else {
-            return Err(AnalysisError::asked("these frames have no map".to_owned(), "name others".to_owned()));
+            return Err(AnalysisError::request(
+                "the selected frames have no maps".to_owned(),
+                "choose other frames with `--frames`".to_owned(),
+            ));
         };
-        // No more pixels than the maps have, or than can be seen.
+        // At most the resolution of the maps, and of the figure.
         let per_cell = request.size.width_mm / 25.4 * request.dpi / frames.len() as f64;
         let pixels = per_cell.round().clamp(1.0, f64::from(wide)) as u32;
         let (mut panels, mut bars, mut table) = (Vec::new(), Vec::<Bar>::new(), Table::default());
@@ -183,20 +193,20 @@ impl Shown {
         let variant = self.variant.as_ref().map(|variant| format!(" of {variant}")).unwrap_or_default();
         let ids = frames.iter().map(|(id, _)| *id).collect::<Vec<_>>().join(", ");
         let names = self.rows.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
-        let about = format!("Frames {ids}{variant}, top to bottom: {names}; white: no answer");
+        let about = format!("Frames {ids}{variant}, top to bottom: {names}; white: invalid");
         request.figure(Sheet { columns: frames.len(), panels, bars, ..Sheet::default() }, about, table.csv())
     }
 
-    /// The colours of a row; `None` of the image.
+    /// The colour scale of a row; `None` for the image.
     fn bar(&self, row: &Row, frames: &[(&str, Maps)]) -> Option<Bar> {
         let name = |topic: usize| {
-            let row = self.rows.iter().find(|(_, row)| matches!(row, Row::Depth(of) if *of == topic));
+            let row = self.rows.iter().find(|(_, row)| matches!(row, Row::Depth(own) if *own == topic));
             row.map_or("", |(name, _)| name.trim_end_matches(", aligned"))
         };
         let axis = match row {
             Row::Image(_) => return None,
             Row::Depth(_) => Axis::log(NEAR_M, self.settings.max_m, "depth, m"),
-            Row::Weight(_) => Axis::new(0.0, 1.0, "weight: 0 mono, 1 stereo"),
+            Row::Confidence(_) => Axis::new(0.0, 1.0, "confidence: 0 mono, 1 stereo"),
             Row::Difference([one, other]) => {
                 let most = frames.iter().filter_map(|(_, maps)| largest(&*self.map(row, maps)?)).fold(0.1, f64::max);
                 Axis::new(-most, most, format!("error, {} − {}, m", name(*one), name(*other)))
@@ -211,7 +221,7 @@ impl Shown {
         match row {
             Row::Image(_) => None,
             Row::Depth(topic) => depth(*topic).map(Cow::Borrowed),
-            Row::Weight(topic) => match &maps[*topic] {
+            Row::Confidence(topic) => match &maps[*topic] {
                 Some(Value::Weight(weight)) => Some(Cow::Borrowed(&weight.share)),
                 _ => None,
             },
@@ -233,46 +243,46 @@ impl Shown {
     }
 }
 
-/// The size of a map's numbers, except for the few largest.
+/// The range of a map's absolute values, without the few largest.
 fn largest(map: &Raster<f32>) -> Option<f64> {
     let mut sizes: Vec<f32> = map.as_raw().iter().map(|number| number.abs()).filter(|size| size.is_finite()).collect();
     let at = (SCALE_SHARE * sizes.len().checked_sub(1)? as f64) as usize;
     Some(f64::from(*sizes.select_nth_unstable_by(at, f32::total_cmp).1))
 }
 
-/// The frames that are shown: by default some of those whose maps were recorded.
+/// The displayed frames: by default some of those with recorded maps.
 fn positions(recording: &Recording, run: RunId, request: &FigureRequest) -> Result<Vec<FrameIndex>, AnalysisError> {
     let frames = recording.frames(run);
     let Some(choice) = &request.frames else {
-        let kept: Vec<FrameIndex> =
+        let with_maps: Vec<FrameIndex> =
             FrameIndex::all(frames.len()).step_by(recording.plan().every.max(1) as usize).collect();
-        let count = kept.len().min(SHOWN);
-        return Ok((0..count).map(|at| kept[at * kept.len() / count]).collect());
+        let count = with_maps.len().min(SHOWN);
+        return Ok((0..count).map(|at| with_maps[at * with_maps.len() / count]).collect());
     };
     let positions = choice.positions(&frames.iter().collect::<Vec<_>>())?;
     if positions.len() > MOST {
-        let what = format!("{} frames are more than {MOST}", positions.len());
-        return Err(AnalysisError::asked(what, "name fewer".to_owned()));
+        let what = format!("{} frames are selected, but the maximum is {MOST}", positions.len());
+        return Err(AnalysisError::request(what, "select fewer frames with `--frames`".to_owned()));
     }
     Ok(positions.into_iter().map(FrameIndex).collect())
 }
 
-/// The topic of the source's image: the left one, or the first.
+/// The topic of the source's image: the left image, or the first one.
 fn image(plan: &RecordedPlan, run: RunId) -> Option<String> {
     let outputs = &plan.runs[run].source.outputs;
     let images = || outputs.iter().filter(|output| output.recorded && output.value_type() == Some(ValueType::Image));
     images().find(|output| output.port == "left").or_else(|| images().next()).map(|output| output.topic.clone())
 }
 
-/// The topic of the variant's weight, or of the one that all share.
-fn weight(plan: &RecordedPlan, run: RunId, variant: Option<&str>) -> Option<String> {
+/// The topic of the variant's confidence, or of the one that all variants share.
+fn confidence(plan: &RecordedPlan, run: RunId, variant: Option<&str>) -> Option<String> {
     let place = variant.and_then(|name| plan.variants.iter().position(|known| known == name)).map(VariantId);
     let own = plan.runs[run].nodes.iter().filter(|node| place.is_none_or(|place| node.variants.contains(&place)));
     let weights = own.flat_map(|node| &node.outputs).filter(|output| output.recorded && !output.once);
     weights.into_iter().find(|output| output.value_type() == Some(ValueType::Weight)).map(|output| output.topic.clone())
 }
 
-/// The numbers of maps: a row per frame and map.
+/// The data of maps: one row per frame and map.
 #[derive(Default)]
 struct Table {
     keys: [Vec<Option<String>>; 2],

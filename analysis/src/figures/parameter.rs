@@ -1,4 +1,4 @@
-//! A score against the parameters of a matrix: a line for one, a heat map for two.
+//! A metric against the parameters of a matrix: a line for one, a heat map for two.
 
 use depthloom_figures::{
     Anchor, Axis, Bar, Entry, Fill, Item, LINE_PT, Panel, SEQUENTIAL, Sheet, Stroke, Swatch, distinct, readable_on,
@@ -11,18 +11,17 @@ use crate::ablation::{Factor, LevelMeans, Row, level_means};
 use crate::error::{AnalysisError, listed, unknown};
 use crate::tables::{Column, Rows};
 
-/// The mean of a score over the rows of one name with equal levels.
+/// The mean of a metric over the rows of one estimate name with equal levels.
 struct Point<'a> {
     name: &'a str,
-    /// By axis; `None`: no value of the parameter changes it.
+    /// The level on each axis; `None` if the parameter does not affect the estimate.
     levels: Vec<Option<usize>>,
     label: String,
     rows: usize,
     mean: f64,
-    /// Whether the mean is adjusted for the settings of the other parameters, where those are not the same at each
-    /// point.
+    /// Whether the mean is adjusted for the settings of the other parameters, because they differ between points.
     is_adjusted: bool,
-    /// Whether points of the same name cannot be compared at all.
+    /// Whether points of the same name cannot be compared.
     is_confounded: bool,
 }
 
@@ -42,10 +41,10 @@ pub(super) fn parameter(scores: &Scores<'_>, request: &FigureRequest) -> Result<
     let mut points = points(scores, &chosen);
     let sheet = match chosen[..] {
         [] => {
-            let what = "no parameter differs between the variants that are asked for".to_owned();
-            let help = format!("its axes are {}", listed(names()));
-            let help = if axes.is_empty() { "give the experiment a `matrix:`".to_owned() } else { help };
-            return Err(AnalysisError::asked(what, help));
+            let what = "no parameter differs between the selected variants".to_owned();
+            let help = format!("axes of the experiment: {}", listed(names()));
+            let help = if axes.is_empty() { "add a `matrix:` to the experiment".to_owned() } else { help };
+            return Err(AnalysisError::request(what, help));
         }
         [axis] => line(scores, axis, &points),
         [across, up] => {
@@ -53,9 +52,9 @@ pub(super) fn parameter(scores: &Scores<'_>, request: &FigureRequest) -> Result<
             heat_maps(scores, [across, up], &points)
         }
         _ => {
-            let what = format!("{} parameters are too many for a figure", chosen.len());
-            let help = format!("name one or two of {} with --axes; others are averaged over", listed(names()));
-            return Err(AnalysisError::asked(what, help));
+            let what = format!("`parameter` shows one or two parameters, but {} are selected", chosen.len());
+            let help = format!("name one or two of {} with `--axes`; the others are averaged over", listed(names()));
+            return Err(AnalysisError::request(what, help));
         }
     };
     let rows = Rows(&points);
@@ -75,14 +74,14 @@ pub(super) fn parameter(scores: &Scores<'_>, request: &FigureRequest) -> Result<
         scores.name(),
         chosen.iter().map(|&axis| axes[axis].name.as_str()).collect::<Vec<_>>().join(" and "),
         scores.about()?,
-        any(|point| point.is_adjusted, ", adjusted by least squares for those that not every point has"),
-        any(|point| point.is_confounded, ", which differ from point to point: points cannot be compared"),
+        any(|point| point.is_adjusted, ", adjusted by least squares for settings that differ between points"),
+        any(|point| point.is_confounded, ", which differ between points, so points cannot be compared"),
     );
     let means: Vec<f64> = points.iter().map(|point| point.mean).collect();
     scores.figure(request, sheet, about, columns, &means)
 }
 
-/// The points of each name, adjusted for the settings of the other parameters.
+/// The points of each estimate name, adjusted for the settings of the other parameters.
 fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
     let mut points = Vec::new();
     for name in scores.names() {
@@ -90,7 +89,8 @@ fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
         let levels = |row: &Row| axes.iter().map(|axis| scores.ablation.level(row, *axis)).collect::<Vec<_>>();
         let value = |row: &Row| row.value(scores.metric).unwrap_or(f64::NAN);
         let all = distinct(rows.iter().map(|row| levels(row)));
-        let place = |row: &&Row| all.iter().position(|of| *of == levels(row) && of.iter().all(Option::is_some));
+        let place =
+            |row: &&Row| all.iter().position(|point| *point == levels(row) && point.iter().all(Option::is_some));
         let focus = Factor { levels: all.len(), of_row: rows.iter().map(place).collect() };
         let other = |axis: usize| Factor {
             levels: scores.ablation.axes[axis].levels.len(),
@@ -100,9 +100,9 @@ fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
             (0..scores.ablation.axes.len()).filter(|axis| !axes.contains(axis)).map(other).collect();
         let values: Vec<f64> = rows.iter().map(|row| value(row)).collect();
         let means = level_means(&values, &focus, &others.iter().collect::<Vec<_>>());
-        for (place, of) in all.iter().enumerate() {
-            let own: Vec<&&Row> = rows.iter().filter(|row| levels(row) == *of).collect();
-            let without = of.iter().zip(axes).find(|(level, _)| level.is_none()).map(|(_, axis)| *axis);
+        for (place, point_levels) in all.iter().enumerate() {
+            let own: Vec<&&Row> = rows.iter().filter(|row| levels(row) == *point_levels).collect();
+            let without = point_levels.iter().zip(axes).find(|(level, _)| level.is_none()).map(|(_, axis)| *axis);
             let label = match (without, &own[..]) {
                 (None, _) => name.to_owned(),
                 (Some(_), [only]) => scores.estimate(only).label.clone(),
@@ -115,7 +115,7 @@ fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
             let plain = own.iter().map(|row| value(row)).sum::<f64>() / own.len() as f64;
             points.push(Point {
                 name,
-                levels: of.clone(),
+                levels: point_levels.clone(),
                 label,
                 rows: own.len(),
                 mean: adjusted.unwrap_or(plain),
@@ -136,7 +136,7 @@ fn line(scores: &Scores<'_>, axis: usize, points: &[Point<'_>]) -> Sheet {
             let x = Axis::around(used.clone(), 0.04, axis.name.clone());
             let mut used: Vec<f64> = distinct(used);
             used.sort_by(f64::total_cmp);
-            // Few values are at the axis themselves.
+            // Few values are used as ticks of the axis.
             (if used.len() <= 10 { x.with_ticks(used) } else { x }, Box::new(move |level| numbers[level]))
         }
         None => (Axis::names(&axis.levels, axis.name.clone()), Box::new(|level| level as f64 + 0.5)),
@@ -144,7 +144,7 @@ fn line(scores: &Scores<'_>, axis: usize, points: &[Point<'_>]) -> Sheet {
     let mut panel = Panel::new("", x, Axis::around(points.iter().map(|point| point.mean), 0.04, scores.label()));
     panel.aspect = Some(0.45);
     let (names, mut legend) = (distinct(points.iter().map(|point| point.name)), Vec::new());
-    // What no value of the parameter changes is a level line.
+    // Estimates that the parameter does not affect are horizontal lines.
     for point in points.iter().filter(|point| point.levels[0].is_none()) {
         let stroke = Stroke::new(tint(&names, point.name), LINE_PT).dashed(&[4.0, 2.5]);
         panel.items.push(Item::horizontal(point.mean, stroke));
@@ -183,7 +183,7 @@ fn heat_maps(scores: &Scores<'_>, [across, up]: [usize; 2], points: &[Point<'_>]
             let colour = bar.colour(point.mean);
             let words = written(point.mean);
             panel.items.push(Item::Cell((x, x + 1.0), (y, y + 1.0), Fill::new(colour, 1.0), words));
-            // The best is marked: colours alone do not say which of two alike it is.
+            // The best is marked, because similar colours are hard to distinguish.
             if Some(point.mean) == best && !point.is_confounded {
                 let (at, tint) = ((x + 0.5, y + 0.94), readable_on(colour));
                 panel.items.push(Item::Words(at, -5.5, "best".to_owned(), Anchor::Middle, tint));

@@ -1,20 +1,20 @@
-//! Scores on every frame, and what figures of scores have in common.
+//! Scores on every frame, and the common parts of figures of scores.
 
 use depthloom_figures::{Axis, BLACK, Entry, Fill, Item, Panel, Sheet, Stroke, Swatch, distinct, tint};
 
 use super::{Figure, FigureRequest, FigureRun};
-use crate::ablation::{Ablation, Row, Selection, scored, source_of};
+use crate::ablation::{Ablation, Row, Selection, scored, source_keys};
 use crate::error::{AnalysisError, listed};
 use crate::estimates::{Estimate, estimates};
 use crate::scores::FrameScore;
 use crate::tables::{Column, DIMENSIONLESS, Rows, Table, unit_of};
 
-/// More rows of dots than this cannot be read.
+/// The maximum number of readable strips.
 const MAX_ROWS: usize = 60;
-/// The height of such a row, points.
+/// The height of a strip, points.
 const ROW_PT: f64 = 13.0;
 
-/// The scores of a run that a figure shows.
+/// The displayed scores of a run.
 pub(super) struct Scores<'a> {
     estimates: &'a [Estimate],
     pub(super) ablation: Ablation<'a>,
@@ -32,15 +32,15 @@ pub(super) fn with_scores(
 ) -> Result<Figure, AnalysisError> {
     let estimates = estimates(run.recording.plan())?;
     let scores: Vec<FrameScore> = scored(run.recording, &estimates, stop)?;
-    let source = source_of(run.recording);
+    let source = source_keys(run.recording);
     let ablation = Ablation::new(run.recording.plan(), &estimates, &scores, &source, None);
     let selection = Selection { set: request.scored_set, ..Selection::default() };
     let mut rows = ablation.rows(&selection)?;
-    rows.retain(|row| request.wants(ablation.estimate(row)));
+    rows.retain(|row| request.selects(ablation.estimate(row)));
     if rows.is_empty() {
-        let what = "no estimate that was scored so is among those that are asked for".to_owned();
+        let what = "no selected estimate was scored on these pixels".to_owned();
         let labels = listed(estimates.iter().map(|estimate| estimate.label.as_str()));
-        return Err(AnalysisError::asked(what, format!("there are {labels}")));
+        return Err(AnalysisError::request(what, format!("available: {labels}")));
     }
     let metric = match &request.score {
         Some(score) => ablation.metric(score)?,
@@ -48,8 +48,8 @@ pub(super) fn with_scores(
     };
     rows.retain(|row| row.value(metric).is_some());
     if rows.is_empty() {
-        let what = format!("`{}` was not taken of them", ablation.metrics[metric].name);
-        return Err(AnalysisError::asked(what, "`depthloom table RUN` says what was scored".to_owned()));
+        let what = format!("`{}` was not scored for the selected estimates", ablation.metrics[metric].name);
+        return Err(AnalysisError::request(what, "`depthloom table RUN` shows what was scored".to_owned()));
     }
     draw(&Scores { estimates: &estimates, ablation, selection, rows, metric })
 }
@@ -59,7 +59,7 @@ impl Scores<'_> {
         self.ablation.metrics[self.metric].name
     }
 
-    /// The score's name and unit, and which way is better.
+    /// The name and unit of the metric, and its better direction.
     pub(super) fn label(&self) -> String {
         let metric = self.ablation.metrics[self.metric];
         let unit = match unit_of(metric) {
@@ -77,12 +77,12 @@ impl Scores<'_> {
         distinct(self.rows.iter().map(|row| self.estimate(row).name.as_str()))
     }
 
-    /// Over which pixels and frames the scores are.
+    /// Describes the pixels and frames of the scores.
     pub(super) fn about(&self) -> Result<String, AnalysisError> {
         self.ablation.about(&self.rows, &self.selection)
     }
 
-    /// The figure with a table as its data, whose last column has the scores.
+    /// The figure with its data as a table, whose last column contains the scores.
     pub(super) fn figure(
         &self,
         request: &FigureRequest,
@@ -96,17 +96,17 @@ impl Scores<'_> {
     }
 }
 
-/// A strip of dots per estimate, a dot per frame; the upright line is the mean.
+/// One strip of dots per estimate, one dot per frame; the vertical line is the mean.
 pub(super) fn frames(scores: &Scores<'_>, request: &FigureRequest) -> Result<Figure, AnalysisError> {
     let (rows, names) = (&scores.rows, scores.names());
     if rows.len() > MAX_ROWS {
-        let what = format!("{} estimates are more than {MAX_ROWS} strips", rows.len());
-        return Err(AnalysisError::asked(what, "choose some with --variant or --estimates".to_owned()));
+        let what = format!("{} estimates are selected, but the maximum is {MAX_ROWS}", rows.len());
+        return Err(AnalysisError::request(what, "select some with `--variant` or `--estimates`".to_owned()));
     }
     let (zone, metric) = (scores.ablation.zone(&scores.selection)?, scores.ablation.metrics[scores.metric]);
     let (mut items, mut all) = (Vec::new(), Vec::<(&Row, &FrameScore, f64)>::new());
     for (place, row) in rows.iter().enumerate() {
-        // From top to bottom; dots of one strip are on three lines, so that equal scores do not hide each other.
+        // Strips go from top to bottom. The dots of a strip are on three lines, so that equal scores do not hide each other.
         let y = rows.len() as f64 - place as f64 - 0.5;
         let frames = scores.ablation.frames(row.estimate, row.set, zone).iter();
         let start = all.len();
@@ -124,13 +124,13 @@ pub(super) fn frames(scores: &Scores<'_>, request: &FigureRequest) -> Result<Fig
     let mut panel = Panel::new("", x, Axis::names(&labels, ""));
     (panel.items, panel.aspect) = (items, aspect);
     let legend = vec![
-        Entry::new("a frame", Swatch::Dot(Fill::new([0x66; 3], 1.0))),
-        Entry::new("the value of all frames", Swatch::Line(Stroke::new(BLACK, 1.1))),
+        Entry::new("one frame", Swatch::Dot(Fill::new([0x66; 3], 1.0))),
+        Entry::new("the value over all frames", Swatch::Line(Stroke::new(BLACK, 1.1))),
     ];
     let cells = Rows(&all);
     let columns = vec![
-        cells.key("stage", |(row, ..)| &scores.estimate(row).lead.stage),
-        cells.key("variant", |(row, ..)| scores.estimate(row).lead.variant.as_ref()),
+        cells.key("stage", |(row, ..)| &scores.estimate(row).row_key.stage),
+        cells.key("variant", |(row, ..)| scores.estimate(row).row_key.variant.as_ref()),
         cells.key("estimate", |(row, ..)| &scores.estimate(row).name),
         cells.key("set", |(row, ..)| row.set.name()),
         cells.count("position", |(_, frame, _)| frame.position.0 as u64),

@@ -1,8 +1,8 @@
-//! Errors against distance, or against the confidence that they had, as `analyse` finds them.
+//! Errors against distance or confidence, as in `analyse`.
 
 use depthloom_figures::{Bin, Scale, Spread, SpreadFigure};
 
-use super::asked::{ErrorBin, Errors, Watch, ask};
+use super::error_bins::{ErrorBin, Errors, Watch, read_errors};
 use super::errors::{about, label, what};
 use super::{Figure, FigureKind, FigureRequest, FigureRun};
 use crate::error::AnalysisError;
@@ -19,23 +19,26 @@ pub(super) fn spreads(
         _ => By::Distance,
     };
     let (by_words, x_label) = match &by {
-        By::Distance => ("true distance", "true distance t, m"),
+        By::Distance => ("ground-truth distance", "ground-truth distance t, m"),
         By::Estimate => ("estimated distance", "estimated distance y, m"),
-        By::Weight => ("weight", "weight"),
+        By::Weight => ("confidence", "confidence"),
         By::Row => ("image row", "image row, px"),
         By::Column => ("image column", "image column, px"),
         By::Error if request.unit == Unit::OfTruth => ("relative error", "relative error"),
         By::Error => ("absolute error", "absolute error, m"),
         By::Named(name) => (name.as_str(), name.as_str()),
         By::Frame => {
-            let help = "`depthloom figure RUN frames` shows a score on every frame";
-            return Err(AnalysisError::asked("frames are no axis for errors".to_owned(), help.to_owned()));
+            let help = "`depthloom figure RUN frames` shows a metric on every frame";
+            return Err(AnalysisError::request(
+                "this figure does not support `--by frame`".to_owned(),
+                help.to_owned(),
+            ));
         }
     };
-    // Those that are valid in all estimates, and beside them the valid ones of each.
+    // The pixels that are valid in all estimates, and additionally the valid pixels of each.
     let sets = request.set.map_or_else(|| vec![SampleSet::Common, SampleSet::Valid], |set| vec![set]);
     let inquiry = Inquiry { by: by.clone(), bins: request.bins.clone(), sets, ..request.inquiry() };
-    let (mut errors, grid, frames) = ask(runs, request, inquiry, watch)?;
+    let (mut errors, grid, frames) = read_errors(runs, request, inquiry, watch)?;
     let is_shared = errors.iter().any(|one| one.set == SampleSet::Common && one.bins.iter().any(|bin| bin.count > 0));
     errors.retain(|one| is_shared || one.set == SampleSet::Valid);
     let (compared, valid): (Vec<Errors>, Vec<Errors>) =
@@ -52,13 +55,13 @@ pub(super) fn spreads(
         layout: request.layout,
         labels: [x_label.to_owned(), label(request.unit).to_owned()],
         scale: if matches!(request.bins, Some(Bins::Log(_))) { Scale::Log } else { Scale::Linear },
-        thin: request.thin,
-        most: request.most,
+        thin: request.min_count,
+        most: request.y_max,
     };
     let what = what(request.unit).replacen('a', "A", 1);
     let about = about(&format!("{what} by {by_words}"), &compared, frames);
     let thin = match figure.has_thin() {
-        true => format!("; bins of fewer than {} pixels are dotted", request.thin),
+        true => format!("; bins with fewer than {} pixels are dotted", request.min_count),
         false => String::new(),
     };
     let about = format!("{about}: median, 25 to 75 % and 5 to 95 %{thin}");
@@ -73,7 +76,7 @@ fn bins(bins: &[ErrorBin]) -> Vec<Bin> {
     bins.iter().filter_map(bin).collect()
 }
 
-/// Pixels by bin, of each group once, whatever number of its estimates has them.
+/// Pixels by bin. Each group counts once, regardless of its number of estimates.
 fn pixels(errors: &[Errors]) -> Vec<(f64, f64, u64)> {
     let is_first = |at: &usize| errors[..*at].iter().all(|other| other.place.group != errors[*at].place.group);
     let firsts = (0..errors.len()).filter(is_first).flat_map(|at| &errors[at].bins);

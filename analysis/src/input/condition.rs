@@ -1,4 +1,4 @@
-//! What a report says of the recording itself: its condition, what is damaged in it, and which stages have frames.
+//! The condition of a recording: whether it is complete, what is damaged, and which stages have frames.
 
 use depthloom_graphs::counted;
 use depthloom_graphs::plan::RunId;
@@ -8,10 +8,10 @@ use serde::Serialize;
 
 use crate::tables::variant_of;
 
-/// How many damaged places are told to people; programs are told all.
+/// The number of damaged places in notes; JSON output lists all.
 const SHOWN: usize = 5;
 
-/// In what condition a recording is.
+/// The condition of a recording.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 #[schemars(rename = "Condition")]
 pub struct RecordingCondition {
@@ -19,37 +19,37 @@ pub struct RecordingCondition {
     condition: &'static str,
     frames: u64,
     stages: Vec<StageFrames>,
-    /// What is wrong, in words.
+    /// Describes what is wrong.
     #[serde(skip_serializing_if = "Option::is_none")]
     what: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     damage: Option<Vec<DamagedPlace>>,
 }
 
-/// How many frames a stage has.
+/// The number of frames of a stage.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct StageFrames {
     stage: String,
-    /// Where variants have sources of their own, the first of this one.
+    /// The first variant of this source, if variants have different sources.
     variant: Option<String>,
     frames: u64,
 }
 
 impl StageFrames {
-    /// Of each stage run of a recording, in the order of its plan.
+    /// The frame counts of all stage runs, in the order of the plan.
     #[must_use]
-    pub fn of(recording: &Recording) -> Vec<Self> {
+    pub fn all(recording: &Recording) -> Vec<Self> {
         let plan = recording.plan();
-        let of_run = |(run, planned): (RunId, &RecordedRun)| Self {
+        let count = |(run, planned): (RunId, &RecordedRun)| Self {
             stage: planned.stage.clone(),
             variant: variant_of(plan, &planned.variants).map(str::to_owned),
             frames: recording.frames(run).len() as u64,
         };
-        RunId::enumerate(&plan.runs).map(of_run).collect()
+        RunId::enumerate(&plan.runs).map(count).collect()
     }
 }
 
-/// Bytes that are not what was written, and what they held.
+/// Damaged bytes, and what they contained.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct DamagedPlace {
     offset: u64,
@@ -68,16 +68,16 @@ pub struct DamagedPlace {
 
 /// A recording's condition.
 pub(crate) struct Findings {
-    /// For programs.
+    /// For JSON output.
     pub(crate) recording: RecordingCondition,
-    /// For people, what there is to say.
+    /// Notes for text output.
     pub(crate) notes: Vec<String>,
-    /// Whether bytes are not what was written.
+    /// Whether bytes are damaged.
     pub(crate) is_damaged: bool,
 }
 
-/// In what condition the recording is; `damage` is what was found in it beside what was read, and `has_numbers`,
-/// whether the report has any.
+/// The condition of the recording. `damage` is the damage found outside of what was read; `has_numbers` states whether the
+/// report has numbers.
 pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bool) -> Findings {
     let plan = recording.plan();
     let frames: Vec<usize> = RunId::all(plan.runs.len()).map(|run| recording.frames(run).len()).collect();
@@ -88,38 +88,44 @@ pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bo
     if *condition != Condition::Whole {
         let all: usize = frames.iter().sum();
         wrong.push(condition.to_string());
-        let of_numbers = if has_numbers { "all numbers are of its" } else { "it has" };
-        notes.push(format!("the recording is {condition}; {of_numbers} {}", counted(all, "whole frame")));
+        let frames = counted(all, "complete frame");
+        let scope = if has_numbers { format!("all numbers cover its {frames}") } else { format!("it has {frames}") };
+        notes.push(format!("the recording is {condition}; {scope}"));
     }
     for Damage { offset, content, .. } in damage {
-        wrong.push(format!("damaged at byte {offset}: it held {content}"));
+        wrong.push(format!("damaged at byte {offset}, which contained {content}"));
     }
     for Damage { offset, content, .. } in &damage[..damage.len().min(SHOWN)] {
         notes.push(format!(
-            "the recording is damaged at byte {offset}: it held {content}; no number here comes from there"
+            "the recording is damaged at byte {offset}, which contained {content}; no number here depends on it"
         ));
     }
     if damage.len() > SHOWN {
         let more = damage.len() - SHOWN;
         notes.push(format!(
-            "the recording is damaged at {more} more places, which `--json` names; no number here comes from there"
+            "the recording is damaged at {more} more places (all with `--json`); no number here depends on them"
         ));
     }
     let ends_early = !matches!(condition, Condition::Whole | Condition::Damaged { cut: false, .. });
     notes.extend(without_frames(plan, &frames, ends_early));
-    let stages = StageFrames::of(recording);
+    let stages = StageFrames::all(recording);
     let recording = RecordingCondition {
         condition: if is_damaged { "damaged" } else { condition.name() },
         frames: frames.iter().sum::<usize>() as u64,
         stages,
         what: (!wrong.is_empty()).then(|| wrong.join("; ")),
-        damage: (!damage.is_empty()).then(|| damage.iter().map(DamagedPlace::of).collect()),
+        damage: (!damage.is_empty()).then(|| damage.iter().map(DamagedPlace::new).collect()),
     };
     Findings { recording, notes, is_damaged }
 }
 
-/// Of each stage run that has no frames that it has none, and of one that has fewer than another of the same source how
-/// many.
+/// Notes on the condition of a recording: for example that it is unfinished, or that a stage has fewer frames than another.
+#[must_use]
+pub fn recording_notes(recording: &Recording) -> Vec<String> {
+    findings(recording, &[], true).notes
+}
+
+/// Notes on stage runs without frames, and on those with fewer frames than another stage run of the same source.
 fn without_frames(plan: &RecordedPlan, frames: &[usize], ends_early: bool) -> Vec<String> {
     let mut notes = Vec::new();
     for (run, &count) in plan.runs.iter().zip(frames) {
@@ -133,7 +139,7 @@ fn without_frames(plan: &RecordedPlan, frames: &[usize], ends_early: bool) -> Ve
         if let Some((other, most)) = same.max_by_key(|(_, count)| **count).filter(|(_, most)| **most > count) {
             let other = other.name();
             notes.push(format!(
-                "stage `{name}` has {count} of the {most} frames that stage `{other}` has of the same source"
+                "stage `{name}` has {count} frames, but stage `{other}` has {most} frames of the same source"
             ));
         }
     }
@@ -141,15 +147,15 @@ fn without_frames(plan: &RecordedPlan, frames: &[usize], ends_early: bool) -> Ve
 }
 
 impl DamagedPlace {
-    fn of(damage: &Damage) -> Self {
+    fn new(damage: &Damage) -> Self {
         let Damage { offset, bytes, content } = damage;
         let (mut stage, mut position, mut frame, mut topics, mut attachment) = (None, None, None, None, None);
         match content {
-            DamagedContent::Frame { stage: of, position: at, id, topics: of_frame } => {
-                stage = Some(of.clone());
+            DamagedContent::Frame { stage: name, position: at, id, topics: damaged } => {
+                stage = Some(name.clone());
                 position = Some(at.0 as u64);
                 frame = Some(id.to_string());
-                topics = Some(of_frame.clone());
+                topics = Some(damaged.clone());
             }
             DamagedContent::Curve(topic) => topics = Some(vec![topic.clone()]),
             DamagedContent::Attachment(name) => attachment = Some(name.clone()),

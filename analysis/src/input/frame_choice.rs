@@ -1,4 +1,4 @@
-//! Which frames of a run are meant: by number, or by id.
+//! Selects frames of a run by number or by id.
 
 use std::collections::BTreeSet;
 
@@ -7,8 +7,8 @@ use depthloom_recording::RecordedFrame;
 
 use crate::error::AnalysisError;
 
-/// Frames as a command line names them: `3`, `3,7`, `0..4`, `1..=40`, ids (`000150_10`), or a file with an id per line.
-/// A number is the frame's own, as in `frames:` of a source.
+/// Frames selected on the command line: `3`, `3,7`, `0..4`, `1..=40`, ids (`000150_10`), or a file with one id per line.
+/// Numbers are frame numbers as in `frames:` of a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FrameChoice {
     /// By number, or by a file of ids.
@@ -18,10 +18,10 @@ pub enum FrameChoice {
 }
 
 impl FrameChoice {
-    /// Reads a choice.
+    /// Parses a selection.
     ///
     /// # Errors
-    /// If the text is none, with what was probably meant.
+    /// If the text is not a selection; the message contains a suggestion.
     pub fn parse(text: &str) -> Result<Self, String> {
         let numbers: Option<Vec<u64>> = text.split(',').map(|index| index.trim().parse().ok()).collect();
         if let Some(numbers) = numbers {
@@ -39,48 +39,57 @@ impl FrameChoice {
         })
     }
 
-    /// The positions of the chosen ones among `frames`, in the order of the choice.
+    /// The same choice for recorded frames: a range may contain frames that were not recorded, because their source failed.
+    pub(crate) fn of_recorded(&self) -> Self {
+        match self {
+            Self::Selection(FrameSelection::Range(range)) => Self::Selection(FrameSelection::Available(range.clone())),
+            other => other.clone(),
+        }
+    }
+
+    /// The positions of the selected frames among `frames`, in the order of the selection.
     ///
     /// # Errors
-    /// If a frame is not there, is chosen twice, or a file of ids cannot be read.
+    /// If a frame does not exist or is selected twice, or a file of ids cannot be read.
     pub fn positions(&self, frames: &[&RecordedFrame]) -> Result<Vec<usize>, AnalysisError> {
-        let all = |is_one: &dyn Fn(&RecordedFrame) -> bool| -> Vec<usize> {
-            (0..frames.len()).filter(|&at| is_one(frames[at])).collect()
+        let matching = |is_match: &dyn Fn(&RecordedFrame) -> bool| -> Vec<usize> {
+            (0..frames.len()).filter(|&at| is_match(frames[at])).collect()
         };
         let selection = match self {
             Self::Selection(selection) => selection,
             Self::Ids(ids) => {
                 let mut positions = Vec::new();
                 for id in ids {
-                    let found = all(&|frame| *frame.id == **id);
+                    let found = matching(&|frame| *frame.id == **id);
                     if found.is_empty() || found.iter().any(|at| positions.contains(at)) {
-                        let what = if found.is_empty() { "there is no frame" } else { "two of the frames are" };
-                        return Err(AnalysisError::asked(format!("{what} `{id}`"), span(frames)));
+                        let what =
+                            if found.is_empty() { "there is no frame" } else { "several selected frames are called" };
+                        return Err(AnalysisError::request(format!("{what} `{id}`"), span(frames)));
                     }
                     positions.extend(found);
                 }
                 return Ok(positions);
             }
         };
-        let is_of_ids = matches!(selection, FrameSelection::File(_));
+        let has_ids = matches!(selection, FrameSelection::File(_));
         let mut known: Vec<(u64, &str)> = frames.iter().map(|frame| (frame.index, &*frame.id)).collect();
         known.sort_unstable();
-        // Stage runs have frames in common, and sources that are joined may repeat a number.
-        known.dedup_by(|one, other| if is_of_ids { one == other } else { one.0 == other.0 });
+        // Stage runs share frames, and concatenated sources may repeat a number.
+        known.dedup_by(|one, other| if has_ids { one == other } else { one.0 == other.0 });
         let selected = selection.select(&known).map_err(|fault| {
             let help = fault.remedy_text().map_or_else(|| span(frames), str::to_owned);
-            AnalysisError::asked(format!("failed to select frames: {}", fault.chain()), help)
+            AnalysisError::request(format!("failed to select frames: {}", fault.chain()), help)
         })?;
-        let mut taken = BTreeSet::new();
-        let of = |place: usize| {
+        let mut seen = BTreeSet::new();
+        let frame_positions = |place: usize| {
             let (index, id) = known[place];
-            all(&|frame| if is_of_ids { &*frame.id == id } else { frame.index == index })
+            matching(&|frame| if has_ids { &*frame.id == id } else { frame.index == index })
         };
-        Ok(selected.into_iter().flat_map(of).filter(|at| taken.insert(*at)).collect())
+        Ok(selected.into_iter().flat_map(frame_positions).filter(|at| seen.insert(*at)).collect())
     }
 }
 
-/// Which frames there are.
+/// Describes the available frames.
 fn span(frames: &[&RecordedFrame]) -> String {
     match frames {
         [] => "there are no frames".to_owned(),
@@ -98,14 +107,14 @@ mod tests {
 
     #[test]
     fn frames_are_named_by_number_range_or_id() {
-        let of = |text: &str| FrameChoice::parse(text).unwrap();
-        assert_eq!(of("3, 7"), FrameChoice::Selection(FrameSelection::List(vec![3, 7])));
-        assert_eq!(of("1..=40"), FrameChoice::Selection(FrameSelection::Range(1..41)));
-        assert_eq!(of("list.txt"), FrameChoice::Selection(FrameSelection::File("list.txt".into())));
-        assert_eq!(of("000150_10,left-7"), FrameChoice::Ids(vec!["000150_10".to_owned(), "left-7".to_owned()]));
+        let parsed = |text: &str| FrameChoice::parse(text).unwrap();
+        assert_eq!(parsed("3, 7"), FrameChoice::Selection(FrameSelection::List(vec![3, 7])));
+        assert_eq!(parsed("1..=40"), FrameChoice::Selection(FrameSelection::Range(1..41)));
+        assert_eq!(parsed("list.txt"), FrameChoice::Selection(FrameSelection::File("list.txt".into())));
+        assert_eq!(parsed("000150_10,left-7"), FrameChoice::Ids(vec!["000150_10".to_owned(), "left-7".to_owned()]));
         for (text, meant) in [("3-4", "did you mean `3..=4`?"), ("3..", "two ends"), ("a,,b", "says no frames")] {
-            let said = FrameChoice::parse(text).unwrap_err();
-            assert!(said.contains(meant), "{text}: {said}");
+            let error = FrameChoice::parse(text).unwrap_err();
+            assert!(error.contains(meant), "{text}: {error}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What a report says of maps that were not recorded: without them there is no error against distance.
+//! Notes on maps that were not recorded, without which there is no error against distance.
 
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::RunId;
@@ -6,24 +6,25 @@ use depthloom_recording::{RecordedPlan, Recording};
 
 use crate::estimates::Estimate;
 
-/// Which estimates lack their maps or the truth, if any, and what `record:` would have to name.
-/// `what` there is not for it.
+/// A note on the estimates without recorded maps or ground truth, if any, and the outputs to add to `record:`. `what` is the
+/// result that is missing because of that.
 pub(crate) fn not_recorded(plan: &RecordedPlan, estimates: &[&Estimate], what: &str) -> Option<String> {
     let (mut truths, mut maps, mut labels) = (Vec::new(), Vec::new(), Vec::new());
     for estimate in estimates {
         let name = |from: &Option<String>| from.as_deref().map(|topic| reference(plan, estimate.run, topic));
         if estimate.truth_topic.is_none() {
-            truths.push(name(&estimate.truth));
+            truths.push(name(&estimate.truth_output));
         }
         if estimate.estimate_topic.is_none() {
-            maps.push(name(&estimate.estimate));
+            maps.push(name(&estimate.scored_output));
         }
         if estimate.truth_topic.is_none() || estimate.estimate_topic.is_none() {
             labels.push(estimate.label.clone());
         }
     }
     let several = count(&mut truths) + count(&mut maps) > 1;
-    let missing: Vec<String> = [named("truth", &truths), named("estimate", &maps)].into_iter().flatten().collect();
+    let missing: Vec<String> =
+        [named("ground truth", &truths), named("estimate", &maps)].into_iter().flatten().collect();
     if missing.is_empty() {
         return None;
     }
@@ -44,21 +45,21 @@ fn reference(plan: &RecordedPlan, run: RunId, topic: &str) -> String {
     format!("{}.{node}/{}", planned.stage, output.port)
 }
 
-/// How many different ones there are; each is left once.
+/// Removes duplicates and returns the number of distinct names.
 fn count(names: &mut Vec<Option<String>>) -> usize {
     names.sort();
     names.dedup();
     names.len()
 }
 
-/// `the truth`, ``the truth `a` ``, ``the truths `a`, `b` ``.
+/// `the ground truth`, ``the ground truth `a` ``, ``the estimates `a`, `b` ``.
 fn named(what: &str, names: &[Option<String>]) -> Option<String> {
-    let s = if names.len() > 1 { "s" } else { "" };
+    let s = if names.len() > 1 && what == "estimate" { "s" } else { "" };
     let known: Vec<String> = names.iter().flatten().map(|name| format!("`{name}`")).collect();
     (!names.is_empty()).then(|| format!("the {what}{s} {}", some(&known)).trim_end().to_owned())
 }
 
-/// The first few of many.
+/// A list of names, shortened if it is long.
 fn some(names: &[String]) -> String {
     const SHOWN: usize = 6;
     match names.len() {
@@ -67,21 +68,22 @@ fn some(names: &[String]) -> String {
     }
 }
 
-/// That not every frame kept its maps, or that none did; nothing is said where no maps were to be kept.
+/// A note if maps were recorded only on some frames, or if no frame has a pixel to compare. No note if no maps were to be
+/// recorded.
 pub(crate) fn sparsely_kept(recording: &Recording, estimates: &[&Estimate], none: bool) -> Option<String> {
     let every = recording.plan().every;
     if !none {
         let note = |ordinal: String| {
-            format!("error against distance is of every {ordinal} frame: only their maps were recorded")
+            format!("error against distance covers only every {ordinal} frame, because only their maps were recorded")
         };
         return (every > 1).then(|| note(ordinal(every)));
     }
     let mut with_maps = estimates.iter().filter(|e| e.estimate_topic.is_some() && e.truth_topic.is_some());
-    let of = match every {
+    let frames = match every {
         0 | 1 => "no frame has".to_owned(),
-        every => format!("maps were recorded of every {} frame only, and none of these has", ordinal(every)),
+        every => format!("only every {} frame has recorded maps, and none of these has", ordinal(every)),
     };
-    let note = || format!("no error against distance: {of} a pixel with both a truth and an answer");
+    let note = || format!("no error against distance: {frames} a valid pixel with ground truth");
     with_maps.any(|estimate| !recording.frames(estimate.run).is_empty()).then(note)
 }
 

@@ -1,25 +1,25 @@
-//! The paper's Table I, to stand beside ours.
+//! Table I of the paper, for comparison.
 
 use depthloom_recording::RecordedRun;
 use depthloom_scores::PixelSet;
 
 use crate::estimates::Estimate;
 
-/// Numbers and citation.
+/// The numbers and their citation.
 const TABLE_1: &str = include_str!("paper_table1.csv");
 
-/// The eight scores the paper gives for an estimate of that name, variant and pixel set; `None` if it gives none.
+/// The eight published scores of an estimate with this name, variant and pixel set; `None` if nothing was published.
 ///
-/// An estimate of an experiment without variants is held against the paper's full method.
+/// An estimate of an experiment without variants is compared with the full method of the paper.
 #[must_use]
 pub fn paper_scores(estimate: &Estimate, set: PixelSet) -> Option<[f64; 8]> {
-    let variant = match (estimate.lead.variant.as_deref(), estimate.name.as_str()) {
+    let variant = match (estimate.row_key.variant.as_deref(), estimate.name.as_str()) {
         (_, "stereo") => "",
         (Some(variant), _) => variant,
         (None, _) => "full",
     };
-    let wanted = [variant, estimate.name.as_str(), set.name()];
-    rows().find(|(key, _)| *key == wanted).map(|(_, scores)| scores)
+    let row_key = [variant, estimate.name.as_str(), set.name()];
+    rows().find(|(key, _)| *key == row_key).map(|(_, scores)| scores)
 }
 
 /// Whether all frames of a run are KITTI's, as the paper's are. Names of variants do not show that.
@@ -46,8 +46,8 @@ mod tests {
     }
 
     #[test]
-    fn the_embedded_table_is_the_shared_one() {
-        let Some(shared) = depthloom_test_needs::shared("the_embedded_table_is_the_shared_one") else { return };
+    fn the_embedded_table_equals_the_shared_one() {
+        let Some(shared) = depthloom_test_needs::shared("the_embedded_table_equals_the_shared_one") else { return };
         let csv = std::fs::read_to_string(shared.join("paper/table1.csv")).unwrap();
         let mut compared = 0;
         for line in csv.lines().skip(1) {
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn an_experiment_without_variants_is_held_against_the_full_method() {
+    fn an_experiment_without_variants_is_compared_with_the_full_method() {
         let fused = paper_scores(&estimate(None, "fused"), PixelSet::All);
         assert_eq!(fused, paper_scores(&estimate(Some("full"), "fused"), PixelSet::All));
         assert!(fused.is_some());

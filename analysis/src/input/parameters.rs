@@ -1,18 +1,18 @@
-//! What was set otherwise: which parameter, version, input or file of which node.
+//! Differences of parameters between two plans: parameters, versions, inputs and files of nodes.
 
 use depthloom_graphs::plan::VariantId;
 use depthloom_recording::{PlanDifference, RecordedPlan, RecordedRun, node_pairs, source_differences};
 use serde::Serialize;
 
-/// How many variants of a node are named.
+/// The number of variants of a node that are named.
 const NAMED: usize = 3;
 
-/// Where two sides differ by themselves, not for what they read.
+/// A difference between two sides in a node itself, not in its inputs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Changed {
     #[serde(flatten)]
     change: Change,
-    /// `stage.node`, with its variants where it does not serve all; or the source of a stage.
+    /// `stage.node`, with its variants if it does not belong to all; or the source of a stage.
     node: String,
 }
 
@@ -20,16 +20,16 @@ pub(crate) struct Changed {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "what", rename_all = "lowercase")]
 enum Change {
-    /// The baseline lacks it.
+    /// The node exists only in this side.
     New,
-    /// The side lacks it.
+    /// The node exists only in the baseline.
     Gone,
     #[serde(untagged)]
     Difference(PlanDifference),
 }
 
 impl Changed {
-    /// In a line.
+    /// As one line of text.
     pub(crate) fn text(&self) -> String {
         match &self.change {
             Change::Difference(difference) => format!("{}  {difference}", self.node),
@@ -52,16 +52,16 @@ pub(crate) fn parameter_changes(
     all.filter_map(difference).collect()
 }
 
-/// What differs between two plans, or a variant of each.
+/// All differences between two plans, or between one variant of each.
 pub(crate) fn changed(
     before: (&RecordedPlan, Option<VariantId>),
     after: (&RecordedPlan, Option<VariantId>),
 ) -> Vec<Changed> {
-    let of = |(plan, variant): (&RecordedPlan, Option<VariantId>)| match variant {
-        Some(variant) => of_variant(plan, variant),
+    let restricted = |(plan, variant): (&RecordedPlan, Option<VariantId>)| match variant {
+        Some(variant) => single_variant(plan, variant),
         None => plan.clone(),
     };
-    let (before, after) = (of(before), of(after));
+    let (before, after) = (restricted(before), restricted(after));
     let mut found: Vec<Changed> = Vec::new();
     let mut add = |changed: Changed| {
         if !found.contains(&changed) {
@@ -69,7 +69,7 @@ pub(crate) fn changed(
         }
     };
     for run in &after.runs {
-        let Some(was) = before.runs.iter().find(|of| of.name() == run.name()) else { continue };
+        let Some(was) = before.runs.iter().find(|old| old.name() == run.name()) else { continue };
         for difference in source_differences(&was.source, &run.source) {
             let node = format!("source of {}", run.stage);
             add(Changed { node, change: Change::Difference(difference) });
@@ -77,28 +77,28 @@ pub(crate) fn changed(
     }
     for pair in node_pairs(&before, &after) {
         let node = pair.label(if pair.after.is_some() { &after } else { &before }, NAMED);
-        // Of stages and variants that one side lacks, a reader knows.
+        // Stages and variants that exist on one side only are not listed node by node.
         let has_stage = |plan: &RecordedPlan| plan.runs.iter().any(|run| run.stage == pair.stage);
         let has_variant = |plan: &RecordedPlan| {
             pair.variants.is_empty() || pair.variants.iter().any(|name| plan.variants.contains(name))
         };
-        let is_of_both = [&before, &after].into_iter().all(|plan| has_stage(plan) && has_variant(plan));
+        let is_in_both = [&before, &after].into_iter().all(|plan| has_stage(plan) && has_variant(plan));
         match (pair.before, pair.after) {
             (Some(_), Some(_)) => {
                 for difference in pair.differences.into_iter().filter(|difference| !difference.is_upstream()) {
                     add(Changed { node: node.clone(), change: Change::Difference(difference) });
                 }
             }
-            (None, _) if is_of_both => add(Changed { node, change: Change::New }),
-            (_, None) if is_of_both => add(Changed { node, change: Change::Gone }),
+            (None, _) if is_in_both => add(Changed { node, change: Change::New }),
+            (_, None) if is_in_both => add(Changed { node, change: Change::Gone }),
             _ => {}
         }
     }
     found
 }
 
-/// The plan as it were, had it this variant alone, without a name: so that it can be held against another variant.
-fn of_variant(plan: &RecordedPlan, variant: VariantId) -> RecordedPlan {
+/// The plan with only this variant, without a name, so that it can be compared with another variant.
+fn single_variant(plan: &RecordedPlan, variant: VariantId) -> RecordedPlan {
     let run = |run: &RecordedRun| {
         let nodes = run.nodes.iter().filter(|node| node.variants.contains(&variant)).cloned();
         let nodes = nodes.map(|mut node| {

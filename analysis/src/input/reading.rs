@@ -1,4 +1,4 @@
-//! Scores out of a recording.
+//! Reads scores from a recording.
 
 use depthloom_graphs::Value;
 use depthloom_graphs::plan::{FrameIndex, RunId};

@@ -1,4 +1,4 @@
-//! Values that are rows as Parquet files, a file a topic: scores and calibrations by frame, a learning curve by step.
+//! Values with rows as Parquet files, one file per topic: scores and calibrations by frame, a learning curve by step.
 
 use std::sync::Arc;
 
@@ -16,21 +16,21 @@ use crate::tables::{Column, DIMENSIONLESS, Rows, Table, plan_key};
 pub struct TopicRows {
     /// As a Parquet file.
     pub parquet: Vec<u8>,
-    /// How many there are.
+    /// The number of rows.
     pub rows: u64,
-    /// What could not be read, and was left out.
+    /// The errors of values that could not be read and were skipped.
     pub damaged: Vec<RecordingError>,
 }
 
-/// The rows that a topic of a stage run has on some of its frames: of scores a row a pixel set and zone, of
-/// calibrations one.
+/// The rows of a topic of a stage run on some of its frames: scores have one row per pixel set and zone, calibrations have
+/// one row.
 ///
-/// Columns are `position` (of the frame in its stage), `frame`, and what a row holds: of scores
-/// `set, zone, pixels, truth, valid`, the scores in the catalogue's order (null where no pixel counted; `zone` is
-/// null of the whole image), `density`; of calibrations `width, height` and `focal_px, cx_px, cy_px, baseline_m`.
+/// Columns are `position` (of the frame in its stage), `frame`, and the contents. For scores these are `set, zone, pixels,
+/// truth, valid`, the metrics in the order of the catalogue, and `density`. A metric is null if no pixel counted; `zone` is
+/// null for the whole image. For calibrations the contents are `width, height` and `focal_px, cx_px, cy_px, baseline_m`.
 ///
 /// # Errors
-/// If the recording cannot be read; [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn topic_rows(
     recording: &Recording,
     run: RunId,
@@ -65,7 +65,7 @@ pub fn topic_rows(
     Ok(TopicRows { parquet: table.parquet(topic, &plan_key(recording.plan()))?, rows, damaged })
 }
 
-/// A node's learning curve as a Parquet file with the columns of `learning_curves.csv`, and how many points it has.
+/// A node's learning curve as a Parquet file with the columns of `learning_curves.csv`, and its number of points.
 ///
 /// # Errors
 /// If polars fails.
@@ -75,7 +75,7 @@ pub fn curve_rows(plan: &RecordedPlan, run: RunId, node: NodeId, curve: &Curve) 
     Ok(TopicRows { parquet: table_of_points(&curves).parquet(name, &plan_key(plan))?, rows, damaged: Vec::new() })
 }
 
-/// The row of a frame: position, id, and what it has.
+/// A row of a frame: position, id, contents.
 type FrameRow<T> = (u64, Arc<str>, T);
 
 fn frame_columns<T>(rows: &[FrameRow<T>]) -> Vec<Column> {
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_of_scores_have_the_scores_that_there_are_and_null_where_no_pixel_counted() {
+    fn rows_of_scores_have_null_where_no_pixel_counted() {
         let abs_rel = Metric::named("abs_rel").unwrap();
         let row = |zone: &str, pixels, value: Option<f64>| ScoreRow {
             set: PixelSet::All,
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_calibration_is_a_row() {
+    fn a_calibration_has_one_row() {
         let calibration = Calibration {
             width: 64,
             height: 48,

@@ -1,4 +1,4 @@
-//! Where a run's time went: `timings.parquet` and the table made of it.
+//! The timings of a run: `timings.parquet` and its table.
 
 use std::path::Path;
 
@@ -8,34 +8,34 @@ use polars::prelude::{ParallelStrategy, ParquetReader, PolarsResult, SerReader};
 use crate::error::{AnalysisError, caught};
 use crate::tables::{RowKey, Rows, Table, key_columns};
 
-/// What one part of a run cost.
+/// The cost of one part of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timing {
-    /// The stage, empty for what belongs to none; and the variant where not all share the node.
-    pub lead: RowKey,
-    /// The node, the source, or what else was busy.
+    /// The stage (empty if the part belongs to none), and the variant if not all variants share the node.
+    pub row_key: RowKey,
+    /// The node, the source, or another part of the program.
     pub node: String,
-    /// What it did: `read`, `process`, `encode`, `compress`, `write`, ...
+    /// The phase: `read`, `process`, `encode`, `compress`, `write`, ...
     pub phase: String,
-    /// How many frames it did it for.
+    /// The number of frames.
     pub frames: u64,
-    /// CPU time in all, nanoseconds.
+    /// Total CPU time, nanoseconds.
     pub cpu_ns: u64,
-    /// Wall-clock time in all, nanoseconds.
+    /// Total wall-clock time, nanoseconds.
     pub wall_ns: u64,
-    /// The median over frames of the CPU time, nanoseconds; `None` where it was not taken frame by frame.
+    /// The median CPU time of frames, nanoseconds; `None` if it was not measured frame by frame.
     pub median_cpu_ns: Option<u64>,
 }
 
-/// Writes timings of a run whose plan has this key to a Parquet file, a row each: what it is of, with `node` and
-/// `phase`; `frames, cpu_ns, wall_ns, median_cpu_ns`.
+/// Writes the timings of a run to a Parquet file, one row each: key columns, `node`, `phase`, `frames, cpu_ns, wall_ns,
+/// median_cpu_ns`. `run` is the key of the run's plan.
 ///
 /// # Errors
 /// If the file cannot be written.
 pub fn write_timings(timings: &[Timing], run: &Key, path: &Path) -> Result<(), AnalysisError> {
     let rows = Rows(timings);
     let own = vec![rows.key("node", |timing| &timing.node), rows.key("phase", |timing| &timing.phase)];
-    let mut columns = key_columns(timings, |timing| &timing.lead, own);
+    let mut columns = key_columns(timings, |timing| &timing.row_key, own);
     columns.extend([
         rows.count("frames", |timing| timing.frames).unit("frames"),
         rows.count("cpu_ns", |timing| timing.cpu_ns).unit("ns"),
@@ -46,17 +46,17 @@ pub fn write_timings(timings: &[Timing], run: &Key, path: &Path) -> Result<(), A
     depthloom_durable::write(path, &bytes).map_err(AnalysisError::write(path))
 }
 
-/// Reads timings back, but for the axes of their variants.
+/// Reads timings, without the axes of their variants.
 ///
 /// # Errors
-/// If the file cannot be read or holds something else.
+/// If the file cannot be read or is not a timings file.
 pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
     let file = regular_file::open(path).map_err(AnalysisError::read(path))?;
     let read = || -> PolarsResult<Vec<Timing>> {
         let table = ParquetReader::new(file).read_parallel(ParallelStrategy::None).finish()?;
         let texts = |name: &str| table.column(name).and_then(|column| column.str());
         let numbers = |name: &str| table.column(name).and_then(|column| column.u64());
-        // 0.1.0 had the variant in the node's name.
+        // Version 0.1.0 stored the variant in the name of the node.
         let (stages, variants) = (texts("stage")?, texts("variant").ok());
         let (nodes, phases) = (texts("node")?, texts("phase")?);
         let (frames, cpu, wall, median) =
@@ -70,7 +70,11 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
             }
         };
         let row = |i: usize| Timing {
-            lead: RowKey { stage: named(i).0.to_owned(), variant: named(i).1.map(str::to_owned), factors: Vec::new() },
+            row_key: RowKey {
+                stage: named(i).0.to_owned(),
+                variant: named(i).1.map(str::to_owned),
+                factors: Vec::new(),
+            },
             node: named(i).2.to_owned(),
             phase: phases.get(i).unwrap_or_default().to_owned(),
             frames: frames.get(i).unwrap_or(0),
@@ -83,20 +87,20 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
     caught(|| read().map_err(AnalysisError::compute(format!("timings from {}", path.display()))))
 }
 
-/// A run's timings as aligned text: core-milliseconds per frame by node and phase, and their share of the whole; then
-/// what was done once.
+/// The timings of a run as aligned text: core-milliseconds per frame by node and phase with their share of the total; then
+/// the aggregate nodes.
 ///
 /// # Errors
-/// If the file cannot be read or holds something else.
+/// If the file cannot be read or is not a timings file.
 pub fn timings_table(path: &Path) -> Result<String, AnalysisError> {
     Ok(render(&read_timings(path)?))
 }
 
-/// What a once-node did, not frame by frame.
+/// The phase of aggregate nodes, which run once after all frames.
 const ONCE: &str = "once";
 
 fn render(timings: &[Timing]) -> String {
-    let whole_ns = timings.iter().map(|timing| timing.cpu_ns).sum::<u64>().max(1) as f64;
+    let total_ns = timings.iter().map(|timing| timing.cpu_ns).sum::<u64>().max(1) as f64;
     let per_frame_ms = |ns: u64, frames: u64| ns as f64 / 1e6 / frames.max(1) as f64;
     let names: Vec<String> = timings.iter().map(name).collect();
     let wide = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max("node".len());
@@ -109,7 +113,7 @@ fn render(timings: &[Timing]) -> String {
             timing.frames,
             per_frame_ms(timing.cpu_ns, timing.frames),
             per_frame_ms(timing.wall_ns, timing.frames),
-            100.0 * timing.cpu_ns as f64 / whole_ns,
+            100.0 * timing.cpu_ns as f64 / total_ns,
         )
     };
     let rows = |once: bool| timings.iter().zip(&names).filter(move |(timing, _)| (timing.phase == ONCE) == once);
@@ -118,8 +122,8 @@ fn render(timings: &[Timing]) -> String {
         format!("{node:wide$}  {phase:phases$}  {frames:>7}  {core:>9}  {median:>9}  {wall:>9}  {share:>6}\n")
     };
     let mut text = String::from(
-        "per frame; core-ms: processor time of all threads, mean; median: the same; wall-ms: from start to end, mean;\n\
-         share: of the run's processor time\n\n",
+        "per frame; core-ms: mean CPU time of all threads; median: median CPU time; wall-ms: mean wall-clock time;\n\
+         share: share of the run's CPU time\n\n",
     );
     text.push_str(&head("frames"));
     text.extend(rows(false).map(row));
@@ -134,8 +138,8 @@ fn render(timings: &[Timing]) -> String {
 }
 
 fn name(timing: &Timing) -> String {
-    let stage = if timing.lead.stage.is_empty() { String::new() } else { format!("{}.", timing.lead.stage) };
-    let variant = timing.lead.variant.as_ref().map_or_else(String::new, |variant| format!("{variant}/"));
+    let stage = if timing.row_key.stage.is_empty() { String::new() } else { format!("{}.", timing.row_key.stage) };
+    let variant = timing.row_key.variant.as_ref().map_or_else(String::new, |variant| format!("{variant}/"));
     format!("{stage}{variant}{}", timing.node)
 }
 
@@ -145,7 +149,7 @@ mod tests {
 
     fn timings() -> Vec<Timing> {
         let timing = |stage: &str, variant: Option<&str>, node: &str, phase: &str, cpu_ns, median_cpu_ns| Timing {
-            lead: RowKey { stage: stage.to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
+            row_key: RowKey { stage: stage.to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
             node: node.to_owned(),
             phase: phase.to_owned(),
             frames: 4,
@@ -161,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn timings_come_back_as_they_were_written() {
+    fn timings_are_read_as_they_were_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("timings.parquet");
         write_timings(&timings(), &Key::of_content(b"a plan"), &path).unwrap();
@@ -176,8 +180,8 @@ mod tests {
         assert_eq!(
             lines,
             [
-                "per frame; core-ms: processor time of all threads, mean; median: the same; wall-ms: from start to end, mean;",
-                "share: of the run's processor time",
+                "per frame; core-ms: mean CPU time of all threads; median: median CPU time; wall-ms: mean wall-clock time;",
+                "share: share of the run's CPU time",
                 "",
                 "node             phase     frames    core-ms     median    wall-ms   share",
                 "compare.stereo   process        4     75.000     74.500     75.250   75.0%",
@@ -189,9 +193,9 @@ mod tests {
     }
 
     #[test]
-    fn what_was_done_once_is_not_among_the_frames() {
+    fn aggregate_nodes_have_their_own_table() {
         let once = Timing {
-            lead: RowKey { stage: "learn".to_owned(), ..RowKey::default() },
+            row_key: RowKey { stage: "learn".to_owned(), ..RowKey::default() },
             node: "teacher".to_owned(),
             phase: "once".to_owned(),
             frames: 1,

@@ -1,4 +1,4 @@
-//! Frames without a pixel to score, and why: a mean says nothing of them.
+//! Frames without a pixel to score, and the reason. Means do not show them.
 
 use std::collections::BTreeMap;
 
@@ -11,22 +11,22 @@ use crate::error::AnalysisError;
 use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
-/// How many frames are named, and of how many the truth is looked at.
+/// The number of frames that are named, and of those whose ground truth is inspected.
 const NAMED: usize = 5;
 const LOOKED_AT: usize = 16;
 
-/// What is to be said of frames that were not scored.
+/// A note on frames that were not scored.
 #[derive(Default)]
 pub(crate) struct Unscored {
-    /// How many there are, which, and why; `None` if there are none.
+    /// Their number, names and reason; `None` if all frames were scored.
     pub(crate) note: Option<String>,
-    /// Whether there are frames, and on none of them a pixel was scored.
+    /// Whether there are frames, but none of them has a scored pixel.
     pub(crate) everything: bool,
 }
 
 impl Unscored {
-    /// Of all scores of a recording.
-    pub(crate) fn of(
+    /// Inspects all scores of a recording.
+    pub(crate) fn new(
         recording: &Recording,
         estimates: &[Estimate],
         scores: &[FrameScore],
@@ -63,24 +63,26 @@ impl Unscored {
             };
             let (frames, have, are) = if empty.len() == 1 { ("frame", "has", "is") } else { ("frames", "have", "are") };
             let (count, named) = (empty.len(), named.join(", "));
-            format!("{count} {frames} {have} no pixel to score and {are} in no mean: {named}{more}; {why}")
+            format!("{count} {frames} {have} no pixel to score and {are} excluded from all means: {named}{more}; {why}")
         };
         Ok(Self { note: Some(note), everything })
     }
 }
 
 impl Unscored {
-    /// Of a recording in which no score was made.
+    /// Inspects a recording without scores.
     fn without_a_score(recording: &Recording, estimates: &[Estimate]) -> Result<Self, AnalysisError> {
-        let whole = |estimate: &Estimate| {
+        let complete_frames = |estimate: &Estimate| {
             let frames = FrameIndex::enumerate(recording.frames(estimate.run));
             frames.filter(|(_, frame)| frame.failures.is_empty()).map(|(position, _)| position).collect::<Vec<_>>()
         };
-        let scored = estimates.iter().filter(|of| of.score_topic.is_some());
-        let mut with_frames = scored.map(|of| (of, whole(of))).filter(|(_, frames)| !frames.is_empty());
-        // Of what failed the frames tell.
+        let scored = estimates.iter().filter(|estimate| estimate.score_topic.is_some());
+        let mut with_frames =
+            scored.map(|estimate| (estimate, complete_frames(estimate))).filter(|(_, frames)| !frames.is_empty());
+        // Failures are reported elsewhere.
         let Some((first, frames)) = with_frames.next() else { return Ok(Self::default()) };
-        let truth = first.truth.as_deref().or(first.truth_topic.as_deref()).unwrap_or("truth").trim_start_matches('/');
+        let truth =
+            first.truth_output.as_deref().or(first.truth_topic.as_deref()).unwrap_or("truth").trim_start_matches('/');
         let mut has_truth = false;
         if let Some(topic) = &first.truth_topic {
             let mut reader = recording.reader(first.run, &[topic])?;
@@ -89,16 +91,16 @@ impl Unscored {
             }
         }
         let why = match has_truth {
-            true => "no frame has a value of each that is compared".to_owned(),
+            true => "no frame has values of both the estimate and the ground truth".to_owned(),
             false => format!(
-                "no frame has the truth `{truth}`: say in the source's parameters where it lies, choose frames that have it, or leave `score:` out"
+                "no frame has the ground truth `{truth}`: set its location in the parameters of the source, choose frames that have it, or remove `score:`"
             ),
         };
         Ok(Self { note: Some(format!("not one pixel was scored: {why}")), everything: true })
     }
 }
 
-/// Why frames (estimate, place in its run, id) have no scored pixel, as far as what was recorded shows.
+/// The reason why frames (estimate, position, id) have no scored pixel, as far as the recording shows it.
 fn cause(
     recording: &Recording,
     estimates: &[Estimate],
@@ -107,17 +109,20 @@ fn cause(
 ) -> Result<String, AnalysisError> {
     let first = &estimates[frames[0].0];
     let Some(settings) = &first.settings else {
-        return Ok("no pixel has both a true disparity and, where only answers are scored, an answer".to_owned());
+        return Ok(
+            "no pixel has a ground-truth disparity (and a valid estimate, if only valid pixels are scored)".to_owned()
+        );
     };
-    let wanted = format!("{}..{} m", settings.min_m, settings.max_m);
+    let bounds = format!("{}..{} m", settings.min_m, settings.max_m);
     let Some(topic) = &first.truth_topic else {
-        return Ok(format!("only truth within {wanted} is scored (it was not recorded)"));
+        return Ok(format!("only ground truth within {bounds} is scored (the ground truth was not recorded)"));
     };
-    let truth = first.truth.as_deref().unwrap_or(topic).trim_start_matches('/');
+    let truth = first.truth_output.as_deref().unwrap_or(topic).trim_start_matches('/');
     let mut reader = recording.reader(first.run, &[topic])?;
     let (mut nearest, mut farthest) = (f32::INFINITY, f32::NEG_INFINITY);
     let (mut within, mut scorable) = (false, false);
-    for (_, position, _) in frames.iter().filter(|(of, ..)| estimates[*of].run == first.run).take(LOOKED_AT) {
+    for (_, position, _) in frames.iter().filter(|(estimate, ..)| estimates[*estimate].run == first.run).take(LOOKED_AT)
+    {
         let values = reader.read(*position)?;
         let Some(depth) = values.first().and_then(Option::as_ref).and_then(Value::metres) else { continue };
         for &metres in depth.iter().filter(|metres| metres.is_finite()) {
@@ -128,21 +133,21 @@ fn cause(
         scorable |= !ScoredPixels::new(depth, width as usize, height as usize, settings).is_empty();
     }
     Ok(if nearest > farthest {
-        format!("the truth `{truth}` knows no distance there")
+        format!("the ground truth `{truth}` has no distance there")
     } else if !within {
         let unit = if everything { "; is the baseline in metres?" } else { "" };
         let (nearest, farthest) = (short(nearest), short(farthest));
         format!(
-            "the truth `{truth}` lies between {nearest} and {farthest} m, outside of the score's min_m..max_m ({wanted}){unit}"
+            "the ground truth `{truth}` is between {nearest} and {farthest} m, outside of min_m..max_m of the score ({bounds}){unit}"
         )
     } else if scorable {
         "no estimate is valid on a pixel with ground truth".to_owned()
     } else {
-        "the score's crop leaves out all pixels with a truth".to_owned()
+        "the crop of the score excludes all pixels with ground truth".to_owned()
     })
 }
 
-/// A distance with three digits or so.
+/// A distance with about three digits.
 fn short(metres: f32) -> String {
     match metres.abs() {
         size if size >= 100.0 => format!("{metres:.0}"),

@@ -1,5 +1,4 @@
-//! What nodes and sources told of without failing, as the recording keeps it: a calibration that was assumed, a frame
-//! that was left out.
+//! Recorded warnings of nodes and sources, for example an assumed calibration or a skipped frame.
 
 use std::collections::BTreeMap;
 
@@ -7,22 +6,22 @@ use depthloom_graphs::counted;
 use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_recording::{RecordedRun, Recording};
 
-/// All of it, in words, each once with how many things in all and on how many frames; of these stage runs alone, where
-/// some are named.
+/// The distinct warnings as text, with their total count and number of frames. If `run` is given, only those of this stage
+/// run.
 pub(crate) fn warnings(recording: &Recording, run: Option<RunId>) -> Vec<String> {
     let plan = recording.plan();
-    // By name and what was told: how many things in all, and on how many frames.
+    // By node and warning: the total count, and the number of frames.
     let mut counts: BTreeMap<(String, &str), (u64, u64)> = BTreeMap::new();
     let mut order = Vec::new();
-    for of in RunId::all(plan.runs.len()).filter(|of| run.is_none_or(|run| run == *of)) {
-        for frame in recording.frames(of) {
-            for warned in &frame.warnings {
-                let key = (name(&plan.runs[of], warned.node), warned.what.as_str());
+    for own in RunId::all(plan.runs.len()).filter(|own| run.is_none_or(|run| run == *own)) {
+        for frame in recording.frames(own) {
+            for warning in &frame.warnings {
+                let key = (name(&plan.runs[own], warning.node), warning.what.as_str());
                 let (count, frames) = counts.entry(key.clone()).or_default();
                 if *frames == 0 {
                     order.push(key);
                 }
-                *count = count.saturating_add(warned.count);
+                *count = count.saturating_add(warning.count);
                 *frames += 1;
             }
         }

@@ -1,4 +1,4 @@
-//! What the page shows of a recording that may hold more than a page can: which estimates, which maps, which frames.
+//! Selects the estimates, maps and frames that a page shows, with limits on their numbers.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -13,31 +13,30 @@ use crate::ablation::ScoreTable;
 use crate::estimates::Estimate;
 use crate::scores::FrameScore;
 
-/// So many estimates have curves, and so many of them pictures.
+/// The maximum number of estimates with curves, and of those with pictures.
 const MOST_CURVES: usize = 24;
 const MOST_PICTURED: usize = 12;
-/// So many maps a stage run has.
+/// The maximum number of maps of a stage run.
 const MOST_LAYERS: usize = 32;
-/// So many frames all stage runs that scored something have together, and so many those that scored nothing; each of
-/// these few.
+/// The maximum number of frames of all scored stage runs together, of all unscored stage runs together, and of each unscored
+/// stage run.
 const MOST_FRAMES: usize = 200;
 const MOST_UNSCORED: usize = 40;
 const FEW: usize = 10;
-/// So many frames stand in the figure of scores by frame.
+/// The maximum number of frames in the figure of scores by frame.
 const MOST_POINTS: usize = 1000;
-/// So many of the worst and of the best frames of an estimate have pictures in any case.
+/// The number of worst and of best frames of each estimate that always have pictures.
 const EXTREMES: usize = 3;
 
-/// The estimates with curves: all, or those that all variants share and the best of the others by the table's first
-/// score.
+/// The estimates with curves: all, or those that all variants share and the best others by the first metric of the table.
 pub(super) fn estimates_shown(estimates: &[Estimate], table: Option<&ScoreTable>) -> Vec<usize> {
     best(estimates, table, &(0..estimates.len()).collect::<Vec<_>>(), MOST_CURVES)
 }
 
-/// The first so many of some estimates, in their order.
-fn best(estimates: &[Estimate], table: Option<&ScoreTable>, of: &[usize], most: usize) -> Vec<usize> {
-    if of.len() <= most {
-        return of.to_vec();
+/// At most `most` of the candidates, the best ones, in their order.
+fn best(estimates: &[Estimate], table: Option<&ScoreTable>, candidates: &[usize], most: usize) -> Vec<usize> {
+    if candidates.len() <= most {
+        return candidates.to_vec();
     }
     let metric = table.and_then(|table| table.metrics.first());
     let means: HashMap<&str, f64> = table.map_or_else(HashMap::new, |table| {
@@ -48,16 +47,16 @@ fn best(estimates: &[Estimate], table: Option<&ScoreTable>, of: &[usize], most: 
     let rank = |index: usize| {
         let estimate = &estimates[index];
         let mean = means.get(estimate.label.as_str()).filter(|mean| mean.is_finite());
-        (estimate.lead.variant.is_some(), mean.is_none(), mean.map_or(0.0, |mean| sign * mean))
+        (estimate.row_key.variant.is_some(), mean.is_none(), mean.map_or(0.0, |mean| sign * mean))
     };
-    let mut ranked = of.to_vec();
+    let mut ranked = candidates.to_vec();
     ranked.sort_by(|&a, &b| rank(a).partial_cmp(&rank(b)).unwrap_or(std::cmp::Ordering::Equal).then(a.cmp(&b)));
     ranked.truncate(most);
     ranked.sort_unstable();
     ranked
 }
 
-/// What is shown of each stage run that recorded a map.
+/// The displayed maps and frames of each stage run with recorded maps.
 pub(super) fn series(
     recording: &Recording,
     estimates: &[Estimate],
@@ -77,17 +76,17 @@ pub(super) fn series(
             (false, 0) => MOST_FRAMES / others,
             (false, _) => FEW.min(MOST_UNSCORED / others),
         };
-        let wanted = extremes(series, estimates, scores);
-        let kept: Vec<FrameIndex> = FrameIndex::all(recording.frames(series.run).len())
+        let extremes = extremes(series, estimates, scores);
+        let with_maps: Vec<FrameIndex> = FrameIndex::all(recording.frames(series.run).len())
             .step_by(usize::try_from(plan.every.max(1)).unwrap_or(usize::MAX))
             .collect();
-        series.positions = evenly(&kept, &wanted, most.max(1));
+        series.positions = evenly(&with_maps, &extremes, most.max(1));
     }
     all.retain(|series| !series.positions.is_empty());
     all
 }
 
-/// The maps of a stage run: images first, then truths, estimates, and what they were made of.
+/// The maps of a stage run: images, then ground truth, estimates, and other maps.
 fn layers(
     recording: &Recording,
     estimates: &[Estimate],
@@ -99,18 +98,19 @@ fn layers(
     let own: Vec<usize> = shown.iter().copied().filter(|&index| estimates[index].run == run).collect();
     let pictured = best(estimates, table, &own, MOST_PICTURED);
     let variants: HashSet<&str> =
-        pictured.iter().filter_map(|&index| estimates[index].lead.variant.as_deref()).collect();
+        pictured.iter().filter_map(|&index| estimates[index].row_key.variant.as_deref()).collect();
+    let own_estimates = || estimates.iter().filter(|estimate| estimate.run == run);
     let topic_of = |topic: &str| plan.find(run, topic).map(|(_, output)| output.topic.clone());
     let truths: HashSet<String> =
-        estimates.iter().filter(|of| of.run == run).filter_map(|of| topic_of(of.truth_topic.as_ref()?)).collect();
-    let mut of_topic: HashMap<String, Vec<usize>> = HashMap::new();
+        own_estimates().filter_map(|estimate| topic_of(estimate.truth_topic.as_ref()?)).collect();
+    let mut by_topic: HashMap<String, Vec<usize>> = HashMap::new();
     for &index in &pictured {
         if let Some(topic) = estimates[index].estimate_topic.as_ref().and_then(|topic| topic_of(topic)) {
-            of_topic.entry(topic).or_default().push(index);
+            by_topic.entry(topic).or_default().push(index);
         }
     }
     let every_estimate: HashSet<String> =
-        estimates.iter().filter(|of| of.run == run).filter_map(|of| topic_of(of.estimate_topic.as_ref()?)).collect();
+        own_estimates().filter_map(|estimate| topic_of(estimate.estimate_topic.as_ref()?)).collect();
     let is_map = |value_type| {
         use ValueType::{Depth, Disparity, Image, Mask, TrueDisparity, Weight};
         matches!(value_type, Image | Disparity | TrueDisparity | Depth | Weight | Mask)
@@ -121,20 +121,21 @@ fn layers(
     };
     let mut found = Vec::new();
     for (slot, output) in maps() {
-        let of = of_topic.get(&output.topic);
-        let role = match (output.value_type(), of) {
+        let shown_estimates = by_topic.get(&output.topic);
+        let role = match (output.value_type(), shown_estimates) {
             (Some(ValueType::Image), _) => Role::Image,
             _ if truths.contains(&output.topic) => Role::Truth,
             (_, Some(_)) => Role::Estimate,
             _ if every_estimate.contains(&output.topic) => continue,
             _ => Role::Other,
         };
-        // Of many variants those alone whose estimates are shown.
+        // With many variants, only those whose estimates are shown.
         if let (Role::Other, Slot::Node { node, .. }) = (role, slot) {
-            let of_node = &planned.nodes[node].variants;
-            let is_of =
+            let node_variants = &planned.nodes[node].variants;
+            let is_shown =
                 |variant: &VariantId| plan.variants.get(variant.0).is_some_and(|name| variants.contains(name.as_str()));
-            if of_node.len() < plan.variants.len() && !of_node.iter().any(is_of) && !variants.is_empty() {
+            if node_variants.len() < plan.variants.len() && !node_variants.iter().any(is_shown) && !variants.is_empty()
+            {
                 continue;
             }
         }
@@ -144,14 +145,14 @@ fn layers(
             name: name.to_owned(),
             role,
             value_type: output.value_type.clone(),
-            estimates: of.cloned().unwrap_or_default(),
+            estimates: shown_estimates.cloned().unwrap_or_default(),
             truth: None,
-            aligned: of
-                .and_then(|of| estimates[*of.first()?].settings)
+            aligned: shown_estimates
+                .and_then(|shown| estimates[*shown.first()?].settings)
                 .filter(|settings| settings.align != Align::None),
         });
     }
-    // Within a role as the plan has them.
+    // A stable sort keeps the order of the plan within a role.
     found.sort_by_key(|layer| layer.role as u8);
     found.truncate(MOST_LAYERS);
     for place in 0..found.len() {
@@ -162,7 +163,7 @@ fn layers(
     (!found.is_empty()).then_some(Series { run, layers: found, recorded, positions: Vec::new() })
 }
 
-/// The positions of the frames on which the pictured estimates are worst and best by their first score.
+/// The positions of the frames on which the pictured estimates are worst and best by their first metric.
 fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> BTreeSet<FrameIndex> {
     let mut positions = BTreeSet::new();
     for &index in series.layers.iter().flat_map(|layer| &layer.estimates) {
@@ -181,12 +182,12 @@ fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> B
     positions
 }
 
-/// The pixel set that an estimate is ranked over: all pixels with ground truth where it was scored on them.
+/// The pixel set by which an estimate is ranked: all pixels with ground truth, if it was scored on them.
 pub(super) fn set_of(estimate: &Estimate) -> Option<PixelSet> {
     estimate.sets.iter().copied().min()
 }
 
-/// The positions in the figure of scores by frame, of a stage run with so many frames.
+/// The positions in the figure of scores by frame.
 pub(super) fn points(frames: usize, pictured: &BTreeSet<FrameIndex>) -> Vec<FrameIndex> {
     evenly(&FrameIndex::all(frames).collect::<Vec<_>>(), pictured, MOST_POINTS)
 }
@@ -196,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_many_estimates_the_shared_and_the_best_are_shown() {
+    fn the_shared_and_the_best_of_many_estimates_are_shown() {
         let mut estimates: Vec<Estimate> = (0..40)
             .map(|i| Estimate::of_depths(&format!("v{i}/fused"), Some(&format!("v{i}")), "fused", &[PixelSet::All]))
             .collect();

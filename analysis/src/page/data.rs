@@ -1,4 +1,4 @@
-//! What the page knows: one JSON object, from which its script makes tables and figures.
+//! The data of the page: one JSON object, from which its script builds tables and figures.
 
 use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -16,21 +16,22 @@ use crate::error::AnalysisError;
 use crate::estimates::Estimate;
 use crate::input::paper::paper_scores;
 use crate::input::timings::Timing;
-use crate::report::Found;
+use crate::report::ReportData;
 use crate::scores::FrameScore;
+use crate::statistics::Interval;
 use crate::tables::{RowKeys, plan_key, variant_of};
 
-/// So many failures are told one by one.
+/// The maximum number of listed failures.
 const MOST_FAILURES: usize = 200;
-/// So many nodes of a plan stand in the list of keys.
+/// The maximum number of nodes in the list of keys.
 const MOST_NODES: usize = 400;
-/// The score that tables of effects and zones are of: the first of these that was taken.
+/// The metric of the tables of effects and zones: the first of these that was scored.
 const LEADING: [&str; 3] = ["abs_rel", "d1", "epe"];
-/// Significant digits of what is drawn and of what stands in the table.
+/// Significant digits of curves and of tables.
 const DRAWN: usize = 5;
 const TABLED: usize = 7;
 
-/// A number with some significant digits; null where there is none.
+/// A number rounded to significant digits; null if it is missing.
 fn number(number: Option<f64>, digits: usize) -> Json {
     let number = number.filter(|number| number.is_finite());
     number.map_or(Json::Null, |number| format!("{number:.*e}", digits - 1).parse::<f64>().unwrap_or(number).into())
@@ -40,9 +41,10 @@ fn numbers(all: impl IntoIterator<Item = Option<f64>>) -> Json {
     all.into_iter().map(|one| number(one, DRAWN)).collect()
 }
 
-/// The table: its scores, and a row an estimate and pixel set.
+/// The table: its metrics, and one row per estimate and pixel set.
 pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
-    let by_label: HashMap<&str, &Estimate> = estimates.iter().map(|of| (of.label.as_str(), of)).collect();
+    let by_label: HashMap<&str, &Estimate> =
+        estimates.iter().map(|estimate| (estimate.label.as_str(), estimate)).collect();
     let names = names(estimates);
     let metrics = table.metrics.iter().map(|metric| {
         json!({
@@ -50,9 +52,11 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
             "decimals": metric.decimals, "formula": metric.formula, "source": metric.source,
         })
     });
+    let ends = |interval: Interval| [interval.low, interval.high].map(|end| number(Some(end), TABLED));
     let rows = table.rows.iter().map(|row| {
-        let paper = by_label.get(row.label.as_str()).and_then(|of| paper_scores(of, row.set));
-        let papers = || table.metrics.iter().map(|metric| number(paper_number(paper, metric), TABLED)).collect::<Vec<_>>();
+        let paper = by_label.get(row.label.as_str()).and_then(|estimate| paper_scores(estimate, row.set));
+        let papers =
+            || table.metrics.iter().map(|metric| number(paper_number(paper, metric), TABLED)).collect::<Vec<_>>();
         json!({
             "stage": row.key.stage,
             "variant": row.key.variant,
@@ -63,7 +67,7 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
             "frames": row.frames,
             "density": number(row.density, TABLED),
             "means": row.values.iter().map(|value| number(*value, TABLED)).collect::<Vec<_>>(),
-            "intervals": row.intervals.iter().map(|of| of.map(|of| [number(Some(of.low), TABLED), number(Some(of.high), TABLED)])).collect::<Vec<_>>(),
+            "intervals": row.intervals.iter().map(|interval| interval.map(ends)).collect::<Vec<_>>(),
             "best": (0..table.metrics.len()).filter(|&metric| row.best[metric]).collect::<Vec<_>>(),
             "paper": paper.map(|_| papers()),
         })
@@ -78,61 +82,63 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
     })
 }
 
-/// The tables of `table --effects` and `table --best-per-zone`, each where the run has an answer.
-pub(super) fn answers(ablation: &Ablation<'_>, table: &ScoreTable) -> Result<Vec<Json>, AnalysisError> {
-    let named = |wanted: &&str| table.metrics.iter().any(|metric| metric.name == *wanted);
-    let Some(metric) = LEADING.into_iter().find(named).or_else(|| table.metrics.first().map(|metric| metric.name))
+/// The tables of `table --effects` and `table --best-per-zone`, if the run has axes or zones.
+pub(super) fn query_tables(ablation: &Ablation<'_>, table: &ScoreTable) -> Result<Vec<Json>, AnalysisError> {
+    let was_scored = |name: &&str| table.metrics.iter().any(|metric| metric.name == *name);
+    let Some(metric) = LEADING.into_iter().find(was_scored).or_else(|| table.metrics.first().map(|metric| metric.name))
     else {
         return Ok(Vec::new());
     };
     let all = Selection::default();
-    let asked = [
+    let queries = [
         ("Effect of each axis", effects_table(ablation, &all, metric)),
         ("Best in each zone", zones_table(ablation, &all, metric)),
     ];
-    let mut found = Vec::new();
-    for (title, grid) in asked {
+    let mut tables = Vec::new();
+    for (title, grid) in queries {
         match grid {
-            Ok(grid) => found.push(json!({ "title": title, "table": grid.page() })),
-            // A run without axes has no effects, and one without zones no best of them.
+            Ok(grid) => tables.push(json!({ "title": title, "table": grid.page() })),
+            // A run without axes has no effects, and one without zones has no best rows of zones.
             Err(AnalysisError::Request { .. }) => {}
             Err(error) => return Err(error),
         }
     }
-    Ok(found)
+    Ok(tables)
 }
 
-/// Names as they first come: they choose the colours.
+/// The distinct names in their order, which determines the colours.
 fn names(estimates: &[Estimate]) -> Vec<&str> {
     let mut known = BTreeSet::new();
-    estimates.iter().map(|of| of.name.as_str()).filter(|name| known.insert(*name)).collect()
+    estimates.iter().map(|estimate| estimate.name.as_str()).filter(|name| known.insert(*name)).collect()
 }
 
-/// The estimates with curves; all else names them by their place here.
+/// The estimates with curves; other data refers to them by index.
 pub(super) fn estimates(estimates: &[Estimate], shown: &[usize]) -> Json {
     let names = names(estimates);
     let one = |&index: &usize| {
-        let of = &estimates[index];
+        let estimate = &estimates[index];
         json!({
-            "label": of.label, "name": of.name, "stage": of.lead.stage, "variant": of.lead.variant, "run": of.run,
-            "colour": colour_of(&names, &of.name), "preset": of.preset,
-            "sets": of.sets.iter().map(|set| set.name()).collect::<Vec<_>>(),
-            "set": choice::set_of(of).map(PixelSet::name),
-            "metrics": of.metrics.iter().map(|metric| metric.name).collect::<Vec<_>>(),
+            "label": estimate.label, "name": estimate.name, "run": estimate.run,
+            "stage": estimate.row_key.stage, "variant": estimate.row_key.variant,
+            "colour": colour_of(&names, &estimate.name), "preset": estimate.preset,
+            "sets": estimate.sets.iter().map(|set| set.name()).collect::<Vec<_>>(),
+            "set": choice::set_of(estimate).map(PixelSet::name),
+            "metrics": estimate.metrics.iter().map(|metric| metric.name).collect::<Vec<_>>(),
         })
     };
     shown.iter().map(one).collect()
 }
 
-/// Error against distance: of each estimate shown the metres, and the spread on its valid pixels and on those valid in
-/// all.
-pub(super) fn distances(found: &Found, shown: &[usize]) -> Json {
-    let of_one = |(place, index): (usize, &usize)| {
-        let bins: Vec<&DistanceBin> = found.bins.iter().filter(|bin| bin.estimate == *index).collect();
-        let spread = |of: &dyn Fn(&DistanceBin) -> Option<Spread>| {
-            let percentile = |i: usize| numbers(bins.iter().map(|bin| of(bin).map(|spread| spread.percentiles_m[i])));
+/// Error against distance: for each displayed estimate the metres, and the spread over its valid pixels and over those
+/// valid in all estimates.
+pub(super) fn distances(report: &ReportData, shown: &[usize]) -> Json {
+    let curve = |(place, index): (usize, &usize)| {
+        let bins: Vec<&DistanceBin> = report.bins.iter().filter(|bin| bin.estimate == *index).collect();
+        let spread = |spread_of: &dyn Fn(&DistanceBin) -> Option<Spread>| {
+            let percentile =
+                |i: usize| numbers(bins.iter().map(|bin| spread_of(bin).map(|spread| spread.percentiles_m[i])));
             json!({
-                "count": bins.iter().map(|bin| of(bin).map_or(0, |spread| spread.count)).collect::<Vec<_>>(),
+                "count": bins.iter().map(|bin| spread_of(bin).map_or(0, |spread| spread.count)).collect::<Vec<_>>(),
                 "percentiles": (0..5).map(percentile).collect::<Vec<_>>(),
             })
         };
@@ -145,11 +151,11 @@ pub(super) fn distances(found: &Found, shown: &[usize]) -> Json {
             })
         })
     };
-    let truth: Vec<(u32, u64)> = found.truth.iter().map(|(metre, count)| (*metre, *count)).collect();
-    json!({ "estimates": shown.iter().enumerate().filter_map(of_one).collect::<Vec<_>>(), "truth": truth })
+    let truth: Vec<(u32, u64)> = report.truth.iter().map(|(metre, count)| (*metre, *count)).collect();
+    json!({ "estimates": shown.iter().enumerate().filter_map(curve).collect::<Vec<_>>(), "truth": truth })
 }
 
-/// Scores by frame, a part a stage run.
+/// Scores by frame, one part per stage run.
 pub(super) fn scores(
     recording: &Recording,
     estimates: &[Estimate],
@@ -180,8 +186,8 @@ pub(super) fn scores(
             row[*place] = Some(score);
         }
         let lines = rows.iter().map(|((estimate, set), row)| {
-            let of = &estimates[shown[*estimate]];
-            let values = of.metrics.iter().map(|metric| {
+            let scored = &estimates[shown[*estimate]];
+            let values = scored.metrics.iter().map(|metric| {
                 (metric.name.to_owned(), numbers(row.iter().map(|score| score.as_ref()?.row.get(metric))))
             });
             let pixels: Vec<Option<u64>> =
@@ -200,7 +206,7 @@ pub(super) fn scores(
     parts.into()
 }
 
-/// The stage runs with pictures: maps, and frames.
+/// The stage runs with pictures: their maps and frames.
 pub(super) fn pictures(
     recording: &Recording,
     estimates: &[Estimate],
@@ -208,11 +214,11 @@ pub(super) fn pictures(
     series: &[Series],
     pictures: &Pictures,
 ) -> Json {
-    let place = |index: &usize| shown.iter().position(|of| of == index);
-    let one = |(of, there): (&Series, &Vec<bool>)| {
-        let planned = &recording.plan().runs[of.run];
-        let frames = recording.frames(of.run);
-        let layers = of.layers.iter().zip(there).map(|(layer, there)| {
+    let place = |index: &usize| shown.iter().position(|known| known == index);
+    let one = |(own, there): (&Series, &Vec<bool>)| {
+        let planned = &recording.plan().runs[own.run];
+        let frames = recording.frames(own.run);
+        let layers = own.layers.iter().zip(there).map(|(layer, there)| {
             json!({
                 "name": layer.name,
                 "role": layer.role.name(),
@@ -230,19 +236,19 @@ pub(super) fn pictures(
             };
             frame.failures.iter().map(|failure| format!("{}: {}", node(failure.node), failure.what)).collect()
         };
-        let shown = of.positions.iter().map(|&position| {
+        let shown = own.positions.iter().map(|&position| {
             let frame = &frames[position];
-            let mut told = json!({ "position": position, "id": &*frame.id });
+            let mut entry = json!({ "position": position, "id": &*frame.id });
             if !frame.failures.is_empty() {
-                told["failures"] = failed(frame).into();
+                entry["failures"] = failed(frame).into();
             }
-            told
+            entry
         });
         json!({
-            "run": of.run,
+            "run": own.run,
             "name": planned.name(),
             "frames_in_all": frames.len(),
-            "maps_in_all": of.recorded,
+            "maps_in_all": own.recorded,
             "layers": layers.collect::<Vec<_>>(),
             "frames": shown.collect::<Vec<_>>(),
         })
@@ -250,7 +256,7 @@ pub(super) fn pictures(
     series.iter().zip(pictures.there()).map(one).collect()
 }
 
-/// What an estimate is called, and that it is shown aligned.
+/// The label of an estimate, with a remark if it is shown aligned.
 fn label(estimate: &Estimate, layer: &Layer) -> String {
     match &layer.aligned {
         Some(settings) => format!("{} (aligned: {})", estimate.label, settings.align.name()),
@@ -259,7 +265,7 @@ fn label(estimate: &Estimate, layer: &Layer) -> String {
 }
 
 /// Learning curves.
-pub(super) fn curves(found: &Found) -> Json {
+pub(super) fn curves(report: &ReportData) -> Json {
     let one = |curve: &crate::curves::LearningCurve| {
         let points = &curve.curve.points;
         json!({
@@ -269,52 +275,52 @@ pub(super) fn curves(found: &Found) -> Json {
             "validation": numbers(points.iter().map(|point| point.validation)),
         })
     };
-    found.curves.iter().map(one).collect()
+    report.curves.iter().map(one).collect()
 }
 
-/// What failed, frame by frame.
+/// The failures, frame by frame.
 pub(super) fn failures(recording: &Recording) -> Json {
     let plan = recording.plan();
     let mut in_all = 0;
-    let mut told = Vec::new();
+    let mut listed = Vec::new();
     for (run, planned) in RunId::enumerate(&plan.runs) {
         for (position, frame) in FrameIndex::enumerate(recording.frames(run)) {
             in_all += frame.failures.len();
-            for failure in frame.failures.iter().take(MOST_FAILURES.saturating_sub(told.len())) {
+            for failure in frame.failures.iter().take(MOST_FAILURES.saturating_sub(listed.len())) {
                 let node = failure.node.and_then(|node| planned.nodes.get(node.0));
-                told.push(json!({
+                listed.push(json!({
                     "stage": planned.name(), "position": position, "frame": &*frame.id,
                     "node": node.map_or("source", |node| &node.name), "what": failure.what,
                 }));
             }
         }
     }
-    json!({ "in_all": in_all, "told": told })
+    json!({ "in_all": in_all, "listed": listed })
 }
 
-/// Where the time went.
+/// The timings of the run.
 pub(super) fn timings(timings: &[Timing]) -> Json {
     let ms = |ns: u64| number(Some(ns as f64 / 1e6), DRAWN);
     let one = |timing: &Timing| {
         json!({
-            "stage": timing.lead.stage, "variant": timing.lead.variant, "node": timing.node, "phase": timing.phase,
+            "stage": timing.row_key.stage, "variant": timing.row_key.variant, "node": timing.node, "phase": timing.phase,
             "frames": timing.frames, "cpu_ms": ms(timing.cpu_ns), "wall_ms": ms(timing.wall_ns), "median_ms": timing.median_cpu_ns.map(ms),
         })
     };
     timings.iter().map(one).collect()
 }
 
-/// What it takes to make the run again: keys, and what every node was given.
+/// The information for reproducing the run: keys, and the parameters of all nodes.
 pub(super) fn keys(plan: &RecordedPlan) -> Json {
-    let leads = RowKeys::new(plan);
+    let row_keys = RowKeys::new(plan);
     let sources = plan.runs.iter().flat_map(|run| {
         run.source.parts.iter().map(|part| json!({ "stage": run.name(), "name": run.source.name, "kind": part.kind, "version": part.version, "params": part.params }))
     });
     let nodes = plan.runs.iter().flat_map(|run| {
-        let leads = &leads;
+        let row_keys = &row_keys;
         run.nodes.iter().map(move |node| {
             json!({
-                "stage": run.stage, "variant": leads.of_those(&run.stage, &node.variants).variant, "name": node.name, "kind": node.kind,
+                "stage": run.stage, "variant": row_keys.for_variants(&run.stage, &node.variants).variant, "name": node.name, "kind": node.kind,
                 "version": node.version, "recipe": node.recipe.to_string(), "params": node.params,
             })
         })

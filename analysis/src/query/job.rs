@@ -1,5 +1,4 @@
-//! One inquiry of one population: the samples of a stage that were scored in one way, over one set of pixels, by one
-//! column.
+//! A job of a query: the samples of one stage with one scoring, over one pixel set, binned by one column.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,50 +16,50 @@ use super::{By, Inquiry, SampleSet, Unit};
 use crate::error::AnalysisError;
 use crate::samples::{DescribedEstimate, Part, SamplesFile};
 
-/// Samples that are held in memory at most, and counters where there are more samples.
+/// The maximum number of samples in memory, and of counters if there are more samples.
 const SAMPLES: usize = 1 << 27;
 const COUNTERS: usize = 1 << 26;
 
-/// What is asked of which samples.
+/// A job: which samples are binned, and how.
 pub(super) struct Job<'a> {
     pub(super) run: &'a str,
     pub(super) file: &'a SamplesFile,
     pub(super) parts: Vec<&'a Part>,
-    /// All that are compared.
+    /// All compared estimates.
     pub(super) estimates: Vec<&'a DescribedEstimate>,
-    /// Those of them that are reported.
+    /// The indices of the reported estimates among them.
     pub(super) reported: Vec<usize>,
-    /// The column that samples are put into bins by; `None`: a bin a frame.
+    /// The binning column; `None`: one bin per frame.
     pub(super) by: Option<String>,
     pub(super) set: SampleSet,
 }
 
-/// What was found of a population.
-pub(super) struct Found {
-    pub(super) bins: FoundBins,
-    /// A bin that has pixels, in order.
-    pub(super) rows: Vec<FoundRow>,
+/// The result of a job.
+pub(super) struct BinnedErrors {
+    pub(super) bins: JobBins,
+    /// The bins with pixels, in order.
+    pub(super) rows: Vec<BinRow>,
 }
 
-/// What the bins are.
-pub(super) enum FoundBins {
+/// The bins of a job.
+pub(super) enum JobBins {
     /// Between edges.
     Edges(Edges),
     /// The frames: position and id.
     Frames(Vec<(u32, String)>),
 }
 
-/// A bin.
-pub(super) struct FoundRow {
+/// The errors in a bin.
+pub(super) struct BinRow {
     pub(super) bin: usize,
-    /// Scored pixels in it; of the common set, those that are common.
+    /// The scored pixels in the bin; for the set `common`, the common ones.
     pub(super) pixels: u64,
-    /// By reported estimate: the sums, and the percentiles where it has samples.
+    /// For each reported estimate, the sums, and the percentiles if it has samples.
     pub(super) estimates: Vec<(Sums, Option<Vec<f64>>)>,
 }
 
-/// A part: its rows' bins, and by reported estimate the errors, NaN where it has no estimate.
-struct Read {
+/// A part: the bins of its rows, and the errors of each reported estimate, NaN where it is invalid.
+struct PartErrors {
     bins: Vec<u32>,
     errors: Vec<Vec<f32>>,
 }
@@ -74,20 +73,20 @@ impl Job<'_> {
         self.parts.iter().map(|part| part.rows as u64).sum()
     }
 
-    /// Finds everything, in several passes over the file.
-    pub(super) fn answer(
+    /// Computes the result in several passes over the file.
+    pub(super) fn compute(
         &self,
         inquiry: &Inquiry,
         progress: &(dyn Fn(u64) + Sync),
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Found, AnalysisError> {
+    ) -> Result<BinnedErrors, AnalysisError> {
         let bins = match &self.by {
-            Some(column) => FoundBins::Edges(self.edges(column, inquiry, stop)?),
-            None => FoundBins::Frames(self.ids()),
+            Some(column) => JobBins::Edges(self.edges(column, inquiry, stop)?),
+            None => JobBins::Frames(self.ids()),
         };
         let count = match &bins {
-            FoundBins::Edges(edges) => edges.len(),
-            FoundBins::Frames(frames) => frames.len(),
+            JobBins::Edges(edges) => edges.len(),
+            JobBins::Frames(frames) => frames.len(),
         };
         let sums: Vec<Mutex<Vec<(usize, BinSums)>>> = self.parts.iter().map(|_| Mutex::default()).collect();
         let done = AtomicU64::new(0);
@@ -98,12 +97,12 @@ impl Job<'_> {
                 stop,
                 || Tally::new(pass),
                 |tally, place| {
-                    let (Read { bins, errors }, of_part) = self.read(place, &bins, inquiry, pass.is_first())?;
+                    let (PartErrors { bins, errors }, part_sums) = self.read(place, &bins, inquiry, pass.is_first())?;
                     for (reported, errors) in errors.iter().enumerate() {
                         tally.add(pass, |bin| reported * count + bin, &bins, errors);
                     }
-                    if let Some(of_part) = of_part {
-                        *locked(&sums[place]) = of_part.bins();
+                    if let Some(part_sums) = part_sums {
+                        *locked(&sums[place]) = part_sums.bins();
                         let rows = self.parts[place].rows as u64;
                         progress(done.fetch_add(rows, Ordering::Relaxed) + rows);
                     }
@@ -114,12 +113,12 @@ impl Job<'_> {
         let values = |group: usize| (found[group].count > 0).then(|| found[group].values.clone());
         let rows =
             sums::total(sums.into_iter().map(into_unlocked)).into_iter().map(|(bin, BinSums { pixels, estimates })| {
-                let of_estimates =
+                let errors =
                     estimates.into_iter().enumerate().map(|(reported, sums)| (sums, values(reported * count + bin)));
-                FoundRow { bin, pixels, estimates: of_estimates.collect() }
+                BinRow { bin, pixels, estimates: errors.collect() }
             });
         let rows = rows.collect();
-        Ok(Found { bins, rows })
+        Ok(BinnedErrors { bins, rows })
     }
 
     /// The frames, in order.
@@ -147,7 +146,7 @@ impl Job<'_> {
         };
         let nothing = || {
             let what = format!("no sample has a value in the column `{column}`");
-            AnalysisError::asked(what, "ask for another --by".to_owned())
+            AnalysisError::request(what, "choose another `--by`".to_owned())
         };
         if let Bins::Quantile(count) = bins {
             let shares: Vec<f64> = (0..=count).map(|edge| 100.0 * f64::from(edge) / f64::from(count)).collect();
@@ -169,15 +168,15 @@ impl Job<'_> {
             };
         }
         let is_log = inquiry.by == By::Error && matches!(bins, Bins::Log(_));
-        // NaN is neither less nor more than anything.
+        // Comparisons with NaN are false, so NaN is skipped.
         let ends = scan(
             self.parts.len(),
             stop,
             || (f32::INFINITY, f32::NEG_INFINITY),
             |(least, most), place| {
-                // Bins of one ratio have no place for an error of zero.
-                let is_taken = |value: &f32| !is_log || *value > 0.0;
-                for value in values(place)?.into_iter().filter(is_taken) {
+                // Logarithmic bins exclude errors of zero.
+                let is_binned = |value: &f32| !is_log || *value > 0.0;
+                for value in values(place)?.into_iter().filter(is_binned) {
                     *least = if value < *least { value } else { *least };
                     *most = if value > *most { value } else { *most };
                 }
@@ -190,17 +189,17 @@ impl Job<'_> {
             return Err(nothing());
         }
         let edges = bins.edges(f64::from(least), f64::from(most))?;
-        Ok(edges.expect("bins that are no quantiles have edges"))
+        Ok(edges.expect("only quantile bins lack edges"))
     }
 
-    /// Reads a part, and computes its sums where wanted.
+    /// Reads a part, and computes its sums if `with_sums`.
     fn read(
         &self,
         place: usize,
-        bins: &FoundBins,
+        bins: &JobBins,
         inquiry: &Inquiry,
         with_sums: bool,
-    ) -> Result<(Read, Option<PartSums>), AnalysisError> {
+    ) -> Result<(PartErrors, Option<PartSums>), AnalysisError> {
         let part = self.parts[place];
         let compared: Vec<usize> = match self.set {
             SampleSet::Valid => self.reported.clone(),
@@ -208,21 +207,22 @@ impl Job<'_> {
         };
         let mut columns: Vec<&str> = vec!["truth_m"];
         columns.extend(self.by.as_deref());
-        columns.extend(compared.iter().map(|of| self.estimates[*of].column.as_str()));
+        columns.extend(compared.iter().map(|index| self.estimates[*index].column.as_str()));
         columns.sort_unstable();
         columns.dedup();
         let table = self.file.read(part, &columns)?;
-        let prepared = || -> PolarsResult<(Read, Option<PartSums>)> {
-            let column = |of: usize| numbers(&table, &self.estimates[of].column);
+        let prepared = || -> PolarsResult<(PartErrors, Option<PartSums>)> {
+            let column = |index: usize| numbers(&table, &self.estimates[index].column);
             let (mut bins, count) = match (bins, &self.by) {
-                (FoundBins::Edges(edges), Some(column)) => (edges.bins(&binned(&table, column, inquiry)?), edges.len()),
+                (JobBins::Edges(edges), Some(column)) => (edges.bins(&binned(&table, column, inquiry)?), edges.len()),
                 _ => (vec![place as u32; table.height()], self.parts.len()),
             };
-            let mut errors = self.reported.iter().map(|of| column(*of)).collect::<PolarsResult<Vec<Vec<f32>>>>()?;
+            let mut errors =
+                self.reported.iter().map(|index| column(*index)).collect::<PolarsResult<Vec<Vec<f32>>>>()?;
             if self.set == SampleSet::Common {
-                errors.iter().for_each(|estimates| leave_out(&mut bins, estimates));
-                for of in compared.iter().filter(|of| !self.reported.contains(of)) {
-                    leave_out(&mut bins, &column(*of)?);
+                errors.iter().for_each(|estimates| exclude_invalid(&mut bins, estimates));
+                for index in compared.iter().filter(|index| !self.reported.contains(index)) {
+                    exclude_invalid(&mut bins, &column(*index)?);
                 }
             }
             let truth = numbers(&table, "truth_m")?;
@@ -234,29 +234,29 @@ impl Job<'_> {
                     to_errors(estimates, &truth, inquiry.unit);
                 }
             }
-            Ok((Read { bins, errors }, with_sums.then_some(sums)))
+            Ok((PartErrors { bins, errors }, with_sums.then_some(sums)))
         };
         prepared().map_err(AnalysisError::compute("errors of samples"))
     }
 }
 
-/// The numbers that samples are put into bins by.
+/// The values that samples are binned by.
 fn binned(table: &DataFrame, column: &str, inquiry: &Inquiry) -> PolarsResult<Vec<f32>> {
-    let mut of = numbers(table, column)?;
+    let mut values = numbers(table, column)?;
     if inquiry.by == By::Error {
-        to_errors(&mut of, &numbers(table, "truth_m")?, inquiry.unit);
+        to_errors(&mut values, &numbers(table, "truth_m")?, inquiry.unit);
     }
-    Ok(of)
+    Ok(values)
 }
 
-/// Takes rows without an answer out of their bins.
-fn leave_out(bins: &mut [u32], estimates: &[f32]) {
+/// Removes rows with an invalid estimate from their bins.
+fn exclude_invalid(bins: &mut [u32], estimates: &[f32]) {
     for (bin, estimate) in bins.iter_mut().zip(estimates) {
         *bin = if estimate.is_nan() { OUTSIDE } else { *bin };
     }
 }
 
-/// Makes absolute errors of estimates.
+/// Converts estimates to absolute errors.
 fn to_errors(estimates: &mut [f32], truth: &[f32], unit: Unit) {
     for (value, truth) in estimates.iter_mut().zip(truth) {
         let error = f64::from(*value) - f64::from(*truth);

@@ -1,12 +1,12 @@
 //! Columns of samples as plain numbers.
 //!
-//! Polars keeps beside a column's numbers a bit for each that says whether it is one. Its own iterators ask that bit by
-//! bit; here eight rows take one byte.
+//! Polars stores one validity bit per number. Its iterators test bit by bit; this module processes the eight rows of a byte
+//! at once.
 
 use polars::frame::DataFrame;
 use polars::prelude::{DataType, PolarsResult};
 
-/// A column's numbers; NaN where it has none.
+/// The numbers of a column; NaN for missing values.
 pub(crate) fn numbers(table: &DataFrame, column: &str) -> PolarsResult<Vec<f32>> {
     let column = table.column(column)?;
     let cast = if column.dtype() == &DataType::Float32 { column.clone() } else { column.cast(&DataType::Float32)? };
@@ -24,9 +24,9 @@ pub(crate) fn numbers(table: &DataFrame, column: &str) -> PolarsResult<Vec<f32>>
     Ok(all)
 }
 
-/// Adds numbers, of which number `i` is one where bit `offset + i` is set.
+/// Appends numbers; number `i` is valid if bit `offset + i` is set, otherwise NaN.
 fn extend(all: &mut Vec<f32>, values: &[f32], bytes: &[u8], offset: usize) {
-    // All bits set are NaN.
+    // A number with all bits set is NaN.
     let number = |value: f32, is_set: bool| f32::from_bits(value.to_bits() | u32::from(is_set).wrapping_sub(1));
     let bit = |at: usize| bytes[at / 8] & (1 << (at % 8)) != 0;
     let lead = ((8 - offset % 8) % 8).min(values.len());
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_is_one_where_its_bit_is_set_wherever_the_bits_begin() {
+    fn validity_bits_are_read_at_any_offset() {
         let bytes: Vec<u8> = (0..9).map(|at: u32| (at * 37 + 11) as u8).collect();
         for offset in 0..20 {
             for count in 0..40 {

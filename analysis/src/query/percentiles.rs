@@ -2,10 +2,10 @@
 //!
 //! A sample is not negative, so its bits sort as it does: an integer of 31 bits. A pass over the samples gathers them,
 //! and percentiles are selected from what it gathered. Once more samples arrive than memory holds, the pass counts them
-//! by their upper bits instead: the counts say in which cell each wanted order statistic is, and the next pass gathers
-//! (or counts on) in these cells alone.
+//! by their upper bits instead. The counts show which cell contains each required order statistic, and the next pass
+//! gathers (or counts) only in these cells.
 //!
-//! polars' quantiles hold and sort all samples of a group (`bench/analysis.sh` measures both).
+//! polars' quantiles store and sort all samples of a group (`bench/analysis.sh` measures both).
 
 use depthloom_scores::quantile::{between, position};
 
@@ -13,15 +13,15 @@ use crate::error::AnalysisError;
 
 /// Bits of a sample.
 const BITS: u32 = 31;
-/// The bin of a row that is in no bin.
+/// The bin number of rows outside of all bins.
 pub(crate) const OUTSIDE: u32 = u32::MAX;
 
-/// What one thread holds in memory at most.
+/// The memory limits of one thread.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Memory {
-    /// Samples, of 4 bytes.
+    /// The maximum number of samples of 4 bytes.
     pub(crate) samples: usize,
-    /// Counters, of 4 bytes.
+    /// The maximum number of counters of 4 bytes.
     pub(crate) counters: usize,
 }
 
@@ -30,7 +30,7 @@ pub(crate) struct Memory {
 pub(crate) struct Percentiles {
     /// The number of samples.
     pub(crate) count: u64,
-    /// The wanted percentiles, interpolated as NumPy's `linear`; none of no sample.
+    /// The percentiles, interpolated like NumPy's `linear`; empty without samples.
     pub(crate) values: Vec<f64>,
 }
 
@@ -52,17 +52,17 @@ pub(crate) fn percentiles(
         below.flat_map(|below| [below, (below + 1).min(count - 1)]).collect()
     };
     let found = order_statistics(groups, &ranks, memory, scan)?;
-    let of_group = |(count, neighbours): (u64, Vec<f32>)| {
+    let interpolated = |(count, neighbours): (u64, Vec<f32>)| {
         let pairs = percentiles.iter().zip(neighbours.as_chunks::<2>().0);
         let value = |(percentile, [lower, upper]): (&f64, &[f32; 2])| {
             between((*lower).into(), (*upper).into(), position(percentile / 100.0, count).1)
         };
         Percentiles { count, values: pairs.map(value).collect() }
     };
-    Ok(found.into_iter().map(of_group).collect())
+    Ok(found.into_iter().map(interpolated).collect())
 }
 
-/// By group: the number of samples, and those of the ranks that `ranks(count)` names.
+/// For each group, the number of samples, and the samples with the ranks `ranks(count)`.
 fn order_statistics(
     groups: usize,
     ranks: &dyn Fn(u64) -> Vec<u64>,
@@ -71,35 +71,35 @@ fn order_statistics(
 ) -> Result<Vec<(u64, Vec<f32>)>, AnalysisError> {
     let mut pass = Pass { levels: Vec::new(), left: BITS, cells: groups, memory };
     let mut found: Vec<(u64, Vec<f32>)> = Vec::new();
-    let mut wanted: Vec<Wanted> = Vec::new();
+    let mut statistics: Vec<OrderStatistic> = Vec::new();
     loop {
         let merged = pass.merge(scan(&pass)?);
         if pass.is_first() {
             found = merged.counts().map(|count| (count, Vec::new())).collect();
             for (group, (count, _)) in found.iter().enumerate().filter(|(_, (count, _))| *count > 0) {
-                let of_rank = |rank| Wanted { group, cell: group, rank, bits: 0 };
-                wanted.extend(ranks(*count).into_iter().map(of_rank));
+                let statistic = |rank| OrderStatistic { group, cell: group, rank, bits: 0 };
+                statistics.extend(ranks(*count).into_iter().map(statistic));
             }
         }
         match merged {
             Merged::Samples(cells) => {
-                select(cells, &mut wanted);
+                select(cells, &mut statistics);
                 break;
             }
-            Merged::Counts(_, counts) => pass.narrow(&counts, &mut wanted),
+            Merged::Counts(_, counts) => pass.narrow(&counts, &mut statistics),
         }
-        if pass.left == 0 || wanted.is_empty() {
+        if pass.left == 0 || statistics.is_empty() {
             break;
         }
     }
-    wanted.iter().for_each(|wanted| found[wanted.group].1.push(f32::from_bits(wanted.bits)));
+    statistics.iter().for_each(|statistic| found[statistic.group].1.push(f32::from_bits(statistic.bits)));
     Ok(found)
 }
 
-/// A wanted order statistic.
-struct Wanted {
+/// A required order statistic.
+struct OrderStatistic {
     group: usize,
-    /// The cell that holds it.
+    /// The cell that contains it.
     cell: usize,
     /// Its rank among the samples of that cell, from 0.
     rank: u64,
@@ -108,19 +108,19 @@ struct Wanted {
 }
 
 /// Finds the order statistics among the samples of their cells.
-fn select(mut cells: Vec<Vec<u32>>, wanted: &mut [Wanted]) {
-    let mut wanted: Vec<&mut Wanted> = wanted.iter_mut().collect();
-    wanted.sort_by_key(|wanted| (wanted.cell, wanted.rank));
-    for of_cell in wanted.chunk_by_mut(|one, other| one.cell == other.cell) {
-        let samples = &mut cells[of_cell[0].cell];
-        let ranks: Vec<usize> = of_cell.iter().map(|wanted| wanted.rank as usize).collect();
+fn select(mut cells: Vec<Vec<u32>>, statistics: &mut [OrderStatistic]) {
+    let mut statistics: Vec<&mut OrderStatistic> = statistics.iter_mut().collect();
+    statistics.sort_by_key(|statistic| (statistic.cell, statistic.rank));
+    for same_cell in statistics.chunk_by_mut(|one, other| one.cell == other.cell) {
+        let samples = &mut cells[same_cell[0].cell];
+        let ranks: Vec<usize> = same_cell.iter().map(|statistic| statistic.rank as usize).collect();
         place(samples, 0, &ranks);
-        of_cell.iter_mut().for_each(|wanted| wanted.bits = samples[wanted.rank as usize]);
+        same_cell.iter_mut().for_each(|statistic| statistic.bits = samples[statistic.rank as usize]);
     }
 }
 
-/// Moves the samples of these ascending ranks to where sorting would, in a third of its time; the first sample has the
-/// rank `first`.
+/// Moves the samples with these ascending ranks to their sorted places, in a third of the time of sorting. The first sample
+/// has the rank `first`.
 pub(crate) fn place(samples: &mut [u32], first: usize, ranks: &[usize]) {
     let Some(&rank) = ranks.get(ranks.len() / 2) else { return };
     let (below, _, above) = samples.select_nth_unstable(rank - first);
@@ -130,12 +130,12 @@ pub(crate) fn place(samples: &mut [u32], first: usize, ranks: &[usize]) {
 
 /// A pass over the samples.
 pub(crate) struct Pass {
-    /// By how many bits earlier passes split cells, and for each part the number of its cell from 1; 0 if it holds no
-    /// wanted order statistic.
+    /// For each earlier pass, the number of bits by which cells were split, and the cell of each part, counted from 1; 0 for
+    /// parts without a required order statistic.
     levels: Vec<(u32, Vec<u32>)>,
     /// Bits that are not known yet.
     left: u32,
-    /// The cells that hold a wanted order statistic; at first the groups.
+    /// The number of cells with a required order statistic; in the first pass, of groups.
     cells: usize,
     memory: Memory,
 }
@@ -146,12 +146,12 @@ impl Pass {
         self.levels.is_empty()
     }
 
-    /// By how many bits cells are split where samples are counted.
+    /// The number of bits by which cells are split for counting.
     fn bits(&self) -> u32 {
         (self.memory.counters / self.cells.max(1)).max(2).ilog2().min(self.left).min(16)
     }
 
-    /// The cell of a sample, if it holds a wanted order statistic.
+    /// The cell of a sample, if the cell contains a required order statistic.
     fn cell(&self, group: usize, sample: u32) -> Option<usize> {
         let (mut cell, mut left) = (group, BITS);
         for (bits, cells) in &self.levels {
@@ -161,7 +161,7 @@ impl Pass {
         Some(cell)
     }
 
-    /// All threads' tallies as one: of samples if no thread had to count.
+    /// Merges the tallies of all threads. The result has samples if no thread had to count.
     fn merge(&self, tallies: Vec<Tally>) -> Merged {
         let is_gathered = tallies.iter().all(|tally| matches!(tally.0, Content::Samples(..)));
         if is_gathered {
@@ -188,43 +188,43 @@ impl Pass {
         Merged::Counts(self.bits(), all)
     }
 
-    /// Narrows each wanted order statistic to a part of its cell; `counts` are cumulative.
-    fn narrow(&mut self, counts: &[u64], wanted: &mut [Wanted]) {
+    /// Narrows each order statistic to a part of its cell; `counts` are cumulative.
+    fn narrow(&mut self, counts: &[u64], statistics: &mut [OrderStatistic]) {
         let bits = self.bits();
         let mut cells = vec![0; counts.len()];
         self.cells = 0;
-        for wanted in wanted {
-            let first = wanted.cell << bits;
+        for statistic in statistics {
+            let first = statistic.cell << bits;
             let counts = &counts[first..first + (1 << bits)];
-            let part = counts.partition_point(|count| *count <= wanted.rank);
-            wanted.rank -= if part == 0 { 0 } else { counts[part - 1] };
+            let part = counts.partition_point(|count| *count <= statistic.rank);
+            statistic.rank -= if part == 0 { 0 } else { counts[part - 1] };
             let cell = &mut cells[first + part];
             if *cell == 0 {
                 self.cells += 1;
                 *cell = self.cells as u32;
             }
-            wanted.cell = *cell as usize - 1;
-            wanted.bits = wanted.bits << bits | part as u32;
+            statistic.cell = *cell as usize - 1;
+            statistic.bits = statistic.bits << bits | part as u32;
         }
         self.levels.push((bits, cells));
         self.left -= bits;
     }
 }
 
-/// What a thread gathers or counts in a pass.
+/// The samples or counts of a thread in a pass.
 pub(crate) struct Tally(Content);
 
 enum Content {
-    /// By cell, and how many all are.
+    /// Samples by cell, and their total number.
     Samples(Vec<Vec<u32>>, usize),
-    /// By cell and part, and last what is not a sample. A thread sees fewer than 2^32 samples of a part.
+    /// Counts by cell and part, then the count of rows that are not samples. A thread sees fewer than 2^32 samples of a part.
     Counts(Vec<u32>),
 }
 
 enum Merged {
     /// By cell.
     Samples(Vec<Vec<u32>>),
-    /// By how many bits cells are split; by cell and part, cumulative in each cell.
+    /// The number of bits by which cells are split, and counts by cell and part, cumulative in each cell.
     Counts(u32, Vec<u64>),
 }
 
@@ -239,12 +239,12 @@ impl Merged {
 }
 
 impl Tally {
-    /// Nothing yet.
+    /// An empty tally.
     pub(crate) fn new(pass: &Pass) -> Self {
         Self(Content::Samples(vec![Vec::new(); pass.cells], 0))
     }
 
-    /// Adds samples, of which those in bin `b` are of `group(b)`; not those that are NaN or in the bin [`OUTSIDE`].
+    /// Adds samples; those in bin `b` belong to `group(b)`. NaN and samples in the bin [`OUTSIDE`] are skipped.
     pub(crate) fn add(&mut self, pass: &Pass, group: impl Fn(usize) -> usize, bins: &[u32], samples: &[f32]) {
         match &mut self.0 {
             Content::Samples(cells, count) => {
@@ -269,7 +269,7 @@ impl Tally {
                 if pass.is_first() {
                     for (bin, sample) in bins.iter().zip(samples) {
                         let part = group(*bin as usize) << bits | (number(*sample) >> shift) as usize;
-                        // Without a branch, which for one row in ten is predicted wrong too often.
+                        // Branch-free, because a branch would be mispredicted too often.
                         let is_sample = *bin != OUTSIDE && !sample.is_nan();
                         counts[if is_sample { part } else { last }] += 1;
                     }
@@ -295,7 +295,7 @@ impl Tally {
         }
     }
 
-    /// By cell and part, and last what is not a sample.
+    /// Counts by cell and part, then the count of rows that are not samples.
     fn into_counts(self, pass: &Pass) -> Vec<u32> {
         let cells = match self.0 {
             Content::Counts(counts) => return counts,
@@ -313,7 +313,7 @@ impl Tally {
     }
 }
 
-/// The bits of a sample. Zero has two forms.
+/// The bits of a sample without the sign, because zero has two forms.
 const fn number(sample: f32) -> u32 {
     sample.to_bits() & (u32::MAX >> 1)
 }
@@ -345,21 +345,21 @@ mod tests {
     }
 
     fn sorted(groups: usize, samples: &[(u32, f32)]) -> Vec<(u64, Vec<f32>)> {
-        let of_group = |group: u32| {
-            let of_group = samples.iter().filter(|(bin, value)| *bin == group && !value.is_nan());
-            let mut values: Vec<f32> = of_group.map(|(_, value)| *value).collect();
+        let statistics = |group: u32| {
+            let own = samples.iter().filter(|(bin, value)| *bin == group && !value.is_nan());
+            let mut values: Vec<f32> = own.map(|(_, value)| *value).collect();
             values.sort_by(f32::total_cmp);
             let at = |rank: usize| values.get(rank).copied();
-            let wanted = [at(0), at(values.len() / 2), at(values.len() / 2), at(values.len().wrapping_sub(1))];
-            (values.len() as u64, wanted.into_iter().flatten().collect())
+            let expected = [at(0), at(values.len() / 2), at(values.len() / 2), at(values.len().wrapping_sub(1))];
+            (values.len() as u64, expected.into_iter().flatten().collect())
         };
-        (0..groups as u32).map(of_group).collect()
+        (0..groups as u32).map(statistics).collect()
     }
 
     proptest! {
         #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
         #[test]
-        fn ranks_are_those_of_sorting_however_little_memory_there_is(
+        fn ranks_equal_those_of_sorting_with_any_memory(
             samples in prop::collection::vec(
                 (prop_oneof![8 => 0_u32..5, 1 => Just(OUTSIDE)],
                  prop_oneof![1 => Just(f32::NAN), 1 => Just(0.5_f32), 1 => Just(0.0), 4 => 0.0_f32..100.0, 1 => 0.0_f32..1e-6]),
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_fit_into_memory_take_one_pass_and_others_more() {
+    fn samples_that_fit_in_memory_need_one_pass() {
         let samples: Vec<(u32, f32)> =
             (0..40_000).map(|at: u32| (at % 3, at.wrapping_mul(2_654_435_761) as f32 / 4e9 + 0.5)).collect();
         for (samples_at_most, counters, passes) in [(20_000, 1000, 1), (10_000, 1 << 18, 2), (100, 1000, 4)] {

@@ -1,6 +1,6 @@
-//! What was found, as a table: a row a bin and estimate.
+//! The results of a query as a table: one row per bin and estimate.
 
-use super::job::{Found, FoundBins, FoundRow, Job};
+use super::job::{BinRow, BinnedErrors, Job, JobBins};
 use super::sums::Sums;
 use super::{By, Inquiry, SampleSet, Unit};
 use crate::samples::DescribedEstimate;
@@ -9,9 +9,9 @@ use crate::tables::{Cells, Column, DIMENSIONLESS, Level, Rows, Table};
 /// A row.
 struct Row<'a> {
     job: &'a Job<'a>,
-    found: &'a Found,
-    row: &'a FoundRow,
-    /// The place of its estimate among those that are reported.
+    result: &'a BinnedErrors,
+    row: &'a BinRow,
+    /// The index of its estimate among the reported ones.
     reported: usize,
 }
 
@@ -24,21 +24,21 @@ impl Row<'_> {
         self.row.estimates[self.reported].0
     }
 
-    /// A mean over the valid pixels.
+    /// The mean over the valid pixels.
     fn mean(&self, sum: f64) -> Option<f64> {
         let count = self.sums().count;
         (count > 0).then(|| sum / count as f64)
     }
 }
 
-/// The answers to an inquiry as one table.
-pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several_runs: bool) -> Table {
+/// The results of all jobs as one table.
+pub(super) fn grid(jobs: &[Job<'_>], results: &[BinnedErrors], inquiry: &Inquiry, several_runs: bool) -> Table {
     let rows: Vec<Row<'_>> = jobs
         .iter()
-        .zip(found)
-        .flat_map(|(job, found)| {
-            let of_bins = move |reported| found.rows.iter().map(move |row| Row { job, found, row, reported });
-            (0..job.reported.len()).flat_map(of_bins)
+        .zip(results)
+        .flat_map(|(job, result)| {
+            let bin_rows = move |reported| result.rows.iter().map(move |row| Row { job, result, row, reported });
+            (0..job.reported.len()).flat_map(bin_rows)
         })
         .collect();
 
@@ -51,7 +51,7 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
     if several_runs {
         columns.push(cells.key("run", |row| row.job.run));
     }
-    // What all rows have in common text leaves out.
+    // Text omits columns that are equal in all rows.
     let common = |column: Column| {
         let is_one = matches!(&column.cells, Cells::Text(cells) if cells.windows(2).all(|pair| pair[0] == pair[1]));
         if is_one { column.in_files() } else { column }
@@ -70,11 +70,11 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
     }
     columns.push(common(cells.key("set", |row| row.job.set.name())));
     for axis in axes {
-        let level = |row: &Row<'_>| row.estimate().factors.iter().find(|of| of.axis == axis.axis)?.value.clone();
+        let level = |row: &Row<'_>| row.estimate().factors.iter().find(|level| level.axis == axis.axis)?.value.clone();
         let levels = rows.iter().map(level);
         columns.push(Column::levels(&axis.column, levels, |_| axis.is_numeric).axis().in_files());
     }
-    columns.extend(of_bins(&rows, inquiry));
+    columns.extend(bin_columns(&rows, inquiry));
     columns.push(cells.count("pixels", |row| row.row.pixels).unit("pixels"));
     columns.push(cells.count("count", |row| row.sums().count).unit("pixels"));
     let (prefix, suffix) = match inquiry.unit {
@@ -82,24 +82,38 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         Unit::OfTruth => ("relative_", ""),
     };
     let unit = if inquiry.unit == Unit::Metres { "m" } else { DIMENSIONLESS };
+    let metres = if inquiry.unit == Unit::Metres { " (m)" } else { "" };
     for (place, percentile) in inquiry.percentiles.iter().enumerate() {
         let name = format!("{prefix}error_p{percentile}{suffix}");
-        columns
-            .push(cells.number(name, |row| row.row.estimates[row.reported].1.as_ref().map(|of| of[place])).unit(unit));
+        columns.push(
+            cells
+                .number(name, |row| row.row.estimates[row.reported].1.as_ref().map(|percentiles| percentiles[place]))
+                .unit(unit)
+                .latex(format!("$P_{{{percentile}}}${metres}")),
+        );
     }
     columns.extend([
-        cells.number(format!("{prefix}error_mean{suffix}"), |row| row.mean(row.sums().absolute)).unit(unit),
-        cells.number(format!("{prefix}bias{suffix}"), |row| row.mean(row.sums().signed)).unit(unit),
-        cells.number(format!("{prefix}rmse{suffix}"), |row| row.mean(row.sums().squared).map(f64::sqrt)).unit(unit),
-        cells.share("gross_share", |row| row.mean(row.sums().gross as f64)).unit(DIMENSIONLESS),
+        cells
+            .number(format!("{prefix}error_mean{suffix}"), |row| row.mean(row.sums().absolute))
+            .unit(unit)
+            .latex(format!("mean{metres}")),
+        cells
+            .number(format!("{prefix}bias{suffix}"), |row| row.mean(row.sums().signed))
+            .unit(unit)
+            .latex(format!("bias{metres}")),
+        cells
+            .number(format!("{prefix}rmse{suffix}"), |row| row.mean(row.sums().squared).map(f64::sqrt))
+            .unit(unit)
+            .latex(format!("RMSE{metres}")),
+        cells.share("gross_share", |row| row.mean(row.sums().gross as f64)).unit(DIMENSIONLESS).latex("outliers"),
     ]);
 
-    // A gap where another estimate, set or run begins.
+    // A gap before each estimate, set or run.
     let begins = |pair: &[Row<'_>]| !std::ptr::eq(pair[0].job, pair[1].job) || pair[0].reported != pair[1].reported;
     let gaps = rows.windows(2).enumerate().filter(|(_, pair)| begins(pair)).map(|(at, _)| at + 1).collect();
     let error = match inquiry.unit {
         Unit::Metres => "absolute error, metres",
-        Unit::OfTruth => "absolute error as a share of the true distance",
+        Unit::OfTruth => "absolute error as a share of the ground-truth distance",
     };
     let pixels = match &inquiry.sets[..] {
         [] | [SampleSet::Valid] => ", over the pixels that are valid in each estimate",
@@ -107,7 +121,7 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
         _ => "",
     };
     Table {
-        about: format!("{error}, by {}{pixels}; gross: {}", by(inquiry), inquiry.gross.words()),
+        about: format!("{error}, by {}{pixels}; gross_share: share of errors {}", by(inquiry), inquiry.gross.words()),
         label: "errors".to_owned(),
         gaps,
         ..Table::new(columns)
@@ -116,11 +130,11 @@ pub(super) fn grid(jobs: &[Job<'_>], found: &[Found], inquiry: &Inquiry, several
 
 fn by(inquiry: &Inquiry) -> String {
     match &inquiry.by {
-        By::Distance => "true distance".to_owned(),
+        By::Distance => "ground-truth distance".to_owned(),
         By::Estimate => "estimated distance".to_owned(),
         By::Error if inquiry.unit == Unit::OfTruth => "relative error".to_owned(),
         By::Error => "absolute error".to_owned(),
-        By::Weight => "weight".to_owned(),
+        By::Weight => "confidence".to_owned(),
         By::Row => "image row".to_owned(),
         By::Column => "image column".to_owned(),
         By::Frame => "frame".to_owned(),
@@ -128,12 +142,12 @@ fn by(inquiry: &Inquiry) -> String {
     }
 }
 
-/// The columns that say which bin a row is.
-fn of_bins(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<Column> {
+/// The columns of the bin.
+fn bin_columns(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<Column> {
     if inquiry.by == By::Frame {
-        let frame = |row: &Row<'_>| match &row.found.bins {
-            FoundBins::Frames(frames) => frames.get(row.row.bin).cloned(),
-            FoundBins::Edges(_) => None,
+        let frame = |row: &Row<'_>| match &row.result.bins {
+            JobBins::Frames(frames) => frames.get(row.row.bin).cloned(),
+            JobBins::Edges(_) => None,
         };
         let cells = Rows(rows);
         let position = cells.count("position", |row| frame(row).map(|(position, _)| u64::from(position)));
@@ -145,14 +159,16 @@ fn of_bins(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<Column> {
         By::Row | By::Column => Some("px"),
         By::Error | By::Weight | By::Frame | By::Named(_) => None,
     };
-    let edge = |name: &str, of: &dyn Fn((f64, f64)) -> f64| {
-        let of_row = |row: &Row<'_>| match &row.found.bins {
-            FoundBins::Edges(edges) => Some(of(edges.of(row.row.bin))),
-            FoundBins::Frames(_) => None,
+    let edge = |name: &str, end: &dyn Fn((f64, f64)) -> f64| {
+        let cell = |row: &Row<'_>| match &row.result.bins {
+            JobBins::Edges(edges) => Some(end(edges.range(row.row.bin))),
+            JobBins::Frames(_) => None,
         };
+        let plain = name.trim_start_matches("bin_");
+        let latex = unit.map_or(plain.to_owned(), |unit| format!("{plain} ({unit})"));
         let name = unit.map_or(name.to_owned(), |unit| format!("{name}_{unit}"));
-        let decimals = if rows.iter().filter_map(of_row).all(|edge| edge.fract() == 0.0) { 0 } else { 2 };
-        Column { unit, ..Rows(rows).number(name, of_row).decimals(decimals).key() }
+        let decimals = if rows.iter().filter_map(cell).all(|edge| edge.fract() == 0.0) { 0 } else { 2 };
+        Column { unit, ..Rows(rows).number(name, cell).decimals(decimals).key().latex(latex) }
     };
     vec![edge("bin_from", &|(from, _)| from), edge("bin_to", &|(_, to)| to)]
 }

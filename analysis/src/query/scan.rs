@@ -1,4 +1,4 @@
-//! Parts of samples, read on all cores.
+//! Reads parts of samples on all cores.
 
 use std::num::NonZero;
 use std::sync::Mutex;
@@ -8,11 +8,10 @@ use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
 use crate::error::{AnalysisError, caught};
 
-/// Calls `take` for each of so many parts, on all cores, with a value that `make` made for its thread; returns these
-/// values.
+/// Calls `take` for each part on all cores, with a value that `make` created for the thread. Returns these values.
 ///
 /// # Errors
-/// Of the first part that failed; [`AnalysisError::Stopped`] once `stop` returns true.
+/// The error of the first part that failed; [`AnalysisError::Stopped`] once `stop` returns true.
 pub(crate) fn scan<T: Send>(
     parts: usize,
     stop: &(dyn Fn() -> bool + Sync),
@@ -28,7 +27,7 @@ pub(crate) fn scan<T: Send>(
         if !is_first(&locked(&failed), part) {
             return;
         }
-        let taken = caught(|| {
+        let result = caught(|| {
             if stop() {
                 return Err(AnalysisError::Stopped);
             }
@@ -38,7 +37,7 @@ pub(crate) fn scan<T: Send>(
             locked(&idle).push(own);
             Ok(())
         });
-        if let Err(error) = taken {
+        if let Err(error) = result {
             let mut failed = locked(&failed);
             if is_first(&failed, part) {
                 *failed = Some((part, error));

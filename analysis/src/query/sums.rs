@@ -1,8 +1,8 @@
 //! Counts, means and shares by bin.
 //!
-//! A loop over plain numbers: with a lazy polars query, and columns read through its iterators, queries took twice the
-//! CPU time (`bench/analysis.sh`). The sums of parts are added in the order of the parts, so that the result does not
-//! depend on which thread was first.
+//! This is a loop over plain numbers: queries with lazy polars or with its column iterators took twice the CPU time
+//! (`bench/analysis.sh`). The sums of parts are added in the order of the parts, so that the result does not depend on the
+//! order of threads.
 
 use std::collections::BTreeMap;
 
@@ -10,21 +10,21 @@ use super::{Gross, Unit};
 
 /// The sums of a part.
 pub(super) struct PartSums {
-    /// By bin, and last of the rows that are in none.
+    /// Pixels by bin, then those outside of all bins.
     pixels: Vec<u64>,
-    /// By estimate the same.
+    /// The same for each estimate.
     estimates: Vec<Vec<Sums>>,
 }
 
 impl PartSums {
-    /// Of rows that are in these bins, of so many.
+    /// Counts rows with these bin numbers; `count` is the number of bins.
     pub(super) fn new(bins: &[u32], count: usize) -> Self {
         let mut pixels = vec![0; count + 1];
         bins.iter().for_each(|bin| pixels[(*bin as usize).min(count)] += 1);
         Self { pixels, estimates: Vec::new() }
     }
 
-    /// Adds the next estimate's rows. Its estimates, NaN where it has none, become its absolute errors.
+    /// Adds the rows of the next estimate. Its values, NaN where invalid, are replaced by absolute errors.
     pub(super) fn add(&mut self, bins: &[u32], truth_m: &[f32], estimates: &mut [f32], unit: Unit, gross: Gross) {
         let rows = bins.iter().zip(truth_m).zip(estimates);
         let mut sums = vec![Sums::default(); self.pixels.len()];
@@ -41,19 +41,19 @@ impl PartSums {
         self.estimates.push(sums);
     }
 
-    /// The bins that have a pixel, in order.
+    /// The bins with pixels, in order.
     pub(super) fn bins(self) -> Vec<(usize, BinSums)> {
-        let (_outside, bins) = self.pixels.split_last().expect("there is one more than bins");
-        let of_bin = |(bin, pixels): (usize, &u64)| {
+        let (_outside, bins) = self.pixels.split_last().expect("`pixels` has one more entry than bins");
+        let bin_sums = |(bin, pixels): (usize, &u64)| {
             let estimates = self.estimates.iter().map(|sums| sums[bin]).collect();
             (*pixels > 0).then_some((bin, BinSums { pixels: *pixels, estimates }))
         };
-        bins.iter().enumerate().filter_map(of_bin).collect()
+        bins.iter().enumerate().filter_map(bin_sums).collect()
     }
 }
 
-/// Adds rows: bin, truth and estimate, which becomes the absolute error. `error` converts an error in metres to the
-/// unit, `limit` is the least gross error.
+/// Adds rows: bin, ground truth and estimate, which is replaced by the absolute error. `error` converts an error in metres
+/// to the unit; `limit` is the limit of outliers.
 fn add_rows<'a>(
     sums: &mut [Sums],
     rows: impl Iterator<Item = ((&'a u32, &'a f32), &'a mut f32)>,
@@ -66,7 +66,7 @@ fn add_rows<'a>(
         let error = error(f64::from(*estimate) - truth, truth);
         let size = error.abs();
         *estimate = size as f32;
-        // A row without an estimate adds zeros: a branch for one row in ten is predicted wrong too often.
+        // Invalid rows add zeros, because a branch would be mispredicted too often.
         let is_valid = !error.is_nan();
         let (error, size) = if is_valid { (error, size) } else { (0.0, 0.0) };
         let sums = &mut sums[(*bin as usize).min(last)];
@@ -82,7 +82,7 @@ fn add_rows<'a>(
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BinSums {
     pub(super) pixels: u64,
-    /// By estimate.
+    /// One entry per estimate.
     pub(super) estimates: Vec<Sums>,
 }
 
@@ -94,7 +94,7 @@ pub(super) struct Sums {
     pub(super) signed: f64,
     pub(super) squared: f64,
     pub(super) gross: u64,
-    /// What rounding added to the three sums of numbers.
+    /// The rounding errors of the three sums.
     excess: [f64; 3],
 }
 
@@ -114,7 +114,7 @@ impl Sums {
     }
 }
 
-/// By bin: the sums of all parts.
+/// The sums of all parts by bin.
 pub(super) fn total(parts: impl Iterator<Item = Vec<(usize, BinSums)>>) -> BTreeMap<usize, BinSums> {
     let mut total: BTreeMap<usize, BinSums> = BTreeMap::new();
     for (bin, sums) in parts.flatten() {

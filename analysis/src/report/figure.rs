@@ -1,8 +1,8 @@
-//! The figure of a report: the absolute error against the true distance, a panel per variant, and the histogram of true
-//! distances.
+//! The figure of a report: the absolute error against the ground-truth distance, one panel per variant, and the histogram of
+//! ground-truth distances.
 //!
-//! Like is compared with like: lines and bands are over the pixels that are valid in all estimates. A dashed line is
-//! the median over all valid pixels of an estimate, where there are more. How it is drawn: [`SpreadFigure`].
+//! Lines and bands cover the pixels that are valid in all estimates, so that the estimates are comparable. A dashed line is
+//! the median over all valid pixels of an estimate, if there are more. [`SpreadFigure`] draws the figure.
 
 use depthloom_graphs::plan::RunId;
 use std::collections::BTreeMap;
@@ -11,9 +11,9 @@ use depthloom_figures::{Bin, Layout, Place, Scale, Sheet, Spread, SpreadFigure};
 
 use crate::distance::{DistanceBin, Spread as BinSpread};
 use crate::estimates::Estimate;
-use crate::figures::THIN;
+use crate::figures::MIN_COUNT;
 
-/// What the figure shows.
+/// The contents of the figure.
 pub(crate) struct Figure<'a> {
     pub(crate) estimates: &'a [Estimate],
     pub(crate) bins: &'a [DistanceBin],
@@ -23,7 +23,7 @@ pub(crate) struct Figure<'a> {
 
 /// The figure as SVG; equal numbers give equal bytes.
 pub(crate) fn render(figure: &Figure<'_>) -> String {
-    let stage = |estimate: &Estimate| estimate.lead.stage.clone();
+    let stage = |estimate: &Estimate| estimate.row_key.stage.clone();
     let several_stages = figure.estimates.iter().any(|estimate| stage(estimate) != stage(&figure.estimates[0]));
     let spread = |(index, estimate): (usize, &Estimate)| {
         let bins = || figure.bins.iter().filter(move |bin| bin.estimate == index);
@@ -35,7 +35,7 @@ pub(crate) fn render(figure: &Figure<'_>) -> String {
             place: Place {
                 name: estimate.name.clone(),
                 group: if several_stages { stage(estimate) } else { String::new() },
-                variant: estimate.lead.variant.clone(),
+                variant: estimate.row_key.variant.clone(),
             },
             bins: bins().filter_map(|bin| Some(drawn(bin, figure.compared_in(bin)?))).collect(),
             valid: bins().filter(|_| figure.any_shared()).map(|bin| drawn(bin, &bin.valid)).collect(),
@@ -47,9 +47,9 @@ pub(crate) fn render(figure: &Figure<'_>) -> String {
         truth: figure.truth.iter().map(bar).collect(),
         compared: figure.compared().iter().filter(|_| figure.any_shared()).map(bar).collect(),
         layout: Layout::Multiples,
-        labels: ["true distance t, m".to_owned(), "absolute error |y − t|, m".to_owned()],
+        labels: ["ground-truth distance t, m".to_owned(), "absolute error |y − t|, m".to_owned()],
         scale: Scale::Linear,
-        thin: THIN,
+        thin: MIN_COUNT,
         most: None,
     };
     Sheet { title: figure.title(), ..drawn.sheet() }.drawing().unwrap_or_default().svg()
@@ -61,27 +61,27 @@ impl Figure<'_> {
         self.bins.iter().any(|bin| bin.shared.is_some())
     }
 
-    /// What lines and bands show of a bin.
+    /// The spread that lines and bands show in a bin.
     fn compared_in<'a>(&self, bin: &'a DistanceBin) -> Option<&'a BinSpread> {
         if self.any_shared() { bin.shared.as_ref() } else { Some(&bin.valid) }
     }
 
-    /// Which pixels are compared, in words.
+    /// The title, which names the compared pixels.
     fn title(&self) -> String {
-        let what = "Absolute error against true distance";
+        let what = "Absolute error against ground-truth distance";
         if !self.any_shared() {
-            return format!("{what}: each on its own valid pixels, which differ");
+            return format!("{what}, each estimate on its own valid pixels");
         }
         let (truth, compared): (u64, u64) = (self.truth.values().sum(), self.compared().values().sum());
         if compared == truth {
             return format!("{what}, on all pixels with ground truth");
         }
-        // Never rounded up to all, nor down to none.
+        // Never rounded to 100 % or 0 %.
         let share = (100.0 * compared as f64 / truth.max(1) as f64).round().clamp(1.0, 99.0);
         format!("{what}, on the {share} % of pixels with ground truth that are valid in all estimates")
     }
 
-    /// By metre: how many pixels are compared; estimates of one stage run share theirs.
+    /// The number of compared pixels by metre. Estimates of one stage run share their pixels.
     fn compared(&self) -> BTreeMap<u32, u64> {
         let mut by_run: BTreeMap<(RunId, u32), u64> = BTreeMap::new();
         for bin in self.bins {

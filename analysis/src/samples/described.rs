@@ -1,4 +1,4 @@
-//! What a file of samples says of itself, in its metadata.
+//! The metadata of a samples file.
 
 use std::collections::HashSet;
 
@@ -13,10 +13,10 @@ use crate::tables::{Level, RowKey, plan_key};
 
 /// The version of the layout.
 const FORMAT: u32 = 2;
-/// The columns that every file has.
+/// The columns of every file.
 pub(super) const FIXED: [&str; 7] = ["stage", "scoring", "position", "frame", "x", "y", "truth_m"];
 
-/// What the samples are of.
+/// Describes the samples.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Described {
     /// The version of the layout.
@@ -25,24 +25,24 @@ pub(crate) struct Described {
     run: String,
     /// The experiment's name.
     experiment: String,
-    /// Which recording they were taken from, by content: its plan, and the keys of its frames.
+    /// A key of the contents of the recording: its plan, and the keys of its frames.
     recording: String,
     /// The estimates, in the order of their columns.
     pub(crate) estimates: Vec<DescribedEstimate>,
-    /// The columns of weights, each with its stage.
+    /// The columns of confidences, each with its stage.
     pub(crate) weights: Vec<DescribedWeight>,
 }
 
-/// An estimate's column.
+/// The column of an estimate.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct DescribedEstimate {
-    /// The column.
+    /// The name of the column.
     pub(crate) column: String,
-    /// Its label: what people call it.
+    /// The label of the estimate.
     pub(crate) label: String,
-    /// Its stage, as the rows' `stage` says.
+    /// Its stage, as in the column `stage`.
     pub(crate) stage: String,
-    /// How it was scored, as the rows' `scoring` says.
+    /// Its scoring, as in the column `scoring`.
     pub(crate) scoring: String,
     /// Its name under `estimates:`.
     pub(crate) estimate: String,
@@ -52,14 +52,14 @@ pub(crate) struct DescribedEstimate {
     pub(crate) factors: Vec<Level>,
 }
 
-/// A weight's column.
+/// The column of a confidence.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct DescribedWeight {
-    /// The column.
+    /// The name of the column.
     pub(crate) column: String,
     /// Its stage.
     pub(crate) stage: String,
-    /// The variant whose it is alone; `None` if several share it.
+    /// Its variant; `None` if several variants share it.
     pub(crate) variant: Option<String>,
 }
 
@@ -69,7 +69,7 @@ impl Described {
         self.format == FORMAT
     }
 
-    /// The key of the run's plan; `None` if this is damaged.
+    /// The key of the run's plan; `None` if it is damaged.
     pub(crate) fn run(&self) -> Option<Key> {
         Key::parse(&self.run)
     }
@@ -77,29 +77,30 @@ impl Described {
     /// The units of the columns that have one.
     pub(super) fn units(&self) -> impl Iterator<Item = (&str, &str)> {
         let fixed = [("x", "px"), ("y", "px"), ("truth_m", "m")];
-        let of_estimates = self.estimates.iter().map(|of| (of.column.as_str(), "m"));
-        fixed.into_iter().chain(of_estimates).chain(self.weights.iter().map(|of| (of.column.as_str(), DIMENSIONLESS)))
+        let estimates = self.estimates.iter().map(|estimate| (estimate.column.as_str(), "m"));
+        let weights = self.weights.iter().map(|weight| (weight.column.as_str(), DIMENSIONLESS));
+        fixed.into_iter().chain(estimates).chain(weights)
     }
 
-    /// Whether they are of this recording, as it is now.
-    pub(crate) fn is_of(&self, recording: &Recording) -> bool {
+    /// Whether the samples match the current state of the recording.
+    pub(crate) fn matches(&self, recording: &Recording) -> bool {
         self.recording == content_key(recording)
     }
 
-    /// What the samples of a recording are of; by estimate among `estimates` and weight its topic.
-    pub(crate) fn of(recording: &Recording, estimates: &[Estimate]) -> (Self, Vec<String>) {
+    /// Describes the samples of a recording, and lists the topics of the confidences.
+    pub(crate) fn new(recording: &Recording, estimates: &[Estimate]) -> (Self, Vec<String>) {
         let plan = recording.plan();
-        let mut taken: HashSet<String> = FIXED.iter().map(|column| (*column).to_owned()).collect();
+        let mut used: HashSet<String> = FIXED.iter().map(|column| (*column).to_owned()).collect();
         let mut column = |name: &str, stage: &str| {
             let mut column = name.to_owned();
-            while !taken.insert(column.clone()) {
+            while !used.insert(column.clone()) {
                 column = format!("{stage}.{column}");
             }
             column
         };
         let described = |estimate: &Estimate| {
             let stage = plan.runs[estimate.run].name().to_owned();
-            let RowKey { variant, factors, .. } = estimate.lead.clone();
+            let RowKey { variant, factors, .. } = estimate.row_key.clone();
             DescribedEstimate {
                 column: column(&estimate.label, &stage),
                 label: estimate.label.clone(),
@@ -110,14 +111,14 @@ impl Described {
                 factors,
             }
         };
-        let of_estimates: Vec<DescribedEstimate> = estimates.iter().map(described).collect();
+        let described_estimates: Vec<DescribedEstimate> = estimates.iter().map(described).collect();
         let (mut weights, mut topics) = (Vec::new(), Vec::new());
         let scored: HashSet<RunId> = estimates.iter().map(|estimate| estimate.run).collect();
         for (run, planned) in RunId::enumerate(&plan.runs).filter(|(run, _)| scored.contains(run)) {
-            let kept = |output: &depthloom_recording::RecordedOutput| {
+            let is_confidence = |output: &depthloom_recording::RecordedOutput| {
                 output.recorded && !output.once && output.value_type() == Some(ValueType::Weight)
             };
-            for (slot, output) in plan.outputs(run).filter(|(_, output)| kept(output)) {
+            for (slot, output) in plan.outputs(run).filter(|(_, output)| is_confidence(output)) {
                 let name = output.topic.strip_prefix(planned.prefix.as_str()).unwrap_or(&output.topic);
                 let name = name.trim_start_matches('/');
                 let name = name.rsplit_once('/').map_or(name.to_owned(), |(node, port)| format!("{node}.{port}"));
@@ -142,14 +143,14 @@ impl Described {
             run: plan_key(plan).to_string(),
             experiment: plan.experiment.clone(),
             recording: content_key(recording),
-            estimates: of_estimates,
+            estimates: described_estimates,
             weights,
         };
         (described, topics)
     }
 }
 
-/// How an estimate was scored; against which truth, where its stage has several.
+/// Describes the scoring of an estimate, with its ground truth if the stage has several.
 fn scoring(plan: &RecordedPlan, estimates: &[Estimate], estimate: &Estimate) -> String {
     let several = estimates.iter().any(|other| other.run == estimate.run && other.truth_topic != estimate.truth_topic);
     match estimate.truth_topic.as_deref().filter(|_| several) {
@@ -162,7 +163,7 @@ fn scoring(plan: &RecordedPlan, estimates: &[Estimate], estimate: &Estimate) -> 
     }
 }
 
-/// What a recording's samples depend on: its plan, and which frames it has, with the keys of what they were made of.
+/// A key of everything that the samples depend on: the plan of the recording, its frames, and the keys of their sources.
 fn content_key(recording: &Recording) -> String {
     let mut key = Key::digest("depthloom samples").key(&plan_key(recording.plan()));
     for run in RunId::all(recording.plan().runs.len()) {

@@ -1,4 +1,4 @@
-//! Samples out of a recording.
+//! Writes the samples of a recording.
 
 use std::collections::HashMap;
 use std::io::BufWriter;
@@ -26,49 +26,49 @@ use crate::input::maps::{not_recorded, sparsely_kept};
 use crate::tables::plan_key;
 use crate::tables::{file_metadata, with_arrow_schema};
 
-/// What was written.
+/// Describes the written samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SamplesWritten {
-    /// The rows.
+    /// The number of rows.
     pub samples: u64,
-    /// The frames they are of.
+    /// The number of frames.
     pub frames: u64,
-    /// The columns of estimates.
+    /// The number of estimate columns.
     pub estimates: usize,
-    /// What is to be said of them.
+    /// Notes on missing samples.
     pub notes: Vec<String>,
 }
 
-/// Pixels of a stage run that are scored in one way.
+/// The pixels of a stage run with one scoring.
 struct Group<'a> {
     scoring: String,
     settings: &'a Settings,
-    /// The place of the truth among the topics.
+    /// The index of the ground truth among the topics.
     truth: usize,
-    /// Estimates, and the places of their maps.
+    /// Estimates, and the indices of their maps.
     estimates: Vec<(usize, usize)>,
 }
 
-/// What is read of a stage run.
-struct OfRun<'a> {
+/// The maps of a stage run that are read.
+struct StageMaps<'a> {
     run: RunId,
     topics: Vec<String>,
     groups: Vec<Group<'a>>,
-    /// Weights, and the places of their maps.
+    /// Confidences, and the indices of their maps.
     weights: Vec<(usize, usize)>,
 }
 
-impl<'a> OfRun<'a> {
+impl<'a> StageMaps<'a> {
     fn new(run: RunId, described: &Described, estimates: &'a [Estimate], weights: &[(String, usize)]) -> Self {
-        let mut of_run = Self { run, topics: Vec::new(), groups: Vec::new(), weights: Vec::new() };
+        let mut stage = Self { run, topics: Vec::new(), groups: Vec::new(), weights: Vec::new() };
         for (index, estimate) in estimates.iter().enumerate().filter(|(_, estimate)| estimate.run == run) {
             let maps = (&estimate.truth_topic, &estimate.estimate_topic, &estimate.settings);
             let (Some(truth), Some(estimate), Some(settings)) = maps else { continue };
-            let (truth, estimate) = (of_run.place(truth), of_run.place(estimate));
+            let (truth, estimate) = (stage.place(truth), stage.place(estimate));
             let scoring = &described.estimates[index].scoring;
-            match of_run.groups.iter_mut().find(|group| group.truth == truth && group.scoring == *scoring) {
+            match stage.groups.iter_mut().find(|group| group.truth == truth && group.scoring == *scoring) {
                 Some(group) => group.estimates.push((index, estimate)),
-                None => of_run.groups.push(Group {
+                None => stage.groups.push(Group {
                     scoring: scoring.clone(),
                     settings,
                     truth,
@@ -76,13 +76,13 @@ impl<'a> OfRun<'a> {
                 }),
             }
         }
-        if !of_run.groups.is_empty() {
+        if !stage.groups.is_empty() {
             for (topic, weight) in weights {
-                let place = of_run.place(topic);
-                of_run.weights.push((*weight, place));
+                let place = stage.place(topic);
+                stage.weights.push((*weight, place));
             }
         }
-        of_run
+        stage
     }
 
     fn place(&mut self, topic: &str) -> usize {
@@ -93,14 +93,14 @@ impl<'a> OfRun<'a> {
     }
 }
 
-/// Writes the samples of all recorded maps to a file, which is whole or not there. `progress` is called with frames
-/// done and all there are; `stop` is asked between frames.
+/// Writes the samples of all recorded maps to a file atomically. `progress` is called with the number of finished frames, and
+/// their total; `stop` is polled between frames.
 ///
-/// A few frames are held in memory at a time, whatever their number. Equal recordings give equal files.
+/// Only a few frames are in memory at a time. Equal recordings give equal files.
 ///
 /// # Errors
-/// If the recording cannot be read, or nothing in it was scored with its maps kept ([`AnalysisError::Request`], with
-/// what `record:` would have to name); if the file cannot be written; [`AnalysisError::Stopped`] once `stop` says so.
+/// If the recording cannot be read, or no scored estimate has recorded maps ([`AnalysisError::Request`], with the outputs to
+/// add to `record:`); if the file cannot be written; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn write_samples(
     recording: &Recording,
     file: &Path,
@@ -110,29 +110,31 @@ pub fn write_samples(
     caught(|| {
         let all = estimates(recording.plan())?;
         let nothing_scored = all.is_empty();
-        // Disparities have no metres.
+        // Disparities have no distances in metres.
         let estimates: Vec<Estimate> = all.into_iter().filter(|estimate| estimate.settings.is_some()).collect();
-        let (described, topics) = Described::of(recording, &estimates);
-        let of_run = |run: RunId| {
+        let (described, topics) = Described::new(recording, &estimates);
+        let stage_maps = |run: RunId| {
             let name = recording.plan().runs[run].name();
             let weights = described.weights.iter().enumerate().filter(|(_, weight)| weight.stage == name);
             let weights: Vec<(String, usize)> = weights.map(|(at, _)| (topics[at].clone(), at)).collect();
-            OfRun::new(run, &described, &estimates, &weights)
+            StageMaps::new(run, &described, &estimates, &weights)
         };
-        let runs: Vec<OfRun<'_>> =
-            RunId::all(recording.plan().runs.len()).map(of_run).filter(|run| !run.groups.is_empty()).collect();
-        let of_depths: Vec<&Estimate> = estimates.iter().collect();
-        let missing = not_recorded(recording.plan(), &of_depths, "no samples");
+        let runs: Vec<StageMaps<'_>> =
+            RunId::all(recording.plan().runs.len()).map(stage_maps).filter(|run| !run.groups.is_empty()).collect();
+        let depths: Vec<&Estimate> = estimates.iter().collect();
+        let missing = not_recorded(recording.plan(), &depths, "no samples");
         if runs.is_empty() {
             let (what, help) = match (nothing_scored, missing) {
-                (true, _) => ("no samples: no stage has a `score:`".to_owned(), "give a stage one, and run again"),
-                (_, Some(missing)) => (missing, "run again; what is not to be recorded again is taken from this run"),
+                (true, _) => {
+                    ("no samples: no stage has a `score:`".to_owned(), "add a `score:` to a stage, and run again")
+                }
+                (_, Some(missing)) => (missing, "then run again, which reuses the unchanged values of this run"),
                 (_, None) => (
                     "no samples: no depth was scored".to_owned(),
-                    "score a depth (`depth/from-disparity` makes one of a disparity), and run again",
+                    "score a depth (`depth/from-disparity` converts a disparity), and run again",
                 ),
             };
-            return Err(AnalysisError::asked(what, help.to_owned()));
+            return Err(AnalysisError::request(what, help.to_owned()));
         }
         let mut written = SamplesWritten { samples: 0, frames: 0, estimates: estimates.len(), notes: Vec::new() };
         let mut failed = None;
@@ -143,7 +145,7 @@ pub fn write_samples(
                 Err(AnalysisError::Write { source, .. }) => Err(source),
                 Err(error) => {
                     failed = Some(error);
-                    Err(std::io::Error::other("the samples could not be taken"))
+                    Err(std::io::Error::other("failed to collect samples"))
                 }
             }
         });
@@ -152,15 +154,15 @@ pub fn write_samples(
         }
         result.map_err(AnalysisError::write(file))?;
         written.notes.extend(missing);
-        written.notes.extend(sparsely_kept(recording, &of_depths, written.samples == 0));
+        written.notes.extend(sparsely_kept(recording, &depths, written.samples == 0));
         Ok(written)
     })
 }
 
-/// The rows of a frame, a table for each way it is scored.
-type OfFrame = Result<Vec<DataFrame>, AnalysisError>;
+/// The rows of a frame, one table per scoring.
+type FrameTables = Result<Vec<DataFrame>, AnalysisError>;
 
-/// A recording's frames, to become rows.
+/// The frames of a recording, which are converted to rows.
 struct Frames<'a> {
     recording: &'a Recording,
     described: &'a Described,
@@ -169,7 +171,7 @@ struct Frames<'a> {
 impl Frames<'_> {
     fn write(
         &self,
-        runs: &[OfRun<'_>],
+        runs: &[StageMaps<'_>],
         out: impl std::io::Write,
         written: &mut SamplesWritten,
         progress: &dyn Fn(usize, usize),
@@ -180,7 +182,7 @@ impl Frames<'_> {
         let mut metadata = file_metadata("samples", &run, self.described.units());
         metadata.push((METADATA.to_owned(), serde_json::to_string(self.described).expect("names are JSON")));
         let empty = self.rows(&runs[0], &runs[0].groups[0], FrameIndex(0), &vec![None; runs[0].topics.len()], true)?;
-        let empty = empty.expect("a table without rows where they are asked for");
+        let empty = empty.expect("`even_if_empty` gives a table");
         let writer = ParquetWriter::new(out)
             .with_compression(ParquetCompression::Zstd(None))
             .with_key_value_metadata(Some(with_arrow_schema(metadata, empty.schema())));
@@ -189,12 +191,12 @@ impl Frames<'_> {
         let (mut done, threads) = (0, thread::available_parallelism().map_or(1, NonZero::get));
         let budget = Budget::new(threads);
         let _own = budget.permit();
-        for of_run in runs {
+        for stage in runs {
             let idle: Mutex<Vec<FrameReader<'_>>> = Mutex::new(Vec::new());
-            let positions: Vec<FrameIndex> = FrameIndex::all(self.recording.frames(of_run.run).len()).collect();
-            // So many at a time that no thread waits long for the writing.
+            let positions: Vec<FrameIndex> = FrameIndex::all(self.recording.frames(stage.run).len()).collect();
+            // Enough frames per chunk that threads rarely wait for the writer.
             for positions in positions.chunks(2 * threads) {
-                let tables: Vec<Mutex<Option<OfFrame>>> = positions.iter().map(|_| Mutex::new(None)).collect();
+                let tables: Vec<Mutex<Option<FrameTables>>> = positions.iter().map(|_| Mutex::new(None)).collect();
                 budget.run(positions.len(), &|tile| {
                     let table = caught(|| {
                         if stop() {
@@ -203,12 +205,12 @@ impl Frames<'_> {
                         let reader = locked(&idle).pop();
                         let mut reader = match reader {
                             Some(reader) => reader,
-                            None => self.recording.reader(of_run.run, &of_run.topics)?,
+                            None => self.recording.reader(stage.run, &stage.topics)?,
                         };
                         let maps = reader.read(positions[tile])?;
                         locked(&idle).push(reader);
-                        let rows = |group| self.rows(of_run, group, positions[tile], &maps, false).transpose();
-                        of_run.groups.iter().filter_map(rows).collect()
+                        let rows = |group| self.rows(stage, group, positions[tile], &maps, false).transpose();
+                        stage.groups.iter().filter_map(rows).collect()
                     });
                     *locked(&tables[tile]) = Some(table);
                 });
@@ -229,11 +231,10 @@ impl Frames<'_> {
         Ok(())
     }
 
-    /// The rows of a frame that is scored in one way; `None` if it has none, unless a table `even_if_empty` is asked
-    /// for.
+    /// The rows of a frame with one scoring. Without rows: `None`, or an empty table if `even_if_empty`.
     fn rows(
         &self,
-        of_run: &OfRun<'_>,
+        stage: &StageMaps<'_>,
         group: &Group<'_>,
         position: FrameIndex,
         maps: &[Option<Value>],
@@ -261,30 +262,30 @@ impl Frames<'_> {
             columns.insert(index, pixels.scored_estimate(estimate, group.settings));
         }
         let mut weights: HashMap<usize, Vec<f32>> = HashMap::new();
-        for &(weight, place) in &of_run.weights {
+        for &(weight, place) in &stage.weights {
             match &maps[place] {
-                // A weight of another raster says nothing of these pixels.
-                Some(Value::Weight(of)) if !is_other(&of.share) => {
-                    let share = |at: &u32| of.share.as_raw()[*at as usize];
+                // A confidence of another size does not belong to these pixels.
+                Some(Value::Weight(confidence)) if !is_other(&confidence.share) => {
+                    let share = |at: &u32| confidence.share.as_raw()[*at as usize];
                     weights.insert(weight, pixels.positions().iter().map(share).collect());
                 }
                 _ => {}
             }
         }
-        let frame = self.recording.frames(of_run.run).get(position.0);
+        let frame = self.recording.frames(stage.run).get(position.0);
         let rows = pixels.len();
         let text = |name: &str, text: &str| Column::from(Series::from(StringChunked::full(name.into(), text, rows)));
-        let place = |name: &str, of: &dyn Fn(usize) -> usize| {
-            let places = pixels.positions().iter().map(|at| of(*at as usize) as u32);
+        let place = |name: &str, coordinate: &dyn Fn(usize) -> usize| {
+            let places = pixels.positions().iter().map(|at| coordinate(*at as usize) as u32);
             Column::from(Series::new(name.into(), places.collect::<Vec<u32>>()))
         };
         let metres = |name: &str, values: Option<Vec<f32>>| {
             let values = values.unwrap_or_else(|| vec![f32::NAN; rows]);
-            let answer = |value: &f32| value.is_finite().then_some(*value);
-            Column::from(Series::new(name.into(), values.iter().map(answer).collect::<Vec<Option<f32>>>()))
+            let valid = |value: &f32| value.is_finite().then_some(*value);
+            Column::from(Series::new(name.into(), values.iter().map(valid).collect::<Vec<Option<f32>>>()))
         };
         let mut table = vec![
-            text("stage", self.recording.plan().runs[of_run.run].name()),
+            text("stage", self.recording.plan().runs[stage.run].name()),
             text("scoring", &group.scoring),
             Column::from(Series::new("position".into(), vec![position.0 as u32; rows])),
             text("frame", frame.map_or("", |frame| &frame.id)),

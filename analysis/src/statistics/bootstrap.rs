@@ -1,4 +1,4 @@
-//! Intervals by the bootstrap: frames are drawn again and again, with replacement.
+//! Bootstrap intervals: frames are drawn repeatedly, with replacement.
 
 use clap::ValueEnum;
 use std::num::NonZero;
@@ -13,21 +13,21 @@ use depthloom_scores::quantile::quantile;
 use super::normal;
 use crate::error::AnalysisError;
 
-/// A number of frames, by how often each of them counts.
+/// A statistic as a function of the weight of each frame.
 pub(crate) type Statistic<'a> = dyn Fn(&[f64]) -> f64 + Sync + 'a;
 
-/// So many resamples a thread takes at a time, and of so many numbers.
+/// The number of resamples per task, and of statistics that are resampled together.
 const AT_ONCE: usize = 250;
 const NUMBERS: usize = 64;
 
-/// How an interval is read off the resamples.
+/// The method of intervals.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum IntervalMethod {
     // `scipy.stats.bootstrap(method="BCa")`.
     /// Bias-corrected and accelerated (Efron 1987).
     #[default]
     Bca,
-    /// The percentiles themselves.
+    /// Plain percentiles.
     Percentile,
 }
 
@@ -42,16 +42,16 @@ impl IntervalMethod {
     }
 }
 
-/// How frames are resampled.
+/// The resampling of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resampling {
-    /// How often.
+    /// The number of resamples.
     pub resamples: u32,
-    /// The seed: of equal seeds and frames, intervals are equal.
+    /// The seed. Equal seeds and frames give equal intervals.
     pub seed: u64,
-    /// How often an interval is to hold the number that it is of, between 0 and 1.
+    /// The confidence level of intervals, between 0 and 1.
     pub confidence: f64,
-    /// How an interval is read off the resamples.
+    /// The method of intervals.
     pub method: IntervalMethod,
 }
 
@@ -62,7 +62,7 @@ impl Default for Resampling {
     }
 }
 
-/// An interval that holds a number, as sure as it was asked for.
+/// A confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
     /// Its lower end.
@@ -72,13 +72,13 @@ pub struct Interval {
 }
 
 impl Resampling {
-    /// How often frames are resampled for intervals of scores: of 10,000, the ends of intervals of few, skewed scores
-    /// lie up to a tenth of the interval's width apart from one seed to another; of so many, a third of that.
+    /// The default number of resamples for scores. With 10,000, the ends of intervals of few skewed scores differ between seeds
+    /// by up to a tenth of the width; with this number, by a third of that.
     pub const OF_SCORES: u32 = 100_000;
-    /// How often for errors by distance, each of which is a sum or median over pixels.
+    /// The default number for errors by distance, which are sums or medians over pixels.
     pub const OF_ERRORS: u32 = 10_000;
 
-    /// What intervals are, in words: `95 % BCa bootstrap over frames, 10000 resamples, seed 1`.
+    /// Describes the intervals: `95 % BCa bootstrap over frames, 10000 resamples, seed 1`.
     #[must_use]
     pub fn about(&self) -> String {
         let (method, resamples, seed) = (self.method.name(), self.resamples, self.seed);
@@ -90,7 +90,7 @@ impl Resampling {
         format!("{} %", (self.confidence * 1e8).round() / 1e6)
     }
 
-    /// The intervals of numbers, each of its own number of frames, in their order; see [`Resampling::intervals`].
+    /// The intervals of statistics with different numbers of frames, in their order; see [`Resampling::intervals`].
     pub(crate) fn intervals_of(
         &self,
         numbers: &[(usize, Box<Statistic<'_>>)],
@@ -109,8 +109,8 @@ impl Resampling {
         Ok(intervals)
     }
 
-    /// The intervals of numbers of `frames` frames; `None` where there are fewer than two, or the resamples say
-    /// nothing: some are no numbers, or none lies on one side of the number.
+    /// The intervals of statistics of `frames` frames. `None` with fewer than two frames, or if the resamples give no interval:
+    /// some are not finite, or all are on one side of the value.
     pub(crate) fn intervals(
         &self,
         frames: usize,
@@ -124,12 +124,13 @@ impl Resampling {
         }
         for some in numbers.chunks(NUMBERS) {
             let replicates = self.replicates(frames, some, stop)?;
-            intervals.extend(some.iter().zip(replicates).map(|(number, of)| self.interval(frames, *number, of)));
+            intervals
+                .extend(some.iter().zip(replicates).map(|(number, values)| self.interval(frames, *number, values)));
         }
         Ok(intervals)
     }
 
-    /// By number, its value on every resample.
+    /// The values of each statistic on all resamples.
     pub(crate) fn replicates(
         &self,
         frames: usize,
@@ -154,7 +155,7 @@ impl Resampling {
                 values.iter_mut().zip(numbers).for_each(|(values, number)| values.push(number(&times)));
             }
             let mut replicates = locked(&replicates);
-            replicates.iter_mut().zip(values).for_each(|(of, values)| of[some.clone()].copy_from_slice(&values));
+            replicates.iter_mut().zip(values).for_each(|(all, values)| all[some.clone()].copy_from_slice(&values));
         });
         if stop() {
             return Err(AnalysisError::Stopped);
@@ -162,7 +163,7 @@ impl Resampling {
         Ok(into_unlocked(replicates))
     }
 
-    /// The percentile interval of replicates that are numbers; `None` of fewer than two.
+    /// The percentile interval of finite replicates; `None` with fewer than two.
     pub(crate) fn percentiles_of(&self, mut replicates: Vec<f64>) -> Option<Interval> {
         if replicates.len() < 2 {
             return None;
@@ -174,14 +175,14 @@ impl Resampling {
 
     fn interval(&self, frames: usize, number: &Statistic<'_>, mut replicates: Vec<f64>) -> Option<Interval> {
         let mut times = vec![1.0; frames];
-        let whole = number(&times);
-        if !whole.is_finite() || replicates.iter().any(|of| !of.is_finite()) || replicates.is_empty() {
+        let value = number(&times);
+        if !value.is_finite() || replicates.iter().any(|replicate| !replicate.is_finite()) || replicates.is_empty() {
             return None;
         }
         replicates.sort_by(f64::total_cmp);
-        if replicates[0] == whole && replicates[replicates.len() - 1] == whole {
-            // However frames are drawn, it is the same.
-            return Some(Interval { low: whole, high: whole });
+        if replicates[0] == value && replicates[replicates.len() - 1] == value {
+            // All resamples give the same value.
+            return Some(Interval { low: value, high: value });
         }
         let alpha = (1.0 - self.confidence) / 2.0;
         let (low, high) = match self.method {
@@ -193,24 +194,24 @@ impl Resampling {
                     times[frame] = 1.0;
                     value
                 };
-                let left_out: Vec<f64> = (0..frames).map(&mut without).collect();
-                shares(alpha, whole, &replicates, &left_out)?
+                let jackknife: Vec<f64> = (0..frames).map(&mut without).collect();
+                shares(alpha, value, &replicates, &jackknife)?
             }
         };
         Some(Interval { low: quantile(&replicates, low), high: quantile(&replicates, high) })
     }
 }
 
-/// Of which shares of the sorted resamples the ends of a BCa interval are percentiles (Efron and Tibshirani 1993, 14.9
-/// to 14.15).
-fn shares(alpha: f64, whole: f64, replicates: &[f64], left_out: &[f64]) -> Option<(f64, f64)> {
-    let (below, up_to) = (replicates.partition_point(|of| *of < whole), replicates.partition_point(|of| *of <= whole));
+/// The percentiles of the sorted resamples that are the ends of a BCa interval (Efron and Tibshirani 1993, 14.9 to 14.15).
+fn shares(alpha: f64, value: f64, replicates: &[f64], jackknife: &[f64]) -> Option<(f64, f64)> {
+    let below = replicates.partition_point(|replicate| *replicate < value);
+    let up_to = replicates.partition_point(|replicate| *replicate <= value);
     let bias = normal::quantile((below + up_to) as f64 / (2 * replicates.len()) as f64);
-    let n = left_out.len() as f64;
-    let mean = left_out.iter().sum::<f64>() / n;
+    let n = jackknife.len() as f64;
+    let mean = jackknife.iter().sum::<f64>() / n;
     let (mut cubes, mut squares) = (0.0, 0.0);
-    for of in left_out {
-        let influence = (n - 1.0) * (mean - of);
+    for value in jackknife {
+        let influence = (n - 1.0) * (mean - value);
         cubes += influence * influence * influence;
         squares += influence * influence;
     }

@@ -1,7 +1,7 @@
-//! Several tests at once.
+//! Correction for multiple tests.
 
-/// Holm's correction (1979): probabilities that, held against one level, make a wrong rejection among all of them no
-/// likelier than that level, however they depend on each other.
+/// Holm's correction (1979). If the corrected probabilities are compared with a level, the probability of any wrong
+/// rejection is at most that level, for any dependence between the tests.
 pub(crate) fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
     order.sort_by(|&a, &b| p[a].total_cmp(&p[b]));
@@ -19,7 +19,7 @@ mod tests {
     use super::holm;
 
     #[test]
-    fn it_is_as_worked_by_hand() {
+    fn corrections_match_hand_computation() {
         // 0.01 * 4, 0.02 * 3, then no less than what went before, and never above 1.
         assert_eq!(holm(&[0.02, 0.01, 0.029, 0.7]), [0.06, 0.04, 0.06, 0.7]);
         assert_eq!(holm(&[0.9, 0.8]), [1.0, 1.0]);

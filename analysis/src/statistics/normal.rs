@@ -7,8 +7,8 @@ pub(super) fn cdf(z: f64) -> f64 {
     0.5 * libm::erfc(-z * FRAC_1_SQRT_2)
 }
 
-/// The value that is not exceeded with probability `p`, to 16 digits: algorithm AS 241, PPND16 (Wichura 1988). Of 0 and
-/// 1 it is infinite.
+/// The value that is not exceeded with probability `p`, to 16 digits: algorithm AS 241, PPND16 (Wichura 1988). For 0
+/// and 1 it is infinite.
 pub(super) fn quantile(p: f64) -> f64 {
     const A: [f64; 8] = [
         3.387_132_872_796_366_6,
@@ -70,7 +70,8 @@ pub(super) fn quantile(p: f64) -> f64 {
         1.421_511_758_316_446e-7,
         2.044_263_103_389_939_8e-15,
     ];
-    let polynomial = |of: &[f64; 8], x: f64| of.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient);
+    let polynomial =
+        |coefficients: &[f64; 8], x: f64| coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient);
     let ratio = |above: &[f64; 8], below: &[f64; 8], x: f64| polynomial(above, x) / polynomial(below, x);
     let q = p - 0.5;
     if q.abs() <= 0.425 {

@@ -2,29 +2,29 @@
 
 use super::normal;
 
-/// Up to so many differences the distribution is taken exactly where no two are alike and none is zero;
+/// The maximum number of differences for the exact distribution, if no two sizes are equal and none is zero.
 /// `scipy.stats.wilcoxon` has the same limits.
 const EXACT: usize = 50;
-/// And up to so many where some are: of all ways to give them signs.
+/// The maximum number of differences with ties or zeros for which all assignments of signs are enumerated.
 const ALL_SIGNS: usize = 13;
 
-/// What the test says: whether differences lie about zero.
+/// The result of the test whether differences are symmetric about zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SignedRank {
-    /// The probability of ranks at least as far from balance, in either direction, were differences about zero.
+    /// The two-sided probability under the hypothesis that differences are symmetric about zero.
     pub(crate) p: f64,
-    /// How it was found.
+    /// The distribution of the probability.
     pub(crate) distribution: Distribution,
 }
 
-/// The distribution that a probability was taken from.
+/// The distribution from which a probability was computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Distribution {
-    /// The exact one, of whole ranks.
+    /// The exact distribution of ranks without ties.
     Exact,
-    /// That of all ways to give these differences signs, exact where some are alike or zero.
+    /// All assignments of signs to these differences: exact with ties or zeros.
     Signs,
-    /// The normal one, its variance corrected for differences of equal size.
+    /// The normal distribution, its variance corrected for ties.
     Normal,
 }
 
@@ -39,23 +39,24 @@ impl Distribution {
 }
 
 impl SignedRank {
-    /// Of differences, zeros left out: as `scipy.stats.wilcoxon(differences)` of SciPy 1.17. `None` of none; where all
-    /// are zero nothing speaks against it, and `p` is 1 (SciPy says so of up to 13).
-    pub(crate) fn of(differences: &[f64]) -> Option<Self> {
-        let mut by_size: Vec<f64> = differences.iter().copied().filter(|of| *of != 0.0).collect();
-        if differences.is_empty() || by_size.iter().any(|of| of.is_nan()) {
+    /// Tests differences, without zeros, like `scipy.stats.wilcoxon(differences)` of SciPy 1.17. `None` without differences. If
+    /// all are zero, `p` is 1 (as in SciPy for up to 13 differences).
+    pub(crate) fn test(differences: &[f64]) -> Option<Self> {
+        let mut by_size: Vec<f64> = differences.iter().copied().filter(|difference| *difference != 0.0).collect();
+        if differences.is_empty() || by_size.iter().any(|difference| difference.is_nan()) {
             return None;
         }
         by_size.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
-        // Twice the ranks, so that a mean of ranks is whole.
+        // Doubled ranks, so that means of ranks are integers.
         let mut ranks = Vec::with_capacity(by_size.len());
         let mut ties = 0.0;
-        for alike in by_size.chunk_by(|a, b| a.abs() == b.abs()) {
-            let (before, size) = (ranks.len(), alike.len());
+        for ties_of_size in by_size.chunk_by(|a, b| a.abs() == b.abs()) {
+            let (before, size) = (ranks.len(), ties_of_size.len());
             ranks.resize(before + size, before + 1 + before + size);
             ties += (size as f64).powi(3) - size as f64;
         }
-        let positive = by_size.iter().zip(&ranks).filter(|(of, _)| **of > 0.0).map(|(_, rank)| rank).sum();
+        let positive =
+            by_size.iter().zip(&ranks).filter(|(difference, _)| **difference > 0.0).map(|(_, rank)| rank).sum();
         if ranks.is_empty() {
             return Some(Self { p: 1.0, distribution: Distribution::Signs });
         }
@@ -79,17 +80,16 @@ impl SignedRank {
     }
 }
 
-/// The share of all ways to give ranks signs whose positive ones sum to at most `sum`, or to at least that, whichever
-/// is less, twice.
+/// The two-sided probability of a sum of positive ranks at least as extreme as `sum`, over all assignments of signs.
 fn two_sided(ranks: &[usize], sum: usize) -> f64 {
     let all: usize = ranks.iter().sum();
-    // How many ways lead to each sum: no more than 2^50, so each is whole.
+    // The number of assignments for each sum: at most 2^50, so each is exact.
     let mut ways = vec![0.0; all + 1];
     ways[0] = 1.0;
     let mut reached = 0;
     for &rank in ranks {
-        for of in (0..=reached).rev() {
-            ways[of + rank] += ways[of];
+        for sum in (0..=reached).rev() {
+            ways[sum + rank] += ways[sum];
         }
         reached += rank;
     }
@@ -102,21 +102,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn where_all_point_one_way_one_of_all_signs_does() {
-        let of = |differences: &[f64]| SignedRank::of(differences).unwrap();
-        assert_eq!(of(&[1.0, 2.0, 3.0, 4.0]), SignedRank { p: 2.0 / 16.0, distribution: Distribution::Exact });
-        assert_eq!(of(&[-1.0, -1.0, -2.0, 0.0]), SignedRank { p: 2.0 / 8.0, distribution: Distribution::Signs });
-        assert_eq!(of(&[0.0, 0.0]).p, 1.0);
-        assert_eq!(of(&[3.0]).p, 1.0);
-        assert_eq!(SignedRank::of(&[]), None);
+    fn differences_of_one_sign_have_the_smallest_probability() {
+        let test = |differences: &[f64]| SignedRank::test(differences).unwrap();
+        assert_eq!(test(&[1.0, 2.0, 3.0, 4.0]), SignedRank { p: 2.0 / 16.0, distribution: Distribution::Exact });
+        assert_eq!(test(&[-1.0, -1.0, -2.0, 0.0]), SignedRank { p: 2.0 / 8.0, distribution: Distribution::Signs });
+        assert_eq!(test(&[0.0, 0.0]).p, 1.0);
+        assert_eq!(test(&[3.0]).p, 1.0);
+        assert_eq!(SignedRank::test(&[]), None);
     }
 
     #[test]
-    fn it_is_the_same_from_either_side() {
+    fn the_probability_is_symmetric() {
         let differences: Vec<f64> = (1..=60).map(|i| f64::from(i % 17) - 6.0).collect();
-        let turned: Vec<f64> = differences.iter().map(|of| -of).collect();
+        let turned: Vec<f64> = differences.iter().map(|difference| -difference).collect();
         for n in [9, 13, 14, 50, 51, 60] {
-            assert_eq!(SignedRank::of(&differences[..n]), SignedRank::of(&turned[..n]), "{n}");
+            assert_eq!(SignedRank::test(&differences[..n]), SignedRank::test(&turned[..n]), "{n}");
         }
     }
 }

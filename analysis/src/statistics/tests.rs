@@ -1,4 +1,4 @@
-//! Held to SciPy: `tests/fixtures/statistics.py` made the numbers.
+//! Compared with SciPy; `tests/fixtures/statistics.py` computed the numbers.
 
 use depthloom_scores::{Mean, Metric, PixelSet, ScoreRow, Settings};
 use serde::Deserialize;
@@ -38,8 +38,8 @@ fn golden() -> Golden {
 }
 
 impl Case {
-    /// The frames' scores, as one that the case's form is the data set's value of.
-    fn of(&self, values: &[f64]) -> Weighted {
+    /// The scores of frames, with the metric that has the form of the case.
+    fn weighted(&self, values: &[f64]) -> Weighted {
         let row = |(frame, &value): (usize, &f64)| {
             let pixels = self.pixels.as_ref().map_or(1, |pixels| pixels[frame]);
             let row = ScoreRow { pixels, ..ScoreRow::new(PixelSet::All, "") };
@@ -52,7 +52,7 @@ impl Case {
         };
         let rows: Vec<ScoreRow> = values.iter().enumerate().map(row).collect();
         let mean = if self.pixels.is_some() { Mean::Pixels } else { Mean::Frames };
-        Weighted::of(rows[0].scores[0].0, mean, &Settings::default(), &rows).unwrap()
+        Weighted::new(rows[0].scores[0].0, mean, &Settings::default(), &rows).unwrap()
     }
 }
 
@@ -61,9 +61,9 @@ fn near(found: f64, expected: f64, what: &str) {
 }
 
 #[test]
-fn intervals_are_scipys_on_the_same_resamples() {
+fn intervals_equal_scipy_on_the_same_resamples() {
     for case in golden().cases {
-        let (one, two) = (case.of(&case.one), case.of(&case.two));
+        let (one, two) = (case.weighted(&case.one), case.weighted(&case.two));
         let number = |times: &[f64]| two.value(times) - one.value(times);
         for (method, expected) in [(IntervalMethod::Bca, case.bca), (IntervalMethod::Percentile, case.percentile)] {
             let all = Resampling::default();
@@ -96,20 +96,20 @@ fn seeds_do_not_move_the_ends_of_an_interval() {
 }
 
 #[test]
-fn tests_are_scipys() {
+fn tests_equal_scipy() {
     for case in golden().cases {
         let differences: Vec<f64> = case.one.iter().zip(&case.two).map(|(one, two)| two - one).collect();
-        near(SignedRank::of(&differences).unwrap().p, case.wilcoxon, &case.name);
+        near(SignedRank::test(&differences).unwrap().p, case.wilcoxon, &case.name);
     }
     let Corrected { p, corrected } = golden().holm;
     holm(&p).into_iter().zip(corrected).for_each(|(found, expected)| near(found, expected, "holm"));
 }
 
 #[test]
-fn what_never_changes_has_an_interval_of_no_width_and_one_frame_has_none() {
+fn constants_have_intervals_of_zero_width_and_single_frames_have_none() {
     let same = |_: &[f64]| 0.25;
-    let of = |frames| Resampling::default().intervals(frames, &[&same], &|| false).unwrap()[0];
-    assert_eq!((of(5), of(1)), (Some(Interval { low: 0.25, high: 0.25 }), None));
+    let interval = |frames| Resampling::default().intervals(frames, &[&same], &|| false).unwrap()[0];
+    assert_eq!((interval(5), interval(1)), (Some(Interval { low: 0.25, high: 0.25 }), None));
     let stopped = Resampling::default().intervals(5, &[&same], &|| true);
     assert!(matches!(stopped, Err(crate::AnalysisError::Stopped)));
 }

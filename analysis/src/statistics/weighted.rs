@@ -1,17 +1,16 @@
-//! A data set's value as a function of how often each of its frames counts.
+//! The value of a data set as a function of the weight of each frame.
 
 use depthloom_scores::{Mean, Metric, Pooling, ScaleInvariant, ScoreRow, Settings};
 
-/// A score of all frames, of which each may count any number of times: none, as the jackknife leaves one out, or
-/// several, as a resample has it.
+/// A metric of all frames with weights: 0 for a frame that the jackknife omits, more than 1 for repeated frames of a resample.
 #[derive(Clone, Debug)]
 pub(crate) struct Weighted {
     form: Form,
-    /// By frame: what it weighs, and what is summed.
+    /// For each frame, its weight and two summands.
     terms: Vec<[f64; 3]>,
 }
 
-/// What becomes of the sums.
+/// The function of the sums.
 #[derive(Clone, Copy, Debug)]
 enum Form {
     Mean,
@@ -21,9 +20,9 @@ enum Form {
 }
 
 impl Weighted {
-    /// Of frames that all have the score; `None` where a data set's value does not follow from theirs, as a median over
-    /// pixels does not.
-    pub(crate) fn of<'a>(
+    /// For frames that all have the metric. `None` if the value of a data set cannot be computed from the values of frames, as
+    /// for a median over pixels.
+    pub(crate) fn new<'a>(
         metric: &Metric,
         mean: Mean,
         settings: &Settings,
@@ -56,20 +55,19 @@ impl Weighted {
         Some(Self { form, terms })
     }
 
-    /// Of those frames that have the score, and how many these are; `None` as of [`Weighted::of`], and where none has
-    /// it.
-    pub(crate) fn of_those_that_have_it<'a>(
+    /// For the frames that have the metric, with their number. `None` as for [`Weighted::new`], and if no frame has it.
+    pub(crate) fn of_scored_frames<'a>(
         metric: &Metric,
         mean: Mean,
         settings: &Settings,
         rows: impl IntoIterator<Item = &'a ScoreRow>,
     ) -> Option<(usize, Self)> {
         let rows: Vec<&ScoreRow> = rows.into_iter().filter(|row| row.get(metric).is_some()).collect();
-        let weighted = Self::of(metric, mean, settings, rows.iter().copied())?;
+        let weighted = Self::new(metric, mean, settings, rows.iter().copied())?;
         (!rows.is_empty()).then_some((rows.len(), weighted))
     }
 
-    /// The value where frame `i` counts `weights[i]` times.
+    /// The value if frame `i` has the weight `weights[i]`.
     pub(crate) fn value(&self, weights: &[f64]) -> f64 {
         let (mut weight, mut sum, mut squares) = (0.0, 0.0, 0.0);
         for ([own, first, second], times) in self.terms.iter().zip(weights) {
@@ -91,8 +89,8 @@ impl Weighted {
         }
     }
 
-    /// The value of all frames, each once.
-    pub(crate) fn whole(&self) -> f64 {
+    /// The value over all frames with weight 1.
+    pub(crate) fn of_all_frames(&self) -> f64 {
         self.value(&vec![1.0; self.terms.len()])
     }
 }
@@ -113,31 +111,31 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_count_once_give_the_tables_value_and_those_that_count_twice_stand_there_twice() {
+    fn weights_of_one_give_the_value_of_the_table_and_weights_of_two_repeat_frames() {
         for preset in [Preset::Paper, Preset::KittiDepth] {
             let settings = preset.settings();
             let rows = rows(&settings);
             for metric in depthloom_scores::Family::Depth.defaults() {
-                let of = |mean| Weighted::of(metric, mean, &settings, &rows).unwrap();
+                let weighted = |mean| Weighted::new(metric, mean, &settings, &rows).unwrap();
                 let near =
                     |a: f64, b: f64| assert!((a - b).abs() <= 1e-12 * (1.0 + b.abs()), "{metric:?}: {a}, not {b}");
-                let pooled = of(Mean::Pixels);
-                near(pooled.whole(), metric.pooled(&rows, &settings).unwrap());
+                let pooled = weighted(Mean::Pixels);
+                near(pooled.of_all_frames(), metric.pooled(&rows, &settings).unwrap());
                 let again = [&rows[0], &rows[0], &rows[2]];
                 near(pooled.value(&[2.0, 0.0, 1.0]), metric.pooled(again, &settings).unwrap());
                 let values: Vec<f64> = rows.iter().map(|row| row.get(metric).unwrap()).collect();
-                assert_eq!(of(Mean::Frames).whole(), values.iter().sum::<f64>() / 3.0, "to the bit");
-                near(of(Mean::Frames).value(&[2.0, 0.0, 1.0]), (2.0 * values[0] + values[2]) / 3.0);
+                assert_eq!(weighted(Mean::Frames).of_all_frames(), values.iter().sum::<f64>() / 3.0, "to the bit");
+                near(weighted(Mean::Frames).value(&[2.0, 0.0, 1.0]), (2.0 * values[0] + values[2]) / 3.0);
             }
         }
     }
 
     #[test]
-    fn a_median_over_pixels_does_not_follow() {
+    fn a_median_over_pixels_cannot_be_computed_from_frames() {
         let metric = Metric::named("median_error").unwrap();
         let row = ScoreRow { pixels: 3, ..ScoreRow::new(PixelSet::All, "") }.with(metric, 1.0);
-        let of = |mean| Weighted::of(metric, mean, &Settings::default(), [&row]);
-        assert!(of(Mean::Pixels).is_none());
-        assert_eq!(of(Mean::Frames).unwrap().whole(), 1.0);
+        let weighted = |mean| Weighted::new(metric, mean, &Settings::default(), [&row]);
+        assert!(weighted(Mean::Pixels).is_none());
+        assert_eq!(weighted(Mean::Frames).unwrap().of_all_frames(), 1.0);
     }
 }

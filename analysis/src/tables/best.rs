@@ -1,22 +1,21 @@
-//! Which values are best: one rule for tables in every format, pages and figures.
+//! The rule for best values, shared by tables in all formats, pages and figures.
 //!
-//! A value competes with those of its class: over as many pixels of the same frames, of the same ground truth,
-//! scored in the same way. The best of a class of two or more is marked, and what equals it. What was within a
-//! factor of 1.25^3 of the ground truth nowhere, or is valid nowhere, is never best: `silog` would prefer an
-//! estimate that is missing everywhere, for a missing pixel counts as one constant, and a constant has the spread
-//! of the ground truth and no error of its own.
+//! A value competes within its class: the same frames with the same number of pixels, ground truth and scoring. In a class of
+//! two or more, the best value and all equal values are marked. An estimate without valid pixels, or without pixels within a
+//! factor of 1.25^3 of the ground truth, is never best. Otherwise `silog` would prefer an estimate that is invalid
+//! everywhere, because invalid pixels count as a constant.
 
 use std::collections::HashMap;
 
-/// A value of a score that may be the best.
+/// A value that may be the best.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Candidate {
-    /// Values of one class may be compared; `None`: it can be compared with nothing.
+    /// Values of one class are comparable; `None`: not comparable.
     pub(crate) class: Option<usize>,
     pub(crate) value: Option<f64>,
-    /// The share of pixels within a factor of 1.25^3, where that was scored.
+    /// The share of pixels within a factor of 1.25^3, if it was scored.
     pub(crate) a3: Option<f64>,
-    /// The share of pixels that are valid, where it is known.
+    /// The share of valid pixels, if known.
     pub(crate) density: Option<f64>,
 }
 
@@ -28,7 +27,7 @@ impl Candidate {
     }
 }
 
-/// By candidate, whether it is a best one.
+/// For each candidate, whether it is best.
 pub(crate) fn best(candidates: &[Candidate], more_is_better: bool) -> Vec<bool> {
     let mut classes: HashMap<usize, (usize, Option<f64>)> = HashMap::new();
     for candidate in candidates {
@@ -58,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn each_class_of_two_or_more_has_its_best_and_equals_share_it() {
+    fn each_class_of_two_or_more_has_its_best_values() {
         let some = [
             (Some(0), 3.0),
             (Some(0), 2.0),
@@ -74,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_everywhere_is_never_best_and_a_score_without_a3_may_be() {
+    fn estimates_without_valid_pixels_are_never_best() {
         let missing = Candidate { a3: Some(0.0), ..candidate(Some(0), 0.1) };
         let invalid = Candidate { density: Some(0.0), ..candidate(Some(0), 0.2) };
         let fine = Candidate { a3: Some(0.5), density: Some(0.9), ..candidate(Some(0), 0.3) };

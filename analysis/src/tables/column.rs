@@ -1,5 +1,7 @@
 //! A column of a table, and its cells.
 
+use std::borrow::Cow;
+
 use depthloom_scores::Metric;
 
 use super::unit_of;
@@ -10,14 +12,14 @@ use crate::statistics::Interval;
 pub(crate) struct Column {
     /// Its name in files.
     pub(crate) name: String,
-    /// Its name in text, where that is another one.
+    /// Its name in text, if different.
     pub(crate) shown: Option<String>,
     pub(crate) unit: Option<&'static str>,
-    /// Its name in LaTeX, where papers have a name for it.
-    pub(crate) latex: Option<&'static str>,
+    /// Its published name in LaTeX, if any.
+    pub(crate) latex: Option<Cow<'static, str>>,
     pub(crate) more_is_better: Option<bool>,
     pub(crate) cells: Cells,
-    /// The cells that are marked; empty: none.
+    /// Whether each cell is marked; empty: none.
     pub(crate) best: Vec<bool>,
     /// Whether it is repeated in each block of a table that is too wide.
     pub(crate) is_key: bool,
@@ -25,7 +27,7 @@ pub(crate) struct Column {
     pub(crate) once: bool,
     pub(crate) only_in_files: bool,
     pub(crate) only_in_text: bool,
-    /// Whether it is of an axis of the experiment.
+    /// Whether it is an axis of the experiment.
     pub(crate) is_axis: bool,
     /// Whether it belongs to the column before it: both stay together, in LaTeX in one cell.
     pub(crate) joins: bool,
@@ -41,30 +43,30 @@ pub(crate) enum Cells {
     Metres(Vec<u32>),
     Count(Vec<Option<u64>>),
     Number(Vec<Option<f64>>, Format),
-    /// With so many decimals; only text has them, files have columns of their ends.
+    /// Intervals with this number of decimals, only for text; files have columns for both ends.
     Interval(Vec<Option<Interval>>, usize),
 }
 
-/// A value of an axis; numbers are those of axes whose values all are.
+/// A value of an axis. It is a number if all values of the axis are numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Value {
     pub(super) text: String,
     pub(super) is_number: bool,
 }
 
-/// How text shows numbers.
+/// The format of numbers in text.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Format {
-    /// With so many decimals, unless others are wanted.
+    /// This number of decimals, unless the user chooses another.
     Decimals(usize),
-    /// With so many decimals.
+    /// Always this number of decimals.
     Fixed(usize),
     Percent,
-    /// Each in its own way.
+    /// Individual texts.
     Written(Vec<Option<String>>),
 }
 
-/// What a cell of text can be made of.
+/// Converts a value to a cell of text.
 pub(crate) trait TextCell {
     fn text(self) -> Option<String>;
 }
@@ -93,7 +95,7 @@ impl<T: TextCell> TextCell for Option<T> {
     }
 }
 
-/// What each row of a table is made of: a column takes one cell from each.
+/// The source of rows of a table: a column extracts one cell from each.
 pub(crate) struct Rows<'r, R>(pub(crate) &'r [R]);
 
 impl<'r, R> Rows<'r, R> {
@@ -101,7 +103,7 @@ impl<'r, R> Rows<'r, R> {
         Column::new(name, Cells::Text(self.0.iter().map(|row| cell(row).text()).collect()))
     }
 
-    /// A column that says what a row is.
+    /// A column that identifies rows.
     pub(crate) fn key<T: TextCell>(&self, name: impl Into<String>, cell: impl Fn(&'r R) -> T) -> Column {
         self.text(name, cell).key()
     }
@@ -114,17 +116,17 @@ impl<'r, R> Rows<'r, R> {
         Column::new(name, Cells::Number(self.0.iter().map(|row| cell(row).into()).collect(), Format::Decimals(3)))
     }
 
-    /// A column of a metric, with one decimal more than its table has: variants differ by less than methods do.
+    /// A column of a metric, with one more decimal than usual, because differences between variants are small.
     pub(crate) fn metric(&self, metric: &Metric, cell: impl Fn(&'r R) -> Option<f64>) -> Column {
         self.number(metric.name, cell).metric(metric)
     }
 
-    /// A column of shares from 0 to 1, which text shows in per cent.
+    /// A column of shares from 0 to 1, shown in per cent in text.
     pub(crate) fn share(&self, name: impl Into<String>, cell: impl Fn(&'r R) -> Option<f64>) -> Column {
         self.number(name, cell).format(Format::Percent)
     }
 
-    /// A column of numbers that text shows each in its own way.
+    /// A column of numbers with individual texts.
     pub(crate) fn written(&self, name: impl Into<String>, cell: impl Fn(&'r R) -> Option<(f64, String)>) -> Column {
         let (values, texts) = self.0.iter().map(cell).map(Option::unzip).unzip();
         Column::new(name, Cells::Number(values, Format::Written(texts)))
@@ -150,8 +152,8 @@ impl Column {
         }
     }
 
-    /// A column that says what a row is by values of axes; `is_number(row)` says whether all values of the row's axis
-    /// are numbers.
+    /// A column that identifies rows by values of axes. `is_number(row)` states whether all values of the row's axis are
+    /// numbers.
     pub(crate) fn levels(
         name: impl Into<String>,
         cells: impl IntoIterator<Item = Option<String>>,
@@ -166,8 +168,8 @@ impl Column {
         Self { unit: Some(unit), ..self }
     }
 
-    pub(crate) fn latex(self, name: &'static str) -> Self {
-        Self { latex: Some(name), ..self }
+    pub(crate) fn latex(self, name: impl Into<Cow<'static, str>>) -> Self {
+        Self { latex: Some(name.into()), ..self }
     }
 
     pub(crate) fn key(self) -> Self {
@@ -204,7 +206,7 @@ impl Column {
 
     /// Names and formats a column of numbers of a metric.
     pub(crate) fn metric(self, metric: &Metric) -> Self {
-        Self { latex: Some(metric.heading), ..self.unit(unit_of(metric)).better(metric.more_is_better) }
+        Self { latex: Some(metric.heading.into()), ..self.unit(unit_of(metric)).better(metric.more_is_better) }
             .decimals(metric.decimals + 1)
     }
 
@@ -212,10 +214,10 @@ impl Column {
         self.format(Format::Decimals(decimals))
     }
 
-    /// Of a column of numbers.
+    /// Sets the format of a column of numbers.
     pub(crate) fn format(mut self, format: Format) -> Self {
-        if let Cells::Number(_, of) = &mut self.cells {
-            *of = format;
+        if let Cells::Number(_, own) = &mut self.cells {
+            *own = format;
         }
         self
     }
@@ -241,7 +243,7 @@ impl Cells {
         }
     }
 
-    /// How many decimals text shows, where that can be chosen.
+    /// The number of decimals in text, if it can be chosen.
     pub(super) fn decimals(&mut self) -> Option<&mut usize> {
         match self {
             Self::Number(_, Format::Decimals(decimals)) | Self::Interval(_, decimals) => Some(decimals),

@@ -1,4 +1,4 @@
-//! A table as CSV: numbers with the fewest digits that give the same number again, quotes only where they are needed.
+//! A table as CSV: numbers with the fewest digits that are read back exactly, quotes only if needed.
 
 use std::io::{self, Write};
 

@@ -19,18 +19,18 @@ pub(crate) enum Cell {
     Text(String),
 }
 
-/// Of `table` and `analyse`: what was asked.
+/// The output of `table` and `analyse`.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct TableOutput {
-    /// What the numbers are.
+    /// Describes the numbers.
     about: String,
-    /// The columns of its CSV form, which docs/tables.md explains.
+    /// One object per row, with the columns of the CSV form, which docs/tables.md explains.
     rows: Vec<JsonRow>,
     notes: Vec<String>,
 }
 
 impl Table {
-    /// For programs, with the columns of [`Table::csv`].
+    /// The JSON output, with the columns of [`Table::csv`].
     #[must_use]
     pub fn output(&self) -> TableOutput {
         TableOutput { about: self.about.clone(), rows: self.json_rows(), notes: self.notes.clone() }

@@ -1,20 +1,20 @@
-//! A table in LaTeX, as papers print it: in the type's own size, in as many blocks below each other as its width needs.
+//! A table in LaTeX, in a fixed type size, split into blocks if it is too wide.
 
 use super::layout::{TextCell, TextColumn, are_together, blocks, capitalised};
 use super::{Orientation, Table};
 
-/// What fits beside each other, in digits of `\footnotesize` (4.25 pt): the 345 pt of an article's page, and the 240 pt
-/// of a column of two.
+/// The available width in digits of `\footnotesize` (4.25 pt): the 345 pt of an article's page, and the 240 pt of one of two
+/// columns.
 const PAGE: usize = 81;
 const COLUMN: usize = 56;
-/// The longest name of a metric, and the room between two columns (twice `\tabcolsep`, 4 pt).
+/// The longest name of a metric, and the space between two columns (twice `\tabcolsep`, 4 pt).
 const NAMES: usize = 23;
 const GAP: usize = 2;
-/// How many rows of `\footnotesize` a page of an article holds, with a caption.
+/// The number of rows of `\footnotesize` on a page of an article, with a caption.
 const ROWS: usize = 55;
 
 impl Table {
-    /// In LaTeX, for the package `booktabs`, in the type's own size, with caption and label; the best in bold.
+    /// In LaTeX, for the package `booktabs`, with caption and label; the best in bold.
     #[must_use]
     pub fn latex(&self) -> String {
         let columns = self.layout(true);
@@ -25,7 +25,7 @@ impl Table {
         let float = if widest <= COLUMN { "table" } else { "table*" };
         let mut text = String::from("% \\usepackage{booktabs}\n");
         if self.orientation == Orientation::Rows && self.height() * blocks.len() > ROWS {
-            text.push_str(&format!("% longer than a page: --top {} makes it shorter\n", ROWS / blocks.len()));
+            text.push_str(&format!("% longer than a page: use --top {} to shorten it\n", ROWS / blocks.len()));
         }
         let caption = self.caption.clone().unwrap_or_else(|| caption(self));
         let label: String =
@@ -41,7 +41,7 @@ impl Table {
     }
 }
 
-/// What the numbers are, and notes.
+/// The caption: a description of the numbers, and notes.
 fn caption(table: &Table) -> String {
     let mut text = format!("{}.", capitalised(&escaped(&table.about)));
     if let Some(marks) = table.marks() {
@@ -49,7 +49,7 @@ fn caption(table: &Table) -> String {
     }
     for note in &table.notes {
         let note = escaped(note);
-        // A note on a column begins with its name, which is written as it is: `ms`, not `Ms`.
+        // A note that starts with the name of a column is not capitalised: `ms`, not `Ms`.
         let is_on_column = note.split_whitespace().next().is_some_and(|word| word.ends_with(':'));
         text.push_str(&format!(" {}.", if is_on_column { note } else { capitalised(&note) }));
     }
@@ -94,7 +94,7 @@ fn line(cells: impl Iterator<Item = String>) -> String {
 }
 
 fn heading(column: &TextColumn) -> String {
-    let name = column.latex.map_or_else(|| escaped(&column.name), str::to_owned);
+    let name = column.latex.as_ref().map_or_else(|| escaped(&column.name), ToString::to_string);
     match column.more_is_better {
         None => name,
         Some(true) => format!("{name} $\\uparrow$"),
@@ -104,30 +104,30 @@ fn heading(column: &TextColumn) -> String {
 
 fn cell(cell: &TextCell, is_text: bool) -> String {
     let is_number = !is_text || cell.text == "-" || cell.text.parse::<f64>().is_ok();
-    let text = match (cell.latex, is_number) {
-        (Some(latex), _) => latex.to_owned(),
+    let text = match (&cell.latex, is_number) {
+        (Some(latex), _) => latex.to_string(),
         (None, true) => number(&cell.text),
         (None, false) => escaped(&cell.text),
     };
     let text = if cell.is_best { format!("\\textbf{{{text}}}") } else { text };
-    cell.beside.as_ref().map_or_else(|| text.clone(), |beside| format!("{text} {}", escaped(beside)))
+    cell.suffix.as_ref().map_or_else(|| text.clone(), |suffix| format!("{text} {}", escaped(suffix)))
 }
 
-/// The width of some columns under one heading, in digits, each with the gap behind it.
+/// The width of columns under one heading, in digits, including the gap after each column.
 fn width(columns: &[&TextColumn]) -> usize {
     let one = |column: &&TextColumn| {
         let cells = column.cells.iter().map(|cell| {
-            let beside = cell.beside.as_ref().map_or(0, |beside| beside.chars().count() + 1);
-            if cell.latex.is_some() { NAMES - GAP } else { cell.text.chars().count() + beside }
+            let suffix = cell.suffix.as_ref().map_or(0, |suffix| suffix.chars().count() + 1);
+            if cell.latex.is_some() { NAMES - GAP } else { cell.text.chars().count() + suffix }
         });
         cells.chain([column.heading().chars().count()]).max().unwrap_or(0) + GAP
     };
-    // A heading is bold, and wider for it.
+    // Headings are bold and therefore wider.
     let heading = columns[0].group.chars().count() * 6 / 5 + GAP;
     columns.iter().map(one).sum::<usize>().max(heading)
 }
 
-/// What LaTeX reads as commands, taken literally.
+/// Escapes the special characters of LaTeX.
 fn escaped(text: &str) -> String {
     let mut escaped = String::new();
     for letter in text.chars() {
@@ -136,7 +136,7 @@ fn escaped(text: &str) -> String {
             '\\' => escaped.push_str("\\textbackslash{}"),
             '~' => escaped.push_str("\\textasciitilde{}"),
             '^' => escaped.push_str("\\textasciicircum{}"),
-            // In the usual encoding of fonts these are other signs.
+            // The default font encoding shows other characters for these.
             '<' => escaped.push_str("\\textless{}"),
             '>' => escaped.push_str("\\textgreater{}"),
             letter => escaped.push(letter),
@@ -145,7 +145,7 @@ fn escaped(text: &str) -> String {
     escaped
 }
 
-/// A number as it is typeset: with a minus, not a hyphen; and a dash where there is none.
+/// A typeset number: with a minus sign instead of a hyphen, and a dash for a missing number.
 fn number(text: &str) -> String {
     match text.strip_prefix('-') {
         Some("") => "--".to_owned(),

@@ -1,4 +1,6 @@
-//! A table as text shows it: columns of texts, whichever way the table is oriented.
+//! The layout of a table as text, in both orientations.
+
+use std::borrow::Cow;
 
 use super::{Column, Orientation, Table};
 
@@ -8,8 +10,8 @@ pub(super) struct TextColumn {
     /// The heading that it shares with its neighbours.
     pub(super) group: String,
     pub(super) name: String,
-    /// Its name in LaTeX, where papers have a name for it.
-    pub(super) latex: Option<&'static str>,
+    /// Its published name in LaTeX, if any.
+    pub(super) latex: Option<Cow<'static, str>>,
     pub(super) more_is_better: Option<bool>,
     pub(super) cells: Vec<TextCell>,
     pub(super) is_text: bool,
@@ -24,11 +26,11 @@ pub(super) struct TextColumn {
 /// A cell of text.
 pub(super) struct TextCell {
     pub(super) text: String,
-    /// What LaTeX has in its place.
-    pub(super) latex: Option<&'static str>,
+    /// The replacement in LaTeX.
+    pub(super) latex: Option<Cow<'static, str>>,
     pub(super) is_best: bool,
-    /// What stands beside it: an interval, or a number to compare with.
-    pub(super) beside: Option<String>,
+    /// Text after the cell: an interval, or a number to compare with.
+    pub(super) suffix: Option<String>,
 }
 
 impl TextColumn {
@@ -47,7 +49,7 @@ fn with_arrow(name: &str, more_is_better: Option<bool>) -> String {
 }
 
 impl Table {
-    /// The columns of text; with `folded`, columns that join another one stand beside its cells.
+    /// The columns of text. With `folded`, columns that join another one are appended to its cells.
     pub(super) fn layout(&self, folded: bool) -> Vec<TextColumn> {
         match self.orientation {
             Orientation::Rows => self.rows_layout(folded),
@@ -55,7 +57,7 @@ impl Table {
         }
     }
 
-    /// How many lines of text it has, without headings.
+    /// The number of lines of text, without headings.
     pub(super) fn lines(&self) -> usize {
         match self.orientation {
             Orientation::Rows => self.height(),
@@ -76,15 +78,15 @@ impl Table {
             };
             if let Some(before) = columns.last_mut().filter(|_| folded && column.joins) {
                 for (row, cell) in before.cells.iter_mut().enumerate() {
-                    cell.beside = column.cells.text(row).filter(|text| text != "-");
+                    cell.suffix = column.cells.text(row).filter(|text| text != "-");
                 }
                 continue;
             }
-            let cell = |row| TextCell { text: text(row), latex: None, is_best: column.is_best(row), beside: None };
+            let cell = |row| TextCell { text: text(row), latex: None, is_best: column.is_best(row), suffix: None };
             columns.push(TextColumn {
                 group: String::new(),
                 name: column.shown.as_ref().unwrap_or(&column.name).clone(),
-                latex: column.latex,
+                latex: column.latex.clone(),
                 more_is_better: column.more_is_better,
                 cells: (0..self.height()).map(cell).collect(),
                 is_text: column.is_text(),
@@ -96,7 +98,7 @@ impl Table {
         columns
     }
 
-    /// The columns that are a line each, and those that stand beside their cells.
+    /// The columns that have one line each, with the columns that are appended to their cells.
     fn metrics(&self) -> impl Iterator<Item = (&Column, Vec<&Column>)> {
         let shown: Vec<&Column> = self.shown().filter(|column| !column.is_key).collect();
         let lines: Vec<_> = shown.chunk_by(|_, next| next.joins).map(|line| (line[0], line[1..].to_vec())).collect();
@@ -106,9 +108,9 @@ impl Table {
     fn metrics_layout(&self) -> Vec<TextColumn> {
         let name = |(column, _): (&Column, _)| TextCell {
             text: with_arrow(column.shown.as_ref().unwrap_or(&column.name), column.more_is_better),
-            latex: column.latex,
+            latex: column.latex.clone(),
             is_best: false,
-            beside: None,
+            suffix: None,
         };
         let names = self.metrics().map(name).collect();
         let mut columns = vec![TextColumn { cells: names, is_text: true, is_key: true, ..TextColumn::default() }];
@@ -116,13 +118,13 @@ impl Table {
         let (group, name) = (keys.next(), keys.next());
         let text = |key: Option<&Column>, row| key.and_then(|key| key.cells.text(row)).unwrap_or_default();
         columns.extend((0..self.height()).map(|row| {
-            let cell = |(column, beside): (&Column, Vec<&Column>)| {
-                let beside: Vec<String> = beside.iter().filter_map(|column| column.cells.text(row)).collect();
+            let cell = |(column, joined): (&Column, Vec<&Column>)| {
+                let suffix: Vec<String> = joined.iter().filter_map(|column| column.cells.text(row)).collect();
                 TextCell {
                     text: column.cells.text(row).unwrap_or_else(|| "-".to_owned()),
                     latex: None,
                     is_best: column.is_best(row),
-                    beside: (!beside.is_empty()).then(|| beside.join(" ")),
+                    suffix: (!suffix.is_empty()).then(|| suffix.join(" ")),
                 }
             };
             let cells = self.metrics().map(cell).collect();
@@ -133,8 +135,8 @@ impl Table {
     }
 }
 
-/// The columns in blocks no wider than `room`: the keys in each, and as many of the others as fit. Columns that join
-/// each other or share a heading stay together if they fit in a block; `width` is that of some such columns.
+/// Splits the columns into blocks of at most `room` width. Each block contains the key columns and as many others as fit.
+/// Columns that join each other or share a heading stay together if they fit. `width` is the width of such columns.
 pub(super) fn blocks(
     columns: &[TextColumn],
     room: usize,

@@ -39,7 +39,7 @@ fn heading(column: &TextColumn) -> String {
 fn cell(cell: &TextCell) -> String {
     let text = escaped(&cell.text);
     let text = if cell.is_best { format!("**{text}**") } else { text };
-    cell.beside.as_ref().map_or_else(|| text.clone(), |beside| format!("{text} {beside}"))
+    cell.suffix.as_ref().map_or_else(|| text.clone(), |suffix| format!("{text} {suffix}"))
 }
 
 fn escaped(text: &str) -> String {

@@ -1,11 +1,11 @@
-//! A table as `report.html` reads it.
+//! A table as JSON for `report.html`.
 
 use serde_json::{Value as Json, json};
 
 use super::Table;
 
 impl Table {
-    /// As the page of a report reads it.
+    /// The table as JSON for the page of a report.
     pub(crate) fn page(&self) -> Json {
         let columns = self.layout(false);
         let headings = columns.iter().map(|column| json!({ "name": column.heading(), "text": column.is_text }));

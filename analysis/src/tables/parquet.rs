@@ -2,9 +2,8 @@
 //! (which table it is), `depthloom.run` (the [key](crate::plan_key) of the run's plan) and `depthloom.units` (a JSON
 //! object, column to unit).
 //!
-//! polars writes and reads Parquet, and is kept from starting threads for it: a table is small, and where a system
-//! gives no more threads, polars' pools panic, or wait for ever for threads that never came. Its CSV writer cannot be
-//! kept from it.
+//! polars writes and reads Parquet, but without starting threads: tables are small, and if a system refuses new threads,
+//! polars' pools panic or wait indefinitely. Its CSV writer always starts threads.
 
 use std::str::FromStr;
 
@@ -21,15 +20,14 @@ use super::row_key::is_reserved;
 use super::{Cells, Table};
 use crate::error::{AnalysisError, caught};
 
-/// The version of what tables' columns are called and mean.
+/// The version of the names and meanings of columns.
 pub const TABLE_FORMAT: u32 = 2;
 
-/// Where the metadata of a Parquet file of ours says its version.
+/// The metadata key of the version in Parquet files.
 pub const TABLE_MARK: &str = "depthloom.format";
 
 impl Table {
-    /// The bytes of a Parquet file with the columns of [`Table::csv`]: the table `name`, of a run whose plan has this
-    /// key.
+    /// The bytes of a Parquet file with the columns of [`Table::csv`]. `run` is the key of the run's plan.
     ///
     /// # Errors
     /// If polars fails.
@@ -54,7 +52,7 @@ impl Table {
         all
     }
 
-    /// By column, whether it has levels that are all whole numbers.
+    /// For each column, whether it has levels that are all integers.
     fn whole_levels(&self) -> Vec<bool> {
         let is_whole = |level: &Value| level.is_number && level.text.parse::<i64>().is_ok();
         let are_whole = |cells: &Cells| matches!(cells, Cells::Levels(cells) if cells.iter().flatten().all(is_whole));
@@ -88,8 +86,8 @@ fn parsed<T: FromStr>(levels: &[Option<Value>]) -> Vec<Option<T>> {
     levels.iter().map(|level| level.as_ref().and_then(|level| level.text.parse().ok())).collect()
 }
 
-/// The bytes of a Parquet file of a table that `parts` makes, from top to bottom and twice: memory holds one of its
-/// parts, a row group each, and these bytes. There is at least one; all have the same columns.
+/// The bytes of a Parquet file of a table that `parts` yields from top to bottom; it is called twice. Each part becomes a row
+/// group, and only one part is in memory at a time. There must be at least one part; all parts have the same columns.
 pub(crate) fn parquet_of_parts<T: AsRef<Table>, I: Iterator<Item = T>>(
     parts: impl Fn() -> I,
     name: &str,
@@ -97,15 +95,15 @@ pub(crate) fn parquet_of_parts<T: AsRef<Table>, I: Iterator<Item = T>>(
 ) -> PolarsResult<Vec<u8>> {
     let (mut whole, mut metadata) = (Vec::new(), None);
     for part in parts() {
-        let of_part = part.as_ref().whole_levels();
+        let part_levels = part.as_ref().whole_levels();
         if metadata.is_none() {
-            (whole, metadata) = (of_part, Some(part.as_ref().file_metadata(name, run)));
+            (whole, metadata) = (part_levels, Some(part.as_ref().file_metadata(name, run)));
         } else {
-            whole.iter_mut().zip(of_part).for_each(|(whole, of_part)| *whole &= of_part);
+            whole.iter_mut().zip(part_levels).for_each(|(whole, own)| *whole &= own);
         }
     }
     let mut frames = parts().map(|part| part.as_ref().data_frame(&whole)).peekable();
-    let metadata = metadata.expect("a table has a part, though it may have no row");
+    let metadata = metadata.expect("a table has at least one part");
     let schema = match frames.peek() {
         Some(Ok(first)) => first.schema().clone(),
         _ => return frames.next().map_or(Ok(Vec::new()), |first| first.map(|_| Vec::new())),
@@ -129,15 +127,15 @@ impl AsRef<Self> for Table {
 
 /// The metadata of a Parquet file, with an Arrow schema in which texts are `large_utf8`.
 ///
-/// The schema that polars writes unless it is given one says `string_view`, which readers older than 2024 refuse
-/// (pyarrow 14: "Unrecognized type: 24").
+/// By default polars writes a schema with `string_view`, which readers from before 2024 refuse (pyarrow 14: "Unrecognized
+/// type: 24").
 pub(crate) fn with_arrow_schema(mut metadata: Vec<(String, String)>, schema: &Schema) -> KeyValueMetadata {
     let arrow = schema_to_metadata_key(&schema.to_arrow(CompatLevel::oldest()));
     metadata.insert(0, (arrow.key, arrow.value.unwrap_or_default()));
     KeyValueMetadata::from_static(metadata)
 }
 
-/// What the metadata of a Parquet file has: which table it is, the key of its run's plan, and the units of its columns.
+/// The metadata of a Parquet file: the name of the table, the key of the run's plan, and the units of columns.
 pub(crate) fn file_metadata<'c>(
     table: &str,
     run: &Key,

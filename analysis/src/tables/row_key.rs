@@ -1,8 +1,8 @@
-//! Row keys: the columns that every table begins with.
+//! Row keys: the first columns of all tables.
 //!
-//! `stage` and `variant`; then what the row is of: `estimate` and `set` of scores and errors, `node` of time and
-//! learning; then a column an axis of the experiment's matrix. A `variant` is null where all variants share the row.
-//! Tables, figures and comparisons take these columns from here, so that programs can join one to another by them.
+//! These are `stage` and `variant`; then `estimate` and `set` for scores and errors, or `node` for timings and training; then
+//! one column per axis of the experiment's matrix. `variant` is null if all variants share the row. Tables, figures and
+//! comparisons have the same key columns, so that programs can join them.
 
 use depthloom_graphs::Key;
 use depthloom_graphs::plan::VariantId;
@@ -12,47 +12,47 @@ use serde::{Deserialize, Serialize};
 
 use super::{Column, Rows};
 
-/// The columns that a table of estimates begins with.
+/// The first columns of a table of estimates.
 pub const KEY_COLUMNS: [&str; 4] = ["stage", "variant", "estimate", "set"];
 
 /// The pixels that are valid in all estimates with one ground truth and the same settings, as named in `set`.
 pub const COMMON: &str = "common";
 
-/// The other columns of tables besides metrics: an axis of the matrix has another name.
-/// [`Table::parquet`](super::Table::parquet) checks in tests that none is missing.
+/// All other columns of tables except metrics. An axis with such a name gets a prefix. In tests
+/// [`Table::parquet`](super::Table::parquet) checks that the list is complete.
 const RESERVED: &str = "axis baseline baseline_m best_overall bias_m bin_from bin_from_m bin_from_px bin_to bin_to_m bin_to_px change count cpu_ns density \
     difference difference_high difference_high_m difference_low difference_low_m difference_m disparity_density disparity_frames \
     disparity_pixels frame frames gross_share learning_rate level loss losses mean median_cpu_ns ms node p p_from p_holm phase pixels \
     position rmse_m rows run score scoring share statistic step ties truth_m unit validation value value_m verdict wall_ns wins x y zone";
-/// What names of other columns begin with.
+/// Prefixes of further columns.
 const RESERVED_STARTS: [&str; 5] = ["paper_", "error_", "relative_", "baseline_", "axis."];
 
-/// What a row is of, but for the estimate, the node, ...
+/// The stage, variant and levels of a row.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RowKey {
     /// The stage's name.
     pub stage: String,
-    /// The variant; `None` where all share it. Of what several but not all share, the first.
+    /// The variant; `None` if all variants share the row. If several but not all share it, the first of them.
     pub variant: Option<String>,
-    /// By axis of the experiment's matrix: the same axes in every row.
+    /// The levels on the axes of the experiment's matrix; every row has the same axes.
     pub factors: Vec<Level>,
 }
 
-/// An axis of the matrix, and what it is in a row.
+/// An axis of the matrix and its value in a row.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Level {
-    /// The axis, as variants' names have it.
+    /// The axis, as in the names of variants.
     pub axis: String,
-    /// Its column: called as the axis, or `axis.<axis>` where tables have another column of that name.
+    /// Its column: the name of the axis, or `axis.<axis>` if tables have another column with this name.
     pub column: String,
-    /// The value as the experiment writes it; `None` where the variant does not have the axis, or not all variants that
-    /// share the row agree.
+    /// The value as written in the experiment. `None` if the variant does not have the axis, or if variants that share the row
+    /// have different values.
     pub value: Option<String>,
     /// Whether all values of the axis are numbers.
     pub is_numeric: bool,
 }
 
-/// The axes of an experiment's matrix, to say what rows are of.
+/// Builds row keys with the axes of an experiment's matrix.
 pub struct RowKeys<'a> {
     plan: &'a RecordedPlan,
     /// The axes in the order of variants' names, without a value.
@@ -60,7 +60,7 @@ pub struct RowKeys<'a> {
 }
 
 impl<'a> RowKeys<'a> {
-    /// Of a plan.
+    /// Reads the axes of a plan.
     #[must_use]
     pub fn new(plan: &'a RecordedPlan) -> Self {
         let mut axes: Vec<Level> = Vec::new();
@@ -77,38 +77,42 @@ impl<'a> RowKeys<'a> {
         Self { plan, axes }
     }
 
-    /// Of what all variants share.
-    pub(crate) fn of_all(&self, stage: &str) -> RowKey {
+    /// The key of a row that all variants share.
+    pub(crate) fn shared_by_all(&self, stage: &str) -> RowKey {
         RowKey { stage: stage.to_owned(), variant: None, factors: self.axes.clone() }
     }
 
-    /// Of what these variants share; where they are all, of what all share.
+    /// The key of a row that these variants share.
     #[must_use]
-    pub fn of_those(&self, stage: &str, variants: &[VariantId]) -> RowKey {
-        if variants.len() < self.plan.variants.len() { self.of(stage, variants) } else { self.of_all(stage) }
+    pub fn for_variants(&self, stage: &str, variants: &[VariantId]) -> RowKey {
+        if variants.len() < self.plan.variants.len() {
+            self.for_some(stage, variants)
+        } else {
+            self.shared_by_all(stage)
+        }
     }
 
-    /// Of what only these variants share.
-    pub(crate) fn of(&self, stage: &str, own: &[VariantId]) -> RowKey {
+    /// The key of a row that only these variants share.
+    pub(crate) fn for_some(&self, stage: &str, own: &[VariantId]) -> RowKey {
         let value = |axis: &str| -> Option<&str> {
-            let of = |variant: VariantId| self.plan.factors_of(variant).iter().find(|factor| factor.axis == axis);
-            let first = of(*own.first()?)?.value.as_str();
-            own[1..].iter().all(|&other| of(other).is_some_and(|other| other.value == first)).then_some(first)
+            let factor = |variant: VariantId| self.plan.factors_of(variant).iter().find(|factor| factor.axis == axis);
+            let first = factor(*own.first()?)?.value.as_str();
+            own[1..].iter().all(|&other| factor(other).is_some_and(|other| other.value == first)).then_some(first)
         };
         let level = |axis: &Level| Level { value: value(&axis.axis).map(str::to_owned), ..axis.clone() };
-        let variant = first_of(self.plan, own).map(str::to_owned);
+        let variant = first_variant(self.plan, own).map(str::to_owned);
         RowKey { stage: stage.to_owned(), variant, factors: self.axes.iter().map(level).collect() }
     }
 }
 
 impl RowKey {
-    /// A level by its axis.
+    /// The level on an axis.
     pub(crate) fn level(&self, axis: &str) -> Option<&Level> {
         self.factors.iter().find(|level| level.axis == axis)
     }
 }
 
-/// The columns that a table of these rows begins with: stage, variant, `own`, and the axes.
+/// The key columns of these rows: stage, variant, `own`, and the axes.
 pub(crate) fn key_columns<'r, R>(rows: &'r [R], key: impl Fn(&'r R) -> &'r RowKey, own: Vec<Column>) -> Vec<Column> {
     let cells = Rows(rows);
     let mut columns =
@@ -124,32 +128,31 @@ pub(crate) fn key_columns<'r, R>(rows: &'r [R], key: impl Fn(&'r R) -> &'r RowKe
     columns
 }
 
-/// The key of a run's plan: that of equal experiments, whatever machine ran them. Parquet files have it in their
-/// metadata.
+/// The key of a run's plan. Equal experiments have equal keys on all machines. Parquet files contain it in their metadata.
 #[must_use]
-#[expect(clippy::missing_panics_doc, reason = "whatever a plan holds is JSON")]
+#[expect(clippy::missing_panics_doc, reason = "every plan can be written as JSON")]
 pub fn plan_key(plan: &RecordedPlan) -> Key {
     let json = serde_json::to_vec(plan).expect("a plan was read from JSON");
     Key::digest("depthloom run").bytes(&json).finish()
 }
 
-/// The variant that stands for some that share something: the first; `None` where they are all.
+/// The variant that represents these variants: the first one, or `None` if they are all variants.
 #[must_use]
 pub fn variant_of<'p>(plan: &'p RecordedPlan, variants: &[VariantId]) -> Option<&'p str> {
-    (variants.len() < plan.variants.len()).then(|| first_of(plan, variants)).flatten()
+    (variants.len() < plan.variants.len()).then(|| first_variant(plan, variants)).flatten()
 }
 
-fn first_of<'p>(plan: &'p RecordedPlan, variants: &[VariantId]) -> Option<&'p str> {
+fn first_variant<'p>(plan: &'p RecordedPlan, variants: &[VariantId]) -> Option<&'p str> {
     let first = plan.variants.get(variants.first()?.0)?;
     (!first.is_empty()).then_some(first.as_str())
 }
 
-/// The column of an axis.
+/// The name of an axis column.
 fn column_of(axis: &str) -> String {
     if is_reserved(axis) { format!("axis.{axis}") } else { axis.to_owned() }
 }
 
-/// Whether tables have a column of that name which is not one of an axis.
+/// Whether tables have a column with this name that is not an axis.
 pub(super) fn is_reserved(name: &str) -> bool {
     KEY_COLUMNS.contains(&name)
         || RESERVED.split_whitespace().any(|column| column == name)
@@ -179,11 +182,11 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_is_null_where_all_share_a_row_or_those_that_do_differ_on_it() {
+    fn an_axis_is_null_if_all_variants_share_a_row_or_differ_on_it() {
         let plan = plan();
         let values = |variants: &[VariantId]| {
-            let lead = RowKeys::new(&plan).of_those("s", variants);
-            (lead.variant, lead.factors.into_iter().map(|level| level.value).collect::<Vec<_>>())
+            let row_key = RowKeys::new(&plan).for_variants("s", variants);
+            (row_key.variant, row_key.factors.into_iter().map(|level| level.value).collect::<Vec<_>>())
         };
         let some = |text: &str| Some(text.to_owned());
         assert_eq!(values(&[VariantId(2)]), (some("bare+block=3"), vec![some("bare"), some("3"), some("sgbm")]));
@@ -192,12 +195,12 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_is_called_as_a_column_has_a_name_of_its_own_and_numbers_are_numbers() {
+    fn axes_with_the_name_of_a_column_get_a_prefix_and_numbers_stay_numbers() {
         let plan = plan();
         let keys = RowKeys::new(&plan);
         let all = [VariantId(0), VariantId(1), VariantId(2)];
-        let leads = [keys.of("s", &[VariantId(1)]), keys.of_those("s", &all)];
-        let columns = key_columns(&leads, |key| key, vec![Rows(&["a", "b"]).key("node", |node| *node)]);
+        let row_keys = [keys.for_some("s", &[VariantId(1)]), keys.for_variants("s", &all)];
+        let columns = key_columns(&row_keys, |key| key, vec![Rows(&["a", "b"]).key("node", |node| *node)]);
         let table = Table::new(columns);
         let expected = "stage,variant,node,axis.variant,block,mode\ns,full+block=9,a,full,9,hh\ns,,b,,,\n";
         assert_eq!(String::from_utf8(table.csv()).unwrap(), expected);
@@ -206,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn the_key_is_that_of_the_plan_alone() {
+    fn the_key_depends_only_on_the_plan() {
         let other = RecordedPlan { every: 2, ..plan() };
         assert_eq!(plan_key(&plan()), plan_key(&plan()));
         assert_ne!(plan_key(&plan()), plan_key(&other));

@@ -5,12 +5,11 @@ use std::collections::HashSet;
 use super::Table;
 use super::layout::{TextColumn, are_together, blocks};
 
-/// The longest text of a cell; of what is longer, the middle is left out, except where that would make two texts one.
+/// The maximum length of a cell. The middle of longer texts is omitted, unless two texts would become equal.
 const LONGEST: usize = 40;
 
 impl Table {
-    /// As aligned text, the best marked by `*`; where it is wider than `width` columns of text, in blocks below each
-    /// other.
+    /// As aligned text, the best marked by `*`. A table wider than `width` columns is split into blocks.
     #[must_use]
     pub fn terminal(&self, width: usize) -> String {
         let marks = self.marks().map_or_else(String::new, |marks| format!("; * {marks}"));
@@ -34,7 +33,7 @@ fn push_block(table: &Table, block: &[&TextColumn], text: &mut String) {
     if block.iter().any(|column| !column.group.is_empty()) {
         push_line(groups.iter().map(|group| format!("{:<1$}", group[0].group, group_width(group))), text);
     }
-    // A heading may be wider than the columns below it: the first of them is then wider by as much.
+    // If a heading is wider than the columns below it, the first column is widened.
     let widths: Vec<usize> = groups
         .iter()
         .flat_map(|group| {
@@ -46,16 +45,16 @@ fn push_block(table: &Table, block: &[&TextColumn], text: &mut String) {
         if column.is_text { format!("{text:<wide$}") } else { format!("{text:>wide$}") }
     };
     let columns = || block.iter().zip(&widths);
-    push_line(columns().map(|of| padded(of, &heading(of.0))), text);
+    push_line(columns().map(|column| padded(column, &heading(column.0))), text);
     for row in 0..table.lines() {
         if row > 0 && table.gaps.contains(&row) {
             text.push('\n');
         }
-        push_line(columns().map(|of| padded(of, &cell(of.0, row))), text);
+        push_line(columns().map(|column| padded(column, &cell(column.0, row))), text);
     }
 }
 
-/// Leaves out the middles of long texts, unless that makes one text of two.
+/// Omits the middles of long texts, unless two texts would become equal.
 fn shorten(column: &mut TextColumn) {
     let short: Vec<String> = column.cells.iter().map(|cell| shortened(&cell.text)).collect();
     let distinct = |texts: &mut dyn Iterator<Item = &String>| texts.collect::<HashSet<_>>().len();
@@ -64,7 +63,7 @@ fn shorten(column: &mut TextColumn) {
     }
 }
 
-/// Behind a heading over numbers one place is left, for the mark of the best.
+/// The heading, with one space for the mark of the best value.
 fn heading(column: &TextColumn) -> String {
     format!("{}{}", column.heading(), if column.has_marks { " " } else { "" })
 }
@@ -76,8 +75,8 @@ fn cell(column: &TextColumn, row: usize) -> String {
         (false, true) => " ",
         (false, false) => "",
     };
-    let beside = cell.beside.as_ref().map_or_else(String::new, |beside| format!(" {beside}"));
-    format!("{}{mark}{beside}", cell.text)
+    let suffix = cell.suffix.as_ref().map_or_else(String::new, |suffix| format!(" {suffix}"));
+    format!("{}{mark}{suffix}", cell.text)
 }
 
 fn width(column: &TextColumn) -> usize {
@@ -94,7 +93,7 @@ fn group_width(columns: &[&TextColumn]) -> usize {
     columns_width(columns).max(columns[0].group.chars().count())
 }
 
-/// A sentence, broken between words.
+/// Appends a sentence, wrapped between words.
 fn push_words(sentence: &str, width: usize, text: &mut String) {
     let mut used = 0;
     for word in sentence.split(' ') {

@@ -32,7 +32,7 @@ fn table() -> Table {
 }
 
 #[test]
-fn as_text_it_is_aligned_and_says_one_thing_once() {
+fn text_is_aligned_and_repeats_no_shared_values() {
     let expected = "\
 all pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs_rel; * best
 
@@ -47,16 +47,16 @@ note: one row failed
 }
 
 #[test]
-fn what_is_too_wide_stands_in_blocks_that_each_say_what_a_row_is() {
+fn wide_tables_are_split_into_blocks_with_key_columns() {
     let text = table().terminal(34);
     let heads: Vec<&str> = text.lines().filter(|line| line.starts_with("block")).collect();
     assert_eq!(heads, ["block  mode         abs_rel ↓", "block  mode         density ↑", "block  mode         frames"]);
-    // Nor is a column left out that is wider than all room there is.
+    // A column wider than the available width is not omitted.
     assert_eq!(table().terminal(5).lines().filter(|line| line.starts_with("block")).count(), 3);
 }
 
 #[test]
-fn in_markdown_the_best_is_bold() {
+fn the_best_value_is_bold_in_markdown() {
     let expected = "\
 | block | mode | abs_rel ↓ | density ↑ | frames |
 |---|---|---:|---:|---:|
@@ -72,7 +72,7 @@ One row failed.
 }
 
 #[test]
-fn in_latex_it_has_its_own_size_a_caption_and_a_label() {
+fn latex_tables_have_a_fixed_size_a_caption_and_a_label() {
     let expected = "\
 % \\usepackage{booktabs}
 \\begin{table}[t]
@@ -99,7 +99,7 @@ block & mode & abs\\_rel $\\downarrow$ & density $\\uparrow$ & frames \\\\
 }
 
 #[test]
-fn in_latex_a_score_is_called_as_published_and_a_minus_is_no_hyphen() {
+fn latex_tables_use_published_names_and_minus_signs() {
     let d1 = Metric::named("d1").unwrap();
     let rows = Rows(&[(0.5, -0.125), (0.25, 0.125)]);
     let columns = vec![
@@ -135,7 +135,7 @@ fn files_have_all_columns_and_all_digits() {
 }
 
 #[test]
-fn a_long_name_is_cut_in_its_middle_in_text_alone() {
+fn long_names_are_shortened_only_in_text() {
     let mut table = table();
     let mode = |cells: [Option<String>; 3]| Column::new("mode", Cells::Text(cells.to_vec())).key();
     let long = "p1=200+p2=800+block=3+uniqueness=0+mode=hh+filled";
@@ -143,7 +143,7 @@ fn a_long_name_is_cut_in_its_middle_in_text_alone() {
     let text = table.terminal(110);
     assert!(text.contains("p1=200+p2=800+block…ess=0+mode=hh+filled"), "{text}");
     assert!(table.markdown().contains(long));
-    // But not where its middle is what tells it from another.
+    // Not shortened if two names differ only in the middle.
     let other = long.replace("block=3", "block=5");
     table.columns[2] = mode([Some(long.to_owned()), Some(other.clone()), None]);
     let text = table.terminal(110);
@@ -151,7 +151,7 @@ fn a_long_name_is_cut_in_its_middle_in_text_alone() {
 }
 
 #[test]
-fn cells_are_written_as_other_programs_read_them() {
+fn cells_are_written_in_standard_csv() {
     let rows = [
         ("a/b", Some("a,b"), Some(5), Some(0.1 + 0.2)),
         ("two, three", None, None, Some(1.0)),
@@ -178,7 +178,7 @@ fn cells_are_written_as_other_programs_read_them() {
 }
 
 #[test]
-fn a_parquet_file_says_what_it_is_and_what_its_numbers_are_in() {
+fn parquet_files_contain_their_name_and_units() {
     let rows = Rows(&[("s", Some(0.5), None)]);
     let table = Table::new(vec![
         rows.text("stage", |row| row.0),
@@ -191,10 +191,10 @@ fn a_parquet_file_says_what_it_is_and_what_its_numbers_are_in() {
     let entry = |name: &str| entries.iter().find(|pair| pair.key == name).and_then(|pair| pair.value.clone()).unwrap();
     assert_eq!(
         ["format", "table", "run"].map(|name| entry(&format!("depthloom.{name}"))),
-        ["1".to_owned(), "scores".to_owned(), key.to_string()]
+        ["2".to_owned(), "scores".to_owned(), key.to_string()]
     );
     assert_eq!(entry("depthloom.units"), r#"{"rmse":"m","density":"1"}"#);
-    // Texts are of a type that every reader of Parquet knows, not `string_view`.
+    // Texts have a type that every reader of Parquet supports, not `string_view`.
     let table = DataFrame::new(0, vec![PolarsColumn::new_empty("stage".into(), &DataType::String)]).unwrap();
     let types = |level| table.schema().to_arrow(level).get_at_index(0).map(|(_, field)| field.dtype().clone());
     assert_eq!(format!("{:?}", types(CompatLevel::oldest()).unwrap()), "LargeUtf8");
@@ -211,7 +211,7 @@ fn a_parquet_file_says_what_it_is_and_what_its_numbers_are_in() {
 }
 
 #[test]
-fn parts_make_the_table_that_they_are_parts_of() {
+fn parts_give_the_same_table() {
     let numerals = ["1", "2", "0.5"].map(|numeral| Some(numeral.to_owned()));
     let part = |rows: std::ops::Range<usize>| {
         Table::new(vec![
@@ -225,7 +225,7 @@ fn parts_make_the_table_that_they_are_parts_of() {
         reader.finish().unwrap()
     };
     let whole = read(part(0..3).parquet("table", &key).unwrap());
-    // The first part alone would be of whole numbers.
+    // The first part alone would have integers.
     let parts = || [0..2, 2..3].into_iter().map(part);
     assert!(read(parquet_of_parts(parts, "table", &key).unwrap()).equals(&whole));
     let none = read(parquet_of_parts(|| std::iter::once(part(0..0)), "table", &key).unwrap());
@@ -233,7 +233,7 @@ fn parts_make_the_table_that_they_are_parts_of() {
 }
 
 #[test]
-fn every_column_beside_axes_has_a_reserved_name() {
+fn all_columns_except_axes_have_reserved_names() {
     let axis = |name: &str| Column::levels(name, [Some("1".to_owned())], |_| true).axis();
     let table = |name: &str| Table::new(vec![axis("block"), Rows(&[1_u64]).count(name, |count| *count)]);
     let key = Key::of_content(b"a plan");

@@ -1,4 +1,4 @@
-//! A recording of two variants and three estimates on small made maps.
+//! A recording of two variants and three estimates on small synthetic maps.
 #![expect(clippy::unwrap_used, reason = "a fixture fails as a test does")]
 
 use std::path::Path;
@@ -16,11 +16,11 @@ use serde_json::json;
 
 /// Width and height of the maps.
 pub(crate) const SIZE: (u32, u32) = (40, 30);
-/// How many frames; the last has no truth, on the one before it `b/mono` failed.
+/// The number of frames. The last has no ground truth; on the one before it `b/mono` failed.
 pub(crate) const FRAMES: u64 = 9;
-/// How many frames have a value of every estimate.
+/// The number of frames with a value of every estimate.
 const COMPLETE: u64 = FRAMES - 2;
-/// The estimates as the plan has them: label, name, variant, pixel sets.
+/// The estimates of the plan: label, name, variant, pixel sets.
 pub(crate) const ESTIMATES: [(&str, &str, Option<usize>, &[PixelSet]); 3] = [
     ("a/mono", "mono", Some(0), &[PixelSet::All]),
     ("b/mono", "mono", Some(1), &[PixelSet::All]),
@@ -67,7 +67,7 @@ pub(crate) fn plan(every: u64, keep_b: bool) -> Plan {
         truth: Slot::Source { port: PortId(0) },
         score_node: NodeId(ESTIMATES.len() + i),
     });
-    let truth = Port::frame("depth", ValueType::Depth, "True depth.").optional();
+    let truth = Port::frame("depth", ValueType::Depth, "Ground-truth depth.").optional();
     Plan {
         experiment: "fixture".to_owned(),
         about: String::new(),
@@ -97,20 +97,20 @@ pub(crate) fn plan(every: u64, keep_b: bool) -> Plan {
     }
 }
 
-/// The plan with a node after the others that learns, and keeps its curve.
+/// The plan with an additional node that trains a network and records its curve.
 pub(crate) fn plan_that_learns() -> Plan {
     let mut plan = plan(1, true);
     let mut node = plan.runs[0].nodes[0].clone();
-    node.name = "teacher".to_owned();
+    node.name = "train".to_owned();
     node.contract = Contract::Once;
-    node.outputs[0].port = Port::once("curve", ValueType::Curve, "How it learned.");
-    node.outputs[0].topic = "/compare/teacher/curve".to_owned();
-    node.recipe = Key::of_content(b"teacher");
+    node.outputs[0].port = Port::once("curve", ValueType::Curve, "The learning curve.");
+    node.outputs[0].topic = "/compare/train/curve".to_owned();
+    node.recipe = Key::of_content(b"train");
     plan.runs[0].nodes.push(node);
     plan
 }
 
-/// The curve of `teacher`.
+/// The curve of `train`.
 pub(crate) fn curve() -> Curve {
     let point = |step: u64| CurvePoint {
         step: 50 * step,
@@ -121,7 +121,7 @@ pub(crate) fn curve() -> Curve {
     Curve { points: (0..40).map(point).collect() }
 }
 
-/// A frame's truth and the three estimates.
+/// The ground truth and the three estimates of a frame.
 pub(crate) fn maps(index: u64) -> [Vec<f32>; 4] {
     let mut state = index + 1;
     let mut share = move || {
@@ -153,12 +153,12 @@ pub(crate) const fn valid(index: u64, estimate: usize) -> bool {
     !(index + 2 == FRAMES && estimate == 1)
 }
 
-/// Whether a frame has a truth.
+/// Whether a frame has ground truth.
 pub(crate) const fn has_truth(index: u64) -> bool {
     index + 1 != FRAMES
 }
 
-/// The plan with a stage `learn` before it that scores nothing, on the same source.
+/// The plan with an additional first stage `learn` on the same source, which scores nothing.
 pub(crate) fn plan_of_two_stages() -> Plan {
     let mut plan = plan(1, true);
     let mut learn = plan.runs[0].clone();
@@ -170,7 +170,7 @@ pub(crate) fn plan_of_two_stages() -> Plan {
     plan
 }
 
-/// Records so many frames of each stage run, and is killed.
+/// Records the given number of frames of each stage run, without finishing the recording.
 pub(crate) fn record_unfinished(path: &Path, plan: &Plan, frames: &[u64]) {
     let recorder = Recorder::create(path, plan).unwrap();
     for (run, frames) in frames.iter().enumerate() {
@@ -183,7 +183,7 @@ pub(crate) fn record(path: &Path, plan: &Plan) {
     record_with(path, plan, true);
 }
 
-/// Records the fixture, `b/mono` being absent where it failed.
+/// Records the fixture; `b/mono` is absent instead of failed.
 pub(crate) fn record_absent(path: &Path, plan: &Plan) {
     record_with(path, plan, false);
 }
@@ -198,7 +198,7 @@ fn record_with(path: &Path, plan: &Plan, fails: bool) {
             .once(
                 RunId(0),
                 Slot::Node { node: NodeId(node), port: PortId(0) },
-                &Key::of_content(b"teacher"),
+                &Key::of_content(b"train"),
                 &curve().into(),
                 &[],
             )
@@ -207,8 +207,7 @@ fn record_with(path: &Path, plan: &Plan, fails: bool) {
     recorder.finish(&[]).unwrap();
 }
 
-/// Records frames that have a value of every estimate and the cache keys of all values; `change` changes truth and
-/// estimates.
+/// Records frames with values of all estimates and the cache keys of all values. `change` modifies ground truth and estimates.
 pub(crate) fn record_complete(path: &Path, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) {
     let recorder = Recorder::create(path, plan).unwrap();
     for index in 0..COMPLETE {

@@ -1,4 +1,4 @@
-//! Reports of recordings made here: the files against what was recorded.
+//! Reports of synthetic recordings, compared with the recorded values.
 
 mod fixture;
 mod page;

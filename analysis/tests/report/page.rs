@@ -1,4 +1,4 @@
-//! What `report.html` holds: of hostile names, of frames that failed, of a run that stops.
+//! The contents of `report.html`: hostile names, failed frames, stopping.
 #![expect(clippy::unwrap_used, reason = "what the tests share fails as they do")]
 
 use std::fs;
@@ -12,7 +12,7 @@ use crate::fixture;
 
 const HOSTILE: &str = "</script><script>alert(1)</script><!--\"'&";
 
-/// The page of a recording, and what it knows.
+/// The page of a recording, and its data.
 fn page_of(folder: &Path, recording: &Path, surroundings: &Surroundings) -> (String, Json) {
     let recording = Recording::open(recording).unwrap();
     let summary = report(&recording, folder, &ReportOptions::default(), &|| false).unwrap();
@@ -26,7 +26,7 @@ fn page_of(folder: &Path, recording: &Path, surroundings: &Surroundings) -> (Str
 }
 
 #[test]
-fn names_that_are_markup_stay_text_wherever_they_stand() {
+fn names_with_markup_are_escaped_everywhere() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     let mut plan = fixture::plan(1, true);
@@ -45,14 +45,14 @@ fn names_that_are_markup_stay_text_wherever_they_stand() {
 }
 
 #[test]
-fn a_page_tells_what_failed_what_is_missing_and_has_the_numbers_of_the_table() {
+fn a_page_lists_failures_and_missing_maps_and_has_the_numbers_of_the_table() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     fixture::record(&path, &fixture::plan(1, false));
     let (page, data) = page_of(folder.path(), &path, &Surroundings::default());
     // `b/mono` failed on a frame, and its maps were not kept.
     assert_eq!(data["failures"]["in_all"], 1);
-    let failed = &data["failures"]["told"][0];
+    let failed = &data["failures"]["listed"][0];
     assert_eq!((failed["position"].as_u64(), failed["node"].as_str()), (Some(fixture::FRAMES - 2), Some("b/mono")));
     let layers: Vec<&str> =
         data["pictures"][0]["layers"].as_array().unwrap().iter().map(|layer| layer["name"].as_str().unwrap()).collect();
@@ -66,19 +66,19 @@ fn a_page_tells_what_failed_what_is_missing_and_has_the_numbers_of_the_table() {
     let theirs = data["table"]["rows"][0]["means"][0].as_f64().unwrap();
     assert!((ours - theirs).abs() <= 1e-6 * ours, "{ours} and {theirs}");
     assert_eq!(data["environment"], Json::Null);
-    // Equal recordings are equal pages.
+    // Equal recordings give equal pages.
     let again = tempfile::tempdir().unwrap();
     assert!(page_of(again.path(), &path, &Surroundings::default()).0 == page);
 }
 
 #[test]
-fn a_page_stops_when_it_is_asked_to() {
+fn writing_a_page_can_be_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     fixture::record(&path, &fixture::plan(1, true));
     let recording = Recording::open(&path).unwrap();
     let summary = report(&recording, folder.path(), &ReportOptions::default(), &|| false).unwrap();
     let stopped = write_page(&recording, folder.path(), &summary, &Surroundings::default(), &|| true).unwrap_err();
-    assert_eq!(stopped.to_string(), "stopped before it was done");
+    assert_eq!(stopped.to_string(), "stopped before it was finished");
     assert!(!folder.path().join(PAGE).exists());
 }

@@ -1,4 +1,4 @@
-//! What a report writes.
+//! The files of a report.
 #![expect(clippy::unwrap_used, reason = "what the tests share fails as they do")]
 
 use std::collections::BTreeMap;
@@ -6,7 +6,9 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use depthloom_analysis::{AnalysisError, Question, Ranking, ReportOptions, Selection, Summary, answer, report};
+use depthloom_analysis::{
+    AnalysisError, FrameChoice, Question, Ranking, ReportOptions, Selection, Summary, answer, report,
+};
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{NodeId, Origin as Wire, Plan, PlannedInput, PortId};
 use depthloom_graphs::{Port, ValueType};
@@ -16,7 +18,7 @@ use serde_json::{Value as Json, json};
 
 use crate::fixture::{self, ESTIMATES, FRAMES};
 
-/// What tells rows apart, then the columns of `../shared/oracle/golden/ground_plane/scores.csv`.
+/// The key columns, then the columns of `../shared/oracle/golden/ground_plane/scores.csv`.
 const SCORE_COLUMNS: &str =
     "stage,variant,estimate,set,zone,position,frame,pixels,a1,a2,a3,abs_rel,sq_rel,rmse,rmse_log,silog,density";
 const FILES: [&str; 10] = [
@@ -56,7 +58,7 @@ fn number(cell: &str) -> f64 {
 }
 
 #[test]
-fn scores_are_those_that_were_recorded_in_the_oracles_order() {
+fn scores_equal_the_recorded_ones_in_the_order_of_the_oracle() {
     let folder = tempfile::tempdir().unwrap();
     report_of(folder.path(), 1, true, ReportOptions::default());
     let written = lines(&folder.path().join("report/scores.csv"));
@@ -64,7 +66,7 @@ fn scores_are_those_that_were_recorded_in_the_oracles_order() {
     let mut expected = Vec::new();
     for index in (0..FRAMES).filter(|&index| fixture::has_truth(index)) {
         let rows = fixture::rows(index);
-        // What all variants share comes first; all pixels before the valid ones.
+        // Shared estimates come first; all pixels before the valid ones.
         for (set, estimates) in [(PixelSet::All, [2, 0, 1].as_slice()), (PixelSet::Valid, &[2])] {
             for &i in estimates.iter().filter(|&&i| fixture::valid(index, i)) {
                 let row = rows[i].iter().find(|row| row.set == set).unwrap();
@@ -84,16 +86,16 @@ fn scores_are_those_that_were_recorded_in_the_oracles_order() {
 }
 
 #[test]
-fn the_table_is_the_mean_over_the_frames_of_all() {
+fn the_table_is_the_mean_over_complete_frames() {
     let folder = tempfile::tempdir().unwrap();
     let summary = report_of(folder.path(), 1, true, ReportOptions { paper: true, ..ReportOptions::default() });
     let table = lines(&folder.path().join("report/table.csv"));
     let common: Vec<u64> = (0..FRAMES - 2).collect();
     for cells in &table[1..] {
         let i = ESTIMATES.iter().position(|(label, ..)| named(label) == cells[1..3]).unwrap();
-        let of = |index: &u64| fixture::rows(*index)[i].iter().find(|row| row.set.name() == cells[3]).unwrap().clone();
+        let row = |index: &u64| fixture::rows(*index)[i].iter().find(|row| row.set.name() == cells[3]).unwrap().clone();
         for score in 0..8 {
-            let mean = common.iter().map(|index| of(index).scores[score].1).sum::<f64>() / common.len() as f64;
+            let mean = common.iter().map(|index| row(index).scores[score].1).sum::<f64>() / common.len() as f64;
             assert!((number(&cells[4 + score]) - mean).abs() < 1e-12, "{cells:?}");
         }
         assert_eq!(cells[12], common.len().to_string());
@@ -101,14 +103,14 @@ fn the_table_is_the_mean_over_the_frames_of_all() {
     assert_eq!(table.len(), 1 + 4);
     assert!(summary.text.starts_with("mean over 7 frames"), "{}", summary.text);
     assert!(summary.text.contains("1 frame failed"), "{}", summary.text);
-    // The paper has stereo on both sets, and no variants `a` and `b`.
+    // The paper has stereo on both pixel sets, and no variants `a` and `b`.
     let rows = serde_json::to_value(&summary.rows).unwrap();
     let paper: Vec<bool> = rows.as_array().unwrap().iter().map(|row| row["paper_a1"].is_number()).collect();
     assert_eq!(paper, [true, true, false, false]);
 }
 
 #[test]
-fn errors_against_distance_are_those_of_the_recorded_maps() {
+fn errors_against_distance_equal_those_of_the_recorded_maps() {
     let folder = tempfile::tempdir().unwrap();
     report_of(folder.path(), 1, true, ReportOptions::default());
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
@@ -118,10 +120,10 @@ fn errors_against_distance_are_those_of_the_recorded_maps() {
     );
     let (written, common): (Vec<_>, Vec<_>) = written[1..].iter().cloned().partition(|cells| cells[3] == "valid");
     assert!(!common.is_empty() && common.iter().all(|cells| cells[3] == "common"));
-    // On the pixels that are valid in all there are as many in a bin of each.
+    // On the common pixels, each estimate has the same count in a bin.
     let counts = |estimate: &str| -> Vec<(String, String)> {
-        let of = common.iter().filter(|cells| cells[1..3] == named(estimate));
-        of.map(|cells| (cells[4].clone(), cells[6].clone())).collect()
+        let own = common.iter().filter(|cells| cells[1..3] == named(estimate));
+        own.map(|cells| (cells[4].clone(), cells[6].clone())).collect()
     };
     assert!(ESTIMATES.iter().all(|(label, ..)| counts(label) == counts("stereo")));
     let mut expected = Vec::new();
@@ -160,7 +162,7 @@ fn errors_against_distance_are_those_of_the_recorded_maps() {
 }
 
 #[test]
-fn equal_recordings_give_equal_files_and_nothing_half_written() {
+fn equal_recordings_give_equal_and_complete_files() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     for folder in &folders {
         report_of(folder.path(), 1, true, ReportOptions { paper: true, ..ReportOptions::default() });
@@ -178,22 +180,22 @@ fn equal_recordings_give_equal_files_and_nothing_half_written() {
 }
 
 #[test]
-fn fault_18_a_report_that_is_stopped_leaves_whole_files_only() {
+fn fault_18_a_stopped_report_leaves_only_complete_files() {
     let folder = tempfile::tempdir().unwrap();
     report_of(folder.path(), 1, true, ReportOptions::default());
     let recording = Recording::open(folder.path().join("recording.mcap")).unwrap();
     let options = ReportOptions { samples_in_memory: 100, ..ReportOptions::default() };
-    let whole = |file: &fs::DirEntry| fs::read(folder.path().join("report").join(file.file_name())).ok();
+    let expected = |file: &fs::DirEntry| fs::read(folder.path().join("report").join(file.file_name())).ok();
     let mut stopped = 0;
     // Every file and frame; then here and there while the percentiles are taken, bin by bin.
     for allowed in (0..60).chain((60..).step_by(97)) {
         let out = folder.path().join("stopped").join(allowed.to_string());
         fs::create_dir_all(&out).unwrap();
-        let asked = AtomicUsize::new(0);
-        let ended = report(&recording, &out, &options, &|| asked.fetch_add(1, Ordering::Relaxed) >= allowed);
+        let polls = AtomicUsize::new(0);
+        let ended = report(&recording, &out, &options, &|| polls.fetch_add(1, Ordering::Relaxed) >= allowed);
         for file in fs::read_dir(&out).unwrap() {
             let file = file.unwrap();
-            assert_eq!(fs::read(file.path()).ok(), whole(&file), "{:?} after {allowed}", file.file_name());
+            assert_eq!(fs::read(file.path()).ok(), expected(&file), "{:?} after {allowed}", file.file_name());
         }
         if ended.is_ok() {
             break;
@@ -201,11 +203,11 @@ fn fault_18_a_report_that_is_stopped_leaves_whole_files_only() {
         assert!(matches!(ended, Err(AnalysisError::Stopped)), "{ended:?}");
         stopped += 1;
     }
-    assert!(stopped > 60, "asked {stopped} times");
+    assert!(stopped > 60, "stopped {stopped} times");
 }
 
 #[test]
-fn samples_that_memory_does_not_hold_change_no_byte() {
+fn spilled_samples_do_not_change_files() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     for (folder, samples_in_memory) in folders.iter().zip([usize::MAX, 100]) {
         report_of(folder.path(), 1, true, ReportOptions { samples_in_memory, ..ReportOptions::default() });
@@ -217,7 +219,7 @@ fn samples_that_memory_does_not_hold_change_no_byte() {
 }
 
 #[test]
-fn learning_curves_are_those_that_were_recorded() {
+fn learning_curves_equal_the_recorded_ones() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     let mut plan = fixture::plan_that_learns();
@@ -227,7 +229,7 @@ fn learning_curves_are_those_that_were_recorded() {
     let summary = report(&Recording::open(&path).unwrap(), &out, &ReportOptions::default(), &|| false).unwrap();
     assert_eq!(summary.learning_curves, 1);
     let end = serde_json::to_value(&summary.curve_ends[0]).unwrap();
-    assert_eq!((&end["stage"], &end["variant"], &end["node"]), (&"compare".into(), &Json::Null, &"teacher".into()));
+    assert_eq!((&end["stage"], &end["variant"], &end["node"]), (&"compare".into(), &Json::Null, &"train".into()));
     assert_eq!((&end["points"], &end["step"]), (&40.into(), &1950.into()));
     assert_eq!((&end["loss"], &end["validation"]), (&0.05.into(), &(2.5 / 37.0 + 0.1).into()));
     let written = lines(&out.join("learning_curves.csv"));
@@ -235,7 +237,7 @@ fn learning_curves_are_those_that_were_recorded() {
     let points = fixture::curve().points;
     assert_eq!(written.len() - 1, points.len());
     for (cells, point) in written[1..].iter().zip(&points) {
-        assert_eq!(cells[..4].join(" "), format!("compare  teacher {}", point.step));
+        assert_eq!(cells[..4].join(" "), format!("compare  train {}", point.step));
         assert_eq!((number(&cells[4]), number(&cells[6])), (point.loss, point.learning_rate));
         match point.validation {
             Some(validation) => assert_eq!(number(&cells[5]), validation),
@@ -243,10 +245,10 @@ fn learning_curves_are_those_that_were_recorded() {
         }
     }
     let svg = fs::read_to_string(out.join("learning_curves.svg")).unwrap();
-    assert!(svg.starts_with("<svg") && svg.contains("compare/teacher") && svg.contains("validation"));
+    assert!(svg.starts_with("<svg") && svg.contains("compare/train") && svg.contains("validation"));
     assert!(out.join("learning_curves.parquet").exists());
 
-    // Where nothing is scored, what was learned is told all the same.
+    // Learning curves are reported even if nothing is scored.
     plan.runs[0].estimates.clear();
     fixture::record(&path, &plan);
     let out = folder.path().join("without scores");
@@ -257,24 +259,24 @@ fn learning_curves_are_those_that_were_recorded() {
 }
 
 #[test]
-fn maps_that_were_not_recorded_are_said() {
+fn unrecorded_maps_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let summary = report_of(folder.path(), 1, false, ReportOptions::default());
     let note = "no error against distance of b/mono: the estimate was not recorded: add it to `record:`";
     assert!(summary.text.contains(note), "{}", summary.text);
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
     assert!(written[1..].iter().all(|cells| cells[1] != "b"));
-    // Its scores are there all the same.
+    // Its scores are still reported.
     let scores = lines(&folder.path().join("report/scores.csv"));
     assert!(scores.iter().any(|cells| cells[1..3] == named("b/mono")));
 }
 
 #[test]
-fn scores_of_frames_whose_maps_were_not_kept_count() {
+fn scores_of_frames_without_recorded_maps_count() {
     let folder = tempfile::tempdir().unwrap();
     let summary = report_of(folder.path(), 3, true, ReportOptions::default());
     assert!(summary.text.starts_with("mean over 7 frames"), "{}", summary.text);
-    assert!(summary.text.contains("of every 3rd frame"), "{}", summary.text);
+    assert!(summary.text.contains("covers only every 3rd frame"), "{}", summary.text);
     let written = lines(&folder.path().join("report/error_vs_distance.csv"));
     let of_a = |cells: &&Vec<String>| cells[1..3] == named("a/mono") && cells[3] == "valid";
     let samples: f64 = written[1..].iter().filter(of_a).map(|cells| number(&cells[6])).sum();
@@ -283,22 +285,44 @@ fn scores_of_frames_whose_maps_were_not_kept_count() {
 }
 
 #[test]
-fn frames_on_which_an_estimate_is_absent_without_a_failure_are_said() {
+fn frames_with_an_absent_estimate_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     fixture::record_absent(&path, &fixture::plan(1, true));
     let recording = Recording::open(&path).unwrap();
     let summary = report(&recording, folder.path(), &ReportOptions::default(), &|| false).unwrap();
-    let note = "stage `compare`: means leave out 1 of 9 frames, on which there is no value of `b/mono`";
+    let note = "stage `compare`: means exclude 1 of 9 frames, which have no value of `b/mono`";
     assert!(summary.text.starts_with("mean over 7 frames") && summary.text.contains(note), "{}", summary.text);
-    let unscored = "stage `compare`: means leave out 1 of 9 frames, which have no truth or no value of any estimate";
+    let unscored =
+        "stage `compare`: means exclude 1 of 9 frames, which have no ground truth or no value of any estimate";
     assert!(summary.text.contains(unscored), "{}", summary.text);
     let question = Question::Ranking(Ranking::default());
     let answer = answer(&recording, None, &Selection::default(), &question, &|| false).unwrap();
     assert!(answer.terminal(200).contains(note), "{}", answer.terminal(200));
 }
 
-/// A report of a recording whose run was killed.
+#[test]
+fn selected_frames_by_id_are_the_only_ones_in_notes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    fixture::record_absent(&path, &fixture::plan(1, true));
+    let recording = Recording::open(&path).unwrap();
+    let table = |frames: &str, question: &Question| {
+        let selection = Selection { frames: Some(FrameChoice::parse(frames).unwrap()), ..Selection::default() };
+        answer(&recording, None, &selection, question, &|| false).map(|table| table.terminal(200))
+    };
+    let ranking = Question::Ranking(Ranking::default());
+    let text = table("000001_10,000003_10", &ranking).unwrap();
+    assert!(text.contains("mean over 2 frames") && !text.contains("means exclude"), "{text}");
+    // The estimate is absent on frame 7.
+    let text = table("6,7", &ranking).unwrap();
+    let note = "stage `compare`: means exclude 1 of 2 frames, which have no value of `b/mono`";
+    assert!(text.contains("mean over 1 frame") && text.contains(note), "{text}");
+    assert!(table("6,7", &Question::Scores(None)).unwrap().contains(note));
+    assert_eq!(table("000077_10", &ranking).unwrap_err().to_string(), "there is no frame `000077_10`");
+}
+
+/// A report of an unfinished recording.
 fn report_of_killed(folder: &Path, plan: &Plan, frames: &[u64]) -> (Summary, Vec<String>) {
     let path = folder.join("recording.mcap");
     fixture::record_unfinished(&path, plan, frames);
@@ -312,11 +336,11 @@ fn report_of_killed(folder: &Path, plan: &Plan, frames: &[u64]) -> (Summary, Vec
 }
 
 #[test]
-fn a_stage_that_never_began_is_named_and_no_table_of_dashes_is_made() {
+fn a_stage_without_frames_is_reported_and_no_empty_table_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let (summary, files) = report_of_killed(folder.path(), &fixture::plan_of_two_stages(), &[4, 0]);
     let expected = "note: no table: no frame was scored\n\
-                    note: the recording is unfinished; it has 4 whole frames\n\
+                    note: the recording is unfinished; it has 4 complete frames\n\
                     note: stage `compare` has no frames: the recording ends before its first\n";
     assert_eq!(summary.text, expected);
     assert_eq!(files, [] as [&str; 0]);
@@ -328,16 +352,16 @@ fn a_stage_that_never_began_is_named_and_no_table_of_dashes_is_made() {
 }
 
 #[test]
-fn a_stage_with_fewer_frames_than_its_source_gave_another_is_named() {
+fn a_stage_with_fewer_frames_than_another_stage_of_its_source_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let mut plan = fixture::plan_of_two_stages();
     let (summary, files) = report_of_killed(folder.path(), &plan, &[4, 2]);
     assert!(summary.text.starts_with("mean over 2 frames"), "{}", summary.text);
-    let note = "note: stage `compare` has 2 of the 4 frames that stage `learn` has of the same source\n";
+    let note = "note: stage `compare` has 2 frames, but stage `learn` has 4 frames of the same source\n";
     assert!(summary.text.contains(note), "{}", summary.text);
     assert!(FILES.iter().all(|file| files.iter().any(|found| found == file)), "{files:?}");
 
-    // Of another source nothing is known.
+    // Stages of different sources are not compared.
     plan.runs[0].source.parts[0].portable = json!({ "frames": "0..4" });
     let folder = tempfile::tempdir().unwrap();
     let (summary, _) = report_of_killed(folder.path(), &plan, &[4, 2]);
@@ -345,10 +369,10 @@ fn a_stage_with_fewer_frames_than_its_source_gave_another_is_named() {
 }
 
 #[test]
-fn scores_that_no_frame_has_of_all_are_written_without_a_table() {
+fn an_estimate_without_scores_is_named_and_the_others_have_a_table() {
     let folder = tempfile::tempdir().unwrap();
     let mut plan = fixture::plan(1, true);
-    // An estimate that gave no scores on any frame.
+    // An estimate without scores on any frame.
     let node = plan.runs[0].nodes[5].clone();
     plan.runs[0].nodes.push(node);
     plan.runs[0].nodes[6].outputs[0].topic = "/compare/never/rows".to_owned();
@@ -356,13 +380,28 @@ fn scores_that_no_frame_has_of_all_are_written_without_a_table() {
     (never.label, never.name, never.score_node) = ("never".to_owned(), "never".to_owned(), NodeId(6));
     plan.runs[0].estimates.push(never);
     let (summary, files) = report_of_killed(folder.path(), &plan, &[2]);
-    let expected = "note: no table: no frame has the scores of all estimates of its stage\n";
-    assert!(summary.text.starts_with(expected), "{}", summary.text);
-    assert!(files.contains(&"scores.csv".to_owned()) && !files.contains(&"table.csv".to_owned()), "{files:?}");
+    assert!(summary.text.starts_with("mean over 2 frames"), "{}", summary.text);
+    let note = "note: `never` is excluded: it has no score on any frame\n";
+    assert!(summary.text.contains(note), "{}", summary.text);
+    assert!(files.contains(&"scores.csv".to_owned()) && files.contains(&"table.csv".to_owned()), "{files:?}");
+
+    // An output of the source that has no value on any frame.
+    let mut lidar = plan.runs[0].source.outputs[0].clone();
+    lidar.port = Port::frame("lidar", ValueType::Depth, "").optional();
+    lidar.topic = "/compare/source/lidar".to_owned();
+    plan.runs[0].source.outputs.push(lidar);
+    if let Some(estimate) = plan.runs[0].estimates.last_mut() {
+        estimate.truth = Slot::Source { port: PortId(1) };
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (summary, _) = report_of_killed(folder.path(), &plan, &[2]);
+    let note = "note: `never` is excluded: no frame has its ground truth `compare/source/lidar`; \
+                enable it in the parameters of the source\n";
+    assert!(summary.text.starts_with("mean over 2 frames") && summary.text.contains(note), "{}", summary.text);
 }
 
 #[test]
-fn maps_of_which_none_was_recorded_are_told_in_one_note() {
+fn unrecorded_maps_are_reported_in_one_note() {
     let folder = tempfile::tempdir().unwrap();
     let mut plan = fixture::plan(1, true);
     let run = &mut plan.runs[0];
@@ -377,7 +416,7 @@ fn maps_of_which_none_was_recorded_are_told_in_one_note() {
         run.nodes[3 + node].inputs = vec![input("estimate", estimate), input("truth", truth)];
     }
     let (summary, _) = report_of_killed(folder.path(), &plan, &[2]);
-    let note = "note: no error against distance: the truth `compare.source/depth` and the estimates `compare.a/mono/depth`, \
+    let note = "note: no error against distance: the ground truth `compare.source/depth` and the estimates `compare.a/mono/depth`, \
                 `compare.b/mono/depth`, `compare.stereo/depth` were not recorded: add them to `record:`\n";
     assert!(summary.text.ends_with(note), "{}", summary.text);
     assert_eq!(summary.text.matches("error against distance").count(), 1);

@@ -1,4 +1,4 @@
-//! Error against distance taken from an earlier report: every byte equals that of a report without one.
+//! Error against distance reused from an earlier report: all files equal those of a report without reuse.
 #![expect(clippy::unwrap_used, reason = "what the tests share fails as they do")]
 
 use std::fs::{self, File};
@@ -45,7 +45,7 @@ impl Runs {
         self.folder.path().join("earlier")
     }
 
-    /// The files of a run's report: with the earlier one at hand, and without.
+    /// The files of a run's report, with and without reuse of the earlier report.
     fn reports(&self, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) -> [Vec<(String, Vec<u8>)>; 2] {
         let run = self.folder.path().join("run");
         fs::create_dir(&run).unwrap();
@@ -61,7 +61,7 @@ impl Runs {
         reports
     }
 
-    /// That a report with the earlier one at hand has the bytes of one without.
+    /// Checks that a report with reuse has the same bytes as one without.
     fn assert_as_fresh(&self, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) {
         let [reusing, fresh] = self.reports(plan, change);
         let names: Vec<&String> = fresh.iter().map(|(name, _)| name).collect();
@@ -72,7 +72,7 @@ impl Runs {
         assert_eq!(reusing.len(), fresh.len());
     }
 
-    /// Raises the median errors of an estimate in the earlier report, with the checksum that its rows have then.
+    /// Raises the median errors of an estimate in the earlier report, and updates the checksum of the rows.
     fn change_earlier(&self, estimate: &str, variant: Option<&str>) {
         let path = self.earlier().join("error_vs_distance.parquet");
         let mut reader = ParquetReader::new(File::open(&path).unwrap());
@@ -121,17 +121,17 @@ fn checksum(origin: &Json, table: &DataFrame) -> Key {
     let counts = table.column("count").unwrap().u64().unwrap();
     let errors = ERRORS.map(|name| table.column(name).unwrap().f64().unwrap());
     let (mut numbers, mut row) = (Vec::new(), 0);
-    for of in origin["estimates"].as_array().unwrap() {
-        let input = u128::from_le_bytes(*Key::parse(of["input"].as_str().unwrap()).unwrap().as_bytes());
+    for estimate in origin["estimates"].as_array().unwrap() {
+        let input = u128::from_le_bytes(*Key::parse(estimate["input"].as_str().unwrap()).unwrap().as_bytes());
         numbers.extend([input as u64, (input >> 64) as u64]);
-        numbers.extend(["group", "valid_rows", "common_rows", "beyond"].map(|name| of[name].as_u64().unwrap()));
+        numbers.extend(["group", "valid_rows", "common_rows", "beyond"].map(|name| estimate[name].as_u64().unwrap()));
     }
     let spread = |row: usize| {
         let errors = errors.iter().map(move |errors| errors.get(row).unwrap().to_bits());
         std::iter::once(counts.get(row).unwrap()).chain(errors)
     };
-    for of in origin["estimates"].as_array().unwrap() {
-        let [valid, common] = ["valid_rows", "common_rows"].map(|name| of[name].as_u64().unwrap() as usize);
+    for estimate in origin["estimates"].as_array().unwrap() {
+        let [valid, common] = ["valid_rows", "common_rows"].map(|name| estimate[name].as_u64().unwrap() as usize);
         for valid_row in row..row + valid {
             let bin = bins.get(valid_row).unwrap();
             let common_row = (row + valid..row + valid + common).find(|row| bins.get(*row) == Some(bin));
@@ -154,7 +154,7 @@ fn scaled(map: &mut [f32]) {
 }
 
 #[test]
-fn a_report_after_any_change_is_that_without_an_earlier_one() {
+fn reuse_does_not_change_the_report_after_any_change_of_maps() {
     let (runs, plan) = (Runs::new(), fixture::plan(1, true));
     runs.assert_as_fresh(&plan, |_| {});
     runs.assert_as_fresh(&plan, |[_, a, ..]| scaled(a));
@@ -163,12 +163,12 @@ fn a_report_after_any_change_is_that_without_an_earlier_one() {
     runs.assert_as_fresh(&plan, |[_, _, b, _]| b.iter_mut().step_by(3).for_each(|metres| *metres = f32::NAN));
     runs.assert_as_fresh(&plan, |[.., stereo]| stereo.fill(20.0));
     runs.assert_as_fresh(&plan, |[truth, ..]| scaled(truth));
-    // One frame has no answer at all.
+    // An estimate without valid pixels.
     runs.assert_as_fresh(&plan, |[_, a, ..]| a.fill(f32::NAN));
 }
 
 #[test]
-fn labels_decide_nothing() {
+fn labels_do_not_affect_reuse() {
     let (runs, mut plan) = (Runs::new(), fixture::plan(1, true));
     let [a, b, _] = &mut *plan.runs[0].estimates else { unreachable!("three estimates") };
     std::mem::swap(&mut a.estimate, &mut b.estimate);
@@ -183,7 +183,7 @@ fn labels_decide_nothing() {
 }
 
 #[test]
-fn other_limits_are_another_question() {
+fn changed_limits_prevent_reuse() {
     let (runs, mut plan) = (Runs::new(), fixture::plan(1, true));
     for node in plan.runs[0].nodes.iter_mut().filter(|node| node.name.starts_with("score_")) {
         node.params["max_m"] = 40.0.into();
@@ -197,7 +197,7 @@ fn bins_of_unchanged_estimates_are_not_computed_again() {
     runs.change_earlier("mono", Some("b"));
     let [reusing, fresh] = runs.reports(&plan, |[_, a, ..]| scaled(a));
     assert_ne!(csv(&reusing), csv(&fresh), "the rows of b/mono are those of the earlier report");
-    // What has changed itself is not taken.
+    // Changed estimates are not reused.
     runs.assert_as_fresh(&plan, |[_, a, b, _]| {
         scaled(a);
         scaled(b);
@@ -227,8 +227,8 @@ fn an_earlier_report_that_is_damaged_is_not_used() {
     runs.assert_as_fresh(&plan, |[_, a, ..]| scaled(a));
 }
 
-/// Estimates of one truth with several bounds: the pixels of all of them are counted in `true_distances.csv`, whichever
-/// is read first.
+/// Estimates with the same ground truth and different bounds: `true_distances.csv` counts the pixels of all of them,
+/// regardless of the reading order.
 #[test]
 fn bounds_of_single_estimates_count_their_pixels() {
     for estimate in ["a/mono", "b/mono", "stereo"] {

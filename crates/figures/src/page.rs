@@ -42,7 +42,7 @@ const SCRIPTS: [&str; 5] = [
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
     /// It was asked to stop.
-    #[error("stopped before it was done")]
+    #[error("stopped before it was finished")]
     Stopped,
     /// The recording cannot be read.
     #[error("failed to read the recording")]

@@ -34,24 +34,24 @@ pub struct FrameFailure {
 /// Per stage, the ids of its frames and how many of them failed; then every failure.
 pub fn frames_and_failures(recording: &Recording) -> (Vec<Frames>, Vec<FrameFailure>) {
     let plan = recording.plan();
-    let leads = RowKeys::new(plan);
+    let row_keys = RowKeys::new(plan);
     let (mut frames, mut failures) = (Vec::new(), Vec::new());
     for (run, planned) in RunId::enumerate(&plan.runs) {
         let of_run = recording.frames(run);
-        let lead = leads.of_those(&planned.stage, &planned.variants);
+        let row_key = row_keys.for_variants(&planned.stage, &planned.variants);
         frames.push(Frames {
-            stage: lead.stage.clone(),
-            variant: lead.variant.clone(),
+            stage: row_key.stage.clone(),
+            variant: row_key.variant.clone(),
             ids: of_run.iter().map(|frame| frame.id.to_string()).collect(),
             failed: of_run.iter().filter(|frame| !frame.failures.is_empty()).count() as u64,
         });
         for (position, frame) in of_run.iter().enumerate() {
             for failure in &frame.failures {
                 let node = failure.node.and_then(|node| planned.nodes.get(node.0));
-                let of_node = node.map(|node| leads.of_those(&planned.stage, &node.variants));
+                let of_node = node.map(|node| row_keys.for_variants(&planned.stage, &node.variants));
                 failures.push(FrameFailure {
-                    stage: lead.stage.clone(),
-                    variant: of_node.as_ref().unwrap_or(&lead).variant.clone(),
+                    stage: row_key.stage.clone(),
+                    variant: of_node.as_ref().unwrap_or(&row_key).variant.clone(),
                     position: position as u64,
                     frame: frame.id.to_string(),
                     node: node.map(|node| node.name.clone()),

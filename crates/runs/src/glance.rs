@@ -163,8 +163,8 @@ pub struct Best {
 
 impl From<BestValue> for Best {
     fn from(leader: BestValue) -> Self {
-        let BestValue { metric, value, lead, estimate, label } = leader;
-        Self { score: metric, value, stage: lead.stage, variant: lead.variant, estimate, label }
+        let BestValue { metric, value, row_key, estimate, label } = leader;
+        Self { score: metric, value, stage: row_key.stage, variant: row_key.variant, estimate, label }
     }
 }
 

@@ -32,13 +32,13 @@ type NodeName = (String, Option<String>, String);
 /// run.
 fn has_reused(recording: &Recording, timings: &[Timing]) -> bool {
     let plan = recording.plan();
-    let leads = RowKeys::new(plan);
+    let row_keys = RowKeys::new(plan);
     let mut stored: BTreeMap<(NodeName, &str), u64> = BTreeMap::new();
     for (run, planned) in RunId::enumerate(&plan.runs) {
         let name = |node: NodeId| -> Option<NodeName> {
             let node = planned.nodes.get(node.0)?;
-            let lead = leads.of_those(&planned.stage, &node.variants);
-            Some((lead.stage, lead.variant, node.name.clone()))
+            let row_key = row_keys.for_variants(&planned.stage, &node.variants);
+            Some((row_key.stage, row_key.variant, node.name.clone()))
         };
         let keys = recording.frames(run).iter().flat_map(|frame| &frame.keys);
         for name in keys.filter_map(|key| name(key.node)) {
@@ -52,7 +52,10 @@ fn has_reused(recording: &Recording, timings: &[Timing]) -> bool {
     }
     stored.into_iter().any(|(((stage, variant, node), phase), count)| {
         let is_of = |timing: &&Timing| {
-            timing.lead.stage == stage && timing.lead.variant == variant && timing.node == node && timing.phase == phase
+            timing.row_key.stage == stage
+                && timing.row_key.variant == variant
+                && timing.node == node
+                && timing.phase == phase
         };
         timings.iter().filter(is_of).map(|timing| timing.frames).sum::<u64>() < count
     })

@@ -20,9 +20,9 @@ pub fn write_timings(
 ) -> Result<(), CliError> {
     let failed = |what: String| CliError::new(ExitCode::Engine, format!("failed to write the timings: {what}"));
     let recorded = RecordedPlan::read_back(plan).map_err(failed)?;
-    let leads = RowKeys::new(&recorded);
+    let row_keys = RowKeys::new(&recorded);
     let rows: Vec<depthloom_analysis::Timing> =
-        timings.iter().flat_map(|timing| rows(timing, plan, &leads, recorder)).collect();
+        timings.iter().flat_map(|timing| rows(timing, plan, &row_keys, recorder)).collect();
     depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
         .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to write the timings", &error))
 }
@@ -31,7 +31,7 @@ pub fn write_timings(
 fn rows(
     timing: &depthloom_runner::Timing,
     plan: &Plan,
-    leads: &RowKeys<'_>,
+    row_keys: &RowKeys<'_>,
     recorder: &Recorder,
 ) -> Vec<depthloom_analysis::Timing> {
     let run = &plan.runs[timing.run];
@@ -41,7 +41,7 @@ fn rows(
     };
     let row =
         |node: String, phase: &str, cpu_ns: u64, wall_ns: u64, median_cpu_ns: Option<u64>| depthloom_analysis::Timing {
-            lead: leads.of_those(&run.stage, variants),
+            row_key: row_keys.for_variants(&run.stage, variants),
             node,
             phase: phase.to_owned(),
             frames: timing.count,

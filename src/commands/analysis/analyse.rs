@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_analysis::{By, Inquiry, TableOutput, Unit};
+use depthloom_analysis::{By, Inquiry, TableOutput, Unit, recording_notes};
 use depthloom_runs::{end, failed, open};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
@@ -62,10 +62,13 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     };
     let found = depthloom_analysis::analyse(&files, &inquiry, &progress, &|| interrupt.stops_admission());
     bar.finish_and_clear();
-    let (found, run) = found.map_err(failed)?;
-    let read: Vec<&Path> = files.iter().map(|(_, file)| file.as_path()).collect();
-    delivery.answer::<Analyse>(&found, &run, &read)?;
+    let (mut found, run) = found.map_err(failed)?;
     let recordings =
         args.runs.iter().filter(|run| !is_samples(run)).map(|run| open(&args.folder.recording(run, "analyse")?));
-    Ok(end(&recordings.collect::<Result<Vec<_>, _>>()?))
+    let recordings = recordings.collect::<Result<Vec<_>, _>>()?;
+    found.add_notes(recordings.iter().flat_map(recording_notes));
+    delivery.warn_of_condition(&recordings);
+    let read: Vec<&Path> = files.iter().map(|(_, file)| file.as_path()).collect();
+    delivery.answer::<Analyse>(&found, &run, &read)?;
+    Ok(end(&recordings))
 }

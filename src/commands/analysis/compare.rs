@@ -75,6 +75,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
         }
     };
     let recordings: Vec<&Path> = opened.runs.iter().map(|(_, recording)| recording.path()).collect();
+    delivery.warn_of_condition(opened.runs.iter().map(|(_, recording)| recording));
     delivery.deliver(&bytes, &recordings)?;
     let exit = end(opened.runs.iter().map(|(_, recording)| recording));
     let Some(stop) = faulty else { return Ok(exit) };
@@ -110,6 +111,7 @@ fn by_distance(
     let compared = compared.map_err(failed)?;
     let recordings: Vec<&Path> = runs.iter().map(|run| run.recording.path()).collect();
     let json = || output::text(&compared.output());
+    delivery.warn_of_condition(runs.iter().map(|run| run.recording));
     delivery.table(&compared.table, TERMINAL_WIDTH, &compared.key, &recordings, json)?;
     Ok(end(runs.iter().map(|run| run.recording)))
 }

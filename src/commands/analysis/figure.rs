@@ -46,7 +46,7 @@ pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode, CliError> {
     let mut opened: Vec<(String, Recording, Option<PathBuf>)> = Vec::new();
     for run in &args.runs {
         let path = args.folder.recording(run, "figure")?;
-        let samples = match request.kind.is_of_samples() {
+        let samples = match request.kind.needs_samples() {
             true => Some(samples_of(run, &args.folder, args.output.json, &interrupt)?),
             false => None,
         };
@@ -122,7 +122,7 @@ fn format_of(args: &FigureArgs) -> Result<FigureFormat, CliError> {
 
 fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
     let kind = args.kind;
-    let is_of_errors = kind.is_of_samples();
+    let is_of_errors = kind.needs_samples();
     let set = match args.pixels {
         Some(PixelsOption::Common) => Some(SampleSet::Common),
         Some(PixelsOption::Valid) => Some(SampleSet::Valid),
@@ -170,8 +170,8 @@ fn request(args: &FigureArgs) -> Result<FigureRequest, CliError> {
         bins: args.bins.clone(),
         unit: if args.relative { Unit::OfTruth } else { Unit::Metres },
         layout: args.layout.layout(),
-        thin: args.min_count,
-        most: args.y_max,
+        min_count: args.min_count,
+        y_max: args.y_max,
         score: args.metric.clone(),
         axes: args.axes.clone(),
         frames: args.frames.clone(),

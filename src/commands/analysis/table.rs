@@ -44,6 +44,7 @@ pub(crate) fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
     let table = depthloom_analysis::answer(&recording, costs.as_ref(), &selection, &question, &stop);
     let mut table = table.map_err(failed)?;
     table.typeset(&args.typesetting.typesetting());
+    delivery.warn_of_condition([&recording]);
     delivery.answer::<TableOutput>(&table, &plan_key(recording.plan()), &[&path])?;
     Ok(end([&recording]))
 }
@@ -77,6 +78,7 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, Cl
     let mut table = board.map_err(failed)?;
     table.typeset(&args.typesetting.typesetting());
     let recording_paths: Vec<&Path> = paths.iter().map(std::path::PathBuf::as_path).collect();
+    delivery.warn_of_condition(&recordings);
     delivery.answer::<TableOutput>(&table, &plan_key(recordings[0].plan()), &recording_paths)?;
     Ok(end(&recordings))
 }

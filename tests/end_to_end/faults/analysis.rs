@@ -93,7 +93,7 @@ fn fault_29_record_every_100_keeps_the_first_frame_and_says_so() {
     let folder = tempfile::tempdir().expect("a folder");
     let (out, printed) = first_look(folder.path(), &street("150..=152", 1), "{ every: 100 }");
     assert!(
-        printed.contains("error against distance is of every 100th frame: only their maps were recorded"),
+        printed.contains("error against distance covers only every 100th frame, because only their maps were recorded"),
         "{printed}"
     );
     assert!(out.join("error_vs_distance.svg").exists());
@@ -216,10 +216,10 @@ fn ground_truth_outside_the_distance_limits_exits_with_3() {
         let printed = String::from_utf8(output.stdout).expect("text");
         assert_eq!(output.status.code(), Some(3), "{printed}");
         assert!(
-            printed.contains("note: not one pixel was scored: the truth `look/source/depth` lies between "),
+            printed.contains("note: not one pixel was scored: the ground truth `look/source/depth` is between "),
             "{printed}"
         );
-        assert!(printed.contains("outside of the score's min_m..max_m (9000..9500 m)"), "{printed}");
+        assert!(printed.contains("outside of min_m..max_m of the score (9000..9500 m)"), "{printed}");
     }
 }
 
@@ -236,7 +236,7 @@ fn a_frame_without_a_pixel_to_score_is_named() {
     }
     let kitti = format!("{{ kind: kitti/stereo2015, with: {{ root: {}, frames: 0..3 }} }}", data.display());
     let (out, printed) = first_look(folder.path(), &kitti, "{}");
-    let note = "note: 1 frame has no pixel to score and is in no mean: 000001_10; the truth `look/source/depth` knows no distance there";
+    let note = "note: 1 frame has no pixel to score and is excluded from all means: 000001_10; the ground truth `look/source/depth` has no distance there";
     assert!(printed.contains(note), "{printed}");
     assert!(printed.contains("mean over 2 frames"), "{printed}");
     assert!(recreate_report(&out).contains(note));

@@ -52,6 +52,27 @@ fn without_summary(bytes: &[u8]) -> &[u8] {
 }
 
 #[test]
+fn all_analyses_note_an_unfinished_recording() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = std::fs::read(recorded(folder.path(), "0..4")).expect("a recording");
+    std::fs::write(folder.path().join("input.mcap"), without_summary(&bytes)).expect("written");
+    for arguments in [
+        &["table", "input.mcap", "--rows", "score"][..],
+        &["table", "input.mcap", "--format", "csv"],
+        &["analyse", "input.mcap"],
+        // From the samples that the command before wrote.
+        &["analyse", "input.mcap"],
+        &["analyse", "input.mcap", "--format", "csv"],
+        &["figure", "input.mcap", "cdf", "--out", "cdf.svg"],
+    ] {
+        let output = depthloom().current_dir(folder.path()).args(arguments).output().expect("the binary starts");
+        let printed = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
+        let note = "the recording is unfinished; all numbers cover its 4 complete frames";
+        assert!(printed.contains(note), "{arguments:?}: {printed}");
+    }
+}
+
+#[test]
 fn fault_49_report_notes_that_a_recording_is_unfinished_or_truncated() {
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = std::fs::read(recorded(folder.path(), "0..4")).expect("a recording");
@@ -63,14 +84,14 @@ fn fault_49_report_notes_that_a_recording_is_unfinished_or_truncated() {
 
     let (unfinished, same) = report(folder.path(), without_summary(&bytes));
     assert_eq!(unfinished.status.code(), Some(0));
-    assert!(text(&unfinished).contains("note: the recording is unfinished; all numbers are of its 4 whole frames"));
+    assert!(text(&unfinished).contains("note: the recording is unfinished; all numbers cover its 4 complete frames"));
     assert!(files == same, "all frames are complete");
 
     let cut = &bytes[..without_summary(&bytes).len() * 5 / 8];
     let (cut, _) = report(folder.path(), cut);
     assert_eq!(cut.status.code(), Some(0));
     assert!(text(&cut).contains("the recording is unfinished: its last"), "{}", text(&cut));
-    assert!(text(&cut).contains("all numbers are of its 2 whole frames"), "{}", text(&cut));
+    assert!(text(&cut).contains("all numbers cover its 2 complete frames"), "{}", text(&cut));
 
     let mut damaged = without_summary(&bytes).to_vec();
     let middle = damaged.len() * 5 / 8;
@@ -78,7 +99,7 @@ fn fault_49_report_notes_that_a_recording_is_unfinished_or_truncated() {
     let (damaged, _) = report(folder.path(), &damaged);
     assert_eq!(damaged.status.code(), Some(3));
     assert!(text(&damaged).contains("note: the recording is damaged at byte"), "{}", text(&damaged));
-    assert!(text(&damaged).contains("what follows was left out; all numbers are of its 2 whole frames"));
+    assert!(text(&damaged).contains("what follows was left out; all numbers cover its 2 complete frames"));
 
     let path = folder.path().join("input.mcap");
     let json = succeed(
@@ -247,7 +268,7 @@ fn damage_in_unused_values_is_noted_and_numbers_are_unchanged() {
         note.contains("/look/source/left") && note.contains("of frame `000002_10` (position 2 of stage `look`)"),
         "{note}"
     );
-    assert!(note.ends_with("; no number here comes from there"), "{note}");
+    assert!(note.ends_with("; no number here depends on it"), "{note}");
     assert!(files == same, "the numbers equal those of the intact recording");
 
     let out = folder.path().join("report");
@@ -281,7 +302,7 @@ fn damage_in_needed_values_is_an_error_that_lists_intact_files() {
     assert!(stderr.contains("it held /look/depth/depth of frame `000002_10` (position 2 of stage `look`)"), "{stderr}");
     assert!(
         stderr.contains(
-            "copy the file again, or run the experiment again; what is whole all the same: scores.*, table.* in"
+            "copy the file again, or run the experiment again; these files are complete: scores.*, table.* in"
         ),
         "{stderr}"
     );
@@ -297,7 +318,7 @@ fn damage_in_needed_values_is_an_error_that_lists_intact_files() {
     let (damaged, written) = report(folder.path(), &flipped_in(folder.path(), &bytes, scores));
     let stderr = words(&damaged.stderr);
     assert!(stderr.contains(&format!("{scores} of frame `000002_10`")), "{stderr}");
-    assert!(!stderr.contains("all the same"), "{stderr}");
+    assert!(!stderr.contains("are complete"), "{stderr}");
     // The marker of a report's folder is written before its tables.
     assert!(written.keys().all(|name| name == ".depthloom-report"), "{written:?}");
 }

@@ -26,7 +26,7 @@ fn estimates() -> Vec<Estimate> {
     ]
 }
 
-/// A score of frame `frame` for which all eight scores are `value`, but for rmse, which is ten times it.
+/// A score of frame `frame`: all eight metrics are `value`, except rmse, which is ten times it.
 fn score(frame: &str, estimate: usize, set: PixelSet, value: f64) -> FrameScore {
     let values = Family::Depth.defaults().into_iter();
     let values = values.map(|metric| (metric, if metric.name == "rmse" { 10.0 * value } else { value }));
@@ -75,7 +75,7 @@ fn table_of_sources(
     ScoreTable::new(&ablation, &rows, &all, with_paper, None, &|| false).unwrap()
 }
 
-/// By line: the marked columns.
+/// The marked columns of each line.
 fn marked(table: &ScoreTable) -> [Vec<usize>; 8] {
     std::array::from_fn(|line| (0..table.rows.len()).filter(|row| table.rows[*row].best[line]).collect())
 }
@@ -83,7 +83,7 @@ fn marked(table: &ScoreTable) -> [Vec<usize>; 8] {
 #[test]
 fn means_are_over_the_frames_that_all_estimates_have() {
     let mut scores = scores();
-    // On frame 2 an estimate failed: it counts for nobody.
+    // An estimate failed on frame 2, so the frame does not count for any estimate.
     scores.extend((0..4).map(|estimate| score("2", estimate, PixelSet::All, 0.0)));
     let table = table_of(&scores, &estimates(), false);
     assert_eq!(table.rows.len(), 6);
@@ -96,7 +96,7 @@ fn means_are_over_the_frames_that_all_estimates_have() {
 }
 
 #[test]
-fn a_frame_without_pixels_adds_nothing_and_is_said() {
+fn a_frame_without_pixels_does_not_count_and_is_reported() {
     let mut scores = scores();
     scores[0].row = ScoreRow::new(PixelSet::Valid, "");
     let table = table_of(&scores, &estimates(), false);
@@ -106,12 +106,12 @@ fn a_frame_without_pixels_adds_nothing_and_is_said() {
 }
 
 #[test]
-fn pixels_of_all_frames_weigh_alike_where_that_is_asked_for_and_it_is_said() {
-    let of = |mean| Estimate { mean, ..estimate(None, "mono", &[PixelSet::All]) };
+fn means_over_pixels_weigh_all_pixels_equally_and_are_described() {
+    let estimate_with = |mean| Estimate { mean, ..estimate(None, "mono", &[PixelSet::All]) };
     let mut rows = [score("0", 0, PixelSet::All, 0.5), score("1", 0, PixelSet::All, 0.8)];
     // 5 pixels of 8, and 15 of 16.
     (rows[1].row.pixels, rows[1].row.valid, rows[1].row.truth) = (15, 15, 16);
-    let table = |mean| table_of(&rows, &[of(mean)], false);
+    let table = |mean| table_of(&rows, &[estimate_with(mean)], false);
     let (frames, pixels) = (table(Mean::Frames), table(Mean::Pixels));
     let close = |ours: Option<f64>, expected: f64| assert!((ours.unwrap() - expected).abs() < 1e-12, "{ours:?}");
     close(frames.rows[0].values[0], 0.65);
@@ -131,7 +131,7 @@ fn no_scores_make_a_table_of_dashes() {
 }
 
 #[test]
-fn the_long_form_says_what_each_row_is_of() {
+fn the_long_form_identifies_each_row() {
     let csv = String::from_utf8(table(true).table().csv()).unwrap();
     let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
     let mut expected = ["stage", "variant", "estimate", "set"].map(str::to_owned).to_vec();
@@ -143,20 +143,20 @@ fn the_long_form_says_what_each_row_is_of() {
     assert_eq!(lines[0], expected);
     let rows = serde_json::to_value(table(true).json_rows()).unwrap();
     assert_eq!(rows[0].as_object().unwrap().keys().collect::<Vec<_>>(), lines[0]);
-    let of: Vec<String> = lines[1..].iter().map(|line| line[..4].join(" ")).collect();
+    let keys: Vec<String> = lines[1..].iter().map(|line| line[..4].join(" ")).collect();
     let expected = ["s  stereo valid", "s  stereo all", "s full mono all", "s full fused all", "s no_scaling mono all"];
-    assert_eq!((&of[..5], lines[6][13]), (expected.map(str::to_owned).as_slice(), "0.85"));
+    assert_eq!((&keys[..5], lines[6][13]), (expected.map(str::to_owned).as_slice(), "0.85"));
 }
 
 #[test]
-fn best_is_among_those_over_all_pixels() {
+fn the_best_value_is_among_rows_over_all_pixels() {
     let marked = marked(&table(false));
     assert_eq!((&marked[0][..], &marked[5][..]), ([5].as_slice(), [1].as_slice()));
     assert_eq!(table(false).marks(), Some("best over all pixels with ground truth"));
 }
 
 #[test]
-fn disparities_beside_depths_have_their_best_on_every_comparable_set() {
+fn disparities_have_a_best_value_on_every_comparable_set() {
     let d1 = Metric::named("d1").unwrap();
     let disparity = |variant: &str| Estimate {
         family: Family::Disparity,
@@ -187,8 +187,8 @@ fn disparities_beside_depths_have_their_best_on_every_comparable_set() {
 }
 
 #[test]
-fn fault_02_frames_are_told_apart_by_their_place_and_not_by_their_id() {
-    // The same frame asked for twice, and one of another street that happens to have its id.
+fn fault_02_frames_are_identified_by_position_not_by_id() {
+    // The same frame requested twice, and a frame of another street with the same id.
     let mut scores = Vec::new();
     for (position, shift) in [(0, 0.0), (1, 0.0), (2, 0.3)] {
         let rows = [(0, PixelSet::Valid), (0, PixelSet::All), (1, PixelSet::All)];
@@ -202,7 +202,7 @@ fn fault_02_frames_are_told_apart_by_their_place_and_not_by_their_id() {
 }
 
 #[test]
-fn fault_20_only_what_is_comparable_is_marked() {
+fn fault_20_only_comparable_values_are_marked() {
     let none = [const { Vec::<usize>::new() }; 8];
     let two = |first: &Estimate, second: &Estimate, frames: [&[&str]; 2]| {
         let rows = |i: usize| frames[i].iter().map(move |frame| score(frame, i, PixelSet::All, 0.5 + 0.1 * i as f64));
@@ -222,8 +222,8 @@ fn fault_20_only_what_is_comparable_is_marked() {
     let capped = Settings { max_m: 50.0, ..Settings::default() };
     let capped = Estimate { settings: Some(capped), ..fused.clone() };
     assert_eq!(marked(&two(&mono, &capped, [&["0"], &["0"]])), none, "scored in another way");
-    let other_truth = Estimate { truth: Some("/s/lidar/depth".to_owned()), ..fused };
-    assert_eq!(marked(&two(&mono, &other_truth, [&["0"], &["0"]])), none, "against another truth");
+    let other_truth = Estimate { truth_output: Some("/s/lidar/depth".to_owned()), ..fused };
+    assert_eq!(marked(&two(&mono, &other_truth, [&["0"], &["0"]])), none, "against other ground truth");
     assert_eq!(
         marked(&table_of(&[score("0", 0, PixelSet::All, 0.5)], std::slice::from_ref(&mono), false)),
         none,
@@ -235,7 +235,7 @@ fn fault_20_only_what_is_comparable_is_marked() {
 }
 
 #[test]
-fn fault_20_sources_with_equal_ids_are_not_the_same_frames() {
+fn fault_20_frames_of_different_sources_with_equal_ids_differ() {
     let estimates = [estimate(Some("a"), "mono", &[PixelSet::All]), estimate(Some("b"), "mono", &[PixelSet::All])];
     let estimates = [estimates[0].clone(), Estimate { run: RunId(1), ..estimates[1].clone() }];
     let rows = [score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
@@ -246,9 +246,10 @@ fn fault_20_sources_with_equal_ids_are_not_the_same_frames() {
 }
 
 #[test]
-fn fault_42_an_estimate_that_never_valid_is_never_best() {
+fn fault_42_an_estimate_without_valid_pixels_is_never_best() {
     let mut rows = vec![score("0", 0, PixelSet::All, 0.5), score("0", 1, PixelSet::All, 0.6)];
-    // What a missing answer everywhere gives: no pixel is near, and the spread of the log error is the truth's own.
+    // An estimate that is invalid everywhere: no pixel is near, and the spread of the log error is that of the ground
+    // truth.
     rows.push(FrameScore {
         row: changed(&rows[0].row, |metric| match metric {
             "a1" | "a2" | "a3" => Some(0.0),
@@ -260,7 +261,7 @@ fn fault_42_an_estimate_that_never_valid_is_never_best() {
     });
     let estimates = ["mono", "fused", "absent"].map(|name| estimate(None, name, &[PixelSet::All]));
     assert_eq!(marked(&table_of(&rows, &estimates, false))[7], [0]);
-    // And a mean that is no number is not best either, whichever way is better.
+    // A mean that is not finite is never best, in either direction.
     rows[2].row = changed(&rows[0].row, |metric| match metric {
         "a1" => Some(f64::INFINITY),
         "silog" => Some(f64::NEG_INFINITY),
@@ -282,7 +283,7 @@ fn markdown_text() {
 }
 
 #[test]
-fn fault_38_latex_is_neither_a_poster_nor_a_hairline() {
+fn fault_38_latex_tables_fit_the_page() {
     let names: Vec<String> = (0..48).map(|i| format!("variant_{i}")).collect();
     let of_variant = |name: &String| ["mono", "fused"].map(|kind| estimate(Some(name), kind, &[PixelSet::All]));
     let many: Vec<Estimate> = names.iter().flat_map(of_variant).collect();
@@ -299,12 +300,12 @@ fn fault_38_latex_is_neither_a_poster_nor_a_hairline() {
 
     let lone = table_of(&rows[..1], &many[..1], true).table().latex();
     assert!(lone.contains("\\begin{table}[t]") && lone.contains("\\label{tab:street-1-scores}"), "{lone}");
-    assert!(!lone.contains("\\textbf{0") && !lone.contains("in bold"), "a lone column is the best of nothing: {lone}");
+    assert!(!lone.contains("\\textbf{0") && !lone.contains("in bold"), "a single column has no best: {lone}");
     let with_paper = table(true);
     for text in [with_paper.table().latex(), with_paper.table().markdown()] {
         assert!(
             text.contains("{0.800} (0.85)") || text.contains("**0.800** (0.85)"),
-            "the paper's is not bold: {text}"
+            "the published number is not bold: {text}"
         );
     }
 }

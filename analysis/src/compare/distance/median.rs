@@ -1,20 +1,20 @@
-//! The median of a bin's errors, when its frames count more or less often than once.
+//! The median of the errors of a bin, for any weights of its frames.
 
-/// So many errors lie between two places where it is known how many of each frame are before.
+/// The number of errors between two checkpoints. At each checkpoint the number of earlier errors of each frame is known.
 const STEP: usize = 64;
 
-/// Errors in order, and whose they are.
+/// Sorted errors with their frames.
 #[derive(Clone, Debug)]
 pub(super) struct Median {
     /// Sorted, each with its frame.
     errors: Vec<(f32, u32)>,
-    /// At every [`STEP`]th error, by frame, how many are before it; at the end, of all.
+    /// At every [`STEP`]th error and at the end, the number of earlier errors of each frame.
     before: Vec<u32>,
     frames: usize,
 }
 
 impl Median {
-    /// Of errors with their frames, of which there are so many.
+    /// Sorts errors, given with their frames.
     pub(super) fn new(mut errors: Vec<(f32, u32)>, frames: usize) -> Self {
         errors.sort_by(|one, two| one.0.total_cmp(&two.0).then(one.1.cmp(&two.1)));
         let mut before = Vec::with_capacity((errors.len() / STEP + 2) * frames);
@@ -29,27 +29,28 @@ impl Median {
         Self { errors, before, frames }
     }
 
-    /// The median where frames count so often: NumPy's of all errors, each as often as its frame; NaN of none.
+    /// The median for these weights of frames: NumPy's median of all errors, each repeated as often as its frame. NaN
+    /// without errors.
     pub(super) fn value(&self, times: &[f64]) -> f64 {
         let places = self.before.len() / self.frames.max(1);
         let all = self.up_to(places - 1, times);
         if all < 1.0 {
             return f64::NAN;
         }
-        // Times are whole, and so are all sums of them.
+        // Weights are integers, and so are their sums.
         let (below, above) = (((all - 1.0) / 2.0).floor(), (all / 2.0).floor());
         let low = self.at(below, times);
         let high = if above == below { low } else { self.at(above, times) };
         0.5 * (f64::from(low) + f64::from(high))
     }
 
-    /// How many errors lie before a place.
+    /// The number of errors before a checkpoint.
     fn up_to(&self, place: usize, times: &[f64]) -> f64 {
         let counts = &self.before[place * self.frames..][..self.frames];
         counts.iter().zip(times).map(|(count, times)| f64::from(*count) * times).sum()
     }
 
-    /// The error of a rank.
+    /// The error with this rank.
     fn at(&self, rank: f64, times: &[f64]) -> f32 {
         let (mut low, mut high) = (0, self.errors.len().div_ceil(STEP) - 1);
         while low < high {
@@ -73,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_that_of_all_errors_written_out() {
+    fn the_median_equals_that_of_all_repeated_errors() {
         let errors: Vec<(f32, u32)> = (0..997_u32).map(|i| ((i * 7919 % 613) as f32 * 0.1, i % 5)).collect();
         let median = Median::new(errors.clone(), 5);
         for times in [[1.0; 5], [0.0, 3.0, 1.0, 0.0, 1.0], [5.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 2.0, 1.0]] {

@@ -1,33 +1,33 @@
-//! A comparison by distance for programs.
+//! The JSON output of a comparison by distance.
 
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::super::contrast::Verdicts;
 use super::table::DistanceComparison;
-use super::{Compared, DistancePair, Handover, Near, Statistic, THIN};
+use super::{Compared, DistancePair, Handover, MIN_PIXELS, Near, Statistic};
 use crate::tables::JsonRow;
 
-/// Of `compare --by distance`: where it is better, and how sure that is.
+/// The output of `compare --by distance`: differences by distance, with intervals and tests.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct DistanceComparisonOutput {
-    /// What the numbers are.
+    /// Describes the numbers.
     about: String,
     method: DistanceMethod,
     verdicts: Verdicts,
-    /// By pair and statistic: where one should hand over to the other.
+    /// The handover distance of each pair and statistic.
     handovers: Vec<HandoverAt>,
-    /// A bin, statistic and pair each: the columns of its CSV form, which docs/tables.md explains.
+    /// One row per bin, statistic and pair, with the columns of the CSV form, which docs/tables.md explains.
     rows: Vec<JsonRow>,
     notes: Vec<String>,
 }
 
-/// How intervals and tests were found.
+/// The method of intervals and tests.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub(crate) struct DistanceMethod {
     /// `BCa` or `percentile`.
     interval: &'static str,
-    /// `percentile`: that of distances.
+    /// `percentile`: the method of intervals of handover distances.
     handover_interval: &'static str,
     /// From 0 to 1.
     confidence: f64,
@@ -37,27 +37,27 @@ pub(crate) struct DistanceMethod {
     test: &'static str,
     /// `holm`, over the bins of a pair's statistic.
     correction: &'static str,
-    /// How many tests were corrected for, of the first pair.
+    /// The number of corrected tests of the first pair.
     tests: u64,
-    /// Bins of fewer pixels decide nothing of a handover.
+    /// Bins with fewer pixels are ignored for the handover distance.
     thin_pixels: u64,
 }
 
-/// The distance at which one of two estimates should hand over to the other; nulls where one alone is best.
+/// The handover distance of two estimates: near it use one, beyond it the other. Null if one alone is best.
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub(crate) struct HandoverAt {
     baseline: String,
     other: String,
     /// `mean` or `median`.
     statistic: &'static str,
-    /// The one that is better nearer than there.
+    /// The estimate that is better nearer than the handover.
     near: Option<String>,
     far: Option<String>,
     distance_m: Option<f64>,
-    /// The ends of its interval, of the resamples that have such a handover.
+    /// The ends of its interval over the resamples that have such a handover.
     distance_low_m: Option<f64>,
     distance_high_m: Option<f64>,
-    /// The share of resamples that have one.
+    /// The share of resamples that have a handover.
     share: Option<f64>,
     /// All distances at which the difference crosses zero.
     crossings_m: Vec<f64>,
@@ -88,7 +88,7 @@ impl HandoverAt {
 }
 
 impl DistanceComparison {
-    /// For programs, with the columns of its CSV form.
+    /// The JSON output, with the columns of the CSV form.
     #[must_use]
     pub fn output(&self) -> DistanceComparisonOutput {
         let first_rows = self.pairs.first().map_or(&[][..], |pair| &pair.rows);
@@ -108,7 +108,7 @@ impl DistanceComparison {
                 test: "wilcoxon",
                 correction: "holm",
                 tests: tested.count() as u64,
-                thin_pixels: THIN,
+                thin_pixels: MIN_PIXELS,
             },
             verdicts: self.pairs.iter().flat_map(|pair| &pair.rows).map(|row| row.verdict).collect(),
             handovers: handovers.collect(),

@@ -1,4 +1,4 @@
-//! The pixels of a pair, by distance and frame, out of samples.
+//! Reads the pixels of a pair from samples, by distance and frame.
 
 use depthloom_scores::quantile::{median, quantile};
 use polars::frame::DataFrame;
@@ -8,38 +8,38 @@ use crate::error::AnalysisError;
 use crate::query::{Bins, Edges, OUTSIDE, numbers};
 use crate::samples::{DescribedEstimate, Part, SamplesFile};
 
-/// The pixels valid in both.
+/// The pixels that are valid in both estimates.
 pub(super) struct Pixels {
-    /// How many frames have such a pixel.
+    /// The number of frames with such a pixel.
     pub(super) frames: usize,
-    /// The bins with pixels, near ones first.
-    pub(super) bins: Vec<OfBin>,
-    /// How many frames are of one of the two alone, and of how many the pixels with ground truth differ.
-    alone: usize,
+    /// The bins with pixels, near bins first.
+    pub(super) bins: Vec<BinPixels>,
+    /// The number of frames that only one estimate has, and of frames on which the pixels with ground truth differ.
+    unpaired: usize,
     other_truth: usize,
 }
 
-/// The pixels valid in both in a bin.
-pub(super) struct OfBin {
+/// The pixels of a bin that are valid in both estimates.
+pub(super) struct BinPixels {
     pub(super) from_m: f64,
     pub(super) to_m: f64,
-    /// By frame with a pixel in it, in order.
-    pub(super) frames: Vec<OfFrame>,
-    /// By pixel: the errors of both, metres, and the frame.
+    /// The frames with a pixel in the bin, in order.
+    pub(super) frames: Vec<FramePixels>,
+    /// For each pixel, the errors of both in metres, and the frame.
     errors: Vec<([f32; 2], u32)>,
 }
 
-/// A frame's pixels in a bin.
-pub(super) struct OfFrame {
+/// The pixels of a frame in a bin.
+pub(super) struct FramePixels {
     pub(super) frame: usize,
     pub(super) count: u64,
-    /// Of the absolute errors of both.
+    /// The sums of the absolute errors of both.
     pub(super) sums: [f64; 2],
     pub(super) medians: [f64; 2],
 }
 
-impl OfBin {
-    /// The errors of both, for medians of frames that count more or less often.
+impl BinPixels {
+    /// The errors of both, prepared for medians with weighted frames.
     pub(super) fn medians(&self, frames: usize) -> [Median; 2] {
         [0, 1]
             .map(|side| Median::new(self.errors.iter().map(|(errors, frame)| (errors[side], *frame)).collect(), frames))
@@ -47,20 +47,20 @@ impl OfBin {
 }
 
 impl Pixels {
-    /// What is to be said of them.
+    /// Notes on excluded pixels.
     pub(super) fn note(&self, baseline: &str, other: &str) -> Vec<String> {
         let mut notes = Vec::new();
-        if self.alone > 0 {
-            notes.push(format!("{} frames of {baseline} or {other} alone do not count", self.alone));
+        if self.unpaired > 0 {
+            notes.push(format!("{} frames are excluded, because only {baseline} or {other} has them", self.unpaired));
         }
         if self.other_truth > 0 {
             let frames = self.other_truth;
             notes.push(format!(
-                "{frames} frames do not count: other pixels with ground truth of {baseline} and {other} were scored"
+                "{frames} frames are excluded, because {baseline} and {other} were scored on different pixels with ground truth"
             ));
         }
         if self.bins.is_empty() {
-            notes.push(format!("there is no pixel that is valid in both {baseline} and {other}"));
+            notes.push(format!("no pixel is valid in both {baseline} and {other}"));
         }
         notes
     }
@@ -72,14 +72,14 @@ pub(super) fn pixels(
     bins: &Bins,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Pixels, AnalysisError> {
-    let parts = sides.map(|(file, of)| {
-        let is_of = |part: &&Part| *part.stage == *of.stage && *part.scoring == *of.scoring;
-        file.parts.iter().filter(is_of).collect::<Vec<&Part>>()
+    let parts = sides.map(|(file, estimate)| {
+        let is_own = |part: &&Part| *part.stage == *estimate.stage && *part.scoring == *estimate.scoring;
+        file.parts.iter().filter(is_own).collect::<Vec<&Part>>()
     });
     let paired = paired(&parts);
-    let alone = parts[0].len() + parts[1].len() - 2 * paired.len();
-    let mut found = Pixels { frames: 0, bins: Vec::new(), alone, other_truth: 0 };
-    // By frame: truth and estimates.
+    let unpaired = parts[0].len() + parts[1].len() - 2 * paired.len();
+    let mut found = Pixels { frames: 0, bins: Vec::new(), unpaired, other_truth: 0 };
+    // Ground truth and estimates, frame by frame.
     let mut all: Vec<Vec<[f32; 3]>> = Vec::new();
     for parts in paired {
         if stop() {
@@ -97,10 +97,10 @@ pub(super) fn pixels(
         return Ok(found);
     }
     let edges = edges(bins, truths())?;
-    let mut of_bins: Vec<OfBin> = (0..edges.len())
+    let mut bin_pixels: Vec<BinPixels> = (0..edges.len())
         .map(|bin| {
-            let (from_m, to_m) = edges.of(bin);
-            OfBin { from_m, to_m, frames: Vec::new(), errors: Vec::new() }
+            let (from_m, to_m) = edges.range(bin);
+            BinPixels { from_m, to_m, frames: Vec::new(), errors: Vec::new() }
         })
         .collect();
     for (frame, pixels) in all.iter().enumerate() {
@@ -109,36 +109,36 @@ pub(super) fn pixels(
             if bin == OUTSIDE {
                 continue;
             }
-            let bin = &mut of_bins[bin as usize];
+            let bin = &mut bin_pixels[bin as usize];
             if bin.frames.last().is_none_or(|last| last.frame != frame) {
-                bin.frames.push(OfFrame { frame, count: 0, sums: [0.0; 2], medians: [0.0; 2] });
+                bin.frames.push(FramePixels { frame, count: 0, sums: [0.0; 2], medians: [0.0; 2] });
             }
-            let errors = [one, two].map(|of| (f64::from(*of) - f64::from(*truth)).abs());
-            if let Some(of) = bin.frames.last_mut() {
-                of.count += 1;
-                of.sums[0] += errors[0];
-                of.sums[1] += errors[1];
+            let errors = [one, two].map(|metres| (f64::from(*metres) - f64::from(*truth)).abs());
+            if let Some(own) = bin.frames.last_mut() {
+                own.count += 1;
+                own.sums[0] += errors[0];
+                own.sums[1] += errors[1];
             }
             bin.errors.push((errors.map(|error| error as f32), frame as u32));
         }
     }
-    of_bins.retain(|bin| !bin.frames.is_empty());
-    for bin in &mut of_bins {
+    bin_pixels.retain(|bin| !bin.frames.is_empty());
+    for bin in &mut bin_pixels {
         let mut rest = bin.errors.as_slice();
-        for of in &mut bin.frames {
-            let (own, others) = rest.split_at(of.count as usize);
+        for frame in &mut bin.frames {
+            let (own, others) = rest.split_at(frame.count as usize);
             rest = others;
-            of.medians = [0, 1].map(|side| {
+            frame.medians = [0, 1].map(|side| {
                 let mut errors: Vec<f32> = own.iter().map(|(errors, _)| errors[side]).collect();
                 median(&mut errors, f32::total_cmp).unwrap_or(f64::NAN)
             });
         }
     }
-    found.bins = of_bins;
+    found.bins = bin_pixels;
     Ok(found)
 }
 
-/// Parts of one frame: its id, and where that repeats, in the order they come.
+/// Pairs the parts of each frame by id; repeated ids are paired in their order.
 fn paired<'a>(parts: &[Vec<&'a Part>; 2]) -> Vec<[&'a Part; 2]> {
     let mut taken = vec![false; parts[1].len()];
     let mut paired = Vec::new();
@@ -152,16 +152,16 @@ fn paired<'a>(parts: &[Vec<&'a Part>; 2]) -> Vec<[&'a Part; 2]> {
     paired
 }
 
-/// Truth and both estimates of a frame, where both are valid; `None` if they were not scored on the same pixels with
-/// ground truth.
+/// Ground truth and both estimates of a frame on the pixels that are valid in both. `None` if the estimates were not
+/// scored on the same pixels with ground truth.
 fn both(
     sides: [(&SamplesFile, &DescribedEstimate); 2],
     parts: [&Part; 2],
 ) -> Result<Option<Vec<[f32; 3]>>, AnalysisError> {
     let computed = || AnalysisError::compute("errors of samples");
     let read = |side: usize| -> Result<DataFrame, AnalysisError> {
-        let (file, of) = sides[side];
-        file.read(parts[side], &["x", "y", "truth_m", &of.column])
+        let (file, estimate) = sides[side];
+        file.read(parts[side], &["x", "y", "truth_m", &estimate.column])
     };
     let tables = [read(0)?, read(1)?];
     let column = |side: usize, name: &str| numbers(&tables[side], name).map_err(computed());
@@ -174,7 +174,7 @@ fn both(
     }
     let (first, second) = (column(0, &sides[0].1.column)?, column(1, &sides[1].1.column)?);
     let pixels = one.2.into_iter().zip(first.into_iter().zip(second)).map(|(truth, (one, two))| [truth, one, two]);
-    Ok(Some(pixels.filter(|pixel| pixel.iter().all(|of| of.is_finite())).collect()))
+    Ok(Some(pixels.filter(|pixel| pixel.iter().all(|metres| metres.is_finite())).collect()))
 }
 
 /// The edges of bins over distances.

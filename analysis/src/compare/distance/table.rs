@@ -7,7 +7,7 @@ use super::{DistancePair, DistanceRow, Handover, Near, Statistic};
 use crate::statistics::{Interval, Resampling};
 use crate::tables::{Column, DIMENSIONLESS, Rows, Table};
 
-/// Estimates held against others by distance: a row a bin, statistic and pair.
+/// Estimates compared with others by distance: one row per bin, statistic and pair.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DistanceComparison {
     pub(crate) pairs: Vec<DistancePair>,
@@ -28,16 +28,16 @@ pub(super) fn comparison(
     let rows: Vec<(&DistancePair, &DistanceRow)> =
         pairs.iter().flat_map(|pair| pair.rows.iter().map(move |row| (pair, row))).collect();
     let resampling = options.resampling;
-    let handovers = pairs.iter().flat_map(|pair| pair.handovers.iter().map(move |of| (pair, of)));
-    notes.splice(
-        0..0,
-        handovers.map(|(pair, (statistic, of))| handover_note(pair, *statistic, of.as_ref(), &resampling)),
-    );
+    let handovers = pairs.iter().flat_map(|pair| pair.handovers.iter().map(move |handover| (pair, handover)));
+    notes
+        .splice(0..0, handovers.map(|(pair, (by, handover))| handover_note(pair, *by, handover.as_ref(), &resampling)));
     notes.extend(few_frames(pairs.iter().map(|pair| pair.frames).min().unwrap_or(0)));
-    let titles: Vec<String> =
-        pairs.iter().map(|pair| format!("{} against {}", pair.estimates[1].title, pair.estimates[0].title)).collect();
+    let titles: Vec<String> = pairs
+        .iter()
+        .map(|pair| format!("{} compared with {}", pair.estimates[1].title, pair.estimates[0].title))
+        .collect();
     let about = format!(
-        "absolute error by true distance, metres, {}: pixels that are valid in both; interval of the difference: {}; p_holm: Wilcoxon signed rank over \
+        "absolute error by ground-truth distance, metres, {}: pixels that are valid in both; interval of the difference: {}; p_holm: Wilcoxon signed rank over \
          frames, two-sided, corrected for the bins of a statistic; verdict: p_holm below {} and an interval without 0",
         titles.join(", "),
         resampling.about(),
@@ -58,7 +58,7 @@ pub(super) fn comparison(
     DistanceComparison { pairs, table, resampling, key }
 }
 
-/// Where one hands over to the other, in words.
+/// A note on the handover distance.
 fn handover_note(
     pair: &DistancePair,
     statistic: Statistic,
@@ -68,7 +68,7 @@ fn handover_note(
     let (by, [baseline, other]) = (statistic.name(), &pair.estimates);
     let Some(Handover { near, distance_m, interval, share, crossings_m }) = handover else {
         return format!(
-            "by the {by}, neither of {} and {} should hand over to the other: one alone is best at all distances together",
+            "by the {by}, there is no handover between {} and {}: one estimate alone has the smallest sum of errors",
             baseline.title, other.title
         );
     };
@@ -84,7 +84,7 @@ fn handover_note(
         0 | 1 => String::new(),
         count => format!("; the difference crosses zero {count} times"),
     };
-    format!("by the {by}, {near} hands over to {far} at {distance_m:.1} m{interval}{crossings}")
+    format!("by the {by}, use {near} up to {distance_m:.1} m and {far} beyond{interval}{crossings}")
 }
 
 fn columns(pairs: &[(&DistancePair, &DistanceRow)], several_pairs: bool, resampling: &Resampling) -> Vec<Column> {
@@ -110,13 +110,13 @@ fn columns(pairs: &[(&DistancePair, &DistanceRow)], several_pairs: bool, resampl
     }
     columns.extend([
         rows.key("statistic", |(_, row)| row.statistic.name()).once(),
-        rows.number("bin_from_m", |(_, row)| row.from_m).decimals(decimals).unit("m").key(),
-        rows.number("bin_to_m", |(_, row)| row.to_m).decimals(decimals).unit("m").key(),
+        rows.number("bin_from_m", |(_, row)| row.from_m).decimals(decimals).unit("m").key().latex("from (m)"),
+        rows.number("bin_to_m", |(_, row)| row.to_m).decimals(decimals).unit("m").key().latex("to (m)"),
         rows.count("pixels", |(_, row)| row.pixels).unit("pixels"),
         rows.count("frames", |(_, row)| row.frames as u64).unit("frames"),
-        rows.number("baseline_m", |(_, row)| row.baseline_m).unit("m"),
-        rows.number("value_m", |(_, row)| row.value_m).unit("m"),
-        rows.number("difference_m", |(_, row)| row.difference_m()).unit("m"),
+        rows.number("baseline_m", |(_, row)| row.baseline_m).unit("m").latex("baseline (m)"),
+        rows.number("value_m", |(_, row)| row.value_m).unit("m").latex("value (m)"),
+        rows.number("difference_m", |(_, row)| row.difference_m()).unit("m").latex("difference (m)"),
         rows.text(format!("{} interval", resampling.level()), |(_, row)| interval(row)).in_text(),
         rows.number("difference_low_m", |(_, row)| row.interval.map(|of| of.low)).unit("m").in_files(),
         rows.number("difference_high_m", |(_, row)| row.interval.map(|of| of.high)).unit("m").in_files(),
@@ -126,7 +126,7 @@ fn columns(pairs: &[(&DistancePair, &DistanceRow)], several_pairs: bool, resampl
         rows.text("+/=/-", |(_, DistanceRow { wins, ties, losses, .. })| format!("{wins}/{ties}/{losses}")).in_text(),
         rows.number("p", |(_, row)| row.test.map(|test| test.p)).unit(DIMENSIONLESS).in_files(),
         rows.text("p_from", |(_, row)| row.test.map(|test| test.distribution.name())).in_files(),
-        rows.written("p_holm", |(_, row)| row.p_holm.map(probability)).unit(DIMENSIONLESS),
+        rows.written("p_holm", |(_, row)| row.p_holm.map(probability)).unit(DIMENSIONLESS).latex("$p$ (Holm)"),
         rows.text("verdict", |(_, row)| row.verdict.name()),
     ]);
     columns

@@ -1,7 +1,7 @@
 use super::*;
 
 #[test]
-fn long_names_are_told_apart_by_what_differs() {
+fn long_names_are_shortened_to_their_differences() {
     let long = ["size=3+weighting=full/fused", "size=5+weighting=full/fused"];
     assert_eq!(distinguished(long), ["size=3", "size=5"]);
     assert_eq!(distinguished(["stereo", "full/mono"]), ["stereo", "full/mono"]);

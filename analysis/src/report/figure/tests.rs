@@ -24,7 +24,7 @@ fn equal_numbers_give_equal_bytes() {
 }
 
 #[test]
-fn fault_39_lines_are_over_the_pixels_that_all_valid_and_the_title_says_so() {
+fn fault_39_lines_cover_pixels_valid_in_all_and_the_title_states_it() {
     let estimates = [estimate(None, "stereo"), estimate(Some("full"), "fused")];
     let mut bins = [bin(0, 5), bin(1, 5)];
     bins[1].valid = BinSpread { count: 16, percentiles_m: [9.0; 5] };
@@ -32,7 +32,7 @@ fn fault_39_lines_are_over_the_pixels_that_all_valid_and_the_title_says_so() {
     let figure = Figure { estimates: &estimates, bins: &bins, truth: &truth };
     assert_eq!(
         figure.title(),
-        "Absolute error against true distance, on the 63 % of pixels with ground truth that are valid in all estimates"
+        "Absolute error against ground-truth distance, on the 63 % of pixels with ground truth that are valid in all estimates"
     );
     let title = |truth: u64| {
         let truth = BTreeMap::from([(5, truth)]);
@@ -41,14 +41,14 @@ fn fault_39_lines_are_over_the_pixels_that_all_valid_and_the_title_says_so() {
     assert!([(12, "83 %"), (13, "77 %"), (10_000, "1 %")].iter().all(|(truth, share)| title(*truth).contains(share)));
     assert!(bins.iter().all(|bin| figure.compared_in(bin).unwrap().count == 10), "on the same pixels");
     assert!(render(&figure).contains("median over its valid pixels"));
-    // Where nothing is shared, that is said too.
+    // Without shared pixels, the title states that, too.
     bins.iter_mut().for_each(|bin| bin.shared = None);
     let figure = Figure { estimates: &estimates, bins: &bins, truth: &truth };
-    assert!(figure.title().ends_with("each on its own valid pixels, which differ"));
+    assert!(figure.title().ends_with("each estimate on its own valid pixels"));
 }
 
 #[test]
-fn fault_40_figures_scale() {
+fn fault_40_figures_have_a_physical_size() {
     let figure =
         Figure { estimates: &[estimate(None, "stereo")], bins: &[bin(0, 5)], truth: &BTreeMap::from([(5, 10)]) };
     let svg = render(&figure);
@@ -56,7 +56,7 @@ fn fault_40_figures_scale() {
 }
 
 #[test]
-fn nothing_to_draw_is_an_empty_figure() {
+fn a_figure_without_data_is_empty() {
     let svg = render(&Figure { estimates: &[estimate(None, "stereo")], bins: &[], truth: &BTreeMap::new() });
     assert!(svg.trim_end().ends_with("</svg>"));
 }

@@ -52,9 +52,9 @@ function times() {
         el("td", { className: "text" }, el("span", { className: "bar", style: { width: `${Math.max(1, (120 * row.cpu_ms) / most)}px` } }))))));
   }
   if (D.failures.in_all) {
-    const { in_all, told } = D.failures;
-    body.append(el("h3", {}, "What failed"), told.length < in_all ? el("p", { className: "quiet" }, `The first ${told.length} of ${in_all}.`) : "",
-      grid([["stage", true], ["frame", true], ["node", true], ["what", true]], told.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage),
+    const { in_all, listed } = D.failures;
+    body.append(el("h3", {}, "What failed"), listed.length < in_all ? el("p", { className: "quiet" }, `The first ${listed.length} of ${in_all}.`) : "",
+      grid([["stage", true], ["frame", true], ["node", true], ["what", true]], listed.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage),
         el("td", { className: "text" }, el("button", { type: "button", onclick: () => goTo(D.pictures.find((part) => part.name === of.stage)?.run, of.position) }, of.frame)), el("td", { className: "text" }, of.node), el("td", { className: "text wraps" }, of.what)))));
   }
 }

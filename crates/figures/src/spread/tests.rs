@@ -20,7 +20,7 @@ fn figure(spreads: Vec<Spread>) -> SpreadFigure {
         truth: (2_u32..70).map(|metre| (f64::from(metre), f64::from(metre + 1), u64::from(50_000 / metre))).collect(),
         compared: Vec::new(),
         layout: Layout::Multiples,
-        labels: ["true distance t, m".to_owned(), "absolute error, m".to_owned()],
+        labels: ["ground-truth distance t, m".to_owned(), "absolute error, m".to_owned()],
         scale: Scale::Linear,
         thin: 100,
         most: None,

@@ -53,8 +53,8 @@ pub(super) fn timings(args: &RunsArgs, command: &TimingsArgs) -> Result<ExitCode
 impl Timing {
     /// A timing under the names of the columns of `timings.parquet`.
     fn new(timing: depthloom_analysis::Timing) -> Self {
-        let depthloom_analysis::Timing { lead, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns } = timing;
-        let RowKey { stage, variant, .. } = lead;
+        let depthloom_analysis::Timing { row_key, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns } = timing;
+        let RowKey { stage, variant, .. } = row_key;
         Self { stage, variant, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns }
     }
 }

@@ -1,10 +1,10 @@
-//! What figures of errors read from samples: the rows of `depthloom analyse`, by estimate.
+//! The errors of a figure, read from samples: the rows of `depthloom analyse`, by estimate.
 
 use depthloom_figures::{Place, distinct};
 
 use super::{FigureRequest, FigureRun};
 use crate::error::AnalysisError;
-use crate::query::{Inquiry, SampleSet, Unit, valid};
+use crate::query::{Inquiry, SampleSet, Unit, analyse_frames};
 use crate::tables::Table;
 
 /// The bins of an estimate over a pixel set.
@@ -14,7 +14,7 @@ pub(super) struct Errors {
     pub(super) bins: Vec<ErrorBin>,
 }
 
-/// A bin, with the percentiles of the query; none where no pixel is valid.
+/// A bin with the percentiles of the query; empty without valid pixels.
 pub(super) struct ErrorBin {
     pub(super) edges: (f64, f64),
     pub(super) pixels: u64,
@@ -22,14 +22,14 @@ pub(super) struct ErrorBin {
     pub(super) percentiles: Vec<f64>,
 }
 
-/// The callbacks of a figure: progress, and whether to stop.
+/// The callbacks of a figure: progress and stop.
 pub(super) struct Watch<'a> {
     pub(super) progress: &'a (dyn Fn(u64, u64) + Sync),
     pub(super) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// Reads the samples of runs: by estimate, as the table of `analyse`, and of how many frames.
-pub(super) fn ask(
+/// Reads the errors of runs from samples: by estimate, as the table of `analyse`, and the number of frames.
+pub(super) fn read_errors(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,
     inquiry: Inquiry,
@@ -39,7 +39,7 @@ pub(super) fn ask(
         runs.iter().filter_map(|run| Some((run.called.to_owned(), run.samples.as_ref()?.clone()))).collect();
     let (estimates, variants, stages) = (request.estimates.clone(), request.variants.clone(), request.stages.clone());
     let inquiry = Inquiry { estimates, variants, stages, ..inquiry };
-    let (grid, _, frames) = valid(&files, &inquiry, watch.progress, watch.stop)?;
+    let (grid, _, frames) = analyse_frames(&files, &inquiry, watch.progress, watch.stop)?;
     Ok((by_estimate(&grid, &inquiry), grid, frames))
 }
 
