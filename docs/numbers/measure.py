@@ -71,7 +71,7 @@ def kitti():
         minutes = round((time.monotonic() - begin) / 60)
         tables(out)
         timings = json.loads(output([PROGRAM, "runs", "timings", out, "--json"]))["timings"]
-        training_ns = max(of["wall_ns"] for of in timings if of["stage"] == "learn")
+        training_ns = max(row["wall_ns"] for row in timings if row["stage"] == "learn")
         write("kitti", {"engine": "tract", "training_minutes": round(training_ns / 60e9), "minutes": minutes})
 
 

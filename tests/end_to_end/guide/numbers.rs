@@ -144,10 +144,10 @@ impl Kitti {
         text
     }
 
-    fn difference<'a>(&self, of: &'a [Row], metric: &str) -> &'a Row {
+    fn difference<'a>(&self, rows: &'a [Row], metric: &str) -> &'a Row {
         let is_wanted =
             |row: &&Row| row["score"] == metric && row["variant"] == "no_scaling" && row["estimate"] == "fused";
-        of.iter().find(is_wanted).expect("a difference")
+        rows.iter().find(is_wanted).expect("a difference")
     }
 
     fn differences(&self) -> String {
@@ -180,23 +180,23 @@ fn marked(value: f64, all: impl Iterator<Item = f64>, more_is_better: bool, deci
     if value == best { format!("**{value:.decimals$}**") } else { format!("{value:.decimals$}") }
 }
 
-fn text(of: &Json) -> &str {
-    of.as_str().unwrap_or_else(|| panic!("{of}: expected a text"))
+fn text(value: &Json) -> &str {
+    value.as_str().unwrap_or_else(|| panic!("{value}: expected a text"))
 }
 
-fn conditions(of: &Json) -> String {
+fn conditions(measured: &Json) -> String {
     format!(
         "Computed on {} with {} on {}. Training took {} of {} minutes.\n",
-        text(&of["date"]),
-        text(&of["engine"]),
-        text(&of["machine"]),
-        of["training_minutes"],
-        of["minutes"]
+        text(&measured["date"]),
+        text(&measured["engine"]),
+        text(&measured["machine"]),
+        measured["training_minutes"],
+        measured["minutes"]
     )
 }
 
-fn first_build(of: &Json) -> String {
-    let (build, table1) = (&of["build"], &of["table1"]);
+fn first_build(measured: &Json) -> String {
+    let (build, table1) = (&measured["build"], &measured["table1"]);
     format!(
         "The first build takes about {} minutes on {} and up to {} GB of disk; the experiment takes about {} seconds.\n",
         build["minutes"],
@@ -206,8 +206,8 @@ fn first_build(of: &Json) -> String {
     )
 }
 
-fn build_time(of: &Json) -> String {
-    let build = &of["build"];
+fn build_time(measured: &Json) -> String {
+    let build = &measured["build"];
     format!(
         "The first build takes about {} minutes on {} and up to {} GB of disk for the folder `target/`, because it\ncompiles polars, burn and tract.\n",
         build["minutes"],
@@ -216,8 +216,8 @@ fn build_time(of: &Json) -> String {
     )
 }
 
-fn speed(of: &Json) -> String {
-    let (speed, table1) = (&of["speed"], &of["table1"]);
+fn speed(measured: &Json) -> String {
+    let (speed, table1) = (&measured["speed"], &measured["table1"]);
     let pair = |name: &str| (&speed["ms"][name][0], &speed["ms"][name][1]);
     let (sgbm, hh, bm, fusion) = (pair("sgbm"), pair("hh"), pair("bm"), pair("fusion"));
     format!(
@@ -240,8 +240,8 @@ fn speed(of: &Json) -> String {
     )
 }
 
-fn memory(of: &Json) -> String {
-    let table1 = &of["table1"];
+fn memory(measured: &Json) -> String {
+    let table1 = &measured["table1"];
     format!(
         "The peak for `experiments/table1.yaml` with {} workers, training included, is {} MB ({}).\n",
         table1["workers"],
