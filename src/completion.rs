@@ -37,18 +37,18 @@ pub(crate) fn experiments() -> PathCompleter {
 }
 
 /// Runs in the folder of runs by name, folders, and recordings.
-pub(crate) fn runs(begun: &OsStr) -> Vec<CompletionCandidate> {
-    let paths = PathCompleter::any().filter(|path| path.is_dir() || has_ending(path, &["mcap"])).complete(begun);
+pub(crate) fn runs(prefix: &OsStr) -> Vec<CompletionCandidate> {
+    let paths = PathCompleter::any().filter(|path| path.is_dir() || has_ending(path, &["mcap"])).complete(prefix);
     let named = depthloom_runs::all(&runs_folder()).unwrap_or_default();
     let names = named.into_iter().rev().map(|run| run.name).chain(["@latest".to_owned()]);
-    let begins = |name: &String| begun.to_str().is_some_and(|begun| name.starts_with(begun));
+    let begins = |name: &String| prefix.to_str().is_some_and(|prefix| name.starts_with(prefix));
     names.filter(begins).map(CompletionCandidate::new).chain(paths).collect()
 }
 
 /// Runs, and ONNX files.
-pub(crate) fn inspectable(begun: &OsStr) -> Vec<CompletionCandidate> {
-    let networks = PathCompleter::any().filter(|path| has_ending(path, &["onnx", "db3"])).complete(begun);
-    runs(begun).into_iter().chain(networks).collect()
+pub(crate) fn inspectable(prefix: &OsStr) -> Vec<CompletionCandidate> {
+    let networks = PathCompleter::any().filter(|path| has_ending(path, &["onnx", "db3"])).complete(prefix);
+    runs(prefix).into_iter().chain(networks).collect()
 }
 
 /// The folder of runs: that of `--runs` on the command line that is being completed, or the default.

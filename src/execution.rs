@@ -87,11 +87,11 @@ pub(crate) fn carry_out(
     let plan = ready.plan.clone();
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     print_warnings(args, &of_sources);
-    let (folder, begun) = make_folder(args, &plan, &kept, &read)?;
+    let (folder, resumable) = make_folder(args, &plan, &kept, &read)?;
     let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &args.folder.path(), &plan);
     let unreadable = reuse::unreadable(&earlier);
     print_warnings(args, &unreadable);
-    let begun = Reusable { begun, earlier }.verified(args, &folder, &ready, remote.is_some())?;
+    let resumable = Reusable { resumable, earlier }.verified(args, &folder, &ready, remote.is_some())?;
     let mut options = options(args, &folder);
     if let Some(RemoteNodes { workers, window, .. }) = remote {
         (options.workers, options.window) = (*workers, Some(*window));
@@ -99,7 +99,7 @@ pub(crate) fn carry_out(
 
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
-    let recorded = record(ready, &plan, args, &options, (&folder, &partial), begun, interrupt, &stopped, remote);
+    let recorded = record(ready, &plan, args, &options, (&folder, &partial), resumable, interrupt, &stopped, remote);
     let Recorded { failed, warnings, checkpoints, reused, prepared, has_printed } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, remote.is_some())),
@@ -189,31 +189,31 @@ fn record<'a>(
     args: &RunArgs,
     options: &Options,
     (folder, partial): (&RunFolder, &'a Path),
-    begun: Reusable,
+    resumable: Reusable,
     interrupt: &Interrupt,
     stopped: &'a (dyn Fn() -> bool + Sync),
     remote: Option<&RemoteNodes<'_>>,
 ) -> Result<Recorded<'a>, EarlyEnd> {
-    let Reusable { begun, earlier } = begun;
+    let Reusable { resumable, earlier } = resumable;
     let earlier = Arc::new(earlier);
-    let recorder = match &begun {
-        Some(begun) => Recorder::resume(begun, plan),
+    let recorder = match &resumable {
+        Some(resumable) => Recorder::resume(resumable, plan),
         None => Recorder::create(folder.file(RECORDING), plan),
     };
     let recorder = recorder.map_err(|error| EarlyEnd {
         why: CliError::remedied(ExitCode::Engine, "failed to start the recording", &error),
         // What an earlier process wrote stays.
-        frames: begun.as_ref().map_or(0, |begun| reuse::frames(begun)),
+        frames: resumable.as_ref().map_or(0, |resumable| reuse::frames(resumable)),
         is_suspect: false,
     })?;
     // Values of remote nodes are not looked up in earlier runs: their keys come with them.
     let recorder = if remote.is_none() { recorder.with_earlier(Arc::clone(&earlier)) } else { recorder };
     let recorder = recorder.durable(args.durable);
-    if begun.is_some() && !is_silent(args) {
+    if resumable.is_some() && !is_silent(args) {
         let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
         say(format_args!("resuming {partial} after {frames}"));
     }
-    if let Some(Condition::Damaged { offset, what, .. }) = begun.as_ref().map(|begun| begun.condition()) {
+    if let Some(Condition::Damaged { offset, what, .. }) = resumable.as_ref().map(|resumable| resumable.condition()) {
         let partial = folder.partial.display();
         print_warnings(args, &[format!("recomputing the frames of {partial} after byte {offset}: {what}")]);
     }

@@ -25,8 +25,8 @@ pub(crate) struct VerifyArgs {
 
     /// Accept differences up to this size (default: 0). Can be repeated.
     ///
-    /// The unit is that of the values. The limit applies to one type of values, `depth=0.001` (metres),
-    /// `disparity=0.0625` (pixels), `weight`, `image` and so on, or to all types: `1e-6`. A valid pixel and an
+    /// The unit is that of the values. The limit applies to one value type, `depth=0.001` (metres),
+    /// `disparity=0.0625` (pixels), `weight`, `image` and others, or to all types: `1e-6`. A valid pixel and an
     /// invalid one always differ.
     #[arg(long, value_name = "[TYPE=]LIMIT", value_parser = Tolerance::parse)]
     pub tolerance: Vec<Tolerance>,

@@ -75,7 +75,7 @@ pub(crate) struct RunArgs {
 
     /// Continue after a frame failed.
     ///
-    /// What depends on the frame is left out, and means are over the frames common to all. An ordered node that failed does
+    /// What depends on the frame is left out, and means use the frames common to all. An ordered node that failed does
     /// not run on later frames; one with aggregate outputs ends the run.
     #[arg(long)]
     pub keep_going: bool,

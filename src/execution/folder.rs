@@ -23,7 +23,7 @@ pub(super) fn make_folder(
     read: &[PathBuf],
 ) -> Result<(RunFolder, Option<Arc<Recording>>), CliError> {
     let mut recording = None;
-    let begun = |partial: &Path| {
+    let resumable = |partial: &Path| {
         let path = partial.join(RECORDING);
         // A run that ended before it recorded anything again leaves only what was set aside: no frame of that is lost.
         let nothing = || match Recording::open(partial.join(OUTDATED)) {
@@ -52,7 +52,7 @@ pub(super) fn make_folder(
             let what = format!("the output folder `{}` is not UTF-8, which --json needs", out.display());
             return Err(CliError::usage(what, "choose another --out, or leave --json out"));
         }
-        Some(out) => RunFolder::create(out, args.overwrite, read, begun)?,
+        Some(out) => RunFolder::create(out, args.overwrite, read, resumable)?,
         None => RunFolder::create_new(&args.folder.path().join(&plan.experiment), &environment::utc_stamp())?,
     };
     match write_experiment(&folder, kept, read) {
@@ -86,7 +86,7 @@ fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathB
 
 pub(super) struct Reusable {
     /// The recording of an interrupted process of the same run, which resumes after it.
-    pub(super) begun: Option<Arc<Recording>>,
+    pub(super) resumable: Option<Arc<Recording>>,
     pub(super) earlier: EarlierRuns,
 }
 
@@ -100,13 +100,13 @@ impl Reusable {
         ready: &Ready,
         is_remote: bool,
     ) -> Result<Self, CliError> {
-        let Self { begun: Some(recording), earlier } = self else { return Ok(self) };
+        let Self { resumable: Some(recording), earlier } = self else { return Ok(self) };
         let outdated = if is_remote {
             Some("dora computes all values again".to_owned())
         } else {
             reuse::outdated(ready, &earlier, &recording)?
         };
-        let Some(why) = outdated else { return Ok(Self { begun: Some(recording), earlier }) };
+        let Some(why) = outdated else { return Ok(Self { resumable: Some(recording), earlier }) };
         drop((recording, earlier));
         let partial = folder.partial.display();
         print_warnings(
@@ -118,7 +118,7 @@ impl Reusable {
             CliError::of_writing(ExitCode::Engine, format_args!("failed to rename {}", recording.display()), &error)
         })?;
         Ok(Self {
-            begun: None,
+            resumable: None,
             earlier: reuse::earlier_runs(args.is_fresh(), folder, &args.folder.path(), &ready.plan),
         })
     }

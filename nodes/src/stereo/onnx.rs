@@ -33,11 +33,11 @@ impl Node for StereoOnnx {
             doc: "\
 **Input.** Both images are brought to the network's size, scaled to [0, `white`], and normalised by `mean` and \
 `std`. The network has one input per image, or one input that takes both images as channels (six, or two for grey). \
-With `fit: pad`, rows and columns are added up to the next `multiple` and removed from the output; no pixel disparities the \
+With `fit: pad`, rows and columns are added up to the next `multiple` and removed from the output; no pixel of the \
 image is changed. With `fit: resize`, images are resized, the output is resized back (bilinear, half-pixel centres), \
-and disparities are scaled by the ratio disparities the widths.\n\n\
+and disparities are scaled by the ratio of the widths.\n\n\
 A map smaller than the network's input, for example by its stride, is first enlarged to it; its values stay \
-unchanged. Use `output_scale: 4` if they are pixels disparities a quarter-size image.\n\n\
+unchanged. Use `output_scale: 4` if they are pixels of a quarter-size image.\n\n\
 **Output.** `disparity` has the network's own numbers, and metrics use them unrounded; checks and filters round them \
 to 1/16 px. `depth` is computed from the same numbers: `Z = min(f * B / (d + doffs), cap)`. A pixel is invalid where \
 the network returns NaN or infinity, where the disparity is below `min_disparity`, or where `d + doffs <= 0`.\n\n\
@@ -46,7 +46,7 @@ output, mirrored back, is the right image's disparity, negative, as `disparity/l
 are one batch if the model's batch size is open or 2.\n\n\
 **Model.** Inputs may be f32, f16 or u8, outputs f32, f16 or f64. The model is a file (`model: { file: net.onnx }`) \
 with its weights inside. `depthloom inspect FILE` prints its inputs and outputs and the lines for an experiment. \
-Engines, providers and cache keys are those disparities `mono/onnx`.",
+Engines, providers and cache keys are those of `mono/onnx`.",
             inputs,
             outputs,
         }

@@ -26,7 +26,7 @@ pub(crate) fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
     };
     let bar = bar(args.quiet, u64::from(args.frames), "{bar:30} {pos}/{len} frames  {eta} left");
     let (budget, interrupt) =
-        (Budget::new(environment::cores()), signals::listen("stopping: frames begun are finished")?);
+        (Budget::new(environment::cores()), signals::listen("stopping: started frames are finished")?);
     let _own = budget.permit();
     let renderer = Renderer { bar: &bar, interrupt, budget: &budget, has_begun: AtomicBool::new(false) };
     let frames = kitti_layout::write(&args.out, &params, &renderer).map_err(|fault| {

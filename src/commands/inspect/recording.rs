@@ -52,7 +52,7 @@ pub(crate) struct Info {
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Topic {
     topic: String,
-    /// The type of the port's values; for other topics, their purpose.
+    /// The value type of the port; for other topics, their purpose.
     #[serde(rename = "type")]
     carries: String,
     schema: String,
