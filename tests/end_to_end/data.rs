@@ -418,7 +418,7 @@ fn frames_missing_from_a_truncated_recording_are_a_fault() {
     let cut = rig.path("cut.mcap");
     let root = cut.display().to_string();
     fs::write(&cut, &recording[..recording.len() / 2]).expect("written");
-    let (code, text) = data_of(&rig, &[&root]);
+    let (code, text) = data_of(&rig, &[&root, "--as-source"]);
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("  wrong        ROOT/cut.mcap is unfinished: its last "), "{text}");
     assert!(
@@ -442,7 +442,7 @@ fn frames_missing_from_a_truncated_recording_are_a_fault() {
         [(recording.len() / 40, "has no complete frame of stage `look`: it is unfinished"), (60, "it has no plan")]
     {
         fs::write(&cut, &recording[..bytes]).expect("written");
-        let (code, text) = data_of(&rig, &[&root]);
+        let (code, text) = data_of(&rig, &[&root, "--as-source"]);
         assert_eq!(code, Some(2), "{text}");
         assert!(text.contains(message) && text.contains("    help       ") && !text.contains("sources:"), "{text}");
         assert!(text.contains("error: ROOT/cut.mcap: no frame can be read\n"), "{text}");
