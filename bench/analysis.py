@@ -34,7 +34,7 @@ def make(path, samples):
                 "stage": "compare",
                 "variant": label.split("/")[0] if "/" in label else None,
                 "estimate": label.split("/")[-1],
-                "scoring": "preset paper",
+                "scoring": "preset martins2018",
                 "factors": [],
             }
             for label in ESTIMATES
@@ -52,7 +52,7 @@ def make(path, samples):
             rows = min(A_FRAME, samples - frame * A_FRAME)
             truth = (60 * random.random(rows, np.float32) ** 2).clip(0.01, 59.99)
             at = random.integers(0, 1242 * 375, rows)
-            table = [["compare"] * rows, ["preset paper"] * rows, np.full(rows, frame, np.uint32), [f"{frame:06d}_10"] * rows]
+            table = [["compare"] * rows, ["preset martins2018"] * rows, np.full(rows, frame, np.uint32), [f"{frame:06d}_10"] * rows]
             table += [(at % 1242).astype(np.uint32), (at // 1242).astype(np.uint32), truth]
             for place in range(len(ESTIMATES)):
                 estimate = truth * (1 + (0.05 + 0.01 * place) * random.standard_normal(rows, np.float32))

@@ -15,7 +15,7 @@ fi
 build
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-"$programs/depthloom" run experiments/table1.yaml --quiet --fresh --no-page --out "$work/run" --set sources.train.with.frames=0..8 --set learn.teacher.with.steps=60 \
+"$programs/depthloom" run experiments/table1.yaml --quiet --fresh --no-page --out "$work/run" --set sources.train.with.frames=0..8 --set learn.train.with.steps=60 \
   --set "sources.test.with.frames=0..$frames" >/dev/null
 report() { # NAME ARGUMENTS...
   local name=$1

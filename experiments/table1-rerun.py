@@ -25,7 +25,7 @@ VIEWS = {
     "weight": "/compare/view/weight.weight",
 }
 SCORES = {"mono": "/compare/full/score.mono/rows", "fused": "/compare/full/score.fused/rows"}
-CURVE = "/learn/teacher/curve"
+CURVE = "/learn/train/curve"
 
 
 def series(name, schema, field):

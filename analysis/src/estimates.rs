@@ -121,7 +121,7 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
             estimate_topic: estimate.estimate_topic.clone(),
             truth_topic: estimate.truth_topic.clone(),
             scored_output: from("estimate"),
-            truth_output: from("truth"),
+            truth_output: from("ground_truth"),
         };
         ordered.push((place, estimate));
     }
@@ -168,7 +168,7 @@ pub(crate) fn check_patterns(patterns: &str, estimates: &[Estimate]) -> Result<(
     }
 }
 
-/// Describes the scoring: `preset paper`, `preset paper with max_m 50 and crop garg`. Parameters that only select rows are
+/// Describes the scoring: `preset martins2018`, `preset martins2018 with max_m 50 and crop garg`. Parameters that only select rows are
 /// not included.
 fn preset(params: &serde_json::Value) -> String {
     const ROWS: [&str; 5] = ["preset", "sets", "metrics", "zones", "mean"];
@@ -226,7 +226,7 @@ impl Estimate {
             metrics: Family::Depth.defaults(),
             mean: Mean::Frames,
             settings: Some(Settings::default()),
-            preset: "preset paper".to_owned(),
+            preset: "preset martins2018".to_owned(),
             score_topic: None,
             estimate_topic: None,
             truth_topic: None,
@@ -274,7 +274,7 @@ mod tests {
     #[test]
     fn fault_11_invalid_recorded_settings_are_refused_by_name() {
         let refused = |name: &str, value: serde_json::Value| {
-            let mut params = json!({ "preset": "paper", "sets": ["all"] });
+            let mut params = json!({ "preset": "martins2018", "sets": ["all"] });
             params[name] = value;
             settings(&params).unwrap_err()
         };
@@ -287,13 +287,13 @@ mod tests {
     #[test]
     fn fault_11_an_estimate_of_a_missing_variant_is_an_error() {
         let mut plan = json!({
-            "experiment": "x", "about": "", "variants": ["a", "b"], "every": 1, "view": false,
+            "experiment": "x", "description": "", "variants": ["a", "b"], "every": 1, "view": false,
             "runs": [{
                 "stage": "s", "prefix": "/s", "variants": [0], "nodes": [],
                 "source": { "name": "street", "parts": [], "outputs": [] },
                 "estimates": [{
                     "label": "b/mono", "name": "mono", "variant": 1, "estimate_topic": null, "truth_topic": null,
-                    "score_topic": null, "score_node": 7, "score_params": { "preset": "paper", "sets": ["all"] },
+                    "score_topic": null, "score_node": 7, "score_params": { "preset": "martins2018", "sets": ["all"] },
                 }],
             }],
         });
@@ -306,8 +306,8 @@ mod tests {
 
     #[test]
     fn settings_of_a_later_version_are_refused_by_name() {
-        let mut params = json!({ "preset": "paper", "sets": ["all"] });
-        assert_eq!(settings(&params), Ok((vec![PixelSet::All], Preset::Paper.settings())));
+        let mut params = json!({ "preset": "martins2018", "sets": ["all"] });
+        assert_eq!(settings(&params), Ok((vec![PixelSet::All], Preset::Martins2018.settings())));
         params["crop"] = json!("benchmark");
         assert_eq!(
             settings(&params),
@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn fault_11_settings_that_no_experiment_can_have_are_refused() {
-        let fine = json!({ "preset": "paper", "sets": ["all"] });
+        let fine = json!({ "preset": "martins2018", "sets": ["all"] });
         let with = |name: &str, value: serde_json::Value| {
             let mut params = fine.clone();
             params[name] = value;

@@ -230,11 +230,11 @@ fn facts(
     {
         fact("the paper", format!("{number:.2} in Table I of Martins et al. 2018"), None);
     }
-    let paper = Preset::Paper.settings();
+    let paper = Preset::Martins2018.settings();
     let formula = |settings: &Settings| metric.formula_with(settings).to_owned();
     fact("formula", formula(&estimate.settings.unwrap_or_default()), paper_fact(formula(&paper)));
     fact("after", metric.source.to_owned(), None);
-    fact("scored with", estimate.preset.clone(), paper_fact("preset paper".to_owned()));
+    fact("scored with", estimate.preset.clone(), paper_fact("preset martins2018".to_owned()));
     let pixels = match zone {
         "" => pixels_in_words(set).to_owned(),
         zone => format!("{} of zone {zone}", pixels_in_words(set)),

@@ -74,7 +74,7 @@ fn written(
     notes.extend(summary.notes.iter().cloned());
     let mut data = json!({
         "experiment": plan.experiment,
-        "about": plan.about,
+        "description": plan.description,
         "depthloom": env!("CARGO_PKG_VERSION"),
         "variants": plan.variants.len(),
         "condition": summary.recording,

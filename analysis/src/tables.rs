@@ -61,7 +61,7 @@ pub struct Table {
     pub(crate) about: String,
     /// The LaTeX label, after `tab:`.
     pub(crate) label: String,
-    /// The LaTeX caption; `None`: `about` and notes.
+    /// The LaTeX caption; `None`: `description` and notes.
     pub(crate) caption: Option<String>,
     pub(crate) columns: Vec<Column>,
     pub(crate) orientation: Orientation,

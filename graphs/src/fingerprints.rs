@@ -81,7 +81,7 @@ mod tests {
         let once = Some(Origin::Once { run: RunId(0), node: NodeId(1), port: PortId(0) });
         Plan {
             experiment: "any".to_owned(),
-            about: String::new(),
+            description: String::new(),
             variants: vec![String::new()],
             factors: Vec::new(),
             runs: vec![

@@ -16,7 +16,7 @@ pub struct Plan {
     /// The experiment's name.
     pub experiment: String,
     /// Its description.
-    pub about: String,
+    pub description: String,
     /// The variants' names, in the order of the file; one empty name if it declares none.
     pub variants: Vec<String>,
     /// By variant, the values of the axes of `matrix`; empty without a matrix.

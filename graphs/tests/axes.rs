@@ -13,7 +13,7 @@ const BASE: &str = concat!(
       right: { kind: stereo/sgbm, inputs: { left: source/right, right: source/left } }
       depth: { kind: depth/from-disparity, inputs: { disparity: left/disparity, calibration: source/calibration } }
       merged: { kind: depth/from-disparity, inputs: { disparity: right/disparity, calibration: source/calibration } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth, other: merged/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth, other: merged/depth } }
 "
 );
 
@@ -75,7 +75,7 @@ fn factors(plan: &Plan, variant: usize) -> Vec<String> {
 fn linked_paths_take_one_value() {
     let plan = plan(
         "matrix:
-  block: { set: [compare.left.with.block, compare.right.with.block], values: [3, 9] }
+  block: { paths: [compare.left.with.block, compare.right.with.block], values: [3, 9] }
   compare.left.with.disparities: [32, 64]
 ",
     );
@@ -95,7 +95,7 @@ fn named_values_are_maps_of_changes() {
     values:
       weak: { compare.left.with.p1: 100, compare.right.with.p1: 50 }
       strong: { compare.left.with.p1: 250 }
-  where: { set: compare.left.with.block, values: { narrow: 3, wide: 9 } }
+  where: { paths: compare.left.with.block, values: { narrow: 3, wide: 9 } }
   exclude: [ { penalties: weak, where: wide } ]
   include: [ { penalties: strong, compare.left.with.block: 7 } ]
 ",
@@ -116,7 +116,7 @@ fn named_values_are_maps_of_changes() {
 #[test]
 fn an_axis_with_a_condition_is_elsewhere_not_there() {
     let matrix = "matrix:
-  mode: { set: [compare.left.with.mode, compare.right.with.mode], values: [sgbm, hh] }
+  mode: { paths: [compare.left.with.mode, compare.right.with.mode], values: [sgbm, hh] }
   compare.left.with.p1: { values: [100, 400], when: { mode: hh } }
   compare.left.with.p2: { values: [900, 1600], when: { compare.left.with.p1: [400, 500] } }
 ";
@@ -151,27 +151,27 @@ fn an_axis_that_is_nowhere_there_is_told_of() {
     assert_eq!(said(&beside_others, &[]), (3, String::new()));
     // The command line may leave out the value that a condition speaks of; the file may not.
     let of_axis = "matrix:
-  mode: { set: compare.left.with.mode, values: [sgbm, hh] }
+  mode: { paths: compare.left.with.mode, values: [sgbm, hh] }
   compare.left.with.p1: { values: [100, 400], when: { mode: hh } }
 ";
     let (count, warnings) = said(of_axis, &["mode=[sgbm]"]);
     assert!(count == 1 && warnings.contains(never), "{count} {warnings}");
     // Of another kind the parameter is another one.
-    let of_kind = "variants: { road: {}, kitti: { sources.test.kind: kitti/stereo2015, sources.test.with: { root: data, truth: occ } } }
-matrix: { compare.left.with.block: { values: [3, 7], when: { sources.test.with.truth: occ } } }
+    let of_kind = "variants: { road: {}, kitti: { sources.test.kind: kitti/stereo2015, sources.test.with: { root: data, ground_truth: occ } } }
+matrix: { compare.left.with.block: { values: [3, 7], when: { sources.test.with.ground_truth: occ } } }
 ";
-    assert!(refused(of_kind).contains("nothing sets `sources.test.with.truth`"), "{}", refused(of_kind));
+    assert!(refused(of_kind).contains("nothing sets `sources.test.with.ground_truth`"), "{}", refused(of_kind));
 }
 
 #[test]
 fn a_condition_looks_at_what_is_above_it_or_written() {
     let below = "matrix:
   compare.left.with.p1: { values: [100, 400], when: { mode: hh } }
-  mode: { set: compare.left.with.mode, values: [sgbm, hh] }
+  mode: { paths: compare.left.with.mode, values: [sgbm, hh] }
 ";
     assert!(refused(below).contains("move that axis above this one"), "{}", refused(below));
     let misspelt = "matrix:
-  mode: { set: compare.left.with.mode, values: [sgbm, hh] }
+  mode: { paths: compare.left.with.mode, values: [sgbm, hh] }
   compare.left.with.p1: { values: [100, 400], when: { mod: hh } }
 ";
     assert!(refused(misspelt).contains("did you mean `mode`?"), "{}", refused(misspelt));
@@ -232,7 +232,7 @@ fn a_sample_draws_some_of_all_combinations_always_alike() {
             "matrix:
   compare.depth.with.cap: {{ from: 20, to: 80 }}
   compare.left.with.p1: {{ from: 10, to: 700 }}
-  mode: {{ set: compare.left.with.mode, values: [sgbm, hh] }}
+  mode: {{ paths: compare.left.with.mode, values: [sgbm, hh] }}
   sample: {sample}
 "
         )
@@ -287,7 +287,7 @@ fn the_command_line_adds_and_replaces_axes() {
     assert_eq!(set("", &["matrix.compare.left.with.block=[3, 9]"]).unwrap(), ["block=3", "block=9"]);
     let both = ["matrix.compare.left.with.block=[3]", "matrix.compare.depth.with.cap={ from: 50, to: 80, steps: 2 }"];
     assert_eq!(set("", &both).unwrap(), ["block=3+cap=50", "block=3+cap=80"]);
-    let named = "matrix: { block: { set: [compare.left.with.block, compare.right.with.block], values: [3, 9] } }\n";
+    let named = "matrix: { block: { paths: [compare.left.with.block, compare.right.with.block], values: [3, 9] } }\n";
     assert_eq!(set(named, &["matrix.block=[7]"]).unwrap(), ["block=7"], "it keeps what it sets");
     assert_eq!(set(named, &["matrix.block=null"]).unwrap(), [""]);
     assert!(set(named, &["matrix.blok=[7]"]).unwrap_err().contains("did you mean `block`?"));
@@ -300,7 +300,7 @@ fn the_command_line_adds_and_replaces_axes() {
 #[test]
 fn the_command_line_changes_what_an_axis_and_a_sample_say() {
     let set = |more: &str, set: &[&str]| try_load(more, set, &[]).map(|loaded| loaded.plan.variants);
-    let linked = "matrix: { block: { set: [compare.left.with.block, compare.right.with.block], values: [3, 9] } }\n";
+    let linked = "matrix: { block: { paths: [compare.left.with.block, compare.right.with.block], values: [3, 9] } }\n";
     assert_eq!(set(linked, &["matrix.block.values=[5,7]"]).unwrap(), ["block=5", "block=7"]);
     let of_paths = "matrix: { compare.left.with.block: { values: [3, 9] }, compare.left.with.mode: [sgbm, hh] }\n";
     let both = ["matrix.compare.left.with.block.values=[7]", "matrix.compare.left.with.mode.values=[hh]"];
@@ -335,7 +335,7 @@ stages:
       right: { kind: stereo/sgbm, inputs: { left: source/right, right: source/left } }
       depth: { kind: depth/from-disparity, inputs: { disparity: left/disparity, calibration: source/calibration } }
       marked: { kind: confidence/edges, inputs: { image: source/left } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 record: [compare.marked, \"*/weight\"]
 variants:
   lr: { compare.depth.inputs.disparity: right/disparity, compare.source: other, compare.marked.kind: confidence/sobel }
@@ -480,10 +480,10 @@ fn a_stage_that_learns_for_nobody_is_told_of() {
     assert_eq!(warned(&first), ["nothing uses what stage `learn` learns"]);
     let wired = first.replace(
         "    score: {",
-        "      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.teacher/model } }\n    score: {",
+        "      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.train/model } }\n    score: {",
     );
     assert_eq!(warned(&wired), [""; 0]);
-    assert_eq!(warned(&format!("{first}record: [learn.teacher/model, '*/depth']\n")), [""; 0], "it is asked for");
+    assert_eq!(warned(&format!("{first}record: [learn.train/model, '*/depth']\n")), [""; 0], "it is asked for");
     assert_eq!(warned(&format!("{BASE}{learn}")), [""; 0], "what is learned last is what it is for");
 }
 

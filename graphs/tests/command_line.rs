@@ -13,7 +13,7 @@ const BASE: &str = concat!(
     compare!(),
     "      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 "
 );
 
@@ -162,7 +162,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
       median: { kind: filter/median, inputs: { depth: depth/depth } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 matrix: { compare.stereo.with.block: [3, 9] }
 "
 );

@@ -31,7 +31,7 @@ fn plan_of(text: &str, set: &[(&str, &str)]) -> Result<Plan, String> {
     loaded(&folder.path().join("main.yaml"), set, "/data").map(|loaded| loaded.plan)
 }
 
-/// An experiment whose `teacher` has an optional parameter, and whose `weight` has an optional input.
+/// An experiment whose `train` has an optional parameter, and whose `weight` has an optional input.
 fn learning(weights: &str, mask: &str, more: &str) -> String {
     format!(
         "experiment: learning
@@ -43,9 +43,9 @@ stages:
       stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}
       edges: {{ kind: confidence/edges, inputs: {{ image: source/left }} }}
       samples: {{ kind: learn/samples, inputs: {{ image: source/left, target: stereo/disparity, mask: edges/mask }} }}
-      teacher: {{ kind: learn/ssl, inputs: {{ samples: samples/samples }}, with: {{ {weights} }} }}
+      train: {{ kind: learn/ssl, inputs: {{ samples: samples/samples }}, with: {{ {weights} }} }}
       weight: {{ kind: confidence/sobel, inputs: {{ image: source/left, {mask} }} }}
-record: [learn.weight/weight, learn.teacher/model]
+record: [learn.weight/weight, learn.train/model]
 {more}"
     )
 }
@@ -92,7 +92,7 @@ fn fault_15_variants_are_named_by_the_file_not_by_the_machine() {
     let text = learning(
         "",
         "mask: edges/mask",
-        "matrix: { learn.teacher.with.weights: ['${DATA}/a.onnx', '${DATA:-x}/b.onnx', near/c.onnx, '$${x'] }",
+        "matrix: { learn.train.with.weights: ['${DATA}/a.onnx', '${DATA:-x}/b.onnx', near/c.onnx, '$${x'] }",
     );
     let folder = folder(&[("main.yaml", &text)]);
     let names = |data: &str| loaded(&folder.path().join("main.yaml"), &[], data).expect("right").plan.variants;
@@ -104,7 +104,7 @@ fn fault_15_variants_are_named_by_the_file_not_by_the_machine() {
 #[test]
 fn fault_26_null_means_none_wherever_it_is_written() {
     let weights = |plan: &Plan, node: usize| {
-        let nodes: Vec<_> = plan.runs[0].nodes.iter().filter(|node| node.name == "teacher").collect();
+        let nodes: Vec<_> = plan.runs[0].nodes.iter().filter(|node| node.name == "train").collect();
         nodes[node].params["weights"].clone()
     };
     let mask = |plan: &Plan, node: usize| {
@@ -115,9 +115,9 @@ fn fault_26_null_means_none_wherever_it_is_written() {
     let plan = plan_of(&learning(some, wired, ""), &[]).expect("right");
     assert!(weights(&plan, 0).is_string() && mask(&plan, 0));
     let in_the_file = plan_of(&learning("weights: null", "mask: null", ""), &[]).expect("right");
-    let set = [("learn.teacher.with.weights", "null"), ("learn.weight.inputs.mask", "null")];
+    let set = [("learn.train.with.weights", "null"), ("learn.weight.inputs.mask", "null")];
     let on_the_command_line = plan_of(&learning(some, wired, ""), &set).expect("right");
-    let variants = "variants: { full: {}, none: { learn.teacher.with.weights: null, learn.weight.inputs.mask: ~ } }";
+    let variants = "variants: { full: {}, none: { learn.train.with.weights: null, learn.weight.inputs.mask: ~ } }";
     let in_a_variant = plan_of(&learning(some, wired, variants), &[]).expect("right");
     for (plan, node) in [(&in_the_file, 0), (&on_the_command_line, 0), (&in_a_variant, 1)] {
         assert!(weights(plan, node).is_null() && !mask(plan, node), "{:?}", plan.variants);
@@ -127,9 +127,9 @@ fn fault_26_null_means_none_wherever_it_is_written() {
     // What cannot be none is refused alike.
     let cannot = "`steps` must be a whole number, not nothing";
     assert!(plan_of(&learning("steps: null", wired, ""), &[]).expect_err("in the file").contains(cannot));
-    let set = [("learn.teacher.with.steps", "null")];
+    let set = [("learn.train.with.steps", "null")];
     assert!(plan_of(&learning("steps: 5", wired, ""), &set).expect_err("by --set").contains(cannot));
-    let variants = "variants: { none: { learn.teacher.with.steps: null } }";
+    let variants = "variants: { none: { learn.train.with.steps: null } }";
     assert!(plan_of(&learning("steps: 5", wired, variants), &[]).expect_err("in a variant").contains(cannot));
     let set = [("learn.weight.inputs.image", "null")];
     assert!(plan_of(&learning("", wired, ""), &set).expect_err("needed").contains("the input `image` (image)"));
@@ -146,7 +146,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
       fused: { kind: filter/median, inputs: { depth: depth/depth } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth, fused: fused/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth, fused: fused/depth } }
 ";
 
 #[test]
@@ -191,7 +191,7 @@ stages:
     let files =
         [("exps/main.yaml", main), ("base.yaml", &base), ("exps/graph.yaml", graph), ("exps/parts/more.yaml", more)];
     let project = folder(&files);
-    let set = [("learn.teacher.with.steps", "7")];
+    let set = [("learn.train.with.steps", "7")];
     let first = loaded(&project.path().join("exps/main.yaml"), &set, "").unwrap_or_else(|said| panic!("{said}"));
     let names: Vec<&str> = first.kept.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names.len(), 5, "{names:?}");
@@ -229,17 +229,17 @@ stages: { learn: { nodes: { graph: parts/graph.yaml } } }
 
 #[test]
 fn what_a_stranger_writes_large_is_refused_before_it_fills_the_memory() {
-    let deep = format!("learn.teacher.with{}", ".x".repeat(20_000));
+    let deep = format!("learn.train.with{}", ".x".repeat(20_000));
     let said = plan_of(&learning("", "mask: edges/mask", ""), &[(&deep, "1")]).expect_err("too deep");
     assert!(said.contains("the path is deeper than 32 keys"));
-    let axes: String = (0..5000).map(|i| format!("  learn.teacher.with.p{i}: [1]\n")).collect();
+    let axes: String = (0..5000).map(|i| format!("  learn.train.with.p{i}: [1]\n")).collect();
     let text = learning(
         "",
         "mask: edges/mask",
-        &format!("matrix:\n  learn.teacher.with.batch: [{}]\n{axes}", "1,".repeat(9000)),
+        &format!("matrix:\n  learn.train.with.batch: [{}]\n{axes}", "1,".repeat(9000)),
     );
     assert!(plan_of(&text, &[]).expect_err("too many").contains("a matrix of 5001 paths: more than 64"));
-    let changes: String = (0..5000).map(|i| format!("    learn.teacher.with.p{i}: 1\n")).collect();
+    let changes: String = (0..5000).map(|i| format!("    learn.train.with.p{i}: 1\n")).collect();
     let text = learning("", "mask: edges/mask", &format!("variants:\n  full:\n{changes}"));
     assert!(plan_of(&text, &[]).expect_err("too many").contains("changes more than 1000 paths"));
     let nodes: String = (0..9000).map(|i| format!("  n{i}: {{ kind: filter/median }}\n")).collect();

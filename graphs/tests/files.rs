@@ -39,7 +39,7 @@ fn a_device_without_an_end_is_not_read() {
 #[test]
 fn a_file_with_too_many_values_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let text = format!("experiment: large\nabout: [{}]\n", "1,".repeat(200_000));
+    let text = format!("experiment: large\ndescription: [{}]\n", "1,".repeat(200_000));
     std::fs::write(folder.path().join("large.yaml"), text).unwrap();
     assert!(said(folder.path(), "large.yaml").contains("the file holds more than 100000 values"));
 }

@@ -22,7 +22,7 @@ fn fault_58_the_schema_takes_every_reference_that_the_language_takes() {
     let schema = schema(&toys::registry());
     let pattern = schema["$defs"]["reference"]["pattern"].as_str().unwrap();
     let pattern = regex_lite::Regex::new(pattern).unwrap();
-    for reference in ["stereo/disparity", "source/left", "learn.teacher/model", "source/stereo.disparity"] {
+    for reference in ["stereo/disparity", "source/left", "learn.train/model", "source/stereo.disparity"] {
         assert!(pattern.is_match(reference), "{reference}");
     }
     for text in ["stereo", "stereo/", "/disparity", "compare/stereo/disparity", "a.b.c/d", "stereo/dis parity"] {
@@ -53,6 +53,6 @@ fn the_schema_knows_every_kind_its_parameters_and_inputs() {
     let forms = |kind: &str, port: &str| then(kind)["inputs"]["properties"][port]["anyOf"].as_array().unwrap().len();
     assert_eq!((forms("mono/onnx", "model"), forms("mono/onnx", "image")), (2, 1));
     let score = &schema["$defs"]["stage"]["properties"]["score"]["properties"];
-    assert!(score["preset"].is_object() && score["truth"].is_object());
+    assert!(score["preset"].is_object() && score["ground_truth"].is_object());
     insta::assert_snapshot!("schema", serde_json::to_string_pretty(&schema).unwrap());
 }

@@ -32,7 +32,7 @@ def table1(tmp_path_factory: pytest.TempPathFactory) -> depthloom.Run:
     frames = {"sources.train.with.frames": "0..4", "sources.test.with.frames": "2..6"}
     return depthloom.run(
         EXPERIMENTS / "table1.yaml",
-        set={**SMALL, **frames, "learn.teacher.with.steps": 3},
+        set={**SMALL, **frames, "learn.train.with.steps": 3},
         out=tmp_path_factory.mktemp("table1") / "run",
         fresh=True,
     )

@@ -66,7 +66,7 @@ def test_a_failed_frame_lists_its_failures(tmp_path: Path) -> None:
     data = tmp_path / "data"
     subprocess.run([program(), "synth", data, "--frames", "3", "--width", "320", "--height", "96", "--quiet"], check=True)
     (data / "training/image_2/000001_10.png").write_bytes(b"no image")
-    pairs = {"kind": "kitti/stereo2015", "with": {"root": str(data), "truth": "noc"}}
+    pairs = {"kind": "kitti/stereo2015", "with": {"root": str(data), "ground_truth": "noc"}}
     path = experiment(tmp_path / "pairs.yaml", pairs)
     with pytest.raises(depthloom.ProgramError, match="000001_10") as error:
         depthloom.run(path, out=tmp_path / "run")

@@ -32,7 +32,7 @@ def test_values_are_set_unchanged(look: depthloom.Run, tmp_path: Path) -> None:
 def test_variants_and_workers_are_chosen(tmp_path: Path) -> None:
     run = depthloom.run(
         EXPERIMENTS / "table1.yaml",
-        set={**SMALL, "sources.train.with.frames": "0..2", "sources.test.with.frames": "0..1", "learn.teacher.with.steps": 1},
+        set={**SMALL, "sources.train.with.frames": "0..2", "sources.test.with.frames": "0..1", "learn.train.with.steps": 1},
         variants=["no_*"],
         workers=1,
         fresh=True,
@@ -70,7 +70,7 @@ stages:
     source: street
     nodes:
       own: {{ kind: process, inputs: {{ depth: source/depth }}, with: {{ command: [{sys.executable}, node.py], version: 1, ports: {ports} }} }}
-    score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}
+    score: {{ ground_truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}
 """
     )
     return path

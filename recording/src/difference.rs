@@ -384,7 +384,7 @@ mod tests {
         let all: Vec<VariantId> = VariantId::all(variants.len()).collect();
         let part = json!({ "kind": "made", "version": 1, "params": { "seed": nodes.len() } });
         let plan = json!({
-            "experiment": "x", "about": "", "variants": variants, "every": 1, "view": false,
+            "experiment": "x", "description": "", "variants": variants, "every": 1, "view": false,
             "runs": [{
                 "stage": "s", "prefix": "/s", "variants": all, "nodes": nodes, "estimates": [],
                 "source": { "name": "street", "parts": [part], "outputs": [] },

@@ -7,6 +7,7 @@ use depthloom_durable::remedy_of_writing;
 use depthloom_graphs::{ErrorMessage, Remedied};
 use depthloom_mcap::FileError;
 
+use crate::FORMAT;
 use crate::read::damaged_content::DamagedContent;
 
 /// Why a recording cannot be written or read.
@@ -38,8 +39,8 @@ pub enum RecordingError {
     #[error("{} is an MCAP file, but not a recording of depthloom: it has no plan", path.display())]
     NotARecording { path: PathBuf },
     /// A recording of another format version.
-    #[error("{} has recording format {found}; this engine reads formats {}", path.display(), known.join(" and "))]
-    Format { path: PathBuf, found: String, known: &'static [&'static str] },
+    #[error("{} has recording format {found}, but this version of depthloom reads format {FORMAT} only", path.display())]
+    Format { path: PathBuf, found: String },
     /// The checksums are right, but the content is invalid: depthloom does not write this.
     #[error("{} has invalid content, although its checksums are right: {what}", path.display())]
     Content { path: PathBuf, what: String },
@@ -63,10 +64,12 @@ impl Remedied for RecordingError {
             },
             Self::NotMcap { .. } => Some("give the recording.mcap of a run's folder".to_owned()),
             Self::NotARecording { .. } => Some("give a recording that `depthloom run` made".to_owned()),
-            Self::Format { found, .. } if found == "1" => {
-                Some("read it with depthloom 0.1.0, which made it, or run the experiment again".to_owned())
+            Self::Format { found, .. } if matches!(found.as_str(), "1" | "2" | "3" | "4" | "5") => {
+                Some("run the experiment again, or read it with depthloom 0.1, which wrote it".to_owned())
             }
-            Self::Format { .. } => Some("read it with the version that made it, or run the experiment again".to_owned()),
+            Self::Format { .. } => {
+                Some("run the experiment again, or read it with the version of depthloom that wrote it".to_owned())
+            }
             Self::File(FileError::Damaged { .. }) => Some("copy the file again, or run the experiment again".to_owned()),
             Self::File(error) => error.remedy(),
             Self::Content { .. } => Some("run the experiment again".to_owned()),

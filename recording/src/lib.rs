@@ -65,12 +65,8 @@ pub use write::part::Part;
 pub use write::recorder::{Compression, Recorder, Written};
 pub use write::resume::{Recovered, recover};
 
-/// The version of the recording format that is written.
-pub(crate) const FORMAT: &str = "5";
-/// The versions that can be read. In version 2 values share chunks, and maps of floats are images. In versions 2 and 4,
-/// a value that depthloom 0.1 copied from an earlier run may be that of another variant: such recordings can be viewed,
-/// but are never reused.
-pub(crate) const KNOWN_FORMATS: [&str; 3] = ["2", "4", FORMAT];
+/// The version of the recording format, the only one that is read. Version 0.1 of depthloom wrote 1 to 5.
+pub(crate) const FORMAT: &str = "6";
 /// The most bytes of an uncompressed chunk: the limit of protobuf messages, which no camera frame comes near. Writer
 /// and reader use the same number.
 pub(crate) const LARGEST_CHUNK: u64 = 1 << 31;

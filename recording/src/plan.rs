@@ -19,7 +19,7 @@ pub struct RecordedPlan {
     /// The experiment's name.
     pub experiment: String,
     /// Its description.
-    pub about: String,
+    pub description: String,
     /// The variants' names, in the order of the file; one empty name if it declared none.
     pub variants: Vec<String>,
     /// By variant, the values of the axes of the experiment's `matrix`, in the order of the variant's name; empty
@@ -158,7 +158,7 @@ impl RecordedPlan {
     pub fn from_plan(plan: &Plan) -> Self {
         Self {
             experiment: plan.experiment.clone(),
-            about: plan.about.clone(),
+            description: plan.description.clone(),
             variants: plan.variants.clone(),
             factors: plan.factors.clone(),
             every: plan.record.every,

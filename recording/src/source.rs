@@ -130,15 +130,6 @@ with a warning.",
 impl Mcap {
     fn opened(params: &McapParams) -> Result<Self, Fault> {
         let recording = open(params)?;
-        if !recording.is_of_this_format() {
-            let what = format!(
-                "{} was recorded by depthloom 0.1, which may have stored values of other variants",
-                recording.path().display()
-            );
-            return Err(Fault::new(what).remedy(
-                "run its experiment again with --fresh; `depthloom report` and `depthloom inspect` still read it",
-            ));
-        }
         let run = run_of(&recording, params)?;
         let ports = selected_ports(&recording, run, params)?;
         let every = usize::try_from(recording.plan().every).unwrap_or(usize::MAX).max(1);

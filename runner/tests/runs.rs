@@ -157,11 +157,11 @@ fn an_ordered_node_with_aggregate_outputs_that_panicked_ends_its_stage_even_if_t
 
 #[test]
 fn once_values_reach_later_stages_and_nodes_of_their_own_stage() {
-    // learn: sum (ordered) -> teacher (once). compare: tuned (once, from the teacher) -> a (pure, from tuned).
+    // learn: sum (ordered) -> train (once). compare: tuned (once, from the train) -> a (pure, from tuned).
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(7));
     bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
-    bench.toy("teacher", Contract::Once, [once(0, 0, 2), None, None], Toy::salted(2));
+    bench.toy("train", Contract::Once, [once(0, 0, 2), None, None], Toy::salted(2));
     bench.stage("compare", Numbers::new(3));
     bench.toy("tuned", Contract::Once, [once(0, 1, 0), once(0, 0, 2), None], Toy::salted(3));
     bench.toy("a", Contract::Pure, [source(0), None, once(1, 0, 0)], Toy::salted(4));
@@ -172,7 +172,7 @@ fn once_values_reach_later_stages_and_nodes_of_their_own_stage() {
     assert!(lines[7].starts_with("0 Node { node: 0, port: 2 }") && lines[8].starts_with("0 Node { node: 1, port: 0 }"));
     assert!(lines[12].starts_with("1 Node { node: 0, port: 0 }"), "after the frames of its stage: {}", lines[12]);
     assert_eq!(report.stages[1].firings, [1, 3]);
-    assert!(report.timings.iter().any(|t| t.phase == Phase::Once(NodeId(1)) && t.label == "teacher"));
+    assert!(report.timings.iter().any(|t| t.phase == Phase::Once(NodeId(1)) && t.label == "train"));
     let events = watcher.0.into_inner().unwrap();
     assert_eq!(
         events.iter().filter(|e| e.starts_with("progress")).collect::<Vec<_>>(),
@@ -207,10 +207,10 @@ fn a_learning_curve_is_a_once_value_beside_the_model() {
     let curve = || Port::once("curve", ValueType::Curve, "how it learned");
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(2));
-    let mut teacher = planned("teacher", Contract::Once, [None, None, None]);
-    teacher.inputs.clear();
-    teacher.outputs.push(output(curve()));
-    bench.node(teacher, Instance::Once(Box::new(Teacher)));
+    let mut train = planned("train", Contract::Once, [None, None, None]);
+    train.inputs.clear();
+    train.outputs.push(output(curve()));
+    bench.node(train, Instance::Once(Box::new(Teacher)));
     let mut pupil = planned("pupil", Contract::Once, [once(0, 0, 1), None, None]);
     pupil.inputs.truncate(1);
     pupil.inputs[0].port = curve();
@@ -218,7 +218,7 @@ fn a_learning_curve_is_a_once_value_beside_the_model() {
     let notebook = Notebook::with_parts(1);
     run(bench.ready(), &notebook, &options(2), &Unwatched, &Interrupt::default()).unwrap();
     let lines = notebook.lines();
-    let key = value_keys::once(&Key::of_content(b"teacher"), &[]);
+    let key = value_keys::once(&Key::of_content(b"train"), &[]);
     assert!(lines[2].starts_with(&format!("0 Node {{ node: 0, port: 0 }} {key} 7")), "{}", lines[2]);
     assert!(
         lines[3].starts_with(&format!("0 Node {{ node: 0, port: 1 }} {key} Curve(Curve {{ points: [")),
@@ -298,17 +298,17 @@ fn equal_once_nodes_fire_once_in_whichever_stages_they_stand() {
         let mut bench = Bench::new(&[""]);
         let (toy, other) = (Toy::salted(5), Toy::salted(6));
         let (calls, other_calls) = (Arc::clone(&toy.calls), Arc::clone(&other.calls));
-        let teacher = |bench: &mut Bench, name: &str, toy: &Toy| {
+        let train = |bench: &mut Bench, name: &str, toy: &Toy| {
             let toy = Toy { calls: Arc::clone(&toy.calls), ..Toy::salted(toy.salt) };
             bench.toy(name, Contract::Once, [once(0, 0, 2), None, None], toy);
         };
         bench.stage("learn", Numbers::new(2));
         bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
-        teacher(&mut bench, "teacher", &toy);
-        teacher(&mut bench, "teacher", &toy);
+        train(&mut bench, "train", &toy);
+        train(&mut bench, "train", &toy);
         bench.stage("compare", Numbers::new(2));
-        teacher(&mut bench, "teacher", &toy);
-        teacher(&mut bench, "another", &other);
+        train(&mut bench, "train", &toy);
+        train(&mut bench, "another", &other);
         bench.toy("pupil", Contract::Pure, [source(0), None, once(0, 2, 0)], Toy::salted(3));
         let notebook = Notebook::with_parts(1);
         let report = run(bench.ready(), &notebook, &options(workers), &Unwatched, &Interrupt::default()).unwrap();
@@ -361,10 +361,10 @@ fn a_failing_once_node_is_named() {
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(2));
     bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
-    let teacher = Toy { fails_at: BTreeSet::from([0]), ..Toy::salted(2) };
-    bench.toy("teacher", Contract::Once, [once(0, 0, 2), None, None], teacher);
+    let train = Toy { fails_at: BTreeSet::from([0]), ..Toy::salted(2) };
+    bench.toy("train", Contract::Once, [once(0, 0, 2), None, None], train);
     let error = run(bench.ready(), &Notebook::default(), &options(2), &Unwatched, &Interrupt::default()).unwrap_err();
-    assert_eq!(error.to_string(), "node `learn.teacher` failed");
+    assert_eq!(error.to_string(), "node `learn.train` failed");
     assert!(
         matches!(&error, RunError::NodeFailed { frame: None, fault, .. } if fault.to_string() == "requested failure")
     );

@@ -28,8 +28,8 @@ stages:
       scaled: { kind: fusion/scale, inputs: { mono: mono/depth, stereo: depth/depth } }
       merged: { kind: fusion/confidence, inputs: { mono: scaled/depth, stereo: depth/depth, weight: weight/weight } }
     score:
-      truth: source/depth
-      preset: paper
+      ground_truth: source/depth
+      preset: martins2018
       estimates:
         stereo: { from: depth/depth, sets: [valid, all] }
         mono: scaled/depth
@@ -54,7 +54,7 @@ stages:
         kind: learn/samples
         inputs: { image: source/left, target: stereo/disparity, mask: edges/mask, calibration: source/calibration }
         with: { size: [32, 32] }
-      teacher:
+      train:
         kind: learn/ssl
         inputs: { samples: samples/samples }
         with: { steps: 12, batch: 1, curve_every: 2, checkpoint_every: 1 }
@@ -63,8 +63,8 @@ stages:
     nodes:
       mono:
         kind: mono/onnx
-        inputs: { image: source/left, calibration: source/calibration, model: learn.teacher/model }
-    score: { truth: source/depth, estimates: { mono: mono/depth } }
+        inputs: { image: source/left, calibration: source/calibration, model: learn.train/model }
+    score: { ground_truth: source/depth, estimates: { mono: mono/depth } }
 ";
 
 /// Steps of [`LEARN`], each with a checkpoint.
@@ -72,14 +72,14 @@ pub(crate) const LEARN_STEPS: usize = 12;
 
 /// The street's stereo on a data set on the disk.
 pub(crate) const DATA: &str = "experiment: data
-sources: { street: { kind: kitti/stereo2015, with: { root: data, split: training, truth: occ } } }
+sources: { street: { kind: kitti/stereo2015, with: { root: data, split: training, ground_truth: occ } } }
 stages:
   look:
     source: street
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 32 } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
-    score: { truth: source/depth, estimates: { stereo: { from: depth/depth, sets: [valid, all] } } }
+    score: { ground_truth: source/depth, estimates: { stereo: { from: depth/depth, sets: [valid, all] } } }
 ";
 
 /// What is the same for all cases.

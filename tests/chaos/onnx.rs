@@ -29,7 +29,7 @@ stages:
         with: MONO
       scaled: { kind: fusion/scale, inputs: { mono: mono/depth, stereo: depth/depth } }
       merged: { kind: fusion/confidence, inputs: { mono: scaled/depth, stereo: depth/depth, weight: weight/weight } }
-    score: { truth: source/depth, estimates: { mono: { from: mono/depth, sets: [all] }, fused: { from: merged/depth, sets: [all] } } }
+    score: { ground_truth: source/depth, estimates: { mono: { from: mono/depth, sets: [all] }, fused: { from: merged/depth, sets: [all] } } }
 ";
 
 /// The network that a training of the project wrote.

@@ -99,7 +99,7 @@ const PARAMETERS: [(&str, &[&str]); 20] = [
     ("sources.street.with.seed", &["0", "18446744073709551615"]),
     ("sources.street.with.width", &["16", "17", "33", "8192"]),
     ("sources.street.with.height", &["16", "17", "33", "8192"]),
-    ("sources.street.with.truth", &["noc", "occ"]),
+    ("sources.street.with.ground_truth", &["noc", "occ"]),
     ("look.stereo.with.disparities", &["16", "96", "2032"]),
     ("look.stereo.with.mode", &["hh", "3way", "hh4"]),
     ("look.stereo.with.p1", &["0", "1", "65535"]),
@@ -114,7 +114,7 @@ const PARAMETERS: [(&str, &[&str]); 20] = [
     ("record.every", &["1", "2", "1000"]),
     ("record", &["[]", "[depth]", "['*']"]),
     ("experiment", &["a", "a b", "run"]),
-    ("look.score.preset", &["paper", "kitti"]),
+    ("look.score.preset", &["martins2018", "kitti"]),
 ];
 
 pub(crate) fn neutral(case: &mut Case<'_>) -> Verdict {
@@ -172,7 +172,7 @@ pub(crate) fn broken(case: &mut Case<'_>) -> Verdict {
         ("    nodes:", "\tnodes:"),
         ("sources:", "sources: }"),
         ("stages:", "stages: {"),
-        ("truth: source/depth", "truth: source/left"),
+        ("ground_truth: source/depth", "ground_truth: source/left"),
         ("frames: 0..", "frames: 9..0, x: 0.."),
         ("\n", "\n- a list in a map\n"),
     ];
@@ -291,8 +291,8 @@ fn mutated(random: &mut Random, text: &str) -> String {
         9 => changed[at] = changed[at].replacen(": ", ": *x ", 1),
         10 => changed[at] = changed[at].replacen(": ", ":", 1),
         // What may well be right.
-        11 => changed.insert(at, format!("about: {}", random.pick(&PIECES))),
-        12 => changed.insert(0, format!("about: {}", random.pick(&PIECES))),
+        11 => changed.insert(at, format!("description: {}", random.pick(&PIECES))),
+        12 => changed.insert(0, format!("description: {}", random.pick(&PIECES))),
         13 => {
             let digits = ["1", "2", "3", "4", "5", "6", "8", "9"];
             let [from, to] = [random.pick(&digits), random.pick(&digits)];

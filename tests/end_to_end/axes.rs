@@ -60,7 +60,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       mirrored: { kind: stereo/sgbm, inputs: { left: source/right, right: source/left } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration }, with: { cap: 80 } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 ";
     let folder = tempfile::tempdir().expect("a folder");
     for (block, count) in blocks.iter().zip(counts) {
@@ -82,7 +82,7 @@ stages:
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 32 } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 matrix:
   compare.stereo.with.block: [3, 5, 7]
   compare.stereo.with.mode: [sgbm, hh]

@@ -18,7 +18,7 @@ impl Bench {
         let size = ["--width", "320", "--height", "96", "--frames", "3", "--quiet"];
         succeed(depthloom().arg("synth").arg(&data).args(size));
         let look = workspace().join("experiments/first-look.yaml");
-        let source = "{ kind: kitti/stereo2015, with: { root: data, split: training, truth: occ } }";
+        let source = "{ kind: kitti/stereo2015, with: { root: data, split: training, ground_truth: occ } }";
         let text = format!("extends: {}\nsources:\n  street: {source}\n", look.display());
         fs::write(folder.path().join("experiment.yaml"), text).expect("written");
         Self { folder, data }

@@ -38,7 +38,7 @@ fn exits_with(command: &mut Command, code: i32) -> Output {
 fn broken(folder: &Path) -> PathBuf {
     let file = folder.join("broken.yaml");
     let broken = "experiment: broken
-about: Größe
+description: Größe
 sources:
   street: { kind: synthetic/road, with: { frames: 0..4 } }
   unused: { kind: synthetic/road, with: { frames: 0..4 } }
@@ -49,7 +49,7 @@ stages:
       größe: { kind: stereo/sgmb, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: größe/disparity, calibration: source/calibration } }
       depth: { kind: depth/from-disparity }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 ";
     std::fs::write(&file, broken).expect("written");
     file
@@ -215,7 +215,7 @@ fn graph_json_has_the_nodes_of_the_plan() {
             format!("{} -> {} ({})", end(&edge["from"]), end(&edge["to"]), edge["rate"].as_str().expect("a rate"))
         })
         .collect();
-    for expected in ["stereo/disparity -> depth/disparity (frame)", "teacher/model -> mono/model (once)"] {
+    for expected in ["stereo/disparity -> depth/disparity (frame)", "train/model -> mono/model (once)"] {
         assert!(described.iter().any(|edge| edge == expected), "{expected}: {described:#?}");
     }
     // The same plan as a list has the same nodes.
@@ -309,7 +309,7 @@ stages:
         kind: process
         inputs: {{ depth: source/depth }}
         with: {{ command: [own], ports: {{ inputs: {{ depth: {port} }}, outputs: {{ depth: depth }} }} }}
-    score: {{ truth: source/depth, estimates: {{ own: own/depth }} }}
+    score: {{ ground_truth: source/depth, estimates: {{ own: own/depth }} }}
 "
         );
         let file = folder.path().join("ports.yaml");
@@ -335,7 +335,7 @@ stages:
         kind: dora
         inputs: { depth: source/depth }
         with: { path: near.py, ports: { inputs: { depth: depth }, outputs: { depth: depth } }, version: 1 }
-    score: { truth: source/depth, estimates: { near: near/depth } }
+    score: { ground_truth: source/depth, estimates: { near: near/depth } }
 ";
     std::fs::write(&file, experiment).expect("written");
     let printed = text(&exits_with(depthloom().arg("check").arg(&file), 0));

@@ -19,7 +19,7 @@ stages:
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
       smooth: { kind: filter/median, inputs: { depth: depth/depth } }
     score:
-      truth: source/depth
+      ground_truth: source/depth
       estimates:
         raw: { from: depth/depth, sets: [valid, all] }
         smooth: { from: smooth/depth, sets: [valid, all] }
@@ -154,7 +154,7 @@ fn differing_parameters_are_listed_and_output_is_reproducible() {
     let variants = text(&["run", "plain", "large"]);
     for part in [
         "large differs in\n  look.stereo  block: 5 -> 9",
-        "large compared with plain: all pixels with ground truth, preset paper, mean over 7 frames",
+        "large compared with plain: all pixels with ground truth, preset martins2018, mean over 7 frames",
         "95 % BCa bootstrap over frames, 100000 resamples, seed 1",
         "corrected for the 16 tests here",
         "only 7 frames: with so few, intervals are too narrow",
@@ -386,7 +386,7 @@ fn estimates_of_one_name_in_two_stages_are_distinguished() {
     nodes:
       stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}
       depth: {{ kind: depth/from-disparity, inputs: {{ disparity: stereo/disparity, calibration: source/calibration }} }}
-    score: {{ truth: source/depth, estimates: {{ stereo: depth/depth }} }}"
+    score: {{ ground_truth: source/depth, estimates: {{ stereo: depth/depth }} }}"
         )
     };
     let source =

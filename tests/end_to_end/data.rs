@@ -23,14 +23,14 @@ sources:
       left: \"cam0/*.png\"
       right: \"cam1/*.png\"
       calibration: CALIBRATION
-      truth: { files: \"truth/*.png\", unit: pixels, divide_by: 256 }
+      ground_truth: { files: \"truth/*.png\", unit: pixels, divide_by: 256 }
 stages:
   look:
     source: own
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
-    score: { truth: source/depth, estimates: { stereo: { from: depth/depth } } }
+    score: { ground_truth: source/depth, estimates: { stereo: { from: depth/depth } } }
 ";
 
 impl Rig {
@@ -233,8 +233,8 @@ fn scores_without_ground_truth_are_reported_by_check_and_fail_a_run() {
 
     // Disparities are scored, but have no error against distance, which is not reported as missing.
     let disparity = with_frames("[0]").replace(
-        "truth: source/depth, estimates: { stereo: { from: depth/depth } }",
-        "truth: source/disparity, estimates: { stereo: { from: stereo/disparity } }",
+        "ground_truth: source/depth, estimates: { stereo: { from: depth/depth } }",
+        "ground_truth: source/disparity, estimates: { stereo: { from: stereo/disparity } }",
     );
     fs::write(rig.path("own.yaml"), disparity).expect("written");
     let output = run("disparity");

@@ -19,7 +19,7 @@ fn recordings_are_equal_with_one_two_and_eight_workers() {
     // The hermetic suite runs fewer frames and steps.
     let (train, test, steps, curve_every) = if is_full() { (4, 5, 12, 4) } else { (2, 3, 3, 1) };
     let text = format!(
-        "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..{train}, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..{test}, width: 320, height: 96 }} }}\nstages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: {steps}, curve_every: {curve_every} }} }} }} }} }}\n",
+        "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..{train}, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..{test}, width: 320, height: 96 }} }}\nstages: {{ learn: {{ nodes: {{ train: {{ with: {{ steps: {steps}, curve_every: {curve_every} }} }} }} }} }}\n",
         table1.display()
     );
     std::fs::write(&experiment, text).expect("written");

@@ -138,15 +138,15 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       edges: { kind: confidence/edges, inputs: { image: source/left } }
       samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask, calibration: source/calibration }, with: { size: [320, 96] } }
-      teacher: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 4, batch: 2 } }
+      train: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 4, batch: 2 } }
   compare:
     source: test
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
-      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.teacher/model } }
+      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.train/model } }
       scaled: { kind: fusion/scale, inputs: { mono: mono/depth, stereo: depth/depth } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth, mono: scaled/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth, mono: scaled/depth } }
 variants:
   full: {}
   no_scaling: { compare.scaled.with.method: none }
@@ -162,7 +162,7 @@ fn a_dataflow_writes_the_same_recording_as_a_run() {
     let (succeeded, printed) = flow.run(&["own.yaml", "--out", "many"]);
     assert!(succeeded, "{printed}");
     assert!(flow.recording("one") == flow.recording("many"), "the recordings differ: {printed}");
-    for name in ["table.csv", "scores.csv", "error_vs_distance.csv", "models/learn.teacher.onnx"] {
+    for name in ["table.csv", "scores.csv", "error_vs_distance.csv", "models/learn.train.onnx"] {
         let read = |out: &str| fs::read(flow.path(out).join(name)).expect("written");
         assert!(read("one") == read("many"), "{name} differs");
     }
@@ -185,7 +185,7 @@ stages:
       stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}
       depth: {{ kind: depth/from-disparity, inputs: {{ disparity: stereo/disparity, calibration: source/calibration }} }}
       own: {{ inputs: {{ depth: depth/depth }}, {node} }}
-    score: {{ truth: source/depth, estimates: {{ own: own/depth, stereo: depth/depth }} }}
+    score: {{ ground_truth: source/depth, estimates: {{ own: own/depth, stereo: depth/depth }} }}
 "
     )
 }

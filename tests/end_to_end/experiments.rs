@@ -140,7 +140,7 @@ fn a_generated_street_is_readable_as_kitti() {
     let experiment = folder.path().join("kitti.yaml");
     let look = workspace().join("experiments/first-look.yaml");
     let text = format!(
-        "extends: {}\nsources:\n  street: {{ kind: kitti/stereo2015, with: {{ root: street, truth: occ }} }}\n",
+        "extends: {}\nsources:\n  street: {{ kind: kitti/stereo2015, with: {{ root: street, ground_truth: occ }} }}\n",
         look.display()
     );
     std::fs::write(&experiment, text).expect("written");

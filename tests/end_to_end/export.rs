@@ -24,7 +24,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration }, with: { cap: 1000 } }
       sobel: { kind: confidence/sobel, inputs: { image: source/left } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 record: [source, stereo, depth, sobel]
 ";
         std::fs::write(look.path("look.yaml"), text).expect("written");
@@ -266,12 +266,12 @@ fn exported_networks_and_curves_equal_those_of_the_run_folder() {
     let (experiment, out) = (crate::reuse::experiment(folder.path()), folder.path().join("run"));
     succeed(depthloom().args(["run", "--no-page"]).arg(&experiment).args(["--quiet", "--out"]).arg(&out));
     let export = folder.path().join("export");
-    succeed(depthloom().arg("export").arg(&out).args(["teacher", "--quiet", "--out"]).arg(&export));
-    assert_eq!(files(&export), ["learn/teacher/curve.parquet", "learn/teacher/model.onnx"]);
-    let model = std::fs::read(export.join("learn/teacher/model.onnx")).expect("a model");
-    assert_eq!(files(&out.join("models")), ["learn.teacher.onnx"]);
-    assert!(std::fs::read(out.join("models/learn.teacher.onnx")).expect("a model") == model);
-    assert!(std::fs::metadata(export.join("learn/teacher/curve.parquet")).expect("a curve").len() > 100);
+    succeed(depthloom().arg("export").arg(&out).args(["train", "--quiet", "--out"]).arg(&export));
+    assert_eq!(files(&export), ["learn/train/curve.parquet", "learn/train/model.onnx"]);
+    let model = std::fs::read(export.join("learn/train/model.onnx")).expect("a model");
+    assert_eq!(files(&out.join("models")), ["learn.train.onnx"]);
+    assert!(std::fs::read(out.join("models/learn.train.onnx")).expect("a model") == model);
+    assert!(std::fs::metadata(export.join("learn/train/curve.parquet")).expect("a curve").len() > 100);
     // It equals the recorded network that the run's stages used.
     let recording = depthloom_recording::Recording::open(out.join("recording.mcap")).expect("a recording");
     let artifacts = recording.attachments().iter().filter(|attachment| attachment.name.starts_with("artifacts/"));

@@ -25,7 +25,7 @@ LEARN  look:
       merged: { kind: fusion/confidence, inputs: { mono: mono/depth, stereo: depth/depth, weight: weight/weight } }
       fused: { kind: filter/median, inputs: { depth: merged/depth } }
     score:
-      truth: source/depth
+      ground_truth: source/depth
       estimates: { stereo: { from: depth/depth, sets: [valid, all] }, mono: mono/depth, fused: fused/depth }
 matrix:
   look.fused.with.size: [3, 5]
@@ -60,7 +60,7 @@ const KINDS: [(&str, &[&str], &str); 9] = [
     ("frames", &["--metric", "rmse"], "a frame"),
     ("parameter", &[], "weighting"),
     ("reliability", &["--variant", "size=3+weighting=full"], "absolute error"),
-    ("learning", &[], "learn/teacher"),
+    ("learning", &[], "learn/train"),
     ("panels", &["--frames", "0,3"], "depth, m"),
 ];
 
@@ -230,7 +230,7 @@ fn a_learning_curve_of_one_point_is_drawn_with_a_note() {
     succeed(depthloom().current_dir(folder).args(["run", "--no-page", "drawn.yaml", "--quiet", "--out", "run"]));
     let output = figure(folder, &["run", "learning", "--out", "a.svg"]);
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(text.contains("note: learn/teacher has only one point"), "{text}");
+    assert!(text.contains("note: learn/train has only one point"), "{text}");
 }
 
 #[test]
@@ -264,7 +264,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
       smooth: { kind: filter/median, inputs: { depth: depth/depth } }
-    score: { truth: source/depth, SCORE estimates: { near: smooth/depth } }
+    score: { ground_truth: source/depth, SCORE estimates: { near: smooth/depth } }
 matrix:
   look.stereo.with.block: [3, 5, 7]
   look.smooth.with.size: { values: [3, 5], when: { look.stereo.with.block: 3 } }

@@ -101,7 +101,7 @@ fn recorded_node_outputs_keep_node_and_frame_names() {
         "{ path: first/recording.mcap, variant: nine, outputs: [calibration, depth, 'stereo.*'], frames: [6, 4] }";
     let text = format!(
         "experiment: later\nsources: {{ recorded: {{ kind: mcap, with: {with} }} }}\nstages:\n  look:\n    source: recorded\n    nodes: {nodes}\n    \
-         score: {{ truth: source/depth, estimates: {{ stereo: depth/depth }} }}\n"
+         score: {{ ground_truth: source/depth, estimates: {{ stereo: depth/depth }} }}\n"
     );
     std::fs::write(here.path().join("later.yaml"), text).expect("written");
     succeed(&mut here.command(&["run", "--no-page", "later.yaml", "--quiet", "--out", "later"]));
@@ -121,7 +121,7 @@ fn recorded_node_outputs_keep_node_and_frame_names() {
     assert!(keys("later").iter().zip(keys("five")).all(|(nine, five)| *nine != five));
     // Two recordings, one after the other.
     let join = "[{ kind: mcap, with: { path: first } }, { kind: mcap, with: { path: moved.mcap, frames: [5] } }]";
-    here.write("two.yaml", &format!("  street: {{ join: {join} }}\n"));
+    here.write("two.yaml", &format!("  street: {{ concat: {join} }}\n"));
     succeed(&mut here.command(&["run", "--no-page", "two.yaml", "--quiet", "--out", "two"]));
     assert_eq!(here.recording("two").frames(RunId(0)).len(), 4);
 }

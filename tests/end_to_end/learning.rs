@@ -27,7 +27,7 @@ pub(crate) fn learn(steps: u64, checkpoint_every: u64) -> String {
         kind: learn/samples
         inputs: {{ image: source/left, target: stereo/disparity, mask: edges/mask, calibration: source/calibration }}
         with: {{ size: [64, 32] }}
-      teacher:
+      train:
         kind: learn/ssl
         inputs: {{ samples: samples/samples }}
         with: {{ steps: {steps}, batch: 2, curve_every: 7, checkpoint_every: {checkpoint_every} }}

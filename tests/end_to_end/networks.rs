@@ -25,7 +25,7 @@ stages:
         kind: mono/onnx
         inputs: {{ image: source/left, calibration: source/calibration, model: {{ file: net.onnx }} }}
         with: {with}
-    score: {{ truth: source/depth, estimates: {{ mono: {{ from: mono/depth, sets: [all] }} }} }}
+    score: {{ ground_truth: source/depth, estimates: {{ mono: {{ from: mono/depth, sets: [all] }} }} }}
 "
     );
     let path = folder.join("experiment.yaml");
@@ -243,7 +243,7 @@ fn onnx_prints_inputs_and_a_valid_node_definition() {
         shifts.split("\n\n").nth(1).expect("the lines").lines().map(|line| format!("      {line}\n")).collect();
     let text = format!(
         "experiment: pasted\nsources: {{ test: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 192, height: 64 }} }} }}\nstages:\n  look:\n    source: test\n    \
-         nodes:\n{stanza}    score: {{ truth: source/depth, estimates: {{ network: stereo/depth }} }}\n"
+         nodes:\n{stanza}    score: {{ ground_truth: source/depth, estimates: {{ network: stereo/depth }} }}\n"
     );
     let path = folder.path().join("pasted.yaml");
     std::fs::write(&path, text).expect("written");
@@ -288,7 +288,7 @@ fn faults_51_and_59_onnx_prints_a_working_node_definition_or_the_reason() {
             text.split("\n\n").nth(1).expect("the lines").lines().map(|line| format!("      {line}\n")).collect();
         let experiment = format!(
             "experiment: pasted\nsources: {{ test: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 192, height: 64 }} }} }}\nstages:\n  look:\n    source: test\n    \
-             nodes:\n{lines}    score: {{ truth: source/depth, estimates: {{ network: depth/depth }} }}\n"
+             nodes:\n{lines}    score: {{ ground_truth: source/depth, estimates: {{ network: depth/depth }} }}\n"
         );
         let file = folder.path().join("pasted.yaml");
         std::fs::write(&file, experiment).expect("written");

@@ -12,7 +12,7 @@ use crate::support::{depthloom, succeed, workspace};
 /// Two variants on a generated data set.
 const EXPERIMENT: &str = "experiment: outputs
 sources:
-  street: { kind: kitti/stereo2015, with: { root: data, split: training, truth: occ } }
+  street: { kind: kitti/stereo2015, with: { root: data, split: training, ground_truth: occ } }
 stages:
   look:
     source: street
@@ -20,7 +20,7 @@ stages:
       stereo: { kind: stereo/sgbm, with: { disparities: 32 }, inputs: { left: source/left, right: source/right } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
     score:
-      truth: source/depth
+      ground_truth: source/depth
       sets: [valid, all]
       zones: { distance_m: [10, 20, 80] }
       estimates: { depth: depth/depth }

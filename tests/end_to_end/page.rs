@@ -16,8 +16,8 @@ fn small(folder: &Path) -> PathBuf {
     let experiment = folder.join("small.yaml");
     let table1 = workspace().join("experiments/table1.yaml");
     let text = format!(
-        "extends: {}\nexperiment: small page\nabout: '{HOSTILE}'\nsources:\n  train: {{ with: {{ frames: 0..3, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..6, width: 320, height: 96 }} }}\n\
-         stages: {{ learn: {{ nodes: {{ teacher: {{ with: {{ steps: 12, curve_every: 4 }} }} }} }} }}\nvariants: {{ no_weighting: null, average_scaling: null }}\n",
+        "extends: {}\nexperiment: small page\ndescription: '{HOSTILE}'\nsources:\n  train: {{ with: {{ frames: 0..3, width: 320, height: 96 }} }}\n  test: {{ with: {{ frames: 0..6, width: 320, height: 96 }} }}\n\
+         stages: {{ learn: {{ nodes: {{ train: {{ with: {{ steps: 12, curve_every: 4 }} }} }} }} }}\nvariants: {{ no_weighting: null, average_scaling: null }}\n",
         table1.display()
     );
     fs::write(&experiment, text).expect("written");

@@ -43,7 +43,7 @@ impl Peer {
              stages:\n  look:\n    source: street\n    nodes:\n      own:\n        kind: process\n\
              \x20       inputs: {{ image: source/left }}\n\
              \x20       with: {{ command: {command}, ports: {{ inputs: {{ image: image }}, outputs: {{ depth: depth }} }}, {more} }}\n\
-             \x20   score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}\n"
+             \x20   score: {{ ground_truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}\n"
         );
         let path = self.path(&format!("{name}.yaml"));
         std::fs::write(&path, text).expect("written");

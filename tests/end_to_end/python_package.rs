@@ -111,7 +111,7 @@ fn the_package_reads_every_map_bit_for_bit() {
         "sources.test.with.width=320",
         "sources.test.with.height=96",
         "sources.test.with.disparities=true",
-        "learn.teacher.with.steps=2",
+        "learn.train.with.steps=2",
         // Disparities that begin below zero.
         "compare.stereo.with.min_disparity=-5",
     ];
@@ -125,7 +125,7 @@ fn the_package_reads_every_map_bit_for_bit() {
     succeed(depthloom().args(["synth", "--frames", "2", "--width", "320", "--height", "96", "--quiet"]).arg(&data));
     let out = folder.path().join("pairs");
     let pairs =
-        ["run", "--no-page", "experiments/own-pairs.yaml", "--quiet", "--set", "sources.pairs.with.truth=noc", "--out"];
+        ["run", "--no-page", "experiments/own-pairs.yaml", "--quiet", "--set", "sources.pairs.with.ground_truth=noc", "--out"];
     succeed(depthloom().args(pairs).arg(&out).env("OWN_PAIRS", &data));
     assert!(assert_same_maps(&python, &out) > 12);
 }

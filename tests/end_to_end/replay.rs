@@ -83,7 +83,7 @@ fn replay_recomputes_every_node_equally_including_training() {
     for node in nodes {
         let expected = match (node["stage"].as_str(), node["node"].as_str()) {
             (_, Some("samples")) => 1,
-            (_, Some("teacher")) => 2,
+            (_, Some("train")) => 2,
             (Some("learn"), _) => 4,
             _ => 3,
         };
@@ -284,10 +284,10 @@ fn a_failing_node_does_not_stop_the_comparison_of_others() {
         failed.map(|node| (text(node, "node"), text(node, "why"))).collect()
     };
     // An aggregate node.
-    let (code, report) = recorded("", "teacher", &[("learning_rate", json!(1e30))]);
+    let (code, report) = recorded("", "train", &[("learning_rate", json!(1e30))]);
     assert_eq!(
         (code, &report["equal"], different(&report)),
-        (Some(3), &json!(false), vec![("stereo", 0), ("edges", 0), ("samples", 0), ("teacher", 2),]),
+        (Some(3), &json!(false), vec![("stereo", 0), ("edges", 0), ("samples", 0), ("train", 2),]),
         "{report:#}"
     );
     assert_eq!(failed(&report).len(), 1);
@@ -302,10 +302,10 @@ fn a_failing_node_does_not_stop_the_comparison_of_others() {
     // An ordered node that fails on its first frame. Its outputs are recorded, so its consumers are compared.
     let size = [("size", json!([640, 32]))];
     let (code, report) = recorded("", "samples", &size);
-    assert_eq!((code, different(&report)[2..].to_vec()), (Some(3), vec![("samples", 1), ("teacher", 0)]), "{report:#}");
+    assert_eq!((code, different(&report)[2..].to_vec()), (Some(3), vec![("samples", 1), ("train", 0)]), "{report:#}");
     assert!(failed(&report)[0].1.starts_with("frame `000000_10`: `image` is 320x96, smaller"), "{report:#}");
     // Its outputs are not recorded, so its consumers are not compared.
-    let (code, report) = recorded("record: [source, stereo, edges, teacher]\n", "samples", &size);
+    let (code, report) = recorded("record: [source, stereo, edges, train]\n", "samples", &size);
     assert_eq!((code, different(&report)), (Some(3), vec![("stereo", 0), ("edges", 0)]), "{report:#}");
     assert_eq!(report["not_compared"][0]["why"], "it reads `samples` recomputed, which failed");
     let (code, printed, stderr) = check(&recording, &[]);

@@ -26,7 +26,7 @@ stages:
       merged: { kind: fusion/confidence, inputs: { mono: plane/depth, stereo: depth/depth, weight: weight/weight } }
       fused: { kind: filter/median, inputs: { depth: merged/depth } }
     score:
-      truth: plane/depth
+      ground_truth: plane/depth
       estimates: { stereo: depth/depth, scaled: scaled/depth, merged: merged/depth, fused: fused/depth }
 ";
 

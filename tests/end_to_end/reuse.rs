@@ -12,7 +12,7 @@ pub(crate) fn experiment(folder: &Path) -> PathBuf {
     let table1 = workspace().join("experiments/table1.yaml");
     let text = format!(
         "extends: {}\nexperiment: small\nsources:\n  train: {{ with: {{ frames: 0..6, width: 160, height: 64 }} }}\n  test: {{ with: {{ frames: 0..6, width: 160, height: 64 }} }}\n\
-         stages:\n  learn:\n    nodes:\n      samples: {{ with: {{ size: [64, 32] }} }}\n      teacher: {{ with: {{ steps: 4, batch: 2 }} }}\n",
+         stages:\n  learn:\n    nodes:\n      samples: {{ with: {{ size: [64, 32] }} }}\n      train: {{ with: {{ steps: 4, batch: 2 }} }}\n",
         table1.display()
     );
     std::fs::write(&path, text).expect("written");
@@ -70,7 +70,7 @@ fn a_run_with_reuse_writes_the_same_bytes_as_a_fresh_one() {
     let changes: [(&str, &[&str]); 9] = [
         ("nothing", &[]),
         ("a-filter", &["compare.fused.with.size=3"]),
-        ("learning", &["learn.teacher.with.steps=5"]),
+        ("learning", &["learn.train.with.steps=5"]),
         ("stereo", &["compare.stereo.with.block=7"]),
         ("every", &["record.every=2"]),
         ("a-view", &["record.view=true"]),
@@ -99,14 +99,14 @@ fn a_run_with_reuse_writes_the_same_bytes_as_a_fresh_one() {
                 assert!(nodes.iter().all(|node| node["reused"] == node["of"]), "{report}");
             }
             "a-filter" => {
-                assert_eq!(reused(&report, "learn", "teacher"), Some((1, 1)));
+                assert_eq!(reused(&report, "learn", "train"), Some((1, 1)));
                 assert_eq!(reused(&report, "compare", "stereo"), Some((6, 6)));
                 assert_eq!(reused(&report, "compare", "fused"), None);
             }
             "learning" => {
                 assert_eq!(reused(&report, "learn", "stereo"), Some((6, 6)), "no stereo is computed");
                 assert_eq!(reused(&report, "learn", "samples"), Some((6, 6)));
-                assert_eq!(reused(&report, "learn", "teacher"), None);
+                assert_eq!(reused(&report, "learn", "train"), None);
                 assert_eq!(reused(&report, "compare", "stereo"), Some((6, 6)));
                 assert_eq!(reused(&report, "compare", "mono"), None);
             }
@@ -161,8 +161,8 @@ fn scores_of_a_run_without_recorded_maps_are_reused() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = experiment(folder.path());
     let shelf = folder.path().join("shelf");
-    run(&experiment, &shelf.join("first"), false, &["record=[teacher/model]"]);
-    let report = run(&experiment, &shelf.join("again"), false, &["record=[teacher/model]"]);
+    run(&experiment, &shelf.join("first"), false, &["record=[train/model]"]);
+    let report = run(&experiment, &shelf.join("again"), false, &["record=[train/model]"]);
     assert_eq!(reused(&report, "compare", "score.fused"), Some((6, 6)), "{report}");
     assert_eq!(reused(&report, "compare", "stereo"), Some((6, 6)), "{report}");
     assert!(recording(&shelf.join("first")) == recording(&shelf.join("again")));
@@ -174,7 +174,7 @@ fn a_newer_run_with_fewer_recorded_values_does_not_hide_an_older_one() {
     let experiment = experiment(folder.path());
     let shelf = folder.path().join("shelf");
     run(&experiment, &shelf.join("rich"), false, &[]);
-    run(&experiment, &shelf.join("poor"), false, &["record=[teacher/model]"]);
+    run(&experiment, &shelf.join("poor"), false, &["record=[train/model]"]);
     let report = run(&experiment, &shelf.join("again"), false, &[]);
     assert!(report["reused"]["nodes"].as_array().expect("nodes").iter().all(|node| node["reused"] == node["of"]));
     assert_eq!(reused(&report, "compare", "stereo"), Some((6, 6)), "{report}");

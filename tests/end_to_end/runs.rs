@@ -104,39 +104,24 @@ fn runs_are_listed_newest_first_with_their_state() {
 }
 
 #[test]
-fn runs_of_0_1_that_contain_reused_values_are_marked() {
+fn a_recording_of_0_1_is_refused_and_does_not_disturb_a_run() {
     let here = Here::new();
-    let fixtures = workspace().join("tests/fixtures/runs-0.1");
-    for (name, fixture) in [("fresh", "fresh"), ("reused", "reused"), ("unknown", "fresh")] {
-        let run = here.path().join("runs").join(name);
-        std::fs::create_dir_all(&run).expect("made");
-        for file in std::fs::read_dir(fixtures.join(fixture)).expect("fixtures").flatten() {
-            std::fs::copy(file.path(), run.join(file.file_name())).expect("copied");
-        }
+    let old = here.path().join("runs/old");
+    std::fs::create_dir_all(&old).expect("made");
+    let fixture = workspace().join("tests/fixtures/runs-0.1/fresh");
+    for file in std::fs::read_dir(fixture).expect("fixtures").flatten() {
+        std::fs::copy(file.path(), old.join(file.file_name())).expect("copied");
     }
-    std::fs::remove_file(here.path().join("runs/unknown/timings.parquet")).expect("removed");
-    // A run of this version, completely reused.
-    here.run("runs/now", &[]);
-    succeed(
-        here.command(&["run", "--no-page", "look.yaml", "--quiet", "--out", "runs/again"])
-            .env_remove("DEPTHLOOM_FRESH"),
-    );
+    let refused = here.command(&["table", "runs/old"]).output().expect("it runs");
+    assert_eq!(refused.status.code(), Some(2));
+    let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(message.contains("has recording format 5") && message.contains("depthloom 0.1"), "{message}");
     let listed = here.json(&["runs"]);
-    let warning = |name: &str| {
-        let runs = listed["runs"].as_array().expect("a list");
-        runs.iter().find(|run| run["name"] == name).expect("the entry")["warning"].clone()
-    };
-    let contains = "contains reused values of depthloom 0.1: may belong to another variant; run again with --fresh";
-    assert_eq!(warning("reused"), contains);
-    let unknown = warning("unknown");
-    assert!(unknown.as_str().is_some_and(|warning| warning.starts_with("may contain reused values")), "{unknown}");
-    assert_eq!([warning("fresh"), warning("now"), warning("again")], [Json::Null, Json::Null, Json::Null]);
-    let printed = text(&succeed(&mut here.command(&["runs"])));
-    let line = |name: &str| printed.lines().find(|line| line.starts_with(name)).expect("a line").to_owned();
-    assert!(line("reused ").contains("whole *") && !line("fresh ").contains('*'), "{printed}");
-    assert!(printed.contains(&format!("* {contains}\n")), "{printed}");
-    let shown = text(&succeed(&mut here.command(&["runs", "show", "reused"])));
-    assert!(shown.contains(contains), "{shown}");
+    assert_eq!(listed["runs"][0]["state"], "unreadable", "{listed}");
+    let run = succeed(
+        here.command(&["run", "--no-page", "look.yaml", "--quiet", "--out", "runs/now"]).env_remove("DEPTHLOOM_FRESH"),
+    );
+    assert_eq!(String::from_utf8_lossy(&run.stderr), "");
 }
 
 #[test]
@@ -392,7 +377,7 @@ fn prune_keeps_runs_by_its_rules_and_runs_that_others_read() {
     let resolved = here.path().join("runs/other/experiment.resolved.yaml");
     let mut text_of = std::fs::read_to_string(&resolved).expect("a file");
     let oldest = runs[0].canonicalize().expect("a folder");
-    text_of.push_str(&format!("# model: {}/models/learn.teacher.onnx\n", oldest.display()));
+    text_of.push_str(&format!("# model: {}/models/learn.train.onnx\n", oldest.display()));
     std::fs::write(&resolved, text_of).expect("written");
 
     assert!(here.fails(&["runs", "prune"], 2).contains("--keep"), "a rule is required");

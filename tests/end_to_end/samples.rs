@@ -15,7 +15,7 @@ fn samples_of_real_frames_match_opencv() {
     let text = "\
 experiment: samples
 sources:
-  train: { kind: kitti/stereo2015, with: { root: '${KITTI_STEREO_2015}', frames: [150, 155], truth: none } }
+  train: { kind: kitti/stereo2015, with: { root: '${KITTI_STEREO_2015}', frames: [150, 155], ground_truth: none } }
 stages:
   learn:
     source: train
@@ -26,7 +26,7 @@ stages:
         kind: learn/samples
         inputs: { image: source/left, target: stereo/disparity, mask: edges/mask, calibration: source/calibration, right: source/right }
         with: { size: [320, 96] }
-      teacher: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 1, batch: 1 } }
+      train: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 1, batch: 1 } }
 ";
     std::fs::write(&experiment, text).expect("written");
     let (out, kitti) = (folder.path().join("run"), shared.join("data/kitti_stereo_2015"));

@@ -110,7 +110,7 @@ stages: { look: { source: s, nodes: {} } }
         "dora.yaml",
         r#"
 experiment: d
-about: "see \e[8mthis\u202e\u009b2K"
+description: "see \e[8mthis\u202e\u009b2K"
 sources: { s: { kind: synthetic/road, with: { frames: 0..2, width: 160, height: 48 } } }
 stages:
   look:

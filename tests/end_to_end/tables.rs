@@ -20,7 +20,7 @@ stages:
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
       smooth: { kind: filter/median, inputs: { depth: depth/depth } }
     score:
-      truth: source/depth
+      ground_truth: source/depth
       estimates:
         raw: { from: depth/depth, sets: [valid, all] }
         smooth: { from: smooth/depth, sets: [valid, all] }
@@ -164,7 +164,7 @@ fn explain_prints_the_origin_of_a_number() {
     let printed = text(&explain(&["abs_rel", estimate]));
     for part in [
         "mean(|y - t| / t) (as in Martins et al. 2018)",
-        "preset paper",
+        "preset martins2018",
         "all pixels with ground truth (set `all`)",
         "0.001 m < ground truth < 80 m",
         "2 of 2 (000000_10, 000001_10)",
@@ -205,8 +205,7 @@ fn a_run_of_many_variants_prints_the_best_rows() {
     let folder = tempfile::tempdir().expect("a folder");
     let sweep = SWEEP.replace("[3, 9]", "[3, 5, 7, 9]");
     let (run, printed) = run(folder.path(), &sweep);
-    let head =
-        "all pixels with ground truth, preset paper, mean over 2 frames; the first 20 of 32 rows by abs_rel; * best";
+    let head = "all pixels with ground truth, preset martins2018, mean over 2 frames; the first 20 of 32 rows by abs_rel; * best";
     assert!(printed.starts_with(head), "{printed}");
     assert!(printed.contains("depthloom table RUN"), "{printed}");
     let markdown = std::fs::read_to_string(run.join("table.md")).expect("the table");
@@ -272,7 +271,7 @@ stages:
       filled: { kind: depth/from-disparity, inputs: { disparity: dense/disparity, calibration: source/calibration } }
       smooth: { kind: filter/median, inputs: { depth: filled/depth } }
     score:
-      truth: source/depth
+      ground_truth: source/depth
       sets: [valid, all]
       metrics: [a1, abs_rel, rmse, silog, mae, median_error]
       estimates: { sparse: depth/depth, dense: smooth/depth }

@@ -80,7 +80,7 @@ stages:
     nodes:
       own: {node}
       after: {{ kind: filter/median, inputs: {{ depth: own/depth }} }}
-    score: {{ truth: source/depth, estimates: {{ own: own/depth, after: after/depth }} }}
+    score: {{ ground_truth: source/depth, estimates: {{ own: own/depth, after: after/depth }} }}
 "
         );
         let text = text.replace("PROGRAM", &program.display().to_string());

@@ -148,7 +148,7 @@ pub(crate) fn source_part(random: &mut Random, earlier: &[EarlierRun]) -> Source
             let fixed = json!({
                 "root": root, "left": "left/*.png", "right": "right/*.png",
                 "calibration": { "focal_px": 40, "baseline_m": 0.5 },
-                "truth": { "files": "truth/*.png", "divide_by": 256 },
+                "ground_truth": { "files": "truth/*.png", "divide_by": 256 },
             });
             let ports = [
                 ("left", Type::Image),

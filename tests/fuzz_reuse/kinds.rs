@@ -250,7 +250,7 @@ pub(crate) const KINDS: &[Kind] = &[
     Kind {
         label: "score/depth",
         kind: "score/depth",
-        inputs: &[("estimate", Type::Depth), ("truth", Type::Depth)],
+        inputs: &[("estimate", Type::Depth), ("ground_truth", Type::Depth)],
         optional_inputs: &[("image", Type::Image), ("occluded", Type::Mask)],
         parameters: &[("zones.rows", ZONES), ("align", &["\"none\"", "\"median\""]), ("max_m", &["30", "80"])],
         share: 3,
@@ -259,7 +259,7 @@ pub(crate) const KINDS: &[Kind] = &[
     Kind {
         label: "score/disparity",
         kind: "score/disparity",
-        inputs: &[("estimate", Type::Disparity), ("truth", Type::TrueDisparity)],
+        inputs: &[("estimate", Type::Disparity), ("ground_truth", Type::TrueDisparity)],
         optional_inputs: &[("obj_map", Type::Mask), ("calibration", Type::Calibration)],
         parameters: &[("zones.columns", ZONES), ("mean", &["\"frames\"", "\"pixels\""])],
         share: 3,

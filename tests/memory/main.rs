@@ -65,7 +65,7 @@ stages:
       edges: { kind: confidence/edges, inputs: { image: source/left } }
       mono: { kind: mono/ground-plane, inputs: { image: source/left, calibration: source/calibration } }
       scaled: { kind: fusion/scale, inputs: { mono: mono/depth, stereo: depth/depth } }
-    score: { truth: source/depth, estimates: { stereo: depth/depth, mono: mono/depth, scaled: scaled/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth, mono: mono/depth, scaled: scaled/depth } }
 ";
     std::fs::write(&experiment, text).expect("written");
     let (few, many) = (peak_bytes(&experiment, "street", 500), peak_bytes(&experiment, "street", 2000));
@@ -90,7 +90,7 @@ stages:
         kind: learn/samples
         inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }
         with: { size: [160, 64] }
-      teacher: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 2, batch: 1 } }
+      train: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 2, batch: 1 } }
 ";
     std::fs::write(&experiment, text).expect("written");
     let (few, many) = (50, 550);

@@ -91,7 +91,7 @@ mod tests {
     /// Two variants with a disparity, the depth that it becomes, and that depth smoothed: all three scored.
     fn plan() -> RecordedPlan {
         let (mut nodes, mut estimates) = (Vec::new(), Vec::new());
-        let depths = json!({ "preset": "paper", "sets": ["all"], "metrics": ["abs_rel"] });
+        let depths = json!({ "preset": "martins2018", "sets": ["all"], "metrics": ["abs_rel"] });
         let disparities = json!({ "sets": ["all"], "metrics": ["d1"], "mean": "pixels" });
         for (variant, name) in ["block=3", "block=9"].into_iter().enumerate() {
             let variants = json!([variant]);
@@ -108,7 +108,7 @@ mod tests {
                 ("score/disparity", &disparities, "disparity", &disparity),
             ] {
                 let rows = format!("{topic}/rows");
-                let inputs = [("estimate", topic.as_str()), ("truth", "/s/source/truth")];
+                let inputs = [("estimate", topic.as_str()), ("ground_truth", "/s/source/truth")];
                 nodes.push(node(
                     kind,
                     &format!("score.{scored}"),
@@ -121,7 +121,7 @@ mod tests {
         }
         let factors = ["3", "9"].map(|block| json!([{ "axis": "block", "value": block }]));
         let plan = json!({
-            "experiment": "test", "about": "", "variants": ["block=3", "block=9"], "factors": factors, "every": 1, "view": false,
+            "experiment": "test", "description": "", "variants": ["block=3", "block=9"], "factors": factors, "every": 1, "view": false,
             "runs": [{
                 "stage": "s", "prefix": "/s", "variants": [0, 1], "nodes": nodes, "estimates": estimates,
                 "source": { "name": "street", "parts": [], "outputs": [output("truth", "depth", "/s/source/truth")] },

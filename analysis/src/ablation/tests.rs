@@ -29,7 +29,7 @@ pub(super) fn node(kind: &str, name: &str, inputs: &[(&str, &str)], output: &Jso
 /// Variants of `block` (3, 9) and `mode` (hh, sgbm) with one estimate each, and one estimate that all share. The depth of
 /// the source is the ground truth.
 fn plan() -> RecordedPlan {
-    let params = json!({ "preset": "paper", "sets": ["valid", "all"], "max_m": null });
+    let params = json!({ "preset": "martins2018", "sets": ["valid", "all"], "max_m": null });
     let node = |name: &str, inputs: &[(&str, &str)], output: &Json, variants: &Json| {
         node("test/node", name, inputs, output, variants)
     };
@@ -38,7 +38,7 @@ fn plan() -> RecordedPlan {
         node("stereo", &[("left", "/s/source/left")], &output("depth", "depth", "/s/stereo"), &all),
         node(
             "score.stereo",
-            &[("estimate", "/s/stereo"), ("truth", "/s/source/depth")],
+            &[("estimate", "/s/stereo"), ("ground_truth", "/s/source/depth")],
             &output("rows", "scores", "/s/score"),
             &all,
         ),
@@ -50,7 +50,7 @@ fn plan() -> RecordedPlan {
         let (depth, scores) = (format!("/s/v{variant}/depth"), format!("/s/v{variant}/score"));
         let variants = json!([variant]);
         nodes.push(node("smooth", &[("depth", "/s/stereo")], &output("depth", "depth", &depth), &variants));
-        let inputs = [("estimate", depth.as_str()), ("truth", "/s/source/depth")];
+        let inputs = [("estimate", depth.as_str()), ("ground_truth", "/s/source/depth")];
         nodes.push(node("score.smooth", &inputs, &output("rows", "scores", &scores), &variants));
         let (name, score_node) = (format!("block={block}+mode={mode}"), nodes.len() - 1);
         estimates.push(estimate("smooth", &json!([variant, name]), &depth, &scores, score_node, &params));
@@ -58,7 +58,7 @@ fn plan() -> RecordedPlan {
         names.push(name);
     }
     let plan = json!({
-        "experiment": "test", "about": "", "variants": names, "factors": factors, "every": 1, "view": false,
+        "experiment": "test", "description": "", "variants": names, "factors": factors, "every": 1, "view": false,
         "runs": [{
             "stage": "s", "prefix": "/s", "variants": [0, 1, 2, 3],
             "source": {
@@ -166,7 +166,7 @@ fn axes_are_columns_and_rows_are_sorted_best_first() {
     let columns = owned(&["abs_rel", "density", "ms"]);
     let grid = ranking(&Ranking { columns, ..Ranking::default() }, &Selection::default()).unwrap();
     let expected = "\
-all pixels with ground truth, preset paper, mean over 2 frames; 5 rows by abs_rel; * best
+all pixels with ground truth, preset martins2018, mean over 2 frames; 5 rows by abs_rel; * best
 
 estimate  block  mode  abs_rel ↓   density ↑   ms ↓
 smooth    3      hh       0.1500*     50.0 %  11.00
@@ -239,7 +239,7 @@ fn means_over_pixels_weigh_all_pixels_equally() {
 fn effects_show_each_axis_and_the_interactions() {
     let grid = ask(|ablation| effects::table(ablation, &Selection::default(), "abs_rel")).unwrap();
     let expected = "\
-effect of each axis on abs_rel over all pixels with ground truth, preset paper, mean over 2 frames; 4 rows, mean
+effect of each axis on abs_rel over all pixels with ground truth, preset martins2018, mean over 2 frames; 4 rows, mean
 0.3500, standard deviation 0.1871; share: share of the variance between rows (eta squared); * best
 
 axis          level  rows  abs_rel ↓   difference   share

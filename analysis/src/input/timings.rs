@@ -196,7 +196,7 @@ mod tests {
     fn aggregate_nodes_have_their_own_table() {
         let once = Timing {
             row_key: RowKey { stage: "learn".to_owned(), ..RowKey::default() },
-            node: "teacher".to_owned(),
+            node: "train".to_owned(),
             phase: "once".to_owned(),
             frames: 1,
             cpu_ns: 1_600_000_000,
@@ -217,7 +217,7 @@ mod tests {
                 "once, after the last frame of its stage",
                 "",
                 "node             phase      times    core-ms     median    wall-ms   share",
-                "learn.teacher    once           1   1600.000          -    900.000   80.0%",
+                "learn.train    once           1   1600.000          -    900.000   80.0%",
             ]
         );
     }

@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn weights_of_one_give_the_value_of_the_table_and_weights_of_two_repeat_frames() {
-        for preset in [Preset::Paper, Preset::KittiDepth] {
+        for preset in [Preset::Martins2018, Preset::KittiDepth] {
             let settings = preset.settings();
             let rows = rows(&settings);
             for metric in depthloom_scores::Family::Depth.defaults() {

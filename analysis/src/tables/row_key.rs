@@ -171,7 +171,8 @@ mod tests {
 
     fn plan() -> RecordedPlan {
         let factor = |axis: &str, value: &str| Factor { axis: axis.to_owned(), value: value.to_owned() };
-        let plan = json!({ "experiment": "x", "about": "", "variants": [], "every": 1, "view": false, "runs": [] });
+        let plan =
+            json!({ "experiment": "x", "description": "", "variants": [], "every": 1, "view": false, "runs": [] });
         let mut plan = RecordedPlan::deserialize(plan).unwrap();
         let variants = [("full", "3", "hh"), ("full", "9", "hh"), ("bare", "3", "sgbm")];
         for (variant, block, mode) in variants {

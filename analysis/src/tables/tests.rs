@@ -15,7 +15,7 @@ fn table() -> Table {
     let text = |cells: [&str; 3]| cells.map(|cell| (!cell.is_empty()).then(|| cell.to_owned()));
     let rows = Rows(&[(Some(0.125), Some(0.5), 6_u64), (Some(0.1), Some(1.0), 6), (None, None, 5)]);
     Table {
-        about: "all pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs_rel".to_owned(),
+        about: "all pixels with ground truth, preset martins2018, mean over 6 frames; 3 rows by abs_rel".to_owned(),
         label: "street_1-variants".to_owned(),
         gaps: vec![2],
         starts: vec![0, 2],
@@ -34,7 +34,7 @@ fn table() -> Table {
 #[test]
 fn text_is_aligned_and_repeats_no_shared_values() {
     let expected = "\
-all pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs_rel; * best
+all pixels with ground truth, preset martins2018, mean over 6 frames; 3 rows by abs_rel; * best
 
 block  mode         abs_rel ↓   density ↑  frames
 3      hh               0.125      50.0 %       6
@@ -64,7 +64,7 @@ fn the_best_value_is_bold_in_markdown() {
 |  | sgbm & more | **0.100** | 100.0 % | 6 |
 | 9 | - | - | - | 5 |
 
-All pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs_rel. Best in bold.
+All pixels with ground truth, preset martins2018, mean over 6 frames; 3 rows by abs_rel. Best in bold.
 
 One row failed.
 ";
@@ -77,7 +77,7 @@ fn latex_tables_have_a_fixed_size_a_caption_and_a_label() {
 % \\usepackage{booktabs}
 \\begin{table}[t]
 \\centering
-\\caption{All pixels with ground truth, preset paper, mean over 6 frames; 3 rows by abs\\_rel. Best in bold. One row failed.}
+\\caption{All pixels with ground truth, preset martins2018, mean over 6 frames; 3 rows by abs\\_rel. Best in bold. One row failed.}
 \\label{tab:street-1-variants}
 \\footnotesize
 \\setlength{\\tabcolsep}{4pt}

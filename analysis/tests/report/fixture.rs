@@ -57,7 +57,7 @@ pub(crate) fn plan(every: u64, keep_b: bool) -> Plan {
     let scores = ESTIMATES.map(|(label, .., sets)| {
         let sets: Vec<&str> = sets.iter().map(|set| set.name()).collect();
         let scores = Port::frame("rows", ValueType::Scores, "Scores.");
-        node(format!("score_{label}"), scores, json!({ "preset": "paper", "sets": sets }), true)
+        node(format!("score_{label}"), scores, json!({ "preset": "martins2018", "sets": sets }), true)
     });
     let estimates = (0..ESTIMATES.len()).map(|i| Estimate {
         label: ESTIMATES[i].0.to_owned(),
@@ -70,7 +70,7 @@ pub(crate) fn plan(every: u64, keep_b: bool) -> Plan {
     let truth = Port::frame("depth", ValueType::Depth, "Ground-truth depth.").optional();
     Plan {
         experiment: "fixture".to_owned(),
-        about: String::new(),
+        description: String::new(),
         variants: vec!["a".to_owned(), "b".to_owned()],
         factors: Vec::new(),
         runs: vec![StageRun {

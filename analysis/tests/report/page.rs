@@ -31,7 +31,7 @@ fn names_with_markup_are_escaped_everywhere() {
     let path = folder.path().join("recording.mcap");
     let mut plan = fixture::plan(1, true);
     plan.experiment = HOSTILE.to_owned();
-    plan.about = HOSTILE.to_owned();
+    plan.description = HOSTILE.to_owned();
     plan.runs[0].source.name = HOSTILE.to_owned();
     plan.runs[0].nodes.iter_mut().for_each(|node| node.name = format!("{HOSTILE}{}", node.name));
     plan.variants[1] = HOSTILE.to_owned();

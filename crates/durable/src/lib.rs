@@ -174,7 +174,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let below = folder.path().join("models");
         fs::create_dir(&below).unwrap();
-        fs::write(below.join("teacher.onnx"), b"network").unwrap();
+        fs::write(below.join("train.onnx"), b"network").unwrap();
         super::sync_tree(folder.path()).unwrap();
         assert!(super::sync_tree(&below.join("none")).is_err());
     }

@@ -7,7 +7,7 @@ use crate::Target;
 pub(crate) fn target() -> Target {
     let seeds = [
         "experiment: seed
-about: every construct
+description: every construct
 sources:
   street: { kind: synthetic/road, with: { frames: 0..4, width: 64, height: 32 } }
   some: { kind: synthetic/road, with: { frames: [1, 3], seed: 7 } }
@@ -18,7 +18,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 16 } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
       fused: { kind: filter/median, inputs: { depth: depth/depth } }
-    score: { truth: source/depth, preset: paper, estimates: { stereo: { from: depth/depth, sets: [all, valid] }, fused: fused/depth } }
+    score: { ground_truth: source/depth, preset: martins2018, estimates: { stereo: { from: depth/depth, sets: [all, valid] }, fused: fused/depth } }
   other:
     source: some
     nodes: { weight: { kind: confidence/sobel, inputs: { image: source/left } } }

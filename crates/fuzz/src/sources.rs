@@ -229,7 +229,7 @@ fn with_files(files: &[&str]) -> Json {
 }
 
 fn truth(_: &Path) -> Json {
-    images(&json!({ "truth": { "files": "*.png", "unit": "pixels" } }))
+    images(&json!({ "ground_truth": { "files": "*.png", "unit": "pixels" } }))
 }
 
 pub(crate) fn targets() -> Vec<Target> {

@@ -10,7 +10,6 @@ use depthloom_recording::{Condition, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::reused;
 use crate::files::RECORDING;
 use crate::found::FoundRun;
 use crate::run_folder::is_held;
@@ -69,8 +68,6 @@ pub struct Glance {
     pub best: Option<Best>,
     /// What is wrong with it.
     pub trouble: Option<String>,
-    /// Why its values may be wrong although it is complete.
-    pub warning: Option<String>,
 }
 
 impl Glance {
@@ -89,16 +86,13 @@ impl Glance {
             bytes: bytes_in(&run.path),
             best: None,
             trouble: None,
-            warning: None,
         };
         if state == State::Running {
             return glance;
         }
         let path = run.path.join(RECORDING);
         match Recording::open(&path) {
-            Ok(recording) => {
-                Self { warning: reused::warning(&recording, &run.path), ..glance.with(&recording, run.has_finished()) }
-            }
+            Ok(recording) => glance.with(&recording, run.has_finished()),
             // For a run that ended before its first frame.
             Err(_) if !run.has_finished() && !path.exists() => glance,
             Err(error) => {

@@ -15,7 +15,6 @@ mod named;
 mod opening;
 mod plain;
 pub mod reuse;
-mod reused;
 pub mod run_folder;
 mod timings;
 

@@ -488,7 +488,7 @@ mod tests {
     #[test]
     fn pooled_over_pixels_is_as_of_one_large_frame() {
         let (truth, estimate) = ([10.0, 20.0, 30.0, 8.0], [11.0, 12.0, f32::NAN, 9.5]);
-        for preset in [Preset::Paper, Preset::KittiDepth] {
+        for preset in [Preset::Martins2018, Preset::KittiDepth] {
             let settings = preset.settings();
             let rows = |from: usize, to: usize| {
                 let sets = [PixelSet::All, PixelSet::Valid];

@@ -51,7 +51,7 @@ pub struct ScoreParams {
 impl Default for ScoreParams {
     fn default() -> Self {
         Self {
-            preset: Preset::Paper,
+            preset: Preset::Martins2018,
             sets: vec![PixelSet::All],
             metrics: None,
             mean: Mean::Frames,

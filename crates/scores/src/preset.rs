@@ -33,7 +33,7 @@ pub enum Preset {
     /// Table I of Martins et al. 2018: truth in 0.001 to 80 m, a missing answer counts as 0.0001 m, `silog` is half the
     /// variance.
     #[default]
-    Paper,
+    Martins2018,
     /// monodepth2 on the Eigen split: Garg crop, median scaling.
     Monodepth2,
     /// The KITTI depth development kit: no cap below 256 m, `sq_rel` over the squared truth, `silog` a deviation
@@ -43,7 +43,7 @@ pub enum Preset {
 
 impl Preset {
     /// All presets, in the order of documentation.
-    pub const ALL: [Self; 3] = [Self::Paper, Self::Monodepth2, Self::KittiDepth];
+    pub const ALL: [Self; 3] = [Self::Martins2018, Self::Monodepth2, Self::KittiDepth];
 
     /// The settings it stands for.
     #[must_use]
@@ -58,7 +58,7 @@ impl Preset {
             silog: ScaleInvariant::HalfVariance,
         };
         match self {
-            Self::Paper => paper,
+            Self::Martins2018 => paper,
             Self::Monodepth2 => Settings { crop: Crop::Garg, align: Align::Median, ..paper },
             Self::KittiDepth => Settings {
                 max_m: 256.0,
@@ -73,7 +73,7 @@ impl Preset {
 impl Default for Settings {
     /// The settings of the preset `paper`.
     fn default() -> Self {
-        Preset::Paper.settings()
+        Preset::Martins2018.settings()
     }
 }
 

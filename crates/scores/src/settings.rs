@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn alignment_is_named_in_the_caption() {
-        let paper = Preset::Paper.settings();
+        let paper = Preset::Martins2018.settings();
         assert_eq!(paper.in_words(), "truth in 0.001 to 80 m");
         let words = crate::Settings { align: crate::Align::ScaleAndShift, ..paper }.in_words();
         assert!(words.contains("scale and shift of inverse depth"), "{words}");
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn settings_without_a_logarithm_are_refused_by_name() {
-        let fine = Preset::Paper.settings();
+        let fine = Preset::Martins2018.settings();
         assert_eq!(fine.check(), Ok(()));
         let at_fault = |settings: crate::Settings| settings.check().unwrap_err().0;
         assert_eq!(at_fault(crate::Settings { min_m: 0.0, ..fine }), "min_m");

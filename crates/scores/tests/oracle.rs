@@ -14,7 +14,7 @@ fn eight_pixels_score_as_with_numpy() {
     let truth = [5.0, 12.5, f32::NAN, 33.25, 79.5, 80.0, 0.5, 20.0];
     let estimate = [5.5, 10.0, 3.0, f32::NAN, 200.0, 50.0, 0.0, 26.0];
     let sets = [PixelSet::All, PixelSet::Valid];
-    let rows = score(&estimate, &truth, 4, 2, &sets, &Preset::Paper.settings());
+    let rows = score(&estimate, &truth, 4, 2, &sets, &Preset::Martins2018.settings());
     let expected = [EXPECTED_ALL, EXPECTED_VALID];
     for (row, (pixels, scores)) in rows.iter().zip(expected) {
         assert_eq!(row.pixels, pixels);
@@ -92,7 +92,7 @@ fn golden_maps_score_as_the_oracle_scored_them() {
             let truth: Vec<f32> =
                 disparity.iter().map(|&d| if d == 0 { f32::NAN } else { fb / (f32::from(d) / 256.0) }).collect();
             let check = |name: &str, estimate: &[f32], sets: &[PixelSet], tolerance: f64| {
-                for row in score(estimate, &truth, width, height, sets, &Preset::Paper.settings()) {
+                for row in score(estimate, &truth, width, height, sets, &Preset::Martins2018.settings()) {
                     let set = if row.set == PixelSet::Valid { "answered" } else { row.set.name() };
                     let key = [frame.to_owned(), name.to_owned(), set.to_owned()];
                     let expected = &rows[&key];

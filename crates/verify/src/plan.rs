@@ -153,7 +153,7 @@ impl Replay {
         }
         let plan = Plan {
             experiment: recorded.experiment.clone(),
-            about: recorded.about.clone(),
+            description: recorded.description.clone(),
             variants: recorded.variants.clone(),
             factors: recorded.factors.clone(),
             runs: planned,

@@ -145,7 +145,7 @@ fn planned(
         overrides::choose(&mut root, only);
     }
     let root = environment::substitute(&root, env, report);
-    let (experiment, about) = spec::title(&root, report);
+    let (experiment, description) = spec::title(&root, report);
     let recording = record::read(&root, report);
     let (variants, left_out) = variants::read(&Parameters { root: &root, registry }, report);
     if root.size().saturating_mul(variants.len()) > MOST_VALUES {
@@ -191,7 +191,7 @@ fn planned(
     let has_factors = variants.iter().any(|variant| !variant.factors.is_empty());
     let plan = Plan {
         experiment,
-        about,
+        description,
         variants: names,
         factors: if has_factors {
             variants.iter().map(|variant| variant.factors.clone()).collect()

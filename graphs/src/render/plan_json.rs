@@ -11,7 +11,7 @@ use crate::plan::{self, VariantId};
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct Plan {
     experiment: String,
-    about: String,
+    description: String,
     variants: Vec<String>,
     /// By variant: the values of the axes of `matrix:`, as written; none without a matrix.
     factors: Vec<ByName<String>>,
@@ -113,7 +113,7 @@ impl plan::Plan {
         };
         Plan {
             experiment: self.experiment.clone(),
-            about: self.about.clone(),
+            description: self.description.clone(),
             variants: self.variants.clone(),
             factors: self.factors.iter().map(factors).collect(),
             record: Record { every: self.record.every, view: self.record.view },

@@ -10,8 +10,8 @@ impl Plan {
     /// The plan as text: a table of nodes for each stage run, then what is scored.
     pub fn summary_text(&self) -> String {
         let mut text = format!("experiment {}", self.experiment);
-        if !self.about.trim().is_empty() {
-            let _ = write!(text, ": {}", self.about.trim());
+        if !self.description.trim().is_empty() {
+            let _ = write!(text, ": {}", self.description.trim());
         }
         text.push('\n');
         if self.variants != [""] {

@@ -11,13 +11,13 @@ fn extending_swaps_sources_and_keeps_the_rest() {
     let base = loaded_with(&experiment("table1.yaml"), &[]).plan;
     let kitti = loaded_with(&experiment("table1-kitti.yaml"), &[]).plan;
     assert_eq!(kitti.experiment, "table1-kitti");
-    assert_eq!(kitti.about, base.about);
+    assert_eq!(kitti.description, base.description);
     let part = &kitti.runs[1].source.parts[0];
     assert_eq!(part.kind, "kitti/stereo2015");
     // The old source's seed is gone: a source whose kind changes starts afresh.
     assert_eq!(
         part.params,
-        serde_json::json!({ "root": "/data/kitti/training", "frames": "150..156", "truth": "noc" })
+        serde_json::json!({ "root": "/data/kitti/training", "frames": "150..156", "ground_truth": "noc" })
     );
     let recipes = |plan: &Plan| plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect::<Vec<_>>();
     assert_eq!(recipes(&base), recipes(&kitti), "what is computed does not depend on where frames come from");
@@ -39,7 +39,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       edges: { kind: confidence/edges, inputs: { image: source/left } }
       samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask } }
-      teacher: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { weights: WEIGHTS } }
+      train: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { weights: WEIGHTS } }
 ";
     let recipes = |net: &str, weights: &str, content: &str| {
         let text = text.replace("NET", net).replace("WEIGHTS", weights);
@@ -47,7 +47,7 @@ stages:
         let plan = written.plan(&[]);
         let path = plan.runs[0].nodes[0].inputs[2].from.clone();
         assert_eq!(path, Some(Origin::File(written.path(net))), "paths start at the folder of the YAML file");
-        (nodes(&plan, 0, "mono")[0].recipe, nodes(&plan, 0, "teacher")[0].recipe)
+        (nodes(&plan, 0, "mono")[0].recipe, nodes(&plan, 0, "train")[0].recipe)
     };
     let base = recipes("a.onnx", "w.bin", "content");
     assert_eq!(recipes("deep/b.onnx", "deep/v.bin", "content"), base);
@@ -73,12 +73,12 @@ stages:
   compare:
     source: test
     nodes: { graph: graphs/stereo.yaml }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 ",
         ),
         (
             "lib/graphs/stereo.yaml",
-            "about: Stereo.
+            "description: Stereo.
 nodes:
   stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
   depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
@@ -116,7 +116,7 @@ fn variables_become_what_they_look_like() {
     assert_eq!(depth("{ cap: \"${CAP}\" }"), 50.0);
     assert_eq!(depth("{ cap: \"${NOT_SET:-60.5}\" }"), 60.5);
     // Where text is wanted, a number out of the environment is text.
-    let text = stereo("").replace("truth: source/depth", "truth: source/depth\n      preset: ${CAP}");
+    let text = stereo("").replace("ground_truth: source/depth", "ground_truth: source/depth\n      preset: ${CAP}");
     assert_eq!(nodes(&plan_of(&text), 0, "score.fused")[0].params["preset"], "50");
 }
 

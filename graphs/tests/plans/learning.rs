@@ -3,7 +3,7 @@
 use super::{Written, loaded_with, nodes, plan_of, try_load};
 use depthloom_graphs::plan::VariantId;
 
-/// An experiment that learns; `with` are the teacher's parameters, `more` is appended.
+/// An experiment that learns; `with` are the train's parameters, `more` is appended.
 fn learning(with: &str, more: &str) -> String {
     format!(
         "experiment: learning
@@ -15,15 +15,15 @@ stages:
       stereo: {{ kind: stereo/sgbm, inputs: {{ left: source/left, right: source/right }} }}
       edges: {{ kind: confidence/edges, inputs: {{ image: source/left }} }}
       samples: {{ kind: learn/samples, inputs: {{ image: source/left, target: stereo/disparity, mask: edges/mask }} }}
-      teacher: {{ kind: learn/ssl, inputs: {{ samples: samples/samples }}, with: {{ {with} }} }}
+      train: {{ kind: learn/ssl, inputs: {{ samples: samples/samples }}, with: {{ {with} }} }}
 {more}"
     )
 }
 
 #[test]
 fn fault_14_operational_parameters_enter_no_recipe_and_no_recording() {
-    let teacher = |with: &str| nodes(&plan_of(&learning(with, "")), 0, "teacher")[0].clone();
-    let (often, seldom, other) = (teacher("checkpoint_every: 1"), teacher(""), teacher("steps: 3"));
+    let train = |with: &str| nodes(&plan_of(&learning(with, "")), 0, "train")[0].clone();
+    let (often, seldom, other) = (train("checkpoint_every: 1"), train(""), train("steps: 3"));
     assert_eq!(often.recipe, seldom.recipe);
     assert_eq!(often.portable, seldom.portable);
     assert!(often.portable.get("checkpoint_every").is_none() && often.portable.get("steps").is_some());
@@ -34,37 +34,36 @@ fn fault_14_operational_parameters_enter_no_recipe_and_no_recording() {
 #[test]
 fn operational_parameters_come_from_the_command_line_and_change_no_recipe() {
     let written = Written::new(&[("main.yaml", &learning("checkpoint_every: 5", ""))]);
-    let teacher = |set: &[(&str, &str)]| nodes(&written.plan(set), 0, "teacher")[0].clone();
-    let (plain, set) = (teacher(&[]), teacher(&[("learn.teacher.with.checkpoint_every", "9")]));
+    let train = |set: &[(&str, &str)]| nodes(&written.plan(set), 0, "train")[0].clone();
+    let (plain, set) = (train(&[]), train(&[("learn.train.with.checkpoint_every", "9")]));
     assert_eq!((&plain.params["checkpoint_every"], &set.params["checkpoint_every"]), (&5.into(), &9.into()));
     assert_eq!((plain.recipe, plain.portable), (set.recipe, set.portable));
 }
 
 #[test]
 fn fault_05_trainings_that_differ_in_operational_parameters_alone_are_one_node() {
-    let variants =
-        "variants: { a: {}, b: { learn.teacher.with.checkpoint_every: 7 }, c: { learn.teacher.with.steps: 9 } }";
+    let variants = "variants: { a: {}, b: { learn.train.with.checkpoint_every: 7 }, c: { learn.train.with.steps: 9 } }";
     let written = Written::new(&[("main.yaml", &learning("checkpoint_every: 5", variants))]);
     let loaded = loaded_with(&written.path("main.yaml"), &[]);
-    let teachers = nodes(&loaded.plan, 0, "teacher");
+    let teachers = nodes(&loaded.plan, 0, "train");
     assert_eq!(teachers.len(), 2, "c learns otherwise");
     assert_eq!(
         (&teachers[0].variants, &teachers[0].params["checkpoint_every"]),
         (&[0, 1].map(VariantId).to_vec(), &5.into())
     );
     let told = loaded.warnings.to_string();
-    assert!(told.contains("node `teacher` differs from `teacher` in parameters alone that decide no result"), "{told}");
-    assert!(told.contains("run with the parameters of `teacher` of variant `a`"), "{told}");
+    assert!(told.contains("node `train` differs from `train` in parameters alone that decide no result"), "{told}");
+    assert!(told.contains("run with the parameters of `train` of variant `a`"), "{told}");
 }
 
 #[test]
 fn fault_05_trainings_from_weights_of_equal_content_are_one_node() {
     let variants =
-        "variants: { a: {}, b: { learn.teacher.with.weights: b.bin }, c: { learn.teacher.with.weights: c.bin } }";
+        "variants: { a: {}, b: { learn.train.with.weights: b.bin }, c: { learn.train.with.weights: c.bin } }";
     let text = learning("weights: a.bin", variants);
     let written = Written::new(&[("main.yaml", &text), ("a.bin", "equal"), ("b.bin", "equal"), ("c.bin", "other")]);
     let plan = written.plan(&[]);
-    let teachers = nodes(&plan, 0, "teacher");
+    let teachers = nodes(&plan, 0, "train");
     assert_eq!(
         teachers.iter().map(|node| node.variants.clone()).collect::<Vec<_>>(),
         [vec![VariantId(0), VariantId(1)], vec![VariantId(2)]]
@@ -74,8 +73,8 @@ fn fault_05_trainings_from_weights_of_equal_content_are_one_node() {
 #[test]
 fn fault_17_what_a_node_cannot_do_with_its_inputs_is_said_with_the_plan() {
     let written =
-        Written::new(&[("main.yaml", &learning("", "variants: { a: {}, b: { learn.teacher.with.network: deaf } }"))]);
+        Written::new(&[("main.yaml", &learning("", "variants: { a: {}, b: { learn.train.with.network: deaf } }"))]);
     let told = try_load(&written.path("main.yaml"), &[]).unwrap_err().to_string();
-    assert!(told.contains("node `teacher`: a deaf network cannot learn (in variant `b`)"), "{told}");
+    assert!(told.contains("node `train`: a deaf network cannot learn (in variant `b`)"), "{told}");
     assert!(told.contains("help: choose another"), "{told}");
 }

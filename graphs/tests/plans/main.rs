@@ -85,7 +85,7 @@ stages:
       depth: {{ kind: depth/from-disparity, inputs: {{ disparity: stereo/disparity, calibration: source/calibration }} }}
       fused: {{ kind: filter/median, inputs: {{ depth: depth/depth }} }}
     score:
-      truth: source/depth
+      ground_truth: source/depth
       estimates: {{ stereo: depth/depth, fused: fused/depth }}
 {more}"
     )
@@ -241,12 +241,13 @@ fn scores_take_their_parameters_from_score_and_from_the_estimate() {
 
 #[test]
 fn an_estimate_may_have_a_truth_of_its_own_and_then_no_other_is_wanted() {
-    let own = "estimates: { stereo: { from: depth/depth, truth: fused/depth },";
+    let own = "estimates: { stereo: { from: depth/depth, ground_truth: fused/depth },";
     let text = stereo("").replace("estimates: { stereo: depth/depth,", own);
     let truths = |text: &str| plan_of(text).runs[0].estimates.iter().map(|of| of.truth).collect::<Vec<_>>();
     assert!(matches!(truths(&text)[..], [Slot::Node { .. }, Slot::Source { port: PortId(3) }]), "{:?}", truths(&text));
     let alone = stereo("").replace("estimates: { stereo: depth/depth,", &format!("{own} fused_too: null,"));
-    let alone = alone.replace("      truth: source/depth\n", "").replace("fused: fused/depth }", "fused: null }");
+    let alone =
+        alone.replace("      ground_truth: source/depth\n", "").replace("fused: fused/depth }", "fused: null }");
     assert!(matches!(truths(&alone)[..], [Slot::Node { .. }]), "{alone}");
 }
 
@@ -254,7 +255,7 @@ fn an_estimate_may_have_a_truth_of_its_own_and_then_no_other_is_wanted() {
 fn joined_sources_follow_each_other() {
     let plan = plan_of(&stereo("").replace(
         "{ kind: synthetic/road }",
-        "{ join: [ { kind: synthetic/road, with: { seed: 1 } }, { kind: kitti/stereo2015, with: { root: /data } } ] }",
+        "{ concat: [ { kind: synthetic/road, with: { seed: 1 } }, { kind: kitti/stereo2015, with: { root: /data } } ] }",
     ));
     let source = &plan.runs[0].source;
     assert_eq!(

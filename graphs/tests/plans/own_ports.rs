@@ -17,7 +17,7 @@ stages:
       metres: {{ kind: depth/from-disparity, inputs: {{ disparity: stereo/disparity, calibration: source/calibration }} }}
       own: {{ kind: toy/own, with: {{ {with} }}, inputs: {{ {wired} }} }}
     score:
-      truth: source/depth
+      ground_truth: source/depth
       estimates: {{ stereo: metres/depth }}
 "
     );

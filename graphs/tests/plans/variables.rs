@@ -7,7 +7,7 @@ use super::{Written, nodes, stereo, toys};
 
 /// A plan of an experiment in which variables have these values.
 fn plan(text: &str, variables: &[(&str, &str)]) -> Plan {
-    let written = Written::new(&[("main.yaml", text), ("shared/somebodys.yaml", "about: shared\n")]);
+    let written = Written::new(&[("main.yaml", text), ("shared/somebodys.yaml", "description: shared\n")]);
     let value = |name: &str| variables.iter().find(|(known, _)| *known == name).map(|(_, value)| (*value).to_owned());
     let options = Options { env: Box::new(value), ..Options::default() };
     load(&written.path("main.yaml"), &toys::registry(), &options).unwrap_or_else(|found| panic!("{found}")).plan
@@ -25,14 +25,14 @@ fn shown(plan: &Plan) -> String {
         plan.mermaid(),
         plan.resolved.clone(),
     ];
-    [texts.join("\n"), recorded.join("\n"), written.join("\n"), plan.about.clone()].join("\n")
+    [texts.join("\n"), recorded.join("\n"), written.join("\n"), plan.description.clone()].join("\n")
 }
 
 #[test]
 fn values_of_variables_are_neither_shown_nor_recorded() {
-    let text = stereo("about: 'of ${TOKEN}'\nextends: 'shared/${BASE}.yaml'\n")
+    let text = stereo("description: 'of ${TOKEN}'\nextends: 'shared/${BASE}.yaml'\n")
         .replace("{ kind: synthetic/road }", "{ kind: kitti/stereo2015, with: { root: '${ROOT}/training' } }")
-        .replace("truth: source/depth", "truth: source/depth\n      preset: 'x-${TOKEN}'");
+        .replace("ground_truth: source/depth", "ground_truth: source/depth\n      preset: 'x-${TOKEN}'");
     let values = [("TOKEN", "wrench-17"), ("ROOT", "/home/somebody/kitti"), ("BASE", "somebodys")];
     let first = plan(&text, &values);
     let shown = shown(&first);
@@ -40,7 +40,7 @@ fn values_of_variables_are_neither_shown_nor_recorded() {
         assert!(!shown.contains(value), "{value} is in {shown}");
     }
     assert!(shown.contains(r#""preset":"x-${TOKEN}""#) && shown.contains(r#""root":"${ROOT}/training""#), "{shown}");
-    assert_eq!(first.about, "of ${TOKEN}");
+    assert_eq!(first.description, "of ${TOKEN}");
     assert_eq!(first.written[1].0, "shared/BASE.yaml");
     // The node itself gets the value, and a result of one value is never reused for another.
     let score = |plan: &Plan| nodes(plan, 0, "score.fused")[0].clone();

@@ -24,8 +24,8 @@ stages:
     source: test
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
-      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.teacher/model } }
-    score: { truth: source/depth, estimates: { mono: mono/depth } }
+      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.train/model } }
+    score: { ground_truth: source/depth, estimates: { mono: mono/depth } }
 variants:
   full: {}
   other_lesson: { sources.train.with.seed: 7 }

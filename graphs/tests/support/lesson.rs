@@ -7,7 +7,7 @@ macro_rules! lesson {
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
       edges: { kind: confidence/edges, inputs: { image: source/left } }
       samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask } }
-      teacher: { kind: learn/ssl, inputs: { samples: samples/samples } }
+      train: { kind: learn/ssl, inputs: { samples: samples/samples } }
 "
     };
 }

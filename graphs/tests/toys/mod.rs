@@ -331,7 +331,7 @@ pub(crate) struct ScoreParams {
     cap: Option<f64>,
 }
 node!(Score, "score/depth", Pure, ScoreParams,
-    [port("estimate", ValueType::Depth), port("truth", ValueType::Depth)] => [port("scores", ValueType::Scores)]);
+    [port("estimate", ValueType::Depth), port("ground_truth", ValueType::Depth)] => [port("scores", ValueType::Scores)]);
 
 node!(Average, "toy/average", Ordered, NoParams,
     [port("depth", ValueType::Depth)] => [Port::once("depth", ValueType::Depth, "The mean of all.")]);

@@ -22,12 +22,12 @@ pub(super) fn ports() -> Vec<Port> {
 pub(super) fn read<'a>(inputs: &Inputs<'a>, truth: (u32, u32)) -> Result<Clues<'a>, Fault> {
     let mask = |port: &'static str| -> Result<Option<&'a [u8]>, Fault> {
         let Some(mask) = inputs.optional::<Mask>(port)? else { return Ok(None) };
-        same_size((port, mask.set.dimensions()), ("truth", truth))?;
+        same_size((port, mask.set.dimensions()), ("ground_truth", truth))?;
         Ok(Some(mask.set.as_raw()))
     };
     let mut clues = Clues { grey: None, occluded: mask("occluded")?, objects: mask("obj_map")? };
     if let Some(image) = inputs.optional::<Image>("image")? {
-        same_size(("image", image.dimensions()), ("truth", truth))?;
+        same_size(("image", image.dimensions()), ("ground_truth", truth))?;
         clues.grey = Some(grey(image).as_raw());
     }
     Ok(clues)

@@ -78,9 +78,9 @@ impl PureNode for ScoreDepth {
         let size = inputs.get::<Depth>("estimate")?.metres.dimensions();
         let estimate = inputs.value("estimate").and_then(Value::depth_estimate);
         let estimate = estimate.ok_or_else(|| Fault::new("no value at input `estimate`"))?;
-        let truth = &inputs.get::<Depth>("truth")?.metres;
+        let truth = &inputs.get::<Depth>("ground_truth")?.metres;
         let (width, height) = truth.dimensions();
-        same_size(("estimate", size), ("truth", (width, height)))?;
+        same_size(("estimate", size), ("ground_truth", (width, height)))?;
         let clues = clues::read(inputs, (width, height))?;
         Ok(Outputs::one("rows", self.scores.rows(estimate, truth, (width as usize, height as usize), &clues)))
     }

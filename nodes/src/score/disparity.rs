@@ -86,9 +86,9 @@ impl PureNode for ScoreDisparity {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let estimate = inputs.value("estimate").and_then(Value::disparity_px);
         let estimate = estimate.ok_or_else(|| Fault::new("no value at input `estimate`"))?;
-        let truth = &inputs.get::<TrueDisparity>("truth")?.px;
+        let truth = &inputs.get::<TrueDisparity>("ground_truth")?.px;
         let size = truth.dimensions();
-        same_size(("estimate", estimate.dimensions()), ("truth", size))?;
+        same_size(("estimate", estimate.dimensions()), ("ground_truth", size))?;
         let clues = clues::read(inputs, size)?;
         let calibration = inputs.optional::<Calibration>("calibration")?;
         if self.bands && calibration.is_none() {

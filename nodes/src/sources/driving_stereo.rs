@@ -66,7 +66,7 @@ pub(crate) struct DrivingStereo {
     /// Sequences to read: `2018-10-19-09-30-39`. All by default.
     pub sequences: Vec<String>,
     /// Pixels with ground truth: `all` or `none` (not read).
-    pub truth: DrivingStereoTruth,
+    pub ground_truth: DrivingStereoTruth,
     /// Selected frames, by their count over all sequences, from 0. All by default.
     pub frames: FrameSelection,
 }
@@ -181,14 +181,14 @@ impl Parts {
             let what = format!("{} and {} are both there", left.display(), other("left-image").display());
             return Err(Fault::new(what).remedy("set `root` to a folder that contains only one of them"));
         }
-        if params.truth == DrivingStereoTruth::None {
+        if params.ground_truth == DrivingStereoTruth::None {
             return Ok(Self { left, right, truth: Vec::new() });
         }
         let maps = [(TRUTH, folder("disparity-map")), (DEPTH, folder("depth-map"))];
         let truth: Vec<_> = maps.iter().filter(|(_, folder)| folder.is_dir()).cloned().collect();
         if truth.is_empty() {
             let remedy =
-                "ground truth is one disparity or depth map per frame; without ground truth, set `truth: none`";
+                "ground truth is one disparity or depth map per frame; without ground truth, set `ground_truth: none`";
             return Err(missing_folder(&maps[0].1, remedy));
         }
         Ok(Self { left, right, truth })
@@ -255,7 +255,7 @@ fn list(params: &DrivingStereo) -> Result<Listing, Fault> {
         let remedy = "each left image needs a right image: unpack the archive again";
         let mut files = vec![(LEFT, left.clone()), (RIGHT, file(&parts.right, &["jpg", "png"], remedy)?)];
         for (part, folder) in &parts.truth {
-            let remedy = "each frame needs its files; remove the whole folder to read frames without them; without ground truth, set `truth: none`";
+            let remedy = "each frame needs its files; remove the whole folder to read frames without them; without ground truth, set `ground_truth: none`";
             files.push((*part, file(folder, &["png"], remedy)?));
         }
         if let Some(folder) = &calibrations {

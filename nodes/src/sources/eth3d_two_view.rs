@@ -17,7 +17,7 @@ use crate::sources::middlebury::scenes;
 const KIND: &str = "eth3d/two-view";
 const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds two_view_training and two_view_training_gt, as the archives are named; or a folder a scene, each with im0.png, im1.png and \
-calib.txt, and in training disp0GT.pfm and mask0nocc.png, unless `truth: none`";
+calib.txt, and in training disp0GT.pfm and mask0nocc.png, unless `ground_truth: none`";
 
 /// Parameters of `eth3d/two-view`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -30,7 +30,7 @@ pub(crate) struct Eth3dTwoView {
     pub scenes: Vec<String>,
     /// Pixels of `depth`: `all` (all with ground truth), `noc` (seen by both cameras) or `none` (ground truth is not
     /// read).
-    pub truth: TruePixels,
+    pub ground_truth: TruePixels,
     /// Selected frames, by the position of the scene among the selected scenes, from 0. All by default.
     pub frames: FrameSelection,
 }
@@ -95,10 +95,10 @@ fn list(params: &Eth3dTwoView) -> Result<Listing, Fault> {
     let separate = root.join("two_view_training");
     let (images, truths) =
         if separate.is_dir() { (separate, Some(root.join("two_view_training_gt"))) } else { (root.to_owned(), None) };
-    if let Some(truths) = truths.as_ref().filter(|truths| params.truth != TruePixels::None && !truths.is_dir()) {
+    if let Some(truths) = truths.as_ref().filter(|truths| params.ground_truth != TruePixels::None && !truths.is_dir()) {
         return Err(missing_folder(
             truths,
-            "unpack two_view_training_gt.7z there; without ground truth, set `truth: none`",
+            "unpack two_view_training_gt.7z there; without ground truth, set `ground_truth: none`",
         ));
     }
     let is_scene = |folder: &Path| ["im0.png", "im1.png", "calib.txt"].iter().any(|file| folder.join(file).is_file());
@@ -111,7 +111,7 @@ fn list(params: &Eth3dTwoView) -> Result<Listing, Fault> {
     listing.add_selected(&params.frames, &known, |at| {
         let (name, folder) = &scenes[at];
         let truths = truths.as_ref().map_or_else(|| folder.clone(), |truths| truths.join(name));
-        scene::files(folder, &truths, params.truth)
+        scene::files(folder, &truths, params.ground_truth)
     })?;
     Ok(listing)
 }

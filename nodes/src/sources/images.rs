@@ -102,7 +102,7 @@ pub(crate) struct ImagesParams {
     #[schemars(range(min = 8, max = 16))]
     pub bits: Option<u32>,
     /// Ground truth: the files and the meaning of their numbers.
-    pub truth: ImagesTruth,
+    pub ground_truth: ImagesTruth,
     /// Selected frames, by their position in the order of names, or of the list, from 0. All by default.
     pub frames: FrameSelection,
 }
@@ -149,7 +149,7 @@ If the cameras have distortion or rotation, and `rectified` is not set, pairs ar
 OpenCV's `initUndistortRectifyMap` and `remap` (linear) do. Pixels outside the camera's image are black. The size \
 does not change.\n\n\
 **Ground truth** is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, with the size of the left image. It is \
-depth along the optical axis or disparity, see `truth.unit` and `truth.divide_by`. Values that are 0, negative, \
+depth along the optical axis or disparity, see `ground_truth.unit` and `ground_truth.divide_by`. Values that are 0, negative, \
 infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs)`.",
             outputs: outputs(true, Some(true)),
         }
@@ -162,8 +162,8 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
             (None, Some(_), Some(_)) => {}
             (Some(_), None, None) if truth.files.is_none() => {}
             (Some(_), None, None) => {
-                let what = "truth.files cannot be combined with `list`: name the ground-truth files in the column `truth` of the list";
-                return Err(("truth", what.to_owned()));
+                let what = "`ground_truth.files` cannot be combined with `list`: name the ground-truth files in the column `truth` of the list";
+                return Err(("ground_truth", what.to_owned()));
             }
             (Some(_), ..) => {
                 return Err(("list", "list cannot be combined with `left` and `right`: use one of the two".to_owned()));
@@ -195,8 +195,8 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
     }
 
     fn outputs(params: &ImagesParams) -> Result<Vec<Port>, Fault> {
-        let has_truth = params.truth.files.is_some() || params.list.is_some();
-        let truth = has_truth.then_some(params.truth.unit == TruthUnit::Pixels);
+        let has_truth = params.ground_truth.files.is_some() || params.list.is_some();
+        let truth = has_truth.then_some(params.ground_truth.unit == TruthUnit::Pixels);
         Ok(outputs(params.calibration.is_given(), truth))
     }
 
@@ -242,7 +242,7 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
                     file.path.display()
                 );
                 return Err(Fault::new(what).remedy(
-                    "ground truth must belong to the rectified left image: set `truth: { of: rectified }` if it does, otherwise remove `truth`",
+                    "ground truth must belong to the rectified left image: set `ground_truth: { of: rectified }` if it does, otherwise remove `truth`",
                 ));
             }
             let numbers = self.truth_numbers(file)?;
@@ -275,7 +275,7 @@ fn outputs(calibration: bool, truth: Option<bool>) -> Vec<Port> {
         );
     }
     if truth == Some(true) {
-        let doc = "Ground-truth disparity, px, NaN = unknown; with `truth.unit: pixels`.";
+        let doc = "Ground-truth disparity, px, NaN = unknown; with `ground_truth.unit: pixels`.";
         ports.push(Port::frame("disparity", ValueType::TrueDisparity, doc).optional());
     }
     ports
@@ -316,10 +316,10 @@ impl Images {
         // The content of files decides, not their paths.
         let meaning = {
             let calibration = ImagesCalibration { files: Vec::new(), ..given.clone() };
-            let truth = ImagesTruth { files: None, ..params.truth.clone() };
+            let truth = ImagesTruth { files: None, ..params.ground_truth.clone() };
             format!("{calibration:?} {truth:?} {:?}", params.bits)
         };
-        let (bits, truth) = (params.bits, params.truth.clone());
+        let (bits, truth) = (params.bits, params.ground_truth.clone());
         Ok(Self { calibration, options, bits, truth, meaning, rectifier: LatestRectifier::default() })
     }
 
@@ -330,7 +330,7 @@ impl Images {
             (Some(list), ..) => by_list(root, &root.join(list)).map_err(|fault| vec![fault])?,
             (None, left, right) => {
                 let text = |pattern: &Option<String>| pattern.clone().unwrap_or_default();
-                by_names(root, &text(left), &text(right), params.truth.files.as_deref())?
+                by_names(root, &text(left), &text(right), params.ground_truth.files.as_deref())?
             }
         };
         let mut listing = Listing::default();
@@ -407,7 +407,7 @@ impl Images {
             let what = format!("the file has 8 bits, and no number in it is above {most} {}", self.truth.unit.name());
             return Err(file.fault(what).remedy(
                 "expected 16 bits: an image tool may have saved the file with 8 bits; use the original file, or describe its numbers \
-                 with `truth.unit` and `truth.divide_by`",
+                 with `ground_truth.unit` and `ground_truth.divide_by`",
             ));
         }
         Ok(numbers)

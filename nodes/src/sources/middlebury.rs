@@ -49,7 +49,7 @@ pub(crate) struct Middlebury {
     pub scenes: Vec<String>,
     /// Pixels of `depth`: `all` (all with ground truth), `noc` (seen by both cameras; needs `mask0nocc.png`) or
     /// `none` (ground truth is not read).
-    pub truth: TruePixels,
+    pub ground_truth: TruePixels,
     /// Value that a disparity of 1 px has in the 8-bit maps of 2001 to 2006. The default depends on the size. 2003: 4
     /// at 450 columns, 2 at 900, 1 at 1800. 2005 and 2006: 1 at 1110 rows, 2 at 555, 3 at 370. 2001: 8.
     #[schemars(range(min = 1, max = 255))]
@@ -234,19 +234,19 @@ impl Middlebury {
             Some(Year::From2014) => return scene::files(folder, folder, self.truth),
             None => return Err(Fault::new(format!("{} holds no scene", folder.display())).remedy(LAYOUT)),
         };
-        let remedy = format!("a scene of this year has {span}; without ground truth, set `truth: none`");
+        let remedy = format!("a scene of this year has {span}; without ground truth, set `ground_truth: none`");
         let there = |stem: &str| existing_with_ending(folder, stem, &ENDINGS, &remedy);
         let mut files = vec![(LEFT, there(&format!("{stem}{left}"))?), (RIGHT, there(&format!("{stem}{right}"))?)];
         if self.truth == TruePixels::Noc {
             let mask = folder.join("mask0nocc.png");
-            let remedy = "`truth: noc` needs a mask, which scenes before 2014 lack; use `truth: all`";
+            let remedy = "`ground_truth: noc` needs a mask, which scenes before 2014 lack; use `ground_truth: all`";
             return Err(missing_file(&mask, remedy));
         }
         if self.truth == TruePixels::All {
             if truth == OF_2001 && left != 2 {
                 let what = format!("{} has no ground truth for view {left}", folder.display());
                 return Err(
-                    Fault::new(what).remedy("ground truth exists for view 2: `views: [2, 6]`, or `truth: none`")
+                    Fault::new(what).remedy("ground truth exists for view 2: `views: [2, 6]`, or `ground_truth: none`")
                 );
             }
             files.push((truth, there(truth)?));

@@ -69,7 +69,7 @@ pub(crate) struct SceneFlow {
     /// Driving, `funnyworld_x2` of Monkaa. All by default.
     pub folders: Vec<String>,
     /// Pixels with ground truth: `all` or `none` (not read).
-    pub truth: SceneFlowTruth,
+    pub ground_truth: SceneFlowTruth,
     /// Selected frames, by their count over all folders, from 0. All by default.
     pub frames: FrameSelection,
 }
@@ -184,10 +184,10 @@ fn list(params: &SceneFlow) -> Result<Listing, Fault> {
         let remedy = "each left image needs a right image: unpack the archive again";
         let right = existing_with_ending(&images.join(path).join("right"), stem, &ENDINGS, remedy)?;
         let mut files = vec![(LEFT, left.clone()), (RIGHT, right)];
-        if params.truth == SceneFlowTruth::All {
+        if params.ground_truth == SceneFlowTruth::All {
             let truth = root.join("disparity").join(path).join("left").join(format!("{stem}.pfm"));
             let remedy =
-                "each frame needs its disparities, of the archive `disparity`; without ground truth, set `truth: none`";
+                "each frame needs its disparities, of the archive `disparity`; without ground truth, set `ground_truth: none`";
             files.push((TRUTH, existing_file(truth, remedy)?));
         }
         Ok(files)

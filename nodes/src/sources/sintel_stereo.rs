@@ -55,7 +55,7 @@ pub(crate) struct SintelStereo {
     pub sequences: Vec<String>,
     /// Pixels of `depth`: `all` (all with ground truth), `noc` (seen by both cameras) or `none` (ground truth is not
     /// read).
-    pub truth: TruePixels,
+    pub ground_truth: TruePixels,
     /// Focal length, px, used without camera files: the stereo archive does not contain it. It is 1120 for most
     /// sequences.
     #[schemars(extend("exclusiveMinimum" = 0))]
@@ -164,9 +164,9 @@ fn list(params: &SintelStereo) -> Result<Listing, Fault> {
         };
         let remedy = "each left image needs a right image: unpack the archive again";
         let mut files = vec![(LEFT, left.clone()), (RIGHT, file(&format!("{pass}_right"), "png", remedy)?)];
-        if params.truth != TruePixels::None {
+        if params.ground_truth != TruePixels::None {
             let remedy =
-                "ground truth is one disparity map and two masks per frame; without ground truth, set `truth: none`";
+                "ground truth is one disparity map and two masks per frame; without ground truth, set `ground_truth: none`";
             for (part, folder) in [(TRUTH, "disparities"), (OCCLUDED, OCCLUDED), (OUT_OF_FRAME, OUT_OF_FRAME)] {
                 files.push((part, file(folder, "png", remedy)?));
             }

@@ -46,7 +46,7 @@ pub struct SyntheticRoadParams {
     #[schemars(range(min = 16, max = 8192))]
     pub height: u32,
     /// Pixels of `depth`: `noc` (seen by both cameras) or `occ` (all that the scanner hit).
-    pub truth: SyntheticTruth,
+    pub ground_truth: SyntheticTruth,
     /// Whether frames also have ground-truth disparities (`disp_noc`, `disp_occ`) and the map of cars (`obj_map`).
     /// `score/disparity` uses them.
     pub disparities: bool,
@@ -232,7 +232,7 @@ Score against `depth`, which has the sparse pixels of a laser scanner and corres
 
     fn open(params: SyntheticRoadParams) -> Result<Box<dyn Source>, Fault> {
         let frames = Road::frames(&params.frames)?;
-        Ok(Box::new(Self { road: Road::new(&params), truth: params.truth, disparities: params.disparities, frames }))
+        Ok(Box::new(Self { road: Road::new(&params), truth: params.ground_truth, disparities: params.disparities, frames }))
     }
 }
 

@@ -23,8 +23,8 @@ const PORTS: [(&str, &[&str], &[&str]); 21] = [
     ("onnx", &["model"], &[]),
     // Its ports are declared in an experiment.
     ("process", &[], &[]),
-    ("score/depth", &["estimate", "truth", "image", "occluded", "obj_map"], &["rows"]),
-    ("score/disparity", &["estimate", "truth", "calibration", "image", "occluded", "obj_map"], &["rows"]),
+    ("score/depth", &["estimate", "ground_truth", "image", "occluded", "obj_map"], &["rows"]),
+    ("score/disparity", &["estimate", "ground_truth", "calibration", "image", "occluded", "obj_map"], &["rows"]),
     ("stereo/bm", &["left", "right"], &["disparity"]),
     ("stereo/census-sgm", &["left", "right"], &["disparity"]),
     ("stereo/onnx", &["left", "right", "model", "calibration"], &["disparity", "depth", "disparity_right"]),
@@ -140,7 +140,7 @@ fn defaults_are_the_golden_settings() {
     assert_eq!(defaults("fusion/scale"), json!({ "method": "minmax" }));
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
     assert_eq!(defaults("filter/median"), json!({ "size": 5 }));
-    assert_eq!(defaults("score/depth")["preset"], "paper");
+    assert_eq!(defaults("score/depth")["preset"], "martins2018");
     // The metadata of the model, else the share.
     assert_eq!(defaults("mono/onnx")["output"], json!(null));
 }

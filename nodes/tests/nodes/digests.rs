@@ -203,15 +203,15 @@ fn calls() -> Vec<Calls> {
         ),
         (
             "score/depth",
-            ["paper", "monodepth2", "kitti-depth"].map(|p| json!({ "preset": p, "sets": ["all", "valid"] })).to_vec(),
-            vec![("estimate", depth(4, 6)), ("truth", depth(5, 3))],
+            ["martins2018", "monodepth2", "kitti-depth"].map(|p| json!({ "preset": p, "sets": ["all", "valid"] })).to_vec(),
+            vec![("estimate", depth(4, 6)), ("ground_truth", depth(5, 3))],
         ),
         (
             "score/disparity",
             vec![json!({ "sets": ["all", "valid", "filled"], "zones": { "rows": 2, "distance_m": [0, 10, 80] } })],
             vec![
                 ("estimate", gappy()),
-                ("truth", true_disparity()),
+                ("ground_truth", true_disparity()),
                 ("calibration", calibration(72.0, 0.5)),
                 ("image", image(0)),
             ],

@@ -67,9 +67,11 @@ fn golden_row(folder: &Path, [frame, label, set]: [&str; 3]) -> (u64, [f64; 8]) 
 }
 
 fn rows(estimate: &Value, truth: &Value, sets: &[&str]) -> Vec<ScoreRow> {
-    let Value::Scores(rows) =
-        value("score/depth", &json!({ "preset": "paper", "sets": sets }), &[("estimate", estimate), ("truth", truth)])
-    else {
+    let Value::Scores(rows) = value(
+        "score/depth",
+        &json!({ "preset": "martins2018", "sets": sets }),
+        &[("estimate", estimate), ("ground_truth", truth)],
+    ) else {
         panic!("scores are rows")
     };
     rows.to_vec()

@@ -26,7 +26,7 @@ pub(crate) fn small(root: &Path) -> Json {
     let set = pairs(Folder { root: root.to_owned(), _folder: None });
     set.map("depth/1.png", 2500);
     set.map("depth/2.png", 2500);
-    set.params(&json!({ "truth": { "files": "depth/*.png", "unit": "millimetres" } }))
+    set.params(&json!({ "ground_truth": { "files": "depth/*.png", "unit": "millimetres" } }))
 }
 
 impl Folder {
@@ -163,7 +163,7 @@ fn without_a_calibration_there_is_no_such_output() {
     };
     assert_eq!(ports(json!({ "calibration": null })), ["left", "right"]);
     assert_eq!(ports(json!({})), ["left", "right", "calibration"]);
-    assert_eq!(ports(json!({ "truth": { "files": "x" } })), ["left", "right", "calibration", "depth"]);
+    assert_eq!(ports(json!({ "ground_truth": { "files": "x" } })), ["left", "right", "calibration", "depth"]);
     let pixels = json!({ "files": "x", "unit": "pixels" });
     assert_eq!(ports(json!({ "truth": pixels })), ["left", "right", "calibration", "depth", "disparity"]);
     assert_eq!(ports(json!({ "truth": pixels, "calibration": null })), ["left", "right", "disparity"]);
@@ -192,7 +192,7 @@ fn ground_truth_in_every_unit_has_the_known_point() {
     // What is infinitely far has a disparity of 2 px here: 4 px are 5 m. The disparity itself is given as it is.
     let apart = json!({
         "calibration": { "focal_px": 20, "baseline_m": 0.5, "doffs_px": -2 },
-        "truth": { "files": "kitti_disparity/*.png", "unit": "pixels", "divide_by": 256 },
+        "ground_truth": { "files": "kitti_disparity/*.png", "unit": "pixels", "divide_by": 256 },
     });
     let (values, _) = set.open(&apart).read(FrameIndex(0)).unwrap();
     let Value::TrueDisparity(truth) = &values["disparity"] else { panic!() };
@@ -225,7 +225,7 @@ fn ground_truth_in_every_unit_has_the_known_point() {
     fs::write(set.path("npy/2.npy"), npy).unwrap();
     assert_eq!(known(json!({ "files": "npy/*.npy" })), (2.5, 1));
     // Frames without ground truth have no output for it.
-    let source = set.open(&json!({ "truth": { "files": "quarter/*.png", "unit": "pixels" } }));
+    let source = set.open(&json!({ "ground_truth": { "files": "quarter/*.png", "unit": "pixels" } }));
     assert_eq!(source.source.warnings().len(), 1, "{:?}", source.source.warnings());
     assert!(!source.read(FrameIndex(0)).unwrap().0.contains_key("depth"));
 }
@@ -235,7 +235,7 @@ fn a_list_names_pairs_ground_truth_and_frames() {
     let set = pairs(Folder::new());
     set.map("depth.png", 1000);
     set.text("pairs.csv", "\u{feff}Left, right,truth,frame\r\ncam0/2.png,cam1/1.png,depth.png,second\r\n\r\n\"cam0/1.png\",cam1/2.png,,\r\n");
-    let listed = json!({ "left": null, "right": null, "list": "pairs.csv", "truth": { "unit": "millimetres" } });
+    let listed = json!({ "left": null, "right": null, "list": "pairs.csv", "ground_truth": { "unit": "millimetres" } });
     let source = set.open(&listed);
     assert_eq!(ids(&source), ["0 second", "1 cam0/1"]);
     assert_eq!(metres(&source.read(FrameIndex(0)).unwrap().0["depth"])[83], 1.0);
@@ -524,7 +524,7 @@ fn broken_data_are_named_with_a_remedy() {
     set.text("right.yaml", &whole);
     add("one camera_info file", &set, json!({ "calibration": { "files": ["left.yaml"] } }));
     set.map("truth/1.png", 2500);
-    let more = json!({ "calibration": { "files": ["left.yaml", "right.yaml"] }, "truth": { "files": "truth/*.png" } });
+    let more = json!({ "calibration": { "files": ["left.yaml", "right.yaml"] }, "ground_truth": { "files": "truth/*.png" } });
     for (side, file) in ["left.yaml", "right.yaml"].into_iter().enumerate() {
         set.text(file, &camera_info(&case("plumb_bob_0"), side, "plumb_bob"));
     }
@@ -532,14 +532,14 @@ fn broken_data_are_named_with_a_remedy() {
 
     let set = pairs(Folder::new());
     set.image("truth/1.png", 40);
-    add("a truth that is a picture", &set, json!({ "truth": { "files": "truth/*.png" }, "frames": [0] }));
+    add("a truth that is a picture", &set, json!({ "ground_truth": { "files": "truth/*.png" }, "frames": [0] }));
     image::GrayImage::new(40, 30).save(set.path("eight/1.png")).unwrap();
-    let eight = json!({ "truth": { "files": "eight/*.png", "unit": "millimetres" }, "frames": [0] });
+    let eight = json!({ "ground_truth": { "files": "eight/*.png", "unit": "millimetres" }, "frames": [0] });
     add("a truth of 8 bits where 16 are expected", &set, eight);
     set.map("small/1.png", 1);
     set.image("cam0/1.png", 44);
     set.image("cam1/1.png", 44);
-    add("a truth of another size", &set, json!({ "truth": { "files": "small/*.png" }, "frames": [0] }));
+    add("a truth of another size", &set, json!({ "ground_truth": { "files": "small/*.png" }, "frames": [0] }));
     for (what, more) in [
         ("no images named", json!({ "left": null, "right": null })),
         ("a calibration twice", json!({ "calibration": { "focal_px": 20, "baseline_m": 0.5, "files": ["x"] } })),

@@ -199,7 +199,7 @@ fn files_that_match_no_frame_are_reported_and_counted() {
         reports(json!({}))
     );
     let without_truth = format!("3 files belong to no frame and are not read: {named} (a frame");
-    assert!(reports(json!({ "truth": "none" }))[0].starts_with(&without_truth));
+    assert!(reports(json!({ "ground_truth": "none" }))[0].starts_with(&without_truth));
 }
 
 #[test]
@@ -211,7 +211,7 @@ fn the_key_is_that_of_the_files_read_not_of_their_place() {
     };
     let here = key(&set, json!({}));
     assert_eq!(here, key(&moved, json!({ "frames": [7] })));
-    assert_ne!(here, key(&set, json!({ "truth": "none" })));
+    assert_ne!(here, key(&set, json!({ "ground_truth": "none" })));
     moved.write("calib_cam_to_cam/000007.txt", CALIBRATION.replace("-2.5e+02", "-2.6e+02"));
     assert_ne!(here, key(&moved, json!({})));
 }
@@ -238,7 +238,7 @@ fn broken_data_are_named_with_their_remedy() {
         ("frame not there", |_| {}, json!({ "frames": [4] }), true),
         ("missing right image", |set| set.remove("image_3/000003_10.png"), json!({}), true),
         ("missing right folder", |set| set.remove("image_3"), json!({}), true),
-        ("missing truth folder", |set| set.remove("disp_occ_0"), json!({ "truth": "occ" }), true),
+        ("missing truth folder", |set| set.remove("disp_occ_0"), json!({ "ground_truth": "occ" }), true),
         ("missing truth file", |set| set.remove("disp_noc_0/000007_10.png"), json!({}), true),
         ("missing calibration file", |set| set.remove("calib_cam_to_cam/000003.txt"), json!({}), true),
         (
@@ -312,7 +312,7 @@ fn broken_data_are_named_with_their_remedy() {
 fn a_missing_root_reports_which_folder_is_expected() {
     let fault = open("kitti/stereo2015", &json!({})).err().unwrap();
     assert!(fault.to_string().starts_with("root: root is missing: root contains `training`"), "{fault}");
-    let unknown = open("kitti/stereo2015", &json!({ "root": Path::new("x"), "truth": "ooc" })).err().unwrap();
+    let unknown = open("kitti/stereo2015", &json!({ "root": Path::new("x"), "ground_truth": "ooc" })).err().unwrap();
     assert!(unknown.to_string().contains("expected one of `noc`, `occ`, `none`"), "{unknown}");
 }
 
@@ -349,7 +349,7 @@ fn ground_truth_disparities_are_read_on_request_if_they_exist() {
     }
     assert!(objects.set.enumerate_pixels().all(|(x, _, set)| set.0[0] == if x < 10 { 255 } else { 0 }));
     // The depth is unchanged; the key covers the files that were read, and is the previous one if nothing more is read.
-    let (other, other_key) = read(json!({ "disparities": true, "truth": "occ" }));
+    let (other, other_key) = read(json!({ "disparities": true, "ground_truth": "occ" }));
     assert!(crate::stereo_sets::agree(&other) > 0);
     let (unread, unread_key) = read(json!({ "disparities": false }));
     assert_eq!(metres(&given["depth"]).len(), metres(&unread["depth"]).len());

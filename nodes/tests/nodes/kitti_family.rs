@@ -69,14 +69,14 @@ fn stereo_2012_reads_the_first_step_of_both_pairs_with_ground_truth() {
         assert!(values.contains_key(port), "{port}");
     }
     let (values, _) =
-        set.open("kitti/stereo2012", &json!({ "truth": "occ", "disparities": true })).read(FrameIndex(0)).unwrap();
+        set.open("kitti/stereo2012", &json!({ "ground_truth": "occ", "disparities": true })).read(FrameIndex(0)).unwrap();
     assert_eq!(agree(&values), 1);
     // The colour cameras are a metre apart here.
     let (values, _) =
-        set.open("kitti/stereo2012", &json!({ "truth": "occ", "frames": [7] })).read(FrameIndex(0)).unwrap();
+        set.open("kitti/stereo2012", &json!({ "ground_truth": "occ", "frames": [7] })).read(FrameIndex(0)).unwrap();
     assert_eq!((baseline(&values), known(&values)), (1.0, (4.0, 1)));
     assert!(!values.contains_key("disp_noc"));
-    let (values, _) = set.open("kitti/stereo2012", &json!({ "truth": "none" })).read(FrameIndex(0)).unwrap();
+    let (values, _) = set.open("kitti/stereo2012", &json!({ "ground_truth": "none" })).read(FrameIndex(0)).unwrap();
     assert!(!values.contains_key("depth"));
 }
 
@@ -141,7 +141,7 @@ fn kitti_depth_has_annotated_ground_truth_and_raw_images() {
     assert_eq!(ids, [(1, "2011_09_26_drive_0001_sync_0000000001")]);
     let (values, _) = source.read(FrameIndex(0)).unwrap();
     assert_eq!((baseline(&values), known(&values)), (0.5, (2.5, 1)));
-    let scan = set.open("kitti/depth", &json!({ "raw": raw.join("2011_09_26"), "truth": "velodyne_raw" }));
+    let scan = set.open("kitti/depth", &json!({ "raw": raw.join("2011_09_26"), "ground_truth": "velodyne_raw" }));
     assert_eq!(known(&scan.read(FrameIndex(0)).unwrap().0), (0.5, 1));
 }
 

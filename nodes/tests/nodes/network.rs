@@ -185,7 +185,8 @@ fn inverse_depth_of_zero_and_below_is_aligned_as_the_network_gave_it() {
         let inputs = [("image", image()), ("calibration", calibration(10.0, 2.0)), ("model", network.clone())];
         let depth = call("mono/onnx", &params, &inputs).unwrap().remove("depth").unwrap();
         let params = json!({ "align": align, "sets": ["all"] });
-        let Value::Scores(rows) = value("score/depth", &params, &[("estimate", &depth), ("truth", &truth)]) else {
+        let Value::Scores(rows) = value("score/depth", &params, &[("estimate", &depth), ("ground_truth", &truth)])
+        else {
             panic!("scores")
         };
         rows[0].score("abs_rel").unwrap()

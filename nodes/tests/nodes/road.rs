@@ -12,7 +12,7 @@ fn a_frame_depends_on_seed_size_and_index_and_on_nothing_else() {
     assert_eq!(key(small(json!("0..4"), 1), FrameIndex(3)), key(small(json!([3]), 1), FrameIndex(0)));
     assert_ne!(key(small(json!([3]), 1), FrameIndex(0)), key(small(json!([3]), 2), FrameIndex(0)));
     assert_ne!(key(small(json!([3]), 1), FrameIndex(0)), key(small(json!([2]), 1), FrameIndex(0)));
-    let occ = json!({ "frames": [3], "width": 64, "height": 32, "truth": "occ" });
+    let occ = json!({ "frames": [3], "width": 64, "height": 32, "ground_truth": "occ" });
     assert_ne!(key(small(json!([3]), 1), FrameIndex(0)), key(occ, FrameIndex(0)));
 }
 

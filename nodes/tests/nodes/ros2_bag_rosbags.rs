@@ -70,7 +70,7 @@ fn bags_give_the_disparities_of_the_png_files_they_were_made_from() {
     let folder = tempfile::tempdir().unwrap();
     let (root, stems) = pairs(folder.path(), TEST);
     let numbers: Vec<u64> = stems.iter().map(|stem| stem[..6].parse().unwrap()).collect();
-    let files = open("kitti/stereo2015", &json!({ "root": root, "truth": "none", "frames": numbers })).unwrap();
+    let files = open("kitti/stereo2015", &json!({ "root": root, "ground_truth": "none", "frames": numbers })).unwrap();
     let expected: Vec<(Calibration, Vec<i16>)> = (0..3)
         .map(|at| {
             let (values, _) = files.read(FrameIndex(at)).unwrap();

@@ -9,7 +9,7 @@ use crate::steps::depth;
 
 fn rows(params: &Json, estimate: &[f32], truth: &[f32]) -> Vec<ScoreRow> {
     let (estimate, truth) = (depth(2, estimate), depth(2, truth));
-    let Value::Scores(rows) = value("score/depth", params, &[("estimate", &estimate), ("truth", &truth)]) else {
+    let Value::Scores(rows) = value("score/depth", params, &[("estimate", &estimate), ("ground_truth", &truth)]) else {
         panic!("scores")
     };
     rows.to_vec()

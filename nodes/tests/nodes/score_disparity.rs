@@ -32,7 +32,7 @@ fn sgbm_scores_as_the_oracles() {
         let (values, _) = source.read(FrameIndex(position)).unwrap();
         let estimate = value("stereo/sgbm", &json!({}), &[("left", &values["left"]), ("right", &values["right"])]);
         let sets = json!({ "sets": ["valid", "filled", "all"] });
-        for row in rows(&sets, &[("estimate", &estimate), ("truth", &values["disp_noc"])]) {
+        for row in rows(&sets, &[("estimate", &estimate), ("ground_truth", &values["disp_noc"])]) {
             // The oracle calls the set `valid` answered.
             let set = if row.set.name() == "valid" { "answered" } else { row.set.name() };
             let golden = csv.lines().find(|line| line.starts_with(&format!("{frame:06}_10,{set},"))).unwrap();
@@ -117,7 +117,7 @@ fn scores_are_those_of_kittis_development_kit() {
         let objects = objects.iter().map(|&object| if object > 0 { 255 } else { 0 }).collect();
         let inputs = [
             ("estimate", &disparity.into()),
-            ("truth", &TrueDisparity::from_px_256(&Raster::from_raw(width, height, truth).unwrap()).into()),
+            ("ground_truth", &TrueDisparity::from_px_256(&Raster::from_raw(width, height, truth).unwrap()).into()),
             ("obj_map", &Mask { set: Raster::from_raw(width, height, objects).unwrap() }.into()),
         ];
         let rows = rows(&json!({ "sets": ["valid", "filled", "all"] }), &inputs);
@@ -160,7 +160,7 @@ fn a_road_has_ground_truth_disparities_cars_and_two_pixel_sets() {
     let estimate = Disparity { sixteenths_px, min_disparity_px: 0 }.into();
     let inputs = [
         ("estimate", &estimate),
-        ("truth", &values["disp_occ"]),
+        ("ground_truth", &values["disp_occ"]),
         ("occluded", &values["occluded"]),
         ("obj_map", &values["obj_map"]),
         ("image", &values["left"]),
@@ -186,6 +186,6 @@ fn bands_of_distance_want_a_calibration() {
     let estimate = Disparity { sixteenths_px: Raster::from_raw(2, 2, estimate).unwrap(), min_disparity_px: 0 };
     let truth = TrueDisparity::from_px_256(&Raster::from_raw(2, 2, truth).unwrap());
     let fault =
-        call("score/disparity", &params, &[("estimate", estimate.into()), ("truth", truth.into())]).unwrap_err();
+        call("score/disparity", &params, &[("estimate", estimate.into()), ("ground_truth", truth.into())]).unwrap_err();
     assert!(fault.to_string().contains("needs a calibration"), "{fault}");
 }

@@ -117,7 +117,7 @@ fn inputs_of_different_sizes_are_named_in_the_error() {
         "`mono` is 2x1 and `weight` is 1x1: they must have the same size"
     );
     assert_eq!(
-        fault("score/depth", &[("estimate", small), ("truth", large)]),
+        fault("score/depth", &[("estimate", small), ("ground_truth", large)]),
         "`estimate` is 2x1 and `truth` is 3x1: they must have the same size"
     );
     assert_eq!(

@@ -99,9 +99,9 @@ fn middlebury_2014_has_two_principal_points_and_an_occlusion_mask() {
     let Value::Mask(occluded) = &values["occluded"] else { panic!() };
     assert_eq!(occluded.set.iter().filter(|set| **set > 0).count(), 1);
     assert_eq!(agree(&values), 2);
-    let noc = set.open("middlebury", &json!({ "truth": "noc", "scenes": ["Vintage"] })).read(FrameIndex(0)).unwrap().0;
+    let noc = set.open("middlebury", &json!({ "ground_truth": "noc", "scenes": ["Vintage"] })).read(FrameIndex(0)).unwrap().0;
     assert_eq!(known(metres(&noc["depth"]), 40), [((3, 2), 2.0)]);
-    let none = set.open("middlebury", &json!({ "truth": "none" })).read(FrameIndex(0)).unwrap().0;
+    let none = set.open("middlebury", &json!({ "ground_truth": "none" })).read(FrameIndex(0)).unwrap().0;
     assert_eq!(none.keys().copied().collect::<Vec<_>>(), ["calibration", "left", "right"]);
     // A scene's own folder is a data set of one.
     let one = open("middlebury", &json!({ "root": set.path("Vintage") })).unwrap();
@@ -195,7 +195,7 @@ fn eth3d_has_its_baseline_in_millimetres_and_ground_truth_in_another_folder() {
     let depth = metres(&values["depth"])[2 * 40 + 3];
     assert!((depth - 1.997_362).abs() < 1e-6, "{depth}");
     assert_eq!((agree(&values), known(px(&values, "disp_noc"), 40)), (1, vec![((3, 2), 16.25)]));
-    let alone = open("eth3d/two-view", &json!({ "root": set.path("two_view_training"), "truth": "none" })).unwrap();
+    let alone = open("eth3d/two-view", &json!({ "root": set.path("two_view_training"), "ground_truth": "none" })).unwrap();
     assert_eq!(&*alone.source.frames()[0].id, "delivery_area_1l");
     assert!(!alone.read(FrameIndex(0)).unwrap().0.contains_key("disp_occ"));
 }
@@ -276,7 +276,7 @@ fn scene_flow_has_two_lenses() {
         opened.read(FrameIndex(1)).unwrap().1,
         "the lens is part of the key, though all files are equal"
     );
-    let one = set.open("scene-flow", &json!({ "folders": ["35mm_focallength/scene_forwards"], "truth": "none" }));
+    let one = set.open("scene-flow", &json!({ "folders": ["35mm_focallength/scene_forwards"], "ground_truth": "none" }));
     assert_eq!((one.source.frames().len(), one.read(FrameIndex(0)).unwrap().0.contains_key("disp_occ")), (1, false));
     // Images of half the size have half the focal length.
     for folder in ["frames_finalpass/A/0000/left", "frames_finalpass/A/0000/right"] {
@@ -373,7 +373,7 @@ fn sgbm_is_as_wrong_on_teddy_and_cones_as_opencvs() {
     for (position, scene) in scenes.into_iter().enumerate() {
         let values = opened.read(FrameIndex(position)).unwrap().0;
         let found = value("stereo/sgbm", &json!({}), &[("left", &values["left"]), ("right", &values["right"])]);
-        let inputs = [("estimate", &found), ("truth", &values["disp_occ"])];
+        let inputs = [("estimate", &found), ("ground_truth", &values["disp_occ"])];
         let Value::Scores(rows) = value("score/disparity", &json!({ "sets": ["all", "valid"] }), &inputs) else {
             panic!()
         };

@@ -82,7 +82,7 @@ class Plan:
     def __init__(self, text: str) -> None:
         plan = json.loads(text)
         self.name: str = plan["experiment"]
-        self.about: str = plan["about"]
+        self.description: str = plan["description"]
         self.variants: tuple[str, ...] = tuple(variant for variant in plan["variants"] if variant)
         factors = plan.get("factors") or [[] for _ in plan["variants"]]
         #: By variant, the values of the matrix' axes.

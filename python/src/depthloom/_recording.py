@@ -27,7 +27,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from ._errors import RecordingError
 
 #: The formats that are read: in 2, maps of floats are images; 4 and 5 are stored alike.
-KNOWN_FORMATS = ("2", "4", "5")
+FORMAT = "6"
 
 _MAGIC = b"\x89MCAP0\r\n"
 _COMMIT = "depthloom.Commit"
@@ -85,9 +85,8 @@ class Recording:
             about = self._index.metadata.get("depthloom")
             if about is None:
                 raise RecordingError(f"{path} does not contain a plan: it is not a recording of depthloom, or it was truncated near its start")
-            if about.get("format") not in KNOWN_FORMATS:
-                known = ", ".join(KNOWN_FORMATS)
-                raise RecordingError(f"{path} is of format {about.get('format')}; this package knows {known}")
+            if about.get("format") != FORMAT:
+                raise RecordingError(f"{path} has recording format {about.get('format')}, but this version of depthloom reads format {FORMAT} only")
             #: Whether the run finished.
             self.is_complete = indexed is not None and "depthloom.ended" not in self._index.metadata
             #: The plan as JSON.

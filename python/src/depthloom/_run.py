@@ -74,9 +74,9 @@ class Run:
         return self._plan.name
 
     @property
-    def about(self) -> str:
+    def description(self) -> str:
         """The experiment's description."""
-        return self._plan.about
+        return self._plan.description
 
     @property
     def is_complete(self) -> bool:

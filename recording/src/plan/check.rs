@@ -105,7 +105,7 @@ mod tests {
             let (once, recorded) = (false, true);
             json!({ "port": "out", "type": value_type, "once": once, "topic": topic, "aliases": [], "recorded": recorded })
         };
-        let params = json!({ "preset": "paper", "sets": ["all"] });
+        let params = json!({ "preset": "martins2018", "sets": ["all"] });
         let node = |name: &str, output: Json| {
             json!({
                 "name": name, "kind": "test/node", "version": 1, "contract": "pure", "params": params, "inputs": [],
@@ -113,7 +113,7 @@ mod tests {
             })
         };
         json!({
-            "experiment": "test", "about": "", "variants": ["a", "b"], "every": 1, "view": false,
+            "experiment": "test", "description": "", "variants": ["a", "b"], "every": 1, "view": false,
             "runs": [{
                 "stage": "compare", "prefix": "/compare", "variants": [0, 1],
                 "source": { "name": "street", "parts": [], "outputs": [output("/truth", "depth")] },

@@ -16,7 +16,7 @@ use depthloom_mcap::{
 use crate::checksum::unseal;
 use crate::error::RecordingError;
 use crate::read::attachment::AttachmentEntry;
-use crate::{KNOWN_FORMATS, LONGEST_CHUNK_HEADER, ONCE_METADATA, PLAN_METADATA, TOPIC_IN_PLAN};
+use crate::{FORMAT, LONGEST_CHUNK_HEADER, ONCE_METADATA, PLAN_METADATA, TOPIC_IN_PLAN};
 
 #[derive(Clone, Debug)]
 pub(crate) struct ChannelEntry {
@@ -199,8 +199,8 @@ pub(crate) fn metadata_entry(file: &PositionedFile, offset: u64, body: &[u8]) ->
         let Some(found) = values.get("format").cloned() else {
             return Err(RecordingError::NotARecording { path: file.path.clone() });
         };
-        if !KNOWN_FORMATS.contains(&found.as_str()) {
-            return Err(RecordingError::Format { path: file.path.clone(), found, known: &KNOWN_FORMATS });
+        if found != FORMAT {
+            return Err(RecordingError::Format { path: file.path.clone(), found });
         }
     }
     let crc_before = unseal(&name, &values).ok_or_else(damaged)?;

@@ -19,7 +19,7 @@ use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, Index, MetadataEntry};
 use crate::read::recovery_scan::{Scanned, scan};
-use crate::{ENDED_METADATA, FORMAT, PLAN_METADATA, RECOVERED};
+use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED};
 use depthloom_mcap::{FileError, PositionedFile, begins_as_mcap};
 
 /// A committed frame of a stage run.
@@ -175,14 +175,6 @@ impl Recording {
     #[must_use]
     pub const fn plan(&self) -> &RecordedPlan {
         &self.plan
-    }
-
-    /// Whether it has the format that is written now: then equal values have equal bytes, and no value is stored under
-    /// a wrong key.
-    #[must_use]
-    pub fn is_of_this_format(&self) -> bool {
-        let mut of_plan = self.index.metadata.iter().filter(|metadata| metadata.name == PLAN_METADATA);
-        of_plan.any(|metadata| metadata.values.get("format").is_some_and(|format| format == FORMAT))
     }
 
     /// The committed frames of a stage run, in order; empty if there is no such run.

@@ -54,11 +54,12 @@ impl EarlierRuns {
                 continue;
             }
             match Recording::open(path) {
-                Ok(recording) if recording.is_of_this_format() && is_of_use(recording.plan()) => {
+                Ok(recording) if is_of_use(recording.plan()) => {
                     let checked = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
                     runs.push(EarlierRun { recording, checked, is_reused: AtomicBool::new(false) });
                 }
                 Ok(_) => {}
+                Err(RecordingError::Format { .. }) => {}
                 Err(error) if is_only_begun(path, &error) => {}
                 Err(error) => unreadable.push((path.to_owned(), error)),
             }

@@ -31,16 +31,16 @@ use crate::write::viewer::at_the_time_shown;
 use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED};
 
 impl Recording {
-    /// Whether this recording has the plan of a run, in the format that is written now.
+    /// Whether this recording has the plan of a run.
     #[must_use]
     pub fn has_plan(&self, plan: &Plan) -> bool {
         // The written text is compared, because numbers may differ in the last bit when read.
         let recorded = self.index.metadata.iter().find(|metadata| metadata.name == PLAN_METADATA);
         let recorded = recorded.and_then(|metadata| metadata.values.get("plan"));
-        self.is_of_this_format() && recorded == Some(&json(&RecordedPlan::from_plan(plan)))
+        recorded == Some(&json(&RecordedPlan::from_plan(plan)))
     }
 
-    /// Whether a run of the same experiment wrote this recording, in the format that is written now. Other inputs of
+    /// Whether a run of the same experiment wrote this recording. Other inputs of
     /// the run (data, programs, engines) may have changed since.
     #[must_use]
     pub fn is_of_experiment(&self, plan: &Plan) -> bool {
@@ -50,7 +50,7 @@ impl Recording {
             stored.next().is_some_and(|file| file.name == *name)
                 && self.attachment(name).is_ok_and(|bytes| bytes == text.as_bytes())
         });
-        self.is_of_this_format() && has_same_files && stored.next().is_none()
+        has_same_files && stored.next().is_none()
     }
 
     /// Whether the frame at a position of a stage run has the id, index and time with which this frame would be

@@ -247,15 +247,16 @@ fn fault_49_a_recording_says_in_what_condition_it_is() {
 fn a_recording_of_another_format_is_refused_with_the_remedy() {
     let (bytes, ends, _) = recorded();
     let folder = tempfile::tempdir().unwrap();
-    let format_entry = b"\x06\0\0\0format\x01\0\0\x005";
+    let format_entry = b"\x06\0\0\0format\x01\0\0\x006";
     let place = bytes.windows(format_entry.len()).position(|window| window == format_entry).unwrap();
-    for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'1'), (bytes.clone(), b'3')] {
+    for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'5'), (bytes.clone(), b'7')] {
         let mut other = bytes;
         other[place + format_entry.len() - 1] = format;
         let error = Recording::open(written(folder.path(), &other)).unwrap_err();
-        let expected = format!("has recording format {}; this engine reads formats 2 and 4 and 5", format as char);
+        let expected =
+            format!("has recording format {}, but this version of depthloom reads format 6 only", format as char);
         assert!(error.to_string().ends_with(&expected), "{error}");
-        assert_eq!(error.remedy().unwrap().contains("0.1.0"), format == b'1');
+        assert_eq!(error.remedy().unwrap().contains("depthloom 0.1"), format != b'7');
     }
 }
 

@@ -61,12 +61,12 @@ const NODES: &[NodeSpec] = &[
         name: "score_fused",
         inputs: &[
             ("estimate", Slot::Node { node: NodeId(3), port: PortId(0) }),
-            ("truth", Slot::Source { port: PortId(2) }),
+            ("ground_truth", Slot::Source { port: PortId(2) }),
         ],
         outputs: &[Port::frame("scores", ValueType::Scores, "Scores.")],
     },
     NodeSpec {
-        name: "teacher",
+        name: "train",
         inputs: &[],
         outputs: &[
             Port::once("model", ValueType::Model, "A network."),
@@ -99,7 +99,7 @@ pub(crate) fn plan() -> Plan {
 pub(crate) fn plan_of(stages: &[&str]) -> Plan {
     Plan {
         experiment: "fixture".to_owned(),
-        about: "Every type of value.".to_owned(),
+        description: "Every type of value.".to_owned(),
         variants: vec!["full".to_owned(), "plain".to_owned()],
         factors: Vec::new(),
         runs: stages.iter().map(|stage| stage_run(stage)).collect(),
@@ -120,10 +120,10 @@ fn stage_run(stage: &str) -> StageRun {
         name: spec.name.to_owned(),
         kind: format!("test/{}", spec.name),
         version: 1,
-        contract: if spec.name == "teacher" { Contract::Once } else { Contract::Pure },
-        params: json!({ "sets": ["valid", "all"], "preset": "paper" }),
+        contract: if spec.name == "train" { Contract::Once } else { Contract::Pure },
+        params: json!({ "sets": ["valid", "all"], "preset": "martins2018" }),
         shown: json!({}),
-        portable: json!({ "sets": ["valid", "all"], "preset": "paper" }),
+        portable: json!({ "sets": ["valid", "all"], "preset": "martins2018" }),
         auto: Vec::new(),
         inputs: spec
             .inputs
@@ -307,7 +307,7 @@ pub(crate) fn record_frame_at(
 }
 
 /// The topic of the fixture's learning curve.
-pub(crate) const CURVE: &str = "/compare/teacher/curve";
+pub(crate) const CURVE: &str = "/compare/train/curve";
 
 /// The model of the fixture.
 pub(crate) fn model() -> Value {
@@ -329,7 +329,7 @@ pub(crate) fn curve() -> Curve {
 
 /// Records the aggregate values of a stage run.
 pub(crate) fn record_once_values(recorder: &Recorder, run: RunId) {
-    let key = Key::of_content(b"teacher");
+    let key = Key::of_content(b"train");
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(0) }, &key, &model(), &[]).unwrap();
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(1) }, &key, &curve().into(), &[]).unwrap();
 }

@@ -116,11 +116,7 @@ fn python_sees_what_viewers_need() {
     assert_eq!(curve["last_ns"], BEGINNING_NS + 250_000_000);
     assert_eq!(
         read["metadata"],
-        serde_json::json!([
-            "depthloom",
-            "depthloom.once/compare/teacher/model",
-            "depthloom.once/compare/teacher/curve"
-        ])
+        serde_json::json!(["depthloom", "depthloom.once/compare/train/model", "depthloom.once/compare/train/curve"])
     );
     assert_eq!(read["attachments"]["note.txt"], 4);
 }

@@ -123,7 +123,7 @@ fn the_plan_and_the_files_come_back() {
     assert_eq!(estimate.estimate_topic.as_deref(), Some("/compare/fused/depth"));
     assert_eq!(estimate.truth_topic.as_deref(), Some("/compare/source/depth"));
     assert_eq!(estimate.score_topic.as_deref(), Some("/compare/score_fused/scores"));
-    assert_eq!(estimate.score_params["preset"], "paper");
+    assert_eq!(estimate.score_params["preset"], "martins2018");
     assert_eq!(recording.attachment("experiment/fixture.yaml").unwrap(), b"experiment: fixture\n");
     assert_eq!(recording.attachment("experiment.resolved.yaml").unwrap(), b"experiment: fixture\nvariants: {}\n");
     assert_eq!(recording.attachment("note.txt").unwrap(), b"note");
@@ -156,9 +156,9 @@ fn values_are_found_by_key() {
     let [(_, Some(found))] = &stored(&recording, &key(&frame, NodeId(3)))[..] else { panic!("one port") };
     assert_same(&fused.1, found);
     assert_eq!(ports(&stored(&recording, &key(&frame, NodeId(2)))), ["weight", "mask"]);
-    let teacher = stored(&recording, &Key::of_content(b"teacher"));
-    assert_eq!(ports(&teacher), ["model", "curve"]);
-    let [(_, Some(Value::Model(model))), (_, Some(learned))] = &teacher[..] else { panic!() };
+    let train = stored(&recording, &Key::of_content(b"train"));
+    assert_eq!(ports(&train), ["model", "curve"]);
+    let [(_, Some(Value::Model(model))), (_, Some(learned))] = &train[..] else { panic!() };
     assert_eq!(*model.bytes, [7; 1000]);
     assert_same(&curve().into(), learned);
     assert!(recording.find(&Key::of_content(b"unknown")).is_none());
@@ -177,17 +177,17 @@ fn a_store_tells_what_is_known_to_be_nothing_from_what_was_not_kept() {
         record_frame(&recorder, RunId(0), &frame(index), &values, false);
     }
     recorder
-        .once(RunId(0), Slot::Node { node: NodeId(5), port: PortId(0) }, &Key::of_content(b"teacher"), &model(), &[])
+        .once(RunId(0), Slot::Node { node: NodeId(5), port: PortId(0) }, &Key::of_content(b"train"), &model(), &[])
         .unwrap();
     let ports = |recording: &Recording, key: Key| -> Vec<(String, bool)> {
         stored(recording, &key).into_iter().map(|(port, value)| (port, value.is_some())).collect()
     };
     let unfinished = Recording::open(&path).unwrap();
-    assert_eq!(ports(&unfinished, Key::of_content(b"teacher")), [("model".to_owned(), true)], "the rest may come yet");
+    assert_eq!(ports(&unfinished, Key::of_content(b"train")), [("model".to_owned(), true)], "the rest may come yet");
     recorder.finish(&[]).unwrap();
     let finished = Recording::open(&path).unwrap();
     let (model, curve) = (("model".to_owned(), true), ("curve".to_owned(), false));
-    assert_eq!(ports(&finished, Key::of_content(b"teacher")), [model, curve]);
+    assert_eq!(ports(&finished, Key::of_content(b"train")), [model, curve]);
     let (weight, mask) = (("weight".to_owned(), true), ("mask".to_owned(), false));
     assert_eq!(ports(&finished, key(&frame(0), NodeId(2))), [weight, mask]);
     assert_eq!(ports(&finished, key(&frame(1), NodeId(2))), Vec::new(), "values are recorded on every second frame");
@@ -211,7 +211,7 @@ fn a_learning_curve_lies_between_two_stages_and_in_no_frame() {
     let outputs: Vec<_> =
         once.iter().map(|value| (value.run.0, value.node.0, value.port.0, value.value_type.as_str())).collect();
     assert_eq!(outputs, [(0, 5, 0, "model"), (0, 5, 1, "curve"), (1, 5, 0, "model"), (1, 5, 1, "curve")]);
-    let topics = ["/learn/teacher/curve", CURVE];
+    let topics = ["/learn/train/curve", CURVE];
     for (of, topic) in [&once[1], &once[3]].into_iter().zip(topics) {
         assert_eq!(of.content, RecordedContent::Messages { topic: topic.to_owned(), count: 4 });
         assert_same(&curve().into(), &recording.aggregate_value(of).unwrap());
@@ -233,7 +233,7 @@ fn a_curve_without_points_and_one_without_frames_come_back() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     let recorder = Recorder::create(&path, &plan_of(&["learn", "compare"])).unwrap();
-    let (slot, key) = (Slot::Node { node: NodeId(5), port: PortId(1) }, Key::of_content(b"teacher"));
+    let (slot, key) = (Slot::Node { node: NodeId(5), port: PortId(1) }, Key::of_content(b"train"));
     recorder.once(RunId(0), slot, &key, &Curve::default().into(), &[]).unwrap();
     recorder.once(RunId(1), slot, &key, &curve().into(), &[]).unwrap();
     recorder.finish(&[]).unwrap();

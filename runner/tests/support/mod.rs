@@ -222,7 +222,7 @@ impl Bench {
     pub(crate) fn new(variants: &[&str]) -> Self {
         let plan = Plan {
             experiment: "toys".to_owned(),
-            about: String::new(),
+            description: String::new(),
             variants: variants.iter().map(|&v| v.to_owned()).collect(),
             factors: Vec::new(),
             runs: Vec::new(),

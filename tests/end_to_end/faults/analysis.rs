@@ -57,13 +57,13 @@ fn fault_01_leftovers_of_a_killed_report_do_not_change_percentiles() {
 #[test]
 fn fault_02_frames_that_share_an_id_are_counted_separately() {
     let folder = tempfile::tempdir().expect("a folder");
-    let again = format!("{{ join: [{}, {}] }}", street("0..2", 1), street("1..2", 1));
+    let again = format!("{{ concat: [{}, {}] }}", street("0..2", 1), street("1..2", 1));
     let (out, printed) = first_look(folder.path(), &again, "{}");
     assert!(printed.contains("mean over 3 frames"), "{printed}");
     assert_mean_of_three(&out);
 
     let folder = tempfile::tempdir().expect("a folder");
-    let joined = format!("{{ join: [{}, {}] }}", street("0..2", 1), street("0..1", 2));
+    let joined = format!("{{ concat: [{}, {}] }}", street("0..2", 1), street("0..1", 2));
     let (out, printed) = first_look(folder.path(), &joined, "{}");
     assert!(printed.contains("mean over 3 frames"), "two streets whose frames share a name: {printed}");
     assert_mean_of_three(&out);

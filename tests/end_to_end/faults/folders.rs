@@ -85,7 +85,7 @@ fn fault_25_a_trained_model_is_a_file_of_its_run() {
     let out = folder.path().join("run");
     let output = succeed(depthloom().args(["run", "--no-page"]).arg(street(folder.path(), 2)).arg("--out").arg(&out));
     assert!(String::from_utf8_lossy(&output.stdout).contains("learnt models"), "{output:?}");
-    let model = fs::read(out.join("models/learn.teacher.onnx")).expect("the model");
+    let model = fs::read(out.join("models/learn.train.onnx")).expect("the model");
     let recording = depthloom_recording::Recording::open(out.join("recording.mcap")).expect("a recording");
     let is_model = |name: &&depthloom_recording::AttachmentEntry| name.name.starts_with("artifacts/");
     let models: Vec<_> = recording.attachments().iter().filter(is_model).collect();
@@ -94,21 +94,21 @@ fn fault_25_a_trained_model_is_a_file_of_its_run() {
     use std::os::unix::fs::symlink;
     let precious = folder.path().join(".bashrc");
     fs::write(&precious, "years").expect("written");
-    fs::remove_file(out.join("models/learn.teacher.onnx")).expect("removed");
-    for name in ["learn.teacher.onnx", "learn.teacher.onnx.partial"] {
+    fs::remove_file(out.join("models/learn.train.onnx")).expect("removed");
+    for name in ["learn.train.onnx", "learn.train.onnx.partial"] {
         symlink(&precious, out.join("models").join(name)).expect("linked");
     }
     succeed(depthloom().arg("report").arg(&out).arg("--no-page"));
     assert_eq!(fs::read_to_string(&precious).expect("the file"), "years");
-    assert!(fs::read(out.join("models/learn.teacher.onnx")).expect("the model") == model);
+    assert!(fs::read(out.join("models/learn.train.onnx")).expect("the model") == model);
     let other_folder = folder.path().join("other_folder");
     fs::rename(out.join("models"), &other_folder).expect("renamed");
-    fs::remove_file(other_folder.join("learn.teacher.onnx")).expect("removed");
+    fs::remove_file(other_folder.join("learn.train.onnx")).expect("removed");
     symlink(&other_folder, out.join("models")).expect("linked");
     let refused = depthloom().arg("report").arg(&out).arg("--no-page").output().expect("the binary starts");
     assert_eq!(refused.status.code(), Some(1), "{}", stderr_of(&refused));
     assert!(stderr_of(&refused).contains("models is a symbolic link, not a folder"), "{}", stderr_of(&refused));
-    assert!(!other_folder.join("learn.teacher.onnx").exists());
+    assert!(!other_folder.join("learn.train.onnx").exists());
 }
 
 #[test]
@@ -205,8 +205,7 @@ fn names_of_maximal_length_work() {
     let folder = tempfile::tempdir().expect("a folder");
     let (stage, node, variant) = ("\u{e4}".repeat(100), "n".repeat(100), "v".repeat(100));
     let text = fs::read_to_string(street(folder.path(), 2)).expect("written");
-    let text =
-        text.replace("  learn:\n", &format!("  {stage}:\n")).replace("      teacher:", &format!("      {node}:"));
+    let text = text.replace("  learn:\n", &format!("  {stage}:\n")).replace("      train:", &format!("      {node}:"));
     let variants = format!("variants: {{ {variant}: {{}}, other: {{ {stage}.{node}.with.steps: 1 }} }}\n");
     let long = folder.path().join(format!("{}.yaml", "x".repeat(250)));
     fs::write(&long, text + &variants).expect("written");
@@ -240,7 +239,7 @@ stages:
   look:
     source: street
     nodes: { graph: GRAPH }
-    score: { truth: source/depth, estimates: { stereo: depth/depth } }
+    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }
 experiment: next
 ";
     let nodes = "nodes:

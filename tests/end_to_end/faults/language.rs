@@ -12,14 +12,14 @@ struct Project {
 }
 
 const BASE: &str = "experiment: base
-sources: { street: { kind: kitti/stereo2015, with: { root: data, truth: occ } } }
+sources: { street: { kind: kitti/stereo2015, with: { root: data, ground_truth: occ } } }
 stages:
   look:
     source: street
     nodes:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 64 } }
       depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
-    score: { truth: source/depth, estimates: { stereo: { from: depth/depth, sets: [valid] } } }
+    score: { ground_truth: source/depth, estimates: { stereo: { from: depth/depth, sets: [valid] } } }
 ";
 
 impl Project {

@@ -75,10 +75,10 @@ fn fault_14_checkpoint_interval_and_sample_memory_do_not_change_keys() {
         let recording = Recording::open(out.join("recording.mcap")).expect("a recording");
         (recording.plan().clone(), format!("{:?}", recording.aggregate_values()), learned(&out))
     };
-    let usual = recorded("usual", &["learn.teacher.with.steps=5"]);
+    let usual = recorded("usual", &["learn.train.with.steps=5"]);
     let often = recorded(
         "often",
-        &["learn.teacher.with.steps=5", "learn.teacher.with.checkpoint_every=1", "learn.samples.with.memory_mb=0"],
+        &["learn.train.with.steps=5", "learn.train.with.checkpoint_every=1", "learn.samples.with.memory_mb=0"],
     );
     assert_eq!(usual.0, often.0, "the recorded plan, with every node hash");
     assert!(usual == often);
@@ -90,8 +90,8 @@ fn fault_17_impossible_training_settings_are_found_before_any_frame() {
     let experiment = street(folder.path(), 100);
     for (set, message) in [
         ("learn.samples.with.size=[100, 50]", "set `size: [128, 64]` at `learn/samples`"),
-        ("learn.teacher.with.patience=2", "wire validation samples"),
-        ("learn.teacher.with.photometric=1", "wire `right: source/right`"),
+        ("learn.train.with.patience=2", "wire validation samples"),
+        ("learn.train.with.photometric=1", "wire `right: source/right`"),
     ] {
         for command in ["check", "run"] {
             let out = folder.path().join("out");

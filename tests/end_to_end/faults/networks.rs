@@ -30,7 +30,7 @@ stages:
       merged: {{ kind: fusion/confidence, inputs: {{ mono: scaled/depth, stereo: depth/depth, weight: weight/weight }} }}
       fused: {{ kind: filter/median, inputs: {{ depth: merged/depth }} }}
     score:
-      truth: source/depth
+      ground_truth: source/depth
       estimates:
         stereo: {{ from: depth/depth, sets: [valid] }}
         merged: {{ from: merged/depth, sets: [valid] }}

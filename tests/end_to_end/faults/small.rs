@@ -80,7 +80,7 @@ stages:
         kind: learn/samples
         inputs: {{ image: source/left, target: stereo/disparity, mask: edges/mask, calibration: source/calibration }}
         with: {{ size: [64, 32] }}
-      teacher:
+      train:
         kind: learn/ssl
         inputs: {{ samples: samples/samples }}
         with: {{ steps: {steps}, batch: 2, curve_every: 7, checkpoint_every: 2 }}

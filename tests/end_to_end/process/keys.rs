@@ -25,7 +25,7 @@ stages:
         inputs: { depth: source/depth }
         with: { command: [python3, node.py], ports: { inputs: { depth: depth }, outputs: { depth: depth } }, WITH }
       after: { kind: filter/median, inputs: { depth: own/depth } }
-    score: { truth: source/depth, estimates: { after: after/depth } }
+    score: { ground_truth: source/depth, estimates: { after: after/depth } }
 ";
 
 const NODE: &str = "

@@ -141,7 +141,7 @@ stages:
         inputs: { depth: mean/depth }
         with: { command: [python3, nodes.py, Log], contract: ordered, ports: { inputs: { depth: depth } }, params: { to: LOG } }
       edges: { kind: confidence/edges, inputs: { image: source/left } }
-    score: { truth: source/depth, estimates: { mean: { from: mean/depth, sets: [valid] } } }
+    score: { ground_truth: source/depth, estimates: { mean: { from: mean/depth, sets: [valid] } } }
 ";
 
 #[test]
@@ -177,7 +177,7 @@ fn an_exception_is_reported_with_its_line_and_the_next_frame_runs() {
              outputs: {{ left: image, depth: depth, disparity: disparity, mask: mask, calibration: calibration }}, params: {{ count: 3 }} }} }} }}\n\
              stages:\n  look:\n    source: ramp\n    nodes:\n      own: {{ kind: process, inputs: {{ {inputs} }}, with: {{ \
              command: [python3, nodes.py, {function}], ports: {{ inputs: {{ depth: depth }}, outputs: {{ depth: depth }} }} }} }}\n\
-             \x20   score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [valid] }} }} }}\n"
+             \x20   score: {{ ground_truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [valid] }} }} }}\n"
         );
         std::fs::write(&experiment, text).expect("written");
         let out = folder.path().join(function);
@@ -267,7 +267,7 @@ stages:
         kind: process
         inputs: { image: source/image, depth: source/depth }
         with: { command: [python3, nodes.py, Keeps], contract: ordered, ports: { inputs: { image: image, depth: depth }, outputs: { depth: depth } }, version: 1 }
-    score: { truth: source/depth, estimates: { keeps: { from: keeps/depth, sets: [valid] } } }
+    score: { ground_truth: source/depth, estimates: { keeps: { from: keeps/depth, sets: [valid] } } }
 ";
 
 #[test]
@@ -382,7 +382,7 @@ fn run_own(python: &Path, folder: &Path, name: &str, params: &str) -> (Option<i3
         "experiment: own\nsources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 64, height: 32 }} }} }}\n\
          stages:\n  look:\n    source: street\n    nodes:\n      own:\n        kind: process\n        inputs: {{ depth: source/depth }}\n\
          \x20       with: {{ command: [python3, nodes.py, own], ports: {{ inputs: {{ depth: depth }}, outputs: {outputs} }}, params: {{ {params} }} }}\n\
-         \x20   score: {{ truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}\n"
+         \x20   score: {{ ground_truth: source/depth, estimates: {{ own: {{ from: own/depth, sets: [all] }} }} }}\n"
     );
     let experiment = folder.join(format!("{name}.yaml"));
     std::fs::write(&experiment, text).expect("written");

@@ -13,7 +13,7 @@ stages:
 ";
 
 fn variants(case: &Case, name: &str, variants: &str) {
-    let score = "    score: { truth: source/depth, estimates: { stereo: depth/depth } }\n";
+    let score = "    score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }\n";
     case.write(name, format!("{STREET}{score}variants: {{ {variants} }}\n"));
 }
 
@@ -23,7 +23,7 @@ fn filters(case: &Case, name: &str, sizes: [u32; 2], estimates: &str) {
     let nodes = format!(
         "      small: {{ kind: filter/median, inputs: {{ depth: depth/depth }}, with: {{ size: {small} }} }}\n      \
          large: {{ kind: filter/median, inputs: {{ depth: depth/depth }}, with: {{ size: {large} }} }}\n    \
-         score: {{ truth: source/depth, estimates: {{ {estimates} }} }}\n"
+         score: {{ ground_truth: source/depth, estimates: {{ {estimates} }} }}\n"
     );
     case.write(name, format!("{STREET}{nodes}"));
 }

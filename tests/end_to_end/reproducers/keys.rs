@@ -27,7 +27,7 @@ stages:
     source: own
     nodes:
       mono: {{ kind: mono/ground-plane, inputs: {{ image: source/left, calibration: source/calibration }} }}
-    score: {{ truth: source/depth, estimates: {{ mono: mono/depth }} }}
+    score: {{ ground_truth: source/depth, estimates: {{ mono: mono/depth }} }}
 "
     )
 }
@@ -56,7 +56,7 @@ stages:
         kind: process
         inputs: {{ depth: source/depth }}
         with: {{ command: [python3, own.py], contract: {contract}, {with}, ports: {{ inputs: {{ depth: depth }}, outputs: {{ depth: depth }} }} }}
-    score: {{ truth: source/depth, estimates: {{ own: own/depth }} }}
+    score: {{ ground_truth: source/depth, estimates: {{ own: own/depth }} }}
 "
     )
 }

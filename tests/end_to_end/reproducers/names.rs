@@ -13,7 +13,7 @@ stages:
   look:
     source: street
     nodes: { mono: { kind: mono/ground-plane, inputs: { image: source/left, calibration: source/calibration } } }
-    score: { truth: source/depth, estimates: { mono: mono/depth } }
+    score: { ground_truth: source/depth, estimates: { mono: mono/depth } }
 ";
 
 #[test]

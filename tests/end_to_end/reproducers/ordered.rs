@@ -56,7 +56,7 @@ fn changed_frame_times_recompute_ordered_nodes_and_their_consumers() {
     let times = |seconds: [&str; 3]| seconds.map(|second| format!("2011-09-26 13:02:{second}\n")).concat();
     let file = format!("{drive}/image_02/timestamps.txt");
     case.write("clock.py", CLOCK);
-    case.write("clock.yaml", clock("{ kind: kitti/raw, with: { root: raw, truth: none } }"));
+    case.write("clock.yaml", clock("{ kind: kitti/raw, with: { root: raw, ground_truth: none } }"));
     case.write(&file, times(["44.0", "44.1", "44.2"]));
     case.run("clock.yaml", "runs/one", &[]);
     case.write(&file, times(["44.0", "44.3", "45.7"]));
@@ -119,7 +119,7 @@ stages:
       stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { disparities: 16 } }
       edges: { kind: confidence/edges, inputs: { image: source/left } }
       samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask }, with: { size: [64, 32] } }
-      teacher: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 2, batch: 2 } }
+      train: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 2, batch: 2 } }
 ";
     case.write("learning.yaml", learning);
     case.run("learning.yaml", "runs/one", &[]);

@@ -210,7 +210,7 @@ stages:
     nodes:
       mono: { kind: mono/ground-plane, inputs: { image: source/left, calibration: source/calibration } }
       scaled: { kind: process, inputs: { depth: mono/depth }, with: { command: [python3, camera.py, scaled], code: [camera.py], ports: { inputs: { depth: depth }, outputs: { depth: depth } } } }
-    score: { truth: source/depth, estimates: { mono: mono/depth, scaled: scaled/depth } }
+    score: { ground_truth: source/depth, estimates: { mono: mono/depth, scaled: scaled/depth } }
 ";
 
 /// Interrupts a run with Python programs, changes their module, and resumes.

@@ -67,7 +67,8 @@ fn table_of_sources(
     with_paper: bool,
     source: &dyn Fn(RunId, FrameIndex) -> Option<Key>,
 ) -> ScoreTable {
-    let plan = json!({ "experiment": "street_1", "about": "", "variants": [], "every": 1, "view": false, "runs": [] });
+    let plan =
+        json!({ "experiment": "street_1", "description": "", "variants": [], "every": 1, "view": false, "runs": [] });
     let plan = RecordedPlan::deserialize(plan).unwrap();
     let ablation = Ablation::new(&plan, estimates, scores, source, None);
     let all = Selection::default();

@@ -62,7 +62,7 @@ impl<'a> Truth<'a> {
             let what = format!(
                 "the ground truth contradicts the images: at {count} places that both show it is far where they say near (correlation {against:.2}); {looks}"
             );
-            let remedy = "set the unit of its numbers (source `images`: `truth: { unit: pixels }`, `metres` or `millimetres`), or use the right ground truth";
+            let remedy = "set the unit of its numbers (source `images`: `ground_truth: { unit: pixels }`, `metres` or `millimetres`), or use the right ground truth";
             return Some(Contradiction { port, what, remedy });
         }
         match (self, calibration) {

@@ -43,9 +43,8 @@ fn losses_over_decades_have_a_logarithmic_axis_unless_one_is_not_positive() {
 #[test]
 fn equal_numbers_give_equal_bytes() {
     let curves = [curve(&[40.0, 3.0, 0.2]), curve(&[1.0, f64::NAN, f64::INFINITY, 0.5]), curve(&[])];
-    let render = |curves: &[Curve]| {
-        learning_curves(curves.iter().map(|curve| ("learn/teacher", curve))).drawing().unwrap().svg()
-    };
+    let render =
+        |curves: &[Curve]| learning_curves(curves.iter().map(|curve| ("learn/train", curve))).drawing().unwrap().svg();
     let svg = render(&curves);
     assert!(svg == render(&curves), "two renderings of one figure differ");
     assert!(svg.starts_with("<svg") && svg.contains(RED) && svg.contains(BLUE));

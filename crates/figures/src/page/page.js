@@ -2,7 +2,7 @@
 function head() {
   const made = D.environment?.finished_utc;
   byId("experiment").textContent = D.experiment;
-  byId("about").textContent = D.about;
+  byId("about").textContent = D.description;
   const frames = D.condition?.frames ?? 0;
   byId("made").textContent = [
     D.variants > 1 ? plural(D.variants, "variant") : null, plural(frames, "frame"), D.condition?.condition && D.condition.condition !== "whole" ? `recording ${D.condition.condition}` : null,

@@ -279,7 +279,7 @@ mod tests {
                     "recipe": "00".repeat(16), "variants": variants })
         };
         let plan = json!({
-            "experiment": "x", "about": "", "variants": ["a", "b"], "every": 1, "view": false,
+            "experiment": "x", "description": "", "variants": ["a", "b"], "every": 1, "view": false,
             "runs": [{
                 "stage": "s", "prefix": "/s", "variants": [0, 1], "estimates": [],
                 "source": { "name": "<street>", "parts": [{ "kind": "k", "version": 1, "params": {} }], "outputs": output("/s/source/depth") },

@@ -121,7 +121,7 @@ mod tests {
         let out = folder.path().join("out");
         run(&out);
         fs::create_dir(out.join("models")).unwrap();
-        fs::write(out.join("models/learn.teacher.onnx"), "network").unwrap();
+        fs::write(out.join("models/learn.train.onnx"), "network").unwrap();
         let removal = Removal::prepare(&out).unwrap();
         assert!(refused(&out).contains("another process is writing to it"), "a removal locks the folder");
         removal.remove().unwrap();

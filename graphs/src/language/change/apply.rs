@@ -88,7 +88,7 @@ fn at_mut<'n>(root: &'n mut Arc<Node>, keys: &[String]) -> Option<&'n mut Arc<No
 fn values_of_axis(root: &Node, mut keys: Vec<String>, value: &Node) -> Vec<String> {
     let is_axis = keys.first().is_some_and(|section| section == "matrix");
     let axis = if is_axis { at(root, &keys) } else { None };
-    let has = |node: &Node| ["set", "values", "when"].iter().any(|key| node.get(key).is_some());
+    let has = |node: &Node| ["paths", "values", "when"].iter().any(|key| node.get(key).is_some());
     if axis.is_some_and(|axis| has(axis)) && !has(value) {
         keys.push("values".to_owned());
     }

@@ -165,7 +165,7 @@ pub(crate) fn axis_of<'n>(root: &'n Node, path: &str) -> Option<&'n str> {
         _ => vec![matrix],
     };
     let sets = |entry: &&Entry| {
-        let set = entry.value.get("set").map(|set| &set.value);
+        let set = entry.value.get("paths").map(|set| &set.value);
         entry.key == path
             || match set {
                 Some(Tree::List(paths)) => paths.iter().any(|own| own.text() == Some(path)),

@@ -7,7 +7,7 @@ use crate::language::text::names;
 use crate::language::text::tree::{Entry, Node, Tree};
 
 pub(super) const MATRIX_KEYS: &[&str] = &["include", "exclude", "sample"];
-pub(super) const AXIS_KEYS: &[&str] = &["set", "values", "when", "from", "to", "steps", "log"];
+pub(super) const AXIS_KEYS: &[&str] = &["paths", "values", "when", "from", "to", "steps", "log"];
 pub(super) const SAMPLE_KEYS: &[&str] = &["method", "count", "seed"];
 
 const DEEPEST: usize = 32;
@@ -210,7 +210,7 @@ fn in_sources(root: &Node, path: &Path<'_>, scope: Scope) -> Result<Vec<String>,
         return Err(path.unknown(1, what, names::suggestion(name, "sources", &known)));
     }
     match path.key(2) {
-        None | Some("kind" | "with" | "join") => Ok(path.from(0).collect()),
+        None | Some("kind" | "with" | "concat") => Ok(path.from(0).collect()),
         Some(other) => {
             let help = format!("did you mean `sources.{name}.with.{other}`?");
             Err(path.unknown(2, format!("a source has no `{other}`"), Some(help)))

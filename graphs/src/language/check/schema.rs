@@ -25,7 +25,7 @@ pub fn schema(registry: &Registry) -> Json {
         "anyOf": [{ "required": ["extends"] }, { "required": ["experiment", "sources", "stages"] }],
         "properties": {
             "experiment": { "type": ["string", "number"], "description": "The experiment's name." },
-            "about": { "type": "string", "description": "What it is for, in a sentence or two." },
+            "description": { "type": "string", "description": "What it is for, in a sentence or two." },
             "extends": { "type": "string", "description": "Another experiment to start from; maps merge by key. Relative to this file." },
             "sources": {
                 "type": "object",
@@ -124,12 +124,12 @@ fn matrix() -> Json {
     let axis = extended(
         range(),
         json!({
-            "set": {
+            "paths": {
                 "description": "The paths that take the value, all of them the same.",
                 "anyOf": [path, { "type": "array", "minItems": 1, "items": path }],
             },
             "values": {
-                "description": "A list, a range, or a map from names to changes (with `set`, to values).",
+                "description": "A list, a range, or a map from names to changes (with `paths`, to values).",
                 "anyOf": [values, { "$ref": "#/$defs/range" }, { "type": "object", "minProperties": 1 }],
             },
             "when": {
@@ -157,7 +157,7 @@ fn matrix() -> Json {
             },
         },
         "additionalProperties": {
-            "description": "An axis: a path, or a name with `set` or `values` that say what it changes.",
+            "description": "An axis: a path, or a name with `paths` or `values` that say what it changes.",
             "anyOf": [
                 values,
                 { "type": "object", "additionalProperties": false, "properties": axis },
@@ -175,7 +175,7 @@ fn source(registry: &Registry) -> Json {
         "items": { "$ref": "#/$defs/source" },
         "description": "Several sources, one after the other.",
     });
-    source["properties"]["join"] = join;
+    source["properties"]["concat"] = join;
     source
 }
 
@@ -304,7 +304,7 @@ fn stage(registry: &Registry) -> Json {
         let clue = json!({ "anyOf": [{ "$ref": "#/$defs/reference" }, { "type": "null" }], "description": input.doc });
         score.insert(input.name.to_owned(), clue);
     }
-    score.insert("truth".to_owned(), json!({ "$ref": "#/$defs/reference", "description": TRUTH }));
+    score.insert("ground_truth".to_owned(), json!({ "$ref": "#/$defs/reference", "description": TRUTH }));
     let mut estimate = score.clone();
     estimate.insert("from".to_owned(), json!({ "$ref": "#/$defs/reference" }));
     score.insert(

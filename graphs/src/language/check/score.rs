@@ -64,7 +64,7 @@ pub(crate) fn expanded(
         };
         let truth = estimate.truth.as_ref().or(score.truth.as_ref()).cloned();
         let mut inputs: Vec<InputSpec> =
-            [wired("estimate", &estimate.from), wired("truth", &truth)].into_iter().flatten().collect();
+            [wired("estimate", &estimate.from), wired("ground_truth", &truth)].into_iter().flatten().collect();
         inputs.extend(estimate.clues.iter().cloned());
         // Inputs of all estimates apply to those whose kind has them.
         let takes = |port: &str| own.is_some_and(|own| own.declaration.inputs.iter().any(|input| input.name == port));

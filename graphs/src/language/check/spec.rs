@@ -13,7 +13,7 @@ const STAGE_KEYS: &[&str] = &["source", "nodes", "score"];
 /// Keys of `score:` and of estimates that are optional inputs, not parameters: the zone of a pixel.
 pub(crate) const CLUES: [&str; 4] = ["image", "occluded", "obj_map", "calibration"];
 const NODE_KEYS: &[&str] = &["kind", "inputs", "with"];
-const SOURCE_KEYS: &[&str] = &["kind", "with", "join"];
+const SOURCE_KEYS: &[&str] = &["kind", "with", "concat"];
 /// Words of the language.
 const RESERVED_NODES: &[&str] = &["source", "score", "graph"];
 const RESERVED_STAGES: &[&str] = &["sources", "stages", "record"];
@@ -110,9 +110,10 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
         }
         text
     };
-    let (name, about) = (text("experiment"), text("about"));
+    let (name, description) = (text("experiment"), text("description"));
     // Shown and recorded with the names of variables.
-    let about = root.get("about").and_then(|about| about.text_with_variables()).map(str::to_owned).or(about);
+    let description =
+        root.get("description").and_then(|entry| entry.text_with_variables()).map(str::to_owned).or(description);
     if root.entry("experiment").is_none() && misspelt(root, "experiment", EXPERIMENT_KEYS) {
         // Reported where the keys are read.
     } else if root.entry("experiment").is_none() {
@@ -124,7 +125,7 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
             false => drop(names::check_experiment(name, &entry.value.place, report)),
         }
     }
-    (name.unwrap_or_default(), about.unwrap_or_default())
+    (name.unwrap_or_default(), description.unwrap_or_default())
 }
 
 fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
@@ -177,12 +178,12 @@ fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
         return SourceSpec { name, parts };
     }
     known_keys(node, "a source", SOURCE_KEYS, report);
-    match node.entry("join") {
+    match node.entry("concat") {
         None => parts.extend(instance(node, &entry.key_place, "source", report)),
         Some(join) => {
             for other in node.entries().iter().filter(|e| matches!(e.key.as_str(), "kind" | "with")) {
-                let error = Diagnostic::error(&other.key_place, format!("`{}` beside `join`", other.key));
-                report.push(error.help("each of the joined sources has its own `kind` and `with`"));
+                let error = Diagnostic::error(&other.key_place, format!("`{}` beside `concat`", other.key));
+                report.push(error.help("each of the sources in `concat` has its own `kind` and `with`"));
             }
             match &join.value.value {
                 Tree::List(items) if !items.is_empty() => {
@@ -194,8 +195,8 @@ fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
                     }
                 }
                 _ => {
-                    let error = Diagnostic::error(&join.value.place, "`join` must be a list of sources");
-                    report.push(error.help("e.g. `join: [ { kind: KIND }, { kind: KIND } ]`"));
+                    let error = Diagnostic::error(&join.value.place, "`concat` must be a list of sources");
+                    report.push(error.help("e.g. `concat: [ { kind: KIND }, { kind: KIND } ]`"));
                 }
             }
         }
@@ -270,7 +271,7 @@ fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
     stage
 }
 
-const SCORE_EXAMPLE: &str = "score: { truth: source/depth, estimates: { stereo: depth/depth } }";
+const SCORE_EXAMPLE: &str = "score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }";
 
 fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
     let name = entry.key();
@@ -333,23 +334,27 @@ fn misspelt_own_key(parameters: &mut Vec<Entry>, key: &str, what: &str, report: 
     };
     let entry = parameters.remove(at);
     let error = Diagnostic::error(&entry.key_place, format!("unknown key `{}` in {what}", entry.key));
-    report.push(error.label("no such key").help(format!("did you mean `{key}`?")));
+    report.push(
+        error
+            .label("no such key")
+            .help(names::renamed(&entry.key, &[key]).unwrap_or_else(|| format!("did you mean `{key}`?"))),
+    );
     true
 }
 
 fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
-    let own = |key: &str| matches!(key, "truth" | "estimates") || CLUES.contains(&key);
+    let own = |key: &str| matches!(key, "ground_truth" | "estimates") || CLUES.contains(&key);
     let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| !own(&e.key)).cloned().collect();
     let missing = |key: &str| entry.value.entry(key).is_none();
     let no_estimates = missing("estimates") && !misspelt_own_key(&mut parameters, "estimates", "`score`", report);
-    let truth = entry.value.entry("truth").map(|truth| input(truth, report));
+    let truth = entry.value.entry("ground_truth").map(|truth| input(truth, report));
     // Each estimate may have its own ground truth.
-    let has_own = |estimate: &Entry| estimate.value.is_null() || estimate.value.entry("truth").is_some();
+    let has_own = |estimate: &Entry| estimate.value.is_null() || estimate.value.entry("ground_truth").is_some();
     let estimates = entry.value.get("estimates").map_or(&[][..], |estimates| estimates.entries());
     let wanted = estimates.is_empty() || !estimates.iter().all(has_own);
-    if truth.is_none() && wanted && !misspelt_own_key(&mut parameters, "truth", "`score`", report) {
-        let error = Diagnostic::error(&entry.key_place, "`score` has no `truth`");
-        report.push(error.help("name the ground truth, e.g. `truth: source/depth`"));
+    if truth.is_none() && wanted && !misspelt_own_key(&mut parameters, "ground_truth", "`score`", report) {
+        let error = Diagnostic::error(&entry.key_place, "`score` has no `ground_truth`");
+        report.push(error.help("name the ground truth, e.g. `ground_truth: source/depth`"));
     }
     let clues = clues(&entry.value, report);
     let mut score = ScoreSpec { place: entry.key_place.clone(), truth, clues, parameters, estimates: Vec::new() };
@@ -386,14 +391,14 @@ fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
         return EstimateSpec { name, from, truth: None, clues: Vec::new(), parameters: Vec::new() };
     }
     let from = entry.value.entry("from");
-    let own = |key: &str| matches!(key, "from" | "truth") || CLUES.contains(&key);
+    let own = |key: &str| matches!(key, "from" | "ground_truth") || CLUES.contains(&key);
     let mut parameters: Vec<Entry> = entry.value.entries().iter().filter(|e| !own(&e.key)).cloned().collect();
     if from.is_none() && !misspelt_own_key(&mut parameters, "from", "an estimate", report) {
         let error = Diagnostic::error(&entry.key_place, format!("estimate `{}` has no `from`", entry.key));
         report.push(error.help("`from: node/output` names the depth that is scored"));
     }
     let from = from.map(|from| input(from, report));
-    let truth = entry.value.entry("truth").map(|truth| input(truth, report));
+    let truth = entry.value.entry("ground_truth").map(|truth| input(truth, report));
     EstimateSpec { name, from, truth, clues: clues(&entry.value, report), parameters }
 }
 

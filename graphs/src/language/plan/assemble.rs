@@ -97,7 +97,7 @@ fn label(runs: &mut [StageRun], placed: &[Vec<PlacedStage>], names: &[String], v
                     _ => None,
                 }
             };
-            let (Some(estimate), Some(truth)) = (slot("estimate"), slot("truth")) else { continue };
+            let (Some(estimate), Some(truth)) = (slot("estimate"), slot("ground_truth")) else { continue };
             runs[run].estimates.push(Estimate { label, name, variant, estimate, truth, score_node });
         }
     }

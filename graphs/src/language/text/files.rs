@@ -138,10 +138,10 @@ impl<'a> Files<'a> {
     /// The nodes of a graph file.
     fn graph_file(&mut self, name: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Option<Arc<Node>> {
         let (document, inner) = self.named_file(name, "graph", open, report)?;
-        for entry in document.entries().iter().filter(|e| !matches!(e.key.as_str(), "about" | "nodes")) {
+        for entry in document.entries().iter().filter(|e| !matches!(e.key.as_str(), "description" | "nodes")) {
             report.push(
                 Diagnostic::error(&entry.key_place, format!("unknown key `{}` in a graph file", entry.key))
-                    .help("a graph file holds `nodes:` and, if you like, `about:`"),
+                    .help("a graph file holds `nodes:` and, if you like, `description:`"),
             );
         }
         let Some(nodes) = document.get("nodes") else {

@@ -75,7 +75,7 @@ pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<No
 
 /// Parameters and ports of another kind do not apply.
 fn replaces_base(base: &Node, over: &Node) -> bool {
-    let identity = |node: &Node| (node.get("kind").and_then(|kind| kind.scalar_text()), node.get("join").is_some());
+    let identity = |node: &Node| (node.get("kind").and_then(|kind| kind.scalar_text()), node.get("concat").is_some());
     let (old, new) = (identity(base), identity(over));
     (new.0.is_some() && new.0 != old.0) || (new.1 && !old.1) || (new.0.is_some() && old.1)
 }

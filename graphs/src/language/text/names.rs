@@ -4,7 +4,7 @@ use super::diagnostics::{Diagnostic, Report};
 use super::source_file::Place;
 
 pub(crate) const EXPERIMENT_KEYS: &[&str] =
-    &["experiment", "about", "extends", "sources", "stages", "variants", "matrix", "only", "record"];
+    &["experiment", "description", "extends", "sources", "stages", "variants", "matrix", "only", "record"];
 
 /// Characters; names become topics, labels and parts of paths.
 const LONGEST: usize = 100;
@@ -49,7 +49,8 @@ fn allowed(
     }
     if name.chars().count() > LONGEST {
         let error = Diagnostic::error(place, format!("the name of {what} is longer than {LONGEST} characters"));
-        report.push(error.label(format!("not a name for {what}")).help("`about:` takes as many words as you like"));
+        report
+            .push(error.label(format!("not a name for {what}")).help("`description:` takes as many words as you like"));
         return false;
     }
     let Some(bad) = name.chars().find(|&c| !allowed(c)) else { return true };
@@ -60,6 +61,22 @@ fn allowed(
             .help(format!("names are {form}, e.g. `{}`", suggestion.trim_start_matches('.'))),
     );
     false
+}
+
+/// Words of version 0.1 and what they are called now.
+const RENAMED: [(&str, &str); 6] = [
+    ("about", "description"),
+    ("answered", "valid"),
+    ("join", "concat"),
+    ("paper", "martins2018"),
+    ("set", "paths"),
+    ("truth", "ground_truth"),
+];
+
+/// What a word of version 0.1 is called now, if that is one of the candidates.
+pub(crate) fn renamed(written: &str, candidates: &[&str]) -> Option<String> {
+    let (_, new) = RENAMED.iter().find(|(old, new)| *old == written && candidates.contains(new))?;
+    Some(format!("`{written}` is called `{new}` since version 0.2"))
 }
 
 /// The candidate nearest to what was written, if one is near.
@@ -98,6 +115,9 @@ pub fn nearest<'a>(written: &str, candidates: impl IntoIterator<Item = &'a str>)
 pub(crate) fn suggestion(written: &str, what: &str, candidates: &[&str]) -> Option<String> {
     if candidates.is_empty() {
         return Some(format!("there are no {what}"));
+    }
+    if let Some(renamed) = renamed(written, candidates) {
+        return Some(renamed);
     }
     Some(match nearest(written, candidates.iter().copied()) {
         Some(near) => format!("did you mean `{near}`?"),

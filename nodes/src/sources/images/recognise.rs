@@ -169,7 +169,7 @@ fn truths(
             (None, true) => ("metres", "or millimetres, or pixels of disparity"),
             (None, false) => ("millimetres", "or metres; of disparity `pixels, divide_by: 256`"),
         };
-        lines.push(format!("truth: {{ files: {}, unit: {unit} }}   # {more}", json!(format!("{folder}/*.{ending}"))));
+        lines.push(format!("ground_truth: {{ files: {}, unit: {unit} }}   # {more}", json!(format!("{folder}/*.{ending}"))));
     }
     lines
 }
@@ -308,8 +308,8 @@ mod tests {
         let found = recognise(root.path());
         let expected = [
             "calibration: { focal_px: 700, baseline_m: 0.12 }   # yours, of a rectified pair; or { files: [left.yaml, right.yaml] }",
-            "truth: { files: \"disp/*.pfm\", unit: pixels }   # of disparity",
-            "truth: { files: \"gt/*.png\", unit: millimetres }   # or metres; of disparity `pixels, divide_by: 256`",
+            "ground_truth: { files: \"disp/*.pfm\", unit: pixels }   # of disparity",
+            "ground_truth: { files: \"gt/*.png\", unit: millimetres }   # or metres; of disparity `pixels, divide_by: 256`",
             "list: \"pairs.csv\"   # in place of left and right",
         ];
         assert_eq!(found[0].alternatives, expected);

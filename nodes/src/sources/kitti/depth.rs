@@ -61,7 +61,7 @@ pub(crate) struct KittiDepth {
     /// ground truth.
     pub drives: Vec<String>,
     /// Depth maps that are the ground truth: `groundtruth` (annotated) or `velodyne_raw` (one scan).
-    pub truth: KittiDepthTruth,
+    pub ground_truth: KittiDepthTruth,
     /// Selected frames, all with ground truth by default. For one drive use KITTI's numbers, for several drives the
     /// count over all drives, from 0.
     pub frames: FrameSelection,
@@ -159,7 +159,7 @@ fn drives(root: &Path, truth: KittiDepthTruth) -> Result<BTreeMap<String, PathBu
 }
 
 fn list(params: &KittiDepth) -> Result<Listing, Fault> {
-    let all = drives(params.root.path(), params.truth)?;
+    let all = drives(params.root.path(), params.ground_truth)?;
     let chosen: Vec<(&String, &PathBuf)> = match params.drives.is_empty() {
         true => all.iter().collect(),
         false => params.drives.iter().map(|name| drives::named(&all, name)).collect::<Result<_, _>>()?,

@@ -87,7 +87,7 @@ pub(crate) struct KittiRaw {
     /// Camera pair: `color` (02, 03) or `grey` (00, 01).
     pub cameras: KittiCameras,
     /// Ground truth: `velodyne` or `none`.
-    pub truth: KittiRawTruth,
+    pub ground_truth: KittiRawTruth,
     /// Rules that convert a scan to depth: `none` (depthloom's own), `monodepth2` or `monodepth2-eigen`.
     pub compat: Compat,
     /// Selected frames, all by default. For one drive use KITTI's numbers, for several drives the count over all
@@ -137,11 +137,11 @@ truth of the Eigen split.",
             ));
         }
         if params.compat != Compat::None
-            && (params.truth, params.cameras) != (KittiRawTruth::Velodyne, KittiCameras::Color)
+            && (params.ground_truth, params.cameras) != (KittiRawTruth::Velodyne, KittiCameras::Color)
         {
             return Err((
                 "compat",
-                "monodepth2 projects scans into the colour camera: `truth: velodyne`, `cameras: color`".to_owned(),
+                "monodepth2 projects scans into the colour camera: `ground_truth: velodyne`, `cameras: color`".to_owned(),
             ));
         }
         Ok(())
@@ -205,7 +205,7 @@ impl DriveFiles {
     fn list(drive: &Drive, params: &KittiRaw) -> Result<Self, Fault> {
         let [left, right] = params.cameras.folders();
         let scans = drive.folder.join("velodyne_points").join("data");
-        let has_scans = params.truth == KittiRawTruth::Velodyne && scans.is_dir();
+        let has_scans = params.ground_truth == KittiRawTruth::Velodyne && scans.is_dir();
         Ok(Self {
             lefts: stems(&drive.folder.join(left).join("data"), &IMAGES, LAYOUT)?,
             rights: stems(&drive.folder.join(right).join("data"), &IMAGES, LAYOUT)?,
@@ -289,7 +289,7 @@ fn list(params: &KittiRaw) -> Result<Listing, Fault> {
         listing.add(frame, files.of_frame(drive, params.cameras, stem));
     }
     listing.warnings.extend(params.frames.left_out(&known));
-    if params.truth == KittiRawTruth::Velodyne && without_scan > 0 {
+    if params.ground_truth == KittiRawTruth::Velodyne && without_scan > 0 {
         let count = listing.len();
         listing.warnings.push(format!("{without_scan} of {count} frames have no laser scan, and so no ground truth"));
     }

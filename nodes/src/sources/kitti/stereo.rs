@@ -85,7 +85,7 @@ pub(crate) fn halves(
         params["root"] = json!(root);
         params["split"] = json!(split.folder());
         if let Some(truth) = truth {
-            params["truth"] = json!(truth);
+            params["ground_truth"] = json!(truth);
         }
         Some(Recognised::new(format!("{name}, {}", split.folder()), params))
     };

@@ -19,7 +19,7 @@ use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, port
 const KIND: &str = "kitti/stereo2012";
 const VERSION: u32 = 2;
 const LAYOUT: &str = "root contains `training` (with ground truth) or `testing` (without), each with colored_0 (left) and colored_1 (right), or image_0 and image_1 of the grey \
-    cameras, of 000000_10.png ..., and calib; in training also disp_noc or disp_occ, unless `truth: none` (KITTI stereo 2012, data_stereo_flow.zip)";
+    cameras, of 000000_10.png ..., and calib; in training also disp_noc or disp_occ, unless `ground_truth: none` (KITTI stereo 2012, data_stereo_flow.zip)";
 
 const NOC: Part = "disp_noc";
 const OCC: Part = "disp_occ";
@@ -37,7 +37,7 @@ pub(crate) struct KittiStereo2012Params {
     pub cameras: KittiCameras,
     /// Pixels of `depth`: `noc` (seen by both cameras), `occ` (all with ground truth) or `none`. Testing frames have
     /// no ground truth.
-    pub truth: KittiTruth,
+    pub ground_truth: KittiTruth,
     /// Whether training frames also have ground-truth disparities (`disp_noc`, `disp_occ`, `occluded`), as far as
     /// their folders exist. `score/disparity` uses them.
     pub disparities: bool,
@@ -88,7 +88,7 @@ too. The ground truth belongs to the left grey camera; KITTI uses it for the lef
 
     fn list(params: &KittiStereo2012Params) -> Result<(Listing, Self), Fault> {
         let parts = [NOC, OCC];
-        let depth = params.truth.part(params.split, parts);
+        let depth = params.ground_truth.part(params.split, parts);
         let disparities = params.disparities && params.split == Split::Training;
         let kind = Self { cameras: params.cameras, truth: GroundTruth { parts, depth, disparities } };
         existing_folder(params.root.path(), LAYOUT)?;
@@ -126,7 +126,7 @@ too. The ground truth belongs to the left grey camera; KITTI uses it for the lef
 
 fn files(folder: &Path, [left, right]: [&str; 2], maps: &[Part], (number, stem): (u64, &str)) -> FrameFiles {
     let image = |part: &str| {
-        let remedy = "each left image needs a right image, and ground truth unless `truth: none`";
+        let remedy = "each left image needs a right image, and ground truth unless `ground_truth: none`";
         existing_file(folder.join(part).join(format!("{stem}.png")), remedy)
     };
     let mut files = FrameFiles::default();

@@ -21,7 +21,7 @@ use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, port
 const KIND: &str = "kitti/stereo2015";
 const VERSION: u32 = 2;
 const LAYOUT: &str = "root contains `training` (with ground truth) or `testing` (without), each with image_2 (left) and image_3 (right) of 000000_10.png ...; \
-    in training also disp_noc_0 or disp_occ_0, unless `truth: none`";
+    in training also disp_noc_0 or disp_occ_0, unless `ground_truth: none`";
 
 const NOC: Part = "disp_noc_0";
 const OCC: Part = "disp_occ_0";
@@ -41,7 +41,7 @@ pub(crate) struct KittiStereo2015Params {
     pub split: Split,
     /// Pixels of `depth`: `noc` (seen by both cameras), `occ` (all with ground truth) or `none`. Testing frames have
     /// no ground truth.
-    pub truth: KittiTruth,
+    pub ground_truth: KittiTruth,
     /// Whether training frames also have ground-truth disparities (`disp_noc`, `disp_occ`, `occluded`) and the map of
     /// objects (`obj_map`), as far as their folders exist. `score/disparity` uses them.
     pub disparities: bool,
@@ -87,7 +87,7 @@ Your own rectified pairs may use the same layout. Frame 150 is `training/image_2
 `training/image_3/000150_10.png`, 8-bit PNG. `training/calib_cam_to_cam/000150.txt` has two lines, `P_rect_02: f 0 \
 cx 0 0 f cy 0 0 0 1 0` and `P_rect_03: f 0 cx -f*B 0 f cy 0 0 0 1 0` (px; the baseline `B` in metres). Ground truth \
 is optional: 16-bit grey PNG of disparity * 256, 0 = unknown, in `disp_noc_0` or `disp_occ_0`. Without it, set \
-`truth: none`. The source `images` reads other layouts.",
+`ground_truth: none`. The source `images` reads other layouts.",
             outputs,
         }
     }
@@ -106,7 +106,7 @@ is optional: 16-bit grey PNG of disparity * 256, 0 = unknown, in `disp_noc_0` or
         let evaluation: Vec<Part> = EVALUATION.into_iter().filter(is_given).collect();
         let parts = [NOC, OCC];
         let truth =
-            GroundTruth { parts, depth: params.truth.part(params.split, parts), disparities: !evaluation.is_empty() };
+            GroundTruth { parts, depth: params.ground_truth.part(params.split, parts), disparities: !evaluation.is_empty() };
         let kind = Self { folder, truth, evaluation };
         let companions = kind.companions()?;
         let has_calibration = kind.folder.join(CALIBRATIONS).is_dir();

@@ -49,13 +49,13 @@ pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<V
     }
     let named = ["disp0GT", "disp0"].iter().find_map(|stem| with_ending(truths, stem, &["pfm"]));
     let missing = || {
-        let remedy = "the ground truth of a scene is disp0.pfm or disp0GT.pfm; without ground truth, set `truth: none`";
+        let remedy = "the ground truth of a scene is disp0.pfm or disp0GT.pfm; without ground truth, set `ground_truth: none`";
         missing_file(&truths.join("disp0.pfm"), remedy)
     };
     files.push((TRUTH, named.ok_or_else(missing)?));
     let mask = truths.join("mask0nocc.png");
     if truth == TruePixels::Noc || mask.is_file() {
-        let remedy = "`truth: noc` needs a mask, which only ETH3D and Middlebury's training set of 2014 (MiddEval3) contain; use `truth: all`";
+        let remedy = "`ground_truth: noc` needs a mask, which only ETH3D and Middlebury's training set of 2014 (MiddEval3) contain; use `ground_truth: all`";
         files.push((MASK, existing_file(mask, remedy)?));
     }
     Ok(files)

@@ -1,7 +1,5 @@
 //! `depthloom runs`: which runs there are, newest first.
 
-use std::collections::BTreeSet;
-
 use depthloom_runs::{Best, FoundRun, Glance};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, say, size};
 use schemars::JsonSchema;
@@ -32,11 +30,7 @@ pub(super) fn list(args: &RunsArgs) -> Result<ExitCode, CliError> {
     let head = ["run", "time (UTC)", "experiment", "variants", "frames", "size", "state", "best score"];
     let mut rows = vec![head.map(str::to_owned)];
     rows.extend(runs.iter().rev().zip(&glances).map(|(run, glance)| row(run, glance)));
-    let mut text = aligned(&rows, &[3, 4, 5]);
-    let warnings: BTreeSet<&str> = glances.iter().filter_map(|glance| glance.warning.as_deref()).collect();
-    for warning in warnings {
-        text += &format!("* {warning}\n");
-    }
+    let text = aligned(&rows, &[3, 4, 5]);
     print(text)?;
     Ok(ExitCode::Success)
 }
@@ -52,7 +46,7 @@ fn row(run: &FoundRun, glance: &Glance) -> [String; 8] {
         count(glance.variants),
         count(glance.frames),
         size(glance.bytes),
-        glance.state_text() + if glance.warning.is_some() { " *" } else { "" },
+        glance.state_text(),
         glance.trouble.clone().or(remark).unwrap_or_else(nothing),
     ]
 }

@@ -30,9 +30,7 @@ pub(crate) struct RunsShow {
     bytes: u64,
     best: Option<Best>,
     trouble: Option<String>,
-    /// Why its values may be wrong although it is complete.
-    warning: Option<String>,
-    about: Option<String>,
+    description: Option<String>,
     stages: Vec<Stage>,
     /// The content of `environment.json`; null if the file is missing.
     environment: Json,
@@ -80,8 +78,7 @@ pub(super) fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliErro
             bytes: glance.bytes,
             best: glance.best,
             trouble: glance.trouble,
-            warning: glance.warning,
-            about: plan.map(|plan| plan.about.trim().to_owned()),
+            description: plan.map(|plan| plan.description.trim().to_owned()),
             stages: recording.iter().flat_map(stages).collect(),
             environment,
             files,
@@ -96,7 +93,10 @@ pub(super) fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliErro
     }
     if let Some(recording) = &recording {
         let plan = recording.plan();
-        row("experiment", [plan.experiment.as_str(), plan.about.trim()].join(": ").trim_end_matches(": ").to_owned());
+        row(
+            "experiment",
+            [plan.experiment.as_str(), plan.description.trim()].join(": ").trim_end_matches(": ").to_owned(),
+        );
         if plan.variants != [""] {
             row("variants", variants(&plan.variants));
         }
@@ -109,9 +109,6 @@ pub(super) fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliErro
     }
     if let Some(trouble) = &glance.trouble {
         row("trouble", trouble.clone());
-    }
-    if let Some(warning) = &glance.warning {
-        row("warning", warning.clone());
     }
     row("files", format!("{}, {}", counted(files.len(), "file"), size(glance.bytes)));
     let mut text = aligned(&rows, &[]);

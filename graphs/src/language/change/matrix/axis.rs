@@ -21,7 +21,7 @@ pub(super) type Part = Arc<Level>;
 pub(super) type Combination = Vec<Part>;
 
 const FORM: &str =
-    "an axis is a list of values, a range `{ from: 2, to: 64, steps: 6 }`, or a map of `set`, `values` and `when`";
+    "an axis is a list of values, a range `{ from: 2, to: 64, steps: 6 }`, or a map of `paths`, `values` and `when`";
 
 #[derive(Clone)]
 pub(super) struct Axis {
@@ -85,7 +85,7 @@ impl Axis {
                 if !is_path {
                     names::check(key, "an axis", &[Factor::VARIANT], place, report);
                 }
-                if let Some(set) = node.entry("set") {
+                if let Some(set) = node.entry("paths") {
                     axis.paths = paths(set, report)?;
                 }
                 axis.when = node.entry("when").map_or_else(Vec::new, |when| conditions(when, report));
@@ -123,10 +123,10 @@ impl Axis {
         let is_range = node.get("from").is_some() || node.get("to").is_some();
         let needs_paths = is_range || !node.is_map();
         if needs_paths && self.paths.is_empty() {
-            let what = format!("the axis `{key}` does not say what its values are set at");
+            let what = format!("the axis `{key}` has no `paths`");
             report.push(
                 Diagnostic::error(&self.place, what)
-                    .help("name the paths: `set: [STAGE.NODE.with.X, STAGE.OTHER.with.X]`"),
+                    .help("name the paths: `paths: [STAGE.NODE.with.X, STAGE.OTHER.with.X]`"),
             );
             return None;
         }
@@ -135,7 +135,7 @@ impl Axis {
             Tree::Map(_) if is_range => {
                 // The axis itself may be the range.
                 let bare: Vec<Entry> =
-                    node.entries().iter().filter(|e| !matches!(e.key.as_str(), "set" | "when")).cloned().collect();
+                    node.entries().iter().filter(|e| !matches!(e.key.as_str(), "paths" | "when")).cloned().collect();
                 let bare = Arc::new(Node::new(Tree::Map(bare), node.place.clone()));
                 let schema = self.paths.iter().find_map(|(path, _)| parameters.schema(path));
                 match range::read(&bare, &format!("`{key}`"), schema, report)? {
@@ -256,8 +256,8 @@ fn paths(entry: &Entry, report: &mut Report) -> Option<Vec<(String, Place)>> {
     let paths = paths.filter(|paths| !paths.is_empty());
     if paths.is_none() {
         report.push(
-            Diagnostic::error(entry.value_place(), "`set` must be the paths that take the axis's value")
-                .help("e.g. `set: [STAGE.LEFT.with.X, STAGE.RIGHT.with.X]`"),
+            Diagnostic::error(entry.value_place(), "`paths` must be the paths that take the axis's value")
+                .help("e.g. `paths: [STAGE.LEFT.with.X, STAGE.RIGHT.with.X]`"),
         );
     }
     paths
