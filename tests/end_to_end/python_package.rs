@@ -124,8 +124,15 @@ fn the_package_reads_every_map_bit_for_bit() {
     // Images that are still encoded, and KITTI's ground truth.
     succeed(depthloom().args(["synth", "--frames", "2", "--width", "320", "--height", "96", "--quiet"]).arg(&data));
     let out = folder.path().join("pairs");
-    let pairs =
-        ["run", "--no-page", "experiments/own-pairs.yaml", "--quiet", "--set", "sources.pairs.with.ground_truth=noc", "--out"];
+    let pairs = [
+        "run",
+        "--no-page",
+        "experiments/own-pairs.yaml",
+        "--quiet",
+        "--set",
+        "sources.pairs.with.ground_truth=noc",
+        "--out",
+    ];
     succeed(depthloom().args(pairs).arg(&out).env("OWN_PAIRS", &data));
     assert!(assert_same_maps(&python, &out) > 12);
 }

@@ -26,7 +26,7 @@ const VARIANT_NAMES: &[&str] = &["a", "b", "c", "d", "full"];
 pub(crate) const ROAD: &[Parameter] = &[
     ("frames", &["\"0..2\"", "\"0..3\"", "\"1..4\"", "[2, 0]", "[1]", "[0, 1, 2]", "[1, 0]"]),
     ("seed", &["1", "2", "\"${SEED:-3}\""]),
-    ("truth", &["\"noc\"", "\"occ\""]),
+    ("ground_truth", &["\"noc\"", "\"occ\""]),
 ];
 const IMAGES: &[Parameter] = &[
     ("frames", &["\"0..2\"", "\"0..3 available\"", "[1, 0]", "\"available\""]),

@@ -68,9 +68,9 @@ fn a_written_data_set_reads_back_as_it_was_rendered() {
     assert_eq!(write(&out, &params()).unwrap(), 2);
     for truth in ["noc", "occ"] {
         let mut rendering = params();
-        rendering["truth"] = json!(truth);
+        rendering["ground_truth"] = json!(truth);
         let rendered = frames("synthetic/road", &rendering);
-        let written = frames("kitti/stereo2015", &json!({ "root": out, "truth": truth }));
+        let written = frames("kitti/stereo2015", &json!({ "root": out, "ground_truth": truth }));
         assert_eq!((rendered.len(), written.len()), (2, 2));
         for ((rendered, ours), (written, read)) in rendered.iter().zip(&written) {
             assert_eq!(written, rendered);

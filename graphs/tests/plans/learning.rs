@@ -45,10 +45,10 @@ fn fault_05_trainings_that_differ_in_operational_parameters_alone_are_one_node()
     let variants = "variants: { a: {}, b: { learn.train.with.checkpoint_every: 7 }, c: { learn.train.with.steps: 9 } }";
     let written = Written::new(&[("main.yaml", &learning("checkpoint_every: 5", variants))]);
     let loaded = loaded_with(&written.path("main.yaml"), &[]);
-    let teachers = nodes(&loaded.plan, 0, "train");
-    assert_eq!(teachers.len(), 2, "c learns otherwise");
+    let trainers = nodes(&loaded.plan, 0, "train");
+    assert_eq!(trainers.len(), 2, "c learns otherwise");
     assert_eq!(
-        (&teachers[0].variants, &teachers[0].params["checkpoint_every"]),
+        (&trainers[0].variants, &trainers[0].params["checkpoint_every"]),
         (&[0, 1].map(VariantId).to_vec(), &5.into())
     );
     let told = loaded.warnings.to_string();
@@ -63,9 +63,9 @@ fn fault_05_trainings_from_weights_of_equal_content_are_one_node() {
     let text = learning("weights: a.bin", variants);
     let written = Written::new(&[("main.yaml", &text), ("a.bin", "equal"), ("b.bin", "equal"), ("c.bin", "other")]);
     let plan = written.plan(&[]);
-    let teachers = nodes(&plan, 0, "train");
+    let trainers = nodes(&plan, 0, "train");
     assert_eq!(
-        teachers.iter().map(|node| node.variants.clone()).collect::<Vec<_>>(),
+        trainers.iter().map(|node| node.variants.clone()).collect::<Vec<_>>(),
         [vec![VariantId(0), VariantId(1)], vec![VariantId(2)]]
     );
 }

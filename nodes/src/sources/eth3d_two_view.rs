@@ -81,11 +81,11 @@ B / (d + doffs)`. Pixel centres have integer coordinates.",
     }
 
     fn meaning(&self) -> String {
-        format!("{:?}", self.truth)
+        format!("{:?}", self.ground_truth)
     }
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        scene::values(files, self.truth, ctx)
+        scene::values(files, self.ground_truth, ctx)
     }
 }
 

@@ -92,7 +92,7 @@ pub(crate) struct ImagesParams {
     pub left: Option<String>,
     /// Pattern of the right images: `cam1/*.png`, `*_right.png`.
     pub right: Option<String>,
-    /// CSV file that replaces `left` and `right`: columns left,right[,truth][,frame], one row per pair.
+    /// CSV file that replaces `left` and `right`: columns left,right[,ground_truth][,frame], one row per pair.
     pub list: Option<String>,
     /// Cameras: numbers of a rectified pair (`focal_px`, `baseline_m`), or `files`. Without it there is no output
     /// `calibration`.
@@ -156,13 +156,13 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
     }
 
     fn check(params: &ImagesParams) -> Result<(), (&'static str, String)> {
-        let ImagesParams { root, left, right, list, calibration, truth, .. } = params;
+        let ImagesParams { root, left, right, list, calibration, ground_truth, .. } = params;
         required("root", root, LAYOUT)?;
         match (list, left, right) {
             (None, Some(_), Some(_)) => {}
-            (Some(_), None, None) if truth.files.is_none() => {}
+            (Some(_), None, None) if ground_truth.files.is_none() => {}
             (Some(_), None, None) => {
-                let what = "`ground_truth.files` cannot be combined with `list`: name the ground-truth files in the column `truth` of the list";
+                let what = "`ground_truth.files` cannot be combined with `list`: name the ground-truth files in the column `ground_truth` of the list";
                 return Err(("ground_truth", what.to_owned()));
             }
             (Some(_), ..) => {

@@ -156,12 +156,12 @@ coordinates.",
 
     fn meaning(&self) -> String {
         let camera = self.focal_px.zip(self.baseline_m);
-        format!("{:?} {:?} {:?} {camera:?}", self.truth, self.factor, self.views())
+        format!("{:?} {:?} {:?} {camera:?}", self.ground_truth, self.factor, self.views())
     }
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         if files.get(CALIBRATION).is_some() {
-            return scene::values(files, self.truth, ctx);
+            return scene::values(files, self.ground_truth, ctx);
         }
         let (left, right) = files.pair(ctx)?;
         let size = left.dimensions();
@@ -188,7 +188,7 @@ coordinates.",
             let remedy = "`focal_px` is in pixels of the images as they are, `baseline_m` in metres";
             return Err(Fault::new(wrong.what).remedy(remedy));
         }
-        Ok(with_truth(outputs, self.truth, maps, calibration))
+        Ok(with_truth(outputs, self.ground_truth, maps, calibration))
     }
 }
 
@@ -231,18 +231,18 @@ impl Middlebury {
         let (stem, [left, right], truth, span) = match Year::detect(folder) {
             Some(Year::Of2005) => ("view", [1, 5], OF_2005, "view1.png, view5.png and disp1.png"),
             Some(Year::Of2001) => ("im", self.views(), OF_2001, "im2, im6 and disp2, PNG, PPM or PGM"),
-            Some(Year::From2014) => return scene::files(folder, folder, self.truth),
+            Some(Year::From2014) => return scene::files(folder, folder, self.ground_truth),
             None => return Err(Fault::new(format!("{} holds no scene", folder.display())).remedy(LAYOUT)),
         };
         let remedy = format!("a scene of this year has {span}; without ground truth, set `ground_truth: none`");
         let there = |stem: &str| existing_with_ending(folder, stem, &ENDINGS, &remedy);
         let mut files = vec![(LEFT, there(&format!("{stem}{left}"))?), (RIGHT, there(&format!("{stem}{right}"))?)];
-        if self.truth == TruePixels::Noc {
+        if self.ground_truth == TruePixels::Noc {
             let mask = folder.join("mask0nocc.png");
             let remedy = "`ground_truth: noc` needs a mask, which scenes before 2014 lack; use `ground_truth: all`";
             return Err(missing_file(&mask, remedy));
         }
-        if self.truth == TruePixels::All {
+        if self.ground_truth == TruePixels::All {
             if truth == OF_2001 && left != 2 {
                 let what = format!("{} has no ground truth for view {left}", folder.display());
                 return Err(

@@ -112,7 +112,7 @@ The id of a frame is sequence and file (`alley_1_frame_0001`). Its index counts 
     }
 
     fn meaning(&self) -> String {
-        format!("{:?} {:?}", self.truth, self.focal_px)
+        format!("{:?} {:?}", self.ground_truth, self.focal_px)
     }
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
@@ -121,7 +121,7 @@ The id of a frame is sequence and file (`alley_1_frame_0001`). Its index counts 
         let calibration = self.calibration(files, size)?;
         let outputs = Outputs::one("left", left).with("right", right);
         let Some(file) = files.get(TRUTH) else {
-            return Ok(with_truth(outputs, self.truth, Evaluation::default(), calibration));
+            return Ok(with_truth(outputs, self.ground_truth, Evaluation::default(), calibration));
         };
         let all = disparities(files, file, size)?;
         let mask = |part| {
@@ -131,7 +131,7 @@ The id of a frame is sequence and file (`alley_1_frame_0001`). Its index counts 
         let occ = mask(OUT_OF_FRAME)?.map_or_else(|| all.clone(), |set| without(&all, &set));
         let noc = mask(OCCLUDED)?.map(|set| TrueDisparity { px: without(&occ, &set) });
         let maps = Evaluation { noc, occ: Some(TrueDisparity { px: occ }), objects: None };
-        Ok(with_truth(outputs, self.truth, maps, calibration))
+        Ok(with_truth(outputs, self.ground_truth, maps, calibration))
     }
 }
 

@@ -59,7 +59,7 @@ impl Default for SyntheticRoadParams {
             seed: 1,
             width: Size::KITTI.width as u32,
             height: Size::KITTI.height as u32,
-            truth: SyntheticTruth::Noc,
+            ground_truth: SyntheticTruth::Noc,
             disparities: false,
         }
     }
@@ -232,7 +232,12 @@ Score against `depth`, which has the sparse pixels of a laser scanner and corres
 
     fn open(params: SyntheticRoadParams) -> Result<Box<dyn Source>, Fault> {
         let frames = Road::frames(&params.frames)?;
-        Ok(Box::new(Self { road: Road::new(&params), truth: params.ground_truth, disparities: params.disparities, frames }))
+        Ok(Box::new(Self {
+            road: Road::new(&params),
+            truth: params.ground_truth,
+            disparities: params.disparities,
+            frames,
+        }))
     }
 }
 

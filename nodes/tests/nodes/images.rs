@@ -165,8 +165,8 @@ fn without_a_calibration_there_is_no_such_output() {
     assert_eq!(ports(json!({})), ["left", "right", "calibration"]);
     assert_eq!(ports(json!({ "ground_truth": { "files": "x" } })), ["left", "right", "calibration", "depth"]);
     let pixels = json!({ "files": "x", "unit": "pixels" });
-    assert_eq!(ports(json!({ "truth": pixels })), ["left", "right", "calibration", "depth", "disparity"]);
-    assert_eq!(ports(json!({ "truth": pixels, "calibration": null })), ["left", "right", "disparity"]);
+    assert_eq!(ports(json!({ "ground_truth": pixels })), ["left", "right", "calibration", "depth", "disparity"]);
+    assert_eq!(ports(json!({ "ground_truth": pixels, "calibration": null })), ["left", "right", "disparity"]);
     let (values, _) = set.open(&json!({ "calibration": null })).read(FrameIndex(0)).unwrap();
     assert_eq!(values.keys().copied().collect::<Vec<_>>(), ["left", "right"]);
 }
@@ -175,7 +175,7 @@ fn without_a_calibration_there_is_no_such_output() {
 fn ground_truth_in_every_unit_has_the_known_point() {
     let set = pairs(Folder::new());
     let known = |truth: Json| {
-        let (values, _) = set.open(&json!({ "truth": truth, "frames": [1] })).read(FrameIndex(0)).unwrap();
+        let (values, _) = set.open(&json!({ "ground_truth": truth, "frames": [1] })).read(FrameIndex(0)).unwrap();
         let metres = metres(&values["depth"]);
         (metres[2 * 40 + 3], metres.iter().filter(|metres| metres.is_finite()).count())
     };
@@ -234,7 +234,7 @@ fn ground_truth_in_every_unit_has_the_known_point() {
 fn a_list_names_pairs_ground_truth_and_frames() {
     let set = pairs(Folder::new());
     set.map("depth.png", 1000);
-    set.text("pairs.csv", "\u{feff}Left, right,truth,frame\r\ncam0/2.png,cam1/1.png,depth.png,second\r\n\r\n\"cam0/1.png\",cam1/2.png,,\r\n");
+    set.text("pairs.csv", "\u{feff}Left, right,ground_truth,frame\r\ncam0/2.png,cam1/1.png,depth.png,second\r\n\r\n\"cam0/1.png\",cam1/2.png,,\r\n");
     let listed = json!({ "left": null, "right": null, "list": "pairs.csv", "ground_truth": { "unit": "millimetres" } });
     let source = set.open(&listed);
     assert_eq!(ids(&source), ["0 second", "1 cam0/1"]);
@@ -524,7 +524,8 @@ fn broken_data_are_named_with_a_remedy() {
     set.text("right.yaml", &whole);
     add("one camera_info file", &set, json!({ "calibration": { "files": ["left.yaml"] } }));
     set.map("truth/1.png", 2500);
-    let more = json!({ "calibration": { "files": ["left.yaml", "right.yaml"] }, "ground_truth": { "files": "truth/*.png" } });
+    let more =
+        json!({ "calibration": { "files": ["left.yaml", "right.yaml"] }, "ground_truth": { "files": "truth/*.png" } });
     for (side, file) in ["left.yaml", "right.yaml"].into_iter().enumerate() {
         set.text(file, &camera_info(&case("plumb_bob_0"), side, "plumb_bob"));
     }

@@ -68,8 +68,10 @@ fn stereo_2012_reads_the_first_step_of_both_pairs_with_ground_truth() {
     for port in ["disp_noc", "disp_occ", "occluded"] {
         assert!(values.contains_key(port), "{port}");
     }
-    let (values, _) =
-        set.open("kitti/stereo2012", &json!({ "ground_truth": "occ", "disparities": true })).read(FrameIndex(0)).unwrap();
+    let (values, _) = set
+        .open("kitti/stereo2012", &json!({ "ground_truth": "occ", "disparities": true }))
+        .read(FrameIndex(0))
+        .unwrap();
     assert_eq!(agree(&values), 1);
     // The colour cameras are a metre apart here.
     let (values, _) =

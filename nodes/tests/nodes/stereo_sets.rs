@@ -99,7 +99,8 @@ fn middlebury_2014_has_two_principal_points_and_an_occlusion_mask() {
     let Value::Mask(occluded) = &values["occluded"] else { panic!() };
     assert_eq!(occluded.set.iter().filter(|set| **set > 0).count(), 1);
     assert_eq!(agree(&values), 2);
-    let noc = set.open("middlebury", &json!({ "ground_truth": "noc", "scenes": ["Vintage"] })).read(FrameIndex(0)).unwrap().0;
+    let noc =
+        set.open("middlebury", &json!({ "ground_truth": "noc", "scenes": ["Vintage"] })).read(FrameIndex(0)).unwrap().0;
     assert_eq!(known(metres(&noc["depth"]), 40), [((3, 2), 2.0)]);
     let none = set.open("middlebury", &json!({ "ground_truth": "none" })).read(FrameIndex(0)).unwrap().0;
     assert_eq!(none.keys().copied().collect::<Vec<_>>(), ["calibration", "left", "right"]);
@@ -195,7 +196,8 @@ fn eth3d_has_its_baseline_in_millimetres_and_ground_truth_in_another_folder() {
     let depth = metres(&values["depth"])[2 * 40 + 3];
     assert!((depth - 1.997_362).abs() < 1e-6, "{depth}");
     assert_eq!((agree(&values), known(px(&values, "disp_noc"), 40)), (1, vec![((3, 2), 16.25)]));
-    let alone = open("eth3d/two-view", &json!({ "root": set.path("two_view_training"), "ground_truth": "none" })).unwrap();
+    let alone =
+        open("eth3d/two-view", &json!({ "root": set.path("two_view_training"), "ground_truth": "none" })).unwrap();
     assert_eq!(&*alone.source.frames()[0].id, "delivery_area_1l");
     assert!(!alone.read(FrameIndex(0)).unwrap().0.contains_key("disp_occ"));
 }
@@ -276,7 +278,8 @@ fn scene_flow_has_two_lenses() {
         opened.read(FrameIndex(1)).unwrap().1,
         "the lens is part of the key, though all files are equal"
     );
-    let one = set.open("scene-flow", &json!({ "folders": ["35mm_focallength/scene_forwards"], "ground_truth": "none" }));
+    let one =
+        set.open("scene-flow", &json!({ "folders": ["35mm_focallength/scene_forwards"], "ground_truth": "none" }));
     assert_eq!((one.source.frames().len(), one.read(FrameIndex(0)).unwrap().0.contains_key("disp_occ")), (1, false));
     // Images of half the size have half the focal length.
     for folder in ["frames_finalpass/A/0000/left", "frames_finalpass/A/0000/right"] {

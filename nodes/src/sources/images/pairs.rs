@@ -9,7 +9,7 @@ use crate::sources::dataset::folders::existing_file;
 use crate::sources::images::globs::{Match, files};
 
 const SAY: &str = "write the text that differs between left and right, and `*` for the rest, as in `*_left.png` and `*_right.png`, or set \
-    `list:`, a CSV file with the columns left,right[,truth][,frame]";
+    `list:`, a CSV file with the columns left,right[,ground_truth][,frame]";
 
 #[derive(Debug)]
 pub(super) struct Row {
@@ -56,7 +56,7 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
     pairs.unpaired.extend(left_over(&partners.without(&rights), "right image", "left image"));
     let truths = match truths {
         Some(truths) => {
-            let partners = self::partners(&lefts, &truths, ("left", "truth")).map_err(|fault| vec![fault])?;
+            let partners = self::partners(&lefts, &truths, ("left", "ground_truth")).map_err(|fault| vec![fault])?;
             pairs.warnings.extend(partners.warning.clone());
             let without =
                 lefts.iter().zip(&partners.positions).filter(|(_, partner)| partner.is_none()).map(|(left, _)| left);
@@ -182,9 +182,9 @@ fn contradiction(files: &[Match], others: &[Match]) -> Option<usize> {
 /// Bytes.
 const MOST_BYTES: u64 = 64 << 20;
 
-const LIST: &str = "a list is a CSV file: a header with the columns left,right[,truth][,frame], then one row per pair; paths are relative to `root`";
+const LIST: &str = "a list is a CSV file: a header with the columns left,right[,ground_truth][,frame], then one row per pair; paths are relative to `root`";
 
-const COLUMNS: [&str; 4] = ["left", "right", "truth", "frame"];
+const COLUMNS: [&str; 4] = ["left", "right", "ground_truth", "frame"];
 
 pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
     let at = |line: usize, what: String| Fault::new(format!("{}:{line}: {what}", list.display()));
@@ -242,7 +242,7 @@ fn row(root: &Path, places: &BTreeMap<&str, usize>, columns: usize, text: &str) 
     let there = |path: PathBuf| existing_file(path, "paths in a list are relative to `root`");
     let stem = || Path::new(field("left").unwrap_or_default()).with_extension("").to_string_lossy().into_owned();
     let id = field("frame").map_or_else(stem, ToOwned::to_owned);
-    let truth = path("truth").ok().map(there).transpose();
+    let truth = path("ground_truth").ok().map(there).transpose();
     // Of two missing files the first is reported.
     let right = there(left.clone()).and_then(|_| there(right));
     Ok(Row { id, left, right, truth })

@@ -16,7 +16,7 @@ const TRUTHS: [(&str, Option<&str>); 8] = [
     ("disp", Some("pixels")),
     ("depth", Some("millimetres")),
     ("gt", None),
-    ("truth", None),
+    ("ground_truth", None),
     ("ground", None),
     ("dmap", Some("millimetres")),
     ("range", Some("millimetres")),
@@ -169,7 +169,10 @@ fn truths(
             (None, true) => ("metres", "or millimetres, or pixels of disparity"),
             (None, false) => ("millimetres", "or metres; of disparity `pixels, divide_by: 256`"),
         };
-        lines.push(format!("ground_truth: {{ files: {}, unit: {unit} }}   # {more}", json!(format!("{folder}/*.{ending}"))));
+        lines.push(format!(
+            "ground_truth: {{ files: {}, unit: {unit} }}   # {more}",
+            json!(format!("{folder}/*.{ending}"))
+        ));
     }
     lines
 }

@@ -42,7 +42,7 @@ pub(crate) enum TruthOf {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct ImagesTruth {
-    /// Pattern of the files, as in `left`. With a `list`, its column `truth` names them.
+    /// Pattern of the files, as in `left`. With a `list`, its column `ground_truth` names them.
     pub files: Option<String>,
     /// Unit of the numbers: depth in `metres` or `millimetres`, or disparity in `pixels`.
     pub unit: TruthUnit,

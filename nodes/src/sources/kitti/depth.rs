@@ -120,7 +120,7 @@ truth; the benchmark leaves out the first and last five frames of a drive. Groun
             ),
         };
         let raw = raw.unwrap_or_else(|| PathBuf::from("/path/to/kitti_raw"));
-        let params = json!({ "root": root, "raw": raw, "truth": truth.folder() });
+        let params = json!({ "root": root, "raw": raw, "ground_truth": truth.folder() });
         vec![Recognised::new(what, params)]
     }
 

@@ -141,7 +141,8 @@ truth of the Eigen split.",
         {
             return Err((
                 "compat",
-                "monodepth2 projects scans into the colour camera: `ground_truth: velodyne`, `cameras: color`".to_owned(),
+                "monodepth2 projects scans into the colour camera: `ground_truth: velodyne`, `cameras: color`"
+                    .to_owned(),
             ));
         }
         Ok(())

@@ -105,8 +105,11 @@ is optional: 16-bit grey PNG of disparity * 256, 0 = unknown, in `disp_noc_0` or
             |part: &Part| params.disparities && params.split == Split::Training && folder.join(part).is_dir();
         let evaluation: Vec<Part> = EVALUATION.into_iter().filter(is_given).collect();
         let parts = [NOC, OCC];
-        let truth =
-            GroundTruth { parts, depth: params.ground_truth.part(params.split, parts), disparities: !evaluation.is_empty() };
+        let truth = GroundTruth {
+            parts,
+            depth: params.ground_truth.part(params.split, parts),
+            disparities: !evaluation.is_empty(),
+        };
         let kind = Self { folder, truth, evaluation };
         let companions = kind.companions()?;
         let has_calibration = kind.folder.join(CALIBRATIONS).is_dir();

@@ -49,7 +49,8 @@ pub(crate) fn files(images: &Path, truths: &Path, truth: TruePixels) -> Result<V
     }
     let named = ["disp0GT", "disp0"].iter().find_map(|stem| with_ending(truths, stem, &["pfm"]));
     let missing = || {
-        let remedy = "the ground truth of a scene is disp0.pfm or disp0GT.pfm; without ground truth, set `ground_truth: none`";
+        let remedy =
+            "the ground truth of a scene is disp0.pfm or disp0GT.pfm; without ground truth, set `ground_truth: none`";
         missing_file(&truths.join("disp0.pfm"), remedy)
     };
     files.push((TRUTH, named.ok_or_else(missing)?));

@@ -110,10 +110,10 @@ impl Seen {
                 }
                 _ => "not one is known".to_owned(),
             };
-            lines.push(("truth", format!("{port}: {density:.1} % of the pixels of {frames}, {spread}")));
+            lines.push(("ground truth", format!("{port}: {density:.1} % of the pixels of {frames}, {spread}")));
         }
         if self.truths.is_empty() && self.frames > 0 {
-            lines.push(("truth", "none".to_owned()));
+            lines.push(("ground truth", "none".to_owned()));
         }
         lines
     }
