@@ -23,7 +23,7 @@ fn broken_data_are_named_with_a_remedy() {
             set.remove("Vintage/disp0.pfm");
         }),
         ("middlebury", of_2014, json!({ "ground_truth": "noc" }), "no mask", |set| {
-            set.remove("Adirondack/mask0nocc.png")
+            set.remove("Adirondack/mask0nocc.png");
         }),
         ("middlebury", of_2014, json!({ "scenes": ["Piano"] }), "a scene that is not there", |_| {}),
         ("middlebury", of_2014, json!({}), "a pair of two sizes", |set| set.image_of("Adirondack/im1.png", (38, 30))),
