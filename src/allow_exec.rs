@@ -45,8 +45,8 @@ fn is_listed(experiment: &Path, loaded: &Loaded) -> Result<bool, CliError> {
     let Some(file) = file() else { return Ok(false) };
     let text = match std::fs::read_to_string(&file) {
         Ok(text) => text,
-        // Without a configuration file nothing is permitted, nor with one that cannot be read: the home folder may belong
-        // to another user, such as that of a service.
+        // Without a configuration file nothing is permitted, nor with one that cannot be read: the home folder may
+        // belong to another user, such as that of a service.
         Err(error)
             if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::PermissionDenied) =>
         {

@@ -111,8 +111,8 @@ pub(crate) enum Command {
     Schema(SchemaArgs),
     /// Describe a data set, recording or ONNX file
     ///
-    /// - A data-set folder or a bag: frames, sizes, calibration, ground truth, faults, and the `sources:` entry to paste
-    ///   into an experiment.
+    /// - A data-set folder or a bag: frames, sizes, calibration, ground truth, faults, and the `sources:` entry to
+    ///   paste into an experiment.
     /// - A recording or run: topics, messages, sizes, keys, attachments, and whether it is complete.
     /// - An `.onnx` file: inputs, outputs, operators, cost, and the `nodes:` entry to paste into an experiment.
     #[command(verbatim_doc_comment)]
@@ -154,13 +154,14 @@ pub(crate) enum Command {
     Explain(ExplainArgs),
     /// Show errors by distance or another quantity.
     ///
-    /// It puts scored pixels into bins of distance, confidence, image row, frame or anything else that was recorded, and
-    /// prints percentiles, means and the share of outliers of their errors.
+    /// It puts scored pixels into bins of distance, confidence, image row, frame or anything else that was recorded,
+    /// and prints percentiles, means and the share of outliers of their errors.
     #[command(visible_alias = "analyze")]
     Analyse(AnalyseArgs),
     /// Draw a figure for a paper.
     ///
-    /// It writes SVG, PNG or PDF: error against distance, differences, histograms, metrics by frame or parameter, frames.
+    /// It writes SVG, PNG or PDF: error against distance, differences, histograms, metrics by frame or parameter,
+    /// frames.
     Figure(FigureArgs),
     /// Export recorded values to common file formats.
     ///

@@ -55,8 +55,8 @@ pub struct Selection {
     /// Whether scores are computed again from recorded maps, only over the pixels with ground truth that are valid in
     /// all selected estimates.
     pub common: bool,
-    /// The pixel set. `None`: every pixel with ground truth, or for an estimate that was not scored on those, the set it
-    /// was scored on.
+    /// The pixel set. `None`: every pixel with ground truth, or for an estimate that was not scored on those, the set
+    /// it was scored on.
     pub set: Option<PixelSet>,
     /// Whether depths are included where only disparities have the pixel set.
     pub with_depths: bool,
@@ -451,8 +451,8 @@ impl<'a> Ablation<'a> {
     }
 }
 
-/// The pixel set of an estimate's scores: the selected one, or every pixel with ground truth if that was scored. A depth
-/// is never filled: if `filled` is selected together with depths, depths use their default set.
+/// The pixel set of an estimate's scores: the selected one, or every pixel with ground truth if that was scored. A
+/// depth is never filled: if `filled` is selected together with depths, depths use their default set.
 fn set_of(estimate: &Estimate, selection: &Selection) -> Option<PixelSet> {
     let is_other_kind = selection.set == Some(PixelSet::Filled) && estimate.family == Family::Depth;
     match selection.set {

@@ -13,7 +13,6 @@ mod side;
 mod table;
 
 use depthloom_graphs::counted;
-use depthloom_graphs::language::glob;
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
@@ -96,11 +95,12 @@ struct Pair<'a> {
     paired: Paired<'a>,
 }
 
-/// Compares sides with the first side, or with a baseline, from recorded scores. Maps are read only for `--pixels common`.
+/// Compares sides with the first side, or with a baseline, from recorded scores. Maps are read only for `--pixels
+/// common`.
 ///
 /// # Errors
-/// If a recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if a requested name does not exist
-/// or the sides have no common frame; [`AnalysisError::Stopped`] once `stop` returns true.
+/// If a recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if a requested name does not
+/// exist or the sides have no common frame; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn compare(
     runs: &[ComparedRun<'_>],
     sides: &[Side],
@@ -195,8 +195,8 @@ fn best_of(
     Ok(best.map(|best| (best, more)))
 }
 
-/// Notes on sides that are the best of several variants, not all of which are compared: such a side may have been chosen
-/// because of these scores, and the correction for multiple tests does not know the other variants.
+/// Notes on sides that are the best of several variants, not all of which are compared: such a side may have been
+/// chosen because of these scores, and the correction for multiple tests does not know the other variants.
 fn selection_notes(
     parties: &[Party],
     run_scores: &[RunScores<'_>],
@@ -320,13 +320,6 @@ fn pairs<'a>(
 
 /// The error for an unknown variant or estimate, with the nearest known name.
 fn no_such(name: &str, estimates: &[Estimate], variants: &[String]) -> AnalysisError {
-    if let Some(variant) = variants.iter().find(|known| !known.is_empty() && glob(name, known)) {
-        let others = listed(estimate_names(estimates));
-        return AnalysisError::request(
-            format!("cannot compare variant `{variant}`: its estimates are identical in all variants"),
-            format!("name variants that differ, or estimates; available: {others}"),
-        );
-    }
     let known: Vec<&str> =
         variants.iter().map(String::as_str).filter(|name| !name.is_empty()).chain(estimate_names(estimates)).collect();
     unknown("variant or estimate", name, known)

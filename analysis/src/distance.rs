@@ -1,5 +1,5 @@
-//! Absolute error against ground-truth distance, per metre: counts and percentiles of the errors, computed by the [query
-//! engine](crate::query).
+//! Absolute error against ground-truth distance, per metre: counts and percentiles of the errors, computed by the
+//! [query engine](crate::query).
 //!
 //! There are two pixel sets: the valid pixels of an estimate, and the *shared* pixels, which are valid in all estimates
 //! with the same ground truth and settings. An estimate that is valid only on easy pixels would win on its own set.
@@ -112,8 +112,8 @@ impl Distances {
         Table::new(columns)
     }
 
-    /// The table `error_vs_distance`: estimate by estimate, first on the valid pixels of each (`valid`), then on the shared
-    /// ones.
+    /// The table `error_vs_distance`: estimate by estimate, first on the valid pixels of each (`valid`), then on the
+    /// shared ones.
     fn table(&self, estimates: &[Estimate], origin: &Origin) -> Table {
         let mut rows: Vec<(&Estimate, &str, u32, Spread)> = Vec::new();
         for bins in self.bins.chunk_by(|a, b| a.estimate == b.estimate) {

@@ -168,8 +168,8 @@ pub(crate) fn check_patterns(patterns: &str, estimates: &[Estimate]) -> Result<(
     }
 }
 
-/// Describes the scoring: `preset martins2018`, `preset martins2018 with max_m 50 and crop garg`. Parameters that only select rows are
-/// not included.
+/// Describes the scoring: `preset martins2018`, `preset martins2018 with max_m 50 and crop garg`. Parameters that only
+/// select rows are not included.
 fn preset(params: &serde_json::Value) -> String {
     const ROWS: [&str; 5] = ["preset", "sets", "metrics", "zones", "mean"];
     let set = params.as_object().into_iter().flatten();

@@ -84,8 +84,8 @@ pub struct WorstFrame {
 /// Explains a score of an estimate from the recorded scores, without reading maps.
 ///
 /// # Errors
-/// If the recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if the metric, estimate or zone
-/// does not exist; [`AnalysisError::Stopped`] once `stop` returns true.
+/// If the recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if the metric, estimate or
+/// zone does not exist; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn explain(
     recording: &Recording,
     metric: &str,

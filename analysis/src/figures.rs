@@ -84,10 +84,11 @@ pub struct FigureRequest {
     pub variants: Option<String>,
     /// Only these stages; patterns separated by commas.
     pub stages: Option<String>,
-    /// The pixel set of errors. `None`: the pixels that are valid in all estimates, and additionally the valid pixels of
-    /// each.
+    /// The pixel set of errors. `None`: the pixels that are valid in all estimates, and additionally the valid pixels
+    /// of each.
     pub set: Option<SampleSet>,
-    /// The pixel set of scores, for `frames` and `parameter`. `None`: every pixel with ground truth, if those were scored.
+    /// The pixel set of scores, for `frames` and `parameter`. `None`: every pixel with ground truth, if those were
+    /// scored.
     pub scored_set: Option<PixelSet>,
     /// The quantity that errors are binned by, if the kind does not define it: [`By::parse`](crate::By::parse).
     pub by: Option<String>,
@@ -175,8 +176,8 @@ pub struct Figure {
 /// Draws a figure of runs. `progress` is called with the number of samples read so far, and their total.
 ///
 /// # Errors
-/// [`AnalysisError::Request`] if requested data does not exist or does not fit the size; if a recording or samples cannot
-/// be read; [`AnalysisError::Stopped`] once `stop` returns true.
+/// [`AnalysisError::Request`] if requested data does not exist or does not fit the size; if a recording or samples
+/// cannot be read; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn figure(
     runs: &[FigureRun<'_>],
     request: &FigureRequest,

@@ -54,8 +54,8 @@ impl Output<'_> {
         self.write_table_in_parts(name, run, || std::iter::once(table))
     }
 
-    /// Writes a table as CSV and as Parquet. `parts` yields one or more parts from top to bottom; only one part is in memory
-    /// at a time.
+    /// Writes a table as CSV and as Parquet. `parts` yields one or more parts from top to bottom; only one part is in
+    /// memory at a time.
     pub(crate) fn write_table_in_parts<T: AsRef<Table>, I: Iterator<Item = T>>(
         &self,
         name: &str,

@@ -1,5 +1,5 @@
-//! The inputs of analyses: scores, timings, warnings, damage and parameters of a recording, and the published scores of the
-//! paper.
+//! The inputs of analyses: scores, timings, warnings, damage and parameters of a recording, and the published scores of
+//! the paper.
 
 pub(crate) mod condition;
 pub(crate) mod frame_choice;

@@ -1,9 +1,9 @@
 //! Recordings to percentiles, tables and plots, with polars.
 //!
-//! Reports are computed [from a recording](report()), so that later questions need no second run. The plan of a recording
-//! names the [estimates](Estimate). Their recorded [scores](FrameScore) give `scores.csv` and, averaged over frames, the
-//! [table](Table). Their recorded maps give the [error against distance](DistanceBin) and its figure. Learning curves of
-//! trained networks have their own figure and table.
+//! Reports are computed [from a recording](report()), so that later questions need no second run. The plan of a
+//! recording names the [estimates](Estimate). Their recorded [scores](FrameScore) give `scores.csv` and, averaged over
+//! frames, the [table](Table). Their recorded maps give the [error against distance](DistanceBin) and its figure.
+//! Learning curves of trained networks have their own figure and table.
 
 mod ablation;
 mod compare;
@@ -45,7 +45,7 @@ pub use input::timings::{Timing, read_timings, timings_table, write_timings};
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
 pub use query::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_match};
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
-pub use samples::{SAMPLES, SamplesWritten, check_samples, write_samples};
+pub use samples::{SAMPLES, SamplesWritten, write_samples};
 pub use scores::FrameScore;
 pub use statistics::{Interval, IntervalMethod, Resampling};
 pub use tables::{

@@ -42,8 +42,8 @@ pub struct PageWritten {
     pub bytes: u64,
 }
 
-/// Writes [`PAGE`] into `folder`. `summary` is the result of the [report](crate::report()) of the recording. Equal recordings
-/// and surroundings give equal bytes. Memory use does not depend on the number of frames or maps.
+/// Writes [`PAGE`] into `folder`. `summary` is the result of the [report](crate::report()) of the recording. Equal
+/// recordings and surroundings give equal bytes. Memory use does not depend on the number of frames or maps.
 ///
 /// # Errors
 /// If the recording cannot be read or the page cannot be written; [`AnalysisError::Stopped`] once `stop` returns true.

@@ -1,8 +1,8 @@
 //! Errors binned by distance, confidence, row, frame or any other column, as queries over [samples](crate::samples).
 //!
-//! polars reads the file; [sums](sums) and [percentiles](percentiles) are own loops, which a benchmark compares with polars.
-//! Both read one row group at a time, so that memory use depends on neither frames nor pixels. The [error against
-//! distance](crate::distance) of a report uses these percentiles.
+//! polars reads the file; [sums](sums) and [percentiles](percentiles) are own loops, which a benchmark compares with
+//! polars. Both read one row group at a time, so that memory use depends on neither frames nor pixels. The [error
+//! against distance](crate::distance) of a report uses these percentiles.
 
 mod bins;
 mod job;
@@ -54,8 +54,8 @@ pub struct Inquiry {
 }
 
 impl Default for Inquiry {
-    /// By distance in bins of one metre; the five percentiles of the paper's figure; over the valid pixels of each estimate;
-    /// in metres; errors beyond a quarter of the distance are outliers.
+    /// By distance in bins of one metre; the five percentiles of the paper's figure; over the valid pixels of each
+    /// estimate; in metres; errors beyond a quarter of the distance are outliers.
     fn default() -> Self {
         Self {
             by: By::Distance,
@@ -174,8 +174,8 @@ impl Gross {
 /// combined key of all runs. `progress` is called with the number of samples read so far, and their total.
 ///
 /// # Errors
-/// [`AnalysisError::Request`] if the query names something that does not exist, or a file is not a samples file; if a file
-/// cannot be read; [`AnalysisError::Stopped`] once `stop` returns true.
+/// [`AnalysisError::Request`] if the query names something that does not exist, or a file is not a samples file; if a
+/// file cannot be read; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn analyse(
     files: &[(String, PathBuf)],
     inquiry: &Inquiry,

@@ -46,14 +46,14 @@ pub struct ReportOptions {
     pub intervals: Option<Resampling>,
     /// Whether all bytes are checked, including those that no number depends on.
     pub check_every_byte: bool,
-    /// The maximum number of samples of the error against distance in memory, of 4 to 8 bytes each. Further samples are stored
-    /// in a temporary file; the numbers are identical.
+    /// The maximum number of samples of the error against distance in memory, of 4 to 8 bytes each. Further samples are
+    /// stored in a temporary file; the numbers are identical.
     pub samples_in_memory: usize,
 }
 
 impl Default for ReportOptions {
-    /// Without the published numbers; only bytes that are read are checked; at most 8 MiB of samples, so that memory use is
-    /// constant after about a hundred frames (a file takes about as much time).
+    /// Without the published numbers; only bytes that are read are checked; at most 8 MiB of samples, so that memory
+    /// use is constant after about a hundred frames (a file takes about as much time).
     fn default() -> Self {
         Self { paper: false, intervals: None, check_every_byte: false, samples_in_memory: 1 << 20 }
     }
@@ -101,11 +101,11 @@ pub(crate) struct ReportData {
 }
 
 /// Analyses a recording and writes files into `folder`. If something was scored: `scores.{csv,parquet}` and
-/// `table.{csv,md,tex,parquet}`. If maps were recorded: `error_vs_distance.{csv,parquet,svg}` and `true_distances.csv`. If a
-/// network was trained: `learning_curves.{csv,parquet,svg}`.
+/// `table.{csv,md,tex,parquet}`. If maps were recorded: `error_vs_distance.{csv,parquet,svg}` and `true_distances.csv`.
+/// If a network was trained: `learning_curves.{csv,parquet,svg}`.
 ///
-/// Every file is written under a temporary name and renamed once it is on disk. Equal recordings give equal files. `stop` is
-/// polled between frames and between files, on several threads.
+/// Every file is written under a temporary name and renamed once it is on disk. Equal recordings give equal files.
+/// `stop` is polled between frames and between files, on several threads.
 ///
 /// # Errors
 /// If the recording cannot be read, if damage affects a number, or if a file cannot be written;
@@ -124,8 +124,8 @@ pub fn report(
 pub struct Prepared<'a> {
     /// Samples that were collected during recording.
     pub samples: Option<RecordedSamples<'a>>,
-    /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is reused from
-    /// their reports.
+    /// The folders of the earlier runs whose values were reused. The error against distance of equal maps is reused
+    /// from their reports.
     pub reports: Vec<PathBuf>,
 }
 

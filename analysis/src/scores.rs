@@ -33,8 +33,8 @@ pub(crate) fn order_frame(rows: &mut [FrameScore]) {
     rows.sort_by_key(|score| (score.row.set, score.estimate));
 }
 
-/// Describes the number of frames of rows, and their averaging. `is_all(mean)` states whether all rows are averaged in this
-/// way.
+/// Describes the number of frames of rows, and their averaging. `is_all(mean)` states whether all rows are averaged in
+/// this way.
 pub(crate) fn averaged(frames: RangeInclusive<u64>, is_all: impl Fn(Mean) -> bool) -> String {
     let (least, most) = frames.into_inner();
     let frames = match least == most {
@@ -61,7 +61,8 @@ pub(crate) fn metrics_of<'e>(estimates: impl IntoIterator<Item = &'e Estimate>) 
 }
 
 /// The table of `scores.csv`: key columns, `zone` (null: the whole image), `position`, `frame`, `pixels`, the metrics,
-/// `density`. A metric without pixels is null. No two rows have the same stage, variant, estimate, set, zone and position.
+/// `density`. A metric without pixels is null. No two rows have the same stage, variant, estimate, set, zone and
+/// position.
 pub(crate) fn table_of_scores(scores: &[FrameScore], estimates: &[Estimate]) -> Table {
     let rows = Rows(scores);
     let zone = rows.text("zone", |score| Some(&score.row.zone).filter(|zone| !zone.is_empty()));
@@ -93,7 +94,8 @@ pub(crate) fn scores_of_complete_frames<'a>(scores: &'a [FrameScore], estimates:
     scores.iter().filter(is_complete).collect()
 }
 
-/// Notes on the selected frames (`None`: all) that are excluded from means without a failure, because an estimate is missing.
+/// Notes on the selected frames (`None`: all) that are excluded from means without a failure, because an estimate is
+/// missing.
 pub(crate) fn incomplete_frames(
     recording: &Recording,
     estimates: &[Estimate],

@@ -1,7 +1,7 @@
 //! Intervals by resampling frames, and tests of paired differences.
 //!
-//! Uses only plain arithmetic and `libm`, sums in the order of frames, and own random numbers for every resample: the results
-//! are bit-identical with any number of threads on any machine. Compared with SciPy
+//! Uses only plain arithmetic and `libm`, sums in the order of frames, and own random numbers for every resample: the
+//! results are bit-identical with any number of threads on any machine. Compared with SciPy
 //! (`tests/fixtures/golden/statistics.json`).
 
 mod bootstrap;

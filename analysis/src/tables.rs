@@ -1,7 +1,7 @@
 //! Tables: columns of text and numbers, with one renderer per format.
 //!
-//! Files (CSV, Parquet, JSON) have all rows and all digits. Text (terminal, Markdown, LaTeX) has the columns that a reader
-//! needs, with one line per row or one line per metric.
+//! Files (CSV, Parquet, JSON) have all rows and all digits. Text (terminal, Markdown, LaTeX) has the columns that a
+//! reader needs, with one line per row or one line per metric.
 
 pub(crate) mod best;
 mod column;

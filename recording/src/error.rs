@@ -96,7 +96,7 @@ impl RecordingError {
     pub(crate) fn with_content(self, content: &DamagedContent) -> Self {
         match self {
             Self::File(FileError::Damaged { path, offset, what }) => {
-                Self::File(FileError::Damaged { path, offset, what: format!("{what}; it held {content}") })
+                Self::File(FileError::Damaged { path, offset, what: format!("{what}; it contained {content}") })
             }
             other => other,
         }

@@ -76,7 +76,7 @@
 //! };
 //! let plan = Plan {
 //!     experiment: "empty".to_owned(),
-//!     about: String::new(),
+//!     description: String::new(),
 //!     variants: vec![String::new()],
 //!     factors: vec![],
 //!     runs: vec![stage],

@@ -59,8 +59,8 @@ pub(crate) struct AnalyseArgs {
 
     /// Use these pixel sets.
     ///
-    /// `valid` is each estimate on its own valid pixels; `common` is the pixels that are valid in all estimates. Figures
-    /// of errors (`depthloom figure`) show `common` by default.
+    /// `valid` is each estimate on its own valid pixels; `common` is the pixels that are valid in all estimates.
+    /// Figures of errors (`depthloom figure`) show `common` by default.
     #[arg(long, value_enum, value_name = "PIXELS,...", value_delimiter = ',', default_value = "valid")]
     pub pixels: Vec<SampleSet>,
 

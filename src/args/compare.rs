@@ -115,9 +115,9 @@ pub(crate) struct CompareArgs {
 
     /// Fail if this limit is exceeded, e.g. `fused.abs_rel > +1%`. Can be repeated.
     ///
-    /// More examples: `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`. The limit is a change in per cent of the baseline's value,
-    /// or in the unit of the metric. It applies to the estimates of that name, or to all. `density` is the share of valid
-    /// pixels. The exit code is then 3.
+    /// More examples: `d1 >= 0.002`, `no_*/fused.a1 < -0.5%`. The limit is a change in per cent of the baseline's
+    /// value, or in the unit of the metric. It applies to the estimates of that name, or to all. `density` is the share
+    /// of valid pixels. The exit code is then 3.
     #[arg(long, value_name = "LIMIT")]
     pub fail_if: Vec<String>,
 

@@ -30,8 +30,8 @@ pub(crate) struct DoraArgs {
 
     /// Run nodes on this machine: `'*.mono=jetson'`. Can be repeated.
     ///
-    /// Nodes are named as in the dataflow, and a machine by the name of its dora daemon. If several match a node, the last
-    /// one applies.
+    /// Nodes are named as in the dataflow, and a machine by the name of its dora daemon. If several match a node, the
+    /// last one applies.
     #[arg(long = "machine", value_name = "NODE=MACHINE", value_parser = parse_machine)]
     pub machines: Vec<(String, String)>,
 }

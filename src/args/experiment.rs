@@ -33,8 +33,8 @@ pub(crate) struct ExperimentArgs {
     /// Add an axis: `compare.stereo.with.block=[3,5,9]`. Can be repeated.
     ///
     /// One variant runs for each value. A range is written `{from: 0, to: 20, steps: 3}`. Several axes are combined. If
-    /// the experiment's `matrix` has this axis, these values replace its values. Each path can be given once. The axes are
-    /// stored with the run.
+    /// the experiment's `matrix` has this axis, these values replace its values. Each path can be given once. The axes
+    /// are stored with the run.
     #[arg(long, value_name = "PATH=[VALUES]", value_parser = parse_matrix)]
     pub matrix: Vec<(String, String)>,
 
@@ -77,8 +77,9 @@ pub(crate) struct CheckArgs {
 
     /// Also read every frame of every source.
     ///
-    /// Nothing is computed. The command reports, with the file: missing and unreadable files, sizes that differ within a
-    /// pair, a calibration that contradicts the images, exchanged left and right images, ground truth in another unit.
+    /// Nothing is computed. The command reports, with the file: missing and unreadable files, sizes that differ within
+    /// a pair, a calibration that contradicts the images, exchanged left and right images, ground truth in another
+    /// unit.
     #[arg(long, conflicts_with = "sarif")]
     pub data: bool,
 
@@ -102,8 +103,8 @@ pub(crate) struct PlanArgs {
 
     /// Show what a run would reuse from earlier runs.
     ///
-    /// For every node it prints the number of frames that would run, the number whose values would be reused, and why not
-    /// all are. It opens sources and inference engines, as `run` does.
+    /// For every node it prints the number of frames that would run, the number whose values would be reused, and why
+    /// not all are. It opens sources and inference engines, as `run` does.
     #[arg(long)]
     pub reuse: bool,
 

@@ -38,15 +38,16 @@ pub(crate) struct ExportArgs {
 
     /// Export these topics (default: all).
     ///
-    /// Name a topic as `inspect RUN` lists it (`/look/depth/depth`), by its end (`depth/depth`) or by its node (`depth`). An
-    /// output of the source can be named alone (`calibration`) if no node has that name. `*` matches any characters.
+    /// Name a topic as `inspect RUN` lists it (`/look/depth/depth`), by its end (`depth/depth`) or by its node
+    /// (`depth`). An output of the source can be named alone (`calibration`) if no node has that name. `*` matches any
+    /// characters.
     #[arg(value_name = "TOPIC")]
     pub topics: Vec<String>,
 
     /// Write to this folder.
     ///
-    /// The files are `DIR/<topic>/<frame>.<format>`, and `DIR/<topic>.<format>` for values that exist once per run. A file
-    /// is complete or does not exist.
+    /// The files are `DIR/<topic>/<frame>.<format>`, and `DIR/<topic>.<format>` for values that exist once per run. A
+    /// file is complete or does not exist.
     #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: PathBuf,
 
@@ -71,8 +72,8 @@ pub(crate) struct ExportArgs {
     /// Set the range of colours, or of depths of point clouds.
     ///
     /// The values of the first and the last colour; `80..0` reverses them. The defaults are `0..80` m, `0..128` px and
-    /// `0..1` for confidences. For point clouds, only points in this range of depth are written. By default these are all
-    /// points, except those at a depth where a node capped them.
+    /// `0..1` for confidences. For point clouds, only points in this range of depth are written. By default these are
+    /// all points, except those at a depth where a node capped them.
     #[arg(long, value_name = "FROM..TO", value_parser = parse_range, allow_hyphen_values = true)]
     pub range: Option<(f64, f64)>,
 

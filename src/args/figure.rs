@@ -89,8 +89,8 @@ pub(crate) struct FigureArgs {
 
     /// Use only these estimates, by label or name (default: all).
     ///
-    /// `*` matches any characters, and commas separate several: `stereo,full/fused`. `difference` needs two: the second is
-    /// compared with the first.
+    /// `*` matches any characters, and commas separate several: `stereo,full/fused`. `difference` needs two: the second
+    /// is compared with the first.
     #[arg(long, value_name = "GLOB,...")]
     pub estimates: Option<String>,
 
@@ -99,9 +99,9 @@ pub(crate) struct FigureArgs {
 
     /// Use this pixel set (default: depends on the kind).
     ///
-    /// Figures of errors take `common` (valid in all estimates) or `valid`; by default they show `common`, and `valid` as
-    /// well if there is room. The default of `depthloom analyse` is `valid`. Figures of metrics take a pixel set that was
-    /// scored.
+    /// Figures of errors take `common` (valid in all estimates) or `valid`; by default they show `common`, and `valid`
+    /// as well if there is room. The default of `depthloom analyse` is `valid`. Figures of metrics take a pixel set
+    /// that was scored.
     #[arg(long, value_enum, value_name = "PIXELS")]
     pub pixels: Option<PixelsOption>,
 

@@ -34,8 +34,8 @@ pub(crate) struct InspectArgs {
 
     /// Describe a recording as a data source.
     ///
-    /// By default the contents of a recording are listed. With this option its frames are read, and the `sources:` entry
-    /// is printed, as for a data set.
+    /// By default the contents of a recording are listed. With this option its frames are read, and the `sources:`
+    /// entry is printed, as for a data set.
     #[arg(long, conflicts_with_all = ["verify_bytes", "keys"])]
     pub as_source: bool,
 

@@ -18,8 +18,8 @@ pub(crate) struct VerifyArgs {
 
     /// Verify only these nodes, by name or with their stage (default: all).
     ///
-    /// `*` matches any characters: `fused`, `compare.stereo`, `learn.*`. It is an error if a node that is named cannot be
-    /// recomputed.
+    /// `*` matches any characters: `fused`, `compare.stereo`, `learn.*`. It is an error if a node that is named cannot
+    /// be recomputed.
     #[arg(value_name = "NODE")]
     pub nodes: Vec<String>,
 

@@ -40,8 +40,8 @@ pub(crate) struct RunArgs {
 
     /// Recompute and compare reused values: `sample` (default), `all`, `none`.
     ///
-    /// `sample` recomputes one frame in fifty, and at least one value of every reused node. `all` recomputes every reused
-    /// value, trained networks included. A difference fails the run.
+    /// `sample` recomputes one frame in fifty, and at least one value of every reused node. `all` recomputes every
+    /// reused value, trained networks included. A difference fails the run.
     #[arg(
         long,
         value_enum,
@@ -138,8 +138,8 @@ impl RunArgs {
 pub(crate) struct PageArgs {
     /// Do not write `report.html`.
     ///
-    /// The page has the table, figures, images of frames and the plan, for a browser. It has at most 40 MB. A page of a long
-    /// run has fewer frames (200) and smaller images, a page of many variants has the best ones; it states this.
+    /// The page has the table, figures, images of frames and the plan, for a browser. It has at most 40 MB. A page of a
+    /// long run has fewer frames (200) and smaller images, a page of many variants has the best ones; it states this.
     #[arg(long)]
     pub no_page: bool,
 

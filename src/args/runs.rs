@@ -53,8 +53,8 @@ pub(crate) enum RunsCommand {
     Show(ShowArgs),
     /// Show why two runs differ.
     ///
-    /// It prints the changed values of the experiment, and the nodes that changed because of a parameter, version, input or
-    /// file.
+    /// It prints the changed values of the experiment, and the nodes that changed because of a parameter, version,
+    /// input or file.
     Diff(DiffArgs),
     /// Show where a run spent its time.
     ///
@@ -62,8 +62,8 @@ pub(crate) enum RunsCommand {
     Timings(TimingsArgs),
     /// Make an unfinished recording readable for others.
     ///
-    /// It writes a finished recording with the complete frames, for readers that need one. `depthloom run` does not need it
-    /// to resume a run.
+    /// It writes a finished recording with the complete frames, for readers that need one. `depthloom run` does not
+    /// need it to resume a run.
     Recover(RecoverArgs),
     /// Remove finished or interrupted runs.
     ///
@@ -71,7 +71,8 @@ pub(crate) enum RunsCommand {
     Rm(RmArgs),
     /// Remove runs by age, size or number.
     ///
-    /// It keeps runs that are in progress, folders with files of others, and runs that the experiment of a kept run names.
+    /// It keeps runs that are in progress, folders with files of others, and runs that the experiment of a kept run
+    /// names.
     Prune(PruneArgs),
 }
 

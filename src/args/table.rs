@@ -18,7 +18,8 @@ pub(crate) enum PixelsOption {
     Valid,
     /// For disparities: every pixel with ground truth, after invalid pixels are filled as in the benchmark.
     Filled,
-    /// For depths, recomputed from recorded maps: the pixels with ground truth that are valid in all selected estimates.
+    /// For depths, recomputed from recorded maps: the pixels with ground truth that are valid in all selected
+    /// estimates.
     Common,
 }
 
@@ -138,8 +139,8 @@ impl TypesettingArgs {
 pub(crate) struct TableArgs {
     /// Read these runs.
     ///
-    /// Name a run's folder, its recording, a unique prefix of its name in the folder of runs, or `@latest`. Several runs
-    /// give one table, with the settings in which they differ.
+    /// Name a run's folder, its recording, a unique prefix of its name in the folder of runs, or `@latest`. Several
+    /// runs give one table, with the settings in which they differ.
     #[arg(required = true, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub runs: Vec<PathBuf>,
 
@@ -154,8 +155,8 @@ pub(crate) struct TableArgs {
 
     /// Sort by this column, best first (default: `abs_rel`).
     ///
-    /// It is a metric, `ms`, `density`, `frames`, `pixels`, or an axis: numbers by size, words in the order of the file. If
-    /// `abs_rel` was not scored, the default is the first error metric that was.
+    /// It is a metric, `ms`, `density`, `frames`, `pixels`, or an axis: numbers by size, words in the order of the
+    /// file. If `abs_rel` was not scored, the default is the first error metric that was.
     #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns))]
     pub sort: Option<String>,
 
@@ -173,8 +174,8 @@ pub(crate) struct TableArgs {
     ///
     /// - metrics, e.g. `abs_rel`
     /// - `density`: the share of pixels with ground truth where the estimate is valid
-    /// - `ms`: core-milliseconds per frame, the CPU time of all nodes that the estimate depends on, as if it ran alone. A
-    ///   node that several estimates share counts for each. Reading, scoring, recording and learning do not count.
+    /// - `ms`: core-milliseconds per frame, the CPU time of all nodes that the estimate depends on, as if it ran alone.
+    ///   A node that several estimates share counts for each. Reading, scoring, recording and learning do not count.
     /// - `frames`, `pixels`
     /// - `disparity_density`, `disparity_frames`, `disparity_pixels`: of the disparity, where a depth and its disparity
     ///   share a row. They do if `depth/from-disparity` computes the depth from the disparity.
@@ -189,8 +190,8 @@ pub(crate) struct TableArgs {
 
     /// Show the effect of each axis on a metric or on `ms`.
     ///
-    /// The table has the mean of all rows with each level, and the share of the variance between rows that the axis alone
-    /// explains (eta squared). The rest are interactions of axes. It replaces the other kinds of table.
+    /// The table has the mean of all rows with each level, and the share of the variance between rows that the axis
+    /// alone explains (eta squared). The rest are interactions of axes. It replaces the other kinds of table.
     #[arg(long, value_name = "COLUMN", add = ArgValueCandidates::new(columns), conflicts_with_all = ["best_per_zone", "sort", "top", "columns", "pareto", "rows"])]
     pub effects: Option<String>,
 
@@ -200,8 +201,8 @@ pub(crate) struct TableArgs {
 
     /// Add a confidence interval to each metric (default: 95 per cent).
     ///
-    /// The interval is that of the mean over frames, or over pixels, by resampling frames (BCa bootstrap). CSV and Parquet
-    /// have its ends as `METRIC_low` and `METRIC_high`.
+    /// The interval is that of the mean over frames, or over pixels, by resampling frames (BCa bootstrap). CSV and
+    /// Parquet have its ends as `METRIC_low` and `METRIC_high`.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95", value_parser = parse_confidence, conflicts_with_all = ["effects", "best_per_zone"])]
     pub ci: Option<f64>,
 

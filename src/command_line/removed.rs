@@ -15,7 +15,8 @@ const COMMANDS: [(&[&str], &[&str]); 8] = [
     (&["runs", "why"], &["runs", "diff"]),
 ];
 
-/// Commands, an option that was removed from them, and the option that replaces it; `None` if it is not needed any more.
+/// Commands, an option that was removed from them, and the option that replaces it; `None` if it is not needed any
+/// more.
 const OPTIONS: [(&[&str], &str, Option<&str>); 13] = [
     (&["table", "compare", "explain", "analyse", "analyze", "figure"], "--set", Some("--pixels")),
     (&["table", "compare", "analyse", "analyze", "figure"], "--estimators", Some("--estimates")),

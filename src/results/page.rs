@@ -45,7 +45,8 @@ pub(crate) fn write(
 pub(crate) fn surroundings(folder: &Path) -> Surroundings {
     let mut environment = environment::read(folder);
     if let Some(entries) = environment.as_object_mut() {
-        // A page does not list other files of this machine. The memory of a run is not known yet when its page is written.
+        // A page does not list other files of this machine. The memory of a run is not known yet when its page is
+        // written.
         entries.remove("reads");
         entries.remove("peak_resident_bytes");
         // Measured again after the page.

@@ -2,9 +2,9 @@
 //!
 //! A bit of a whole recording: an error, or the very same answer. Where the bit makes the file look unfinished, the
 //! same tables with a word about it are the same answer, too. A bit of an unfinished recording: an error, the answer of
-//! the recording as it was, or that of one cut earlier: what follows a damaged record cannot be distinguished from what a kill
-//! left. The last must be reported. Tables that come with an error are those of the recording or of a cut one, too. A bit
-//! of a checkpoint: the training begun again ends with the same bytes, or in an error.
+//! the recording as it was, or that of one cut earlier: what follows a damaged record cannot be distinguished from what
+//! a kill left. The last must be reported. Tables that come with an error are those of the recording or of a cut one,
+//! too. A bit of a checkpoint: the training begun again ends with the same bytes, or in an error.
 
 use std::fs;
 

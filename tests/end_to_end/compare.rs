@@ -129,7 +129,7 @@ fn options_that_do_not_apply_by_distance_are_refused() {
     run(folder, "run", &[]);
     for (arguments, words) in [
         (&["run", "--by", "distance", "--pixels", "all"][..], "on the pixels that are valid in both"),
-        (&["run", "--by", "distance", "--baseline", "best"], "by distance no side is the best"),
+        (&["run", "--by", "distance", "--baseline", "best"], "there is no best side over all distances"),
         (&["run", "--by", "distance", "--metrics", "rmse"], "cannot be used with"),
         (&["run", "--bins", "width:5"], "required"),
     ] {
@@ -208,18 +208,6 @@ fn estimates_that_are_equal_in_both_runs_are_not_tested() {
     let equal = String::from_utf8_lossy(&equal).split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(equal.contains("nothing was tested, because no value differs"), "{equal}");
     assert!(!equal.contains("0 tests"), "{equal}");
-}
-
-#[test]
-fn variants_with_identical_estimates_are_not_called_unknown() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    let (first, _) = EXPERIMENT.split_once("  large:").expect("variants");
-    std::fs::write(folder.join("twins.yaml"), format!("{first}  twin: {{}}\n")).expect("written");
-    succeed(depthloom().current_dir(folder).args(["run", "--no-page", "twins.yaml", "--quiet", "--out", "run"]));
-    let error = refused(folder, &["run", "plain", "twin"]);
-    assert!(error.contains("cannot compare variant `plain`: its estimates are identical in all variants"), "{error}");
-    assert!(error.contains("available: `raw`, `smooth`") && !error.contains("did you mean"), "{error}");
 }
 
 #[test]

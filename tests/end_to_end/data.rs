@@ -383,7 +383,10 @@ fn assumptions_and_contradictions_are_reported_together() {
     let (code, text) = data_of(&rig, &[&rig.path("kitti").display().to_string()]);
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("baseline 0.5327 m (assumed: no file says it)\n"), "{text}");
-    assert!(text.contains("  warning      no calibration files in training: KITTI's focal lengths"), "{text}");
+    assert!(
+        text.contains("  warning      no calibration files in training: depthloom uses KITTI's focal lengths"),
+        "{text}"
+    );
     assert!(
         text.contains("  wrong        ROOT/kitti/training/image_3/000002_10.png: left and right look exchanged"),
         "{text}"

@@ -81,7 +81,7 @@ fn ground_truth_of_training_frames_does_not_change_the_network() {
     let experiment = |ground_truth: &str| {
         let path = folder.path().join(format!("{ground_truth}.yaml"));
         let text = format!(
-            "extends: {}\nexperiment: labels\nsources:\n  train: {{ kind: kitti/stereo2015, with: {{ root: data, truth: {ground_truth} }} }}\n  \
+            "extends: {}\nexperiment: labels\nsources:\n  train: {{ kind: kitti/stereo2015, with: {{ root: data, ground_truth: {ground_truth} }} }}\n  \
              test: {{ with: {{ frames: 0..2, width: 320, height: 96 }} }}\nstages:\n{}",
             table1.display(),
             learn(10, 100),

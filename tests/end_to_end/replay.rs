@@ -89,7 +89,7 @@ fn replay_recomputes_every_node_equally_including_training() {
         };
         assert_eq!((&node["compared"], node["numbers"].as_u64() > Some(0)), (&json!(expected), true), "{node}");
     }
-    let (code, report) = check_json(&out, &["compare.fused", "tea*"]);
+    let (code, report) = check_json(&out, &["compare.fused", "trai*"]);
     assert_eq!(
         (code, different(&report).len()),
         (Some(0), 5),
@@ -208,7 +208,7 @@ fn nodes_that_cannot_be_recomputed_are_noted_or_refused_by_name() {
     assert_eq!((code, different(&report)), (Some(0), vec![("depth", 0)]), "{report:#}");
     assert_eq!(report["nodes"][0]["remarks"], json!(["reads `stereo` recomputed, which is not recorded"]));
     let why = report["not_compared"][0]["why"].as_str().expect("why");
-    assert!(why.starts_with("input `truth` was /look/source/depth, which is not in the recording"), "{why}");
+    assert!(why.starts_with("input `ground_truth` was /look/source/depth, which is not in the recording"), "{why}");
     // It is an error if nothing can be compared.
     let out = folder.path().join("scores");
     run(&look(folder.path(), "record: []\n"), &out);
@@ -291,7 +291,7 @@ fn a_failing_node_does_not_stop_the_comparison_of_others() {
         "{report:#}"
     );
     assert_eq!(failed(&report).len(), 1);
-    assert!(failed(&report)[0].1.starts_with("learning diverged"), "{report:#}");
+    assert!(failed(&report)[0].1.starts_with("training diverged"), "{report:#}");
     assert_eq!(report["error"]["message"], "1 node failed");
     assert!(
         report["nodes"][3]["first"]["now"]

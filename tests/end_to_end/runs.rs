@@ -115,7 +115,7 @@ fn a_recording_of_0_1_is_refused_and_does_not_disturb_a_run() {
     let refused = here.command(&["table", "runs/old"]).output().expect("it runs");
     assert_eq!(refused.status.code(), Some(2));
     let message = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(message.contains("has recording format 5") && message.contains("depthloom 0.1"), "{message}");
+    assert!(message.contains("has recording format 4") && message.contains("depthloom 0.1"), "{message}");
     let listed = here.json(&["runs"]);
     assert_eq!(listed["runs"][0]["state"], "unreadable", "{listed}");
     let run = succeed(
@@ -339,10 +339,13 @@ fn runs_rm_removes_all_named_runs_or_none() {
     let third = here.run("runs/third", &[]);
     std::fs::write(second.join("notes.txt"), "years").expect("written");
     let error = here.fails(&["runs", "rm", "first", "second"], 2);
-    assert!(error.contains("it holds notes.txt, which no run wrote"), "{error}");
+    assert!(error.contains("it contains notes.txt, which no run wrote"), "{error}");
     assert!(first.exists() && second.exists(), "no run is removed if one of them must not be removed");
     let refused = here.fails(&["runs", "rm", "fir"], 2);
-    assert!(refused.contains("no run in runs is named `fir`") && refused.contains("`first` begins so"), "{refused}");
+    assert!(
+        refused.contains("no run in runs is named `fir`") && refused.contains("`first` begins with it"),
+        "{refused}"
+    );
     let removed = text(&succeed(&mut here.command(&["runs", "rm", "first", "runs/third", "runs/first"])));
     let lines: Vec<&str> = removed.lines().collect();
     assert!(

@@ -1,11 +1,11 @@
 //! Means of the levels of an axis, adjusted to the same mix of levels of the other axes.
 //!
 //! If an ablation omits combinations, the plain means of two levels average over different settings, so their
-//! difference also contains the effect of those settings. A least-squares model therefore describes each row as a sum of
-//! one number per level of every axis (main effects, no interactions). The *adjusted mean* of a level is the mean of the
-//! model's values for all rows, with that level in place of their own. These are least-squares means weighted by the
-//! existing rows: Searle, Speed and Milliken 1980, `weights = "proportional"` of R's `emmeans`. In a full design the
-//! adjusted mean equals the plain mean.
+//! difference also contains the effect of those settings. A least-squares model therefore describes each row as a sum
+//! of one number per level of every axis (main effects, no interactions). The *adjusted mean* of a level is the mean of
+//! the model's values for all rows, with that level in place of their own. These are least-squares means weighted by
+//! the existing rows: Searle, Speed and Milliken 1980, `weights = "proportional"` of R's `emmeans`. In a full design
+//! the adjusted mean equals the plain mean.
 
 use super::factor::{Factor, are_orthogonal};
 

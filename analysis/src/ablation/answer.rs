@@ -32,8 +32,8 @@ pub enum Question {
 /// Computes a table from the scores of a recording, without reading maps. `costs` are the costs of its run, if known.
 ///
 /// # Errors
-/// If the recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if the question names an unknown
-/// metric, estimate, zone or pixel set; [`AnalysisError::Stopped`] once `stop` returns true.
+/// If the recording cannot be read or its scores are damaged; [`AnalysisError::Request`] if the question names an
+/// unknown metric, estimate, zone or pixel set; [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn answer(
     recording: &Recording,
     costs: Option<&Costs>,

@@ -22,8 +22,8 @@ struct Comparability<'a> {
 pub(super) struct Classes<'a>(Vec<Comparability<'a>>);
 
 impl<'a> Classes<'a> {
-    /// The class of an estimate's scores on one pixel set of one zone. `None` for the set `valid`, which differs between
-    /// estimates. `source(run, position)` is the key of the source values of a frame.
+    /// The class of an estimate's scores on one pixel set of one zone. `None` for the set `valid`, which differs
+    /// between estimates. `source(run, position)` is the key of the source values of a frame.
     pub(super) fn class(
         &mut self,
         estimate: &'a Estimate,

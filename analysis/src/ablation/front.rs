@@ -50,7 +50,8 @@ pub(crate) fn front(rows: &[Vec<Option<f64>>], goals: &[Goal]) -> Vec<usize> {
             && pairs().any(|((a, b), goal)| goal.better.is_better(*a, *b))
     };
     // Sort by exact values first, best first: a row that dominates another comes before it, and only rows on the front
-    // remove others. Otherwise a chain of rows, each as fast as the next within noise, would remove all except the first.
+    // remove others. Otherwise a chain of rows, each as fast as the next within noise, would remove all except the
+    // first.
     let compare = |a: &[f64], b: &[f64]| {
         let pairs = |is_exact: bool| {
             let all = a.iter().zip(b).zip(goals).filter(move |(_, goal)| (goal.noise == 0.0) == is_exact);

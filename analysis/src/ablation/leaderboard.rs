@@ -212,8 +212,8 @@ impl<'a> Board<'a> {
         Ok(column.metric(self.metrics[place]).marked(order.iter().map(|&place| best[place]).collect()))
     }
 
-    /// The parameters in which entries differ: `stage.node.parameter`, and the value of each entry. `None` if variants that
-    /// share an entry have different values.
+    /// The parameters in which entries differ: `stage.node.parameter`, and the value of each entry. `None` if variants
+    /// that share an entry have different values.
     fn settings(&self, entries: &[&Entry]) -> Vec<(String, Vec<Option<String>>)> {
         let text = |value: Json| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
         let variants = |entry: &Entry| -> Vec<Option<VariantId>> {

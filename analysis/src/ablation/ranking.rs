@@ -21,8 +21,8 @@ pub(super) const TIMING_NOISE: f64 = 0.05;
 /// A table with one row per estimate, or per depth together with the disparity it was computed from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ranking {
-    /// The sorting column: a metric or a column of numbers, best first; or an axis, numbers by size, others in the order of
-    /// the file. `None`: the first shown error that a row has, `abs_rel` before others.
+    /// The sorting column: a metric or a column of numbers, best first; or an axis, numbers by size, others in the
+    /// order of the file. `None`: the first shown error that a row has, `abs_rel` before others.
     pub sort: Option<String>,
     /// The maximum number of rows.
     pub top: Option<usize>,
@@ -170,7 +170,8 @@ impl Ranking {
         Ok((rows, excluded))
     }
 
-    /// The default sorting column: the first shown metric that a row has. If all are shown, `abs_rel` comes before others.
+    /// The default sorting column: the first shown metric that a row has. If all are shown, `abs_rel` comes before
+    /// others.
     fn default_sort(&self, ablation: &Ablation<'_>, rows: &[Row]) -> Result<Measure, AnalysisError> {
         let requested = self.columns.iter().map(|name| ablation.measure(name)).collect::<Result<Vec<_>, _>>()?;
         let has_value = |column: &Measure| rows.iter().any(|row| ablation.number(row, *column).is_some());

@@ -137,8 +137,8 @@ impl ScoreTable {
         Ok(Self { rows: rows.collect(), metrics, intervals, with_paper, zone: zone.to_owned(), label })
     }
 
-    /// The table in any format. Its files have one row per estimate and pixel set: the key columns, the metrics, `frames`,
-    /// the published numbers as `paper_a1 ...` if requested, `density`.
+    /// The table in any format. Its files have one row per estimate and pixel set: the key columns, the metrics,
+    /// `frames`, the published numbers as `paper_a1 ...` if requested, `density`.
     pub(crate) fn table(&self) -> Table {
         let rows = Rows(&self.rows);
         let own = vec![rows.key("estimate", |row| &row.estimate), rows.key("set", |row| row.set.name())];

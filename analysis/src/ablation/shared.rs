@@ -14,8 +14,8 @@ use crate::scores::FrameScore;
 /// The maximum number of maps of one frame in memory.
 const AT_ONCE: usize = 16;
 
-/// The selected depth estimates, and their scores on the frames whose maps were recorded. The scores have the metrics of
-/// each estimate, over the pixels with ground truth that are valid in all estimates with the same ground truth and
+/// The selected depth estimates, and their scores on the frames whose maps were recorded. The scores have the metrics
+/// of each estimate, over the pixels with ground truth that are valid in all estimates with the same ground truth and
 /// settings. The alignment of an estimate is fitted on these pixels.
 ///
 /// In a row, `truth` counts all pixels with ground truth and `valid` those that are valid in all estimates.

@@ -26,8 +26,8 @@ pub(super) fn node(kind: &str, name: &str, inputs: &[(&str, &str)], output: &Jso
     })
 }
 
-/// Variants of `block` (3, 9) and `mode` (hh, sgbm) with one estimate each, and one estimate that all share. The depth of
-/// the source is the ground truth.
+/// Variants of `block` (3, 9) and `mode` (hh, sgbm) with one estimate each, and one estimate that all share. The depth
+/// of the source is the ground truth.
 fn plan() -> RecordedPlan {
     let params = json!({ "preset": "martins2018", "sets": ["valid", "all"], "max_m": null });
     let node = |name: &str, inputs: &[(&str, &str)], output: &Json, variants: &Json| {
@@ -262,7 +262,8 @@ note: excluded, because no axis changes it: stereo
 fn effects_on_time_are_shown_and_axes_are_refused() {
     let effects = |of: &str| ask(|ablation| effects::table(ablation, &Selection::default(), of));
     let text = effects("ms").unwrap().terminal(118);
-    // Block 3 has 11 and 12, block 9 has 13 and one missing value: `sgbm` costs 1 more, and a third of the rows have it.
+    // Block 3 has 11 and 12, block 9 has 13 and one missing value: `sgbm` costs 1 more, and a third of the rows have
+    // it.
     assert!(
         text.contains("block  3         2  11.33*")
             && text.contains("9         1  13.33")

@@ -1,10 +1,10 @@
 //! The effect of each axis on a metric: marginal means and shares of the variance.
 //!
 //! The rows of an ablation are an unreplicated factorial design: one value per combination of levels. The *marginal
-//! mean* of a level is the mean of all rows that have it, [adjusted](super::adjusted) if combinations are missing. An axis' *share* is eta squared of its main effect, `sum over levels of n (mean of the level - mean)^2 /
-//! sum over rows of (value - mean)^2` (Fisher 1925; Cohen 1973): the part of the variance between rows that
-//! this axis alone explains. If all pairs of axes are orthogonal, shares add up and the rest belongs to interactions.
-//! Otherwise shares overlap.
+//! mean* of a level is the mean of all rows that have it, [adjusted](super::adjusted) if combinations are missing. An
+//! axis' *share* is eta squared of its main effect, `sum over levels of n (mean of the level - mean)^2 / sum over rows
+//! of (value - mean)^2` (Fisher 1925; Cohen 1973): the part of the variance between rows that this axis alone explains.
+//! If all pairs of axes are orthogonal, shares add up and the rest belongs to interactions. Otherwise shares overlap.
 //!
 //! An axis that only some rows have is nested in others. Its effect is computed among those rows, relative to their own
 //! mean, so that it does not include the effect of the outer axis. Its share is a share of the variance between all
@@ -24,7 +24,8 @@ pub(crate) struct Effects {
     pub(crate) factors: Vec<MainEffect>,
     /// Whether all pairs of axes are orthogonal: their levels are combined in equal proportions.
     pub(crate) is_orthogonal: bool,
-    /// The share that no main effect explains: that of the interactions. `None` if shares overlap or rows do not differ.
+    /// The share that no main effect explains: that of the interactions. `None` if shares overlap or rows do not
+    /// differ.
     pub(crate) residual: Option<f64>,
     /// For each pair of factors, the share of their interaction, largest first. Empty unless all combinations of levels
     /// occur equally often.
@@ -34,8 +35,8 @@ pub(crate) struct Effects {
 /// What one axis explains.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MainEffect {
-    /// For each level, the number of rows and their mean, adjusted if levels do not have the same settings of other axes.
-    /// The mean is `None` without rows.
+    /// For each level, the number of rows and their mean, adjusted if levels do not have the same settings of other
+    /// axes. The mean is `None` without rows.
     pub(crate) levels: Vec<(usize, Option<f64>)>,
     /// How the means were computed.
     pub(crate) means: MeansOf,
@@ -56,8 +57,8 @@ pub(crate) enum MeansOf {
     Confounded,
 }
 
-/// The effects of factors on the values of rows. `values` must be finite and not empty, and each factor must have a level
-/// in at least one row.
+/// The effects of factors on the values of rows. `values` must be finite and not empty, and each factor must have a
+/// level in at least one row.
 pub(crate) fn effects(values: &[f64], factors: &[Factor]) -> Effects {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -210,9 +211,9 @@ mod tests {
         assert_eq!((effects.residual, effects.pairs.len()), (None, 0));
     }
 
-    /// By hand: `a` has means 2 (of 1, 3) and 6 (of 5, 7), a sum of squares of 4 * 2^2 = 16 of 20. Only rows with
-    /// level 1 of `a` have `b`: among 5 and 7 it explains 1 + 1 = 2 of 20, relative to their own mean 6. The residual, 2,
-    /// is between the rows of the first level.
+    /// By hand: `a` has means 2 (of 1, 3) and 6 (of 5, 7), a sum of squares of 4 * 2^2 = 16 of 20. Only rows with level
+    /// 1 of `a` have `b`: among 5 and 7 it explains 1 + 1 = 2 of 20, relative to their own mean 6. The residual, 2, is
+    /// between the rows of the first level.
     #[test]
     fn nested_axes_are_compared_among_their_rows_only() {
         let effects = effects(&[1.0, 3.0, 5.0, 7.0], &[factor(&[0, 0, 1, 1]), nested(&[None, None, Some(0), Some(1)])]);

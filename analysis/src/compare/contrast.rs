@@ -31,8 +31,8 @@ pub(super) struct Contrast {
     pub(super) is_identical: bool,
     /// The probability of the test, corrected for all tests of the comparison.
     pub(super) p_holm: Option<f64>,
-    /// A digest of the metric and of its values on each frame of both sides. Variants that share their estimates have one
-    /// test.
+    /// A digest of the metric and of its values on each frame of both sides. Variants that share their estimates have
+    /// one test.
     tested: Key,
     pub(super) verdict: Verdict,
 }
@@ -92,8 +92,8 @@ impl Contrast {
         }
     }
 
-    /// A verdict needs both the test, which ranks the differences of frames, and the interval, which belongs to the value
-    /// in the table.
+    /// A verdict needs both the test, which ranks the differences of frames, and the interval, which belongs to the
+    /// value in the table.
     fn judged(&self, level: f64) -> Verdict {
         let (Some(p), Some(Interval { low, high })) = (self.p_holm, self.interval) else { return Verdict::Unclear };
         let is_significant = p < level && (low > 0.0 || high < 0.0);

@@ -101,8 +101,8 @@ impl DistanceRow {
     }
 }
 
-/// Compares sides with the first side, or with a baseline, by ground-truth distance. `samples` are the samples files of the
-/// runs.
+/// Compares sides with the first side, or with a baseline, by ground-truth distance. `samples` are the samples files of
+/// the runs.
 ///
 /// # Errors
 /// If a recording or samples cannot be read; [`AnalysisError::Request`] if a requested name does not exist or the sides

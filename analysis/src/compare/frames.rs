@@ -49,9 +49,9 @@ impl ScoredBy<'_> {
 }
 
 impl<'a> Paired<'a> {
-    /// Pairs the frames of one run by position. Frames of different runs are paired by id if their stages have one name.
-    /// If an id repeats, frames with equal source values are paired first, in their order. Stages with different names
-    /// share only frames with equal source values.
+    /// Pairs the frames of one run by position. Frames of different runs are paired by id if their stages have one
+    /// name. If an id repeats, frames with equal source values are paired first, in their order. Stages with different
+    /// names share only frames with equal source values.
     pub(super) fn new(baseline: &ScoredBy<'a>, other: &ScoredBy<'a>) -> Self {
         let (is_run, is_stage) = (baseline.has_same_run(other), baseline.stage() == other.stage());
         let mut unpaired: BTreeMap<&str, Vec<&'a FrameScore>> = BTreeMap::new();

@@ -113,8 +113,8 @@ impl Limit {
         matches_estimate(pair.other.estimate, pattern) || glob(pattern, &pair.name)
     }
 
-    /// Checks the change from the baseline's value to the value of the other side, whose label is `label`. `row` is the index
-    /// of the metric's row.
+    /// Checks the change from the baseline's value to the value of the other side, whose label is `label`. `row` is the
+    /// index of the metric's row.
     fn judge(&self, label: &str, row: usize, baseline: f64, value: f64) -> JudgedLimit {
         let change = match (value - baseline, self.is_relative) {
             (difference, true) if difference != 0.0 => 100.0 * difference / baseline.abs(),

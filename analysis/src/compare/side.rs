@@ -16,8 +16,8 @@ const BEST: &str = "best";
 pub struct Side {
     /// Its place among the runs.
     pub run: usize,
-    /// A variant, the label of an estimate, or a pattern of either in which `*` matches any characters. `None`: the whole
-    /// run.
+    /// A variant, the label of an estimate, or a pattern of either in which `*` matches any characters. `None`: the
+    /// whole run.
     pub name: Option<String>,
 }
 

@@ -150,7 +150,7 @@ impl<'a> Compared<'a> {
         }
         for Contrast { metric, .. } in self.contrasts.iter().filter(|contrast| self.pair(contrast).set == PixelSet::All)
         {
-            if metric.pooling == Pooling::MeanOfValid {
+            if metric.pooling == Pooling::MeanOfAnswers {
                 let name = metric.name;
                 notes.push(format!(
                     "{name} excludes invalid pixels, also over all pixels with ground truth: use `--pixels filled`"
@@ -315,8 +315,8 @@ fn distinct(texts: impl IntoIterator<Item = String>) -> Vec<String> {
 }
 
 impl Comparison {
-    /// As aligned text, followed by the limits and the parameters that differ. A table wider than `width` columns is split
-    /// into blocks.
+    /// As aligned text, followed by the limits and the parameters that differ. A table wider than `width` columns is
+    /// split into blocks.
     #[must_use]
     pub fn terminal(&self, width: usize) -> String {
         let mut text = self.table.terminal(width);

@@ -17,7 +17,8 @@ const VERSION: u64 = 1;
 /// What the bins of an estimate are computed from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Input {
-    /// The number of its group. Estimates of a group have the same ground truth and the same settings, and share pixels.
+    /// The number of its group. Estimates of a group have the same ground truth and the same settings, and share
+    /// pixels.
     pub(super) group: usize,
     /// A key of the settings, and of ground truth and estimate on every frame. `None` if a map is missing on a frame.
     pub(super) key: Option<Key>,

@@ -98,8 +98,8 @@ impl Maps {
         })
     }
 
-    /// The samples of a frame, from the values of its topics. Adds its pixels with ground truth to `counts` by stage run
-    /// and metre.
+    /// The samples of a frame, from the values of its topics. Adds its pixels with ground truth to `counts` by stage
+    /// run and metre.
     pub(super) fn samples(
         &self,
         estimates: &[Estimate],

@@ -1,7 +1,7 @@
 //! A sample: the bits of an error, and whether its pixel is valid in all compared estimates.
 
-/// The lowest bit of a sample is set if its pixel is not valid in all compared estimates. The bits of the error are above
-/// it, so that samples sort like their errors. The sign of an error is not needed.
+/// The lowest bit of a sample is set if its pixel is not valid in all compared estimates. The bits of the error are
+/// above it, so that samples sort like their errors. The sign of an error is not needed.
 const ALONE: u32 = 1;
 
 /// A non-negative error as an integer with the same order.

@@ -18,8 +18,8 @@ use crate::files::Output;
 ///
 /// A sample takes 4 bytes, or up to 8 while its bin grows. Once there are more than `at_most`, all are moved to a
 /// [temporary file](Spill), from which as many metres as fit are read back at a time. A metre with more samples than
-/// `at_most` is [counted](super::selection): exactly, and with memory that depends on neither frames nor pixels. All ways
-/// give the same bits.
+/// `at_most` is [counted](super::selection): exactly, and with memory that depends on neither frames nor pixels. All
+/// ways give the same bits.
 pub(super) struct Samples<'a> {
     output: Output<'a>,
     /// By estimate and metre of ground-truth distance.
@@ -46,8 +46,8 @@ struct EstimateSamples {
 }
 
 impl FrameSamples {
-    /// Adds the valid pixels of an estimate, given their [errors](ScoredPixels::absolute_errors). `shared` states for each
-    /// scored pixel whether it is valid in all compared estimates. The pixels must be [sorted by
+    /// Adds the valid pixels of an estimate, given their [errors](ScoredPixels::absolute_errors). `shared` states for
+    /// each scored pixel whether it is valid in all compared estimates. The pixels must be [sorted by
     /// metre](ScoredPixels::by_metre).
     pub(super) fn add(&mut self, estimate: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
         let mut samples = vec![0; errors_m.len()];

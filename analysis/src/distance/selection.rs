@@ -10,8 +10,8 @@ const MEMORY: Memory = Memory { samples: 1 << 16, counters: 1 << 16 };
 /// The groups that are counted.
 const WHICHES: [Which; 2] = [Which::Valid, Which::Shared];
 
-/// The spreads of the errors of a metre: over all valid pixels, and over shared ones. `visit(f)` must call `f(samples)` for
-/// all samples each time it is called.
+/// The spreads of the errors of a metre: over all valid pixels, and over shared ones. `visit(f)` must call `f(samples)`
+/// for all samples each time it is called.
 pub(super) fn spreads(
     visit: impl Fn(&mut dyn FnMut(&[u32])) -> Result<(), AnalysisError>,
 ) -> Result<[Option<Spread>; 2], AnalysisError> {

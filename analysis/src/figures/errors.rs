@@ -8,8 +8,8 @@ use super::{Figure, FigureRequest, FigureRun};
 use crate::error::AnalysisError;
 use crate::query::{Bins, By, Inquiry, SampleSet, Unit};
 
-/// The default number of bins of a histogram, which have a constant ratio, and the percentiles of each estimate's errors at
-/// the first and the last edge.
+/// The default number of bins of a histogram, which have a constant ratio, and the percentiles of each estimate's
+/// errors at the first and the last edge.
 const BINS: u32 = 40;
 const LEAST_PERCENT: f64 = 1.0;
 const MOST_PERCENT: f64 = 99.5;

@@ -1,5 +1,5 @@
-//! Frames as in the paper (Martins et al. 2018, figures 4 and 5), side by side: the image, the estimates with one colour
-//! scale, the confidence, the difference of the errors of two estimates, the ground truth.
+//! Frames as in the paper (Martins et al. 2018, figures 4 and 5), side by side: the image, the estimates with one
+//! colour scale, the confidence, the difference of the errors of two estimates, the ground truth.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

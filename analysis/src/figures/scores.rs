@@ -106,7 +106,8 @@ pub(super) fn frames(scores: &Scores<'_>, request: &FigureRequest) -> Result<Fig
     let (zone, metric) = (scores.ablation.zone(&scores.selection)?, scores.ablation.metrics[scores.metric]);
     let (mut items, mut all) = (Vec::new(), Vec::<(&Row, &FrameScore, f64)>::new());
     for (place, row) in rows.iter().enumerate() {
-        // Strips go from top to bottom. The dots of a strip are on three lines, so that equal scores do not hide each other.
+        // Strips go from top to bottom. The dots of a strip are on three lines, so that equal scores do not hide each
+        // other.
         let y = rows.len() as f64 - place as f64 - 0.5;
         let frames = scores.ablation.frames(row.estimate, row.set, zone).iter();
         let start = all.len();

@@ -76,8 +76,8 @@ pub(crate) struct Findings {
     pub(crate) is_damaged: bool,
 }
 
-/// The condition of the recording. `damage` is the damage found outside of what was read; `has_numbers` states whether the
-/// report has numbers.
+/// The condition of the recording. `damage` is the damage found outside of what was read; `has_numbers` states whether
+/// the report has numbers.
 pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bool) -> Findings {
     let plan = recording.plan();
     let frames: Vec<usize> = RunId::all(plan.runs.len()).map(|run| recording.frames(run).len()).collect();
@@ -119,7 +119,8 @@ pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bo
     Findings { recording, notes, is_damaged }
 }
 
-/// Notes on the condition of a recording: for example that it is unfinished, or that a stage has fewer frames than another.
+/// Notes on the condition of a recording: for example that it is unfinished, or that a stage has fewer frames than
+/// another.
 #[must_use]
 pub fn recording_notes(recording: &Recording) -> Vec<String> {
     findings(recording, &[], true).notes

@@ -7,8 +7,8 @@ use depthloom_recording::RecordedFrame;
 
 use crate::error::AnalysisError;
 
-/// Frames selected on the command line: `3`, `3,7`, `0..4`, `1..=40`, ids (`000150_10`), or a file with one id per line.
-/// Numbers are frame numbers as in `frames:` of a source.
+/// Frames selected on the command line: `3`, `3,7`, `0..4`, `1..=40`, ids (`000150_10`), or a file with one id per
+/// line. Numbers are frame numbers as in `frames:` of a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FrameChoice {
     /// By number, or by a file of ids.
@@ -39,7 +39,8 @@ impl FrameChoice {
         })
     }
 
-    /// The same choice for recorded frames: a range may contain frames that were not recorded, because their source failed.
+    /// The same choice for recorded frames: a range may contain frames that were not recorded, because their source
+    /// failed.
     pub(crate) fn of_recorded(&self) -> Self {
         match self {
             Self::Selection(FrameSelection::Range(range)) => Self::Selection(FrameSelection::Available(range.clone())),
@@ -112,8 +113,7 @@ mod tests {
         assert_eq!(parsed("1..=40"), FrameChoice::Selection(FrameSelection::Range(1..41)));
         assert_eq!(parsed("list.txt"), FrameChoice::Selection(FrameSelection::File("list.txt".into())));
         assert_eq!(parsed("000150_10,left-7"), FrameChoice::Ids(vec!["000150_10".to_owned(), "left-7".to_owned()]));
-        for (text, meant) in [("3-4", "did you mean `3..=4`?"), ("3..", "two ends"), ("a,,b", "does not select frames")]
-        {
+        for (text, meant) in [("3-4", "did you mean `3..=4`?"), ("3..", "two ends"), ("a,,b", "says no frames")] {
             let error = FrameChoice::parse(text).unwrap_err();
             assert!(error.contains(meant), "{text}: {error}");
         }

@@ -6,18 +6,9 @@ use depthloom_recording::{RecordedPlan, Recording};
 
 use crate::estimates::Estimate;
 
-/// A note on the estimates without recorded maps or ground truth, if any, and the outputs to add to `record:`. `what` is the
-/// result that is missing because of that.
+/// A note on the estimates without recorded maps or ground truth, if any, and the outputs to add to `record:`. `what`
+/// is the result that is missing because of that.
 pub(crate) fn not_recorded(plan: &RecordedPlan, estimates: &[&Estimate], what: &str) -> Option<String> {
-    missing_maps(plan, estimates, what, ["was", "were"])
-}
-
-/// As [`not_recorded`], for a run that has not started.
-pub(crate) fn not_to_be_recorded(plan: &RecordedPlan, estimates: &[&Estimate], what: &str) -> Option<String> {
-    missing_maps(plan, estimates, what, ["is", "are"])
-}
-
-fn missing_maps(plan: &RecordedPlan, estimates: &[&Estimate], what: &str, verbs: [&str; 2]) -> Option<String> {
     let (mut truths, mut maps, mut labels) = (Vec::new(), Vec::new(), Vec::new());
     for estimate in estimates {
         let name = |from: &Option<String>| from.as_deref().map(|topic| reference(plan, estimate.run, topic));
@@ -38,9 +29,9 @@ fn missing_maps(plan: &RecordedPlan, estimates: &[&Estimate], what: &str, verbs:
         return None;
     }
     let whose = if labels.len() == estimates.len() { String::new() } else { format!(" of {}", some(&labels)) };
-    let (verb, them) = if several { (verbs[1], "them") } else { (verbs[0], "it") };
+    let (were, them) = if several { ("were", "them") } else { ("was", "it") };
     let missing = missing.join(" and ");
-    Some(format!("{what}{whose}: {missing} {verb} not recorded: add {them} to `record:`"))
+    Some(format!("{what}{whose}: {missing} {were} not recorded: add {them} to `record:`"))
 }
 
 /// An output as `record:` takes it: `stage.node/port`.
@@ -77,8 +68,8 @@ fn some(names: &[String]) -> String {
     }
 }
 
-/// A note if maps were recorded only on some frames, or if no frame has a pixel to compare. No note if no maps were to be
-/// recorded.
+/// A note if maps were recorded only on some frames, or if no frame has a pixel to compare. No note if no maps were to
+/// be recorded.
 pub(crate) fn sparsely_kept(recording: &Recording, estimates: &[&Estimate], none: bool) -> Option<String> {
     let every = recording.plan().every;
     if !none {

@@ -22,12 +22,13 @@ pub struct TopicRows {
     pub damaged: Vec<RecordingError>,
 }
 
-/// The rows of a topic of a stage run on some of its frames: scores have one row per pixel set and zone, calibrations have
-/// one row.
+/// The rows of a topic of a stage run on some of its frames: scores have one row per pixel set and zone, calibrations
+/// have one row.
 ///
-/// Columns are `position` (of the frame in its stage), `frame`, and the contents. For scores these are `set, zone, pixels,
-/// truth, valid`, the metrics in the order of the catalogue, and `density`. A metric is null if no pixel counted; `zone` is
-/// null for the whole image. For calibrations the contents are `width, height` and `focal_px, cx_px, cy_px, baseline_m`.
+/// Columns are `position` (of the frame in its stage), `frame`, and the contents. For scores these are `set, zone,
+/// pixels, truth, valid`, the metrics in the order of the catalogue, and `density`. A metric is null if no pixel
+/// counted; `zone` is null for the whole image. For calibrations the contents are `width, height` and `focal_px, cx_px,
+/// cy_px, baseline_m`.
 ///
 /// # Errors
 /// If the recording cannot be read; [`AnalysisError::Stopped`] once `stop` returns true.

@@ -87,8 +87,8 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
     caught(|| read().map_err(AnalysisError::compute(format!("timings from {}", path.display()))))
 }
 
-/// The timings of a run as aligned text: core-milliseconds per frame by node and phase with their share of the total; then
-/// the aggregate nodes.
+/// The timings of a run as aligned text: core-milliseconds per frame by node and phase with their share of the total;
+/// then the aggregate nodes.
 ///
 /// # Errors
 /// If the file cannot be read or is not a timings file.
@@ -217,7 +217,7 @@ mod tests {
                 "once, after the last frame of its stage",
                 "",
                 "node             phase      times    core-ms     median    wall-ms   share",
-                "learn.train    once           1   1600.000          -    900.000   80.0%",
+                "learn.train      once           1   1600.000          -    900.000   80.0%",
             ]
         );
     }

@@ -6,8 +6,8 @@ use depthloom_graphs::counted;
 use depthloom_graphs::plan::{NodeId, RunId};
 use depthloom_recording::{RecordedRun, Recording};
 
-/// The distinct warnings as text, with their total count and number of frames. If `run` is given, only those of this stage
-/// run.
+/// The distinct warnings as text, with their total count and number of frames. If `run` is given, only those of this
+/// stage run.
 pub(crate) fn warnings(recording: &Recording, run: Option<RunId>) -> Vec<String> {
     let plan = recording.plan();
     // By node and warning: the total count, and the number of frames.

@@ -18,8 +18,8 @@ const MOST_CURVES: usize = 24;
 const MOST_PICTURED: usize = 12;
 /// The maximum number of maps of a stage run.
 const MOST_LAYERS: usize = 32;
-/// The maximum number of frames of all scored stage runs together, of all unscored stage runs together, and of each unscored
-/// stage run.
+/// The maximum number of frames of all scored stage runs together, of all unscored stage runs together, and of each
+/// unscored stage run.
 const MOST_FRAMES: usize = 200;
 const MOST_UNSCORED: usize = 40;
 const FEW: usize = 10;
@@ -28,7 +28,8 @@ const MOST_POINTS: usize = 1000;
 /// The number of worst and of best frames of each estimate that always have pictures.
 const EXTREMES: usize = 3;
 
-/// The estimates with curves: all, or those that all variants share and the best others by the first metric of the table.
+/// The estimates with curves: all, or those that all variants share and the best others by the first metric of the
+/// table.
 pub(super) fn estimates_shown(estimates: &[Estimate], table: Option<&ScoreTable>) -> Vec<usize> {
     best(estimates, table, &(0..estimates.len()).collect::<Vec<_>>(), MOST_CURVES)
 }

@@ -22,8 +22,8 @@ pub enum Bins {
 }
 
 impl Bins {
-    /// Parses `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`. `linear`, `log` and `quantile` without
-    /// a number use these defaults.
+    /// Parses `width:2`, `linear:20`, `log:20`, `quantile:10` or `edges:0,5,10,20,80`. `linear`, `log` and `quantile`
+    /// without a number use these defaults.
     ///
     /// # Errors
     /// If the text does not define bins.

@@ -1,7 +1,7 @@
 //! Columns of samples as plain numbers.
 //!
-//! Polars stores one validity bit per number. Its iterators test bit by bit; this module processes the eight rows of a byte
-//! at once.
+//! Polars stores one validity bit per number. Its iterators test bit by bit; this module processes the eight rows of a
+//! byte at once.
 
 use polars::frame::DataFrame;
 use polars::prelude::{DataType, PolarsResult};

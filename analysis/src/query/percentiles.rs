@@ -119,8 +119,8 @@ fn select(mut cells: Vec<Vec<u32>>, statistics: &mut [OrderStatistic]) {
     }
 }
 
-/// Moves the samples with these ascending ranks to their sorted places, in a third of the time of sorting. The first sample
-/// has the rank `first`.
+/// Moves the samples with these ascending ranks to their sorted places, in a third of the time of sorting. The first
+/// sample has the rank `first`.
 pub(crate) fn place(samples: &mut [u32], first: usize, ranks: &[usize]) {
     let Some(&rank) = ranks.get(ranks.len() / 2) else { return };
     let (below, _, above) = samples.select_nth_unstable(rank - first);
@@ -130,8 +130,8 @@ pub(crate) fn place(samples: &mut [u32], first: usize, ranks: &[usize]) {
 
 /// A pass over the samples.
 pub(crate) struct Pass {
-    /// For each earlier pass, the number of bits by which cells were split, and the cell of each part, counted from 1; 0 for
-    /// parts without a required order statistic.
+    /// For each earlier pass, the number of bits by which cells were split, and the cell of each part, counted from 1;
+    /// 0 for parts without a required order statistic.
     levels: Vec<(u32, Vec<u32>)>,
     /// Bits that are not known yet.
     left: u32,
@@ -217,7 +217,8 @@ pub(crate) struct Tally(Content);
 enum Content {
     /// Samples by cell, and their total number.
     Samples(Vec<Vec<u32>>, usize),
-    /// Counts by cell and part, then the count of rows that are not samples. A thread sees fewer than 2^32 samples of a part.
+    /// Counts by cell and part, then the count of rows that are not samples. A thread sees fewer than 2^32 samples of a
+    /// part.
     Counts(Vec<u32>),
 }
 

@@ -1,8 +1,8 @@
 //! Counts, means and shares by bin.
 //!
 //! This is a loop over plain numbers: queries with lazy polars or with its column iterators took twice the CPU time
-//! (`bench/analysis.sh`). The sums of parts are added in the order of the parts, so that the result does not depend on the
-//! order of threads.
+//! (`bench/analysis.sh`). The sums of parts are added in the order of the parts, so that the result does not depend on
+//! the order of threads.
 
 use std::collections::BTreeMap;
 
@@ -52,8 +52,8 @@ impl PartSums {
     }
 }
 
-/// Adds rows: bin, ground truth and estimate, which is replaced by the absolute error. `error` converts an error in metres
-/// to the unit; `limit` is the limit of outliers.
+/// Adds rows: bin, ground truth and estimate, which is replaced by the absolute error. `error` converts an error in
+/// metres to the unit; `limit` is the limit of outliers.
 fn add_rows<'a>(
     sums: &mut [Sums],
     rows: impl Iterator<Item = ((&'a u32, &'a f32), &'a mut f32)>,

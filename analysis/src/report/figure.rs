@@ -1,8 +1,8 @@
-//! The figure of a report: the absolute error against the ground-truth distance, one panel per variant, and the histogram of
-//! ground-truth distances.
+//! The figure of a report: the absolute error against the ground-truth distance, one panel per variant, and the
+//! histogram of ground-truth distances.
 //!
-//! Lines and bands cover the pixels that are valid in all estimates, so that the estimates are comparable. A dashed line is
-//! the median over all valid pixels of an estimate, if there are more. [`SpreadFigure`] draws the figure.
+//! Lines and bands cover the pixels that are valid in all estimates, so that the estimates are comparable. A dashed
+//! line is the median over all valid pixels of an estimate, if there are more. [`SpreadFigure`] draws the figure.
 
 use depthloom_graphs::plan::RunId;
 use std::collections::BTreeMap;

@@ -163,7 +163,8 @@ fn scoring(plan: &RecordedPlan, estimates: &[Estimate], estimate: &Estimate) -> 
     }
 }
 
-/// A key of everything that the samples depend on: the plan of the recording, its frames, and the keys of their sources.
+/// A key of everything that the samples depend on: the plan of the recording, its frames, and the keys of their
+/// sources.
 fn content_key(recording: &Recording) -> String {
     let mut key = Key::digest("depthloom samples").key(&plan_key(recording.plan()));
     for run in RunId::all(recording.plan().runs.len()) {

@@ -72,8 +72,8 @@ pub struct Interval {
 }
 
 impl Resampling {
-    /// The default number of resamples for scores. With 10,000, the ends of intervals of few skewed scores differ between seeds
-    /// by up to a tenth of the width; with this number, by a third of that.
+    /// The default number of resamples for scores. With 10,000, the ends of intervals of few skewed scores differ
+    /// between seeds by up to a tenth of the width; with this number, by a third of that.
     pub const OF_SCORES: u32 = 100_000;
     /// The default number for errors by distance, which are sums or medians over pixels.
     pub const OF_ERRORS: u32 = 10_000;
@@ -109,8 +109,8 @@ impl Resampling {
         Ok(intervals)
     }
 
-    /// The intervals of statistics of `frames` frames. `None` with fewer than two frames, or if the resamples give no interval:
-    /// some are not finite, or all are on one side of the value.
+    /// The intervals of statistics of `frames` frames. `None` with fewer than two frames, or if the resamples give no
+    /// interval: some are not finite, or all are on one side of the value.
     pub(crate) fn intervals(
         &self,
         frames: usize,
@@ -202,7 +202,8 @@ impl Resampling {
     }
 }
 
-/// The percentiles of the sorted resamples that are the ends of a BCa interval (Efron and Tibshirani 1993, 14.9 to 14.15).
+/// The percentiles of the sorted resamples that are the ends of a BCa interval (Efron and Tibshirani 1993, 14.9 to
+/// 14.15).
 fn shares(alpha: f64, value: f64, replicates: &[f64], jackknife: &[f64]) -> Option<(f64, f64)> {
     let below = replicates.partition_point(|replicate| *replicate < value);
     let up_to = replicates.partition_point(|replicate| *replicate <= value);

@@ -39,8 +39,8 @@ impl Distribution {
 }
 
 impl SignedRank {
-    /// Tests differences, without zeros, like `scipy.stats.wilcoxon(differences)` of SciPy 1.17. `None` without differences. If
-    /// all are zero, `p` is 1 (as in SciPy for up to 13 differences).
+    /// Tests differences, without zeros, like `scipy.stats.wilcoxon(differences)` of SciPy 1.17. `None` without
+    /// differences. If all are zero, `p` is 1 (as in SciPy for up to 13 differences).
     pub(crate) fn test(differences: &[f64]) -> Option<Self> {
         let mut by_size: Vec<f64> = differences.iter().copied().filter(|difference| *difference != 0.0).collect();
         if differences.is_empty() || by_size.iter().any(|difference| difference.is_nan()) {

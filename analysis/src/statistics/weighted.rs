@@ -2,7 +2,8 @@
 
 use depthloom_scores::{Mean, Metric, Pooling, ScaleInvariant, ScoreRow, Settings};
 
-/// A metric of all frames with weights: 0 for a frame that the jackknife omits, more than 1 for repeated frames of a resample.
+/// A metric of all frames with weights: 0 for a frame that the jackknife omits, more than 1 for repeated frames of a
+/// resample.
 #[derive(Clone, Debug)]
 pub(crate) struct Weighted {
     form: Form,
@@ -20,8 +21,8 @@ enum Form {
 }
 
 impl Weighted {
-    /// For frames that all have the metric. `None` if the value of a data set cannot be computed from the values of frames, as
-    /// for a median over pixels.
+    /// For frames that all have the metric. `None` if the value of a data set cannot be computed from the values of
+    /// frames, as for a median over pixels.
     pub(crate) fn new<'a>(
         metric: &Metric,
         mean: Mean,
@@ -29,7 +30,7 @@ impl Weighted {
         rows: impl IntoIterator<Item = &'a ScoreRow>,
     ) -> Option<Self> {
         let form = match (mean, metric.pooling) {
-            (Mean::Frames, _) | (Mean::Pixels, Pooling::Mean | Pooling::MeanOfValid) => Form::Mean,
+            (Mean::Frames, _) | (Mean::Pixels, Pooling::Mean | Pooling::MeanOfAnswers) => Form::Mean,
             (Mean::Pixels, Pooling::RootMeanSquare) => Form::RootMean,
             (Mean::Pixels, Pooling::LogVariance) => Form::LogVariance(settings.silog),
             (Mean::Pixels, Pooling::None) => return None,

@@ -1,9 +1,9 @@
 //! The rule for best values, shared by tables in all formats, pages and figures.
 //!
-//! A value competes within its class: the same frames with the same number of pixels, ground truth and scoring. In a class of
-//! two or more, the best value and all equal values are marked. An estimate without valid pixels, or without pixels within a
-//! factor of 1.25^3 of the ground truth, is never best. Otherwise `silog` would prefer an estimate that is invalid
-//! everywhere, because invalid pixels count as a constant.
+//! A value competes within its class: the same frames with the same number of pixels, ground truth and scoring. In a
+//! class of two or more, the best value and all equal values are marked. An estimate without valid pixels, or without
+//! pixels within a factor of 1.25^3 of the ground truth, is never best. Otherwise `silog` would prefer an estimate that
+//! is invalid everywhere, because invalid pixels count as a constant.
 
 use std::collections::HashMap;
 

@@ -152,8 +152,8 @@ impl Column {
         }
     }
 
-    /// A column that identifies rows by values of axes. `is_number(row)` states whether all values of the row's axis are
-    /// numbers.
+    /// A column that identifies rows by values of axes. `is_number(row)` states whether all values of the row's axis
+    /// are numbers.
     pub(crate) fn levels(
         name: impl Into<String>,
         cells: impl IntoIterator<Item = Option<String>>,

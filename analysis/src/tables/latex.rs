@@ -3,8 +3,8 @@
 use super::layout::{TextCell, TextColumn, are_together, blocks, capitalised};
 use super::{Orientation, Table};
 
-/// The available width in digits of `\footnotesize` (4.25 pt): the 345 pt of an article's page, and the 240 pt of one of two
-/// columns.
+/// The available width in digits of `\footnotesize` (4.25 pt): the 345 pt of an article's page, and the 240 pt of one
+/// of two columns.
 const PAGE: usize = 81;
 const COLUMN: usize = 56;
 /// The longest name of a metric, and the space between two columns (twice `\tabcolsep`, 4 pt).

@@ -135,8 +135,9 @@ impl Table {
     }
 }
 
-/// Splits the columns into blocks of at most `room` width. Each block contains the key columns and as many others as fit.
-/// Columns that join each other or share a heading stay together if they fit. `width` is the width of such columns.
+/// Splits the columns into blocks of at most `room` width. Each block contains the key columns and as many others as
+/// fit. Columns that join each other or share a heading stay together if they fit. `width` is the width of such
+/// columns.
 pub(super) fn blocks(
     columns: &[TextColumn],
     room: usize,

@@ -2,8 +2,8 @@
 //! (which table it is), `depthloom.run` (the [key](crate::plan_key) of the run's plan) and `depthloom.units` (a JSON
 //! object, column to unit).
 //!
-//! polars writes and reads Parquet, but without starting threads: tables are small, and if a system refuses new threads,
-//! polars' pools panic or wait indefinitely. Its CSV writer always starts threads.
+//! polars writes and reads Parquet, but without starting threads: tables are small, and if a system refuses new
+//! threads, polars' pools panic or wait indefinitely. Its CSV writer always starts threads.
 
 use std::str::FromStr;
 
@@ -86,8 +86,9 @@ fn parsed<T: FromStr>(levels: &[Option<Value>]) -> Vec<Option<T>> {
     levels.iter().map(|level| level.as_ref().and_then(|level| level.text.parse().ok())).collect()
 }
 
-/// The bytes of a Parquet file of a table that `parts` yields from top to bottom; it is called twice. Each part becomes a row
-/// group, and only one part is in memory at a time. There must be at least one part; all parts have the same columns.
+/// The bytes of a Parquet file of a table that `parts` yields from top to bottom; it is called twice. Each part becomes
+/// a row group, and only one part is in memory at a time. There must be at least one part; all parts have the same
+/// columns.
 pub(crate) fn parquet_of_parts<T: AsRef<Table>, I: Iterator<Item = T>>(
     parts: impl Fn() -> I,
     name: &str,
@@ -127,8 +128,8 @@ impl AsRef<Self> for Table {
 
 /// The metadata of a Parquet file, with an Arrow schema in which texts are `large_utf8`.
 ///
-/// By default polars writes a schema with `string_view`, which readers from before 2024 refuse (pyarrow 14: "Unrecognized
-/// type: 24").
+/// By default polars writes a schema with `string_view`, which readers from before 2024 refuse (pyarrow 14:
+/// "Unrecognized type: 24").
 pub(crate) fn with_arrow_schema(mut metadata: Vec<(String, String)>, schema: &Schema) -> KeyValueMetadata {
     let arrow = schema_to_metadata_key(&schema.to_arrow(CompatLevel::oldest()));
     metadata.insert(0, (arrow.key, arrow.value.unwrap_or_default()));

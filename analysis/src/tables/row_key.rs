@@ -1,8 +1,8 @@
 //! Row keys: the first columns of all tables.
 //!
-//! These are `stage` and `variant`; then `estimate` and `set` for scores and errors, or `node` for timings and training; then
-//! one column per axis of the experiment's matrix. `variant` is null if all variants share the row. Tables, figures and
-//! comparisons have the same key columns, so that programs can join them.
+//! These are `stage` and `variant`; then `estimate` and `set` for scores and errors, or `node` for timings and
+//! training; then one column per axis of the experiment's matrix. `variant` is null if all variants share the row.
+//! Tables, figures and comparisons have the same key columns, so that programs can join them.
 
 use depthloom_graphs::Key;
 use depthloom_graphs::plan::VariantId;
@@ -45,8 +45,8 @@ pub struct Level {
     pub axis: String,
     /// Its column: the name of the axis, or `axis.<axis>` if tables have another column with this name.
     pub column: String,
-    /// The value as written in the experiment. `None` if the variant does not have the axis, or if variants that share the row
-    /// have different values.
+    /// The value as written in the experiment. `None` if the variant does not have the axis, or if variants that share
+    /// the row have different values.
     pub value: Option<String>,
     /// Whether all values of the axis are numbers.
     pub is_numeric: bool,
@@ -128,7 +128,8 @@ pub(crate) fn key_columns<'r, R>(rows: &'r [R], key: impl Fn(&'r R) -> &'r RowKe
     columns
 }
 
-/// The key of a run's plan. Equal experiments have equal keys on all machines. Parquet files contain it in their metadata.
+/// The key of a run's plan. Equal experiments have equal keys on all machines. Parquet files contain it in their
+/// metadata.
 #[must_use]
 #[expect(clippy::missing_panics_doc, reason = "every plan can be written as JSON")]
 pub fn plan_key(plan: &RecordedPlan) -> Key {

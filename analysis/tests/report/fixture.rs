@@ -207,7 +207,8 @@ fn record_with(path: &Path, plan: &Plan, fails: bool) {
     recorder.finish(&[]).unwrap();
 }
 
-/// Records frames with values of all estimates and the cache keys of all values. `change` modifies ground truth and estimates.
+/// Records frames with values of all estimates and the cache keys of all values. `change` modifies ground truth and
+/// estimates.
 pub(crate) fn record_complete(path: &Path, plan: &Plan, change: impl Fn(&mut [Vec<f32>; 4])) {
     let recorder = Recorder::create(path, plan).unwrap();
     for index in 0..COMPLETE {

@@ -413,7 +413,7 @@ fn unrecorded_maps_are_reported_in_one_note() {
         let estimate = Some(Wire::Here(Slot::Node { node: NodeId(node), port: PortId(0) }));
         let truth = Some(Wire::Here(Slot::Source { port: PortId(0) }));
         let input = |name, from| PlannedInput { port: port(name), from, shown: None };
-        run.nodes[3 + node].inputs = vec![input("estimate", estimate), input("truth", truth)];
+        run.nodes[3 + node].inputs = vec![input("estimate", estimate), input("ground_truth", truth)];
     }
     let (summary, _) = report_of_killed(folder.path(), &plan, &[2]);
     let note = "note: no error against distance: the ground truth `compare.source/depth` and the estimates `compare.a/mono/depth`, \

@@ -16,8 +16,8 @@ use image::ImageFormat;
 
 use depthloom_nodes::sources::{Road, SyntheticRoadParams};
 
-/// Renders the frames of `params` into `<out>/training`; returns how many. `params.ground_truth` has no effect: both kinds of
-/// ground truth are written.
+/// Renders the frames of `params` into `<out>/training`; returns how many. `params.ground_truth` has no effect: both
+/// kinds of ground truth are written.
 ///
 /// The folder is written under the name `<out>.partial` and renamed when complete; an unfinished one of an earlier try
 /// is removed.

@@ -383,7 +383,7 @@ mod tests {
             assert!(warnings[0].contains("replied twice to a frame at `depth`"), "{warnings:?}");
         }
         let early = taken(&[(metadata_of(3), "three")]).0.unwrap_err().chain();
-        assert!(early.contains("for the frame at position 3 before it was asked"), "{early}");
+        assert!(early.contains("for the frame at position 3 before it received that frame"), "{early}");
         // It may be of any frame: of one that was answered twice, for example.
         for metadata in [json!({}), json!({ "frame": "2" }), json!({ "frame": -1 })] {
             let unnamed = taken(&[(metadata, "two"), (metadata_of(2), "two")]).0.unwrap_err().chain();
@@ -400,7 +400,7 @@ mod tests {
         assert!(stated(json!({ "height": 3 })).unwrap_err().contains("`height` but not `width`"));
         for wrong in [json!(-3), json!(0), json!("3"), json!(1.5), Json::Null] {
             let what = stated(json!({ "width": wrong, "height": 2 })).unwrap_err();
-            assert!(what.contains("it is a number of pixels"), "{what}");
+            assert!(what.contains("expected a number of pixels"), "{what}");
         }
     }
 
@@ -413,9 +413,8 @@ mod tests {
         assert_eq!(stated("16UC1", ValueType::Depth, &[]).unwrap(), "16UC1");
         // An image went, and a depth comes back with its metadata.
         assert_eq!(stated("rgb8", ValueType::Depth, &["rgb8"]).unwrap(), "");
-        assert!(
-            stated("rgb8", ValueType::Depth, &["mono8"]).unwrap_err().contains("expected 32FC1 or 16UC1 for a depth")
-        );
+        let refused = stated("rgb8", ValueType::Depth, &["mono8"]).unwrap_err();
+        assert!(refused.contains("expected 32FC1 or 16UC1 or mono16 for a depth"), "{refused}");
         assert!(stated("rgba8", ValueType::Image, &["rgb8"]).unwrap_err().contains("rgb8 or bgr8 or mono8"));
     }
 
@@ -439,7 +438,7 @@ mod tests {
         assert!(flat_value(&data, ValueType::Image, (3, 2), "mono8").is_ok());
         for (size, encoding) in [((2, 1), "mono8"), ((3, 2), "rgb8")] {
             let what = flat_value(&data, ValueType::Image, size, encoding).unwrap_err();
-            assert!(what.contains(&format!("`encoding: {encoding}`, and it has")), "{what}");
+            assert!(what.contains(&format!("`encoding: {encoding}`, but it has")), "{what}");
         }
     }
 }

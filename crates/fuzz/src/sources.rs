@@ -119,7 +119,7 @@ T_103: -0.5 0.0 0.0
 P_rect_101: 20 0 8 0 0 20 4 0 0 0 1 0
 P_rect_103: 20 0 8 -10 0 20 4 0 0 0 1 0
 ";
-const LIST: &str = "left,right,truth,frame\ncam0/1.png,\"cam1/1.png\",truth.png,first\n";
+const LIST: &str = "left,right,ground_truth,frame\ncam0/1.png,\"cam1/1.png\",truth.png,first\n";
 const KALIBR: &str = "cam0:
   camera_model: pinhole
   distortion_coeffs: [0.01, 0.0, 0.0, 0.0]

@@ -18,8 +18,8 @@ use crate::files::{OUTDATED, RECORDING};
 use crate::found::{all, in_folder};
 use crate::run_folder::RunFolder;
 
-/// The recordings that a run may reuse, newest first: those of its own folder, of the runs beside it, and in the folder of runs.
-/// Empty with `--fresh`.
+/// The recordings that a run may reuse, newest first: those of its own folder, of the runs beside it, and in the folder
+/// of runs. Empty with `--fresh`.
 pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, runs: &Path, plan: &Plan) -> EarlierRuns {
     let mut recordings = Vec::new();
     if !is_fresh {

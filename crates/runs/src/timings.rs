@@ -24,7 +24,7 @@ pub fn write_timings(
     let rows: Vec<depthloom_analysis::Timing> =
         timings.iter().flat_map(|timing| rows(timing, plan, &row_keys, recorder)).collect();
     depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
-        .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to write the timings", &error))
+        .map_err(|error| CliError::from_error(ExitCode::Engine, &error))
 }
 
 /// The rows of a timing: one, or two if compression is a part of encoding.

@@ -150,8 +150,7 @@ fn planned(
     let (variants, left_out) = variants::read(&Parameters { root: &root, registry }, report);
     if root.size().saturating_mul(variants.len()) > MOST_VALUES {
         let what = format!("{} variants of an experiment this large are too many", variants.len());
-        let help = "reduce the values of `matrix`, or split the experiment";
-        report.push(Diagnostic::error(&variants[0].place, what).help(help));
+        report.push(Diagnostic::error(&variants[0].place, what));
         return None;
     }
     let mut outlasted = Outlasted::new(&root, changes);
@@ -163,7 +162,7 @@ fn planned(
         let changed = apply::apply(&root, &variant.changes, Scope::Variant, report);
         outlasted.look(id, &root, &changed);
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
-        let spec = spec::read(&changed, registry, report);
+        let spec = spec::read(&changed, report);
         let link = link::link(&spec, registry, &mut resolver, report);
         sweeps.look(&spec, |id| link.stages[id.stage].nodes[id.node].types.parameters.as_deref());
         linked.push(link);

@@ -75,7 +75,7 @@ impl<'r> Declared<'r> {
         let mut resolver = Resolver::default();
         let link = |variant: &Variant| {
             let changed = apply::apply(self.root, &variant.changes, Scope::Variant, &mut wrong);
-            let spec = spec::read(&changed, self.registry, &mut wrong);
+            let spec = spec::read(&changed, &mut wrong);
             let linked = link::link(&spec, self.registry, &mut resolver, &mut wrong);
             (!wrong.has_errors()).then_some(linked)
         };
@@ -94,9 +94,7 @@ impl<'r> Declared<'r> {
         let sources = self.root.get("sources").into_iter().flat_map(|sources| sources.entries());
         for entry in sources.filter(|entry| !used(&entry.key)) {
             let warning = Diagnostic::warning(&entry.key_place, format!("no stage uses the source `{}`", entry.key));
-            report.push(
-                warning.label("not used").help(format!("use it in a stage (`source: {}`), or remove it", entry.key)),
-            );
+            report.push(warning.label("not used"));
         }
     }
 }

@@ -153,7 +153,7 @@ fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, String> {
     // A panic can only leave an incomplete plan or run, which is dropped.
     match depthloom_threads::caught(work) {
         Ok(result) => result.map_err(|error| format!("{error:#}")),
-        Err(Caught(panic)) => Err(format!("tract panicked: {panic}")),
+        Err(Caught(panic)) => Err(format!("tract failed with an internal error: {panic}")),
     }
 }
 

@@ -45,7 +45,7 @@ impl Node for ScoreDepth {
         let mut inputs = vec![
             Port::frame("estimate", ValueType::Depth, "Estimated depth, metres, NaN = invalid."),
             Port::frame(
-                "truth",
+                "ground_truth",
                 ValueType::Depth,
                 "Ground-truth depth, metres, NaN = unknown; same size as `estimate`.",
             ),

@@ -45,7 +45,7 @@ impl Node for ScoreDisparity {
         let mut inputs = vec![
             Port::frame("estimate", ValueType::Disparity, "Estimated disparity, fixed or floating point, not rounded."),
             Port::frame(
-                "truth",
+                "ground_truth",
                 ValueType::TrueDisparity,
                 "Ground-truth disparity, px, NaN = unknown; same size as `estimate`.",
             ),

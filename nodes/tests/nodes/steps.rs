@@ -118,7 +118,7 @@ fn inputs_of_different_sizes_are_named_in_the_error() {
     );
     assert_eq!(
         fault("score/depth", &[("estimate", small), ("ground_truth", large)]),
-        "`estimate` is 2x1 and `truth` is 3x1: they must have the same size"
+        "`estimate` is 2x1 and `ground_truth` is 3x1: they must have the same size"
     );
     assert_eq!(
         fault("stereo/sgbm", &[("left", grey(2, 1, vec![0; 2])), ("right", grey(1, 1, vec![0]))]),

@@ -151,7 +151,8 @@ pub(super) fn inspect(args: &InspectArgs, path: &Path, registry: &Registry) -> R
     unusable.map_or(Ok(ExitCode::Success), Err)
 }
 
-/// The sources that a folder is recognised as; else those of the folders and files in it; else any pairs of images in it.
+/// The sources that a folder is recognised as; else those of the folders and files in it; else any pairs of images in
+/// it.
 fn recognised<'a>(registry: &'a Registry, root: &Path) -> Vec<RecognisedSource<'a>> {
     let by_kinds = |path: &Path| -> Vec<RecognisedSource<'a>> {
         let kinds = registry.sources().filter(|entry| entry.declaration.kind != ANY_PAIRS);

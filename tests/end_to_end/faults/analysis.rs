@@ -104,7 +104,7 @@ fn fault_29_record_every_100_keeps_the_first_frame_and_says_so() {
 fn fault_30_missing_recorded_values_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let (_, printed) = first_look(folder.path(), &street("0..1", 1), "[depth]");
-    let note = "no error against distance: the truth `look.source/depth` was not recorded: add it to `record:`";
+    let note = "no error against distance: the ground truth `look.source/depth` was not recorded: add it to `record:`";
     assert!(printed.contains(note), "{printed}");
     assert!(!printed.contains("error_vs_distance"), "{printed}");
     let folder = tempfile::tempdir().expect("a folder");

@@ -142,7 +142,7 @@ fn fault_34_report_on_a_folder_of_runs_lists_them() {
         assert_eq!(report.status.code(), Some(2));
         let stderr = stderr_of(&report);
         if above == folder.path() {
-            assert!(stderr.contains("has no recording.mcap") && stderr.contains("it holds 2 runs"), "{stderr}");
+            assert!(stderr.contains("has no recording.mcap") && stderr.contains("it contains 2 runs"), "{stderr}");
             assert!(stderr.contains(&format!("depthloom report {}", folder.path().join("b").display())), "{stderr}");
         }
     }
@@ -169,7 +169,7 @@ fn fault_65_a_report_is_never_written_into_another_runs_folder() {
         let output = depthloom().arg("report").arg(&one).arg("--out").arg(&out).output().expect("the binary starts");
         let stderr = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{stderr}");
-        assert!(stderr.contains("is a run's folder, and holds what the run wrote and nothing else"), "{stderr}");
+        assert!(stderr.contains("--out is the folder of another run"), "{stderr}");
     }
     assert_eq!(fs::read(other.join("scores.csv")).expect("the file"), scores);
     assert!(!other.join("below").exists() && !one.join("below").exists());
@@ -189,7 +189,11 @@ fn fault_66_a_report_replaces_only_files_of_reports() {
         fs::write(own.join(name), "mine,a1\n").expect("written");
         let refused = report();
         assert_eq!(refused.status.code(), Some(2), "{name}: {}", stderr_of(&refused));
-        assert!(stderr_of(&refused).contains(&format!("{name} exists already")), "{}", stderr_of(&refused));
+        assert!(
+            stderr_of(&refused).contains(&format!("has a file that no report wrote: {}", own.join(name).display())),
+            "{}",
+            stderr_of(&refused)
+        );
         assert_eq!(fs::read(own.join(name)).expect("the file"), b"mine,a1\n");
         fs::remove_file(own.join(name)).expect("removed");
     }

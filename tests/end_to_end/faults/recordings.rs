@@ -176,7 +176,7 @@ fn every_analysis_of_a_recording_damaged_before_its_first_frame_exits_with_3() {
     for arguments in [
         &["table"][..],
         &["explain", "RUN", "abs_rel", "stereo"],
-        &["analyse", "--samples-only"],
+        &["analyse", "RUN", "--samples-only"],
         &["analyse"],
         &["figure", "RUN", "cdf", "--out", "cdf.svg"],
         &["compare", "RUN", "RUN"],

@@ -110,7 +110,7 @@ fn fault_63_removing_a_run_without_permission_names_the_missing_right() {
     let refused = command.current_dir(here.path()).args(["runs", "rm", "first"]).output().expect("it starts");
     let stderr = stderr_of(&refused).split_whitespace().collect::<Vec<_>>().join(" ");
     assert_eq!(refused.status.code(), Some(2), "{stderr}");
-    assert!(stderr.contains("takes the right to write") && !stderr.contains("--out"), "{stderr}");
+    assert!(stderr.contains("requires write permission") && !stderr.contains("--out"), "{stderr}");
     assert!(run.join("recording.mcap").exists());
 }
 

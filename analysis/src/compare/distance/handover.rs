@@ -1,9 +1,9 @@
 //! The handover distance of two estimates: use one estimate nearer than this distance, and the other beyond it.
 //!
 //! The difference of their errors by distance is a line through the middles of bins. At each zero crossing the better
-//! estimate changes. Noisy errors may have many crossings. The *handover* is the crossing with the lowest cost: with one
-//! estimate nearer and the other farther, the sum of errors over all pixels is the smallest, and smaller than with either
-//! estimate alone.
+//! estimate changes. Noisy errors may have many crossings. The *handover* is the crossing with the lowest cost: with
+//! one estimate nearer and the other farther, the sum of errors over all pixels is the smallest, and smaller than with
+//! either estimate alone.
 
 use crate::error::AnalysisError;
 use crate::statistics::{Interval, Resampling};

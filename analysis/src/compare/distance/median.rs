@@ -1,6 +1,7 @@
 //! The median of the errors of a bin, for any weights of its frames.
 
-/// The number of errors between two checkpoints. At each checkpoint the number of earlier errors of each frame is known.
+/// The number of errors between two checkpoints. At each checkpoint the number of earlier errors of each frame is
+/// known.
 const STEP: usize = 64;
 
 /// Sorted errors with their frames.

@@ -118,7 +118,7 @@ mod tests {
         };
         assert!(message(&of_vgg("features.7.bias", "")).contains("`features.7.bias`"));
         let shape_message = message(&of_vgg("", "features.5.weight"));
-        assert!(shape_message.contains("the shape [128, 64, 3, 3, 1] expected [128, 64, 3, 3]"), "{shape_message}");
+        assert!(shape_message.contains("the shape [128, 64, 3, 3, 1], expected [128, 64, 3, 3]"), "{shape_message}");
         assert!(message(&[]).contains("features.0.weight"));
     }
 }

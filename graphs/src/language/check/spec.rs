@@ -8,7 +8,6 @@ use crate::language::text::names::{self, EXPERIMENT_KEYS};
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::language::text::word::Word;
-use crate::registry::Registry;
 
 const STAGE_KEYS: &[&str] = &["source", "nodes", "score"];
 /// Keys of `score:` and of estimates that are optional inputs, not parameters: the zone of a pixel.
@@ -88,16 +87,16 @@ pub(crate) struct EstimateSpec {
     pub(crate) parameters: Vec<Entry>,
 }
 
-pub(crate) fn read(root: &Node, registry: &Registry, report: &mut Report) -> Spec {
+pub(crate) fn read(root: &Node, report: &mut Report) -> Spec {
     let mut spec = Spec { sources: Vec::new(), stages: Vec::new() };
     known_keys(root, "an experiment", EXPERIMENT_KEYS, report);
     for entry in section(root, "sources", report) {
         names::check(&entry.key, "a source", &[], &entry.key_place, report);
-        spec.sources.push(source(entry, registry, report));
+        spec.sources.push(source(entry, report));
     }
     for entry in section(root, "stages", report) {
         names::check(&entry.key, "a stage", RESERVED_STAGES, &entry.key_place, report);
-        spec.stages.push(stage(entry, registry, report));
+        spec.stages.push(stage(entry, report));
     }
     spec
 }
@@ -107,7 +106,7 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
         let entry = root.entry(key)?;
         let text = entry.value.scalar_text();
         if text.is_none() {
-            report.push(entry.not_a("text").help(format!("e.g. `{key}: \"...\"`")));
+            report.push(entry.not_a("text"));
         }
         text
     };
@@ -122,20 +121,11 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
         report.push(Diagnostic::error(&place, "the experiment has no name").help("begin with `experiment: NAME`"));
     } else if let (Some(entry), Some(name)) = (root.entry("experiment"), name.as_deref()) {
         match name.trim().is_empty() {
-            true => {
-                let error = Diagnostic::error(&entry.value.place, "the experiment's name is empty");
-                report.push(error.help("write `experiment: NAME`"));
-            }
+            true => report.push(Diagnostic::error(&root.place, "the experiment's name is empty")),
             false => drop(names::check_experiment(name, &entry.value.place, report)),
         }
     }
     (name.unwrap_or_default(), description.unwrap_or_default())
-}
-
-/// An entry of a section, with its key.
-fn section_example(key: &str) -> String {
-    let entry = if key == "sources" { "{ kind: KIND, with: { ... } }" } else { "{ source: SOURCE, nodes: { ... } }" };
-    format!("e.g. `{key}: {{ NAME: {entry} }}`")
 }
 
 fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
@@ -146,60 +136,31 @@ fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
         let place = root.entry("experiment").map_or_else(|| Place::start_of(&root.place.file), |e| e.key_place.clone());
         report.push(
             Diagnostic::error(&place, format!("the experiment has no `{key}`"))
-                .label(format!("needs `{key}:` beside it"))
-                .help(section_example(key)),
+                .label(format!("needs `{key}:` beside it")),
         );
         return &[];
     };
     if !matches!(&entry.value.value, Tree::Map(entries) if !entries.is_empty()) {
-        let error = match entry.value.value {
+        report.push(match entry.value.value {
             Tree::Map(_) | Tree::Null => Diagnostic::error(&entry.key_place, format!("`{key}` is empty")),
             _ => entry.not_a("a map from names"),
-        };
-        report.push(error.help(section_example(key)));
+        });
     }
     entry.value.entries()
 }
 
 pub(crate) fn known_keys(node: &Node, what: &str, known: &[&str], report: &mut Report) {
     for entry in node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {
-        let help = names::key_suggestion(entry, known);
+        let help = names::suggestion(&entry.key, "keys known here", known);
         let error = Diagnostic::error(&entry.key_place, format!("unknown key `{}` in {what}", entry.key));
         report.push(error.label("no such key").maybe_help(help));
     }
 }
 
-/// As [`known_keys`], with the corrected line for a parameter of the kind that is not under `with`.
-fn instance_keys(node: &Node, what: &str, known: &[&str], registry: &Registry, report: &mut Report) {
-    let kind = node.get("kind").and_then(|kind| registry.kind(kind.text()?));
-    for entry in node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {
-        let key = &entry.key;
-        let error = Diagnostic::error(&entry.key_place, format!("unknown key `{key}` in {what}"));
-        let kind = kind.as_ref().filter(|kind| kind.schema["properties"].get(key).is_some());
-        report.push(match kind {
-            Some(kind) => error.label("belongs under `with`").help(under_with(node, entry, kind.kind)),
-            None => error.label("no such key").maybe_help(names::key_suggestion(entry, known)),
-        });
-    }
-}
-
-fn under_with(node: &Node, entry: &Entry, kind: &str) -> String {
-    let key = &entry.key;
-    let value = names::short_value(&entry.value);
-    let corrected = match node.get("with").is_some_and(|with| !with.is_null()) {
-        true => format!("move it into `with`: `{key}: {value}`"),
-        false => format!("write `with: {{ {key}: {value} }}`"),
-    };
-    format!("`{key}` is a parameter of `{kind}`: {corrected}")
-}
-
-/// Whether a key is misspelt or has its old name, and was reported with this one as the suggestion.
-pub(crate) fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
+/// Whether a key is misspelt, and was reported with this one as the suggestion.
+fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
     let unknown = node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str()));
-    unknown.into_iter().any(|entry| {
-        let suggested = names::new_name(&entry.key, known);
-        suggested.or_else(|| names::nearest(&entry.key, known.iter().copied())) == Some(key)
-    })
+    unknown.into_iter().any(|entry| names::nearest(&entry.key, known.iter().copied()) == Some(key))
 }
 
 fn is_map(node: &Node, what: &str, example: &str, report: &mut Report) -> bool {
@@ -209,33 +170,32 @@ fn is_map(node: &Node, what: &str, example: &str, report: &mut Report) -> bool {
     node.is_map()
 }
 
-fn source(entry: &Entry, registry: &Registry, report: &mut Report) -> SourceSpec {
+fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
     let name = entry.key();
     let node = &entry.value;
     let mut parts = Vec::new();
     if !map_of(entry, "a source", "{ kind: KIND, with: { ... } }", report) {
         return SourceSpec { name, parts };
     }
-    instance_keys(node, "a source", SOURCE_KEYS, registry, report);
+    known_keys(node, "a source", SOURCE_KEYS, report);
     match node.entry("concat") {
-        None if misspelt(node, "concat", SOURCE_KEYS) => {}
         None => parts.extend(instance(node, &entry.key_place, "source", report)),
-        Some(concat) => {
+        Some(join) => {
             for other in node.entries().iter().filter(|e| matches!(e.key.as_str(), "kind" | "with")) {
                 let error = Diagnostic::error(&other.key_place, format!("`{}` beside `concat`", other.key));
                 report.push(error.help("each of the sources in `concat` has its own `kind` and `with`"));
             }
-            match &concat.value.value {
+            match &join.value.value {
                 Tree::List(items) if !items.is_empty() => {
                     for item in items {
                         if is_map(item, "a joined source", "{ kind: KIND, with: { ... } }", report) {
-                            instance_keys(item, "a joined source", &["kind", "with"], registry, report);
+                            known_keys(item, "a joined source", &["kind", "with"], report);
                             parts.extend(instance(item, &item.place, "source", report));
                         }
                     }
                 }
                 _ => {
-                    let error = Diagnostic::error(&concat.value.place, "`concat` must be a list of sources");
+                    let error = Diagnostic::error(&join.value.place, "`concat` must be a list of sources");
                     report.push(error.help("e.g. `concat: [ { kind: KIND }, { kind: KIND } ]`"));
                 }
             }
@@ -269,7 +229,7 @@ fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Opti
         return None;
     };
     let Some(text) = kind.value.text() else {
-        report.push(kind.not_a("the name of a kind").help("`depthloom nodes` lists all kinds"));
+        report.push(kind.not_a("the name of a kind"));
         return None;
     };
     let kind = Word { text: text.to_owned(), place: kind.value.place.clone() };
@@ -279,7 +239,7 @@ fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Opti
     Some(Instance { kind, with: with.map(|with| Arc::clone(&with.value)) })
 }
 
-fn stage(entry: &Entry, registry: &Registry, report: &mut Report) -> StageSpec {
+fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
     let name = entry.key();
     let mut stage = StageSpec { name, source: None, nodes: Vec::new(), score: None };
     if !map_of(entry, "a stage", "{ source: SOURCE, nodes: { ... } }", report) {
@@ -291,18 +251,18 @@ fn stage(entry: &Entry, registry: &Registry, report: &mut Report) -> StageSpec {
         None if misspelt(node, "source", STAGE_KEYS) => {}
         None => {
             let error = Diagnostic::error(&entry.key_place, format!("stage `{}` has no `source`", entry.key));
-            report.push(error.help("write `source: NAME`, with one of the names in `sources`"));
+            report.push(error.help("say which of `sources:` its frames come from: `source: NAME`"));
         }
         Some(source) => match source.value.scalar_text() {
             Some(text) => stage.source = Some(Word { text, place: source.value.place.clone() }),
-            None => report.push(source.not_a("the name of a source").help("e.g. `source: NAME`")),
+            None => report.push(source.not_a("the name of a source")),
         },
     }
     if let Some(nodes) = node.entry("nodes").filter(|nodes| !nodes.value.is_null()) {
         is_map(&nodes.value, "`nodes`", "nodes: { NAME: { kind: KIND, inputs: { ... } } }", report);
         for entry in nodes.value.entries() {
             names::check(&entry.key, "a node", RESERVED_NODES, &entry.key_place, report);
-            stage.nodes.push(node_spec(entry, registry, report));
+            stage.nodes.push(node_spec(entry, report));
         }
     }
     if let Some(score) = node.entry("score").filter(|score| map_of(score, "`score`", SCORE_EXAMPLE, report)) {
@@ -313,13 +273,13 @@ fn stage(entry: &Entry, registry: &Registry, report: &mut Report) -> StageSpec {
 
 const SCORE_EXAMPLE: &str = "score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }";
 
-fn node_spec(entry: &Entry, registry: &Registry, report: &mut Report) -> NodeSpec {
+fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
     let name = entry.key();
     let mut spec = NodeSpec { name, instance: None, inputs: Vec::new() };
     if !map_of(entry, "a node", "{ kind: KIND, inputs: { ... }, with: { ... } }", report) {
         return spec;
     }
-    instance_keys(&entry.value, "a node", NODE_KEYS, registry, report);
+    known_keys(&entry.value, "a node", NODE_KEYS, report);
     spec.instance = instance(&entry.value, &entry.key_place, "node", report);
     if let Some(inputs) = entry.value.entry("inputs").filter(|inputs| !inputs.value.is_null()) {
         is_map(&inputs.value, "`inputs`", "inputs: { image: source/left }", report);
@@ -327,7 +287,8 @@ fn node_spec(entry: &Entry, registry: &Registry, report: &mut Report) -> NodeSpe
             |entry: &Entry| InputSpec { port: entry.key(), place: entry.key_place.clone(), from: Some(Wired::Nothing) };
         for entry in inputs.value.entries().iter().filter(|entry| is_of_node(entry)) {
             let key = &entry.key;
-            let error = Diagnostic::error(&entry.key_place, format!("`{key}` is inside `inputs`, but is not an input"));
+            let error =
+                Diagnostic::error(&entry.key_place, format!("`{key}` stands inside `inputs`, as if it were an input"));
             let form = "NAME: { kind: KIND, inputs: { PORT: NODE/OUTPUT }, with: { PARAMETER: VALUE } }";
             report.push(error.label("belongs beside `inputs`").help(format!("move it out, one level up: `{form}`")));
         }
@@ -345,7 +306,7 @@ fn is_of_node(entry: &Entry) -> bool {
 fn input(entry: &Entry, report: &mut Report) -> InputSpec {
     let port = entry.key();
     let node = &entry.value;
-    let form = "write `node/output`, `source/output`, `stage.node/output`, or `{ file: PATH }` for an aggregate value";
+    let form = "write `node/output`, `source/output`, `stage.node/output`, or `{ file: PATH }` for a once-value";
     let (from, place) = match &node.value {
         Tree::Text(text) => match Reference::parse(text, &node.place) {
             Ok(reference) => (Some(Wired::Reference(reference)), node.place.clone()),
@@ -376,7 +337,7 @@ fn misspelt_own_key(parameters: &mut Vec<Entry>, key: &str, what: &str, report: 
     report.push(
         error
             .label("no such key")
-            .help(names::renamed_key(&entry, &[key]).unwrap_or_else(|| format!("did you mean `{key}`?"))),
+            .help(names::renamed(&entry.key, &[key]).unwrap_or_else(|| format!("did you mean `{key}`?"))),
     );
     true
 }
@@ -405,7 +366,7 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
                 score.estimates.push(estimate(entry, report));
             }
             if score.estimates.is_empty() {
-                let error = Diagnostic::error(&estimates.key_place, "every entry of `estimates` is removed (`null`)");
+                let error = Diagnostic::error(&estimates.key_place, "all of the `estimates` are nothing");
                 report.push(error.help("name what is scored, e.g. `estimates: { stereo: depth/depth }`"));
             }
         }
@@ -438,9 +399,6 @@ fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
     }
     let from = from.map(|from| input(from, report));
     let truth = entry.value.entry("ground_truth").map(|truth| input(truth, report));
-    if truth.is_none() {
-        misspelt_own_key(&mut parameters, "ground_truth", "an estimate", report);
-    }
     EstimateSpec { name, from, truth, clues: clues(&entry.value, report), parameters }
 }
 

@@ -402,7 +402,7 @@ mod tests {
         encoder.write_image::<tiff::encoder::colortype::RGB32Float>(2, 1, &[0.5_f32; 6]).expect("written");
         let fault = super::numbers(Path::new("map.tif"), &bytes.into_inner()).expect_err("it is refused");
         let what = fault.chain();
-        assert!(what.contains("map.tif holds 32-bit numbers in 3 channels: a map has one channel"), "{what}");
+        assert!(what.contains("map.tif holds 32-bit numbers in 3 channels: a map must have one channel"), "{what}");
     }
 
     fn grey_of(samples: &[u8]) -> Pixels {

@@ -135,7 +135,7 @@ fn errors_name_file_and_tensor() {
     assert!(matches!(damaged(tensor("", 8, &[])), TensorError::ElementType(_)));
 
     let twice = of_onnx(&onnx(vec![tensor("w", data_type::FLOAT, &[0]), tensor("w", data_type::FLOAT, &[0])]));
-    assert_eq!(message(&twice.unwrap_err()), "tensor `w` of net.onnx: the file has two of this name");
+    assert_eq!(message(&twice.unwrap_err()), "tensor `w` of net.onnx: two tensors have this name");
     let complex = r#"{"w":{"dtype":"C64","shape":[1],"data_offsets":[0,8]}}"#;
     let complex = message(&of_safetensors(&safetensors(complex, &[0; 8])).unwrap_err());
     assert!(complex.starts_with("tensor `w` of net.safetensors: its elements have type C64"), "{complex}");
