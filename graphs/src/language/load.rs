@@ -162,7 +162,7 @@ fn planned(
         let changed = apply::apply(&root, &variant.changes, Scope::Variant, report);
         outlasted.look(id, &root, &changed);
         resolver.changed = variant.changes.iter().map(|change| change.value.place.clone()).collect();
-        let spec = spec::read(&changed, report);
+        let spec = spec::read(&changed, registry, report);
         let link = link::link(&spec, registry, &mut resolver, report);
         sweeps.look(&spec, |id| link.stages[id.stage].nodes[id.node].types.parameters.as_deref());
         linked.push(link);

@@ -75,7 +75,7 @@ impl<'r> Declared<'r> {
         let mut resolver = Resolver::default();
         let link = |variant: &Variant| {
             let changed = apply::apply(self.root, &variant.changes, Scope::Variant, &mut wrong);
-            let spec = spec::read(&changed, &mut wrong);
+            let spec = spec::read(&changed, self.registry, &mut wrong);
             let linked = link::link(&spec, self.registry, &mut resolver, &mut wrong);
             (!wrong.has_errors()).then_some(linked)
         };

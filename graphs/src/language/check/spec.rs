@@ -8,6 +8,7 @@ use crate::language::text::names::{self, EXPERIMENT_KEYS};
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::language::text::word::Word;
+use crate::registry::Registry;
 
 const STAGE_KEYS: &[&str] = &["source", "nodes", "score"];
 /// Keys of `score:` and of estimates that are optional inputs, not parameters: the zone of a pixel.
@@ -87,16 +88,16 @@ pub(crate) struct EstimateSpec {
     pub(crate) parameters: Vec<Entry>,
 }
 
-pub(crate) fn read(root: &Node, report: &mut Report) -> Spec {
+pub(crate) fn read(root: &Node, registry: &Registry, report: &mut Report) -> Spec {
     let mut spec = Spec { sources: Vec::new(), stages: Vec::new() };
     known_keys(root, "an experiment", EXPERIMENT_KEYS, report);
     for entry in section(root, "sources", report) {
         names::check(&entry.key, "a source", &[], &entry.key_place, report);
-        spec.sources.push(source(entry, report));
+        spec.sources.push(source(entry, registry, report));
     }
     for entry in section(root, "stages", report) {
         names::check(&entry.key, "a stage", RESERVED_STAGES, &entry.key_place, report);
-        spec.stages.push(stage(entry, report));
+        spec.stages.push(stage(entry, registry, report));
     }
     spec
 }
@@ -157,6 +158,32 @@ pub(crate) fn known_keys(node: &Node, what: &str, known: &[&str], report: &mut R
     }
 }
 
+/// As [`known_keys`], with the corrected line for a parameter of the kind that is not under `with`.
+fn instance_keys(node: &Node, what: &str, known: &[&str], registry: &Registry, report: &mut Report) {
+    let kind = node.get("kind").and_then(|kind| registry.kind(kind.text()?));
+    for entry in node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {
+        let key = &entry.key;
+        let error = Diagnostic::error(&entry.key_place, format!("unknown key `{key}` in {what}"));
+        let kind = kind.as_ref().filter(|kind| kind.schema["properties"].get(key).is_some());
+        report.push(match kind {
+            Some(kind) => error.label("belongs under `with`").help(under_with(node, entry, kind.kind)),
+            None => error.label("no such key").maybe_help(names::suggestion(key, "keys known here", known)),
+        });
+    }
+}
+
+fn under_with(node: &Node, entry: &Entry, kind: &str) -> String {
+    let key = &entry.key;
+    let text = entry.value.place.text();
+    // A value of several lines does not fit into the line of a help.
+    let value = if text.is_empty() || text.contains('\n') { "..." } else { text };
+    let corrected = match node.get("with").is_some_and(|with| !with.is_null()) {
+        true => format!("move it into `with`: `{key}: {value}`"),
+        false => format!("write `with: {{ {key}: {value} }}`"),
+    };
+    format!("`{key}` is a parameter of `{kind}`: {corrected}")
+}
+
 /// Whether a key is misspelt, and was reported with this one as the suggestion.
 fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
     let unknown = node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str()));
@@ -170,14 +197,14 @@ fn is_map(node: &Node, what: &str, example: &str, report: &mut Report) -> bool {
     node.is_map()
 }
 
-fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
+fn source(entry: &Entry, registry: &Registry, report: &mut Report) -> SourceSpec {
     let name = entry.key();
     let node = &entry.value;
     let mut parts = Vec::new();
     if !map_of(entry, "a source", "{ kind: KIND, with: { ... } }", report) {
         return SourceSpec { name, parts };
     }
-    known_keys(node, "a source", SOURCE_KEYS, report);
+    instance_keys(node, "a source", SOURCE_KEYS, registry, report);
     match node.entry("concat") {
         None => parts.extend(instance(node, &entry.key_place, "source", report)),
         Some(join) => {
@@ -189,7 +216,7 @@ fn source(entry: &Entry, report: &mut Report) -> SourceSpec {
                 Tree::List(items) if !items.is_empty() => {
                     for item in items {
                         if is_map(item, "a joined source", "{ kind: KIND, with: { ... } }", report) {
-                            known_keys(item, "a joined source", &["kind", "with"], report);
+                            instance_keys(item, "a joined source", &["kind", "with"], registry, report);
                             parts.extend(instance(item, &item.place, "source", report));
                         }
                     }
@@ -239,7 +266,7 @@ fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Opti
     Some(Instance { kind, with: with.map(|with| Arc::clone(&with.value)) })
 }
 
-fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
+fn stage(entry: &Entry, registry: &Registry, report: &mut Report) -> StageSpec {
     let name = entry.key();
     let mut stage = StageSpec { name, source: None, nodes: Vec::new(), score: None };
     if !map_of(entry, "a stage", "{ source: SOURCE, nodes: { ... } }", report) {
@@ -262,7 +289,7 @@ fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
         is_map(&nodes.value, "`nodes`", "nodes: { NAME: { kind: KIND, inputs: { ... } } }", report);
         for entry in nodes.value.entries() {
             names::check(&entry.key, "a node", RESERVED_NODES, &entry.key_place, report);
-            stage.nodes.push(node_spec(entry, report));
+            stage.nodes.push(node_spec(entry, registry, report));
         }
     }
     if let Some(score) = node.entry("score").filter(|score| map_of(score, "`score`", SCORE_EXAMPLE, report)) {
@@ -273,13 +300,13 @@ fn stage(entry: &Entry, report: &mut Report) -> StageSpec {
 
 const SCORE_EXAMPLE: &str = "score: { ground_truth: source/depth, estimates: { stereo: depth/depth } }";
 
-fn node_spec(entry: &Entry, report: &mut Report) -> NodeSpec {
+fn node_spec(entry: &Entry, registry: &Registry, report: &mut Report) -> NodeSpec {
     let name = entry.key();
     let mut spec = NodeSpec { name, instance: None, inputs: Vec::new() };
     if !map_of(entry, "a node", "{ kind: KIND, inputs: { ... }, with: { ... } }", report) {
         return spec;
     }
-    known_keys(&entry.value, "a node", NODE_KEYS, report);
+    instance_keys(&entry.value, "a node", NODE_KEYS, registry, report);
     spec.instance = instance(&entry.value, &entry.key_place, "node", report);
     if let Some(inputs) = entry.value.entry("inputs").filter(|inputs| !inputs.value.is_null()) {
         is_map(&inputs.value, "`inputs`", "inputs: { image: source/left }", report);
