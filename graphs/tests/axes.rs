@@ -357,7 +357,7 @@ fn what_only_variants_use_that_are_left_out_is_not_run_and_nothing_to_tell() {
     // What no variant uses is wrong whichever are taken.
     for only in [&[][..], &["nolr"]] {
         let said = taken(LR, &["variants.lr=null"], only).map(|_| ()).unwrap_err();
-        assert!(said.contains("nothing reads or records node `right`"), "{said}");
+        assert!(said.contains("node `right` is unused"), "{said}");
         assert!(said.contains("no stage uses the source `other`"), "{said}");
         assert!(said.contains("`*/weight` matches nothing that could be recorded"), "{said}");
     }

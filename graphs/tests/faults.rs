@@ -125,7 +125,7 @@ fn fault_26_null_means_none_wherever_it_is_written() {
     let recipe = |plan: &Plan| plan.runs[0].nodes.iter().map(|node| node.recipe).collect::<Vec<_>>();
     assert_eq!(recipe(&in_the_file), recipe(&on_the_command_line));
     // What cannot be none is refused alike.
-    let cannot = "`steps` must be a whole number, not nothing";
+    let cannot = "`steps` must be a whole number, not `null`";
     assert!(plan_of(&learning("steps: null", wired, ""), &[]).expect_err("in the file").contains(cannot));
     let set = [("learn.train.with.steps", "null")];
     assert!(plan_of(&learning("steps: 5", wired, ""), &set).expect_err("by --set").contains(cannot));
@@ -158,7 +158,7 @@ fn fault_26_an_estimate_that_is_nothing_is_not_scored() {
     let written = plan_of(&SCORED.replace("fused: fused/depth", "fused: null"), &[]).expect("right");
     assert_eq!(labels(&written), ["stereo"]);
     let set = [("compare.score.estimates.fused", "null"), ("compare.score.estimates.stereo", "null")];
-    assert!(plan_of(SCORED, &set).expect_err("none left").contains("all of the `estimates` are nothing"));
+    assert!(plan_of(SCORED, &set).expect_err("none left").contains("every entry of `estimates` is removed"));
 }
 
 #[test]
@@ -248,5 +248,5 @@ fn what_a_stranger_writes_large_is_refused_before_it_fills_the_memory() {
     let main = format!("experiment: large\nsources: {{ test: {{ kind: synthetic/road }} }}\nstages:\n{stages}");
     let folder = folder(&[("main.yaml", &main), ("g.yaml", &format!("nodes:\n{nodes}"))]);
     let said = loaded(&folder.path().join("main.yaml"), &[], "").expect_err("too large");
-    assert!(said.contains("graph files put in more than 1000000 values"), "{}", &said[..200]);
+    assert!(said.contains("the graph files of this experiment have more than 1000000 values"), "{}", &said[..200]);
 }

@@ -113,7 +113,8 @@ mod tests {
         assert_eq!(parsed("1..=40"), FrameChoice::Selection(FrameSelection::Range(1..41)));
         assert_eq!(parsed("list.txt"), FrameChoice::Selection(FrameSelection::File("list.txt".into())));
         assert_eq!(parsed("000150_10,left-7"), FrameChoice::Ids(vec!["000150_10".to_owned(), "left-7".to_owned()]));
-        for (text, meant) in [("3-4", "did you mean `3..=4`?"), ("3..", "two ends"), ("a,,b", "says no frames")] {
+        for (text, meant) in [("3-4", "did you mean `3..=4`?"), ("3..", "two ends"), ("a,,b", "does not select frames")]
+        {
             let error = FrameChoice::parse(text).unwrap_err();
             assert!(error.contains(meant), "{text}: {error}");
         }

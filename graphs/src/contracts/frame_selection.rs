@@ -34,7 +34,7 @@ const MOST_BYTES: u64 = 16 << 20;
 
 impl FrameSelection {
     /// Its forms, for messages.
-    pub const FORMS: &str = "`1..=40`, `0..48`, `[3, 7]`, `available`, or a text file with one frame id a line";
+    pub const FORMS: &str = "`1..=40`, `0..48`, `[3, 7]`, `available`, or a text file with one frame id per line";
 
     /// Reads `1..=40`, `0..48`, `7`, `available`, `1..=40 available` or the path of a file, which has a `/` or an
     /// extension.
@@ -141,23 +141,29 @@ fn range(text: &str) -> Result<Option<Range<u64>>, String> {
     };
     let (first, last) = (number(first)?, number(last)?);
     let range = first..if closed { last.saturating_add(1) } else { last };
-    if range.is_empty() { Err(format!("the range `{text}` holds no frame")) } else { Ok(Some(range)) }
+    if range.is_empty() {
+        Err(format!("the range `{text}` contains no frame: `a..b` ends before frame `b`, `a..=b` includes it"))
+    } else {
+        Ok(Some(range))
+    }
 }
 
 fn misread(text: &str) -> String {
     let parts = |separator: char| -> Option<Vec<u64>> {
         text.split(separator).map(|part| part.trim().parse().ok()).collect::<Option<Vec<u64>>>()
     };
-    let meant = match (parts('-'), parts(',')) {
+    let suggestion = match (parts('-'), parts(',')) {
         (Some(ends), _) if ends.len() == 2 => format!("did you mean `{}..={}`?", ends[0], ends[1]),
         (_, Some(list)) => format!("did you mean `{list:?}`, without quotes?"),
-        _ => format!("frames are {}, whose name has an ending or a `/`", FrameSelection::FORMS),
+        _ => format!("frames are {}, whose name has an extension or a `/`", FrameSelection::FORMS),
     };
-    format!("`{text}` says no frames: {meant}")
+    format!("`{text}` does not select frames: {suggestion}")
 }
 
 fn named_twice(frame: impl std::fmt::Display) -> String {
-    format!("frame {frame} is named twice: a frame is taken once, and counts once in every mean")
+    format!(
+        "frame {frame} is named twice: a frame can be selected only once, because it would count twice in every mean"
+    )
 }
 
 fn repeated(list: &[u64]) -> Option<u64> {
@@ -212,7 +218,7 @@ impl<'de> Deserialize<'de> for FrameSelection {
         #[derive(Deserialize)]
         #[serde(
             untagged,
-            expecting = "`frames` takes `1..=40`, `0..48`, `[3, 7]`, `available`, or a text file with one frame id a line"
+            expecting = "`frames` takes `1..=40`, `0..48`, `[3, 7]`, `available`, or a text file with one frame id per line"
         )]
         enum Written {
             All(()),

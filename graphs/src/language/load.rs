@@ -150,7 +150,8 @@ fn planned(
     let (variants, left_out) = variants::read(&Parameters { root: &root, registry }, report);
     if root.size().saturating_mul(variants.len()) > MOST_VALUES {
         let what = format!("{} variants of an experiment this large are too many", variants.len());
-        report.push(Diagnostic::error(&variants[0].place, what));
+        let help = "reduce the values of `matrix`, or split the experiment";
+        report.push(Diagnostic::error(&variants[0].place, what).help(help));
         return None;
     }
     let mut outlasted = Outlasted::new(&root, changes);

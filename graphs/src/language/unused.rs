@@ -94,7 +94,9 @@ impl<'r> Declared<'r> {
         let sources = self.root.get("sources").into_iter().flat_map(|sources| sources.entries());
         for entry in sources.filter(|entry| !used(&entry.key)) {
             let warning = Diagnostic::warning(&entry.key_place, format!("no stage uses the source `{}`", entry.key));
-            report.push(warning.label("not used"));
+            report.push(
+                warning.label("not used").help(format!("use it in a stage (`source: {}`), or remove it", entry.key)),
+            );
         }
     }
 }

@@ -106,11 +106,11 @@ pub(crate) struct KittiParams {
     /// Which frames.
     #[serde(default)]
     frames: FrameSelection,
-    /// Which truth is scored.
+    /// Which ground truth is scored.
     #[serde(default)]
     ground_truth: Truth,
 }
-/// Which truth is scored.
+/// Which ground truth is scored.
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Truth {
@@ -326,7 +326,7 @@ pub(crate) struct ScoreParams {
     preset: Option<String>,
     /// The pixel sets scored.
     sets: Vec<Sets>,
-    /// The largest true depth scored, metres.
+    /// The largest ground truth depth that is scored, metres.
     #[schemars(extend("exclusiveMinimum" = 0))]
     cap: Option<f64>,
 }

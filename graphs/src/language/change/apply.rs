@@ -11,6 +11,7 @@ use super::parameter::at;
 use super::path::{self, Scope};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::merge::{Level, merged};
+use crate::language::text::names;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 
@@ -34,7 +35,7 @@ pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: 
             Ok(keys) => located.push((keys, change)),
             Err(unknown) => {
                 let place = change.place.part(&change.path, unknown.range);
-                report.push(Diagnostic::error(&place, unknown.what).label("names nothing").maybe_help(unknown.help));
+                report.push(Diagnostic::error(&place, unknown.what).label("unknown name").maybe_help(unknown.help));
             }
         }
     }
@@ -47,15 +48,17 @@ pub(crate) fn apply(root: &Arc<Node>, changes: &[Change], scope: Scope, report: 
         if scope == Scope::CommandLine && change.value.is_null() && can_be_taken_away(&keys) {
             // `located` has checked all others.
             if keys[0] == "matrix" && at(&new, &keys).is_none() {
-                let what = format!("`matrix` has no axis `{}` to take away", keys[keys.len() - 1]);
-                report.push(Diagnostic::error(&change.place, what).label("names nothing"));
+                let what = format!("`matrix` has no axis `{}` to remove", keys[keys.len() - 1]);
+                let axes = path::keys_of(new.get("matrix"));
+                let help = names::suggestion(&keys[keys.len() - 1], "its axes", &axes);
+                report.push(Diagnostic::error(&change.place, what).label("no such axis").maybe_help(help));
             }
             take_away(&mut new, &keys);
             continue;
         }
         let keys = values_of_axis(&new, keys, &change.value);
         if let Err(what) = set(&mut new, &keys, Level::Experiment, change) {
-            report.push(Diagnostic::error(&change.place, what).label("names nothing"));
+            report.push(Diagnostic::error(&change.place, what).label("unknown name"));
         }
     }
     new

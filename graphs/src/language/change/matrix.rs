@@ -103,7 +103,8 @@ pub(crate) fn combined(
             matrix.excludes_nothing(listed, report);
         }
         if count(&combinations) == before && !report.has_errors() {
-            report.push(Diagnostic::error(&matrix.place, "the matrix has no combination left"));
+            let error = Diagnostic::error(&matrix.place, "the matrix has no combination left");
+            report.push(error.help("`exclude` and `when` remove all of them: relax a condition, or add values"));
         }
         for axis in nowhere.into_iter().filter(|_| !report.has_errors()).collect::<Vec<_>>() {
             let what = format!("the axis `{}` is in no combination: its `when` never holds", axis.key);
@@ -229,7 +230,7 @@ impl Matrix {
             return Some(Arc::new(Level { axis: key.clone(), text, changes: vec![change.clone()] }));
         }
         let Some(axis) = self.axes.iter().find(|axis| axis.key == *key) else {
-            let error = Diagnostic::error(&change.place, format!("there is no axis `{key}`")).label("names nothing");
+            let error = Diagnostic::error(&change.place, format!("there is no axis `{key}`")).label("unknown name");
             report.push(error.maybe_help(names::suggestion(key, "its axes", &self.keys())));
             return None;
         };

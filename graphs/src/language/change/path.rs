@@ -145,7 +145,7 @@ fn in_matrix(root: &Node, path: &Path<'_>) -> Result<Vec<String>, Unknown> {
             several => {
                 let has = if several.is_empty() { "none has" } else { "several have" };
                 let what = format!("of {} matrices {has} `{name}`", matrices.len());
-                Err(path.unknown(1, what, Some(format!("say which is meant: `matrix.0.{name}`"))))
+                Err(path.unknown(1, what, Some(format!("name the matrix by its index: `matrix.0.{name}`"))))
             }
         };
     }
@@ -212,7 +212,8 @@ fn in_sources(root: &Node, path: &Path<'_>, scope: Scope) -> Result<Vec<String>,
     match path.key(2) {
         None | Some("kind" | "with" | "concat") => Ok(path.from(0).collect()),
         Some(other) => {
-            let help = format!("did you mean `sources.{name}.with.{other}`?");
+            let help = names::renamed(other, &["concat"])
+                .unwrap_or_else(|| format!("did you mean `sources.{name}.with.{other}`?"));
             Err(path.unknown(2, format!("a source has no `{other}`"), Some(help)))
         }
     }
@@ -243,7 +244,13 @@ fn check_node(path: &Path<'_>, stage: &str, node: &str) -> Result<(), Unknown> {
         None | Some("with") => Ok(()),
         Some("kind") if path.len() == 3 => Ok(()),
         Some("inputs") if path.len() <= 4 => Ok(()),
-        Some("kind" | "inputs") => Err(path.unknown(path.len() - 1, "the path goes too deep", None)),
+        Some(key @ ("kind" | "inputs")) => {
+            let help = match key {
+                "kind" => format!("set the kind as a whole: `{stage}.{node}.kind`"),
+                _ => format!("set the input as a whole: `{stage}.{node}.inputs.{}`", path.key(3).unwrap_or("NAME")),
+            };
+            Err(path.unknown(path.len() - 1, format!("`{key}` of a node has no keys below it"), Some(help)))
+        }
         Some(other) => {
             let help = match names::nearest(other, ["kind", "inputs", "with"]) {
                 Some(near) => format!("did you mean `{stage}.{node}.{near}`?"),
@@ -325,6 +332,6 @@ fn example(root: &Node) -> String {
     format!("{}.{}.with.PARAMETER", name(stage, "STAGE"), name(node, "NODE"))
 }
 
-fn keys_of(node: Option<&Arc<Node>>) -> Vec<&str> {
+pub(super) fn keys_of(node: Option<&Arc<Node>>) -> Vec<&str> {
     node.map(|node| node.entries().iter().map(|entry| entry.key.as_str()).collect()).unwrap_or_default()
 }

@@ -51,7 +51,7 @@ fn chosen(all: Vec<Variant>, only: &Entry, report: &mut Report) -> (Vec<Variant>
                 false => format!("no variant is called `{pattern}`"),
             };
             let help = match names.is_empty() {
-                true => None,
+                true => Some("remove `--variant`, or add `variants` or a `matrix`".to_owned()),
                 false => of_combinations(&pattern, &names, &item.place)
                     .or_else(|| names::suggestion(&pattern, "variants", &names)),
             };

@@ -111,7 +111,7 @@ fn type_name(name: &str) -> &str {
 
 fn describe(value: &Json) -> String {
     match value {
-        Json::Null => "nothing".to_owned(),
+        Json::Null => "`null`".to_owned(),
         Json::Bool(value) => format!("`{value}`"),
         Json::Number(value) => format!("`{value}`"),
         Json::String(value) if is_infinite(value) || has_leading_zero(value) => format!("`{value}`"),
@@ -172,7 +172,12 @@ fn not_among(value: &Json, allowed: &[Json], path: &[String]) -> Violation {
         allowed.iter().map(|v| v.as_str().map_or_else(|| v.to_string(), ToOwned::to_owned)).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let help = match value {
-        Json::String(text) => names::suggestion(text, "it takes", &names),
+        Json::String(text) => match (names::renamed(text, &names), names::new_name(text, &names), path.last()) {
+            (Some(renamed), Some(new), Some(key)) if key.parse::<usize>().is_err() => {
+                Some(format!("{renamed}: write `{key}: {new}`"))
+            }
+            _ => names::suggestion(text, "it takes", &names),
+        },
         _ => Some(format!("it takes: {}", names::listed(&names))),
     };
     violation(path, format!("{} cannot be {}", subject(path), describe(value)), "not one of its values", help)
@@ -209,8 +214,12 @@ fn alternatives_of(value: &Json, alternatives: &[Json], path: &mut Vec<String>, 
         let mut wrong = not_among(value, &constants, path);
         let lists = tried.iter().filter(|(alternative, _)| is_list(alternative));
         let items: Vec<Json> = lists.filter_map(|(list, _)| list.get("items")).flat_map(self::constants).collect();
-        if let Some(text) = value.as_str().filter(|text| !is_word(text))
-            && let Some(item) = names::nearest(text, items.iter().filter_map(Json::as_str))
+        let item_names: Vec<&str> = items.iter().filter_map(Json::as_str).collect();
+        if let Some(new) = value.as_str().and_then(|text| names::new_name(text, &item_names)) {
+            let renamed = value.as_str().and_then(|text| names::renamed(text, &item_names)).unwrap_or_default();
+            wrong.help = Some(format!("{renamed}: write the list `[{new}]`"));
+        } else if let Some(text) = value.as_str().filter(|text| !is_word(text))
+            && let Some(item) = names::nearest(text, item_names.iter().copied())
         {
             wrong.help = Some(format!("did you mean the list `[{item}]`?"));
         }
@@ -353,7 +362,13 @@ fn object(map: &Map<String, Json>, schema: &Map<String, Json>, path: &mut Vec<St
             // An unknown parameter is an error even if the type allows unknown fields.
             (None, closed) if properties.is_some() || closed.is_some() => {
                 let known: Vec<&str> = properties.into_iter().flat_map(Map::keys).map(String::as_str).collect();
-                let help = names::suggestion(key, "parameters", &known);
+                let help = match (names::renamed(key, &known), names::new_name(key, &known)) {
+                    (Some(renamed), Some(new)) if !value.is_object() && !value.is_array() => Some(format!(
+                        "{renamed}: write `{new}: {}`",
+                        value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned)
+                    )),
+                    _ => names::suggestion(key, "parameters", &known),
+                };
                 let what = format!("unknown parameter `{key}`");
                 found.push(Violation { at_key: true, ..violation(path, what, "no such parameter", help) });
             }
@@ -440,6 +455,21 @@ mod tests {
         assert_eq!(found(json!([]))[0].what, "`metrics` must have at least 1 items, not 0");
         assert_eq!(found(json!("abs_rel"))[0].help.as_deref(), Some("did you mean the list `[abs_rel]`?"));
         assert_eq!(found(json!("al"))[0].help.as_deref(), Some("did you mean `all`?"));
+    }
+
+    #[test]
+    fn old_names_are_answered_with_the_new_ones() {
+        let schema = json!({ "type": "object", "additionalProperties": false, "properties": {
+            "preset": { "enum": ["kitti-depth", "martins2018"] },
+            "sets": { "type": "array", "items": { "enum": ["all", "valid"] } },
+            "ground_truth": { "type": "string" },
+        } });
+        let help = |value: serde_json::Value| violations(&value, &schema)[0].help.clone().unwrap_or_default();
+        let renamed = "`paper` is called `martins2018` since version 0.2: write `preset: martins2018`";
+        assert_eq!(help(json!({ "preset": "paper" })), renamed);
+        assert_eq!(help(json!({ "sets": ["answered"] })), "`answered` is called `valid` since version 0.2");
+        let renamed = "`truth` is called `ground_truth` since version 0.2: write `ground_truth: disp_occ`";
+        assert_eq!(help(json!({ "truth": "disp_occ" })), renamed);
     }
 
     #[test]

@@ -107,7 +107,7 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
         let entry = root.entry(key)?;
         let text = entry.value.scalar_text();
         if text.is_none() {
-            report.push(entry.not_a("text"));
+            report.push(entry.not_a("text").help(format!("e.g. `{key}: \"...\"`")));
         }
         text
     };
@@ -122,11 +122,20 @@ pub(crate) fn title(root: &Node, report: &mut Report) -> (String, String) {
         report.push(Diagnostic::error(&place, "the experiment has no name").help("begin with `experiment: NAME`"));
     } else if let (Some(entry), Some(name)) = (root.entry("experiment"), name.as_deref()) {
         match name.trim().is_empty() {
-            true => report.push(Diagnostic::error(&root.place, "the experiment's name is empty")),
+            true => {
+                let error = Diagnostic::error(&entry.value.place, "the experiment's name is empty");
+                report.push(error.help("write `experiment: NAME`"));
+            }
             false => drop(names::check_experiment(name, &entry.value.place, report)),
         }
     }
     (name.unwrap_or_default(), description.unwrap_or_default())
+}
+
+/// An entry of a section, with its key.
+fn section_example(key: &str) -> String {
+    let entry = if key == "sources" { "{ kind: KIND, with: { ... } }" } else { "{ source: SOURCE, nodes: { ... } }" };
+    format!("e.g. `{key}: {{ NAME: {entry} }}`")
 }
 
 fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
@@ -137,22 +146,24 @@ fn section<'n>(root: &'n Node, key: &str, report: &mut Report) -> &'n [Entry] {
         let place = root.entry("experiment").map_or_else(|| Place::start_of(&root.place.file), |e| e.key_place.clone());
         report.push(
             Diagnostic::error(&place, format!("the experiment has no `{key}`"))
-                .label(format!("needs `{key}:` beside it")),
+                .label(format!("needs `{key}:` beside it"))
+                .help(section_example(key)),
         );
         return &[];
     };
     if !matches!(&entry.value.value, Tree::Map(entries) if !entries.is_empty()) {
-        report.push(match entry.value.value {
+        let error = match entry.value.value {
             Tree::Map(_) | Tree::Null => Diagnostic::error(&entry.key_place, format!("`{key}` is empty")),
             _ => entry.not_a("a map from names"),
-        });
+        };
+        report.push(error.help(section_example(key)));
     }
     entry.value.entries()
 }
 
 pub(crate) fn known_keys(node: &Node, what: &str, known: &[&str], report: &mut Report) {
     for entry in node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {
-        let help = names::suggestion(&entry.key, "keys known here", known);
+        let help = names::key_suggestion(entry, known);
         let error = Diagnostic::error(&entry.key_place, format!("unknown key `{}` in {what}", entry.key));
         report.push(error.label("no such key").maybe_help(help));
     }
@@ -167,16 +178,14 @@ fn instance_keys(node: &Node, what: &str, known: &[&str], registry: &Registry, r
         let kind = kind.as_ref().filter(|kind| kind.schema["properties"].get(key).is_some());
         report.push(match kind {
             Some(kind) => error.label("belongs under `with`").help(under_with(node, entry, kind.kind)),
-            None => error.label("no such key").maybe_help(names::suggestion(key, "keys known here", known)),
+            None => error.label("no such key").maybe_help(names::key_suggestion(entry, known)),
         });
     }
 }
 
 fn under_with(node: &Node, entry: &Entry, kind: &str) -> String {
     let key = &entry.key;
-    let text = entry.value.place.text();
-    // A value of several lines does not fit into the line of a help.
-    let value = if text.is_empty() || text.contains('\n') { "..." } else { text };
+    let value = names::short_value(&entry.value);
     let corrected = match node.get("with").is_some_and(|with| !with.is_null()) {
         true => format!("move it into `with`: `{key}: {value}`"),
         false => format!("write `with: {{ {key}: {value} }}`"),
@@ -184,10 +193,13 @@ fn under_with(node: &Node, entry: &Entry, kind: &str) -> String {
     format!("`{key}` is a parameter of `{kind}`: {corrected}")
 }
 
-/// Whether a key is misspelt, and was reported with this one as the suggestion.
-fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
+/// Whether a key is misspelt or has its old name, and was reported with this one as the suggestion.
+pub(crate) fn misspelt(node: &Node, key: &str, known: &[&str]) -> bool {
     let unknown = node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str()));
-    unknown.into_iter().any(|entry| names::nearest(&entry.key, known.iter().copied()) == Some(key))
+    unknown.into_iter().any(|entry| {
+        let suggested = names::new_name(&entry.key, known);
+        suggested.or_else(|| names::nearest(&entry.key, known.iter().copied())) == Some(key)
+    })
 }
 
 fn is_map(node: &Node, what: &str, example: &str, report: &mut Report) -> bool {
@@ -206,13 +218,14 @@ fn source(entry: &Entry, registry: &Registry, report: &mut Report) -> SourceSpec
     }
     instance_keys(node, "a source", SOURCE_KEYS, registry, report);
     match node.entry("concat") {
+        None if misspelt(node, "concat", SOURCE_KEYS) => {}
         None => parts.extend(instance(node, &entry.key_place, "source", report)),
-        Some(join) => {
+        Some(concat) => {
             for other in node.entries().iter().filter(|e| matches!(e.key.as_str(), "kind" | "with")) {
                 let error = Diagnostic::error(&other.key_place, format!("`{}` beside `concat`", other.key));
                 report.push(error.help("each of the sources in `concat` has its own `kind` and `with`"));
             }
-            match &join.value.value {
+            match &concat.value.value {
                 Tree::List(items) if !items.is_empty() => {
                     for item in items {
                         if is_map(item, "a joined source", "{ kind: KIND, with: { ... } }", report) {
@@ -222,7 +235,7 @@ fn source(entry: &Entry, registry: &Registry, report: &mut Report) -> SourceSpec
                     }
                 }
                 _ => {
-                    let error = Diagnostic::error(&join.value.place, "`concat` must be a list of sources");
+                    let error = Diagnostic::error(&concat.value.place, "`concat` must be a list of sources");
                     report.push(error.help("e.g. `concat: [ { kind: KIND }, { kind: KIND } ]`"));
                 }
             }
@@ -256,7 +269,7 @@ fn instance(node: &Node, place: &Place, what: &str, report: &mut Report) -> Opti
         return None;
     };
     let Some(text) = kind.value.text() else {
-        report.push(kind.not_a("the name of a kind"));
+        report.push(kind.not_a("the name of a kind").help("`depthloom nodes` lists all kinds"));
         return None;
     };
     let kind = Word { text: text.to_owned(), place: kind.value.place.clone() };
@@ -278,11 +291,11 @@ fn stage(entry: &Entry, registry: &Registry, report: &mut Report) -> StageSpec {
         None if misspelt(node, "source", STAGE_KEYS) => {}
         None => {
             let error = Diagnostic::error(&entry.key_place, format!("stage `{}` has no `source`", entry.key));
-            report.push(error.help("say which of `sources:` its frames come from: `source: NAME`"));
+            report.push(error.help("write `source: NAME`, with one of the names in `sources`"));
         }
         Some(source) => match source.value.scalar_text() {
             Some(text) => stage.source = Some(Word { text, place: source.value.place.clone() }),
-            None => report.push(source.not_a("the name of a source")),
+            None => report.push(source.not_a("the name of a source").help("e.g. `source: NAME`")),
         },
     }
     if let Some(nodes) = node.entry("nodes").filter(|nodes| !nodes.value.is_null()) {
@@ -314,8 +327,7 @@ fn node_spec(entry: &Entry, registry: &Registry, report: &mut Report) -> NodeSpe
             |entry: &Entry| InputSpec { port: entry.key(), place: entry.key_place.clone(), from: Some(Wired::Nothing) };
         for entry in inputs.value.entries().iter().filter(|entry| is_of_node(entry)) {
             let key = &entry.key;
-            let error =
-                Diagnostic::error(&entry.key_place, format!("`{key}` stands inside `inputs`, as if it were an input"));
+            let error = Diagnostic::error(&entry.key_place, format!("`{key}` is inside `inputs`, but is not an input"));
             let form = "NAME: { kind: KIND, inputs: { PORT: NODE/OUTPUT }, with: { PARAMETER: VALUE } }";
             report.push(error.label("belongs beside `inputs`").help(format!("move it out, one level up: `{form}`")));
         }
@@ -333,7 +345,7 @@ fn is_of_node(entry: &Entry) -> bool {
 fn input(entry: &Entry, report: &mut Report) -> InputSpec {
     let port = entry.key();
     let node = &entry.value;
-    let form = "write `node/output`, `source/output`, `stage.node/output`, or `{ file: PATH }` for a once-value";
+    let form = "write `node/output`, `source/output`, `stage.node/output`, or `{ file: PATH }` for an aggregate value";
     let (from, place) = match &node.value {
         Tree::Text(text) => match Reference::parse(text, &node.place) {
             Ok(reference) => (Some(Wired::Reference(reference)), node.place.clone()),
@@ -364,7 +376,7 @@ fn misspelt_own_key(parameters: &mut Vec<Entry>, key: &str, what: &str, report: 
     report.push(
         error
             .label("no such key")
-            .help(names::renamed(&entry.key, &[key]).unwrap_or_else(|| format!("did you mean `{key}`?"))),
+            .help(names::renamed_key(&entry, &[key]).unwrap_or_else(|| format!("did you mean `{key}`?"))),
     );
     true
 }
@@ -393,7 +405,7 @@ fn score_spec(entry: &Entry, report: &mut Report) -> ScoreSpec {
                 score.estimates.push(estimate(entry, report));
             }
             if score.estimates.is_empty() {
-                let error = Diagnostic::error(&estimates.key_place, "all of the `estimates` are nothing");
+                let error = Diagnostic::error(&estimates.key_place, "every entry of `estimates` is removed (`null`)");
                 report.push(error.help("name what is scored, e.g. `estimates: { stereo: depth/depth }`"));
             }
         }
@@ -426,6 +438,9 @@ fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
     }
     let from = from.map(|from| input(from, report));
     let truth = entry.value.entry("ground_truth").map(|truth| input(truth, report));
+    if truth.is_none() {
+        misspelt_own_key(&mut parameters, "ground_truth", "an estimate", report);
+    }
     EstimateSpec { name, from, truth, clues: clues(&entry.value, report), parameters }
 }
 

@@ -117,7 +117,7 @@ fn stage_source(
         // Reported elsewhere.
         return None;
     }
-    let error = Diagnostic::error(&name.place, format!("there is no source `{}`", name.text)).label("names nothing");
+    let error = Diagnostic::error(&name.place, format!("there is no source `{}`", name.text)).label("unknown name");
     report.push(error.maybe_help(names::suggestion(&name.text, "sources", &known)));
     None
 }

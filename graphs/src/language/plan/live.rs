@@ -39,9 +39,9 @@ pub(crate) fn check(variants: &[Linked<'_>], live: &[HashSet<StageNode>], report
                 continue;
             }
             let (stage, name) = (&stage.name.text, &node.name.text);
-            let what = format!("nothing reads or records node `{name}`");
+            let what = format!("node `{name}` is unused: no node reads its outputs, and `record` does not name it");
             let help = format!("read one of its outputs, add `{stage}.{name}` to `record`, or remove the node");
-            report.push(Diagnostic::error(&node.name.place, what).label("of no use").help(help));
+            report.push(Diagnostic::error(&node.name.place, what).label("unused").help(help));
         }
     }
 }

@@ -65,7 +65,8 @@ fn circles(stage: StageId, nodes: &[LinkedNode<'_>], waiting_for: &[usize], repo
                 } else {
                     format!("nodes read each other in a circle: {}", names.join(" reads "))
                 };
-                report.push(Diagnostic::error(place, what).label("closes the circle"));
+                let help = "a node cannot depend on its own outputs: connect one of these inputs to another output";
+                report.push(Diagnostic::error(place, what).label("closes the circle").help(help));
             }
             node = *next;
         }

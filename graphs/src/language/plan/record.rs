@@ -151,7 +151,7 @@ pub(crate) fn read(root: &Node, report: &mut Report) -> Recorded {
         }
         _ => {
             let help =
-                "e.g. `record: [compare.*/depth]` or `record: { every: 10 }`; without `record` everything is kept";
+                "e.g. `record: [compare.*/depth]` or `record: { every: 10 }`; without `record` everything is recorded";
             report.push(entry.not_a("a list of patterns or a map").help(help));
         }
     }
@@ -163,7 +163,7 @@ fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
     let mut patterns = || match &node.value {
         Tree::List(items) => items.iter().filter_map(|item| pattern(item, report)).collect(),
         _ => {
-            report.push(entry.not_a("a list of patterns"));
+            report.push(entry.not_a("a list of patterns").help(format!("e.g. `{}: [compare.*/depth]`", entry.key)));
             Vec::new()
         }
     };
@@ -177,10 +177,10 @@ fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
             Some(every) if every >= 1 => recording.record.every = every,
             _ => {
                 let what = format!("`every` must be a whole number of at least 1, not {number}");
-                report.push(Diagnostic::error(&node.place, what).help("`every: 10` keeps each tenth frame"));
+                report.push(Diagnostic::error(&node.place, what).help("`every: 10` records every tenth frame"));
             }
         },
-        ("every", _) => report.push(entry.not_a("a whole number")),
+        ("every", _) => report.push(entry.not_a("a whole number").help("`every: 10` records every tenth frame")),
         ("view", Tree::Bool(view)) => recording.record.view = *view,
         ("view", _) => {
             let is_bool = node.text().is_some_and(is_yaml_1_1_bool);

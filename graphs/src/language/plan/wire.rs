@@ -80,10 +80,10 @@ impl<'r> Reachable<'r, '_, '_> {
             let (other, own) = (self.stages[output.stage].name, self.stages[self.stage].name);
             if output.port.rate == Rate::Frame {
                 let what = format!(
-                    "`{written}` has a value for every frame of stage `{other}`: only once-values are seen by other stages"
+                    "`{written}` has one value per frame of stage `{other}`: other stages can use aggregate values only"
                 );
                 let help = format!(
-                    "compute it in `{own}` too: equal nodes on equal sources cost nothing twice once values are reused"
+                    "add the same node to stage `{own}`; identical nodes on the same frames are computed only once"
                 );
                 return Some(error(what).label("one value per frame").help(help));
             }
@@ -96,21 +96,31 @@ impl<'r> Reachable<'r, '_, '_> {
             let what = format!("input `{name}` expects {wanted}, but `{written}` is {given}");
             let fitting = self.outputs_fitting(port, node.0);
             let fitting: Vec<&str> = fitting.iter().map(String::as_str).collect();
-            let help = (!fitting.is_empty()).then(|| format!("outputs that fit: {}", names::listed(&fitting)));
-            return Some(error(what).label(format!("{given}, not {wanted}")).maybe_help(help));
+            let help = match fitting.is_empty() {
+                false => format!("outputs that fit: {}", names::listed(&fitting)),
+                true if port.takes_file() => format!(
+                    "read it from a file, `{name}: {{ file: PATH }}`, or connect an output of type {wanted}, \
+                     `{name}: STAGE.NODE/OUTPUT`"
+                ),
+                true => format!("add a node with an output of type {wanted}; `depthloom nodes` lists the kinds"),
+            };
+            return Some(error(what).label(format!("{given}, not {wanted}")).help(help));
         }
         match (port.rate, output.port.rate) {
             (Rate::Frame, Rate::Once) => {
                 let what = format!(
-                    "input `{name}` expects a value for every frame, but `{written}` is one value for the whole stage"
+                    "input `{name}` expects one value per frame, but `{written}` is one value for the whole stage"
                 );
-                Some(error(what).label("a once-value"))
+                let fitting = self.outputs_fitting(port, node.0);
+                let fitting: Vec<&str> = fitting.iter().map(String::as_str).collect();
+                let help = (!fitting.is_empty()).then(|| format!("outputs that fit: {}", names::listed(&fitting)));
+                Some(error(what).label("an aggregate value").maybe_help(help))
             }
             (Rate::Once, Rate::Frame) => {
                 let what = format!(
-                    "input `{name}` expects one value for the whole stage, but `{written}` has one for every frame"
+                    "input `{name}` expects one value for the whole stage, but `{written}` has one value per frame"
                 );
-                let help = format!("an ordered node that collects {given} and finishes with one value goes between");
+                let help = format!("insert a node with `contract: ordered` that aggregates {given} over all frames");
                 Some(error(what).label("one value per frame").help(help))
             }
             (Rate::Once, Rate::Once) if output.stage == self.stage && signature.contract != Contract::Once => {
@@ -130,7 +140,7 @@ impl<'r> Reachable<'r, '_, '_> {
             let word = reference.stage.as_ref()?;
             let known: Vec<&str> = self.stages.iter().map(|stage| stage.name).collect();
             let error =
-                Diagnostic::error(&word.place, format!("there is no stage `{}`", word.text)).label("names nothing");
+                Diagnostic::error(&word.place, format!("there is no stage `{}`", word.text)).label("unknown name");
             report.push(error.maybe_help(names::suggestion(&word.text, "stages", &known)));
             return None;
         };
@@ -184,11 +194,11 @@ impl<'r> Reachable<'r, '_, '_> {
                 Some(format!("did you mean `{}.{name}/{}`, of stage `{0}`?", earlier.name, reference.output.text))
             }
             None if self.stages.iter().any(|stage| stage.name == name) => {
-                Some(format!("`{name}` is a stage: a once-value of it is `{name}.NODE/OUTPUT`"))
+                Some(format!("`{name}` is a stage: its aggregate values are `{name}.NODE/OUTPUT`"))
             }
             None => names::suggestion(name, "nodes of the stage", &known),
         };
-        report.push(Diagnostic::error(&reference.node.place, what).label("names nothing").maybe_help(help));
+        report.push(Diagnostic::error(&reference.node.place, what).label("unknown name").maybe_help(help));
     }
 
     /// Outputs that could be wired to a port, best first: the source's, then those of other nodes.
@@ -231,13 +241,15 @@ fn file_wire(port: &Port, file: &Node, resolver: &mut Resolver, report: &mut Rep
         return None;
     };
     if port.rate == Rate::Frame {
-        let what = format!("input `{}` expects a value for every frame: only once-values come from files", port.name);
-        report.push(Diagnostic::error(&file.place, what));
+        let what = format!("input `{}` expects one value per frame: a file can only be an aggregate value", port.name);
+        let help = format!("connect an output: `{0}: source/OUTPUT` or `{0}: NODE/OUTPUT`", port.name);
+        report.push(Diagnostic::error(&file.place, what).help(help));
         return None;
     }
     if !port.takes_file() {
         let what = format!("input `{}` expects {}, which cannot be read from a file", port.name, port.value_type);
-        report.push(Diagnostic::error(&file.place, what));
+        let help = format!("connect an output of type {}: `{}: STAGE.NODE/OUTPUT`", port.value_type, port.name);
+        report.push(Diagnostic::error(&file.place, what).help(help));
         return None;
     }
     resolver.anywhere.add(file, text);

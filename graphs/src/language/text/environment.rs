@@ -67,7 +67,8 @@ fn scalar(text: &str, node: &Node, env: &Lookup<'_>, report: &mut Report) -> Opt
                 (Some(value), _) if value.contains(['\u{fffd}', '\0']) => {
                     let place = node.place.part(text, range.clone());
                     let what = format!("the environment variable `{name}` is not UTF-8 text");
-                    report.push_unknown(Diagnostic::error(&place, what).label("needed here"), &node.place);
+                    let error = Diagnostic::error(&place, what).label("needed here");
+                    report.push_unknown(error.help("set it to UTF-8 text"), &node.place);
                     new.push_str("unset");
                 }
                 (Some(value), _) if !value.is_empty() => {

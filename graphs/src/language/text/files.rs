@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::diagnostics::{Diagnostic, Report};
 use super::environment::{Lookup, substitute};
 use super::merge::{Level, merged};
+use super::names;
 use super::parse;
 use super::paths::{normal, normalized};
 use super::source_file::{Place, SourceFile};
@@ -127,8 +128,9 @@ impl<'a> Files<'a> {
         };
         self.put_in = self.put_in.saturating_add(base.size());
         if self.put_in > MOST_PUT_IN {
-            let what = format!("graph files put in more than {MOST_PUT_IN} values, counted at every use");
-            report.push(Diagnostic::error(&entry.value.place, what));
+            let what = format!("the graph files of this experiment have more than {MOST_PUT_IN} values");
+            let help = "every use of a graph file counts: use fewer stages, or smaller graph files";
+            report.push(Diagnostic::error(&entry.value.place, what).help(help));
             self.broken = true;
             return own;
         }
@@ -139,15 +141,15 @@ impl<'a> Files<'a> {
     fn graph_file(&mut self, name: &Arc<Node>, open: &Open<'_>, report: &mut Report) -> Option<Arc<Node>> {
         let (document, inner) = self.named_file(name, "graph", open, report)?;
         for entry in document.entries().iter().filter(|e| !matches!(e.key.as_str(), "description" | "nodes")) {
-            report.push(
-                Diagnostic::error(&entry.key_place, format!("unknown key `{}` in a graph file", entry.key))
-                    .help("a graph file holds `nodes:` and, if you like, `description:`"),
-            );
+            let help = names::renamed_key(entry, &["description"])
+                .unwrap_or_else(|| "a graph file has the keys `nodes` and, optionally, `description`".to_owned());
+            let error = Diagnostic::error(&entry.key_place, format!("unknown key `{}` in a graph file", entry.key));
+            report.push(error.help(help));
         }
         let Some(nodes) = document.get("nodes") else {
             report.push(
-                Diagnostic::error(&Place::start_of(&document.place.file), "a graph file without `nodes:`")
-                    .help("a graph file holds `nodes:`, written as in a stage"),
+                Diagnostic::error(&Place::start_of(&document.place.file), "the graph file has no `nodes`")
+                    .help("write `nodes: { NAME: { kind: KIND, inputs: { ... } } }`, as in a stage"),
             );
             return None;
         };
@@ -164,7 +166,8 @@ impl<'a> Files<'a> {
     ) -> Option<(Arc<Node>, Open<'o>)> {
         let name = substitute(name, self.env, report);
         let Some(text) = name.text() else {
-            report.push(name.not_a(&format!("`{key}`"), "the path of a YAML file"));
+            let error = name.not_a(&format!("`{key}`"), "the path of a YAML file");
+            report.push(error.help(format!("e.g. `{key}: base.yaml`")));
             return None;
         };
         let folder = match &name.written {
@@ -176,15 +179,17 @@ impl<'a> Files<'a> {
         let mut outer = Some(open);
         while let Some(file) = outer {
             if file.identity == inner.identity {
-                let what = format!("`{key}` goes round in a circle: `{text}` is being read already");
-                report.push(Diagnostic::error(&name.place, what).label("comes back to a file that leads here"));
+                let what = format!("`{key}` is circular: `{text}` leads back to itself");
+                let help = format!("remove this `{key}`, or move what both files need into a third file");
+                report.push(Diagnostic::error(&name.place, what).label("closes the circle").help(help));
                 return None;
             }
             outer = file.outer;
         }
         if inner.depth > DEEPEST || self.read.len() >= MOST_FILES {
-            let what = format!("too many files: at most {MOST_FILES}, and {DEEPEST} that lead from one to the next");
-            report.push(Diagnostic::error(&name.place, what));
+            let what =
+                format!("the experiment reads more than {MOST_FILES} files, or more than {DEEPEST} in one chain");
+            report.push(Diagnostic::error(&name.place, what).help("merge some of the files"));
             return None;
         }
         let portable = match name.text_with_variables() {

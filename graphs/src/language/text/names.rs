@@ -2,6 +2,7 @@
 
 use super::diagnostics::{Diagnostic, Report};
 use super::source_file::Place;
+use super::tree::{Entry, Node};
 
 pub(crate) const EXPERIMENT_KEYS: &[&str] =
     &["experiment", "description", "extends", "sources", "stages", "variants", "matrix", "only", "record"];
@@ -74,9 +75,37 @@ const RENAMED: [(&str, &str); 6] = [
 ];
 
 /// What a word of version 0.1 is called now, if that is one of the candidates.
+pub(crate) fn new_name(written: &str, candidates: &[&str]) -> Option<&'static str> {
+    RENAMED.iter().find(|(old, new)| *old == written && candidates.contains(new)).map(|(_, new)| *new)
+}
+
+/// The help for a word of version 0.1.
 pub(crate) fn renamed(written: &str, candidates: &[&str]) -> Option<String> {
-    let (_, new) = RENAMED.iter().find(|(old, new)| *old == written && candidates.contains(new))?;
+    let new = new_name(written, candidates)?;
     Some(format!("`{written}` is called `{new}` since version 0.2"))
+}
+
+/// The help for a key of version 0.1, with the corrected line.
+pub(crate) fn renamed_key(entry: &Entry, candidates: &[&str]) -> Option<String> {
+    let new = new_name(&entry.key, candidates)?;
+    Some(format!("{}: write `{new}: {}`", renamed(&entry.key, candidates)?, short_value(&entry.value)))
+}
+
+/// [`suggestion`] for a key, with the corrected line if the key was renamed.
+pub(crate) fn key_suggestion(entry: &Entry, candidates: &[&str]) -> Option<String> {
+    renamed_key(entry, candidates).or_else(|| suggestion(&entry.key, "keys known here", candidates))
+}
+
+/// A value as the line of a help shows it: maps, lists and texts that do not fit are abbreviated.
+pub(crate) fn short_value(value: &Node) -> &str {
+    const LONGEST: usize = 60;
+    let text = value.place.text().trim_end();
+    match text.chars().next() {
+        Some(_) if text.len() <= LONGEST && !text.contains('\n') => text,
+        Some('[' | '-') => "[...]",
+        Some('{') => "{ ... }",
+        _ => "...",
+    }
 }
 
 /// The candidate nearest to what was written, if one is near.

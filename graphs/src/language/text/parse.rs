@@ -133,32 +133,47 @@ fn syntax_error(error: &Error, place: &Place) -> Diagnostic {
     let text = error.to_string();
     // The parser appends the place, which a diagnostic shows by itself.
     let what = text.split(" at line ").next().unwrap_or(&text);
-    let unusual = Some("no experiment needs such a file; was it written by a person?".to_owned());
-    let deep = || format!("maps and lists are nested deeper than {DEEPEST}");
+    let fewer_levels = || Some("write the maps and lists with fewer levels".to_owned());
+    let deep = || format!("maps and lists are nested deeper than {DEEPEST} levels");
+    let split = |remedy: &str| Some(format!("if a program writes this file: {remedy}"));
     let (message, help) = match error {
         Error::AliasReplayLimitExceeded { .. }
         | Error::AliasExpansionLimitExceeded { .. }
         | Error::AliasReplayStackDepthExceeded { .. }
         | Error::AliasReplayCounterOverflow { .. } => {
-            (format!("the file's aliases expand to more than {MOST_REPLAYED} values"), unusual)
+            let help = split("write the values out instead of nesting aliases, or split the experiment");
+            (format!("the file's aliases expand to more than {MOST_REPLAYED} values"), help)
         }
         Error::Budget { breach: BudgetBreach::Documents { .. }, .. } | Error::MultipleDocuments { .. } => {
             let help = "one file is one experiment: remove the `---`".to_owned();
             ("the file holds several YAML documents".to_owned(), Some(help))
         }
-        Error::Budget { breach: BudgetBreach::Depth { .. }, .. } => (deep(), unusual),
-        Error::Budget { .. } => (format!("the file holds more than {MOST_VALUES} values or 10000 aliases"), unusual),
+        Error::Budget { breach: BudgetBreach::Depth { .. }, .. } => (deep(), fewer_levels()),
+        Error::Budget { .. } => {
+            let help = split("split the experiment, or describe the values with `matrix`");
+            (format!("the file has more than {MOST_VALUES} values or 10000 aliases"), help)
+        }
         Error::NullIntoString { .. } => ("a key is empty".to_owned(), Some("put a name before the `:`".to_owned())),
-        Error::UnknownAnchor { .. } => ("this alias has no anchor before it".to_owned(), None),
+        Error::UnknownAnchor { .. } => {
+            let help = "name a value with `&NAME` first; `*NAME` repeats it below";
+            ("this alias has no anchor before it".to_owned(), Some(help.to_owned()))
+        }
         Error::RecursiveReferencesRequireWeakTypes { .. } => {
-            ("this alias stands within what it stands for".to_owned(), None)
+            let help = "move the anchor (`&NAME`) to a value that does not contain this alias";
+            ("this alias is inside the value that it repeats".to_owned(), Some(help.to_owned()))
         }
-        _ if what.contains("recursion limit") => (deep(), unusual),
-        _ if what.contains("a tab") || what.contains("tabs") => {
-            (format!("not valid YAML: {}", lower_first(what)), Some("YAML is indented with spaces alone".to_owned()))
+        _ if what.contains("unsupported tag") => {
+            let help = "remove the tag; quote the value if it is text that begins with `!`";
+            (format!("not valid YAML: {}", lower_first(what)), Some(help.to_owned()))
         }
+        _ if what.contains("recursion limit") => (deep(), fewer_levels()),
+        _ if what.contains("a tab") || what.contains("tabs") => (
+            format!("not valid YAML: {}", lower_first(what)),
+            Some("indent with spaces: YAML does not allow tabs".to_owned()),
+        ),
         _ if what.contains("expected string scalar") => {
-            ("a key is a name, no list or map".to_owned(), braces_help(place))
+            let help = braces_help(place).unwrap_or_else(|| "write a name before the `:`".to_owned());
+            ("a key must be a name, not a list or a map".to_owned(), Some(help))
         }
         _ => (format!("not valid YAML: {}", lower_first(what)), braces_help(place)),
     };

@@ -8,7 +8,7 @@ use crate::language::change::overrides::is_argument;
 use crate::language::change::parameter::Parameters;
 use crate::language::change::path::AXIS_KEYS;
 use crate::language::change::variant;
-use crate::language::check::spec::known_keys;
+use crate::language::check::spec::{known_keys, misspelt};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 use crate::language::text::names;
 use crate::language::text::resolved::as_written;
@@ -85,8 +85,10 @@ impl Axis {
                 if !is_path {
                     names::check(key, "an axis", &[Factor::VARIANT], place, report);
                 }
-                if let Some(set) = node.entry("paths") {
-                    axis.paths = paths(set, report)?;
+                match node.entry("paths") {
+                    Some(entry) => axis.paths = paths(entry, report)?,
+                    None if misspelt(node, "paths", AXIS_KEYS) => return None,
+                    None => {}
                 }
                 axis.when = node.entry("when").map_or_else(Vec::new, |when| conditions(when, report));
                 match node.get("values") {

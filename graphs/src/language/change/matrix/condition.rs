@@ -88,13 +88,13 @@ impl Matrix {
         if axis.is_none() && !axis_name.contains('.') {
             let known: Vec<&str> = above.iter().map(|axis| axis.key.as_str()).collect();
             let error = Diagnostic::error(&condition.place, format!("there is no axis `{axis_name}` above"));
-            return Some(error.label("names nothing").maybe_help(names::suggestion(axis_name, "axes above", &known)));
+            return Some(error.label("unknown name").maybe_help(names::suggestion(axis_name, "axes above", &known)));
         }
         if axis.is_none()
             && let Err(unknown) = path::located(parameters.root, axis_name, Scope::Variant)
         {
             let place = condition.place.part(axis_name, unknown.range);
-            return Some(Diagnostic::error(&place, unknown.what).label("names nothing").maybe_help(unknown.help));
+            return Some(Diagnostic::error(&place, unknown.what).label("unknown name").maybe_help(unknown.help));
         }
         if condition.among.is_empty() {
             let error = Diagnostic::error(&condition.place, format!("`when` names no value of `{axis_name}`"));
