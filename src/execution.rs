@@ -83,11 +83,11 @@ pub(crate) fn carry_out(
     interrupt: &Interrupt,
     remote: Option<&RemoteNodes<'_>>,
 ) -> Result<ExitCode, CliError> {
-    let Loaded { kept, read, .. } = loaded;
+    let Loaded { stored, read, .. } = loaded;
     let plan = ready.plan.clone();
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     print_warnings(args, &of_sources);
-    let (folder, resumable) = make_folder(args, &plan, &kept, &read)?;
+    let (folder, resumable) = make_folder(args, &plan, &stored, &read)?;
     let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &args.folder.path(), &plan);
     let unreadable = reuse::unreadable(&earlier);
     print_warnings(args, &unreadable);

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Declares a type of indices: lists and slices are indexed with it, and it is displayed as a number.
+/// Declares an index type: it indexes lists and slices, and is displayed as a number.
 #[macro_export]
 macro_rules! index_type {
     ($(#[$attribute:meta])* $visibility:vis struct $name:ident;) => {

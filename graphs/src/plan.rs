@@ -232,7 +232,7 @@ pub enum Origin {
         /// The node's output port.
         port: PortId,
     },
-    /// A once-value read from a file.
+    /// An aggregate value read from a file.
     File(PathBuf),
 }
 

@@ -21,7 +21,7 @@ pub struct Ready {
     pub plan: Plan,
     /// By stage run.
     pub runs: Vec<ReadyRun>,
-    /// The once-values that come from files, by path.
+    /// The aggregate values that come from files, by path.
     pub files: BTreeMap<PathBuf, Value>,
     /// Warnings of the sources, each once, with the source's name.
     pub warnings: Vec<String>,
@@ -81,7 +81,7 @@ pub enum NotReady {
         #[source]
         fault: Fault,
     },
-    /// A once-value's file could not be read.
+    /// An aggregate value's file could not be read.
     #[error("input `{port}` of node `{stage}.{name}`")]
     File {
         /// The node's stage.
@@ -136,11 +136,11 @@ impl Ready {
             return Err(missing);
         }
         let builders = builders(&plan, registry);
-        Ok(Self { builders, ..Self::of(plan, runs, files, &prints) })
+        Ok(Self { builders, ..Self::from_parts(plan, runs, files, &prints) })
     }
 
     /// A plan whose sources and nodes come from elsewhere; `fingerprints` by node.
-    pub fn of(
+    pub fn from_parts(
         mut plan: Plan,
         runs: Vec<ReadyRun>,
         files: BTreeMap<PathBuf, Value>,
@@ -234,7 +234,7 @@ pub fn read_files(stage: &str, node: &PlannedNode, files: &mut BTreeMap<PathBuf,
     missing
 }
 
-/// Checks once-values from files before any frame.
+/// Checks aggregate values from files before any frame.
 fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf, Value>) -> Result<(), Fault> {
     let value = |input: &PlannedInput| match &input.from {
         Some(Origin::File(path)) => files.get(path).cloned(),

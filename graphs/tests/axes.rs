@@ -48,7 +48,7 @@ fn pairs(arguments: &[&str]) -> Vec<(String, String)> {
 }
 
 fn plan(more: &str) -> Plan {
-    try_load(more, &[], &[]).unwrap_or_else(|said| panic!("{said}")).plan
+    try_load(more, &[], &[]).unwrap_or_else(|message| panic!("{message}")).plan
 }
 
 fn refused(more: &str) -> String {
@@ -121,7 +121,7 @@ fn an_axis_with_a_condition_is_elsewhere_not_there() {
   compare.left.with.p2: { values: [900, 1600], when: { compare.left.with.p1: [400, 500] } }
 ";
     let expected = ["mode=sgbm", "mode=hh+p1=100", "mode=hh+p1=400+p2=900", "mode=hh+p1=400+p2=1600"];
-    let loaded = try_load(matrix, &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    let loaded = try_load(matrix, &[], &[]).unwrap_or_else(|message| panic!("{message}"));
     assert_eq!(loaded.plan.variants, expected);
     assert!(loaded.warnings.is_empty(), "no two are the same: {}", loaded.warnings);
     assert_eq!(factors(&loaded.plan, 0), ["mode=sgbm"]);
@@ -140,21 +140,21 @@ matrix: { sources.test.with.seed: { values: [3, 4], when: { sources.test.kind: s
 
 #[test]
 fn an_axis_that_is_nowhere_there_is_told_of() {
-    let said = |more: &str, matrix: &[&str]| {
-        let loaded = with_matrix(&format!("{BASE}{more}"), matrix).unwrap_or_else(|said| panic!("{said}"));
+    let message = |more: &str, matrix: &[&str]| {
+        let loaded = with_matrix(&format!("{BASE}{more}"), matrix).unwrap_or_else(|message| panic!("{message}"));
         (loaded.plan.variants.len(), loaded.warnings.to_string())
     };
     let of_path = "matrix: { compare.left.with.p1: { values: [100, 400], when: { compare.left.with.mode: hh } } }\n";
     let never = "warning: the axis `compare.left.with.p1` is in no combination: its `when` never holds";
-    assert!(said(of_path, &[]).1.contains(never), "{}", said(of_path, &[]).1);
+    assert!(message(of_path, &[]).1.contains(never), "{}", message(of_path, &[]).1);
     let beside_others = format!("variants: {{ hh: {{ compare.left.with.mode: hh }}, plain: {{}} }}\n{of_path}");
-    assert_eq!(said(&beside_others, &[]), (3, String::new()));
+    assert_eq!(message(&beside_others, &[]), (3, String::new()));
     // The command line may leave out the value that a condition speaks of; the file may not.
     let of_axis = "matrix:
   mode: { paths: compare.left.with.mode, values: [sgbm, hh] }
   compare.left.with.p1: { values: [100, 400], when: { mode: hh } }
 ";
-    let (count, warnings) = said(of_axis, &["mode=[sgbm]"]);
+    let (count, warnings) = message(of_axis, &["mode=[sgbm]"]);
     assert!(count == 1 && warnings.contains(never), "{count} {warnings}");
     // Of another kind the parameter is another one.
     let of_kind = "variants: { road: {}, kitti: { sources.test.kind: kitti/stereo2015, sources.test.with: { root: data, ground_truth: occ } } }
@@ -197,11 +197,11 @@ fn a_range_is_numbers_that_fit_their_parameter() {
     assert_eq!(names("compare.score.cap: { from: 1e-300, to: 1e300, steps: 4, log: true }").len(), 4, "none is 0");
     assert_eq!(names("compare.score.cap: { from: 1e-8, to: 1e8, steps: 3, log: true }")[1], "cap=1");
     assert_eq!(names("compare.score.cap: { from: 1e-12, to: 1, steps: 3, log: true }")[1], "cap=1e-6");
-    let of = |axis: &str| refused(&format!("matrix: {{ {axis} }}\n"));
-    assert!(of("compare.left.with.p1: { from: 2, to: 64 }").contains("needs `steps`"));
-    assert!(of("compare.left.with.p1: { from: 64, to: 2, steps: 3 }").contains("holds no numbers"));
-    assert!(of("compare.left.with.p1: { from: 0, to: 2, steps: 3, log: true }").contains("begins above 0"));
-    assert!(of("compare.left.with.p1: { from: 0, to: 2, step: 3 }").contains("did you mean `steps`?"));
+    let error = |axis: &str| refused(&format!("matrix: {{ {axis} }}\n"));
+    assert!(error("compare.left.with.p1: { from: 2, to: 64 }").contains("needs `steps`"));
+    assert!(error("compare.left.with.p1: { from: 64, to: 2, steps: 3 }").contains("holds no numbers"));
+    assert!(error("compare.left.with.p1: { from: 0, to: 2, steps: 3, log: true }").contains("begins above 0"));
+    assert!(error("compare.left.with.p1: { from: 0, to: 2, step: 3 }").contains("did you mean `steps`?"));
 }
 
 #[test]
@@ -211,13 +211,14 @@ fn a_range_with_fewer_numbers_than_steps_says_which_it_takes() {
         "      blurred: { kind: filter/median, inputs: { depth: depth/depth } }\n      merged:",
     );
     let odd = odd.replace("stereo: depth/depth", "stereo: blurred/depth");
-    let load =
-        |axis: &str| taken(&format!("{odd}matrix: {{ {axis} }}\n"), &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    let load = |axis: &str| {
+        taken(&format!("{odd}matrix: {{ {axis} }}\n"), &[], &[]).unwrap_or_else(|message| panic!("{message}"))
+    };
     let all = load("compare.blurred.with.size: { from: 2, to: 8, steps: 9 }");
     assert_eq!(all.plan.variants, ["size=3", "size=5", "size=7"], "odd, as the parameter requires");
-    let said = all.warnings.to_string();
-    assert!(said.contains("the range of `compare.blurred.with.size` holds 3 odd numbers, not 9"), "{said}");
-    assert!(said.contains("it takes `3`, `5`, `7`, each once"), "{said}");
+    let message = all.warnings.to_string();
+    assert!(message.contains("the range of `compare.blurred.with.size` holds 3 odd numbers, not 9"), "{message}");
+    assert!(message.contains("it takes `3`, `5`, `7`, each once"), "{message}");
     let enough = load("compare.blurred.with.size: { from: 1, to: 9, steps: 3 }");
     assert_eq!(enough.plan.variants, ["size=1", "size=5", "size=9"]);
     assert!(enough.warnings.is_empty(), "{}", enough.warnings);
@@ -249,7 +250,7 @@ fn a_sample_draws_some_of_all_combinations_always_alike() {
     assert_eq!(parts, (0..20).collect::<Vec<_>>());
     assert_eq!(hypercube.factors.iter().filter(|factors| factors[2].value == "hh").count(), 10);
     assert!(hypercube.factors.iter().all(|factors| factors[1].value.parse::<i64>().is_ok()), "whole numbers");
-    // The file's text alone names them: these names are for ever.
+    // Names depend on the file's text only, so they never change.
     assert_eq!(hypercube.variants[0], "cap=76.9+p1=81+mode=hh");
     let random = plan(&matrix("{ method: random, count: 20, seed: 7 }"));
     assert_eq!(random.variants.len(), 20);
@@ -259,7 +260,7 @@ fn a_sample_draws_some_of_all_combinations_always_alike() {
 #[test]
 fn a_sample_larger_than_all_there_is_takes_all_and_says_so() {
     let text = "matrix: { compare.left.with.block: [3, 5, 7], compare.left.with.mode: [sgbm, hh], sample: { method: random, count: 40 } }\n";
-    let loaded = try_load(text, &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    let loaded = try_load(text, &[], &[]).unwrap_or_else(|message| panic!("{message}"));
     assert_eq!(loaded.plan.variants.len(), 6);
     assert!(loaded.warnings.to_string().contains("the sample of 40 holds 6 different combinations"));
 }
@@ -292,8 +293,8 @@ fn the_command_line_adds_and_replaces_axes() {
     assert_eq!(set(named, &["matrix.block=null"]).unwrap(), [""]);
     assert!(set(named, &["matrix.blok=[7]"]).unwrap_err().contains("did you mean `block`?"));
     assert!(set("", &["matrix.compare.left.with.blok=[7]"]).unwrap_err().contains("did you mean `block`?"));
-    let said = set(named, &["compare.right.with.block=7"]).unwrap_err();
-    assert!(said.contains("`--matrix 'block=[7]'` sets the values"), "{said}");
+    let message = set(named, &["compare.right.with.block=7"]).unwrap_err();
+    assert!(message.contains("`--matrix 'block=[7]'` sets the values"), "{message}");
     assert!(set("", &["record=[compare.depth/depth]"]).is_ok());
 }
 
@@ -318,8 +319,8 @@ fn the_command_line_changes_what_an_axis_and_a_sample_say() {
     for (argument, near) in
         [("matrix.block.valeus=[3]", "`values`"), ("matrix.blok.values=[3]", "`block`"), ("matrix.blok=[3]", "`block`")]
     {
-        let said = set(linked, &[argument]).unwrap_err();
-        assert!(said.contains(&format!("did you mean {near}?")), "{said}");
+        let message = set(linked, &[argument]).unwrap_err();
+        assert!(message.contains(&format!("did you mean {near}?")), "{message}");
     }
     assert!(set(sampled, &["matrix.sample.cuont=3"]).unwrap_err().contains("did you mean `count`?"));
 }
@@ -350,16 +351,16 @@ fn what_only_variants_use_that_are_left_out_is_not_run_and_nothing_to_tell() {
     };
     let in_file = format!("{LR}only: [\"nolr\"]\n");
     for loaded in [taken(LR, &[], &["nolr"]), taken(&in_file, &[], &[]), taken(LR, &[], &["nolr", "both"])] {
-        let loaded = loaded.unwrap_or_else(|said| panic!("{said}"));
+        let loaded = loaded.unwrap_or_else(|message| panic!("{message}"));
         assert!(loaded.warnings.is_empty(), "{}", loaded.warnings);
         assert!(!names(&loaded).contains(&"right".to_owned()), "{:?}", names(&loaded));
     }
     // What no variant uses is wrong whichever are taken.
     for only in [&[][..], &["nolr"]] {
-        let said = taken(LR, &["variants.lr=null"], only).map(|_| ()).unwrap_err();
-        assert!(said.contains("node `right` is unused"), "{said}");
-        assert!(said.contains("no stage uses the source `other`"), "{said}");
-        assert!(said.contains("`*/weight` matches nothing that could be recorded"), "{said}");
+        let message = taken(LR, &["variants.lr=null"], only).map(|_| ()).unwrap_err();
+        assert!(message.contains("node `right` is unused"), "{message}");
+        assert!(message.contains("no stage uses the source `other`"), "{message}");
+        assert!(message.contains("`*/weight` matches nothing that could be recorded"), "{message}");
     }
 }
 
@@ -368,12 +369,12 @@ fn a_name_without_its_combinations_is_told_the_pattern() {
     let text = "variants: { lr: {}, nolr: { compare.left.with.p1: 50 } }
 matrix: { compare.left.with.block: [3, 9] }
 ";
-    let said = |more: &str, only: &[&str]| try_load(&format!("{text}{more}"), &[], only).map(|_| ()).unwrap_err();
-    let alone = said("", &["nolr"]);
-    assert!(alone.contains("help: `--variant 'nolr+*'` takes the 2 variants of that form"), "{alone}");
-    assert!(said("", &["block=3"]).contains("help: `--variant '*+block=3'` takes the 2 variants"));
-    assert!(said("only: nolr\n", &[]).contains("help: `\"nolr+*\"` takes the 2 variants"));
-    assert!(said("", &["nolr+blok=3"]).contains("did you mean `nolr+block=3`?"));
+    let message = |more: &str, only: &[&str]| try_load(&format!("{text}{more}"), &[], only).map(|_| ()).unwrap_err();
+    let alone = message("", &["nolr"]);
+    assert!(alone.contains("help: `--variant 'nolr+*'` selects the 2 variants of that form"), "{alone}");
+    assert!(message("", &["block=3"]).contains("help: `--variant '*+block=3'` selects the 2 variants"));
+    assert!(message("only: nolr\n", &[]).contains("help: `\"nolr+*\"` selects the 2 variants"));
+    assert!(message("", &["nolr+blok=3"]).contains("did you mean `nolr+block=3`?"));
 }
 
 #[test]
@@ -383,18 +384,18 @@ fn only_some_variants_are_taken_in_their_order() {
     let take = |only: &[&str]| try_load(variants, &[], only).map(|loaded| loaded.plan.variants);
     assert_eq!(take(&["no_*", "full"]).unwrap(), ["full", "no_hh", "no_p"]);
     assert_eq!(take(&["no_p"]).unwrap(), ["no_p"]);
-    let said = take(&["ful"]).unwrap_err();
-    assert!(said.contains("no variant is called `ful`") && said.contains("did you mean `full`?"), "{said}");
+    let message = take(&["ful"]).unwrap_err();
+    assert!(message.contains("no variant is called `ful`") && message.contains("did you mean `full`?"), "{message}");
     assert!(try_load("", &[], &["full"]).unwrap_err().contains("no variants to choose from"));
-    // The file can say the same, and what is kept does.
+    // The file can say the same, and so does the stored file.
     assert_eq!(plan(&format!("{variants}only: no_*\n")).variants, ["no_hh", "no_p"]);
     let loaded = try_load(variants, &[], &["no_p"]).unwrap();
-    let resolved = &loaded.kept.last().expect("it is kept").1;
+    let resolved = &loaded.stored.last().expect("it is stored").1;
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("resolved.yaml"), resolved).unwrap();
     let again = load(&folder.path().join("resolved.yaml"), &toys::registry(), &Options::default());
-    assert_eq!(again.unwrap_or_else(|said| panic!("{said}")).plan.summary_json(), loaded.plan.summary_json());
-    assert!(loaded.kept[0].1.starts_with("# As it was written, without what the run set: --variant 'no_p'."));
+    assert_eq!(again.unwrap_or_else(|message| panic!("{message}")).plan.summary_json(), loaded.plan.summary_json());
+    assert!(loaded.stored[0].1.starts_with("# As it was written, without what the run set: --variant 'no_p'."));
     assert!(loaded.plan.resolved.contains("only:"));
 }
 
@@ -405,9 +406,9 @@ fn one_that_is_taken_alone_is_named_as_among_all() {
     assert_eq!(factors(&loaded.plan, 0), ["block=9"]);
 }
 
-/// What is said of an experiment, messages and help.
+/// The warnings about an experiment, messages and help.
 fn warned(more: &str) -> Vec<(String, String)> {
-    let loaded = try_load(more, &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    let loaded = try_load(more, &[], &[]).unwrap_or_else(|message| panic!("{message}"));
     loaded.warnings.iter().map(|warning| (warning.message.clone(), warning.help.clone().unwrap_or_default())).collect()
 }
 
@@ -422,19 +423,22 @@ fn a_parameter_that_follows_others_becomes_its_number_before_all_else() {
     assert!(swept.summary_text().contains("  auto: p1 = 72, p2 = 288 of left\n"), "{}", swept.summary_text());
     let summary = serde_json::to_value(swept.summary_json()).unwrap();
     assert_eq!(summary["runs"][0]["nodes"][0]["auto"], serde_json::json!(["p1", "p2"]));
-    // However it is come by, an equal number is an equal node.
+    // Equal numbers are equal nodes, whether they are written or computed.
     let alike = plan(
         "variants: { plain: {}, auto: { compare.left.with.p1: auto }, same: { compare.left.with: { p1: 200, p2: 800 } } }\n",
     );
     let lefts = alike.runs[0].nodes.iter().filter(|node| node.name == "left");
     assert_eq!(lefts.map(|node| node.variants.clone()).collect::<Vec<_>>(), [[0, 1, 2].map(VariantId)]);
-    let said = refused("variants: { wrong: { compare.left.with.p1: atuo }, half: { compare.left.with.p1: 2.5 } }\n");
-    assert!(said.contains("did you mean `auto`?") && said.contains("`p1` must be a whole number, not `2.5`"), "{said}");
+    let message = refused("variants: { wrong: { compare.left.with.p1: atuo }, half: { compare.left.with.p1: 2.5 } }\n");
+    assert!(
+        message.contains("did you mean `auto`?") && message.contains("`p1` must be a whole number, not `2.5`"),
+        "{message}"
+    );
 }
 
 #[test]
 fn who_holds_what_could_follow_a_sweep_is_told() {
-    let base = |held: &str| format!("variants: {{ all: {{ compare.left.with.p1: {held} }} }}\n");
+    let base = |p1: &str| format!("variants: {{ all: {{ compare.left.with.p1: {p1} }} }}\n");
     let swept = "matrix: { compare.left.with.block: [3, 5, 9] }\n";
     assert_eq!(
         warned(&format!("{}{swept}", base("200"))),
@@ -455,14 +459,14 @@ fn who_holds_what_could_follow_a_sweep_is_told() {
     }
     // Against those that follow.
     let beside_auto = "matrix: { compare.left.with.p1: [auto, 200], compare.left.with.block: [3, 5, 9] }\n";
-    let loaded = try_load(beside_auto, &[], &[]).unwrap_or_else(|said| panic!("{said}"));
+    let loaded = try_load(beside_auto, &[], &[]).unwrap_or_else(|message| panic!("{message}"));
     assert!(loaded.warnings.to_string().contains("the same in all variants that set it"), "{}", loaded.warnings);
     let in_variants = "variants: { small: { compare.left.with: { block: 3, p2: 900 } }, large: { compare.left.with: { block: 9, p2: 900 } } }\n";
     assert!(warned(in_variants)[0].0.starts_with("`p2` of node `left` stays 900"), "{:?}", warned(in_variants));
 }
 
 #[test]
-fn a_stage_that_learns_for_nobody_is_told_of() {
+fn a_stage_whose_training_is_not_used_gives_a_warning() {
     let learn = concat!(
         "  learn:
     source: test
@@ -473,7 +477,7 @@ fn a_stage_that_learns_for_nobody_is_told_of() {
     let warned = |text: &str| {
         let path = folder.path().join("main.yaml");
         std::fs::write(&path, text).unwrap();
-        let loaded = load(&path, &toys::registry(), &Options::default()).unwrap_or_else(|said| panic!("{said}"));
+        let loaded = load(&path, &toys::registry(), &Options::default()).unwrap_or_else(|message| panic!("{message}"));
         loaded.warnings.iter().map(|warning| warning.message.clone()).collect::<Vec<_>>()
     };
     let first = BASE.replace("stages:\n", &format!("stages:\n{learn}"));
@@ -483,7 +487,7 @@ fn a_stage_that_learns_for_nobody_is_told_of() {
         "      mono: { kind: mono/onnx, inputs: { image: source/left, calibration: source/calibration, model: learn.train/model } }\n    score: {",
     );
     assert_eq!(warned(&wired), [""; 0]);
-    assert_eq!(warned(&format!("{first}record: [learn.train/model, '*/depth']\n")), [""; 0], "it is asked for");
+    assert_eq!(warned(&format!("{first}record: [learn.train/model, '*/depth']\n")), [""; 0], "it is recorded");
     assert_eq!(warned(&format!("{BASE}{learn}")), [""; 0], "what is learned last is what it is for");
 }
 

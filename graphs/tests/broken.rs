@@ -32,7 +32,7 @@ fn printed(path: &Path) -> String {
             assert!(diagnostics.has_errors());
             for diagnostic in &diagnostics {
                 let language::Place { file, span } = &diagnostic.place;
-                assert!(file.text.get(span.clone()).is_some(), "spans lie in their file, on whole characters");
+                assert!(file.text.get(span.clone()).is_some(), "spans are within their file, on whole characters");
                 let lower = |text: &str| !text.starts_with(char::is_uppercase);
                 assert!(lower(&diagnostic.message) && lower(&diagnostic.label), "fragments: {}", diagnostic.message);
             }
@@ -42,7 +42,7 @@ fn printed(path: &Path) -> String {
 }
 
 #[test]
-fn every_broken_file_says_what_is_wrong_and_where() {
+fn every_broken_file_has_the_expected_diagnostics() {
     // Relative, so that messages name files alike on every machine. It is the only test of this program, so no other
     // one sees the change.
     std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).expect("the workspace is there");

@@ -48,12 +48,12 @@ fn block(loaded: &Loaded, variant: &str) -> u64 {
 fn variants_that_keep_their_own_value_are_named() {
     let loaded = loaded(&format!("{BASE}{VARIANTS}"), &["compare.stereo.with.block=7"]).unwrap();
     assert_eq!(["plain", "small", "large"].map(|variant| block(&loaded, variant)), [7, 3, 9]);
-    let said = loaded.warnings.to_string();
+    let message = loaded.warnings.to_string();
     assert!(
-        said.contains("warning: variants `small`, `large` keep their own value of `compare.stereo.with.block`"),
-        "{said}"
+        message.contains("warning: variants `small`, `large` keep their own value of `compare.stereo.with.block`"),
+        "{message}"
     );
-    assert!(said.contains("`--set 'variants.small.compare.stereo.with.block=7'` sets it in a variant"), "{said}");
+    assert!(message.contains("`--set 'variants.small.compare.stereo.with.block=7'` sets it in a variant"), "{message}");
 }
 
 #[test]
@@ -72,9 +72,12 @@ fn what_every_variant_sets_cannot_be_set_in_the_base() {
     let text = format!(
         "{BASE}variants: {{ small: {{ compare.stereo.with.block: 3 }}, large: {{ compare.stereo.with.block: 9 }} }}\n"
     );
-    let said = loaded(&text, &["compare.stereo.with.block=7"]).unwrap_err();
-    assert!(said.contains("error: `--set compare.stereo.with.block=7` has no effect: every variant sets it"), "{said}");
-    assert!(said.contains("`--set 'variants.small.compare.stereo.with.block=7'` sets it in a variant"), "{said}");
+    let message = loaded(&text, &["compare.stereo.with.block=7"]).unwrap_err();
+    assert!(
+        message.contains("error: `--set compare.stereo.with.block=7` has no effect: every variant sets it"),
+        "{message}"
+    );
+    assert!(message.contains("`--set 'variants.small.compare.stereo.with.block=7'` sets it in a variant"), "{message}");
     // The remedy is one.
     let loaded = loaded(&text, &["variants.small.compare.stereo.with.block=7"]).unwrap();
     assert_eq!(["small", "large"].map(|variant| block(&loaded, variant)), [7, 9]);
@@ -84,9 +87,12 @@ fn what_every_variant_sets_cannot_be_set_in_the_base() {
 #[test]
 fn what_a_matrix_sets_is_set_in_the_matrix() {
     let text = format!("{BASE}matrix: {{ compare.stereo.with.block: [3, 9] }}\n");
-    let said = loaded(&text, &["compare.stereo.with.block=7"]).unwrap_err();
-    assert!(said.contains("error: `--set compare.stereo.with.block=7` has no effect: the matrix sets it"), "{said}");
-    assert!(said.contains("`--matrix 'compare.stereo.with.block=[7]'` sets the values"), "{said}");
+    let message = loaded(&text, &["compare.stereo.with.block=7"]).unwrap_err();
+    assert!(
+        message.contains("error: `--set compare.stereo.with.block=7` has no effect: the matrix sets it"),
+        "{message}"
+    );
+    assert!(message.contains("`--matrix 'compare.stereo.with.block=[7]'` sets the values"), "{message}");
     let loaded = loaded(&text, &["matrix.compare.stereo.with.block=[7]"]).unwrap();
     assert_eq!(loaded.plan.variants, ["block=7"]);
     assert_eq!(block(&loaded, "block=7"), 7);
@@ -97,15 +103,15 @@ fn a_variant_of_another_kind_does_not_keep_what_was_set() {
     let text = format!(
         "{BASE}variants: {{ plain: {{}}, other: {{ compare.depth.kind: filter/median, compare.depth.inputs: {{ depth: source/depth }} }} }}\n"
     );
-    let said = loaded(&text, &["compare.depth.with.cap=50"]).map(|loaded| loaded.warnings.to_string());
-    let said = said.unwrap_or_else(|error| error);
-    assert!(said.contains("variant `other` keeps its own value of `compare.depth.with.cap`"), "{said}");
+    let message = loaded(&text, &["compare.depth.with.cap=50"]).map(|loaded| loaded.warnings.to_string());
+    let message = message.unwrap_or_else(|error| error);
+    assert!(message.contains("variant `other` keeps its own value of `compare.depth.with.cap`"), "{message}");
 }
 
 #[test]
 fn a_variant_that_is_none_is_named() {
-    let said = loaded(&format!("{BASE}{VARIANTS}"), &["variants.smal.compare.stereo.with.block=7"]).unwrap_err();
-    assert!(said.contains("`variants` has no `smal`") && said.contains("did you mean `small`?"), "{said}");
+    let message = loaded(&format!("{BASE}{VARIANTS}"), &["variants.smal.compare.stereo.with.block=7"]).unwrap_err();
+    assert!(message.contains("`variants` has no `smal`") && message.contains("did you mean `small`?"), "{message}");
 }
 
 #[test]
@@ -128,9 +134,9 @@ fn the_kept_experiment_says_what_it_does_not_have() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!("{BASE}{VARIANTS}");
     std::fs::write(folder.path().join("main.yaml"), &text).unwrap();
-    let kept = |set: &[&str]| in_folder(folder.path(), set).unwrap().kept;
-    assert_eq!(kept(&[])[0], ("experiment.yaml".to_owned(), text.clone()), "as it was written");
-    let (name, with) = kept(&["sources.test.with.seed=5", "variants.large=null"]).swap_remove(0);
+    let stored = |set: &[&str]| in_folder(folder.path(), set).unwrap().stored;
+    assert_eq!(stored(&[])[0], ("experiment.yaml".to_owned(), text.clone()), "as it was written");
+    let (name, with) = stored(&["sources.test.with.seed=5", "variants.large=null"]).swap_remove(0);
     assert_eq!(name, "experiment.yaml");
     let (first, rest) = with.split_once('\n').unwrap();
     assert_eq!(
@@ -143,7 +149,7 @@ fn the_kept_experiment_says_what_it_does_not_have() {
     let options = Options { matrix, env: Box::new(|_| None), ..Options::default() };
     let swept = load(&folder.path().join("main.yaml"), &toys::registry(), &options).unwrap();
     assert_eq!(swept.plan.variants.len(), 6);
-    assert!(swept.kept[0].1.contains(": --matrix 'compare.stereo.with.mode=[sgbm, hh]'. "), "{}", swept.kept[0].1);
+    assert!(swept.stored[0].1.contains(": --matrix 'compare.stereo.with.mode=[sgbm, hh]'. "), "{}", swept.stored[0].1);
     std::fs::write(folder.path().join("main.yaml"), with).unwrap();
     assert_eq!(in_folder(folder.path(), &[]).unwrap().plan.variants.len(), 3, "it can be run");
 }
@@ -168,32 +174,32 @@ matrix: { compare.stereo.with.block: [3, 9] }
 );
 
 #[test]
-fn null_takes_away_what_is_inherited_and_what_is_there() {
+fn null_removes_inherited_entries_and_own_ones() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("base.yaml"), TWO_STAGES).unwrap();
     let load = |text: &str, set: &[&str]| {
         std::fs::write(folder.path().join("main.yaml"), text).unwrap();
         in_folder(folder.path(), set)
     };
-    let held = |loaded: Loaded| {
+    let counts = |loaded: Loaded| {
         let runs = loaded.plan.runs.iter().map(|run| format!("{}:{}", run.stage, run.nodes.len()));
         (runs.collect::<Vec<_>>(), loaded.plan.variants.len())
     };
     let all = "sources: { other: null }\nstages: { learn: null, compare: { nodes: { median: ~ } } }\nmatrix: { compare.stereo.with.block: null }\n";
-    let in_the_file = load(&format!("extends: base.yaml\n{all}"), &[]).unwrap_or_else(|said| panic!("{said}"));
+    let in_the_file = load(&format!("extends: base.yaml\n{all}"), &[]).unwrap_or_else(|message| panic!("{message}"));
     assert!(in_the_file.warnings.is_empty(), "{}", in_the_file.warnings);
     let expected = (vec!["compare:3".to_owned()], 1);
-    assert_eq!(held(in_the_file), expected);
+    assert_eq!(counts(in_the_file), expected);
     let set = ["sources.other=null", "learn=null", "compare.median=null", "matrix.compare.stereo.with.block=null"];
-    assert_eq!(held(load(TWO_STAGES, &set).unwrap_or_else(|said| panic!("{said}"))), expected);
-    let matrix = load("extends: base.yaml\nmatrix: null\n", &[]).unwrap_or_else(|said| panic!("{said}"));
+    assert_eq!(counts(load(TWO_STAGES, &set).unwrap_or_else(|message| panic!("{message}"))), expected);
+    let matrix = load("extends: base.yaml\nmatrix: null\n", &[]).unwrap_or_else(|message| panic!("{message}"));
     assert_eq!(matrix.plan.variants, [""]);
     // What others read cannot go, and what was never there neither.
-    let said = load("extends: base.yaml\nstages: { compare: { nodes: { depth: null } } }\n", &[]).unwrap_err();
-    assert!(said.contains("there is no node `depth`") || said.contains("no node `depth`"), "{said}");
-    let said = load("extends: base.yaml\nstages: { lern: null }\n", &[]).unwrap_err();
-    assert!(said.contains("`lern` is empty") && said.contains("nothing of that name is inherited"), "{said}");
+    let message = load("extends: base.yaml\nstages: { compare: { nodes: { depth: null } } }\n", &[]).unwrap_err();
+    assert!(message.contains("there is no node `depth`") || message.contains("no node `depth`"), "{message}");
+    let message = load("extends: base.yaml\nstages: { lern: null }\n", &[]).unwrap_err();
+    assert!(message.contains("`lern` is empty") && message.contains("nothing of that name is inherited"), "{message}");
     // A variant changes, and takes nothing away.
-    let said = load("extends: base.yaml\nvariants: { plain: { compare.median: null } }\n", &[]).unwrap_err();
-    assert!(said.contains("`median` is empty: a node must be a map"), "{said}");
+    let message = load("extends: base.yaml\nvariants: { plain: { compare.median: null } }\n", &[]).unwrap_err();
+    assert!(message.contains("`median` is empty: a node must be a map"), "{message}");
 }

@@ -13,7 +13,7 @@ fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder can be made");
     for (name, text) in files {
         let path = folder.path().join(name);
-        std::fs::create_dir_all(path.parent().expect("it lies in the folder")).expect("a folder can be made");
+        std::fs::create_dir_all(path.parent().expect("it is in the folder")).expect("a folder can be made");
         std::fs::write(path, text).expect("a file can be written");
     }
     folder
@@ -74,17 +74,17 @@ fn fault_10_a_name_that_becomes_a_path_is_one_part_of_it() {
         "c:x",
         &long,
     ] {
-        let said = plan_of(&experiment(&format!("experiment: \"{name}\"")), &[]).expect_err(name);
-        assert!(said.contains("the name of an experiment"), "{name}: {said}");
+        let message = plan_of(&experiment(&format!("experiment: \"{name}\"")), &[]).expect_err(name);
+        assert!(message.contains("the name of an experiment"), "{name}: {message}");
     }
-    let said = plan_of(&learning("", "mask: edges/mask", "").replace("  learn:", &format!("  {long}:")), &[]);
-    assert!(said.expect_err("too long").contains("the name of a stage is longer than 100 characters"));
+    let message = plan_of(&learning("", "mask: edges/mask", "").replace("  learn:", &format!("  {long}:")), &[]);
+    assert!(message.expect_err("too long").contains("the name of a stage is longer than 100 characters"));
 }
 
 #[test]
 fn fault_10_a_combination_of_nothing_has_no_name() {
-    let said = plan_of(&learning("", "mask: edges/mask", "matrix: { include: [{}] }"), &[]).expect_err("no name");
-    assert!(said.contains("includes no change"), "{said}");
+    let message = plan_of(&learning("", "mask: edges/mask", "matrix: { include: [{}] }"), &[]).expect_err("no name");
+    assert!(message.contains("includes no change"), "{message}");
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn fault_15_variants_are_named_by_the_file_not_by_the_machine() {
     );
     let folder = folder(&[("main.yaml", &text)]);
     let names = |data: &str| loaded(&folder.path().join("main.yaml"), &[], data).expect("right").plan.variants;
-    let here = names("/home/somebody/data");
+    let here = names("/home/alice/data");
     assert_eq!(here, ["weights=DATA-a.onnx", "weights=DATA-x-b.onnx", "weights=near-c.onnx", "weights=-x"]);
     assert_eq!(names("/mnt/elsewhere"), here);
 }
@@ -178,7 +178,7 @@ fn fault_32_a_file_of_frames_has_the_look_of_one_or_is_there() {
 fn fault_35_what_a_run_keeps_is_right_wherever_it_lies() {
     let main = "# As it was written.
 extends: ../base.yaml
-experiment: kept   # a comment
+experiment: stored   # a comment
 sources:
   train: { kind: kitti/stereo2015, with: { root: data/kitti, frames: ids.txt } }
 stages:
@@ -192,22 +192,25 @@ stages:
         [("exps/main.yaml", main), ("base.yaml", &base), ("exps/graph.yaml", graph), ("exps/parts/more.yaml", more)];
     let project = folder(&files);
     let set = [("learn.train.with.steps", "7")];
-    let first = loaded(&project.path().join("exps/main.yaml"), &set, "").unwrap_or_else(|said| panic!("{said}"));
-    let names: Vec<&str> = first.kept.iter().map(|(name, _)| name.as_str()).collect();
+    let first = loaded(&project.path().join("exps/main.yaml"), &set, "").unwrap_or_else(|message| panic!("{message}"));
+    let names: Vec<&str> = first.stored.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names.len(), 5, "{names:?}");
     assert_eq!((names[0], names[4]), ("experiment.yaml", "experiment.resolved.yaml"));
-    let kept: Vec<(&str, &str)> = first.kept.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
-    assert!(kept[0].1.contains("# a comment") && kept[0].1.contains("# As it was written."), "{}", kept[0].1);
-    let run = folder(&kept);
+    let stored: Vec<(&str, &str)> = first.stored.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+    assert!(stored[0].1.contains("# a comment") && stored[0].1.contains("# As it was written."), "{}", stored[0].1);
+    let run = folder(&stored);
     let resolved =
-        loaded(&run.path().join("experiment.resolved.yaml"), &[], "").unwrap_or_else(|said| panic!("{said}"));
+        loaded(&run.path().join("experiment.resolved.yaml"), &[], "").unwrap_or_else(|message| panic!("{message}"));
     assert_eq!(resolved.plan.summary_json(), first.plan.summary_json());
-    assert_eq!(resolved.plan.runs[0].source.parts, first.plan.runs[0].source.parts, "the data lies where it lay");
-    let written = loaded(&run.path().join("experiment.yaml"), &set, "").unwrap_or_else(|said| panic!("{said}"));
+    assert_eq!(
+        resolved.plan.runs[0].source.parts, first.plan.runs[0].source.parts,
+        "the paths of the data do not change"
+    );
+    let written = loaded(&run.path().join("experiment.yaml"), &set, "").unwrap_or_else(|message| panic!("{message}"));
     assert_eq!(written.plan.summary_json(), first.plan.summary_json());
     // Kept again, from there: nothing is lost.
-    let again = folder(&written.kept.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect::<Vec<_>>());
-    let thrice = loaded(&again.path().join("experiment.yaml"), &set, "").unwrap_or_else(|said| panic!("{said}"));
+    let again = folder(&written.stored.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect::<Vec<_>>());
+    let thrice = loaded(&again.path().join("experiment.yaml"), &set, "").unwrap_or_else(|message| panic!("{message}"));
     assert_eq!(thrice.plan.summary_json(), first.plan.summary_json());
 }
 
@@ -220,7 +223,7 @@ stages: { learn: { nodes: { graph: parts/graph.yaml } } }
     let base = learning("weights: net.onnx", "mask: edges/mask", "");
     let files = [("exps/main.yaml", main), ("base.yaml", &base), ("exps/parts/graph.yaml", "nodes: {}")];
     let project = folder(&files);
-    let first = loaded(&project.path().join("exps/main.yaml"), &[], "").unwrap_or_else(|said| panic!("{said}"));
+    let first = loaded(&project.path().join("exps/main.yaml"), &[], "").unwrap_or_else(|message| panic!("{message}"));
     let mut read: Vec<_> = first.read.iter().map(|path| path.strip_prefix(project.path()).expect("in it")).collect();
     read.sort();
     let expected = ["base.yaml", "exps/data", "exps/ids.txt", "exps/main.yaml", "exps/parts/graph.yaml", "net.onnx"];
@@ -228,10 +231,10 @@ stages: { learn: { nodes: { graph: parts/graph.yaml } } }
 }
 
 #[test]
-fn what_a_stranger_writes_large_is_refused_before_it_fills_the_memory() {
+fn large_files_are_refused_before_they_fill_the_memory() {
     let deep = format!("learn.train.with{}", ".x".repeat(20_000));
-    let said = plan_of(&learning("", "mask: edges/mask", ""), &[(&deep, "1")]).expect_err("too deep");
-    assert!(said.contains("the path is deeper than 32 keys"));
+    let message = plan_of(&learning("", "mask: edges/mask", ""), &[(&deep, "1")]).expect_err("too deep");
+    assert!(message.contains("the path is deeper than 32 keys"));
     let axes: String = (0..5000).map(|i| format!("  learn.train.with.p{i}: [1]\n")).collect();
     let text = learning(
         "",
@@ -247,6 +250,10 @@ fn what_a_stranger_writes_large_is_refused_before_it_fills_the_memory() {
         (0..3000).map(|i| format!("  s{i}: {{ source: test, nodes: {{ graph: g.yaml }} }}\n")).collect();
     let main = format!("experiment: large\nsources: {{ test: {{ kind: synthetic/road }} }}\nstages:\n{stages}");
     let folder = folder(&[("main.yaml", &main), ("g.yaml", &format!("nodes:\n{nodes}"))]);
-    let said = loaded(&folder.path().join("main.yaml"), &[], "").expect_err("too large");
-    assert!(said.contains("the graph files of this experiment have more than 1000000 values"), "{}", &said[..200]);
+    let message = loaded(&folder.path().join("main.yaml"), &[], "").expect_err("too large");
+    assert!(
+        message.contains("the graph files of this experiment have more than 1000000 values"),
+        "{}",
+        &message[..200]
+    );
 }

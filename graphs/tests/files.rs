@@ -6,8 +6,8 @@ use std::path::Path;
 
 use depthloom_graphs::language::{Options, load};
 
-/// What is said of a file, without the folder it lies in.
-fn said(folder: &Path, name: &str) -> String {
+/// The error about a file, without the path of its folder.
+fn message(folder: &Path, name: &str) -> String {
     let diagnostics = load(&folder.join(name), &toys::registry(), &Options::default()).expect_err("it is broken");
     assert_eq!(diagnostics.iter().count(), 1, "{diagnostics}");
     diagnostics.to_string().replace(folder.to_str().expect("the path is text"), "")
@@ -17,16 +17,16 @@ fn said(folder: &Path, name: &str) -> String {
 fn files_that_cannot_be_read_are_named_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    assert!(said(path, "nowhere.yaml").contains("failed to read `/nowhere.yaml`: there is no such file"));
-    assert!(said(path, ".").contains("it is a folder"));
+    assert!(message(path, "nowhere.yaml").contains("failed to read `/nowhere.yaml`: there is no such file"));
+    assert!(message(path, ".").contains("it is a folder"));
     std::fs::create_dir(path.join("run")).unwrap();
     std::fs::write(path.join("run/experiment.yaml"), "").unwrap();
-    assert!(said(path, "run").contains("the experiment of that run is `/run/experiment.yaml`"));
+    assert!(message(path, "run").contains("the experiment of that run is `/run/experiment.yaml`"));
     std::fs::write(path.join("latin1.yaml"), b"experiment: caf\xe9\n").unwrap();
-    assert!(said(path, "latin1.yaml").contains("it is not UTF-8 text (at byte 15)"));
+    assert!(message(path, "latin1.yaml").contains("it is not UTF-8 text (at byte 15)"));
     let huge = std::fs::File::create(path.join("huge.yaml")).unwrap();
     huge.set_len(1 << 40).unwrap();
-    assert!(said(path, "huge.yaml").contains("it is larger than 4 MiB, which no experiment needs"));
+    assert!(message(path, "huge.yaml").contains("it is larger than 4 MiB, which no experiment needs"));
 }
 
 #[cfg(target_os = "linux")]
@@ -41,7 +41,7 @@ fn a_file_with_too_many_values_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!("experiment: large\ndescription: [{}]\n", "1,".repeat(200_000));
     std::fs::write(folder.path().join("large.yaml"), text).unwrap();
-    assert!(said(folder.path(), "large.yaml").contains("the file has more than 100000 values"));
+    assert!(message(folder.path(), "large.yaml").contains("the file has more than 100000 values"));
 }
 
 #[test]
@@ -51,7 +51,7 @@ fn a_long_chain_of_files_is_refused() {
         let text = format!("experiment: e\nextends: {}.yaml\n", i + 1);
         std::fs::write(folder.path().join(format!("{i}.yaml")), text).unwrap();
     }
-    assert!(said(folder.path(), "0.yaml").contains("reads more than 64 files, or more than 16 in one chain"));
+    assert!(message(folder.path(), "0.yaml").contains("reads more than 64 files, or more than 16 in one chain"));
 }
 
 #[test]

@@ -49,7 +49,7 @@ fn the_schema_knows_every_kind_its_parameters_and_inputs() {
     assert!(sgbm["inputs"]["properties"]["left"]["description"].as_str().unwrap().starts_with("image: "));
     // A type that tolerates unknown keys is closed all the same: the language does not.
     assert_eq!(then("confidence/edges")["with"]["additionalProperties"], false);
-    // Only once-values come from files.
+    // Only aggregate values come from files.
     let forms = |kind: &str, port: &str| then(kind)["inputs"]["properties"][port]["anyOf"].as_array().unwrap().len();
     assert_eq!((forms("mono/onnx", "model"), forms("mono/onnx", "image")), (2, 1));
     let score = &schema["$defs"]["stage"]["properties"]["score"]["properties"];

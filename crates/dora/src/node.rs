@@ -74,7 +74,7 @@ pub fn run(
                     return Ok(ExitCode::Success);
                 };
                 let engines = engines(&arrived).map_err(gone)?;
-                let whole = Ready::of(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
+                let whole = Ready::from_parts(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
                 // Its values then have the keys of a run in one process.
                 own.recipe = whole.runs[node.run].nodes[node.node].recipe;
             }

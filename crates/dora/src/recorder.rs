@@ -105,7 +105,7 @@ pub fn prepare(
         retired: plan.runs.iter().map(|_| AtomicUsize::new(0)).collect(),
         window: 0,
     };
-    Ok((Ready::of(plan, runs, files, &prints), remote))
+    Ok((Ready::from_parts(plan, runs, files, &prints), remote))
 }
 
 /// Waits until every part has reported whether it can start.

@@ -20,7 +20,7 @@ pub struct DeclaredPorts {
     pub outputs: BTreeMap<String, DeclaredPort>,
 }
 
-/// A port: the type of its values (`depth`), or `{ type: depth, rate: once, optional: true }`.
+/// A port: its value type (`depth`), or `{ type: depth, rate: once, optional: true }`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DeclaredPort {
     /// What it carries.
@@ -93,7 +93,7 @@ pub fn check_name(name: &str) -> Result<(), &'static str> {
 }
 
 impl DeclaredPort {
-    /// A port that carries a value for every frame.
+    /// A port that carries one value per frame.
     pub const fn frame(value_type: ValueType) -> Self {
         Self { value_type, rate: Rate::Frame, optional: false }
     }
@@ -134,18 +134,18 @@ impl<'de> Deserialize<'de> for DeclaredPort {
             Written::Whole(whole) => whole,
         };
         let value_type = ValueType::from_name(&whole.value_type)
-            .ok_or_else(|| serde::de::Error::custom(format!("there is no type of values `{}`", whole.value_type)))?;
+            .ok_or_else(|| serde::de::Error::custom(format!("there is no value type `{}`", whole.value_type)))?;
         Ok(Self { value_type, rate: whole.rate, optional: whole.optional })
     }
 }
 
 inline_schema!(DeclaredPort, { "anyOf": [
-    { "type": "string", "enum": types(), "description": "The type of its values, one per frame." },
+    { "type": "string", "enum": types(), "description": "The value type, one value per frame." },
     {
         "type": "object",
         "properties": {
-            "type": { "enum": types(), "description": "The type of its values." },
-            "rate": { "enum": ["frame", "once"], "default": "frame", "description": "A value for every frame, or one for the stage." },
+            "type": { "enum": types(), "description": "The value type." },
+            "rate": { "enum": ["frame", "once"], "default": "frame", "description": "One value per frame, or one for the stage." },
             "optional": { "type": "boolean", "default": false, "description": "An input that may stay unwired; an output that may be absent on a frame." },
         },
         "required": ["type"],

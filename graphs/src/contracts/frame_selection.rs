@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_32_a_frame_is_taken_once_and_in_the_order_asked_for() {
+    fn fault_32_frames_are_selected_once_and_in_the_order_of_the_list() {
         let read = |text: &str| serde_json::from_str::<FrameSelection>(text).map_err(|error| error.to_string());
         assert!(read("[3, 7, 3]").expect_err("3 is there twice").starts_with("frame 3 is named twice"));
         assert_eq!(read("[7, 3]").expect("in any order").select(&IDS).expect("both exist"), vec![2, 0]);
@@ -300,15 +300,15 @@ mod tests {
         std::fs::write(&path, "\u{feff}000007_10\r\n\r\n000003_10\r\n").expect("written");
         assert_eq!(FrameSelection::File(path.clone()).select(&IDS).expect("both exist"), vec![2, 0]);
         std::fs::write(&path, "000007_10\n000003_10\n000007_10\n").expect("written");
-        let said = fault(&FrameSelection::File(path.clone()));
-        assert!(said.contains("ids.txt:3: frame 000007_10 is named twice"), "{said}");
+        let message = fault(&FrameSelection::File(path.clone()));
+        assert!(message.contains("ids.txt:3: frame 000007_10 is named twice"), "{message}");
         std::fs::write(&path, "\n000009_10").expect("written");
-        let said = fault(&FrameSelection::File(path));
-        assert!(said.contains("ids.txt:2: there is no frame `000009_10`"), "{said}");
+        let message = fault(&FrameSelection::File(path));
+        assert!(message.contains("ids.txt:2: there is no frame `000009_10`"), "{message}");
     }
 
     #[test]
-    fn fault_32_what_is_neither_range_nor_path_is_refused_where_it_is_read() {
+    fn fault_32_text_that_is_neither_a_range_nor_a_path_is_refused() {
         let refused = |text: &str| FrameSelection::parse(text).expect_err(text);
         assert!(refused("151-155").ends_with("did you mean `151..=155`?"));
         assert!(refused("151,152").ends_with("did you mean `[151, 152]`, without quotes?"));
@@ -324,12 +324,15 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_pipe_is_no_list_of_frames() {
+    fn a_pipe_is_not_a_list_of_frames() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("ids.txt");
         let made = std::process::Command::new("mkfifo").arg(&path).status().expect("mkfifo is there");
         assert!(made.success());
-        assert!(fault(&FrameSelection::File(path)).contains("failed to read the list of frames"), "and nobody waits");
+        assert!(
+            fault(&FrameSelection::File(path)).contains("failed to read the list of frames"),
+            "the read does not block"
+        );
     }
 
     #[test]

@@ -119,7 +119,7 @@ pub trait PureNode: Send + Sync {
         self.process(inputs, ctx)
     }
 
-    /// Checks the once-values that come from files (all other inputs are absent) before the first frame.
+    /// Checks the aggregate values that come from files (all other inputs are absent) before the first frame.
     ///
     /// # Errors
     /// What is wrong with them.
@@ -136,7 +136,7 @@ pub trait OrderedNode: Send {
     /// What failed; the node's stage ends.
     fn process(&mut self, frame: &Frame, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault>;
 
-    /// After the last frame: the once-values (collected samples, running statistics).
+    /// After the last frame: the aggregate values (collected samples, running statistics).
     ///
     /// # Errors
     /// What failed.

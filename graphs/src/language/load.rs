@@ -23,14 +23,14 @@ use super::plan::upstream;
 use super::text::diagnostics::{Diagnostic, Diagnostics, Report, Severity};
 use super::text::environment;
 use super::text::files::Files;
-use super::text::kept;
 use super::text::resolved;
+use super::text::run_files;
 use super::text::tree::Node;
 use super::unused::{Declared, MOST_VALUES};
 use crate::plan::{Plan, VariantId};
 use crate::registry::Registry;
 
-/// After errors in so many variants, the others are not checked.
+/// Checking stops after errors in this number of variants.
 const ENOUGH_VARIANTS: usize = 200;
 
 /// What decides an experiment besides the file.
@@ -61,13 +61,13 @@ impl Default for Options<'_> {
 /// An experiment that can be run.
 #[derive(Debug)]
 pub struct Loaded {
-    /// What is to be run.
+    /// The plan to run.
     pub plan: Plan,
-    /// What probably is not meant.
+    /// Probable mistakes.
     pub warnings: Diagnostics,
-    /// The files a run keeps, by name (`experiment.yaml`, `experiment/base.yaml`, `experiment.resolved.yaml`) and
+    /// The files that a run stores, by name (`experiment.yaml`, `experiment/base.yaml`, `experiment.resolved.yaml`) and
     /// text. They can be checked and run from any folder.
-    pub kept: Vec<(String, String)>,
+    pub stored: Vec<(String, String)>,
     /// The files it was read from, and the files and folders that it names, from the working directory.
     pub read: Vec<PathBuf>,
 }
@@ -188,7 +188,7 @@ fn planned(
     upstream::check(&runs, &shared.runs, &names, registry, report);
     equal_variants(&variants, &shared, report);
     overruled(&names, &shared, report);
-    let kept = kept::files(files, &root, &overrides::typed(typed, only.as_ref()), &resolver.anywhere);
+    let stored = run_files::texts(files, &root, &overrides::typed(typed, only.as_ref()), &resolver.anywhere);
     let has_factors = variants.iter().any(|variant| !variant.factors.is_empty());
     let plan = Plan {
         experiment,
@@ -205,7 +205,7 @@ fn planned(
         resolved: resolved::yaml(&root, None),
     };
     let read = files.paths().chain(resolver.contents.named()).map(Path::to_owned).collect();
-    Some(Loaded { plan, warnings: Diagnostics::default(), kept, read })
+    Some(Loaded { plan, warnings: Diagnostics::default(), stored, read })
 }
 
 fn equal_variants(variants: &[Variant], shared: &Shared<'_>, report: &mut Report) {

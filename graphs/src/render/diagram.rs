@@ -74,7 +74,7 @@ pub(super) fn variants(plan: &Plan, served: &[VariantId]) -> Option<String> {
         .then(|| served.iter().map(|&v| plan.variants[v].as_str()).collect::<Vec<_>>().join(", "))
 }
 
-pub(super) fn of(plan: &Plan) -> Diagram {
+pub(super) fn from_plan(plan: &Plan) -> Diagram {
     let mut diagram = Diagram { groups: Vec::new(), files: Vec::new(), edges: Vec::new() };
     let mut files: BTreeMap<String, String> = BTreeMap::new();
     for (r, run) in RunId::enumerate(&plan.runs) {

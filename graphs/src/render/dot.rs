@@ -7,9 +7,9 @@ use crate::contracts::Contract;
 use crate::plan::Plan;
 
 impl Plan {
-    /// The plan as a Graphviz digraph, with dashed arrows for once-values.
+    /// The plan as a Graphviz digraph, with dashed arrows for aggregate values.
     pub fn dot(&self) -> String {
-        let diagram = diagram::of(self);
+        let diagram = diagram::from_plan(self);
         let mut text = String::from("digraph plan {\n  rankdir=LR;\n  node [fontname=\"sans-serif\"];\n");
         for group in &diagram.groups {
             let _ = writeln!(text, "  subgraph cluster_{} {{\n    label={};", group.id, quoted(&group.title));

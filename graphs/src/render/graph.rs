@@ -55,7 +55,7 @@ pub(super) struct EdgeEnd {
 impl Plan {
     /// The plan as `{ experiment, nodes, edges }`, with the identifiers of the diagrams.
     pub fn graph_json(&self) -> Graph {
-        let diagram = diagram::of(self);
+        let diagram = diagram::from_plan(self);
         let mut nodes = Vec::new();
         for (group, run) in diagram.groups.iter().zip(&self.runs) {
             // The first box of a stage run is its source.

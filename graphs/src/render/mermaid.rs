@@ -7,9 +7,9 @@ use crate::contracts::Contract;
 use crate::plan::Plan;
 
 impl Plan {
-    /// The plan as a Mermaid flowchart, with dotted arrows for once-values.
+    /// The plan as a Mermaid flowchart, with dotted arrows for aggregate values.
     pub fn mermaid(&self) -> String {
-        let diagram = diagram::of(self);
+        let diagram = diagram::from_plan(self);
         let mut text = String::from("flowchart LR\n");
         for group in &diagram.groups {
             let _ = writeln!(text, "  subgraph {}[\"{}\"]", group.id, escaped(&group.title));

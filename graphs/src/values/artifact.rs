@@ -1,4 +1,4 @@
-//! A once-value kept as bytes: a trained model, collected samples.
+//! An aggregate value stored as bytes: a trained model, collected samples.
 
 use std::sync::Arc;
 
@@ -16,9 +16,9 @@ pub struct Artifact {
 }
 
 impl Artifact {
-    /// The media type of [`Artifact::model`].
+    /// The media type for [`Artifact::model`].
     pub const MODEL: &str = "application/onnx";
-    /// The media type of [`Artifact::samples`].
+    /// The media type for [`Artifact::samples`].
     pub const SAMPLES: &str = "samples/depthloom";
 
     /// A network in an ONNX file.

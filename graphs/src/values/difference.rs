@@ -328,19 +328,22 @@ mod tests {
     }
 
     #[test]
-    fn the_first_and_the_worst_pixel_are_found_and_an_answer_lost_is_worse_than_any_number() {
+    fn the_first_and_worst_pixels_are_found_and_a_missing_value_is_worse_than_any_number() {
         let recorded = depth([1.0, 2.0, f32::NAN, 4.5]);
-        let of = |now: [f32; 4], tolerance: f64| ValueDifference::between(&recorded, &depth(now), tolerance);
-        assert_eq!(of([1.0, 2.0, f32::NAN, 4.5], 0.0), ValueDifference { numbers: 4, ..ValueDifference::default() });
-        let found = of([1.25, 2.0, f32::NAN, 5.5], 0.0);
+        let difference = |now: [f32; 4], tolerance: f64| ValueDifference::between(&recorded, &depth(now), tolerance);
+        assert_eq!(
+            difference([1.0, 2.0, f32::NAN, 4.5], 0.0),
+            ValueDifference { numbers: 4, ..ValueDifference::default() }
+        );
+        let found = difference([1.25, 2.0, f32::NAN, 5.5], 0.0);
         assert_eq!((found.numbers, found.different), (4, 2));
         let at = |x, y, recorded, now| Some(Differs::Number { place: Place::Pixel(x, y), recorded, now });
         assert_eq!(found.first, at(0, 0, Some(1.0), Some(1.25)));
         assert_eq!(found.worst, at(1, 1, Some(4.5), Some(5.5)));
-        // Within a tolerance numbers are equal; an answer and none never are.
-        assert_eq!(of([1.25, 2.0, f32::NAN, 5.5], 0.25).different, 1);
-        assert_eq!(of([1.0, f32::NAN, 9.0, 4.5], 100.0).different, 2);
-        assert_eq!(of([9.0, f32::NAN, f32::NAN, 4.5], 0.0).worst, at(1, 0, Some(2.0), None));
+        // Within a tolerance numbers are equal; a valid and a missing value never are.
+        assert_eq!(difference([1.25, 2.0, f32::NAN, 5.5], 0.25).different, 1);
+        assert_eq!(difference([1.0, f32::NAN, 9.0, 4.5], 100.0).different, 2);
+        assert_eq!(difference([9.0, f32::NAN, f32::NAN, 4.5], 0.0).worst, at(1, 0, Some(2.0), None));
         // By their bits.
         let (zero, other) = (depth([0.0; 4]), depth([-0.0, 0.0, 0.0, 0.0]));
         assert_eq!(ValueDifference::between(&zero, &other, 0.0).different, 1);

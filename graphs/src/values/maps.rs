@@ -126,13 +126,13 @@ mod tests {
     }
 
     #[test]
-    fn only_what_metres_do_not_hold_is_kept_beside_them() {
+    fn inverse_depth_is_stored_only_where_metres_lose_it() {
         let map = |values: &[f32]| Raster::from_raw(values.len() as u32, 1, values.to_vec()).unwrap();
         let inverse = [0.5, 0.0, -2.0, 0.001, f32::NAN];
         let depth = Depth { metres: map(&[2.0, 80.0, 80.0, 80.0, f32::NAN]) };
         let Value::RelativeDepth(both) = Value::depth_from_inverse(depth.clone(), &inverse) else { panic!("relative") };
-        let kept: Vec<Option<f32>> = both.inverse().iter().map(|value| (!value.is_nan()).then_some(*value)).collect();
-        assert_eq!(kept, [None, Some(0.0), Some(-2.0), Some(0.001), None]);
+        let stored: Vec<Option<f32>> = both.inverse().iter().map(|value| (!value.is_nan()).then_some(*value)).collect();
+        assert_eq!(stored, [None, Some(0.0), Some(-2.0), Some(0.001), None]);
         let whole = Value::depth_from_inverse(Depth { metres: map(&[2.0, f32::NAN]) }, &[0.5, f32::NAN]);
         assert!(matches!(whole, Value::Depth(_)));
     }

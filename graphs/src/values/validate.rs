@@ -38,7 +38,7 @@ impl Depth {
 }
 
 impl Weight {
-    /// Weights lie in [0, 1]; none is missing.
+    /// Every weight is in [0, 1].
     fn validate(&self) -> Result<(), String> {
         let is_invalid = |share: f32| !(0.0..=1.0).contains(&share);
         check_samples(&self.share, "", is_invalid, "a weight must be in [0, 1]; 0 stands for no confidence")

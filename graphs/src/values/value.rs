@@ -9,7 +9,7 @@ use super::{
     Artifact, Calibration, Curve, Depth, Disparity, FloatDisparity, Image, Mask, RelativeDepth, TrueDisparity, Weight,
 };
 
-/// The type of a value and of a port.
+/// The type that a value or a port has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ValueType {
     /// 8-bit grey or RGB image.
@@ -58,7 +58,7 @@ impl ValueType {
         matches!(self, Self::Samples | Self::Model)
     }
 
-    /// The type of that name.
+    /// The type with that name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|value_type| value_type.name() == name)
     }
@@ -143,7 +143,7 @@ impl Value {
         })
     }
 
-    /// The type of this value.
+    /// The value's type.
     pub const fn value_type(&self) -> ValueType {
         match self {
             Self::Image(_) => ValueType::Image,

@@ -14,7 +14,7 @@ fn extending_swaps_sources_and_keeps_the_rest() {
     assert_eq!(kitti.description, base.description);
     let part = &kitti.runs[1].source.parts[0];
     assert_eq!(part.kind, "kitti/stereo2015");
-    // The old source's seed is gone: a source whose kind changes starts afresh.
+    // The old source's seed is gone: a new kind drops the old parameters.
     assert_eq!(
         part.params,
         serde_json::json!({ "root": "/data/kitti/training", "frames": "150..156", "ground_truth": "noc" })

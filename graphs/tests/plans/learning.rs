@@ -27,7 +27,7 @@ fn fault_14_operational_parameters_enter_no_recipe_and_no_recording() {
     assert_eq!(often.recipe, seldom.recipe);
     assert_eq!(often.portable, seldom.portable);
     assert!(often.portable.get("checkpoint_every").is_none() && often.portable.get("steps").is_some());
-    assert_eq!(often.params["checkpoint_every"], 1, "it is built with what was asked for");
+    assert_eq!(often.params["checkpoint_every"], 1, "it is built with its own parameters");
     assert_ne!(often.recipe, other.recipe);
 }
 
@@ -51,9 +51,12 @@ fn fault_05_trainings_that_differ_in_operational_parameters_alone_are_one_node()
         (&trainers[0].variants, &trainers[0].params["checkpoint_every"]),
         (&[0, 1].map(VariantId).to_vec(), &5.into())
     );
-    let told = loaded.warnings.to_string();
-    assert!(told.contains("node `train` differs from `train` in parameters alone that decide no result"), "{told}");
-    assert!(told.contains("run with the parameters of `train` of variant `a`"), "{told}");
+    let message = loaded.warnings.to_string();
+    assert!(
+        message.contains("node `train` differs from `train` in parameters alone that decide no result"),
+        "{message}"
+    );
+    assert!(message.contains("run with the parameters of `train` of variant `a`"), "{message}");
 }
 
 #[test]
@@ -74,7 +77,7 @@ fn fault_05_trainings_from_weights_of_equal_content_are_one_node() {
 fn fault_17_what_a_node_cannot_do_with_its_inputs_is_said_with_the_plan() {
     let written =
         Written::new(&[("main.yaml", &learning("", "variants: { a: {}, b: { learn.train.with.network: deaf } }"))]);
-    let told = try_load(&written.path("main.yaml"), &[]).unwrap_err().to_string();
-    assert!(told.contains("node `train`: a deaf network cannot learn (in variant `b`)"), "{told}");
-    assert!(told.contains("help: choose another"), "{told}");
+    let message = try_load(&written.path("main.yaml"), &[]).unwrap_err().to_string();
+    assert!(message.contains("node `train`: a deaf network cannot learn (in variant `b`)"), "{message}");
+    assert!(message.contains("help: choose another"), "{message}");
 }

@@ -52,7 +52,7 @@ impl Written {
         let folder = tempfile::tempdir().expect("a folder can be made");
         for (name, text) in files {
             let path = folder.path().join(name);
-            std::fs::create_dir_all(path.parent().expect("it lies in the folder")).expect("a folder can be made");
+            std::fs::create_dir_all(path.parent().expect("it is in the folder")).expect("a folder can be made");
             std::fs::write(path, text).expect("a file can be written");
         }
         Self { folder }
@@ -221,7 +221,7 @@ fn recipes_know_what_matters_and_nothing_else() {
 fn a_kind_whose_engine_this_machine_lacks_can_be_planned_all_the_same() {
     let loaded = loaded_with(&experiment("kind-without-engine.yaml"), &[]);
     assert_eq!(nodes(&loaded.plan, 0, "far").len(), 1);
-    assert!(loaded.warnings.0.is_empty(), "what a machine has is no matter of the plan: {}", loaded.warnings);
+    assert!(loaded.warnings.0.is_empty(), "the plan does not depend on the machine: {}", loaded.warnings);
 }
 
 #[test]
@@ -295,5 +295,5 @@ fn record_keeps_points_of_depths_with_a_calibration() {
     let plan = plan_of(&stereo("record: { points: [fused, \"compare.d*/depth\"] }"));
     let wants = |node, port| plan.record.points.iter().any(|points| points.names("compare", node, port));
     assert!(wants("fused", "depth") && wants("depth", "depth") && !wants("stereo", "disparity"));
-    assert!(plan.record.view, "pictures are kept unless said otherwise");
+    assert!(plan.record.view, "pictures are kept by default");
 }

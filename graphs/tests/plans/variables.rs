@@ -7,7 +7,7 @@ use super::{Written, nodes, stereo, toys};
 
 /// A plan of an experiment in which variables have these values.
 fn plan(text: &str, variables: &[(&str, &str)]) -> Plan {
-    let written = Written::new(&[("main.yaml", text), ("shared/somebodys.yaml", "description: shared\n")]);
+    let written = Written::new(&[("main.yaml", text), ("shared/alices.yaml", "description: shared\n")]);
     let value = |name: &str| variables.iter().find(|(known, _)| *known == name).map(|(_, value)| (*value).to_owned());
     let options = Options { env: Box::new(value), ..Options::default() };
     load(&written.path("main.yaml"), &toys::registry(), &options).unwrap_or_else(|found| panic!("{found}")).plan
@@ -33,10 +33,10 @@ fn values_of_variables_are_neither_shown_nor_recorded() {
     let text = stereo("description: 'of ${TOKEN}'\nextends: 'shared/${BASE}.yaml'\n")
         .replace("{ kind: synthetic/road }", "{ kind: kitti/stereo2015, with: { root: '${ROOT}/training' } }")
         .replace("ground_truth: source/depth", "ground_truth: source/depth\n      preset: 'x-${TOKEN}'");
-    let values = [("TOKEN", "wrench-17"), ("ROOT", "/home/somebody/kitti"), ("BASE", "somebodys")];
+    let values = [("TOKEN", "wrench-17"), ("ROOT", "/home/alice/kitti"), ("BASE", "alices")];
     let first = plan(&text, &values);
     let shown = shown(&first);
-    for value in ["wrench-17", "somebody"] {
+    for value in ["wrench-17", "alice"] {
         assert!(!shown.contains(value), "{value} is in {shown}");
     }
     assert!(shown.contains(r#""preset":"x-${TOKEN}""#) && shown.contains(r#""root":"${ROOT}/training""#), "{shown}");
@@ -53,8 +53,8 @@ fn values_of_variables_are_neither_shown_nor_recorded() {
     assert_eq!(source(&first)["root"], source(&elsewhere)["root"]);
     assert_eq!(source(&first), source(&elsewhere), "`training` is the name of both folders");
     let renamed = text.replace("${ROOT}/training", "${ROOT}");
-    let of = |root| source(&plan(&renamed, &[values[0], ("ROOT", root), values[2]]));
-    assert_ne!(of("/a/one"), of("/a/other"), "a run of the one is not continued with the other");
+    let source_in = |root| source(&plan(&renamed, &[values[0], ("ROOT", root), values[2]]));
+    assert_ne!(source_in("/a/one"), source_in("/a/other"), "a run with one root does not resume with the other");
     let literal = plan(&text.replace("x-${TOKEN}", "x-wrench-17"), &values);
     assert_eq!(score(&first).recipe, score(&literal).recipe, "the node hash is of the value, however it is given");
 }

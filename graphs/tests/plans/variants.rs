@@ -6,9 +6,9 @@ use super::{Written, labels, loaded_with, nodes, plan_of, stereo, try_load};
 
 /// By variant, `axis: value`.
 fn factors(plan: &Plan) -> Vec<Vec<String>> {
-    let of =
+    let labels =
         |factors: &Vec<Factor>| factors.iter().map(|factor| format!("{}: {}", factor.axis, factor.value)).collect();
-    plan.factors.iter().map(of).collect()
+    plan.factors.iter().map(labels).collect()
 }
 
 #[test]
@@ -72,7 +72,7 @@ fn a_new_kind_in_a_variant_drops_the_old_parameters_and_keeps_the_inputs() {
     );
     let text = text
         .replace("      fused:", "      average: { kind: toy/average, inputs: { depth: depth/depth } }\n      fused:");
-    // toy/offset needs a once-value of an earlier stage; here it is its own stage's.
+    // toy/offset needs an aggregate value of an earlier stage; here it is its own stage's.
     let wrong = Written::new(&[("main.yaml", &text)]);
     let error = try_load(&wrong.path("main.yaml"), &[]).unwrap_err();
     assert_eq!(error.iter().count(), 1, "{error}");
@@ -89,7 +89,7 @@ fn a_new_kind_in_a_variant_drops_the_old_parameters_and_keeps_the_inputs() {
             nodes(&plan, 0, "fused").into_iter().find(|node| node.variants.contains(&VariantId(variant))).unwrap();
         (node.params["size"].clone(), node.params["sizes"].clone())
     };
-    // The same kind again is no new kind.
+    // Setting the same kind again keeps the parameters.
     assert_eq!(sizes(1), (3.into(), serde_json::json!([1])));
 }
 
@@ -147,8 +147,8 @@ fn equal_variants_are_warned_of() {
     let written =
         Written::new(&[("main.yaml", &stereo("variants: { full: {}, same: { compare.stereo.with.block: 5 } }"))]);
     let loaded = loaded_with(&written.path("main.yaml"), &[]);
-    let said: Vec<&str> = loaded.warnings.iter().map(|warning| warning.message.as_str()).collect();
-    assert_eq!(said, ["variant `same` is the same experiment as `full`"]);
+    let messages: Vec<&str> = loaded.warnings.iter().map(|warning| warning.message.as_str()).collect();
+    assert_eq!(messages, ["variant `same` is the same experiment as `full`"]);
     assert_eq!(labels(&loaded.plan), ["stereo", "fused"]);
 }
 

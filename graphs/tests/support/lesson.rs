@@ -1,6 +1,6 @@
 //! A stage that learns.
 
-/// The nodes of a stage in which stereo teaches a network.
+/// The nodes of a stage in which stereo trains a network.
 macro_rules! lesson {
     () => {
         "    nodes:

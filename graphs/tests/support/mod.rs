@@ -1,4 +1,4 @@
-//! Parts of experiments that several tests begin from: macros, so that they stand in constants.
+//! Parts of experiments that several tests begin from: macros, so that constants can contain them.
 
 #[macro_use]
 mod lesson;

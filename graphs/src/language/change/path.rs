@@ -312,14 +312,14 @@ fn no_stage(root: &Node, path: &Path<'_>, first: &str, scope: Scope) -> Unknown 
 
 /// Suggests the path without `stages.`, or explains what would be wrong with it.
 fn begins_with_stages(root: &Node, path: &Path<'_>, rest: &str, scope: Scope) -> Unknown {
-    let meant = match rest.split_once(".nodes.") {
+    let corrected = match rest.split_once(".nodes.") {
         Some((stage, below)) if !stage.contains('.') => format!("{stage}.{below}"),
         _ => rest.to_owned(),
     };
-    match located(root, &meant, scope) {
+    match located(root, &corrected, scope) {
         Ok(_) => {
             let what = "a path begins with the name of a stage itself";
-            path.unknown(0, what, Some(format!("leave out `stages.`: `{meant}`")))
+            path.unknown(0, what, Some(format!("leave out `stages.`: `{corrected}`")))
         }
         Err(Unknown { what, help, .. }) => Unknown { range: 0..path.text.len(), what, help },
     }

@@ -29,19 +29,21 @@ fn chosen(all: Vec<Variant>, only: &Entry, report: &mut Report) -> (Vec<Variant>
         _ => std::slice::from_ref(&only.value),
     };
     if items.is_empty() {
-        report
-            .push(Diagnostic::error(&only.value.place, "`only` names no variant").help("without `only` all are taken"));
+        report.push(
+            Diagnostic::error(&only.value.place, "`only` names no variant").help("without `only`, all variants run"),
+        );
     }
-    let mut kept = vec![false; all.len()];
+    let mut is_chosen = vec![false; all.len()];
     for item in items {
         let Some(pattern) = item.scalar_text() else {
             report.push(item.not_a("`only`", "names of variants").help("e.g. `only: [full, \"no_*\"]`"));
             continue;
         };
         let mut found = false;
-        for (variant, kept) in all.iter().zip(&mut kept).filter(|(variant, _)| glob(&pattern, &variant.name)) {
+        for (variant, is_chosen) in all.iter().zip(&mut is_chosen).filter(|(variant, _)| glob(&pattern, &variant.name))
+        {
             found |= !variant.name.is_empty();
-            *kept |= found;
+            *is_chosen |= found;
         }
         if !found {
             let names: Vec<&str> =
@@ -61,8 +63,8 @@ fn chosen(all: Vec<Variant>, only: &Entry, report: &mut Report) -> (Vec<Variant>
     if report.len() > before {
         return (all, Vec::new());
     }
-    let mut kept = kept.into_iter();
-    all.into_iter().partition(|_| kept.next() == Some(true))
+    let mut is_chosen = is_chosen.into_iter();
+    all.into_iter().partition(|_| is_chosen.next() == Some(true))
 }
 
 /// A pattern for the combinations that contain a name.
@@ -73,8 +75,8 @@ fn of_combinations(written: &str, names: &[&str], place: &Place) -> Option<Strin
     let count = count(pattern);
     let several = if count == 1 { "the variant".to_owned() } else { format!("the {count} variants") };
     Some(match place.file.name == overrides::ONLY {
-        true => format!("`{} '{pattern}'` takes {several} of that form", overrides::ONLY),
-        false => format!("`\"{pattern}\"` takes {several} of that form"),
+        true => format!("`{} '{pattern}'` selects {several} of that form", overrides::ONLY),
+        false => format!("`\"{pattern}\"` selects {several} of that form"),
     })
 }
 

@@ -16,7 +16,7 @@ pub(crate) struct Following {
 const FOLLOWS: &str = "follows";
 const AUTO: &str = "auto";
 
-pub(super) fn of(
+pub(super) fn parameters(
     schema: &Json,
     given: &Json,
     resolved: &Json,

@@ -46,13 +46,13 @@ pub(crate) struct Contents {
 
 impl Contents {
     /// `None` if it is not a file.
-    pub(crate) fn of(&mut self, path: &Path) -> Option<Key> {
+    pub(crate) fn hash_of(&mut self, path: &Path) -> Option<Key> {
         *self.files.entry(path.to_owned()).or_insert_with(|| hash(path))
     }
 
-    fn of_path(&mut self, path: &Path, of: PathOf) -> Option<Key> {
+    fn hash_of_path(&mut self, path: &Path, of: PathOf) -> Option<Key> {
         match of {
-            PathOf::Data => self.of(path),
+            PathOf::Data => self.hash_of(path),
             PathOf::Code => {
                 let hash = || CodePath(path.to_owned()).content().ok();
                 *self.code.entry(path.to_owned()).or_insert_with(hash)
@@ -62,7 +62,7 @@ impl Contents {
 
     /// A path's content, or else what `other` makes of the path.
     fn content_or(&mut self, path: &Path, of: PathOf, other: impl FnOnce(&Path) -> Json) -> Json {
-        match self.of_path(path, of) {
+        match self.hash_of_path(path, of) {
             Some(key) => json!({ "content": key.to_string() }),
             None => other(path),
         }
@@ -190,7 +190,7 @@ impl Resolver {
         });
         let identity = canonical(&identity);
         let operational = with_schema::chosen(&resolved, kind.schema, true);
-        let following = following::of(kind.schema, &given, &resolved, &kind.resolve);
+        let following = following::parameters(kind.schema, &given, &resolved, &kind.resolve);
         let (shown, mut recorded) = (variables::without(&resolved, &hidden), variables::without(&portable, &hidden));
         if kind.contract.is_none() && !hidden.is_empty() {
             // A source has no node hash that would tell two recorded plans apart.

@@ -54,7 +54,7 @@ pub fn schema(registry: &Registry) -> Json {
                 "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" }, "minItems": 1 }, { "type": "null" }],
             },
             "record": {
-                "description": "What is kept; everything if left out.",
+                "description": "Which outputs are recorded [default: all].",
                 "anyOf": [
                     { "$ref": "#/$defs/patterns" },
                     {
@@ -62,7 +62,7 @@ pub fn schema(registry: &Registry) -> Json {
                         "additionalProperties": false,
                         "properties": {
                             "topics": { "$ref": "#/$defs/patterns" },
-                            "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Keep the first frame that a stage runs and every Nth after it, counted in the order they run, whatever their numbers; scores are kept of all." })),
+                            "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Record the first frame that a stage runs and every Nth after it, in running order. Metrics of all frames are recorded." })),
                             "view": or_variable(json!({ "type": "boolean", "description": "Also store small pictures of disparities, depths and weights, for viewers of MCAP files (default: true)." })),
                             "points": { "$ref": "#/$defs/patterns", "description": "Also keep points of these depths, coloured by the source's first image, of every fourth pixel and row, for looking at." },
                         },

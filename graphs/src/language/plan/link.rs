@@ -61,7 +61,7 @@ pub(crate) fn link<'r>(
             .map(|(node, (_, types))| link_node(node, types, &reachable, resolver, report))
             .collect();
         nodes[stage.nodes.len()..].iter_mut().for_each(|node| node.is_score = true);
-        let order = order::of(index, &nodes, report);
+        let order = order::sorted(index, &nodes, report);
         let estimates = stage.score.iter().flat_map(|score| &score.estimates);
         let estimates = estimates
             .filter_map(|estimate| {

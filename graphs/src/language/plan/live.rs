@@ -13,12 +13,12 @@ pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<StageN
     let mut open = Vec::new();
     for (stage_id, stage) in StageId::enumerate(&linked.stages) {
         for (node_id, node) in StageNodeId::enumerate(&stage.nodes) {
-            let kept = node.types.signature.as_ref().is_none_or(|signature| {
+            let is_recorded = node.types.signature.as_ref().is_none_or(|signature| {
                 // A node without outputs (a sink) is used for its effects.
                 let outputs = &signature.outputs;
                 outputs.is_empty() || outputs.iter().any(|o| recording.keeps(&stage.name.text, &node.name.text, o.name))
             });
-            if node.is_score || kept {
+            if node.is_score || is_recorded {
                 open.push(StageNode { stage: stage_id, node: node_id });
             }
         }

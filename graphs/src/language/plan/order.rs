@@ -8,7 +8,7 @@ use crate::language::ids::{StageId, StageNode, StageNodeId};
 use crate::language::text::diagnostics::{Diagnostic, Report};
 
 /// Otherwise in the order of the file. Nodes in or after a circle are left out.
-pub(crate) fn of(stage: StageId, nodes: &[LinkedNode<'_>], report: &mut Report) -> Vec<StageNodeId> {
+pub(crate) fn sorted(stage: StageId, nodes: &[LinkedNode<'_>], report: &mut Report) -> Vec<StageNodeId> {
     let mut waiting_for: Vec<usize> = vec![0; nodes.len()];
     let mut readers: Vec<Vec<StageNodeId>> = vec![Vec::new(); nodes.len()];
     for (index, node) in StageNodeId::enumerate(nodes) {

@@ -14,7 +14,7 @@ pub(crate) enum InputRecipe<'a> {
     File(&'a Key),
 }
 
-pub(crate) fn of(kind: &str, version: u32, portable: &str, inputs: &[(&'static str, InputRecipe<'_>)]) -> Key {
+pub(crate) fn node_hash(kind: &str, version: u32, portable: &str, inputs: &[(&'static str, InputRecipe<'_>)]) -> Key {
     // 0: without an engine.
     let mut builder = Key::build("recipe").text(kind).number(u64::from(version)).text(portable).number(0);
     let mut inputs: Vec<_> = inputs.iter().collect();

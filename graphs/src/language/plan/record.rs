@@ -36,14 +36,14 @@ impl Recorded {
     /// The source of a stage is its node `source`.
     pub(crate) fn keeps(&self, stage: &str, node: &str, port: &str) -> bool {
         let Some(patterns) = &self.patterns else { return true };
-        let mut kept = false;
+        let mut is_recorded = false;
         for pattern in patterns {
             if pattern.output.names(stage, node, port) {
                 pattern.matched.set(true);
-                kept = !pattern.leaves_out;
+                is_recorded = !pattern.leaves_out;
             }
         }
-        kept
+        is_recorded
     }
 
     /// Whether a pattern names the stage or a node of it.

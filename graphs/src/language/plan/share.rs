@@ -71,14 +71,14 @@ enum InputIdentity {
 }
 
 /// The node of the stage run, and its first variant.
-type Known = HashMap<Identity, (NodeId, VariantId)>;
+type NodesByIdentity = HashMap<Identity, (NodeId, VariantId)>;
 
 pub(crate) fn share<'l>(variants: &'l [Linked<'l>], live: &[HashSet<StageNode>]) -> Shared<'l> {
     let mut shared = Shared { runs: Vec::new(), placed: vec![Vec::new(); variants.len()], overruled: Vec::new() };
-    let mut known = Known::new();
+    let mut known = NodesByIdentity::new();
     let stages = variants.first().map_or(0, |linked| linked.stages.len());
     for stage_id in StageId::all(stages) {
-        // Stage runs first: once-values of this stage are looked up by run.
+        // Stage runs first: aggregate values of this stage are looked up by run.
         let first_run = shared.runs.len();
         for (variant, linked) in VariantId::enumerate(variants) {
             let stage = &linked.stages[stage_id];
@@ -109,7 +109,7 @@ pub(crate) fn share<'l>(variants: &'l [Linked<'l>], live: &[HashSet<StageNode>])
 impl<'l> Shared<'l> {
     fn place(
         &mut self,
-        known: &mut Known,
+        known: &mut NodesByIdentity,
         variant: VariantId,
         stage: StageId,
         node: &'l LinkedNode<'l>,
@@ -142,8 +142,12 @@ impl<'l> Shared<'l> {
                     Some((port.name, self.contribution(run, wire.as_ref()?, from.as_ref()?)))
                 })
                 .collect();
-            let recipe =
-                recipe::of(declaration.kind, declaration.version, &canonical(&parameters.portable), &contributions);
+            let recipe = recipe::node_hash(
+                declaration.kind,
+                declaration.version,
+                &canonical(&parameters.portable),
+                &contributions,
+            );
             let variants = Vec::new();
             self.runs[run].nodes.push(SharedNode {
                 first: node,

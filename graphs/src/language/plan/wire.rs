@@ -254,7 +254,7 @@ fn file_wire(port: &Port, file: &Node, resolver: &mut Resolver, report: &mut Rep
     }
     resolver.anywhere.add(file, text);
     let path = paths::located(file, text);
-    match resolver.contents.of(&path) {
+    match resolver.contents.hash_of(&path) {
         Some(content) => {
             let shown = file.text_with_variables().map(str::to_owned);
             Some(Wire::File { path, content, shown })

@@ -41,7 +41,7 @@ impl Anywhere {
         }
     }
 
-    pub(crate) fn of(&self, place: &Place) -> Option<&str> {
+    pub(crate) fn replacement(&self, place: &Place) -> Option<&str> {
         self.0.get(&Self::key(place)).map(|(_, text)| text.as_str())
     }
 

@@ -16,7 +16,7 @@ pub(crate) fn yaml(root: &Node, anywhere: Option<&Anywhere>) -> String {
 
 /// A value with its `${...}` as written.
 pub(crate) fn as_written(node: &Node, anywhere: Option<&Anywhere>) -> Json {
-    if let Some(path) = anywhere.and_then(|anywhere| anywhere.of(&node.place)).filter(|_| is_scalar(node)) {
+    if let Some(path) = anywhere.and_then(|anywhere| anywhere.replacement(&node.place)).filter(|_| is_scalar(node)) {
         return Json::String(path.to_owned());
     }
     if let Some(written) = &node.written {

@@ -1,7 +1,7 @@
-//! The files of an experiment that a run keeps, so that it can be checked and run again.
+//! The files of an experiment that a run stores, so that it can be checked and run again.
 //!
 //! `experiment.yaml` is the main file, `experiment/` has those it extends or takes nodes from, and
-//! `experiment.resolved.yaml` is all of it with `--set`. Only paths are rewritten: kept files by their new names, data
+//! `experiment.resolved.yaml` is all of it with `--set`. Only paths are rewritten: stored files by their new names, data
 //! by absolute paths. Variables stay variables.
 
 use std::collections::HashSet;
@@ -17,7 +17,7 @@ use super::tree::Node;
 const RESOLVED: &str = "experiment.resolved.yaml";
 const FOLDER: &str = "experiment";
 
-pub(crate) fn files(
+pub(crate) fn texts(
     files: &Files<'_>,
     root: &Node,
     typed: &[(&str, String)],
@@ -25,7 +25,7 @@ pub(crate) fn files(
 ) -> Vec<(String, String)> {
     let sources = files.sources();
     let names = names(sources.iter().map(|file| file.name.as_str()));
-    let mut kept: Vec<(String, String)> = Vec::with_capacity(sources.len() + 1);
+    let mut texts: Vec<(String, String)> = Vec::with_capacity(sources.len() + 1);
     for (index, file) in sources.iter().enumerate() {
         let mut edits: Vec<(Range<usize>, String)> = Vec::new();
         let here = |place: &Place| std::sync::Arc::ptr_eq(&place.file, file);
@@ -47,10 +47,10 @@ pub(crate) fn files(
             text.insert_str(start, &without(typed));
         }
         let name = if index == 0 { MAIN.to_owned() } else { format!("{FOLDER}/{}", names[index]) };
-        kept.push((name, text));
+        texts.push((name, text));
     }
-    kept.push((RESOLVED.to_owned(), resolved::yaml(root, Some(anywhere))));
-    kept
+    texts.push((RESOLVED.to_owned(), resolved::yaml(root, Some(anywhere))));
+    texts
 }
 
 /// Bytes; leaves room for a number, an ending and `.partial`.
