@@ -2,7 +2,7 @@
 
 Both load the library of this Python environment. For each number of threads: both are warmed up, then every round runs one image
 here and there, the first of the two by turns; what both give is compared once for every image. Theirs has onnxruntime's own
-defaults but for the number of threads, and that these stop spinning when a run ends.
+defaults, except for the number of threads, and these stop spinning when a run ends.
 """
 import argparse
 import os

@@ -1,8 +1,8 @@
 """Times OpenCV's StereoSGBM and StereoBM and ours in turn, in one run, on the same real frames. Called by stereo.sh.
 
 Prints for each matcher and number of threads the median of both, and `ratio MATCHER-THREADSt VALUE`: the median over frames of
-(OpenCV's best time / our best time). The best of some repetitions of a frame says what the code costs on a machine that
-does other things as well; the medians say what was seen. OpenCV has nothing like `census-sgm`, which is timed alone and
+(OpenCV's best time / our best time). The best of some repetitions of a frame is the cost of the code on a machine that
+does other things as well; the medians include that. OpenCV has nothing like `census-sgm`, which is timed alone and
 has no ratio.
 """
 import argparse

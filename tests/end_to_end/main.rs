@@ -33,6 +33,7 @@ mod looking;
 mod networks;
 mod outputs;
 mod page;
+mod plain_language;
 #[cfg(target_os = "linux")]
 mod process;
 mod python_package;

@@ -152,7 +152,7 @@ for (const file of layouts) {
       const of = parsed && topics.get(parsed.topicName);
       const names = (parsed?.messagePath ?? []).filter((part) => part.type === "name").map((part) => part.name);
       const field = of?.type.fieldsArray.find(({ name }) => name === names[0]);
-      if (names.length !== 1 || field?.type !== "double") faults.push(`${file}: ${value} is no number`);
+      if (names.length !== 1 || field?.type !== "double") faults.push(`${file}: ${value} is not a number`);
       counts.plots += 1;
     }
   }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Holds what `depthloom compare --json` says against SciPy, from the scores.csv of the runs.
+"""Compares the output of `depthloom compare --json` with SciPy's, from the scores.csv of the runs.
 
     check_compare.py COMPARED.json RUN=scores.csv [RUN=scores.csv]
 """

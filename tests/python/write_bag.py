@@ -1,4 +1,4 @@
-"""Writes a bag by what a JSON file says of its messages, with software that is not ours: rosbags serialises and stores, mcap stores what rosbags' writer cannot.
+"""Writes a bag from the messages in a JSON file, with software that is not depthloom's: rosbags serialises and stores, mcap stores what rosbags' writer cannot.
 
     write_bag.py SPEC.json OUT
 
@@ -6,9 +6,9 @@ SPEC: {"writer": "rosbags", "storage": "mcap" | "sqlite3", "compression": "none"
    or {"writer": "mcap", "options": {"compression": "lz4", "chunk_size": 100000, "use_chunking": true}, "messages": [...]}
    or {"writer": "foxglove", "options": {...}, "messages": [...]}
 A message has "topic", "log_ns", "stamp_ns", "frame_id" and one of
-    "image": FILE, "encoding": "bgr8"                  an image as it lies
+    "image": FILE, "encoding": "bgr8"                  the pixels of an image
     "image": FILE, "compressed": "png" | "jpeg"        the image encoded by OpenCV; of a file with that ending its own bytes
-    "depth": VALUES, "encoding": "16UC1" | "32FC1"     a row a list
+    "depth": VALUES, "encoding": "16UC1" | "32FC1"     one list per row
     "camera": {"size": [w, h], "p": [12 numbers], "d": [5 numbers]}
     "points": [[x, y, z], ...]
     "transforms": [{"parent": ..., "child": ..., "translation": [3 numbers], "rotation": [x, y, z, w]}, ...]

@@ -6,7 +6,7 @@
 
 Papers: Zabih and Woodfill 1994 (census), Spangenberg et al. 2013 (centre-symmetric census), Hirschmueller 2008 (paths,
 sub-pixel parabola, left-right check). Images: random ones, teddy and cones (Middlebury), a crop of a KITTI frame; the real
-ones lie in DEPTHLOOM_SHARED, by default ../shared beside the workspace. Also prints the share of bad pixels on teddy and
+ones are in DEPTHLOOM_SHARED, by default ../shared beside the workspace. Also prints the share of bad pixels on teddy and
 cones beside OpenCV's StereoSGBM in mode hh, and milliseconds of both on a KITTI frame with one thread.
 
 Packages come from PyPI into a private virtual environment under the target folder (`cases.py`).

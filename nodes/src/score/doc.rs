@@ -19,8 +19,8 @@ pub(super) fn with_formulas(before: &str, family: Family, behind: &str) -> Strin
 pub(super) const ZONES: &str = "\
 Each row states its zone, the number of pixels counted, the number of pixels with ground truth in the zone, and the \
 share of these that are valid (`density`). The whole image is always the first zone and has no name. `zones:` adds \
-bands of ground-truth distance, of rows and of columns. Each connected optional input adds two zones: `image` adds \
-`edges` and `textureless`; `occluded` adds `visible` and `occluded` (KITTI: `noc` and `occ` ground truth); `obj_map` \
+bands of ground-truth distance, of rows and of columns. Each connected optional input adds two zones. `image` adds \
+`edges` and `textureless`. `occluded` adds `visible` and `occluded` (KITTI: `noc` and `occ` ground truth). `obj_map` \
 adds `background` and `foreground` (KITTI 2015: their `d1` is D1-bg and D1-fg). Zones may overlap.\n\n\
 The value for a data set is the unweighted mean over frames, or with `mean: pixels` the value over all pixels of all \
 frames. `median_error` is not defined over all pixels and is refused there.\n\n";

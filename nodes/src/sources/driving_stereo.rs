@@ -23,7 +23,7 @@ use crate::sources::true_disparity;
 const KIND: &str = "drivingstereo";
 const VERSION: u32 = 2;
 const LAYOUT: &str = "root holds left-image-half-size, right-image-half-size and disparity-map-half-size or depth-map-half-size (a weather; or full-size), \
-train-left-image, train-right-image, ..., or test-left-image, ...; images lie in them or in a folder a sequence";
+train-left-image, train-right-image, ..., or test-left-image, ...; images are in these folders or in one subfolder per sequence";
 const WANTED: &str = "a calibration has the lines `P_rect_101:` (left) and `P_rect_103:` (right), 12 numbers each, px, and `T_103:`, 3 numbers, metres: take it from \
 half-image-calib or full-image-calib, as the images' size is";
 

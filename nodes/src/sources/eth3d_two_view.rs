@@ -52,9 +52,9 @@ impl DatasetKind for Eth3dTwoView {
             version: VERSION,
             summary: "ETH3D two-view: rectified grey pairs of a small rig, indoors and outdoors, with laser ground truth.",
             doc: "\
-Layout (Schöps et al., *A Multi-View Stereo Benchmark with High-Resolution Images and Multi-Camera Videos*, 2017; \
-eth3d.net/documentation): `two_view_training/<scene>` with `im0.png` (left), `im1.png` and `calib.txt`; \
-`two_view_training_gt/<scene>` with `disp0GT.pfm` (px, infinite = unknown) and `mask0nocc.png` (255 where both \
+Published by Schöps et al., *A Multi-View Stereo Benchmark with High-Resolution Images and Multi-Camera Videos*, \
+2017; see eth3d.net/documentation. `two_view_training/<scene>` has `im0.png` (left), `im1.png` and `calib.txt`. \
+`two_view_training_gt/<scene>` has `disp0GT.pfm` (px, infinite = unknown) and `mask0nocc.png` (255 where both \
 cameras see a pixel). All files of a scene may also be in one folder. The baseline in `calib.txt` is in millimetres.\n\n\
 The id of a frame is the name of its scene (`delivery_area_1l`), its index the position of the scene. Depth is `f * \
 B / (d + doffs)`. Pixel centres have integer coordinates.",

@@ -86,8 +86,8 @@ impl DatasetKind for SceneFlow {
             version: VERSION,
             summary: "Scene Flow: FlyingThings3D, Monkaa and Driving, rendered pairs with dense ground truth.",
             doc: "\
-Layout (Mayer et al., *A Large Dataset to Train Convolutional Networks for Disparity, Optical Flow, and Scene Flow \
-Estimation*, 2016; lmb.informatik.uni-freiburg.de): `<root>/frames_finalpass/<folders>/left/%04d.png` (or WebP, also \
+Published by Mayer et al., *A Large Dataset to Train Convolutional Networks for Disparity, Optical Flow, and Scene \
+Flow Estimation*, 2016; see lmb.informatik.uni-freiburg.de. The files are `<root>/frames_finalpass/<folders>/left/%04d.png` (or WebP, also \
 in `frames_finalpass_webp`), `right`, and `<root>/disparity/<folders>/left/%04d.pfm` (px). `<folders>` is \
 `TRAIN/A/0000` for FlyingThings3D, the name of a scene for Monkaa, and `15mm_focallength/scene_forwards/fast` for \
 Driving.\n\n\

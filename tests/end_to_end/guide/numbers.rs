@@ -221,7 +221,7 @@ fn speed(measured: &Json) -> String {
     let pair = |name: &str| (&speed["ms"][name][0], &speed["ms"][name][1]);
     let (sgbm, hh, bm, fusion) = (pair("sgbm"), pair("hh"), pair("bm"), pair("fusion"));
     format!(
-        "- Time per KITTI frame, one thread: semi-global matching {} ms ({}: {} ms), its mode `hh` {} ms\n  ({} ms), block \
+        "- Time per KITTI frame, one thread. Semi-global matching: {} ms ({}: {} ms). Its mode `hh`: {} ms\n  ({} ms). Block \
          matching {} ms ({} ms), the fusion chain {} ms (with NumPy: {} ms). Medians, release build,\n  {}, {} (`bench/stereo.sh`, `bench/fusion.sh`).\n\
          - After a change of the last filter, `experiments/table1.yaml` takes {} s, not {} s: stereo and network are reused.\n",
         sgbm.0,

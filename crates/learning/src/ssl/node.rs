@@ -42,13 +42,14 @@ impl Node for Ssl {
             doc: "\
 The loss is that of the paper, the masked mean absolute error `l = mean over C of |Z_m - Z_s|` (Martins et al. 2018), on inverse depth, depth or log depth. \
 With `photometric`, the left-right photometric loss of Godard et al. 2017 is added. The optimiser is Adam. A step's samples and their augmentation depend \
-only on `seed` and the step, and gradients are added in a fixed order: the same samples give the same network, bit for bit, with any number of workers, also \
-after a kill and resume.\n\n\
+only on `seed` and the step, and gradients are added in a fixed order. So the same samples give the same network, bit for bit, with any number of workers. This \
+also holds after a kill and a resume.\n\n\
 The network is an ONNX file (opset 13). Its input is `image`, Nx3xHxW, RGB in [0, 1], area resized to the samples' size. Its output is `disparity_share` \
 (disparity as a share of the image's width) or `depth` (metres, `eigen-coarse`). Its metadata state input size, normalisation, meaning and the training's cache \
 key.\n\n\
-Networks: `unet-lite`, 1.07 M parameters; `unet-tiny`, 70 k parameters; `fcn-lite`, without skips; `fcn-vgg16`, the network of the paper, whose first 8 convolutions keep the weights of the \
-file `weights` (with the names of torchvision: `features.0.weight`); `eigen-coarse`, the paper's on-board network.\n\n\
+The networks are `unet-lite` (1.07 M parameters), `unet-tiny` (70 k parameters), `fcn-lite` (without skips), `fcn-vgg16` and `eigen-coarse`. \
+`fcn-vgg16` is the network of the paper; its first 8 convolutions keep the weights of the file `weights` (with the names of torchvision: `features.0.weight`). \
+`eigen-coarse` is the paper's on-board network.\n\n\
 With `validation`, samples of another stage, the output is the network with the lowest error on them, and `patience` stops early. Every `checkpoint_every` \
 steps, the state is stored beside the run; if a run was killed or interrupted, repeating the command resumes the training there.",
             inputs: vec![

@@ -81,8 +81,8 @@ The id of a frame is the stem of its file (`000150_10`), its index the number (1
 PNG files. Ground-truth depth is `f * B / (v / 256)` for the 16-bit disparity `v`, NaN where `v` is 0. With \
 `disparities: true` the disparities are outputs, too, and so are the objects if `obj_map` exists.\n\n\
 With calibration files, `f = P_rect_02[0,0]` and `B` is the distance between the centres of both projections. \
-Without them, the focal length depends on the width of the image (1242: 721.5377 px, 1241: 718.856, 1238: 718.3351, \
-1226: 707.0912, 1224: 707.0493), `B = 0.532725` m, and the run prints a warning.\n\n\
+Without them, the focal length depends on the width of the image: 721.5377 px (1242), 718.856 (1241), 718.3351 \
+(1238), 707.0912 (1226), 707.0493 (1224). The baseline is `B = 0.532725` m, and the run prints a warning.\n\n\
 Your own rectified pairs may use the same layout. Frame 150 is `training/image_2/000150_10.png` and \
 `training/image_3/000150_10.png`, 8-bit PNG. `training/calib_cam_to_cam/000150.txt` has two lines, `P_rect_02: f 0 \
 cx 0 0 f cy 0 0 0 1 0` and `P_rect_03: f 0 cx -f*B 0 f cy 0 0 0 1 0` (px; the baseline `B` in metres). Ground truth \

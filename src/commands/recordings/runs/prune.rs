@@ -65,9 +65,9 @@ pub(super) fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliE
         print(format!("{verb} {gone} of {runs}, {} of {}\n", size(bytes), size(all)))?;
     }
     let path = |run: &Run| run.found.path.to_string_lossy().into_owned();
-    let kept = kept.into_iter().map(|(run, why)| KeptRun { path: path(run), why }).collect();
+    let kept_runs = kept.into_iter().map(|(run, why)| KeptRun { path: path(run), why }).collect();
     let (dry_run, runs) = (rules.dry_run, selected().count() as u64);
-    removed.finish(args, |removed, bytes, error| RunsPrune { dry_run, runs, kept, removed, bytes, error })
+    removed.finish(args, |removed, bytes, error| RunsPrune { dry_run, runs, kept: kept_runs, removed, bytes, error })
 }
 
 /// A run, and what rules ask of it.
