@@ -70,14 +70,14 @@ fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
     // Hovering over the figure shows metres, medians and counts; an estimate can be hidden.
     let hover = "document.querySelector('#distance-plot .hover:not([hidden])')?.textContent ?? ''";
     page.point_at("#distance-plot .u-over", (0.3, 0.5));
-    page.until(&format!("({hover}).includes('true distance')"));
+    page.until(&format!("({hover}).includes('ground-truth distance')"));
     let text = page.eval(hover);
     assert!(text.as_str().is_some_and(|text| text.contains("stereo") && text.contains("median")), "{text}");
     page.eval(
         "[...document.querySelectorAll('#distance .pick label')].find((label) => label.textContent === 'stereo').click()",
     );
     page.point_at("#distance-plot .u-over", (0.31, 0.5));
-    page.until(&format!("({hover}).includes('true distance') && !({hover}).includes('stereo')"));
+    page.until(&format!("({hover}).includes('ground-truth distance') && !({hover}).includes('stereo')"));
 
     // Keys move the slider; all views show the frame.
     assert_eq!(page.eval("depthloomPage.state.part.frames.length"), 6);

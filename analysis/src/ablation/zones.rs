@@ -74,7 +74,7 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, metric: &str
             format!(
                 "select two or more estimates over the same pixels: with `--pixels valid` each has its own pixels{}",
                 match named.pooling {
-                    Pooling::MeanOfAnswers => format!(", and `{}` needs `--pixels filled`", named.name),
+                    Pooling::MeanOfValid => format!(", and `{}` needs `--pixels filled`", named.name),
                     _ => String::new(),
                 }
             ),

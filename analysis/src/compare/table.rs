@@ -150,7 +150,7 @@ impl<'a> Compared<'a> {
         }
         for Contrast { metric, .. } in self.contrasts.iter().filter(|contrast| self.pair(contrast).set == PixelSet::All)
         {
-            if metric.pooling == Pooling::MeanOfAnswers {
+            if metric.pooling == Pooling::MeanOfValid {
                 let name = metric.name;
                 notes.push(format!(
                     "{name} excludes invalid pixels, also over all pixels with ground truth: use `--pixels filled`"

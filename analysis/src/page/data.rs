@@ -223,7 +223,7 @@ pub(super) fn pictures(
                 "name": layer.name,
                 "role": layer.role.name(),
                 "type": layer.value_type,
-                "scale": Scale::of(&layer.value_type, pictures.steps()).map(Scale::json),
+                "scale": Scale::for_type(&layer.value_type, pictures.steps()).map(Scale::json),
                 "labels": layer.estimates.iter().map(|&index| label(&estimates[index], layer)).collect::<Vec<_>>(),
                 "estimates": layer.estimates.iter().filter_map(place).collect::<Vec<_>>(),
                 "truth": layer.truth,

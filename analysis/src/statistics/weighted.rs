@@ -30,7 +30,7 @@ impl Weighted {
         rows: impl IntoIterator<Item = &'a ScoreRow>,
     ) -> Option<Self> {
         let form = match (mean, metric.pooling) {
-            (Mean::Frames, _) | (Mean::Pixels, Pooling::Mean | Pooling::MeanOfAnswers) => Form::Mean,
+            (Mean::Frames, _) | (Mean::Pixels, Pooling::Mean | Pooling::MeanOfValid) => Form::Mean,
             (Mean::Pixels, Pooling::RootMeanSquare) => Form::RootMean,
             (Mean::Pixels, Pooling::LogVariance) => Form::LogVariance(settings.silog),
             (Mean::Pixels, Pooling::None) => return None,

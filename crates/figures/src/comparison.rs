@@ -113,7 +113,7 @@ pub fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     all
 }
 
-/// Curves of estimates on equal axes, filled down to zero if that is asked for and few are on a panel.
+/// Curves of estimates on equal axes, filled down to zero on request if a panel has few of them.
 pub fn compared_curves(
     curves: &[(Place, Vec<(f64, f64)>)],
     layout: Layout,

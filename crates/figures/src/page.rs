@@ -3,7 +3,7 @@
 //! The page is what [`page.html`](page/page.html) says, with its style and scripts in it, a JSON object of all numbers,
 //! the [plan](plan_drawing) as a picture, and behind these the [pictures](Pictures) of frames, each in an element of
 //! its own that is decoded when it is looked at. Whatever comes from an experiment is text to the page, never markup:
-//! in JSON no `<` stands, and what stands in markup is escaped.
+//! JSON contains no `<`, and text in markup is escaped.
 
 mod maps;
 mod pictures;
@@ -21,7 +21,7 @@ pub use self::pictures::{Layer, Pictures, Role, Series, evenly};
 pub use self::plan::plan_drawing;
 use crate::xml::escaped;
 
-/// How a page of ours begins, for who must not replace another.
+/// The beginning of a page, by which commands recognise a file that they may replace.
 pub const PAGE_MARK: &str = "<!doctype html>\n<!-- a report of depthloom -->";
 
 const HTML: &str = include_str!("page/page.html");
@@ -38,10 +38,10 @@ const SCRIPTS: [&str; 5] = [
     include_str!("page/page.js"),
 ];
 
-/// Why a page could not be made.
+/// Why a page could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
-    /// It was asked to stop.
+    /// `stop` returned true.
     #[error("stopped before it was finished")]
     Stopped,
     /// The recording cannot be read.
@@ -55,7 +55,7 @@ pub enum PageError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         #[source]
         source: io::Error,
     },
@@ -129,7 +129,7 @@ impl<W: Write> Write for Counted<W> {
     }
 }
 
-/// JSON that may stand in an element: neither its end nor a comment can begin in it.
+/// JSON that is safe in an element: neither the element's end nor a comment can begin in it.
 fn as_element(data: &Json) -> String {
     data.to_string().replace('<', "\\u003c")
 }
@@ -156,7 +156,7 @@ mod tests {
         assert!(HTML.starts_with(PAGE_MARK));
         assert!(HTML.contains("default-src 'none'"));
         for own in SCRIPTS.iter().chain(&STYLE).chain(&[HTML]) {
-            assert!(!own.contains("http://") && !own.contains("https://"), "an address stands in the page");
+            assert!(!own.contains("http://") && !own.contains("https://"), "the page contains an address");
         }
         assert!(SCRIPTS.iter().all(|script| !script.contains("</script") && !script.contains("innerHTML")));
     }

@@ -1,6 +1,6 @@
 //! Panels with axes, and the items on them.
 //!
-//! Sizes are points: words and lines are as large on paper as they are here, whatever the figure's width.
+//! Sizes are points: text and lines have these sizes on paper, whatever the figure's width.
 
 mod axis;
 mod ramp;

@@ -1,5 +1,5 @@
-//! How errors spread along something: the paper's figure of the absolute error against the true distance, and the same
-//! against anything else.
+//! How errors spread along something: the paper's figure of the absolute error against the ground-truth distance, and
+//! the same against anything else.
 //!
 //! The solid line is the median, the darker band goes from 25 to 75 %, the lighter one from 5 to 95 %. Where there are
 //! more than two estimates, only stereo and mono have the lighter band: others would be hidden.

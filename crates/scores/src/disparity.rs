@@ -27,21 +27,21 @@ pub struct DisparityMaps<'a> {
     pub size: (usize, usize),
     /// The estimate, px; 0 and below, and NaN: invalid.
     pub estimate: &'a [f32],
-    /// The same with its gaps filled as the benchmark does; asked for by the set `filled`.
+    /// The same with its gaps filled as in the benchmark; required by the pixel set `filled`.
     pub filled: Option<&'a [f32]>,
     /// The truth, px; NaN: unknown.
     pub truth: &'a [f32],
-    /// Focal length times baseline, px m: distance is this over the disparity and `doffs_px`. Asked for by bands of
-    /// distance.
+    /// Focal length times baseline, px m: the distance is this divided by disparity plus `doffs_px`. Required by bands
+    /// of distance.
     pub focal_baseline_px_m: Option<f64>,
     /// How much farther right the right camera's principal point lies, px.
     pub doffs_px: f64,
 }
 
-/// Answers, their errors, and how many pixels were wrong.
+/// The numbers of valid and of wrong pixels, and the sum of errors.
 #[derive(Clone, Copy, Debug, Default)]
 struct Counts {
-    answers: u64,
+    valid: u64,
     /// px.
     errors: f64,
     /// By threshold of bad-x; then D1.
@@ -50,12 +50,12 @@ struct Counts {
 
 impl Counts {
     fn add(&mut self, estimate: f32, truth: f32) {
-        // What even filling left without an answer has no error, and is compared as -1 px, as in KITTI's devkit.
-        let answers = estimate > 0.0;
-        let (d, t) = (if answers { f64::from(estimate) } else { -1.0 }, f64::from(truth));
+        // A pixel that is invalid even after filling has no error, and is compared as -1 px, as in KITTI's devkit.
+        let is_valid = estimate > 0.0;
+        let (d, t) = (if is_valid { f64::from(estimate) } else { -1.0 }, f64::from(truth));
         let error = (d - t).abs();
-        if answers {
-            self.answers += 1;
+        if is_valid {
+            self.valid += 1;
             self.errors += error;
         }
         for (wrong, threshold) in self.wrong.iter_mut().zip(BAD) {
@@ -66,17 +66,17 @@ impl Counts {
 }
 
 impl DisparityScores {
-    /// Whether the pixels filled are asked for.
+    /// Whether the pixel set `filled` is requested.
     #[must_use]
     pub fn asks_for_filled(&self) -> bool {
         self.sets.contains(&PixelSet::Filled)
     }
 
-    /// The scores of an estimate against the truth: of the whole image, then zone by zone, each a row a pixel set, in
-    /// the order asked for.
+    /// The metrics of an estimate against ground truth: of the whole image, then of each zone. Each has one row per
+    /// pixel set, in the requested order.
     ///
     /// # Panics
-    /// If the size of a map differs from its stated size, or one that is asked for is absent.
+    /// If the size of a map differs from its stated size, or a requested map is missing.
     #[must_use]
     pub fn rows(&self, maps: &DisparityMaps<'_>, clues: &Clues<'_>) -> Vec<ScoreRow> {
         let (width, height) = maps.size;
@@ -105,19 +105,19 @@ impl DisparityScores {
                 filled.add(map[at], maps.truth[at]);
             }
         }
-        let missing = truth - valid.answers;
+        let missing = truth - valid.valid;
         let row = |&set: &PixelSet| {
             let (pixels, of, also_wrong) = match set {
-                PixelSet::Valid => (valid.answers, valid, 0),
+                PixelSet::Valid => (valid.valid, valid, 0),
                 PixelSet::All => (truth, valid, missing),
                 PixelSet::Filled => (truth, filled, 0),
             };
-            let row = ScoreRow { pixels, truth, valid: valid.answers, ..ScoreRow::new(set, zone) };
-            let epe = of.errors / of.answers as f64;
+            let row = ScoreRow { pixels, truth, valid: valid.valid, ..ScoreRow::new(set, zone) };
+            let epe = of.errors / of.valid as f64;
             let share = |wrong: u64| (wrong + also_wrong) as f64 / pixels as f64;
             let scores = std::iter::once(epe).chain(of.wrong.map(share));
-            let asked = DISPARITY.iter().zip(scores).filter(|(metric, _)| self.metrics.contains(metric));
-            asked.fold(row, |row, (metric, score)| row.with(metric, score))
+            let requested = DISPARITY.iter().zip(scores).filter(|(metric, _)| self.metrics.contains(metric));
+            requested.fold(row, |row, (metric, score)| row.with(metric, score))
         };
         self.sets.iter().map(row).collect()
     }
@@ -134,11 +134,11 @@ mod tests {
         DisparityScoreParams { sets: SETS.to_vec(), zones, ..DisparityScoreParams::default() }.scores().unwrap()
     }
 
-    fn of(row: &ScoreRow, names: &[&str]) -> Vec<f64> {
+    fn values(row: &ScoreRow, names: &[&str]) -> Vec<f64> {
         names.iter().map(|name| row.score(name).unwrap()).collect()
     }
 
-    /// Truth 10, 80, 100, 20 px and one unknown; answers 10.5, 84, 95, none: errors 0.5, 4, 5 px.
+    /// Ground truth 10, 80, 100, 20 px and one unknown; estimates 10.5, 84, 95, invalid: errors 0.5, 4, 5 px.
     #[test]
     fn five_pixels_by_hand() {
         let maps = DisparityMaps {
@@ -153,11 +153,11 @@ mod tests {
         let all = ["epe", "bad_0.5", "bad_1", "bad_2", "bad_3", "bad_4", "d1"];
         // 0.5 px is not above 0.5, 4 px not above 4; 4 px are exactly 5 % of 80, and 5 px exactly 5 % of 100: no
         // outliers.
-        assert_eq!(of(&rows[0], &all), [9.5 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0, 0.0]);
+        assert_eq!(values(&rows[0], &all), [9.5 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0, 0.0]);
         // Filled, the fourth is 10 px, of 20: off by half.
-        assert_eq!(of(&rows[1], &all), [19.5 / 4.0, 0.75, 0.75, 0.75, 0.75, 0.5, 0.25]);
-        // Without an answer it is wrong, and has no end-point error.
-        assert_eq!(of(&rows[2], &all), [9.5 / 3.0, 0.75, 0.75, 0.75, 0.75, 0.5, 0.25]);
+        assert_eq!(values(&rows[1], &all), [19.5 / 4.0, 0.75, 0.75, 0.75, 0.75, 0.5, 0.25]);
+        // An invalid pixel is wrong, and has no end-point error.
+        assert_eq!(values(&rows[2], &all), [9.5 / 3.0, 0.75, 0.75, 0.75, 0.75, 0.5, 0.25]);
         assert!(rows.iter().all(|row| row.density() == Some(0.75)));
         assert_eq!(rows.iter().map(|row| row.pixels).collect::<Vec<_>>(), [3, 4, 4]);
     }
@@ -175,7 +175,7 @@ mod tests {
         };
         let params = DisparityScoreParams { sets: vec![PixelSet::All], ..DisparityScoreParams::default() };
         let rows = params.scores().unwrap().rows(&maps, &Clues::default());
-        assert_eq!(of(&rows[0], &["bad_3", "d1"]), [0.75, 0.5]);
+        assert_eq!(values(&rows[0], &["bad_3", "d1"]), [0.75, 0.5]);
     }
 
     /// NumPy: `e = abs(np.float32([20.53, 20.47, 20.5, 23.03]) - 20); (e > .5).mean(), e.mean()`; in whole sixteenths
@@ -192,7 +192,7 @@ mod tests {
         };
         let params = DisparityScoreParams { sets: vec![PixelSet::All], ..DisparityScoreParams::default() };
         let rows = params.scores().unwrap().rows(&maps, &Clues::default());
-        assert_eq!(of(&rows[0], &["bad_0.5", "bad_3"]), [0.5, 0.25]);
+        assert_eq!(values(&rows[0], &["bad_0.5", "bad_3"]), [0.5, 0.25]);
         assert!((rows[0].score("epe").unwrap() - 1.132_500_171_661_377).abs() < 1e-12, "{:?}", rows[0].score("epe"));
     }
 

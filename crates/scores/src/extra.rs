@@ -1,4 +1,4 @@
-//! The sums of the scores beyond Table I's, taken in a pass of their own and only where one of them is asked for.
+//! The sums of the metrics beyond Table I, taken in a separate pass, only if one of them is requested.
 
 use crate::Metric;
 use crate::ln::ln;
@@ -13,18 +13,18 @@ pub(crate) struct Extra {
     inverse: f64,
     inverse_squared: f64,
     within: [u64; 2],
-    /// The absolute errors, if their median is asked for.
+    /// The absolute errors, if their median is requested.
     errors: Option<Vec<f64>>,
 }
 
 impl Extra {
     pub(crate) fn new(metrics: &[&'static Metric]) -> Self {
-        let asked = metrics.iter().any(|metric| metric.name == "median_error");
-        Self { errors: asked.then(Vec::new), ..Self::default() }
+        let needs_median = metrics.iter().any(|metric| metric.name == "median_error");
+        Self { errors: needs_median.then(Vec::new), ..Self::default() }
     }
 
-    /// Whether one of these scores is asked for.
-    pub(crate) fn is_asked(metrics: &[&'static Metric]) -> bool {
+    /// Whether one of these metrics is requested.
+    pub(crate) fn is_requested(metrics: &[&'static Metric]) -> bool {
         let own = ["log10", "mae", "median_error", "imae", "irmse", "delta_1.05", "delta_1.10"];
         metrics.iter().any(|metric| own.contains(&metric.name))
     }
@@ -60,7 +60,7 @@ impl Extra {
         }
     }
 
-    /// A score, if it is one of these; NaN where no pixel counted.
+    /// A metric, if it is one of these; NaN where no pixel counted.
     pub(crate) fn score(&mut self, metric: &Metric) -> Option<f64> {
         let count = if self.pixels == 0 { f64::NAN } else { self.pixels as f64 };
         Some(match metric.name {

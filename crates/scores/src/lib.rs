@@ -1,16 +1,16 @@
-//! The formulas of scores: slices in, a row out; no polars, no I/O.
+//! The formulas of metrics: from slices to a row, without polars and I/O.
 //!
-//! They stand once, here, and serve the node `score/depth` and the analysis of recordings alike. All arithmetic is f64
+//! They are defined here once, for the node `score/depth` and for the analysis of recordings. All arithmetic is f64
 //! with a fixed order of additions and [our own logarithm](ln), so that equal maps give equal bits on every machine.
 //!
 //! ```
 //! use depthloom_scores::{PixelSet, Preset, score};
 //!
-//! let truth_m = [10.0, 20.0, f32::NAN, 40.0]; // NaN: nothing measured there
-//! let estimate_m = [11.0, 26.0, 5.0, f32::NAN]; // NaN: no answer
+//! let truth_m = [10.0, 20.0, f32::NAN, 40.0]; // NaN: no ground truth
+//! let estimate_m = [11.0, 26.0, 5.0, f32::NAN]; // NaN: invalid
 //! let sets = [PixelSet::All, PixelSet::Valid];
 //! let rows = score(&estimate_m, &truth_m, 4, 1, &sets, &Preset::Martins2018.settings());
-//! assert_eq!((rows[0].pixels, rows[1].pixels), (3, 2)); // the missing answer counts in `all` only
+//! assert_eq!((rows[0].pixels, rows[1].pixels), (3, 2)); // the invalid pixel counts in `all` only
 //! assert_eq!(rows[1].score("a1"), Some(0.5)); // 11/10 is within 1.25, 26/20 is not
 //! ```
 

@@ -27,10 +27,10 @@ pub struct Metric {
     pub more_is_better: bool,
     /// How many decimals are worth showing.
     pub decimals: usize,
-    /// What it is, over the `N` pixels that count: `y` the answer and `t` the truth in metres, `e = ln y - ln t`; of
-    /// disparities `d` the answer and `t` the truth in pixels.
+    /// What it is, over the `N` pixels that count: `y` the estimate and `t` the ground truth in metres, `e = ln y - ln
+    /// t`; of disparities `d` the estimate and `t` the ground truth in pixels.
     pub formula: &'static str,
-    /// Who says so.
+    /// The publication or code that defines it.
     pub source: &'static str,
     /// How a data set's value over pixels follows from those of its frames.
     pub pooling: Pooling,
@@ -43,14 +43,13 @@ pub struct Metric {
 pub enum Pooling {
     /// Of means over the pixels that counted: `sum(n x) / sum(n)`.
     Mean,
-    /// Of means over the answers alone, also where a missing answer counts elsewhere: the same with the answers'
-    /// number.
-    MeanOfAnswers,
+    /// As `Mean`, but with the number of valid pixels, also in sets in which invalid pixels count.
+    MeanOfValid,
     /// Of roots of means: `sqrt(sum(n x^2) / sum(n))`.
     RootMeanSquare,
     /// Of variances of the log error: with the frames' means of it.
     LogVariance,
-    /// Not at all: a median of all pixels does not follow from the frames' medians.
+    /// It does not follow: a median of all pixels does not follow from the frames' medians.
     None,
 }
 
@@ -140,7 +139,7 @@ impl Metric {
         all().position(|metric| metric.name == self.name).unwrap_or(usize::MAX)
     }
 
-    /// What it is with these settings: [`formula`](Self::formula), but for the two names that go with two formulas.
+    /// The definition with these settings: [`formula`](Self::formula), except for the two names with two formulas.
     #[must_use]
     pub fn formula_with(&self, settings: &Settings) -> &'static str {
         match (self.name, settings.sq_rel, settings.silog) {
@@ -150,12 +149,11 @@ impl Metric {
         }
     }
 
-    /// How many pixels of a row it is over: where a missing answer has no error that could be added, those that were
-    /// valid.
+    /// The number of pixels of a row that it averages over: the valid pixels, if an invalid pixel has no error to add.
     #[must_use]
     pub fn pixels(&self, row: &ScoreRow) -> u64 {
         match (self.pooling, row.set) {
-            (Pooling::MeanOfAnswers, PixelSet::All) => row.valid,
+            (Pooling::MeanOfValid, PixelSet::All) => row.valid,
             _ => row.pixels,
         }
     }
@@ -183,7 +181,7 @@ impl Metric {
                     log_mean += apart * (n / (count + n));
                 }
                 Pooling::RootMeanSquare => sum += n * value * value,
-                Pooling::Mean | Pooling::MeanOfAnswers | Pooling::None => sum += n * value,
+                Pooling::Mean | Pooling::MeanOfValid | Pooling::None => sum += n * value,
             }
             count += n;
         }
@@ -407,7 +405,7 @@ pub static DEPTH: [Metric; 15] = [
 
 const MIDDLEBURY: &str = "Scharstein and Szeliski 2002; KITTI stereo 2012";
 
-/// The scores of disparities. In the set `all` a missing answer is wrong, and has no end-point error.
+/// The metrics of disparities. In the set `all` an invalid pixel is wrong, and has no end-point error.
 pub static DISPARITY: [Metric; 7] = [
     Metric {
         name: "epe",
@@ -417,16 +415,16 @@ pub static DISPARITY: [Metric; 7] = [
         heading: "EPE",
         more_is_better: false,
         decimals: 3,
-        formula: "mean(|d - t|), over answers alone also where a missing answer counts as wrong",
+        formula: "mean(|d - t|) over valid pixels, also in sets in which invalid pixels count as wrong",
         source: "end-point error; KITTI stereo 2012 (D-Avg)",
-        pooling: Pooling::MeanOfAnswers,
+        pooling: Pooling::MeanOfValid,
         field: 30,
     },
-    bad("bad_0.5", "bad-0.5", "share with |d - t| > 0.5 px, or without an answer", 31),
-    bad("bad_1", "bad-1", "share with |d - t| > 1 px, or without an answer", 32),
-    bad("bad_2", "bad-2", "share with |d - t| > 2 px, or without an answer", 33),
-    bad("bad_3", "bad-3", "share with |d - t| > 3 px, or without an answer", 34),
-    bad("bad_4", "bad-4", "share with |d - t| > 4 px, or without an answer", 35),
+    bad("bad_0.5", "bad-0.5", "share with |d - t| > 0.5 px, or invalid", 31),
+    bad("bad_1", "bad-1", "share with |d - t| > 1 px, or invalid", 32),
+    bad("bad_2", "bad-2", "share with |d - t| > 2 px, or invalid", 33),
+    bad("bad_3", "bad-3", "share with |d - t| > 3 px, or invalid", 34),
+    bad("bad_4", "bad-4", "share with |d - t| > 4 px, or invalid", 35),
     Metric {
         name: "d1",
         unit: "",
@@ -435,7 +433,7 @@ pub static DISPARITY: [Metric; 7] = [
         heading: "D1",
         more_is_better: false,
         decimals: 4,
-        formula: "share with |d - t| > 3 px and |d - t| > 5 % of t, both strict, or without an answer",
+        formula: "share with |d - t| > 3 px and |d - t| > 5 % of t, both strict, or invalid",
         source: "KITTI stereo 2015 (Menze and Geiger 2015), which pools pixels",
         pooling: Pooling::Mean,
         field: 36,

@@ -1,4 +1,4 @@
-//! How scores are asked for.
+//! The parameters that request metrics.
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
@@ -13,38 +13,38 @@ use crate::{
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ScoreParams {
-    /// Named settings: `paper`, `monodepth2` or `kitti-depth`.
+    /// Named settings: `martins2018`, `monodepth2` or `kitti-depth`.
     pub preset: Preset,
-    /// The pixel sets, a row each: `all` and `valid`.
+    /// The pixel sets, one row each: `all` and `valid`.
     #[schemars(length(min = 1), schema_with = "depth_sets")]
     pub sets: Vec<PixelSet>,
-    /// Which scores are taken: a list of names, or `all`; `null`: the eight of Table I.
+    /// The metrics: a list of names, or `all`; `null`: the eight of Table I.
     #[schemars(schema_with = "depth_metrics")]
     pub metrics: Option<MetricNames>,
     /// What a data set's value is: the mean over `frames` of their values, or taken over all `pixels` of all frames.
     pub mean: Mean,
-    /// Parts of the image that are scored on their own, beside the whole.
+    /// Parts of the image that are scored separately, in addition to the whole.
     pub zones: ZoneParams,
-    /// Truth above this is scored, and answers below (not missing ones) are raised to it, metres; `null`: the preset's.
+    /// Ground truth above this is scored, and valid estimates below are raised to it, metres; `null`: the preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub min_m: Option<f64>,
-    /// Truth below this is scored, and answers above are lowered to it, metres; `null`: the preset's.
+    /// Ground truth below this is scored, and estimates above are lowered to it, metres; `null`: the preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub max_m: Option<f64>,
-    /// What a missing answer counts as in the set `all`, metres, as it is: also where it is below `min_m`; `null`: the
+    /// The value of an invalid pixel in the set `all`, metres. It is not clamped, and can be below `min_m`; `null`: the
     /// preset's.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub missing_m: Option<f64>,
     /// The part of the image that is scored: `none`, `garg` or `eigen`; `null`: the preset's.
     pub crop: Option<Crop>,
-    /// What is done to answers that know no scale, frame by frame: `none`, `median` or `scale-and-shift`; `null`: the
+    /// How estimates without a scale are aligned, frame by frame: `none`, `median` or `scale-and-shift`; `null`: the
     /// preset's.
     pub align: Option<Align>,
-    /// What `align` was called before: `true` is `align: median`, `false` is `align: none`.
+    /// The earlier name of `align`: `true` is `align: median`, `false` is `align: none`.
     pub median_scaling: Option<bool>,
-    /// What `sq_rel` is: `by-truth` or `by-truth-squared`; `null`: the preset's.
+    /// The formula of `sq_rel`: `by-truth` or `by-truth-squared`; `null`: the preset's.
     pub sq_rel: Option<SquaredRelative>,
-    /// What `silog` is: `half-variance` or `hundred-deviation`; `null`: the preset's.
+    /// The formula of `silog`: `half-variance` or `hundred-deviation`; `null`: the preset's.
     pub silog: Option<ScaleInvariant>,
 }
 
@@ -93,8 +93,8 @@ impl ScoreParams {
         self.scores().map(drop)
     }
 
-    /// Whether all that is asked for can have a value. An experiment that asks for more is refused; a recording of one
-    /// can be read.
+    /// Whether all requested metrics can have a value. An experiment that requests others is refused; a recording of
+    /// one can be read.
     ///
     /// # Errors
     /// The parameter at fault, by its name, and why.
@@ -110,7 +110,7 @@ impl ScoreParams {
             None => Ok(()),
             Some(band) => {
                 let what = format!("zones: the band {}..{} holds nothing", band[0], band[1]);
-                let what = format!("{what}, for truth is scored from {min_m} to {max_m} m (min_m, max_m)");
+                let what = format!("{what}: ground truth is scored from {min_m} to {max_m} m (min_m, max_m)");
                 Err(("zones", format!("{what}: leave it out, or let them reach farther")))
             }
         }
@@ -148,17 +148,17 @@ impl ScoreParams {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DisparityScoreParams {
-    /// The pixel sets, a row each: `all` (a missing answer is wrong), `valid`, and `filled` (every pixel with ground
+    /// The pixel sets, one row each: `all` (an invalid pixel is wrong), `valid`, and `filled` (every pixel with ground
     /// truth, after the KITTI devkit's interpolation of invalid pixels).
     #[schemars(length(min = 1))]
     pub sets: Vec<PixelSet>,
-    /// Which scores are taken: a list of names, or `all`; `null`: all.
+    /// The metrics: a list of names, or `all`; `null`: all.
     #[schemars(schema_with = "disparity_metrics")]
     pub metrics: Option<MetricNames>,
     /// What a data set's value is: the mean over `frames` of their values, or taken over all `pixels` of all frames, as
     /// KITTI stereo 2015 does for D1.
     pub mean: Mean,
-    /// Parts of the image that are scored on their own, beside the whole.
+    /// Parts of the image that are scored separately, in addition to the whole.
     pub zones: ZoneParams,
 }
 
@@ -227,10 +227,10 @@ fn metrics_of(names: Option<&MetricNames>, family: Family) -> Result<Vec<&'stati
     };
     let known = || all().map(|metric| metric.name).collect::<Vec<_>>().join(", ");
     if let Some(name) = names.iter().find(|name| !all().any(|metric| metric.name == **name)) {
-        return Err(("metrics", format!("metrics names `{name}`, which is none of {}", known())));
+        return Err(("metrics", format!("metrics contains the unknown name `{name}`: expected one of {}", known())));
     }
     if word || names.is_empty() {
-        return Err(("metrics", format!("metrics wants `all` or a list of {}", known())));
+        return Err(("metrics", format!("metrics must be `all` or a list of {}", known())));
     }
     match names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
         Some((_, name)) => Err(("metrics", format!("metrics names `{name}` twice"))),
@@ -264,7 +264,7 @@ mod tests {
     use super::*;
     use crate::{Clues, DEPTH};
 
-    fn asked(metrics: MetricNames) -> Result<Vec<&'static str>, String> {
+    fn requested(metrics: MetricNames) -> Result<Vec<&'static str>, String> {
         let params = ScoreParams { metrics: Some(metrics), ..ScoreParams::default() };
         let names = |metrics: Vec<&'static Metric>| metrics.into_iter().map(|metric| metric.name).collect();
         params.metrics().map(names).map_err(|(_, what)| what)
@@ -276,12 +276,16 @@ mod tests {
 
     #[test]
     fn scores_come_in_the_catalogues_order_and_unknown_ones_are_refused() {
-        assert_eq!(asked(listed(&["mae", "a1"])), Ok(vec!["a1", "mae"]));
-        assert_eq!(asked(MetricNames::Word("all".to_owned())).unwrap().len(), DEPTH.len());
-        assert!(asked(listed(&["d1"])).unwrap_err().starts_with("metrics names `d1`, which is none of a1, a2"));
-        assert!(asked(listed(&[])).unwrap_err().starts_with("metrics wants `all` or a list of"));
-        assert!(asked(MetricNames::Word("a1".to_owned())).unwrap_err().starts_with("metrics wants"));
-        assert_eq!(asked(listed(&["a1", "a1"])), Err("metrics names `a1` twice".to_owned()));
+        assert_eq!(requested(listed(&["mae", "a1"])), Ok(vec!["a1", "mae"]));
+        assert_eq!(requested(MetricNames::Word("all".to_owned())).unwrap().len(), DEPTH.len());
+        assert!(
+            requested(listed(&["d1"]))
+                .unwrap_err()
+                .starts_with("metrics contains the unknown name `d1`: expected one of a1, a2")
+        );
+        assert!(requested(listed(&[])).unwrap_err().starts_with("metrics must be `all` or a list of"));
+        assert!(requested(MetricNames::Word("a1".to_owned())).unwrap_err().starts_with("metrics must be"));
+        assert_eq!(requested(listed(&["a1", "a1"])), Err("metrics names `a1` twice".to_owned()));
     }
 
     #[test]
@@ -308,7 +312,7 @@ mod tests {
         assert_eq!((bands(&[0.0, 50.0, 120.0], None), bands(&[80.0, 120.0], Some(120.0))), (Ok(()), Ok(())));
     }
 
-    /// Against the formulas written out, on answers and on one that is missing: 1e-4 m.
+    /// Against the formulas written out, on valid pixels and one invalid pixel: 1e-4 m.
     #[test]
     fn scores_beyond_table_1_are_their_formulas() {
         let params = ScoreParams {

@@ -197,8 +197,8 @@ impl ScoredPixels {
         }
     }
 
-    /// `median(truth) / median(estimate)` over the scored pixels with an estimate; 1 where there is none, or the median
-    /// is zero.
+    /// `median(truth) / median(estimate)` over the scored pixels with an estimate; 1 without such pixels, or if the
+    /// median is zero.
     fn median_factor(&self, estimate_m: &[f32]) -> f64 {
         let pairs = self.at.iter().zip(&self.truth_m).map(|(&at, &t)| (t, estimate_m[at as usize]));
         let (mut ts, mut ys): (Vec<f32>, Vec<f32>) = pairs.filter(|(_, y)| y.is_finite()).unzip();
@@ -386,7 +386,7 @@ mod tests {
     fn estimates_of_unknown_scale_and_shift_are_brought_to_the_truth_in_inverse_depth() {
         let settings = Settings { align: Align::ScaleAndShift, ..Settings::default() };
         let truth = [2.0, 4.0, 8.0, 16.0, 5.0];
-        // 1/y = 3/t + 0.25, and a pixel without an answer.
+        // 1/y = 3/t + 0.25, and an invalid pixel.
         let estimate = truth.map(|t: f32| if t == 5.0 { f32::NAN } else { 1.0 / (3.0 / t + 0.25) });
         let pixels = ScoredPixels::new(&truth, 5, 1, &settings);
         let Alignment::Inverse { scale, shift } = pixels.alignment(&estimate, &settings) else { panic!("fitted") };

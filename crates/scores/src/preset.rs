@@ -1,4 +1,4 @@
-//! Named settings: what "the usual scores" are, for whom.
+//! Named settings of metrics, as papers and benchmarks use them.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -7,36 +7,36 @@ use crate::{Align, Crop, ScaleInvariant, Settings, SquaredRelative};
 
 /// A named set of [`Settings`].
 ///
-/// | | `paper` | `monodepth2` | `kitti-depth` |
+/// | | `martins2018` | `monodepth2` | `kitti-depth` |
 /// |---|---|---|---|
-/// | truth scored | 1e-3 < t < 80 m | 1e-3 < t < 80 m | all a KITTI depth PNG can hold: 1e-3 < t < 256 m |
+/// | scored ground truth | 1e-3 < t < 80 m | 1e-3 < t < 80 m | the range of a KITTI depth PNG: 1e-3 < t < 256 m |
 /// | crop | none | Garg | none |
 /// | alignment | none | median, frame by frame | none |
-/// | clamp of answers | [1e-3, 80] m | [1e-3, 80] m | [1e-3, 256] m |
-/// | missing answer in `all` | 1e-4 m | 1e-4 m | 1e-4 m |
+/// | clamp of valid estimates | [1e-3, 80] m | [1e-3, 80] m | [1e-3, 256] m |
+/// | invalid pixel in `all` | 1e-4 m | 1e-4 m | 1e-4 m |
 /// | `sq_rel` | `mean((y-t)^2/t)`, m | `mean((y-t)^2/t)`, m | `mean((y-t)^2/t^2)` |
-/// | `silog` | `1/2N sum(e - mean e)^2` | as `paper` | `100 sqrt(1/N sum(e - mean e)^2)` |
+/// | `silog` | `1/2N sum(e - mean e)^2` | as `martins2018` | `100 sqrt(1/N sum(e - mean e)^2)` |
 ///
-/// The other six scores are the same formulas everywhere. A data set's value is the unweighted mean over frames of
+/// The other six metrics have the same formulas everywhere. A data set's value is the unweighted mean over frames of
 /// each.
 ///
-/// What Table I leaves open follows from its numbers: a missing answer counts as 1e-4 m, truth stops at 80 m, `silog`
-/// is half the variance of the log error. `monodepth2` is that project's `evaluate_depth.py`: median scaling is its
-/// default for networks taught by video; a network taught by stereo switches it off (`align: none`); it has dense
-/// estimates only and no `silog`: both are as in `paper`. The kit of `kitti-depth` (2017) fills holes of an estimate
-/// before scoring; here they stay holes and count as 1e-4 m in `all`: put a filling node before the score to have its
-/// numbers.
+/// Details that Table I does not state follow from its numbers: an invalid pixel counts as 1e-4 m, ground truth ends at
+/// 80 m, `silog` is half the variance of the log error. `monodepth2` is that project's `evaluate_depth.py`: median
+/// scaling is its default for networks trained on video; for a network trained on stereo it is switched off (`align:
+/// none`); it has dense estimates only and no `silog`: both are as in `martins2018`. The kit of `kitti-depth` (2017)
+/// fills holes of an estimate before scoring; here they stay holes and count as 1e-4 m in `all`: put a filling node
+/// before the score to have its numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(description = "Named settings.")]
 pub enum Preset {
-    /// Table I of Martins et al. 2018: truth in 0.001 to 80 m, a missing answer counts as 0.0001 m, `silog` is half the
-    /// variance.
+    /// Table I of Martins et al. 2018: ground truth from 0.001 to 80 m, an invalid pixel counts as 0.0001 m, `silog` is
+    /// half the variance.
     #[default]
     Martins2018,
     /// monodepth2 on the Eigen split: Garg crop, median scaling.
     Monodepth2,
-    /// The KITTI depth development kit: no cap below 256 m, `sq_rel` over the squared truth, `silog` a deviation
+    /// The KITTI depth development kit: no cap below 256 m, `sq_rel` over the squared ground truth, `silog` a deviation
     /// times 100.
     KittiDepth,
 }
@@ -45,7 +45,7 @@ impl Preset {
     /// All presets, in the order of documentation.
     pub const ALL: [Self; 3] = [Self::Martins2018, Self::Monodepth2, Self::KittiDepth];
 
-    /// The settings it stands for.
+    /// Its settings.
     #[must_use]
     pub const fn settings(self) -> Settings {
         let paper = Settings {
@@ -71,7 +71,7 @@ impl Preset {
 }
 
 impl Default for Settings {
-    /// The settings of the preset `paper`.
+    /// The settings of the preset `martins2018`.
     fn default() -> Self {
         Preset::Martins2018.settings()
     }

@@ -1,4 +1,4 @@
-//! One row of scores: what a frame's estimate is worth on one set of pixels.
+//! One row of metrics: of a frame's estimate on one pixel set.
 
 use std::fmt;
 
@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::Metric;
 
-/// Which pixels a score is taken over: in Table I, "Incl Occ" is `all` and "Non-occ only" is `valid`.
+/// The pixels over which a metric is computed: in Table I, "Incl Occ" is `all` and "Non-occ only" is `valid`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(description = "Which pixels are scored.")]
 pub enum PixelSet {
-    /// Every pixel with ground truth; a missing answer counts as `missing_m`, of disparities as wrong.
+    /// Every pixel with ground truth; an invalid pixel counts as `missing_m`, of disparities as wrong.
     All,
     /// The pixels with ground truth on which the estimate is valid.
     Valid,
@@ -63,18 +63,18 @@ pub struct ScoreRow {
     /// Mean of the log error: with it `silog` can be pooled over frames. `None` where no pixel counted or no logarithm
     /// was taken.
     pub log_mean: Option<f64>,
-    /// Those asked for, in the catalogue's order; without those that are no number, for no pixel counted.
+    /// The requested metrics in the catalogue's order; a metric without a value is left out, because no pixel counted.
     pub scores: Vec<(&'static Metric, f64)>,
 }
 
 impl ScoreRow {
-    /// A row of no pixels.
+    /// A row without pixels.
     #[must_use]
     pub fn new(set: PixelSet, zone: &str) -> Self {
         Self { set, zone: zone.to_owned(), pixels: 0, truth: 0, valid: 0, log_mean: None, scores: Vec::new() }
     }
 
-    /// The row with one more score behind the others; one that is no number is left out.
+    /// The row with one more metric at the end; a value that is not a number is left out.
     #[must_use]
     pub fn with(mut self, metric: &'static Metric, value: f64) -> Self {
         if !value.is_nan() {
@@ -83,19 +83,20 @@ impl ScoreRow {
         self
     }
 
-    /// A score, if it was asked for and a pixel counted.
+    /// The value of a metric, if it was requested and a pixel counted.
     #[must_use]
     pub fn get(&self, metric: &Metric) -> Option<f64> {
         self.scores.iter().find(|(of, _)| of.name == metric.name).map(|(_, value)| *value)
     }
 
-    /// The score of that name, if it was asked for and a pixel counted.
+    /// The value of the metric of that name, if it was requested and a pixel counted.
     #[must_use]
     pub fn score(&self, name: &str) -> Option<f64> {
         self.get(Metric::named(name)?)
     }
 
-    /// The share of pixels with ground truth that are valid; `None` if there are none, or the recording does not say.
+    /// The share of pixels with ground truth that are valid; `None` without such pixels, or if the recording does not
+    /// state it.
     #[must_use]
     pub fn density(&self) -> Option<f64> {
         (self.truth > 0).then(|| self.valid as f64 / self.truth as f64)

@@ -18,8 +18,8 @@ pub struct DepthScores {
 }
 
 impl DepthScores {
-    /// The scores of an estimate against the truth: of the whole image, then zone by zone, each a row a pixel set, in
-    /// the order asked for.
+    /// The metrics of an estimate against ground truth: of the whole image, then of each zone. Each has one row per
+    /// pixel set, in the requested order.
     ///
     /// Maps as those of [`score`]. What aligns an estimate is fitted once, over the whole image.
     ///
@@ -69,19 +69,19 @@ impl DepthScores {
         let valid = valid.finish();
         let mut all = valid;
         all.merge(&missing.finish());
-        let mut extra = Extra::is_asked(&self.metrics).then(|| self.extra(estimate, pixels, alignment));
+        let mut extra = Extra::is_requested(&self.metrics).then(|| self.extra(estimate, pixels, alignment));
         let row = |&set: &PixelSet| {
             let (of_set, extra) = match (set, &mut extra) {
                 (PixelSet::Valid, extra) => (&valid, extra.as_mut().map(|[valid, _]| valid)),
                 (_, extra) => (&all, extra.as_mut().map(|[_, all]| all)),
             };
             let row = ScoreRow { truth: pixels.len() as u64, valid: valid.pixels(), ..ScoreRow::new(set, zone) };
-            self.asked(of_set.row(row, settings), extra)
+            self.requested(of_set.row(row, settings), extra)
         };
         self.sets.iter().map(row).collect()
     }
 
-    /// The sums of the scores beyond Table I's: over the answers, and over all pixels.
+    /// The sums of the metrics that are not in Table I: over the valid pixels, and over all.
     fn extra(&self, estimate: DepthEstimate<'_>, pixels: &ScoredPixels, alignment: Alignment) -> [Extra; 2] {
         let (mut valid, mut missing) = (Extra::new(&self.metrics), Extra::new(&self.metrics));
         let settings = &self.settings;
@@ -92,8 +92,8 @@ impl DepthScores {
         [valid, all]
     }
 
-    /// The row with the scores that were asked for, in the catalogue's order, and no others.
-    fn asked(&self, row: ScoreRow, extra: Option<&mut Extra>) -> ScoreRow {
+    /// The row with the requested metrics, in the catalogue's order.
+    fn requested(&self, row: ScoreRow, extra: Option<&mut Extra>) -> ScoreRow {
         let (table_1, mut row) = (row.scores, ScoreRow { scores: Vec::with_capacity(self.metrics.len()), ..row });
         row.scores.extend(table_1.into_iter().filter(|(metric, _)| self.metrics.contains(metric)));
         let Some(extra) = extra else { return row };
@@ -104,11 +104,11 @@ impl DepthScores {
     }
 }
 
-/// The scores of Table I of an estimate against the truth, one row a pixel set, in the order of `sets`.
+/// The metrics of Table I of an estimate against ground truth, one row per pixel set, in the order of `sets`.
 ///
-/// Both maps are row-major metres, `width * height` pixels. An estimate has no answer where it is NaN or infinite; the
-/// truth is unknown where it is NaN. A row in which no pixel counts has no scores. The formulas are those of the
-/// [catalogue](crate::DEPTH) and [`Settings`].
+/// Both maps are row-major metres, `width * height` pixels. An estimate is invalid where it is NaN or infinite; the
+/// ground truth is unknown where it is NaN. A row in which no pixel counts has no metrics. The formulas are those of
+/// the [catalogue](crate::DEPTH) and [`Settings`].
 ///
 /// # Panics
 /// If a map has another number of pixels.

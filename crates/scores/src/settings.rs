@@ -1,39 +1,39 @@
-//! How scores are taken.
+//! How metrics are computed.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Crop;
 
-/// How scores are taken: which pixels count, what happens to the estimate before, and which of two formulas of one
-/// name.
+/// How metrics are computed: which pixels count, how the estimate is prepared, and which of two formulas of one name
+/// applies.
 ///
-/// In this order: the truth is masked by `min_m < t < max_m`, both strict, and by the crop; the valid estimates are
-/// aligned if asked for; they are clamped to `[min_m, max_m]` last. A pixel without an answer then counts as
-/// `missing_m`, as it is, in the set `all`, and not at all in the set `valid`.
+/// In this order: the ground truth is masked by `min_m < t < max_m`, both strict, and by the crop; the valid estimates
+/// are aligned if requested; they are clamped to `[min_m, max_m]` last. An invalid pixel then counts as `missing_m`,
+/// without clamping, in the set `all`; in the set `valid` it does not count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Truth above this is scored, and estimates below are raised to it; metres.
+    /// Ground truth above this is scored, and estimates below are raised to it; metres.
     pub min_m: f64,
-    /// Truth below this is scored, and estimates above are lowered to it; metres.
+    /// Ground truth below this is scored, and estimates above are lowered to it; metres.
     pub max_m: f64,
-    /// What a missing answer counts as in the set `all`; metres.
+    /// The value of an invalid pixel in the set `all`; metres.
     pub missing_m: f64,
     /// The part of the image that is scored.
     pub crop: Crop,
-    /// What is done to estimates that know no scale, frame by frame.
+    /// How estimates without a scale are aligned, frame by frame.
     pub align: Align,
-    /// Which formula `sq_rel` is.
+    /// The formula of `sq_rel`.
     pub sq_rel: SquaredRelative,
-    /// Which formula `silog` is.
+    /// The formula of `silog`.
     pub silog: ScaleInvariant,
 }
 
-/// What is done, frame by frame, to estimates that know no scale, before they are clamped: what follows is fitted over
-/// the scored pixels with an answer, of the whole image.
+/// How estimates without a scale are aligned, frame by frame, before they are clamped. The fit is over the valid scored
+/// pixels of the whole image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-#[schemars(description = "What is done to estimates that know no scale, frame by frame.")]
+#[schemars(description = "How estimates without a scale are aligned, frame by frame.")]
 pub enum Align {
     /// Nothing: estimates are metres.
     #[default]
@@ -41,7 +41,7 @@ pub enum Align {
     /// Multiplied by `median(truth) / median(estimate)` (Zhou et al. 2017, monodepth2).
     Median,
     /// `1/y` becomes `s/y + b`, with the `s` and `b` of least squares against `1/t`, as MiDaS does in inverse depth
-    /// (Ranftl et al. 2020). What comes out at infinity or beyond is as far as `max_m`.
+    /// (Ranftl et al. 2020). A result at infinity or beyond becomes `max_m`.
     ScaleAndShift,
 }
 
@@ -87,7 +87,7 @@ impl Settings {
     /// What differs between tables that look alike, for a caption: bounds, crop, alignment.
     #[must_use]
     pub fn in_words(&self) -> String {
-        let mut text = format!("truth in {} to {} m", self.min_m, self.max_m);
+        let mut text = format!("ground truth from {} to {} m", self.min_m, self.max_m);
         match self.crop {
             Crop::None => {}
             Crop::Garg => text.push_str(", Garg crop"),
@@ -95,9 +95,9 @@ impl Settings {
         }
         match self.align {
             Align::None => {}
-            Align::Median => text.push_str(", scaled to the median of the truth, frame by frame"),
+            Align::Median => text.push_str(", scaled to the median of the ground truth, frame by frame"),
             Align::ScaleAndShift => {
-                text.push_str(", scale and shift of inverse depth fitted to the truth, frame by frame");
+                text.push_str(", scale and shift of inverse depth fitted to the ground truth, frame by frame");
             }
         }
         text
@@ -129,11 +129,11 @@ mod tests {
     #[test]
     fn alignment_is_named_in_the_caption() {
         let paper = Preset::Martins2018.settings();
-        assert_eq!(paper.in_words(), "truth in 0.001 to 80 m");
+        assert_eq!(paper.in_words(), "ground truth from 0.001 to 80 m");
         let words = crate::Settings { align: crate::Align::ScaleAndShift, ..paper }.in_words();
         assert!(words.contains("scale and shift of inverse depth"), "{words}");
         let words = Preset::Monodepth2.settings().in_words();
-        assert_eq!(words, "truth in 0.001 to 80 m, Garg crop, scaled to the median of the truth, frame by frame");
+        assert_eq!(words, "ground truth from 0.001 to 80 m, Garg crop, scaled to the median of the ground truth, frame by frame");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The sums a row of scores is made of, taken block by block.
+//! The sums of a row of metrics, computed block by block.
 
 use crate::ln::ln;
 use crate::row::ScoreRow;
@@ -88,7 +88,7 @@ impl Sums {
             let e = ln(y / t);
             *log = e;
             // `max(y/t, t/y) < 1.25^k` without divisions; the powers are exact in binary, so for f32 maps it is the
-            // same answer.
+            // same result.
             for (count, limit) in within.iter_mut().zip([1.25, 1.5625, 1.953_125]) {
                 count[lane] += u64::from(y < limit * t) & u64::from(t < limit * y);
             }
@@ -154,7 +154,7 @@ impl Sums {
         self.pixels
     }
 
-    /// The row with the scores of Table I; without any where no pixel counted.
+    /// The row with the metrics of Table I; without metrics if no pixel counted.
     pub(crate) fn row(&self, row: ScoreRow, settings: &Settings) -> ScoreRow {
         if self.pixels == 0 {
             return row;

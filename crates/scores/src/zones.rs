@@ -1,23 +1,23 @@
-//! Zones: parts of the image that are scored on their own, beside the whole.
+//! Zones: parts of the image that are scored separately, in addition to the whole.
 //!
-//! Zones may overlap, and need not cover the image. Those that follow from a map are there where the map is.
+//! Zones may overlap, and need not cover the image. Zones that depend on a map exist only if the map does.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Which parts of the image are scored on their own. The whole image always is.
+/// The parts of the image that are scored separately. The whole image is always scored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[schemars(inline)]
 pub struct ZoneParams {
-    /// Bounds of bands of true distance, metres, ascending: `[0, 10, 20, 30, 50, 80]` gives the zones `0..10` to
-    /// `50..80`, each with its lower bound and without its upper one.
+    /// Bounds of bands of ground-truth distance, metres, ascending: `[0, 10, 20, 30, 50, 80]` gives the zones `0..10`
+    /// to `50..80`, each with its lower bound and without its upper one.
     #[schemars(inner(range(min = 0)))]
     pub distance_m: Vec<f64>,
-    /// Into how many bands of rows the image is cut, top first: 3 gives `row_1_of_3` to `row_3_of_3`; 0: none.
+    /// The number of bands of rows, top first: 3 gives `row_1_of_3` to `row_3_of_3`; 0: none.
     #[schemars(range(max = 64))]
     pub rows: u32,
-    /// Into how many bands of columns the image is cut, left first: 3 gives `column_1_of_3` to `column_3_of_3`; 0:
+    /// The number of bands of columns, left first: 3 gives `column_1_of_3` to `column_3_of_3`; 0:
     /// none.
     #[schemars(range(max = 64))]
     pub columns: u32,
@@ -38,12 +38,12 @@ impl Default for ZoneParams {
     }
 }
 
-/// Maps that say which zones a pixel is in, row-major, of the truth's size; 0 is no.
+/// Maps that state which zones a pixel is in, row-major, of the size of the ground truth; 0 means none.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clues<'a> {
     /// The image, grey: zones `edges` and `textureless`.
     pub grey: Option<&'a [u8]>,
-    /// What the right camera does not see: zones `visible` and `occluded`.
+    /// Pixels that the right camera does not see: zones `visible` and `occluded`.
     pub occluded: Option<&'a [u8]>,
     /// Objects (KITTI's `obj_map`): zones `background` and `foreground`.
     pub objects: Option<&'a [u8]>,
@@ -58,7 +58,7 @@ pub(crate) struct Zone<'a> {
 
 #[derive(Clone, Debug)]
 enum Kind<'a> {
-    /// True distances from, below, metres.
+    /// Ground-truth distances from, below, metres.
     Distance(f64, f64),
     /// Positions from, below.
     Rows(usize, usize),
@@ -66,18 +66,18 @@ enum Kind<'a> {
     Columns(usize, usize, usize),
     /// Where a mask is set, or not.
     Mask(&'a [u8], bool),
-    Made(Vec<bool>),
+    Computed(Vec<bool>),
 }
 
 impl Zone<'_> {
-    /// Whether a pixel is in it: its row-major position, and its true distance, metres.
+    /// Whether a pixel is in it: its row-major position, and its ground-truth distance, metres.
     pub(crate) fn has(&self, at: usize, truth_m: f64) -> bool {
         match &self.kind {
             Kind::Distance(from, below) => (*from..*below).contains(&truth_m),
             Kind::Rows(from, below) => (*from..*below).contains(&at),
             Kind::Columns(from, below, width) => (*from..*below).contains(&(at % width)),
             Kind::Mask(mask, set) => (mask[at] > 0) == *set,
-            Kind::Made(mask) => mask[at],
+            Kind::Computed(mask) => mask[at],
         }
     }
 }
@@ -129,8 +129,8 @@ impl ZoneParams {
         }
         if let Some(grey) = clues.grey {
             let (edges, textureless) = self.texture(grey, width, height);
-            add("edges".to_owned(), Kind::Made(edges));
-            add("textureless".to_owned(), Kind::Made(textureless));
+            add("edges".to_owned(), Kind::Computed(edges));
+            add("textureless".to_owned(), Kind::Computed(textureless));
         }
         if let Some(occluded) = clues.occluded {
             add("visible".to_owned(), Kind::Mask(occluded, false));
@@ -198,8 +198,9 @@ mod tests {
         let (width, height) = (5, 7);
         let zones = params.of_frame(width, height, &Clues::default());
         for at in 0..width * height {
-            let of = |name: &str| zones.iter().filter(|zone| zone.name.starts_with(name) && zone.has(at, 1.0)).count();
-            assert_eq!((of("row_"), of("column_")), (1, 1), "{at}");
+            let count =
+                |name: &str| zones.iter().filter(|zone| zone.name.starts_with(name) && zone.has(at, 1.0)).count();
+            assert_eq!((count("row_"), count("column_")), (1, 1), "{at}");
         }
         // 7 rows in 3 bands: numpy's int(7 * [0, 1, 2, 3] / 3) = [0, 2, 4, 7].
         assert!(named(&zones, "row_1_of_3").has(2 * width - 1, 1.0) && named(&zones, "row_2_of_3").has(2 * width, 1.0));
@@ -216,7 +217,7 @@ mod tests {
         let zones = ZoneParams::default().of_frame(width, height, &clues);
         let edges: Vec<bool> = (0..width).map(|at| named(&zones, "edges").has(at + width, 1.0)).collect();
         let flat: Vec<bool> = (0..width).map(|at| named(&zones, "textureless").has(at + width, 1.0)).collect();
-        // Sobel's dx is 4 * 40 beside the step, which is 20 levels per pixel; the 3x3 window reaches one column
+        // Sobel's dx is 4 * 40 next to the step, which is 20 levels per pixel; the 3x3 window reaches one column
         // farther.
         assert_eq!(edges, [false, false, false, true, true, false, false, false, false]);
         assert_eq!(flat, [true, true, false, false, false, false, true, true, true]);
@@ -231,9 +232,9 @@ mod tests {
         let params = ScoreParams { sets: vec![All, Valid], zones, ..ScoreParams::default() };
         let (truth, estimate) = ([5.0, 15.0, 30.0, f32::NAN], [6.0, f32::NAN, 25.0, 3.0]);
         let rows = params.scores().unwrap().rows(&estimate, &truth, (4, 1), &Clues::default());
-        let told: Vec<_> = rows.iter().map(|row| (&*row.zone, row.set, row.pixels, row.truth, row.valid)).collect();
+        let counts: Vec<_> = rows.iter().map(|row| (&*row.zone, row.set, row.pixels, row.truth, row.valid)).collect();
         assert_eq!(
-            told,
+            counts,
             [
                 ("", All, 3, 3, 2),
                 ("", Valid, 2, 3, 2),
@@ -248,8 +249,9 @@ mod tests {
 
     #[test]
     fn bands_that_cannot_be_cut_are_refused() {
-        let of = |distance_m: &[f64]| ZoneParams { distance_m: distance_m.to_vec(), ..ZoneParams::default() }.check();
-        assert!(of(&[]).is_ok() && of(&[0.0, 80.0]).is_ok());
+        let check =
+            |distance_m: &[f64]| ZoneParams { distance_m: distance_m.to_vec(), ..ZoneParams::default() }.check();
+        assert!(check(&[]).is_ok() && check(&[0.0, 80.0]).is_ok());
         for (wrong, what) in [
             (&[10.0][..], "distance_m has 10 alone: a band has two bounds"),
             (&[0.0, 0.0], "distance_m has 0 after 0: each bound is above the one before it"),
@@ -257,7 +259,7 @@ mod tests {
             (&[0.0, f64::INFINITY], "distance_m has inf: a bound is a distance in metres, 0 or more"),
             (&[-1.0, 3.0], "distance_m has -1: a bound is a distance in metres, 0 or more"),
         ] {
-            assert_eq!(of(wrong).unwrap_err(), what);
+            assert_eq!(check(wrong).unwrap_err(), what);
         }
     }
 }

@@ -25,16 +25,16 @@ fn naive(estimate: &[f32], truth: &[f32], width: usize, set: PixelSet, settings:
     };
     let valid = |i: &usize| estimate[*i].is_finite();
     let all: Vec<usize> = (0..truth.len()).filter(|&i| scored(i)).collect();
-    let with_answer: Vec<usize> = all.iter().copied().filter(valid).collect();
+    let valid_pixels: Vec<usize> = all.iter().copied().filter(valid).collect();
     let mut factor = 1.0;
-    if settings.align == Align::Median && !with_answer.is_empty() {
-        let of = |map: &[f32]| median(with_answer.iter().map(|&i| f64::from(map[i])).collect());
-        factor = of(truth) / of(estimate);
+    if settings.align == Align::Median && !valid_pixels.is_empty() {
+        let median_of = |map: &[f32]| median(valid_pixels.iter().map(|&i| f64::from(map[i])).collect());
+        factor = median_of(truth) / median_of(estimate);
     }
-    let pixels = if set == PixelSet::All { &all } else { &with_answer };
+    let pixels = if set == PixelSet::All { &all } else { &valid_pixels };
     let t: Vec<f64> = pixels.iter().map(|&i| f64::from(truth[i])).collect();
-    let answer = |i: usize| (f64::from(estimate[i]) * factor).clamp(settings.min_m, settings.max_m);
-    let y: Vec<f64> = pixels.iter().map(|i| if valid(i) { answer(*i) } else { settings.missing_m }).collect();
+    let clamped = |i: usize| (f64::from(estimate[i]) * factor).clamp(settings.min_m, settings.max_m);
+    let y: Vec<f64> = pixels.iter().map(|i| if valid(i) { clamped(*i) } else { settings.missing_m }).collect();
     let pairs = || y.iter().copied().zip(t.iter().copied());
     let within = |limit: f64| mean(pairs().map(|(y, t)| f64::from(u8::from((y / t).max(t / y) < limit))));
     let logs: Vec<f64> = pairs().map(|(y, t)| y.ln() - t.ln()).collect();
@@ -59,7 +59,7 @@ fn naive(estimate: &[f32], truth: &[f32], width: usize, set: PixelSet, settings:
     let row = ScoreRow {
         pixels: pixels.len() as u64,
         truth: all.len() as u64,
-        valid: with_answer.len() as u64,
+        valid: valid_pixels.len() as u64,
         log_mean: Some(log_mean).filter(|mean| !mean.is_nan()),
         ..ScoreRow::new(set, "")
     };
@@ -114,7 +114,7 @@ fn all_close(ours: &ScoreRow, theirs: &ScoreRow, settings: &Settings) -> bool {
 proptest! {
     #[test]
     fn scores_are_those_of_the_naive_twin((width, estimate, truth) in frames(), settings in settings()) {
-        // Median scaling by a median that is no positive number is left out in both; the twin does not model it.
+        // Both skip scaling by a median that is not positive; the twin does not model it.
         let unscaled = Settings { align: Align::None, ..settings };
         let settings = if estimate.iter().any(|y| *y <= 0.0) { unscaled } else { settings };
         let sets = [PixelSet::Valid, PixelSet::All];
@@ -145,10 +145,10 @@ proptest! {
     #[test]
     fn median_scaling_makes_scores_independent_of_a_power_of_two((width, truth, estimate) in frames(), power in -3_i32..4) {
         let settings = Preset::Monodepth2.settings();
-        // A median of zero is no scale: nothing is aligned then, and what is too near is clamped as it comes.
+        // Without a positive median nothing is aligned, and values below the minimum are clamped.
         let estimate: Vec<f32> = estimate.iter().map(|y| if *y == 0.0 { f32::NAN } else { y.abs() }).collect();
         let scaled: Vec<f32> = estimate.iter().map(|y| y * 2.0_f32.powi(power)).collect();
-        let of = |y: &[f32]| score(y, &truth, width, truth.len() / width, &[PixelSet::All], &settings).remove(0);
-        prop_assert!(all_close(&of(&estimate), &of(&scaled), &settings));
+        let score_of = |y: &[f32]| score(y, &truth, width, truth.len() / width, &[PixelSet::All], &settings).remove(0);
+        prop_assert!(all_close(&score_of(&estimate), &score_of(&scaled), &settings));
     }
 }

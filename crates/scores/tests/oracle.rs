@@ -1,4 +1,4 @@
-//! The scores against numbers that were not made by this project.
+//! The metrics against numbers from outside of this project.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -25,8 +25,11 @@ fn eight_pixels_score_as_with_numpy() {
     }
     let kitti = &score(&estimate, &truth, 4, 2, &[PixelSet::All], &Preset::KittiDepth.settings())[0];
     assert_eq!(kitti.pixels, 7);
-    let of = |name: &str| kitti.score(name).unwrap_or_else(|| panic!("{name} is there"));
-    assert!((of("sq_rel") - KITTI_SQ_REL).abs() < 1e-13 && (of("silog") - KITTI_SILOG).abs() < 1e-10, "{kitti:?}");
+    let value = |name: &str| kitti.score(name).unwrap_or_else(|| panic!("{name} is there"));
+    assert!(
+        (value("sq_rel") - KITTI_SQ_REL).abs() < 1e-13 && (value("silog") - KITTI_SILOG).abs() < 1e-10,
+        "{kitti:?}"
+    );
 }
 
 const EXPECTED_ALL: (u64, [f64; 8]) = (

@@ -13,7 +13,7 @@ pub(super) const FAMILY: &str = "DejaVu Sans, Verdana, sans-serif";
 pub(super) static FACE: LazyLock<Face<'static>> =
     LazyLock::new(|| Face::parse(BYTES, 0).expect("the program carries a font"));
 
-/// The glyph of a character; an empty box where the font has none.
+/// The glyph of a character; an empty box if the font does not have it.
 pub(super) fn glyph(character: char) -> GlyphId {
     FACE.glyph_index(character).unwrap_or(GlyphId(0))
 }

@@ -16,7 +16,7 @@ fn drawing() -> Drawing {
 }
 
 #[test]
-fn a_png_has_the_pixels_that_were_asked_for() {
+fn a_png_has_the_requested_size() {
     let bytes = drawing().png(144.0).unwrap();
     let mut reader = ::png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];

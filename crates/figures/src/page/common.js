@@ -1,8 +1,8 @@
-// What all parts of the page use. Whatever comes from the experiment becomes text nodes and properties, never markup.
+// Shared by all parts of the page. Text from the experiment becomes text nodes and properties, never markup.
 const D = JSON.parse(document.getElementById("data").textContent);
 const byId = (id) => document.getElementById(id);
 
-/** An element: its properties and listeners, then what it holds. */
+/** Creates an element with properties, listeners and children. */
 function el(tag, properties = {}, ...inner) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(properties)) {
@@ -17,13 +17,13 @@ function el(tag, properties = {}, ...inner) {
 }
 
 const plural = (count, what) => `${count.toLocaleString("en")} ${what}${count === 1 ? "" : "s"}`;
-/** A box stands before its words, all else behind them. */
+/** A checkbox comes before its text, any other input after it. */
 const label = (text, input) => el("label", {}, input.type === "checkbox" ? [input, text] : [text, input]);
 const choose = (options, chosen, change) =>
   el("select", { onchange: (event) => change(event.target.value) },
     options.map(([value, text]) => el("option", { value, selected: value === chosen }, text)));
 
-/** A number with about so many significant digits, and no more zeros than it needs. */
+/** A number with about `digits` significant digits, without needless zeros. */
 function short(number, digits = 4) {
   if (number === null || number === undefined || !Number.isFinite(number)) return "–";
   if (number === 0) return "0";
@@ -35,7 +35,7 @@ function short(number, digits = 4) {
 const unitOf = (metric) => D.table?.metrics.find((one) => one.name === metric)?.unit || "";
 const plainOf = (metric) => D.table?.metrics.find((one) => one.name === metric)?.plain || metric;
 
-/** Estimates of one name have one colour; what tells them apart are dashes. */
+/** Estimates of the same name have the same colour and different dashes. */
 const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [4, 2], [14, 4], [2, 6], [6, 2, 2, 2, 2, 2]];
 const seen = new Map();
 for (const of of D.estimates) {
@@ -51,7 +51,7 @@ function swatch(of) {
   return svg;
 }
 
-// Light and dark: the system's until it is chosen.
+// Light or dark: follows the system until the user chooses.
 const themed = [];
 const isDark = () => document.documentElement.classList.contains("dark");
 function setDark(dark) {
@@ -64,12 +64,12 @@ system.addEventListener("change", () => setDark(system.matches));
 const colourOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const faint = (hex, share) => hex + Math.round(255 * share).toString(16).padStart(2, "0");
 
-/** Leaves out a section that has nothing to show. */
+/** Removes a section that has nothing to show. */
 function without(id) {
   byId(id).remove();
 }
 
-/** A group of boxes to tick, one an item; `change` gets the set of those ticked. */
+/** A group of checkboxes, one per item; `change` gets the set of selected keys. */
 function ticks(title, items, ticked, change) {
   const chosen = new Set(ticked);
   const boxes = items.map(({ key, inner, title }) => {

@@ -1,11 +1,11 @@
-// Figures that answer to the pointer: uPlot draws them, the number under the pointer stands beside it.
-const THIN = 100; // pixels: fewer say little of a bin
+// Interactive figures: uPlot draws them, and the number at the pointer is shown beside it.
+const THIN = 100; // pixels: the percentiles of a bin with fewer are unreliable
 
 /**
  * A figure in `place`: `lines` of { values, stroke, dash, width, points, hidden }, `bands` of [upper, lower, fill], by place among the lines.
- * `told(i)` gives what stands beside the pointer at the i-th x, `pressed(i)` is called with the one that was pressed.
+ * `hoverText(i)` returns the content of the hover box at the i-th x; `clicked(i)` is called on a click there.
  */
-function figure(place, { x, lines, bands = [], height = 340, xLabel, yLabel, yRange, xRange, log = false, told, pressed, sync, bars = false, whole = false }) {
+function figure(place, { x, lines, bands = [], height = 340, xLabel, yLabel, yRange, xRange, log = false, hoverText, clicked, sync, bars = false, whole = false }) {
   place.replaceChildren();
   const quiet = () => colourOf("--quiet"), grid = () => colourOf("--line") + "88";
   const axis = (text, size) => ({ label: text, labelSize: 22, size, stroke: quiet, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1, size: 5 }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" });
@@ -28,8 +28,8 @@ function figure(place, { x, lines, bands = [], height = 340, xLabel, yLabel, yRa
     hooks: {
       setCursor: [(u) => {
         const i = u.cursor.idx;
-        if (i === null || i === undefined || u.cursor.left < 0 || !told) return void (hover.hidden = true);
-        const inner = told(i);
+        if (i === null || i === undefined || u.cursor.left < 0 || !hoverText) return void (hover.hidden = true);
+        const inner = hoverText(i);
         if (!inner) return void (hover.hidden = true);
         hover.replaceChildren(inner);
         hover.hidden = false;
@@ -54,10 +54,10 @@ function figure(place, { x, lines, bands = [], height = 340, xLabel, yLabel, yRa
     plot.zoomed = true;
     if (to > from) plot.setScale("x", { min: from, max: to });
   };
-  if (pressed) {
+  if (clicked) {
     let down = 0;
     plot.over.addEventListener("mousedown", (event) => { down = event.clientX; });
-    plot.over.addEventListener("click", (event) => { if (Math.abs(event.clientX - down) < 4 && plot.cursor.idx !== null) pressed(plot.cursor.idx); });
+    plot.over.addEventListener("click", (event) => { if (Math.abs(event.clientX - down) < 4 && plot.cursor.idx !== null) clicked(plot.cursor.idx); });
     plot.over.style.cursor = "pointer";
   }
   const resized = new ResizeObserver(() => { if (place.isConnected && place.clientWidth > 0) plot.setSize({ width: place.clientWidth, height }); });
@@ -70,13 +70,13 @@ function figure(place, { x, lines, bands = [], height = 340, xLabel, yLabel, yRa
 const zoomButtons = (now) => [
   el("button", { type: "button", onclick: () => now().zoom(0.5) }, "zoom in"),
   el("button", { type: "button", onclick: () => now().zoom(2) }, "zoom out"),
-  el("button", { type: "button", onclick: () => now().reset() }, "all"),
+  el("button", { type: "button", onclick: () => now().reset() }, "reset zoom"),
 ];
 
-/** A table beside the pointer. */
+/** A table in the hover box. */
 const hoverTable = (title, head, rows) => el("div", {}, el("b", {}, title), el("table", {}, el("thead", {}, el("tr", {}, head.map((text) => el("th", {}, text)))), el("tbody", {}, rows)));
 
-/** The estimates that are ticked at first: all of few; of many those all variants share, then the best of each name by the table's first error, then the next best. */
+/** The initially selected estimates: all if there are few; else those that all variants share, then the best of each name by the table's first error metric, then the next best. */
 const FEW = 7;
 function atFirst(places) {
   if (places.length <= FEW) return places;
@@ -88,13 +88,13 @@ function atFirst(places) {
   };
   const shared = places.filter((place) => D.estimates[place].variant === null);
   const ranked = places.filter((place) => !shared.includes(place)).map((place) => [value(place), place]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : a[0] - b[0]));
-  // The best of each name first, for of one method the best few are often alike.
+  // The best of each name first, because the best few of one method are often similar.
   const isFirst = ([, place], i) => ranked.findIndex(([, other]) => D.estimates[other].name === D.estimates[place].name) === i;
   const others = [...ranked.filter(isFirst), ...ranked.filter((one, i) => !isFirst(one, i))];
   const chosen = new Set([...shared, ...others.map(([, place]) => place)].slice(0, Math.max(5, Math.min(shared.length + 1, FEW))));
   return places.filter((place) => chosen.has(place));
 }
-const tickedAtFirst = (places) => (places.length <= FEW ? "" : ` Ticked at first: what all variants share, and the best by ${(D.table?.metrics.find((metric) => !metric.more) ?? D.table?.metrics[0])?.name ?? "their order"}.`);
+const tickedAtFirst = (places) => (places.length <= FEW ? "" : ` Initially selected: estimates that all variants share, and the best by ${(D.table?.metrics.find((metric) => !metric.more) ?? D.table?.metrics[0])?.name ?? "their position"}.`);
 
 const named = (place) => ({ key: place, inner: [swatch(D.estimates[place]), D.estimates[place].label] });
 
@@ -137,34 +137,34 @@ function distanceFigure() {
         if (bottom > 0) low = Math.min(low, bottom);
       }
     }
-    // All lines, and all bands but for what few bins have: one that goes through the roof would press the others flat.
+    // The range covers all lines, and all bands except those of few bins: an extreme one would flatten the others.
     tops.sort((a, b) => a - b);
     const high = Math.max(middle, tops[Math.floor(0.97 * (tops.length - 1))] ?? 0);
-    const told = (i) => {
+    const hoverText = (i) => {
       const metre = metres[i];
       const rows = on.filter((place) => count(place, metre) > 0).map((place) => el("tr", {},
         el("td", { className: "text" }, swatch(D.estimates[place]), " ", D.estimates[place].label),
         [2, 1, 3, 0, 4].map((percentile) => el("td", {}, short(value(place, percentile, metre), 3))),
         el("td", {}, count(place, metre).toLocaleString("en"), thin(place, metre) ? " (few)" : "")));
-      return hoverTable(`true distance ${metre} to ${metre + 1} m: ${(truth.get(metre) ?? 0).toLocaleString("en")} pixels with ground truth`, ["|error| in m", "median", "25 %", "75 %", "5 %", "95 %", "pixels"], rows);
+      return hoverTable(`ground-truth distance ${metre} to ${metre + 1} m: ${(truth.get(metre) ?? 0).toLocaleString("en")} pixels with ground truth`, ["|error| in m", "median", "25 %", "75 %", "5 %", "95 %", "pixels"], rows);
     };
     const zoomed = state.figure?.plot.zoomed ? { ...state.figure.plot.scales.x } : null;
     state.figure?.gone();
     state.counts?.gone();
     const yRange = state.log ? [Math.max(low === Infinity ? 0.01 : low, high / 1e5 || 0.01), Math.max(high, 0.02)] : [0, (high || 1) * 1.04];
-    state.figure = figure(plot, { x, lines, bands, height: 360, xLabel: "true distance, m", yLabel: "|error|, m", yRange, xRange, log: state.log, told, sync: "distance" });
+    state.figure = figure(plot, { x, lines, bands, height: 360, xLabel: "ground-truth distance, m", yLabel: "|error|, m", yRange, xRange, log: state.log, hoverText, sync: "distance" });
     const counts = metres.map((metre) => truth.get(metre) ?? 0);
-    state.counts = figure(histogram, { x, lines: [{ values: counts, stroke: "#8d99ae", fill: "#8d99ae66", width: 1 }], height: 130, xLabel: "true distance, m", yLabel: "pixels with ground truth", xRange, yRange: [0, Math.max(1, ...counts) * 1.05], bars: true, sync: "distance", told: (i) => el("span", {}, `${metres[i]} to ${metres[i] + 1} m: ${counts[i].toLocaleString("en")} pixels with ground truth`) });
+    state.counts = figure(histogram, { x, lines: [{ values: counts, stroke: "#8d99ae", fill: "#8d99ae66", width: 1 }], height: 130, xLabel: "ground-truth distance, m", yLabel: "pixels with ground truth", xRange, yRange: [0, Math.max(1, ...counts) * 1.05], bars: true, sync: "distance", hoverText: (i) => el("span", {}, `${metres[i]} to ${metres[i] + 1} m: ${counts[i].toLocaleString("en")} pixels with ground truth`) });
     if (zoomed) [state.figure, state.counts].forEach((of) => { of.plot.zoomed = true; of.plot.setScale("x", { min: zoomed.min, max: zoomed.max }); });
   };
   const box = (text, name) => label(text, el("input", { type: "checkbox", checked: state[name], onchange: (event) => { state[name] = event.target.checked; show(); } }));
   const both = () => ({ zoom: (factor) => [state.figure, state.counts].forEach((of) => of.zoom(factor)), reset: () => [state.figure, state.counts].forEach((of) => of.reset()) });
   byId("distance-body").append(
-    el("p", { className: "quiet" }, `The absolute error in each metre of true distance: line: median; band: 25 to 75 %. A hollow dot is a bin of fewer than ${THIN} pixels. Drag to zoom, double-click for all.${D.estimates_in_all > D.estimates.length ? ` Of ${D.estimates_in_all} estimates, those that all variants share and the best by ${D.table.metrics[0].name} are here: ${D.estimates.length}; error_vs_distance.csv has all.` : ""}${tickedAtFirst([...by.keys()])}`),
+    el("p", { className: "quiet" }, `The absolute error per metre of ground-truth distance. Line: median; band: 25 to 75 %. A hollow dot marks a bin of fewer than ${THIN} pixels. Drag to zoom, double-click to reset the zoom.${D.estimates_in_all > D.estimates.length ? ` Shown: ${D.estimates.length} of ${D.estimates_in_all} estimates (those that all variants share, and the best by ${D.table.metrics[0].name}); error_vs_distance.csv contains all.` : ""}${tickedAtFirst([...by.keys()])}`),
     ticks("estimates", [...by.keys()].map(named), state.on, (on) => { state.on = on; show(); }),
     el("div", { className: "controls" },
-      anyCommon ? label("over", choose([["common", "the pixels that are valid in all estimates"], ["valid", "all valid pixels of each"]], state.set, (set) => { state.set = set; show(); })) : "Each over the pixels it valid, which are not the same ones.",
-      box("25 to 75 %", "bands"), box("5 to 95 % too", "wide"), box("logarithmic", "log"), zoomButtons(both)),
+      anyCommon ? label("pixels", choose([["common", "pixels that are valid in all estimates"], ["valid", "valid pixels of each estimate"]], state.set, (set) => { state.set = set; show(); })) : "Each estimate is evaluated on its own valid pixels, so the pixel sets differ.",
+      box("25 to 75 %", "bands"), box("also 5 to 95 %", "wide"), box("logarithmic", "log"), zoomButtons(both)),
     plot, histogram);
   show();
 }
@@ -173,7 +173,7 @@ function frameFigure() {
   const parts = D.scores.filter((part) => part.lines.length);
   if (!parts.length) return without("by-frame");
   const state = { part: parts[0], metric: null, set: null, on: new Set(), figure: null };
-  const plot = el("div", { className: "plot", id: "by-frame-plot" }), controls = el("div"), told = el("p", { className: "quiet" });
+  const plot = el("div", { className: "plot", id: "by-frame-plot" }), controls = el("div"), hint = el("p", { className: "quiet" });
   const lines = () => state.part.lines.filter((line) => line.set === state.set && state.on.has(line.estimate) && line.values[state.metric]);
   const show = () => {
     const part = state.part, shown = lines();
@@ -184,10 +184,10 @@ function frameFigure() {
       x, height: 300, whole: true, xLabel: "frame, by position", yLabel: [plainOf(state.metric), unitOf(state.metric)].filter(Boolean).join(", "),
       xRange: [x[0] - 0.5, x[x.length - 1] + 0.5],
       lines: shown.map((line) => ({ values: line.values[state.metric], stroke: D.estimates[line.estimate].colour, dash: D.estimates[line.estimate].dash, width: 1.5, points })),
-      told: (i) => hoverTable(`${part.ids[i]} (position ${x[i]})`, ["", plainOf(state.metric), "pixels"], shown.map((line) => el("tr", {}, el("td", { className: "text" }, swatch(D.estimates[line.estimate]), " ", D.estimates[line.estimate].label), el("td", {}, short(line.values[state.metric][i])), el("td", {}, line.pixels[i]?.toLocaleString("en") ?? "–")))),
-      pressed: (i) => goTo(part.run, x[i]),
+      hoverText: (i) => hoverTable(`${part.ids[i]} (position ${x[i]})`, ["", plainOf(state.metric), "pixels"], shown.map((line) => el("tr", {}, el("td", { className: "text" }, swatch(D.estimates[line.estimate]), " ", D.estimates[line.estimate].label), el("td", {}, short(line.values[state.metric][i])), el("td", {}, line.pixels[i]?.toLocaleString("en") ?? "–")))),
+      clicked: (i) => goTo(part.run, x[i]),
     });
-    told.textContent = `A press goes to the frame's pictures. Drag to zoom, double-click for all.${part.positions.length < part.frames ? ` ${part.positions.length} of ${part.frames.toLocaleString("en")} frames; scores.csv has all.` : ""}`;
+    hint.textContent = `Click a frame to show its images. Drag to zoom, double-click to reset the zoom.${part.positions.length < part.frames ? ` Shown: ${part.positions.length} of ${part.frames.toLocaleString("en")} frames; scores.csv contains all.` : ""}`;
   };
   const setUp = () => {
     const part = state.part;
@@ -201,12 +201,12 @@ function frameFigure() {
       ticks("estimates", places.map(named), state.on, (on) => { state.on = on; show(); }),
       el("div", { className: "controls" },
         parts.length > 1 ? label("stage", choose(parts.map((of) => [of.name, of.name]), part.name, (name) => { state.part = parts.find((of) => of.name === name); setUp(); })) : null,
-        label("score", choose(metrics.map((name) => [name, plainOf(name)]), state.metric, (metric) => { state.metric = metric; show(); })),
-        sets.length > 1 ? label("pixels", choose(sets.map((set) => [set, set]), state.set, (set) => { state.set = set; show(); })) : null,
+        label("metric", choose(metrics.map((name) => [name, plainOf(name)]), state.metric, (metric) => { state.metric = metric; show(); })),
+        sets.length > 1 ? label("pixel set", choose(sets.map((set) => [set, set]), state.set, (set) => { state.set = set; show(); })) : null,
         zoomButtons(() => state.figure)));
     show();
   };
-  byId("by-frame-body").append(told, controls, plot);
+  byId("by-frame-body").append(hint, controls, plot);
   setUp();
 }
 
@@ -227,7 +227,7 @@ function learningFigures() {
           { values: curve.loss, stroke: "#0077bb", points: { show: curve.loss.length < 40, size: 5 } },
           ...(validated ? [{ values: curve.validation, stroke: "#cc3311", spanGaps: true, points: { show: true, size: 5 } }] : []),
         ],
-        told: (i) => el("span", {}, `step ${curve.step[i].toLocaleString("en")}: loss ${short(curve.loss[i])}${curve.validation[i] === null ? "" : `, validation ${short(curve.validation[i])}`}`),
+        hoverText: (i) => el("span", {}, `step ${curve.step[i].toLocaleString("en")}: loss ${short(curve.loss[i])}${curve.validation[i] === null ? "" : `, validation ${short(curve.validation[i])}`}`),
       });
     };
     const key = (colour, text) => el("span", {}, el("span", { className: "swatch", style: { borderTopColor: colour, marginRight: ".4em", verticalAlign: "middle" } }), text);

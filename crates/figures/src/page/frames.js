@@ -51,11 +51,11 @@ const isDisparity = (layer) => layer.type === "disparity" || layer.type === "tru
 function frameViews() {
   const parts = D.pictures.filter((part) => part.frames.length);
   if (!parts.length) {
-    byId("frames-body").append(el("p", { className: "quiet" }, "No map was recorded: `record:` says what is kept."));
+    byId("frames-body").append(el("p", { className: "quiet" }, "No map was recorded; `record:` in the experiment selects the recorded outputs."));
     return;
   }
   if (!("OffscreenCanvas" in window)) {
-    byId("frames-body").append(el("p", { className: "note" }, "The pictures need a browser of 2023 or newer: this one has no OffscreenCanvas."));
+    byId("frames-body").append(el("p", { className: "note" }, "This browser cannot show the images: it does not support OffscreenCanvas. Use a browser of 2023 or later."));
     return;
   }
   // What was scored is looked at first.
@@ -92,7 +92,7 @@ function frameViews() {
     const key = `${part.run}-${frame.position}-${layer}`;
     if (kept.has(key)) {
       const found = kept.get(key);
-      kept.delete(key); // the last that was asked for is the last to go
+      kept.delete(key); // the most recently used one is removed last
       kept.set(key, found);
       return found;
     }
@@ -122,7 +122,7 @@ function frameViews() {
       if (!layer.there) return;
       const name = layer.labels.length ? `${layer.labels.slice(0, 3).join(", ")}${layer.labels.length > 3 ? " …" : ""}` : layer.name;
       views.push({ key: `m${i}`, layer: i, name, title: layer.name, kind: layer.role === "image" ? "image" : layer.type });
-      if (layer.truth !== null && layer.truth !== undefined) views.push({ key: `e${i}`, layer: i, truth: layer.truth, name: `error of ${name}`, title: `|estimate − truth| of ${layer.name}`, kind: "error" });
+      if (layer.truth !== null && layer.truth !== undefined) views.push({ key: `e${i}`, layer: i, truth: layer.truth, name: `error of ${name}`, title: `|estimate − ground truth| of ${layer.name}`, kind: "error" });
     });
     return views;
   };
@@ -227,7 +227,7 @@ function frameViews() {
       if (isDisparity({ type: kind })) return [one(kind, LOOKS.turbo, `${short(found[0], 3)} px`, `${short(found[1], 3)} px`)];
       return [one(kind, LOOKS.grey, "0", "1")];
     });
-    bars.replaceChildren(...pieces, el("span", {}, "no answer: the background"));
+    bars.replaceChildren(...pieces, el("span", {}, "invalid pixels: background colour"));
   };
 
   // The pixel under the pointer, as shares of width and height.
@@ -255,7 +255,7 @@ function frameViews() {
     values.replaceChildren(...part.layers.flatMap((layer, i) => {
       if (layer.role === "image" || !layer.there) return [];
       const unit = UNITS[layer.type] ?? "", number = numbers[i];
-      const text = number === null ? "no answer" : layer.type === "mask" ? (number > 0.5 ? "set" : "not set") : `${short(number, layer.type === "weight" ? 3 : 4)} ${unit}`;
+      const text = number === null ? "invalid" : layer.type === "mask" ? (number > 0.5 ? "set" : "not set") : `${short(number, layer.type === "weight" ? 3 : 4)} ${unit}`;
       const error = number !== null && layer.truth !== null && layer.truth !== undefined && numbers[layer.truth] !== null ? number - numbers[layer.truth] : null;
       return [el("tr", {}, el("td", { className: "text", title: layer.name }, layer.labels.length ? layer.labels.slice(0, 3).join(", ") : layer.name), el("td", { className: "text" }, layer.role === "other" ? layer.type : layer.role), el("td", {}, maps[i] ? text : "–"), el("td", {}, error === null ? "" : `${error >= 0 ? "+" : "−"}${short(Math.abs(error), 3)} ${unit}${isDisparity(layer) ? "" : ` (${short((100 * Math.abs(error)) / numbers[layer.truth], 2)} %)`}`))];
     }));
@@ -299,7 +299,7 @@ function frameViews() {
     view.told = el("span");
     let dragged = null;
     const glass = el("div", {
-      className: `glass ${view.kind === "image" ? "image" : ""}`, tabIndex: 0, role: "img", ariaLabel: `${view.name}; arrows move the pixel that is read, plus and minus zoom`,
+      className: `glass ${view.kind === "image" ? "image" : ""}`, tabIndex: 0, role: "img", ariaLabel: `${view.name}; arrow keys move the selected pixel, plus and minus zoom`,
       onpointermove: (event) => {
         if (dragged && event.buttons) {
           const box = event.currentTarget.getBoundingClientRect();
@@ -347,7 +347,7 @@ function frameViews() {
     read();
     return late;
   };
-  // One frame is drawn at a time; of those asked for meanwhile the last.
+  // One frame is drawn at a time; of those requested in the meantime only the last.
   const show = async (place) => {
     state.wanted = place;
     if (state.busy) return;
@@ -388,14 +388,14 @@ function frameViews() {
       of.metric = metrics.includes(of.metric) ? of.metric : metrics.includes("abs_rel") ? "abs_rel" : metrics[0];
       const more = D.table?.metrics.find((metric) => metric.name === of.metric)?.more;
       const ranked = part.positions.map((position, i) => [of.line.values[of.metric][i], position, part.ids[i]]).filter(([number]) => number !== null).sort((a, b) => (more ? a[0] - b[0] : b[0] - a[0]));
-      // No frame is both: of few there are fewer.
+      // No frame is in both lists, so with few frames the lists are shorter.
       const most = Math.min(5, Math.floor(ranked.length / 2));
-      const chip = ([number, position, id]) => el("button", { type: "button", className: "jump", title: pictured.has(position) ? `position ${position}` : `position ${position} has no pictures here: the nearest that has`, onclick: () => goTo(part.run, position) }, `${id}: ${short(number, 3)}`);
+      const chip = ([number, position, id]) => el("button", { type: "button", className: "jump", title: pictured.has(position) ? `position ${position}` : `position ${position} has no images in this page: shows the nearest frame that does`, onclick: () => goTo(part.run, position) }, `${id}: ${short(number, 3)}`);
       const select = (options, chosen, change, name) => { const made = choose(options, chosen, change); made.ariaLabel = name; return made; };
       chips.replaceChildren(
         el("div", { className: "controls" }, most ? "Worst and best frames of" : "The only frame of",
           select(lines.map((line, i) => [String(i), D.estimates[line.estimate].label]), String(lines.indexOf(of.line)), (i) => { of.line = lines[+i]; list(); }, "estimate"), "by",
-          select(metrics.map((name) => [name, plainOf(name)]), of.metric, (name) => { of.metric = name; list(); }, "score")),
+          select(metrics.map((name) => [name, plainOf(name)]), of.metric, (name) => { of.metric = name; list(); }, "metric")),
         most ? el("div", { className: "chips" }, el("b", {}, "worst"), ranked.slice(0, most).map(chip)) : el("div", { className: "chips" }, ranked.map(chip)),
         most ? el("div", { className: "chips" }, el("b", {}, "best"), ranked.slice(-most).reverse().map(chip)) : "");
     };
@@ -418,7 +418,7 @@ function frameViews() {
     range.max = part.frames.length - 1;
     const views = viewsOf(part), first = shownAtFirst(views, part);
     const kindOf = (view) => (view.kind === "error" ? "error" : part.layers[view.layer].role);
-    const groups = [["image", "images"], ["truth", "truth"], ["estimate", "estimates"], ["error", "errors"], ["other", "between"]];
+    const groups = [["image", "images"], ["truth", "ground truth"], ["estimate", "estimates"], ["error", "errors"], ["other", "intermediate maps"]];
     const chosen = new Map();
     const together = () => lay(new Set([...chosen.values()].flatMap((set) => [...set])));
     which.replaceChildren(...groups.map(([kind, title]) => {
@@ -437,27 +437,27 @@ function frameViews() {
   range.addEventListener("input", () => show(+range.value));
   const steps = D.steps, all = D.pictures.reduce((sum, part) => sum + part.frames_in_all, 0), here = parts.reduce((sum, part) => sum + part.frames.length, 0);
   const reduced = [
-    here < all ? `${here} of ${all.toLocaleString("en")} frames are here: ${D.every > 1 ? `of every ${D.every}th frame maps were recorded; ` : ""}spread evenly, with the worst and the best` : null,
-    parts.some((part) => part.layers.length < part.maps_in_all && part.layers.every((layer) => layer.there)) ? `${parts.map((part) => `${part.layers.length} of ${part.maps_in_all}`).join(", ")} recorded maps: those of the estimates shown` : null,
-    `maps are at most ${steps.widest} columns wide, each sample one recorded pixel; depths are exact to ${short(50 * steps.depth, 2)} %, disparities to 1/${Math.round(2 / steps.disparity_px)} px, weights to 1/512`,
+    here < all ? `${here} of ${all.toLocaleString("en")} frames are shown, evenly spaced, with the worst and the best${D.every > 1 ? ` (maps were recorded on every ${D.every}th frame)` : ""}` : null,
+    parts.some((part) => part.layers.length < part.maps_in_all && part.layers.every((layer) => layer.there)) ? `${parts.map((part) => `${part.layers.length} of ${part.maps_in_all}`).join(", ")} recorded maps are shown: those of the displayed estimates` : null,
+    `maps are at most ${steps.widest} columns wide, each sample is one recorded pixel; depths are exact to ${short(50 * steps.depth, 2)} %, disparities to 1/${Math.round(2 / steps.disparity_px)} px, confidences to 1/512`,
   ].filter(Boolean);
   box.append(
-    el("p", { className: "quiet" }, `${reduced.join("; ")}. The recording has everything.`),
-    D.damaged ? el("p", { className: "note" }, `${plural(D.damaged, "map")} could not be read: their bytes are damaged`) : "",
+    el("p", { className: "quiet" }, `${reduced.join("; ")}. The recording contains all frames and maps at full resolution.`),
+    D.damaged ? el("p", { className: "note" }, `${plural(D.damaged, "map")} could not be read: damaged bytes`) : "",
     parts.length > 1 ? el("div", { className: "controls" }, label("stage", choose(parts.map((part) => [String(part.run), part.name]), String(first.run), (run) => { state.place = 0; setUp(parts.find((part) => String(part.run) === run)); }))) : "",
     jump,
     el("details", {}, el("summary", {}, "views"), which),
-    el("div", { className: "slider" }, el("button", { type: "button", ariaLabel: "the frame before", onclick: () => step(-1) }, "◀"), el("button", { type: "button", ariaLabel: "the next frame", onclick: () => step(1) }, "▶"), range, told),
+    el("div", { className: "slider" }, el("button", { type: "button", ariaLabel: "previous frame", onclick: () => step(-1) }, "◀"), el("button", { type: "button", ariaLabel: "next frame", onclick: () => step(1) }, "▶"), range, told),
     wrong, grid, bars,
     el("div", { className: "controls" },
       label("relative errors", el("input", { type: "checkbox", id: "relative", onchange: (event) => { state.relative = event.target.checked; colourBars(); show(state.place); } })),
-      label("views", choose([["15", "small"], ["23", "medium"], ["38", "large"], ["80", "one a row"]], "23", size)),
-      el("button", { type: "button", onclick: () => zoomAt(1.5) }, "zoom in"), el("button", { type: "button", onclick: () => zoomAt(1 / 1.5) }, "zoom out"), el("button", { type: "button", onclick: () => zoomAt(1 / 24) }, "all"),
-      el("span", { className: "quiet" }, "ctrl and wheel, or double-click, zoom; all views go together")),
-    place, el("div", { className: "scrolls" }, el("table", { id: "values" }, el("thead", {}, el("tr", {}, ["map", "what", "value", "estimate − truth"].map((text, i) => el("th", { className: i < 2 ? "text" : "" }, text)))), values)));
-  place.textContent = "The values of all maps at the pixel under the pointer stand here.";
+      label("image size", choose([["15", "small"], ["23", "medium"], ["38", "large"], ["80", "one per row"]], "23", size)),
+      el("button", { type: "button", onclick: () => zoomAt(1.5) }, "zoom in"), el("button", { type: "button", onclick: () => zoomAt(1 / 1.5) }, "zoom out"), el("button", { type: "button", onclick: () => zoomAt(1 / 24) }, "reset zoom"),
+      el("span", { className: "quiet" }, "Zoom with Ctrl and the mouse wheel, or by double-click; all images zoom together.")),
+    place, el("div", { className: "scrolls" }, el("table", { id: "values" }, el("thead", {}, el("tr", {}, ["map", "role", "value", "estimate − ground truth"].map((text, i) => el("th", { className: i < 2 ? "text" : "" }, text)))), values)));
+  place.textContent = "Hover over an image to see the values of all maps at that pixel.";
   setUp(first);
-  // What the test asks for, and nothing else does.
+  // Used only by the test.
   window.depthloomPage = { show, state };
   addEventListener("DOMContentLoaded", () => { lines.clear(); show(state.place); });
 }

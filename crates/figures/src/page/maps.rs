@@ -34,7 +34,7 @@ pub struct Steps {
 pub(super) const FINE: Steps = Steps { depth: 0.001, disparity_px: 1.0 / 16.0 };
 pub(super) const COARSE: Steps = Steps { depth: 0.01, disparity_px: 1.0 / 8.0 };
 
-/// Which number a step stands for.
+/// The number that a step represents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scale {
     /// `from * exp(step * code)`.
@@ -54,9 +54,9 @@ pub enum Scale {
 }
 
 impl Scale {
-    /// That of a type of values, by its name; `None` of what is no map.
+    /// The scale of a value type, by its name; `None` if it is not a map.
     #[must_use]
-    pub fn of(value_type: &str, steps: Steps) -> Option<Self> {
+    pub fn for_type(value_type: &str, steps: Steps) -> Option<Self> {
         match value_type {
             "depth" => Some(Self::Log { from: NEAREST_M, step: log(1.0 + steps.depth) }),
             "disparity" | "true-disparity" => Some(Self::Linear { from: LOWEST_PX, step: steps.disparity_px }),
@@ -81,7 +81,7 @@ impl Scale {
             Self::Log { from, step } => log(number / from) / step,
             Self::Linear { from, step } => (number - from) / step,
         };
-        // NaN is no number here, and what is beyond the steps has the first or the last.
+        // NaN does not occur here; values beyond the steps get the first or the last code.
         round(code).clamp(0.0, STEPS) as u16
     }
 }
@@ -94,8 +94,8 @@ pub(super) struct Samples<'a> {
 }
 
 impl<'a> Samples<'a> {
-    /// Of a map; `None` of what is none, or has no pixels.
-    pub(super) fn of(value: &'a Value) -> Option<Self> {
+    /// The samples of a map; `None` if the value is not a map, or has no pixels.
+    pub(super) fn new(value: &'a Value) -> Option<Self> {
         let (width, height) = match value {
             Value::Depth(map) => map.metres.dimensions(),
             Value::RelativeDepth(map) => map.depth().metres.dimensions(),
@@ -109,11 +109,11 @@ impl<'a> Samples<'a> {
         (width > 0 && height > 0).then_some(Self { width, height, value })
     }
 
-    /// The sample at a place, row-major: metres, pixels, or a share; `None` where there is no answer.
+    /// The sample at a place, row-major: metres, pixels, or a share; `None` where it is invalid.
     pub(super) fn at(&self, place: usize) -> Option<f64> {
         let number = |number: f32| number.is_finite().then_some(f64::from(number));
         match self.value {
-            // Not above zero is no depth, whoever wrote it.
+            // A depth of zero or less is invalid.
             Value::Depth(map) => number(map.metres.as_raw()[place]).filter(|metres| *metres > 0.0),
             Value::RelativeDepth(map) => number(map.depth().metres.as_raw()[place]).filter(|metres| *metres > 0.0),
             Value::FloatDisparity(map) => number(map.px().as_raw()[place]),
@@ -200,10 +200,10 @@ mod tests {
         #[test]
         fn a_number_is_at_most_half_a_step_off(metres in 0.01_f64..5000.0, px in -500.0_f64..3000.0) {
             for steps in [FINE, COARSE] {
-                let Some(scale @ Scale::Log { from, step }) = Scale::of("depth", steps) else { unreachable!() };
+                let Some(scale @ Scale::Log { from, step }) = Scale::for_type("depth", steps) else { unreachable!() };
                 let back = from * (step * f64::from(scale.code(metres))).exp();
                 prop_assert!((back / metres - 1.0).abs() <= 0.51 * steps.depth, "{} for {}", back, metres);
-                let Some(scale @ Scale::Linear { from, step }) = Scale::of("disparity", steps) else { unreachable!() };
+                let Some(scale @ Scale::Linear { from, step }) = Scale::for_type("disparity", steps) else { unreachable!() };
                 let back = from + step * f64::from(scale.code(px));
                 prop_assert!((back - px).abs() <= 0.501 * steps.disparity_px, "{} for {}", back, px);
             }

@@ -1,4 +1,4 @@
-// What is around tables, figures and frames: the head, notes, times, and how it is made again.
+// Everything except tables, figures and frames: the head, notes, times, and the command to repeat the run.
 function head() {
   const made = D.environment?.finished_utc;
   byId("experiment").textContent = D.experiment;
@@ -45,16 +45,16 @@ function times() {
     rows.sort((a, b) => b.cpu_ms - a.cpu_ms);
     const most = rows[0].cpu_ms || 1, SHOWN = 300;
     body.append(
-      el("p", { className: "quiet" }, `Processor time of all threads, longest first; what was taken from earlier runs has none.${rows.length > SHOWN ? ` The first ${SHOWN} of ${rows.length}; \`depthloom runs timings\` has all.` : ""}`),
-      grid([["stage", true], ["variant", true], ["node", true], ["phase", true], ["times"], ["core-ms each"], ["median"], ["core-s in all"], ["share"], [""]], rows.slice(0, SHOWN).map((row) => el("tr", {},
+      el("p", { className: "quiet" }, `CPU time of all threads, longest first. Values reused from earlier runs took no CPU time.${rows.length > SHOWN ? ` Shown: the first ${SHOWN} of ${rows.length} rows; \`depthloom runs timings\` prints all.` : ""}`),
+      grid([["stage", true], ["variant", true], ["node", true], ["phase", true], ["calls"], ["CPU ms per call"], ["median CPU ms"], ["total CPU s"], ["share"], [""]], rows.slice(0, SHOWN).map((row) => el("tr", {},
         [row.stage, row.variant ?? "", row.node, row.phase].map((text) => el("td", { className: "text", title: text }, text)),
         [row.frames.toLocaleString("en"), short(row.ms, 3), row.median_ms === null ? "–" : short(row.median_ms, 3), short(row.cpu_ms / 1000, 3), `${((100 * row.cpu_ms) / whole).toFixed(1)} %`].map((text) => el("td", {}, text)),
         el("td", { className: "text" }, el("span", { className: "bar", style: { width: `${Math.max(1, (120 * row.cpu_ms) / most)}px` } }))))));
   }
   if (D.failures.in_all) {
     const { in_all, listed } = D.failures;
-    body.append(el("h3", {}, "What failed"), listed.length < in_all ? el("p", { className: "quiet" }, `The first ${listed.length} of ${in_all}.`) : "",
-      grid([["stage", true], ["frame", true], ["node", true], ["what", true]], listed.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage),
+    body.append(el("h3", {}, "Failures"), listed.length < in_all ? el("p", { className: "quiet" }, `Shown: the first ${listed.length} of ${in_all} failures.`) : "",
+      grid([["stage", true], ["frame", true], ["node", true], ["error", true]], listed.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage),
         el("td", { className: "text" }, el("button", { type: "button", onclick: () => goTo(D.pictures.find((part) => part.name === of.stage)?.run, of.position) }, of.frame)), el("td", { className: "text" }, of.node), el("td", { className: "text wraps" }, of.what)))));
   }
 }
@@ -62,20 +62,20 @@ function times() {
 function again() {
   const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
   const K = D.keys, body = byId("again-body"), command = D.environment?.arguments;
-  if (command) body.append(el("p", {}, "The command that made it:"), el("pre", { id: "command" }, command.map(quoted).join(" ")));
+  if (command) body.append(el("p", {}, "Original command:"), el("pre", { id: "command" }, command.map(quoted).join(" ")));
   body.append(
-    el("p", {}, "From its own folder, with every parameter as it was:"), el("pre", {}, "depthloom run experiment.resolved.yaml"),
-    el("p", {}, "It is the same run if the plan's key is the same, and the same values where the keys of nodes are (", el("code", {}, "depthloom inspect --keys RUN"), "; ", el("code", {}, "depthloom verify RUN --verify-bytes"), " makes them again and compares)."),
-    terms([["key of the plan", el("code", {}, K.plan)], ["depthloom", D.environment?.depthloom ?? null]]));
+    el("p", {}, "To repeat the run with the same parameters, from the run's folder:"), el("pre", {}, "depthloom run experiment.resolved.yaml"),
+    el("p", {}, "Two runs with the same plan key are the same run. Nodes with the same cache key produce the same values: ", el("code", {}, "depthloom inspect --keys RUN"), " prints the keys, ", el("code", {}, "depthloom verify RUN --verify-bytes"), " recomputes the values and compares them."),
+    terms([["plan key", el("code", {}, K.plan)], ["depthloom", D.environment?.depthloom ?? null]]));
   const parameters = (of) => el("td", { className: "text wraps" }, Object.entries(of.params ?? {}).map(([name, value]) => `${name}: ${typeof value === "string" ? value : JSON.stringify(value)}`).join(", "));
   body.append(
     el("details", {}, el("summary", {}, `sources (${K.sources.length})`), grid([["stage", true], ["source", true], ["kind", true], ["parameters", true]], K.sources.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), parameters(of))))),
-    el("details", {}, el("summary", {}, `nodes (${K.nodes_in_all}${K.nodes.length < K.nodes_in_all ? `, the first ${K.nodes.length}` : ""}) with their recipes: the hash of kind, version, parameters and of what goes in`),
-      grid([["stage", true], ["variant", true], ["node", true], ["kind", true], ["recipe", true], ["parameters", true]], K.nodes.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.variant ?? ""), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), el("td", { className: "text", title: of.recipe }, el("code", {}, of.recipe.slice(0, 12))), parameters(of))))));
+    el("details", {}, el("summary", {}, `nodes (${K.nodes_in_all}${K.nodes.length < K.nodes_in_all ? `, the first ${K.nodes.length}` : ""}) with their hashes (of kind, version, parameters and inputs)`),
+      grid([["stage", true], ["variant", true], ["node", true], ["kind", true], ["node hash", true], ["parameters", true]], K.nodes.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.variant ?? ""), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), el("td", { className: "text", title: of.recipe }, el("code", {}, of.recipe.slice(0, 12))), parameters(of))))));
 }
 
 for (const part of [head, scoreTable, effects, distanceFigure, frameViews, frameFigure, learningFigures, times, again, contents]) part();
-// Paper is light.
+// Prints in light colours.
 let wasDark = false;
 addEventListener("beforeprint", () => { wasDark = isDark(); setDark(false); });
 addEventListener("afterprint", () => setDark(wasDark));

@@ -33,8 +33,8 @@ use crate::scored_map::as_scored;
 
 /// The most bytes that the pictures take with the numbers of the page: with all else it has less than 40 MB.
 const MOST: u64 = 38_500_000;
-/// A page of few frames has so many bytes a frame, and no less than that: larger maps cost more to make, send and open
-/// than they show.
+/// A page of few frames has this many bytes per frame, and no less than that: larger maps cost more to make, send and
+/// open than they show.
 const MOST_A_FRAME: u64 = 750_000;
 const MOST_OF_FEW: u64 = 6_000_000;
 /// What the pictures have in any case.
@@ -148,18 +148,19 @@ pub struct Series {
 /// Pictures, and how they were made.
 pub struct Pictures {
     size: Size,
-    /// By stage run, as [`Series`] come: the positions of its frames, and where the text of each lies in the file.
+    /// By stage run, in the order of the [`Series`]: the positions of its frames, and the range of each text in the
+    /// file.
     places: Vec<Vec<(FrameIndex, Range<u64>)>>,
     file: File,
     /// By series and layer, whether any frame has it.
     there: Vec<Vec<bool>>,
-    /// How many maps could not be read, for their bytes are damaged.
+    /// The number of maps that could not be read because their bytes are damaged.
     damaged: u64,
 }
 
 impl Pictures {
-    /// Makes the pictures of all frames, beside so many bytes of numbers; the series' positions are those that found
-    /// room.
+    /// Makes the pictures of all frames; `numbers` bytes of the page are already used. The positions in the series are
+    /// those that fit.
     ///
     /// # Errors
     /// If the recording cannot be read or the file in `folder` not be written; [`PageError::Stopped`] once `stop` says
@@ -309,14 +310,14 @@ fn thin(series: &mut [Series], share: f64) {
     }
 }
 
-/// A frame's text: a line a layer, empty where there is no value.
+/// A frame's text: one line per layer, empty where there is no value.
 struct Made {
     position: FrameIndex,
     text: Vec<u8>,
     damaged: u64,
 }
 
-/// Makes all on several threads; in order, and of several that fail the first is told.
+/// Makes all pictures on several threads, in order; of several errors, returns the first.
 fn all_at_once(
     positions: &[FrameIndex],
     threads: usize,
@@ -394,13 +395,15 @@ fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, PageError> {
             encoder.encode(thumbnail(rgb, width, height).as_raw(), width, height, ExtendedColorType::Rgb8)
         }
     };
-    encoded.map_err(|error| PageError::Content(format!("an image of {width}x{height} is no JPEG: {error}")))?;
+    encoded.map_err(|error| {
+        PageError::Content(format!("an image of {width}x{height} cannot be encoded as JPEG: {error}"))
+    })?;
     Ok([b"j".as_slice(), BASE64_STANDARD.encode(&bytes).as_bytes()].concat())
 }
 
 /// A map as its width, its height, those of the recorded one, and its PNG, with spaces between.
 fn map(value: &Value, layer: &Layer, size: Size, grids: &mut Grids) -> Vec<u8> {
-    let (Some(samples), Some(scale)) = (Samples::of(value), Scale::of(&layer.value_type, size.steps)) else {
+    let (Some(samples), Some(scale)) = (Samples::new(value), Scale::for_type(&layer.value_type, size.steps)) else {
         return Vec::new();
     };
     let widest = if layer.role == Role::Other { size.other } else { size.main };
@@ -468,7 +471,8 @@ fn picked(columns: Range<usize>, rows: Range<usize>, width: usize, truth: Option
     }
 }
 
-/// At most so many of some positions: the wanted ones first, then others evenly, the first and the last among them.
+/// A selection of at most `most` positions: the wanted ones first, then others at even distances, including the first
+/// and the last.
 #[must_use]
 pub fn evenly(positions: &[FrameIndex], wanted: &BTreeSet<FrameIndex>, most: usize) -> Vec<FrameIndex> {
     if positions.len() <= most {

@@ -1,7 +1,7 @@
 //! The plan as a picture: an SVG whose colours are the page's.
 //!
 //! A box is a source or a node as the experiment names it; nodes that differ between variants in parameters or inputs
-//! alone are one box. Columns go by the longest way from the source; within a column boxes stand near what they read.
+//! alone are one box. Columns go by the longest way from the source; within a column boxes are near their inputs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -15,7 +15,7 @@ const BOX: (f64, f64) = (168.0, 46.0);
 const GAP: (f64, f64) = (56.0, 16.0);
 const STAGE_HEAD: f64 = 26.0;
 const MARGIN: f64 = 14.0;
-/// So many characters of a name have room in a box.
+/// The number of characters of a name that fit into a box.
 const ROOM: usize = 21;
 /// How often the order within columns is made better.
 const SWEEPS: usize = 8;
@@ -162,12 +162,12 @@ fn graph(plan: &RecordedPlan) -> (Vec<String>, Vec<Node>, Vec<Edge>) {
         });
         let kinds = run.source.parts.iter().map(|part| part.kind.as_str()).collect();
         let source = node_of(&mut nodes, stage, true, &run.source.name, kinds, &run.variants);
-        let of = run
+        let stage_nodes = run
             .nodes
             .iter()
             .map(|node| node_of(&mut nodes, stage, false, &node.name, vec![&node.kind], &node.variants));
-        let of = of.collect();
-        places.push((source, of));
+        let stage_nodes = stage_nodes.collect();
+        places.push((source, stage_nodes));
     }
     let mut edges = BTreeSet::new();
     for (run, (source, own)) in plan.runs.iter().zip(&places) {

@@ -1,4 +1,4 @@
-// The table of scores: sorted by any column, filtered, with the paper's numbers where they are asked for.
+// The metrics table: sortable by any column, filtered, with the paper's numbers on request.
 const AT_FIRST = 100;
 
 function scoreTable() {
@@ -7,7 +7,7 @@ function scoreTable() {
   const state = { sort: null, down: false, paper: false, all: T.rows.length <= 2 * AT_FIRST, filter: "" };
   const several = (of) => new Set(T.rows.map(of)).size > 1;
   const axes = (T.axes ?? []).map((axis, i) => ({ name: axis, text: true, of: (row) => row.factors[i], numeric: T.rows.every((row) => row.factors[i] === null || (row.factors[i].trim() !== "" && Number.isFinite(+row.factors[i]))) }));
-  // Axes that name every variant take the place of its name.
+  // Axes that identify every variant replace its name.
   const named = (of) => new Set(T.rows.filter((row) => row.variant !== null).map(of)).size;
   const areNames = axes.length > 0 && named((row) => row.variant) === named((row) => JSON.stringify(row.factors));
   const columns = [
@@ -18,7 +18,7 @@ function scoreTable() {
     ...axes.filter((axis) => several(axis.of)),
     ...T.metrics.map((metric, i) => ({ name: metric.name, head: metric.plain || metric.name, metric, i, of: (row) => row.means[i] })),
     { name: "density", of: (row) => row.density, decimals: 3, title: "the share of pixels with ground truth that are valid" },
-    { name: "frames", of: (row) => row.frames, decimals: 0, title: "frames with a pixel to score" },
+    { name: "frames", of: (row) => row.frames, decimals: 0, title: "frames with at least one scored pixel" },
   ].filter(Boolean);
   const cell = (column, row) => {
     const value = column.of(row);
@@ -44,7 +44,7 @@ function scoreTable() {
     const order = column.text && !column.numeric ? String(x).localeCompare(String(y), "en", { numeric: true }) : x - y;
     return state.down ? -order : order;
   };
-  // Of many rows the best come first: in the order of the file they would be anywhere.
+  // With many rows the best come first: in file order they would be hard to find.
   if (T.rows.length > 24) {
     state.sort = ["abs_rel", "d1", "epe"].map((name) => columns.find((column) => column.metric?.name === name)).find(Boolean) ?? columns.find((column) => column.metric && !column.metric.more) ?? null;
   }
@@ -54,7 +54,7 @@ function scoreTable() {
       const metric = column.metric;
       const arrow = metric ? (metric.more ? " ↑" : " ↓") : "";
       const sorted = state.sort === column;
-      const press = () => {
+      const sort = () => {
         state.down = sorted ? !state.down : Boolean(metric?.more) || column.name === "frames" || column.name === "density";
         state.sort = column;
         show();
@@ -63,7 +63,7 @@ function scoreTable() {
       const [name, aside] = (column.head ?? column.name).split(/ (?=\()/);
       const title = metric ? `${metric.formula}\n${metric.source}` : column.title ?? "";
       return el("th", { className: column.text ? "text" : "", scope: "col", "aria-sort": sorted ? (state.down ? "descending" : "ascending") : "none" },
-        el("button", { type: "button", onclick: press, title }, `${name}${arrow}${sorted ? (state.down ? " ▾" : " ▴") : ""}`),
+        el("button", { type: "button", onclick: sort, title }, `${name}${arrow}${sorted ? (state.down ? " ▾" : " ▴") : ""}`),
         el("small", {}, metric?.unit || aside || "\u00a0"));
     }));
     const words = state.filter.toLowerCase().split(/\s+/).filter(Boolean);
@@ -76,11 +76,11 @@ function scoreTable() {
   };
   const controls = [];
   if (T.rows.some((row) => row.paper)) controls.push(label("the paper's numbers (Martins et al. 2018)", el("input", { type: "checkbox", id: "paper", onchange: (event) => { state.paper = event.target.checked; show(); } })));
-  if (T.rows.length > 12) controls.push(label("rows with", el("input", { type: "text", placeholder: "words", oninput: (event) => { state.filter = event.target.value; show(); } })));
+  if (T.rows.length > 12) controls.push(label("filter rows", el("input", { type: "text", placeholder: "words", oninput: (event) => { state.filter = event.target.value; show(); } })));
   byId("table-body").append(
-    el("p", { className: "quiet" }, `${T.about}${T.best ? `; * ${T.best}` : ""}. A press on a column sorts.`),
+    el("p", { className: "quiet" }, `${T.about}${T.best ? `; * ${T.best}` : ""}. Click a column to sort.`),
     el("div", { className: "controls" }, controls),
-    el("div", { className: "scrolls tall", tabIndex: 0, role: "group", ariaLabel: "table of scores" }, el("table", { id: "scores" }, el("thead", {}, head), body)),
+    el("div", { className: "scrolls tall", tabIndex: 0, role: "group", ariaLabel: "table of metrics" }, el("table", { id: "scores" }, el("thead", {}, head), body)),
     more);
   show();
 }

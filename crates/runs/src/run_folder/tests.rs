@@ -220,8 +220,8 @@ fn a_partial_recording_that_cannot_be_read_is_named_as_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     drop(create(&out, false).unwrap());
-    let unreadable = |_: &Path| PartialContent::Unreadable("recording.mcap is not an MCAP file".to_owned());
-    let stop = RunFolder::create(&out, false, &[], unreadable).err().expect("it is refused");
+    let classify = |_: &Path| PartialContent::Unreadable("recording.mcap is not an MCAP file".to_owned());
+    let stop = RunFolder::create(&out, false, &[], classify).err().expect("it is refused");
     assert!(stop.message.what.contains("out.partial: recording.mcap is not an MCAP file"), "{}", stop.message.what);
-    assert!(RunFolder::create(&out, true, &[], unreadable).is_ok());
+    assert!(RunFolder::create(&out, true, &[], classify).is_ok());
 }
