@@ -20,8 +20,8 @@ use depthloom_runs::environment::{self, ENVIRONMENT, Environment};
 use depthloom_runs::reuse::{self, Reused};
 use depthloom_runs::run_folder::RunFolder;
 use depthloom_runs::{
-    File, FrameFailure, Frames, OUTDATED, RECORDING, TIMINGS, files_in, frames_and_failures, models, run_failed,
-    write_timings,
+    File, FrameFailure, Frames, OUTDATED, RECORDING, TIMINGS, failed, files_in, frames_and_failures, models,
+    run_failed, write_timings,
 };
 use depthloom_terminal::{CliError, ExitCode, print, print_path, say};
 use schemars::JsonSchema;
@@ -85,6 +85,9 @@ pub(crate) fn carry_out(
 ) -> Result<ExitCode, CliError> {
     let Loaded { stored, read, .. } = loaded;
     let plan = ready.plan.clone();
+    if args.samples {
+        depthloom_analysis::check_samples(&plan).map_err(failed)?;
+    }
     let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     print_warnings(args, &of_sources);
     let (folder, resumable) = make_folder(args, &plan, &stored, &read)?;

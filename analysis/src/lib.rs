@@ -45,7 +45,7 @@ pub use input::timings::{Timing, read_timings, timings_table, write_timings};
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
 pub use query::{Bins, By, Gross, Inquiry, SampleSet, Unit, analyse, samples_match};
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
-pub use samples::{SAMPLES, SamplesWritten, write_samples};
+pub use samples::{SAMPLES, SamplesWritten, check_samples, write_samples};
 pub use scores::FrameScore;
 pub use statistics::{Interval, IntervalMethod, Resampling};
 pub use tables::{

@@ -21,7 +21,7 @@ mod write;
 
 pub(crate) use described::{Described, DescribedEstimate};
 pub(crate) use read::{Part, SamplesFile};
-pub use write::{SamplesWritten, write_samples};
+pub use write::{SamplesWritten, check_samples, write_samples};
 
 /// The file name in the folder of a run.
 pub const SAMPLES: &str = "samples.parquet";

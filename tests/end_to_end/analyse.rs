@@ -203,3 +203,17 @@ fn invalid_analyse_arguments_list_the_available_values() {
     let error = refused(&scores, &[]);
     assert!(error.contains("not recorded") && error.contains("`record:`"), "{error}");
 }
+
+#[test]
+fn a_run_that_cannot_write_its_samples_fails_before_its_first_frame() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("out");
+    let mut run = depthloom();
+    run.args(["run", "experiments/first-look.yaml", "--samples", "--set", "record=[]", "--out"]).arg(&out);
+    let output = run.output().expect("the binary starts");
+    assert_eq!(output.status.code(), Some(2));
+    let error = String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+    let missing = "the ground truth `look.source/depth` and the estimate `look.depth/depth` are not recorded";
+    assert!(error.contains(missing) && error.contains("or run without --samples"), "{error}");
+    assert_eq!(folder.path().read_dir().expect("a folder").count(), 0, "nothing was written");
+}

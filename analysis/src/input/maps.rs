@@ -9,6 +9,15 @@ use crate::estimates::Estimate;
 /// A note on the estimates without recorded maps or ground truth, if any, and the outputs to add to `record:`. `what`
 /// is the result that is missing because of that.
 pub(crate) fn not_recorded(plan: &RecordedPlan, estimates: &[&Estimate], what: &str) -> Option<String> {
+    missing_maps(plan, estimates, what, ["was", "were"])
+}
+
+/// As [`not_recorded`], for a run that has not started.
+pub(crate) fn not_to_be_recorded(plan: &RecordedPlan, estimates: &[&Estimate], what: &str) -> Option<String> {
+    missing_maps(plan, estimates, what, ["is", "are"])
+}
+
+fn missing_maps(plan: &RecordedPlan, estimates: &[&Estimate], what: &str, verbs: [&str; 2]) -> Option<String> {
     let (mut truths, mut maps, mut labels) = (Vec::new(), Vec::new(), Vec::new());
     for estimate in estimates {
         let name = |from: &Option<String>| from.as_deref().map(|topic| reference(plan, estimate.run, topic));
@@ -29,9 +38,9 @@ pub(crate) fn not_recorded(plan: &RecordedPlan, estimates: &[&Estimate], what: &
         return None;
     }
     let whose = if labels.len() == estimates.len() { String::new() } else { format!(" of {}", some(&labels)) };
-    let (were, them) = if several { ("were", "them") } else { ("was", "it") };
+    let (verb, them) = if several { (verbs[1], "them") } else { (verbs[0], "it") };
     let missing = missing.join(" and ");
-    Some(format!("{what}{whose}: {missing} {were} not recorded: add {them} to `record:`"))
+    Some(format!("{what}{whose}: {missing} {verb} not recorded: add {them} to `record:`"))
 }
 
 /// An output as `record:` takes it: `stage.node/port`.

@@ -8,9 +8,9 @@ use std::sync::Mutex;
 use std::thread;
 
 use depthloom_graphs::Value;
-use depthloom_graphs::plan::{FrameIndex, RunId};
+use depthloom_graphs::plan::{FrameIndex, Plan, RunId};
 use depthloom_graphs::values::Raster;
-use depthloom_recording::{FrameReader, Recording};
+use depthloom_recording::{FrameReader, RecordedPlan, Recording};
 use depthloom_scores::{ScoredPixels, Settings};
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use polars::frame::DataFrame;
@@ -22,7 +22,7 @@ use super::described::Described;
 use super::read::METADATA;
 use crate::error::{AnalysisError, caught};
 use crate::estimates::{Estimate, estimates};
-use crate::input::maps::{not_recorded, sparsely_kept};
+use crate::input::maps::{not_recorded, not_to_be_recorded, sparsely_kept};
 use crate::tables::plan_key;
 use crate::tables::{file_metadata, with_arrow_schema};
 
@@ -93,8 +93,38 @@ impl<'a> StageMaps<'a> {
     }
 }
 
-/// Writes the samples of all recorded maps to a file atomically. `progress` is called with the number of finished
-/// frames, and their total; `stop` is polled between frames.
+const SCORE_A_DEPTH: &str = "score a depth (`depth/from-disparity` converts a disparity), and run again";
+
+/// The estimates of a plan that can have samples.
+fn depth_estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisError> {
+    let all = estimates(plan)?;
+    if all.is_empty() {
+        let help = "add a `score:` to a stage, and run again";
+        return Err(AnalysisError::request("no samples: no stage has a `score:`".to_owned(), help.to_owned()));
+    }
+    // Disparities have no distances in metres.
+    Ok(all.into_iter().filter(|estimate| estimate.settings.is_some()).collect())
+}
+
+/// Checks that a run of this plan will record what [`write_samples`] needs.
+///
+/// # Errors
+/// If no scored depth has its maps recorded ([`AnalysisError::Request`], with the outputs to add to `record:`).
+pub fn check_samples(plan: &Plan) -> Result<(), AnalysisError> {
+    let plan = RecordedPlan::read_back(plan).map_err(AnalysisError::content)?;
+    let estimates = depth_estimates(&plan)?;
+    if estimates.iter().any(|estimate| estimate.truth_topic.is_some() && estimate.estimate_topic.is_some()) {
+        return Ok(());
+    }
+    let (what, help) = match not_to_be_recorded(&plan, &estimates.iter().collect::<Vec<_>>(), "no samples") {
+        Some(missing) => (missing, "or run without --samples"),
+        None => ("no samples: no depth is scored".to_owned(), SCORE_A_DEPTH),
+    };
+    Err(AnalysisError::request(what, help.to_owned()))
+}
+
+/// Writes the samples of all recorded maps to a file atomically. `progress` is called with the number of finished frames, and
+/// their total; `stop` is polled between frames.
 ///
 /// Only a few frames are in memory at a time. Equal recordings give equal files.
 ///
@@ -108,10 +138,7 @@ pub fn write_samples(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SamplesWritten, AnalysisError> {
     caught(|| {
-        let all = estimates(recording.plan())?;
-        let nothing_scored = all.is_empty();
-        // Disparities have no distances in metres.
-        let estimates: Vec<Estimate> = all.into_iter().filter(|estimate| estimate.settings.is_some()).collect();
+        let estimates = depth_estimates(recording.plan())?;
         let (described, topics) = Described::new(recording, &estimates);
         let stage_maps = |run: RunId| {
             let name = recording.plan().runs[run].name();
@@ -124,15 +151,9 @@ pub fn write_samples(
         let depths: Vec<&Estimate> = estimates.iter().collect();
         let missing = not_recorded(recording.plan(), &depths, "no samples");
         if runs.is_empty() {
-            let (what, help) = match (nothing_scored, missing) {
-                (true, _) => {
-                    ("no samples: no stage has a `score:`".to_owned(), "add a `score:` to a stage, and run again")
-                }
-                (_, Some(missing)) => (missing, "then run again, which reuses the unchanged values of this run"),
-                (_, None) => (
-                    "no samples: no depth was scored".to_owned(),
-                    "score a depth (`depth/from-disparity` converts a disparity), and run again",
-                ),
+            let (what, help) = match missing {
+                Some(missing) => (missing, "then run again, which reuses the unchanged values of this run"),
+                None => ("no samples: no depth was scored".to_owned(), SCORE_A_DEPTH),
             };
             return Err(AnalysisError::request(what, help.to_owned()));
         }
