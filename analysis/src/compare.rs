@@ -13,6 +13,7 @@ mod side;
 mod table;
 
 use depthloom_graphs::counted;
+use depthloom_graphs::language::glob;
 use depthloom_recording::Recording;
 use depthloom_scores::PixelSet;
 
@@ -320,6 +321,13 @@ fn pairs<'a>(
 
 /// The error for an unknown variant or estimate, with the nearest known name.
 fn no_such(name: &str, estimates: &[Estimate], variants: &[String]) -> AnalysisError {
+    if let Some(variant) = variants.iter().find(|known| !known.is_empty() && glob(name, known)) {
+        let others = listed(estimate_names(estimates));
+        return AnalysisError::request(
+            format!("cannot compare variant `{variant}`: its estimates are identical in all variants"),
+            format!("name variants that differ, or estimates; available: {others}"),
+        );
+    }
     let known: Vec<&str> =
         variants.iter().map(String::as_str).filter(|name| !name.is_empty()).chain(estimate_names(estimates)).collect();
     unknown("variant or estimate", name, known)

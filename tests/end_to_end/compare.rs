@@ -211,6 +211,18 @@ fn estimates_that_are_equal_in_both_runs_are_not_tested() {
 }
 
 #[test]
+fn variants_with_identical_estimates_are_not_called_unknown() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let (first, _) = EXPERIMENT.split_once("  large:").expect("variants");
+    std::fs::write(folder.join("twins.yaml"), format!("{first}  twin: {{}}\n")).expect("written");
+    succeed(depthloom().current_dir(folder).args(["run", "--no-page", "twins.yaml", "--quiet", "--out", "run"]));
+    let error = refused(folder, &["run", "plain", "twin"]);
+    assert!(error.contains("cannot compare variant `plain`: its estimates are identical in all variants"), "{error}");
+    assert!(error.contains("available: `raw`, `smooth`") && !error.contains("did you mean"), "{error}");
+}
+
+#[test]
 fn too_few_frames_for_any_verdict_are_noted() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
