@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
 
-use depthloom_analysis::{Table, TableOutput, recording_notes};
+use depthloom_analysis::{SAMPLES, Table, TableOutput, recording_notes};
 use depthloom_graphs::Key;
 use depthloom_recording::Recording;
 use depthloom_runs::{failed, run_folder};
@@ -150,8 +150,11 @@ fn is_stream(out: &Path) -> bool {
         || fs::metadata(out).is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 
-/// Whether a file exists in the folder of the recording, or is the recording.
+/// Whether a file is the recording, or its samples, or is stored in the folder of its run.
+///
+/// Beside a recording outside of a run's folder other files can be replaced: they are not the run's.
 fn is_of_the_run(out: &Path, recording: &Path) -> bool {
-    let folder = |path: &Path| path.canonicalize().ok()?.parent().map(Path::to_owned);
-    out.exists() && folder(out).is_some_and(|of_out| Some(of_out) == folder(recording))
+    let (Ok(out), Ok(recording)) = (out.canonicalize(), recording.canonicalize()) else { return false };
+    let Some(folder) = recording.parent().filter(|folder| out.parent() == Some(folder)) else { return false };
+    out == recording || out == recording.with_file_name(SAMPLES) || run_folder::around(folder).is_some()
 }

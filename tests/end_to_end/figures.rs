@@ -223,6 +223,25 @@ fn invalid_figure_arguments_are_refused_with_a_remedy() {
 }
 
 #[test]
+fn figures_and_tables_beside_a_recording_without_a_run_folder_are_replaced() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder);
+    std::fs::create_dir(folder.join("loose")).expect("a folder");
+    std::fs::copy(folder.join("run/recording.mcap"), folder.join("loose/one.mcap")).expect("copied");
+    for _ in 0..2 {
+        let drawn = ["figure", "loose/one.mcap", "cdf", "--out", "loose/a.svg", "--csv", "loose/a.csv"];
+        succeed(depthloom().current_dir(folder).args(drawn));
+        let analyse = ["analyse", "loose/one.mcap", "--format", "csv", "--out", "loose/b.csv"];
+        succeed(depthloom().current_dir(folder).args(analyse));
+    }
+    let error = refused(folder, &["loose/one.mcap", "cdf", "--out", "loose/one.mcap", "--format", "svg"]);
+    assert!(error.contains("it is a recording"), "{error}");
+    let error = refused(folder, &["loose/one.mcap", "cdf", "--out", "loose/samples.parquet", "--format", "svg"]);
+    assert!(error.contains("it is a file of the run"), "{error}");
+}
+
+#[test]
 fn a_learning_curve_of_one_point_is_drawn_with_a_note() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
