@@ -239,6 +239,11 @@ fn point_clouds_need_a_calibration() {
     let missing =
         look.command("export", &["bare", "source/left", "--out", "none"]).output().expect("the binary starts");
     assert!(text(&missing.stderr).contains("was not recorded"), "{}", text(&missing.stderr));
+    // A misspelt topic that was not recorded is not suggested.
+    let misspelt =
+        look.command("export", &["bare", "source/lef", "--out", "none"]).output().expect("the binary starts");
+    let error = text(&misspelt.stderr);
+    assert!(error.contains("the run has no topic `source/lef`") && !error.contains("source/left"), "{error}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::language::{glob, nearest};
 use depthloom_graphs::plan::RunId;
-use depthloom_recording::RecordedPlan;
+use depthloom_recording::Recording;
 use depthloom_terminal::{CliError, ExitCode};
 
 use crate::ExportFormat;
@@ -55,11 +55,11 @@ impl Chosen<'_> {
 /// # Errors
 /// If a pattern names nothing, or nothing that was recorded and has one of the formats.
 pub fn chosen<'a>(
-    plan: &'a RecordedPlan,
+    recording: &'a Recording,
     patterns: &[String],
     formats: &[ExportFormat],
 ) -> Result<Vec<Chosen<'a>>, CliError> {
-    let outputs: Vec<Output<'a>> = outputs(plan);
+    let outputs: Vec<Output<'a>> = outputs(recording);
     let patterns: &Vec<String> = &patterns.iter().map(|pattern| of_source(pattern, &outputs)).collect();
     patterns.iter().try_for_each(|pattern| check(pattern, &outputs, formats))?;
     let mut paths = BTreeSet::new();
@@ -93,15 +93,24 @@ struct Output<'a> {
     /// Its topic, then the aliases.
     names: Vec<&'a str>,
     recorded: bool,
+    /// Whether the recording can have values of it: that of an interrupted run lacks those of later stages.
+    has_values: bool,
     value_type: Option<ValueType>,
 }
 
-fn outputs(plan: &RecordedPlan) -> Vec<Output<'_>> {
+fn outputs(recording: &Recording) -> Vec<Output<'_>> {
+    let plan = recording.plan();
+    let has_aggregate = |run, slot| {
+        let mut values = recording.aggregate_values().iter();
+        values.any(|value| value.run == run && slot == Slot::Node { node: value.node, port: value.port })
+    };
     let of_run = |run| {
         plan.outputs(run).map(move |(slot, output)| {
             let aliases = output.aliases.iter().map(String::as_str).filter(|alias| *alias != output.topic);
             let names = std::iter::once(output.topic.as_str()).chain(aliases).collect();
-            Output { run, slot, names, recorded: output.recorded, value_type: output.value_type() }
+            let has_values = output.recorded
+                && if output.once { has_aggregate(run, slot) } else { !recording.frames(run).is_empty() };
+            Output { run, slot, names, recorded: output.recorded, has_values, value_type: output.value_type() }
         })
     };
     RunId::all(plan.runs.len()).flat_map(of_run).collect()
@@ -186,10 +195,14 @@ fn check(pattern: &str, outputs: &[Output<'_>], formats: &[ExportFormat]) -> Res
     })
 }
 
-/// That nothing is called so, and what is.
+/// The error for a pattern without a match: suggests a topic that the recording has, or lists them.
 fn unknown(pattern: &str, outputs: &[Output<'_>]) -> CliError {
-    let ends = outputs.iter().flat_map(|output| &output.names).flat_map(|name| ends_of(name));
-    let topics: Vec<&str> = outputs.iter().filter(|output| output.recorded).map(|output| output.names[0]).collect();
+    let available = || outputs.iter().filter(|output| output.has_values);
+    let ends = available().flat_map(|output| &output.names).flat_map(|name| ends_of(name));
+    let topics: Vec<&str> = available().map(|output| output.names[0]).collect();
+    if topics.is_empty() {
+        return CliError::usage(format!("the run has no topic `{pattern}`"), "the recording has no topic with values");
+    }
     let others = if topics.len() > MOST_LISTED { ", ... (`depthloom inspect RUN` has all)" } else { "" };
     let has = format!("it has {}{others}", topics[..topics.len().min(MOST_LISTED)].join(", "));
     CliError::unknown(format!("the run has no topic `{pattern}`"), nearest(pattern, ends), has)
@@ -224,7 +237,25 @@ fn own_path(name: &str, taken: &mut BTreeSet<PathBuf>) -> PathBuf {
 mod tests {
     use std::collections::BTreeSet;
 
-    use super::{is_of, own_path};
+    use depthloom_graphs::ValueType;
+    use depthloom_graphs::contracts::Slot;
+    use depthloom_graphs::plan::{PortId, RunId};
+
+    use super::{Output, is_of, own_path, unknown};
+
+    #[test]
+    fn only_topics_with_values_are_suggested_and_listed() {
+        let output = |topic, has_values| {
+            let slot = Slot::Source { port: PortId(0) };
+            let value_type = Some(ValueType::Depth);
+            Output { run: RunId(0), slot, names: vec![topic], recorded: true, has_values, value_type }
+        };
+        let help = |pattern, outputs: &[Output<'_>]| unknown(pattern, outputs).message.remedy.unwrap();
+        let one = [output("/look/near/depth", true), output("/later/far/depth", false)];
+        assert_eq!(help("nea", &one), "did you mean `near`?");
+        assert_eq!(help("far", &one), "it has /look/near/depth");
+        assert_eq!(help("far", &one[1..]), "the recording has no topic with values");
+    }
 
     #[test]
     fn a_topic_is_named_by_itself_its_end_or_its_node() {

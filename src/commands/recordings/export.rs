@@ -35,7 +35,7 @@ pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     let path = args.run.recording("export")?;
     let interrupt = signals::listen("stopping: files that were started are finished")?;
     let recording = open(&path)?;
-    let chosen = chosen(recording.plan(), &args.topics, &args.format)?;
+    let chosen = chosen(&recording, &args.topics, &args.format)?;
     let colours = args.colormap.map(colours);
     check_options(args, &chosen, colours)?;
     let runs: BTreeSet<RunId> = chosen.iter().map(|chosen| chosen.run).collect();
