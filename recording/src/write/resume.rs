@@ -121,11 +121,18 @@ pub struct Recovered {
 /// If there is no complete frame, `from` cannot be read or `to` cannot be written. Then the caller must remove `to`.
 pub fn recover(from: &Recording, to: &Path) -> Result<Recovered, RecordingError> {
     // A summary can be intact although values are damaged.
-    let scanned = Recording::open_by_scan(from.path())?;
-    let damage = first_damage(from, &scanned);
+    let mut by_scan = None;
+    let scanned = match from.index.data_end {
+        Some(_) => by_scan.insert(Recording::open_by_scan(from.path())?),
+        None => from,
+    };
+    let damage = first_damage(from, scanned);
     let mut buffers = ChunkBuffers::default();
     let mut chunks = scanned.index.chunks.iter();
-    let damaged_chunk = chunks.find(|chunk| buffers.each_message(&scanned.file, chunk, |_| Ok(())).is_err());
+    // `first_damage` has decompressed the chunks of the summary.
+    let is_checked = from.index.data_end.is_some() && damage.is_none() && has_same_chunks(from, scanned);
+    let mut is_damaged = |chunk: &&ChunkEntry| buffers.each_message(&scanned.file, chunk, |_| Ok(())).is_err();
+    let damaged_chunk = if is_checked { None } else { chunks.find(&mut is_damaged) };
     let Some(end) = scanned.end_before(damaged_chunk.map_or(u64::MAX, |chunk| chunk.start)) else {
         return Err(match damage {
             Some((offset, what)) => {
@@ -157,6 +164,13 @@ pub fn recover(from: &Recording, to: &Path) -> Result<Recovered, RecordingError>
     let lost = from.frame_count() - frames;
     let damage = damage.map(|(offset, what)| from.file.damaged(offset, what).into());
     Ok(Recovered { frames, lost, damage })
+}
+
+fn has_same_chunks(one: &Recording, other: &Recording) -> bool {
+    let places = |recording: &Recording| {
+        recording.index.chunks.iter().map(|chunk| (chunk.start, chunk.length)).collect::<Vec<_>>()
+    };
+    places(one) == places(other)
 }
 
 /// The first damage of a recording: its offset and a message. Uses the summary if there is one, because it can name the

@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Remedied;
 use depthloom_graphs::contracts::Tap;
-use depthloom_recording::{Condition, Disk, FileError, Recorder, Recording, RecordingError};
+use depthloom_recording::{Condition, Disk, FileError, Recorder, Recording, RecordingError, recover};
 use proptest::prelude::{ProptestConfig, Strategy, proptest};
 use proptest::{prop_assert, prop_assert_eq};
 
@@ -241,6 +241,30 @@ fn fault_49_a_recording_says_in_what_condition_it_is() {
     assert_eq!(everything(&folder.path().join("recording.mcap")).unwrap(), {
         everything(&written(folder.path(), bytes)).unwrap()
     });
+}
+
+#[test]
+fn recover_copies_the_complete_frames_of_finished_and_unfinished_files() {
+    let (bytes, ends, _) = recorded();
+    let folder = tempfile::tempdir().unwrap();
+    let recovered = |bytes: &[u8]| {
+        let from = Recording::open(written(folder.path(), bytes)).unwrap();
+        let to = folder.path().join("recovered.mcap");
+        let _ = std::fs::remove_file(&to);
+        let recovered = recover(&from, &to).unwrap();
+        assert_eq!(read_all(&to).unwrap() as u64, recovered.frames);
+        let damage = recovered.damage.map(|damage| damage.to_string());
+        (recovered.frames, damage, std::fs::read(to).unwrap())
+    };
+    assert!(recovered(bytes) == (FRAMES, None, bytes.clone()), "a good file is copied unchanged");
+    let (frames, damage, _) = recovered(&bytes[..ends[3] as usize + 500]);
+    assert_eq!((frames, damage), (4, None));
+    let mut flipped = bytes.clone();
+    let place = bytes.len() - 100;
+    flipped[place] ^= 1;
+    let (frames, damage, _) = recovered(&flipped);
+    let damage = damage.unwrap();
+    assert!(frames == FRAMES && damage.contains("the summary's checksum differs"), "{frames} {damage}");
 }
 
 #[test]
