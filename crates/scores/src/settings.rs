@@ -29,7 +29,7 @@ pub struct Settings {
     pub silog: ScaleInvariant,
 }
 
-/// How estimates without a scale are aligned, frame by frame, before they are clamped. The fit is over the valid scored
+/// How estimates without a scale are aligned, frame by frame, before they are clamped. The fit uses the valid scored
 /// pixels of the whole image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -133,7 +133,10 @@ mod tests {
         let words = crate::Settings { align: crate::Align::ScaleAndShift, ..paper }.in_words();
         assert!(words.contains("scale and shift of inverse depth"), "{words}");
         let words = Preset::Monodepth2.settings().in_words();
-        assert_eq!(words, "ground truth from 0.001 to 80 m, Garg crop, scaled to the median of the ground truth, frame by frame");
+        assert_eq!(
+            words,
+            "ground truth from 0.001 to 80 m, Garg crop, scaled to the median of the ground truth, frame by frame"
+        );
     }
 
     #[test]
