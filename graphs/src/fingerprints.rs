@@ -73,8 +73,8 @@ mod tests {
         StageRun { stage, prefix, source, nodes, estimates: Vec::new(), variants: vec![VariantId(0)] }
     }
 
-    /// Two stages: of the first, `network` and what reads it; of the second, a reader of its aggregate value, and one of the
-    /// source.
+    /// Two stages: of the first, `network` and what reads it; of the second, a reader of its aggregate value, and one
+    /// of the source.
     fn plan() -> Plan {
         let here = |node| Some(Origin::Here(Slot::Node { node: NodeId(node), port: PortId(0) }));
         let source = || Some(Origin::Here(Slot::Source { port: PortId(0) }));

@@ -26,7 +26,7 @@ def street(frames: str, seed: int) -> dict[str, object]:
 
 
 def test_frames_with_the_same_id_are_distinguished_by_position(tmp_path: Path) -> None:
-    twice = {"join": [street("0..2", 1), street("1..3", 2)]}
+    twice = {"concat": [street("0..2", 1), street("1..3", 2)]}
     run = depthloom.run(experiment(tmp_path / "twice.yaml", twice), out=tmp_path / "run")
     assert list(run.frames) == ["000000_10", "000001_10", "000002_10"]
     with pytest.raises(depthloom.Ambiguous, match="of 1 and 2"):
@@ -38,7 +38,7 @@ def test_frames_with_the_same_id_are_distinguished_by_position(tmp_path: Path) -
 
 def test_a_map_exists_if_it_is_readable_even_if_frames_share_a_time(tmp_path: Path) -> None:
     # Both frames have the time 0, and only the values of the first are recorded.
-    twice = {"join": [street("0..1", 1), street("0..1", 2)]}
+    twice = {"concat": [street("0..1", 1), street("0..1", 2)]}
     recorded = {"record": {"every": 2, "topics": ["source/depth"]}}
     run = depthloom.run(experiment(tmp_path / "twice.yaml", twice, **recorded), out=tmp_path / "run")
     first, second = run.stages["look"].frames

@@ -28,7 +28,7 @@ pub(crate) struct RunArgs {
     #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
-    /// Replace the output folder if it holds a finished run.
+    /// Replace the output folder if it holds a run, finished or not.
     #[arg(long)]
     pub overwrite: bool,
 

@@ -17,10 +17,11 @@ const COMMANDS: [(&[&str], &[&str]); 8] = [
 
 /// Commands, an option that was removed from them, and the option that replaces it; `None` if it is not needed any
 /// more.
-const OPTIONS: [(&[&str], &str, Option<&str>); 13] = [
+const OPTIONS: [(&[&str], &str, Option<&str>); 14] = [
     (&["table", "compare", "explain", "analyse", "analyze", "figure"], "--set", Some("--pixels")),
     (&["table", "compare", "analyse", "analyze", "figure"], "--estimators", Some("--estimates")),
     (&["compare"], "--scores", Some("--metrics")),
+    (&["figure"], "--scores", Some("--metric")),
     (&["compare"], "--score", Some("--metrics")),
     (&["figure"], "--score", Some("--metric")),
     (&["figure"], "--thin", Some("--min-count")),
@@ -28,7 +29,7 @@ const OPTIONS: [(&[&str], &str, Option<&str>); 13] = [
     (&["figure"], "--data", Some("--csv")),
     (&["analyse", "analyze"], "--gross", Some("--outlier")),
     (&["inspect", "data"], "--sheet", Some("--contact-sheet")),
-    (&["info"], "--check", Some("--verify-bytes")),
+    (&["info", "inspect"], "--check", Some("--verify-bytes")),
     (&["verify", "replay"], "--check", None),
     (&["schema"], "--output", Some("--of")),
 ];

@@ -356,7 +356,7 @@ fn runs_rm_removes_all_named_runs_or_none() {
     assert!(!first.exists() && !third.exists());
     assert_eq!(std::fs::read_to_string(second.join("notes.txt")).expect("a file"), "years");
     let wrong =
-        [("first", "there is nothing"), ("look.yaml", "it is a file"), ("runs", "it is a folder, but not of a run")];
+        [("first", "it does not exist"), ("look.yaml", "it is a file"), ("runs", "it is a folder, but not of a run")];
     for (wrong, why) in wrong {
         let error = here.fails(&["runs", "rm", wrong], 2);
         assert!(error.contains(&format!("{wrong} is not removed: {why}")), "{error}");

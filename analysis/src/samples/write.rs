@@ -123,8 +123,8 @@ pub fn check_samples(plan: &Plan) -> Result<(), AnalysisError> {
     Err(AnalysisError::request(what, help.to_owned()))
 }
 
-/// Writes the samples of all recorded maps to a file atomically. `progress` is called with the number of finished frames, and
-/// their total; `stop` is polled between frames.
+/// Writes the samples of all recorded maps to a file atomically. `progress` is called with the number of finished
+/// frames, and their total; `stop` is polled between frames.
 ///
 /// Only a few frames are in memory at a time. Equal recordings give equal files.
 ///

@@ -299,7 +299,10 @@ fn damage_in_needed_values_is_an_error_that_lists_intact_files() {
     let words = |text: &[u8]| String::from_utf8_lossy(text).split_whitespace().collect::<Vec<_>>().join(" ");
     let stderr = words(&damaged.stderr);
     assert!(stderr.contains("input.mcap is damaged at byte"), "{stderr}");
-    assert!(stderr.contains("it held /look/depth/depth of frame `000002_10` (position 2 of stage `look`)"), "{stderr}");
+    assert!(
+        stderr.contains("it contained /look/depth/depth of frame `000002_10` (position 2 of stage `look`)"),
+        "{stderr}"
+    );
     assert!(
         stderr.contains(
             "copy the file again, or run the experiment again; these files are complete: scores.*, table.* in"

@@ -87,7 +87,7 @@ function frameViews() {
     }
     return lines.get(key)[layer] || null;
   };
-  /** A map or an image of a frame; null: there is none; undefined: it has not come yet. */
+  /** A map or an image of a frame; null: the frame has no such map; undefined: not loaded yet. */
   const value = (part, frame, layer) => {
     const key = `${part.run}-${frame.position}-${layer}`;
     if (kept.has(key)) {

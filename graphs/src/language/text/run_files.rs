@@ -1,8 +1,8 @@
 //! The files of an experiment that a run stores, so that it can be checked and run again.
 //!
 //! `experiment.yaml` is the main file, `experiment/` has those it extends or takes nodes from, and
-//! `experiment.resolved.yaml` is all of it with `--set`. Only paths are rewritten: stored files by their new names, data
-//! by absolute paths. Variables stay variables.
+//! `experiment.resolved.yaml` is all of it with `--set`. Only paths are rewritten: stored files by their new names,
+//! data by absolute paths. Variables stay variables.
 
 use std::collections::HashSet;
 use std::ops::Range;
