@@ -46,7 +46,7 @@ for round in $(seq "$rounds"); do
     --first "$first" --last "$last" --threads 2 "${peer_model[@]}" >"$work/theirs.$round.json"
 done
 echo "ours, the last round, by phase:"
-"$programs/depthloom" timings "$work/ours"
+"$programs/depthloom" runs timings "$work/ours"
 echo "theirs, the last round:"
 cat "$work/theirs.$rounds.json"
 "$venv/bin/python" - "$work" "$rounds" "$((last - first + 1))" <<'PY'

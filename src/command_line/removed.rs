@@ -94,6 +94,10 @@ fn corrected(words: &[String]) -> Option<(String, Vec<String>)> {
             }
         }
     }
+    if let Some(answered) = pixel_set_answered(&corrected) {
+        messages.push("the pixel set `answered` was renamed to `valid`".to_owned());
+        corrected[answered] = corrected[answered].replace("answered", "valid");
+    }
     if messages.is_empty() { None } else { Some((messages.join("; "), corrected)) }
 }
 
@@ -104,6 +108,14 @@ fn quoted(word: &str) -> String {
         return word.to_owned();
     }
     format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+/// The place of the word with the pixel sets, if they contain `answered`.
+fn pixel_set_answered(words: &[String]) -> Option<usize> {
+    let is_answered = |sets: &str| sets.split(',').any(|set| set == "answered");
+    let place = words.iter().position(|word| *word == "--pixels").map(|option| option + 1);
+    let place = place.or_else(|| words.iter().position(|word| word.starts_with("--pixels=")))?;
+    is_answered(words.get(place)?.trim_start_matches("--pixels=")).then_some(place)
 }
 
 #[cfg(test)]
@@ -134,6 +146,9 @@ mod tests {
             ("compare RUN --scores d1 --set common", "compare RUN --metrics d1 --pixels common"),
             ("figure RUN cdf --most 3 --thin 5 --data a.csv", "figure RUN cdf --y-max 3 --min-count 5 --csv a.csv"),
             ("schema --output run", "schema --of run"),
+            ("table RUN --set answered", "table RUN --pixels valid"),
+            ("analyse RUN --pixels=all,answered", "analyse RUN --pixels=all,valid"),
+            ("figure RUN cdf --scores rmse", "figure RUN cdf --metric rmse"),
         ] {
             assert_eq!(correct(line).map(|(_, corrected)| corrected).as_deref(), Some(right), "{line}");
         }

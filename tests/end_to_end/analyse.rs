@@ -70,7 +70,7 @@ fn errors_by_distance_match_the_reference_implementation() {
     let (ours, theirs) = (read_csv(&out), read_csv(&shared.join("oracle/golden/ground_plane/percentiles.csv")));
     let mut compared = 0;
     for golden in &theirs {
-        let (variant, estimate) = golden["estimate"].rsplit_once('/').unwrap_or(("", &golden["estimate"]));
+        let (variant, estimate) = golden["estimator"].rsplit_once('/').unwrap_or(("", &golden["estimator"]));
         let is_same_bin = |row: &&crate::support::Row| {
             let bin: f64 = row["bin_from_m"].parse().expect("an edge");
             row["variant"] == variant

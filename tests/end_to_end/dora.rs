@@ -219,7 +219,7 @@ fn a_foreign_dora_node_that_stalls_or_ends_fails_the_frame() {
         // Long enough for the frames before it on a loaded machine.
         ("args: [silent], timeout_s: 15", "dora's node gave nothing at `depth` within 15 s"),
         ("args: [ends]", "dora's node has ended"),
-        ("values: flat, args: [forgets]", "answered at `depth` without naming its frame"),
+        ("values: flat, args: [forgets]", "replied at `depth` without naming its frame"),
         (
             "values: flat, args: [negative]",
             "is not a valid depth: -5.0 m at row 0, column 0 (30720 of 30720 pixels are invalid)",
@@ -437,7 +437,7 @@ fn a_dataflow_that_cannot_start_reports_the_reason() {
         (ran.status.success(), plain(&[ran.stdout, ran.stderr].concat()))
     };
     assert!(
-        !succeeded && printed.contains("own.yaml is another experiment than the dataflow was written of"),
+        !succeeded && printed.contains("own.yaml differs from the experiment that the dataflow was written for"),
         "{printed}"
     );
     let without = flow.depthloom(&["dora", "own.yaml", "--allow-exec", "--out", "many", "--python", "/nowhere/python"]);

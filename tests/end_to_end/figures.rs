@@ -57,7 +57,7 @@ const KINDS: [(&str, &[&str], &str); 9] = [
     ("difference", &["--estimates", "stereo,mono", "--resamples", "500"], "difference of mean errors, m"),
     ("histogram", &["--variant", "size=3+weighting=full"], "share of pixels, %"),
     ("cdf", &["--layout", "overlaid"], "share of pixels, %"),
-    ("frames", &["--metric", "rmse"], "a frame"),
+    ("frames", &["--metric", "rmse"], "one frame"),
     ("parameter", &[], "weighting"),
     ("reliability", &["--variant", "size=3+weighting=full"], "absolute error"),
     ("learning", &[], "learn/train"),

@@ -444,7 +444,7 @@ fn a_calibration_for_another_size_fails_the_frame_and_warnings_are_counted() {
     let output = output.expect("started");
     let printed = output_of(&output);
     assert_eq!(output.status.code(), Some(3), "{printed}");
-    assert!(printed.contains("`camera` is for 128x64 pixels, and `left` is 64x32"), "{printed}");
+    assert!(printed.contains("`camera` is for 128x64 pixels, but `left` is 64x32"), "{printed}");
     assert!(printed.contains("3 folders without an image"), "{printed}");
 }
 
