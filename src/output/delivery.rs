@@ -106,12 +106,21 @@ pub(crate) fn write_named(out: &Path, bytes: &[u8], recordings: &[&Path]) -> Res
     })
 }
 
-/// Refuses to replace a file of a run or a recording.
-pub(crate) fn replaces_no_run(out: &Path) -> Result<(), CliError> {
+/// The extensions of outputs: an existing file with another one (an experiment, a network, a program) is the user's.
+const OUTPUTS: [&str; 12] = ["csv", "jpeg", "jpg", "json", "md", "parquet", "pdf", "png", "svg", "tex", "txt", "webp"];
+
+/// Whether a file can be an earlier output, by its extension.
+fn is_output(file: &Path) -> bool {
+    file.extension().is_none_or(|extension| OUTPUTS.iter().any(|output| extension.eq_ignore_ascii_case(output)))
+}
+
+/// Refuses to replace a file of a run, a recording, or a file that is not an output.
+pub(crate) fn replaces_only_outputs(out: &Path) -> Result<(), CliError> {
     let is_of_a_run = || run_folder::around(out.parent().unwrap_or(Path::new("."))).is_some();
     let what = match out.is_file() {
         true if is_of_a_run() => "it is a file of a run",
         true if depthloom_runs::is_recording(out) => "it is a recording",
+        true if !is_output(out) => "it exists, and is not a table or a picture",
         _ => return Ok(()),
     };
     Err(CliError::usage(format!("cannot write {}: {what}", out.display()), "choose another file"))
@@ -128,7 +137,7 @@ pub(crate) fn can_be_written(out: &Path) -> Result<(), CliError> {
         // In a folder of another user it may lead to any file of this user.
         return Err(cannot("it is a symbolic link".to_owned()).remedy("name the file that it leads to"));
     }
-    replaces_no_run(out)?;
+    replaces_only_outputs(out)?;
     match out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
         None => Ok(()),
         Some(folder) => {

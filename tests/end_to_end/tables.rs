@@ -320,6 +320,13 @@ fn table_out_does_not_replace_other_files() {
         assert!(String::from_utf8_lossy(&refused.stderr).contains(why));
         assert!(std::fs::read(out).expect("read") == before);
     }
+    // Files of the user that are not tables or figures are not replaced.
+    for name in ["mine.yaml", "mine.onnx", "mine.py"] {
+        let mine = folder.path().join(name);
+        std::fs::write(&mine, "mine").expect("written");
+        assert!(refusal(&mine).contains("is not a table or a picture"), "{name}");
+        assert_eq!(std::fs::read(&mine).expect("read"), b"mine");
+    }
     let in_folder = refusal(folder.path());
     assert!(in_folder.contains("it is a folder") && in_folder.contains("table.csv"), "{in_folder}");
     let nowhere = refusal(&folder.path().join("not/there.csv"));

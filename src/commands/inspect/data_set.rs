@@ -27,7 +27,7 @@ use super::Subject;
 use crate::args::InspectArgs;
 use crate::check_data::{DataFact, file_of};
 use crate::output;
-use crate::output::delivery::replaces_no_run;
+use crate::output::delivery::replaces_only_outputs;
 use crate::output::diagnostics::Error;
 use crate::output::warnings::WarningCollector;
 
@@ -403,7 +403,7 @@ fn unknown(args: &InspectArgs, root: &Path) -> Result<ExitCode, CliError> {
 }
 
 fn write(path: &Path, sheet: &Sheet) -> Result<(), CliError> {
-    replaces_no_run(path)?;
+    replaces_only_outputs(path)?;
     let failed = |error: std::io::Error| {
         CliError::because(ExitCode::Engine, format!("failed to write {}", path.display()), &error)
             .remedy("name a file with --contact-sheet, in a folder that exists and can be written")
