@@ -364,7 +364,7 @@ impl Experiment {
         for source in &self.sources {
             let body = match &source.parts[..] {
                 [only] => part(only),
-                several => json!({ "join": several.iter().map(part).collect::<Vec<_>>() }),
+                several => json!({ "concat": several.iter().map(part).collect::<Vec<_>>() }),
             };
             text.push_str(&format!("  {}: {body}\n", source.name));
         }
@@ -386,7 +386,10 @@ impl Experiment {
                 text.push_str(&format!("      {}: {body}\n", node.name));
             }
             if let Some(score) = &stage.score {
-                text.push_str(&format!("    score:\n      truth: {}\n", self.reference(Some(stage.id), &score.truth)));
+                text.push_str(&format!(
+                    "    score:\n      ground_truth: {}\n",
+                    self.reference(Some(stage.id), &score.truth)
+                ));
                 score.settings.iter().for_each(|(name, value)| text.push_str(&format!("      {name}: {value}\n")));
                 text.push_str("      estimates:\n");
                 for estimate in &score.estimates {
