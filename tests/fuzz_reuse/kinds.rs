@@ -118,6 +118,7 @@ pub(crate) const KINDS: &[Kind] = &[
             ("mode", &["\"sgbm\"", "\"hh\"", "\"3way\"", "\"hh4\""]),
             ("uniqueness", &["0", "5", "15"]),
             ("min_disparity", &["0", "1", "-2"]),
+            ("extend_left", &["true", "false"]),
         ],
         share: 10,
         ..DEFAULT

@@ -2,9 +2,10 @@
 //! refused.
 //!
 //! A line: `LEFT RIGHT OUT WIDTH HEIGHT CHANNELS MODE PATH THREADS`, then `minDisparity numDisparities blockSize P1 P2
-//! disp12MaxDiff preFilterCap uniquenessRatio speckleWindowSize speckleRange`. Images are raw bytes, the output raw
-//! little-endian 16-bit disparities; PATH is `best` or the name of an implementation (`plain`, ...). What
-//! `tests/sgbm_against_opencv.py` and `bench/stereo.sh` drive.
+//! disp12MaxDiff preFilterCap uniquenessRatio speckleWindowSize speckleRange`, and 1 where the left border is extended
+//! (`Params::extend_left`; may be left out). Images are raw bytes, the output raw little-endian 16-bit disparities; PATH
+//! is `best` or the name of an implementation (`plain`, ...). What `tests/sgbm_against_opencv.py` and `bench/stereo.sh`
+//! drive.
 
 use std::io::{BufRead, Write};
 use std::time::Instant;
@@ -25,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let numbers = words[9..].iter().map(|word| word.parse()).collect::<Result<Vec<i32>, _>>()?;
         let (
             &[width, height, channels],
-            &[min_disparity, disparities, block, p1, p2, diff, cap, uniqueness, window, range],
+            &[min_disparity, disparities, block, p1, p2, diff, cap, uniqueness, window, range, ref extend @ ..],
         ) = (&size[..], &numbers[..])
         else {
             return Err(format!("line holds {} words, expected 19: {line}", words.len()).into());
@@ -48,6 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 "hh4" => Mode::Hh4,
                 other => return Err(format!("unknown mode {other}").into()),
             },
+            extend_left: extend == [1],
         };
         let path =
             Path::named(path).ok_or_else(|| format!("no implementation {path} here: {:?}", Path::available()))?;

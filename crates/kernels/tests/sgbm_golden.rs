@@ -69,6 +69,7 @@ fn every_pixel_equals_opencv() {
                 "hh4" => Mode::Hh4,
                 other => panic!("unknown mode {other}"),
             },
+            extend_left: false,
         };
         let expected = image::open(folder.join(&case.file)).unwrap().into_luma16().into_raw();
         let [left, right] = [&left, &right].map(|data| View { data, width, height, channels: 1 });

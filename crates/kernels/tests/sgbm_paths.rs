@@ -32,6 +32,7 @@ prop_compose! {
         (p1, p2) in penalties(),
         (disp12_max_diff, prefilter_cap, uniqueness) in (-1..4_i32, 0..200_i32, select(vec![0, 0, 5, 15, 60])),
         (speckle_window, speckle_range) in (select(vec![0, 0, 30]), 0..3_i32),
+        extend_left in select(vec![false, false, true]),
         (shift, grain, seed) in (0..60_usize, select(vec![0_u32, 0, 4, 7]), any::<u64>()),
     ) -> Case {
         let disparities = 16 * vectors;
@@ -40,7 +41,7 @@ prop_compose! {
         let (left, right) = images(width * height * channels, shift * channels, grain, seed);
         let params = Params {
             min_disparity, disparities, block, p1, p2, disp12_max_diff, prefilter_cap, uniqueness, speckle_window,
-            speckle_range, mode,
+            speckle_range, mode, extend_left,
         };
         Case { params, width, height, channels, left, right }
     }
@@ -82,6 +83,38 @@ proptest! {
     }
 }
 
+/// Each row behind `columns` copies of its first pixel.
+fn extended(data: &[u8], width: usize, channels: usize, columns: usize) -> Vec<u8> {
+    let row = |row: &[u8]| [row[..channels].repeat(columns), row.to_vec()].concat();
+    data.chunks_exact(width * channels).flat_map(row).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: if cfg!(miri) { 1 } else { 100 },
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
+    #[test]
+    fn an_extended_border_gives_what_extended_images_give(case in cases()) {
+        let columns = (case.params.min_disparity + case.params.disparities).max(0) as usize;
+        let wide = |data| extended(data, case.width, case.channels, columns);
+        let by_hand = Case {
+            params: Params { extend_left: false, ..case.params.clone() },
+            width: case.width + columns,
+            left: wide(&case.left),
+            right: wide(&case.right),
+            ..case.clone()
+        };
+        let ours = Case { params: Params { extend_left: true, ..case.params.clone() }, ..case.clone() };
+        let mut scratch = SgbmScratch::default();
+        let found = run(&ours, Path::best(), &mut scratch, &Serial).unwrap();
+        let expected = run(&by_hand, Path::best(), &mut scratch, &Serial).unwrap();
+        let cut: Vec<i16> = expected.chunks_exact(by_hand.width).flat_map(|row| &row[columns..]).copied().collect();
+        prop_assert_eq!(found, cut);
+    }
+}
+
 #[test]
 fn images_that_do_not_match_each_other_or_the_parameters_are_refused() {
     let data = [0; 30 * 4];
@@ -99,6 +132,9 @@ fn images_that_do_not_match_each_other_or_the_parameters_are_refused() {
     );
     // OpenCV: "Your input images are too small for your window size and max disparity"
     assert_eq!(try_it(&view(18, 4, 1), &view(18, 4, 1), &small, 72), Err(Error::Narrow { width: 18, needed: 19 }));
+    let extend = Params { extend_left: true, ..small.clone() };
+    assert_eq!(try_it(&view(3, 4, 1), &view(3, 4, 1), &extend, 12), Ok(()));
+    assert_eq!(try_it(&view(2, 4, 1), &view(2, 4, 1), &extend, 8), Err(Error::Narrow { width: 2, needed: 3 }));
     let hh4 = Params { mode: Mode::Hh4, ..small };
     assert_eq!(try_it(&view(1, 1, 1), &view(1, 1, 1), &hh4, 1), Ok(()));
 }

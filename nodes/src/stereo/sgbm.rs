@@ -46,12 +46,17 @@ pub(crate) struct SgbmParams {
     pub speckle_range: i32,
     /// Directions along which costs are summed: `sgbm` (5), `hh` (8), `3way` (3) or `hh4` (4).
     pub mode: Mode,
+    /// Match the left border by virtual columns. Both images are extended on the left by
+    /// `max(min_disparity + disparities, 0)` copies of their first column (`cv::copyMakeBorder` with
+    /// `BORDER_REPLICATE`), matched, and the extension is cut off.
+    pub extend_left: bool,
 }
 
 impl Default for SgbmParams {
     fn default() -> Self {
         let Params { min_disparity, disparities, block, disp12_max_diff, .. } = Params::default();
-        let Params { prefilter_cap, uniqueness, speckle_window, speckle_range, mode, .. } = Params::default();
+        let Params { prefilter_cap, uniqueness, speckle_window, speckle_range, .. } = Params::default();
+        let Params { mode, extend_left, .. } = Params::default();
         Self {
             disparities,
             min_disparity,
@@ -64,6 +69,7 @@ impl Default for SgbmParams {
             speckle_window,
             speckle_range,
             mode,
+            extend_left,
         }
     }
 }
@@ -90,6 +96,7 @@ impl SgbmParams {
             speckle_window: self.speckle_window,
             speckle_range: self.speckle_range,
             mode: self.mode,
+            extend_left: self.extend_left,
         }
     }
 }
@@ -113,7 +120,10 @@ Birchfield-Tomasi costs on x-Sobel and grey values, summed over a block and alon
 `cv::StereoSGBM` of OpenCV 5.0 on the grey images.\n\n\
 Disparity is fixed point, i16, in 1/16 px of the left image. Invalid pixels hold `(min_disparity - 1) * 16`. The \
 first `max(min_disparity + disparities, 0)` columns and the last `max(-min_disparity, 0)` columns are not searched \
-and are invalid.",
+and are invalid.\n\n\
+With `extend_left`, the first columns are searched too, among disparities that point to virtual columns. Every pixel \
+equals OpenCV's on the extended images, speckle filter included. A disparity `d` at a column `x < d` is a guess of \
+the neighbourhood: the right image does not show the pixel.",
             inputs: pair(),
             outputs: disparity(),
         }

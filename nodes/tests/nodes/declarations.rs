@@ -103,7 +103,8 @@ fn defaults_are_the_golden_settings() {
         defaults("stereo/sgbm"),
         json!({
             "disparities": 64, "min_disparity": 0, "block": 5, "p1": 200, "p2": 800, "disp12_max_diff": -1,
-            "prefilter_cap": 63, "uniqueness": 0, "speckle_window": 0, "speckle_range": 0, "mode": "sgbm"
+            "prefilter_cap": 63, "uniqueness": 0, "speckle_window": 0, "speckle_range": 0, "mode": "sgbm",
+            "extend_left": false
         })
     );
     assert_eq!(

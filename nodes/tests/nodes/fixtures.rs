@@ -39,6 +39,7 @@ fn params(case: &Map<String, Json>) -> Json {
         "prefiltercap" => ("prefilter_cap", value.clone()),
         "texturethreshold" => ("texture_threshold", value.clone()),
         "uniquenessratio" => ("uniqueness", value.clone()),
+        "extend_left" => ("extend_left", value.clone()),
         "specklewindowsize" => ("speckle_window", value.clone()),
         "specklerange" => ("speckle_range", value.clone()),
         other => panic!("{other} is not a parameter of a matcher"),
@@ -51,7 +52,8 @@ fn disparities_are_opencvs_in_every_pixel_and_mode() {
     let cases: BTreeMap<String, Map<String, Json>> =
         serde_json::from_slice(&std::fs::read(golden("cases.json")).unwrap()).unwrap();
     let modes = ["sgbm", "hh", "3way", "hh4", "bm", "bm_normalized", "sgbm_checked", "hh_checked"];
-    assert!(modes.iter().all(|mode| cases.contains_key(*mode)), "{:?}", cases.keys());
+    let extended = ["sgbm_extended", "hh_extended", "3way_extended", "hh4_extended", "sgbm_checked_extended"];
+    assert!(modes.iter().chain(&extended).all(|mode| cases.contains_key(*mode)), "{:?}", cases.keys());
     let mut files: Vec<(&str, usize)> = cases.keys().map(|case| (case.as_str(), 0)).collect();
     files.push(("sgbm", 1));
     for (name, index) in files {

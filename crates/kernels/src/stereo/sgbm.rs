@@ -22,6 +22,7 @@
 
 mod choice;
 mod compute;
+mod extend;
 mod fast;
 mod params;
 mod plain;

@@ -1,5 +1,6 @@
 //! The entry: checks, and the choice between implementations.
 
+use super::extend::{self, ExtendScratch};
 use super::fast::{self, FastScratch};
 use super::search::Search;
 use super::speckle::SpeckleScratch;
@@ -14,6 +15,7 @@ use crate::tiles::Tiles;
 pub struct SgbmScratch {
     fast: FastScratch,
     speckle: SpeckleScratch,
+    extend: ExtendScratch,
 }
 
 /// Disparities of `left`'s pixels in 1/16 px, [`Params::invalid`] where invalid; the fastest implementation
@@ -48,24 +50,61 @@ pub fn compute_on(
 ) -> Result<(), Error> {
     params.check()?;
     check_shapes(left, right, out.len())?;
-    let search = Search::new(params, left.width, left.height, left.channels);
-    if (left.width as i64) < search.least_width() {
-        return Err(Error::Narrow { width: left.width, needed: search.least_width() });
+    let columns = extend::virtual_columns(params);
+    let SgbmScratch { fast, speckle, extend } = scratch;
+    let job = Job { path, params, columns, tiles };
+    if columns == 0 {
+        return job.run([left, right], fast, speckle, out);
     }
-    if matches!(params.mode, Mode::Hh | Mode::Hh4) {
-        // Costs and sums of the whole image.
-        TooMuch::check(bytes_of(&[2, search.row_len(), search.height], size_of::<i16>()))?;
-    }
-    match path {
-        Path::Fast(level) if fast::fits(&search) => {
-            fast::compute(level, &search, params.block, [left, right], &mut scratch.fast, tiles, out)?;
-        }
-        _ => plain::compute(&search, params.block, left, right, out),
-    }
-    if params.speckle_window > 0 {
-        let range = params.speckle_range.saturating_mul(16);
-        let window = params.speckle_window as usize;
-        speckle::filter(out, search.width, search.invalid, window, range, &mut scratch.speckle);
-    }
+    let pixels = (left.width + columns) * left.height;
+    let ExtendScratch { left: left_data, right: right_data, disparity } = extend;
+    let wide_left = extend::extended(left, columns, left_data)?;
+    let wide_right = extend::extended(right, columns, right_data)?;
+    disparity.resize(pixels, 0);
+    check_shapes(&wide_left, &wide_right, pixels)?;
+    job.run([&wide_left, &wide_right], fast, speckle, disparity)?;
+    extend::cut(disparity, columns, left.width, out);
     Ok(())
+}
+
+/// One call, with images of any width.
+struct Job<'a> {
+    path: Path,
+    params: &'a Params,
+    /// Virtual columns of its images.
+    columns: usize,
+    tiles: &'a dyn Tiles,
+}
+
+impl Job<'_> {
+    fn run(
+        &self,
+        [left, right]: [&View<'_>; 2],
+        fast: &mut FastScratch,
+        speckle: &mut SpeckleScratch,
+        out: &mut [i16],
+    ) -> Result<(), Error> {
+        let Self { path, params, columns, tiles } = *self;
+        let search = Search::new(params, left.width, left.height, left.channels);
+        if (left.width as i64) < search.least_width() {
+            let (width, needed) = (left.width - columns, search.least_width() - columns as i64);
+            return Err(Error::Narrow { width, needed });
+        }
+        if matches!(params.mode, Mode::Hh | Mode::Hh4) {
+            // Costs and sums of the whole image.
+            TooMuch::check(bytes_of(&[2, search.row_len(), search.height], size_of::<i16>()))?;
+        }
+        match path {
+            Path::Fast(level) if fast::fits(&search) => {
+                fast::compute(level, &search, params.block, [left, right], fast, tiles, out)?;
+            }
+            _ => plain::compute(&search, params.block, left, right, out),
+        }
+        if params.speckle_window > 0 {
+            let range = params.speckle_range.saturating_mul(16);
+            let window = params.speckle_window as usize;
+            speckle::filter(out, search.width, search.invalid, window, range, speckle);
+        }
+        Ok(())
+    }
 }

@@ -48,6 +48,10 @@ pub struct Params {
     pub speckle_range: i32,
     /// Directions.
     pub mode: Mode,
+    /// Whether both images are matched with `max(min_disparity + disparities, 0)` copies of their first column before
+    /// it, which are then cut off: so that the leftmost columns are searched too. Not a parameter of OpenCV; the result
+    /// is OpenCV's on images extended with `cv::copyMakeBorder` and `BORDER_REPLICATE`.
+    pub extend_left: bool,
 }
 
 impl Default for Params {
@@ -65,6 +69,7 @@ impl Default for Params {
             speckle_window: 0,
             speckle_range: 0,
             mode: Mode::Sgbm,
+            extend_left: false,
         }
     }
 }
