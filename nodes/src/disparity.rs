@@ -8,5 +8,6 @@ mod weighted_least_squares;
 
 pub(crate) use fill::Fill;
 pub(crate) use left_right::LeftRight;
+pub(crate) use map::invalid;
 pub(crate) use speckle::Speckle;
 pub(crate) use weighted_least_squares::WeightedLeastSquares;

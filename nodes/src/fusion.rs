@@ -1,7 +1,9 @@
 //! Mono and stereo into one: `fusion/*`.
 
 mod confidence;
+mod mixture;
 mod scale;
 
 pub(crate) use confidence::Confidence;
+pub(crate) use mixture::Mixture;
 pub(crate) use scale::Scale;

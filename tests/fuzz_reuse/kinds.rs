@@ -244,6 +244,34 @@ pub(crate) const KINDS: &[Kind] = &[
         ..DEFAULT
     },
     Kind {
+        label: "fusion/mixture",
+        kind: "fusion/mixture",
+        inputs: &[("disparity", Type::Disparity), ("mono", Type::Depth), ("calibration", Type::Calibration)],
+        optional_inputs: &[
+            ("right", Type::Disparity),
+            ("unique", Type::Disparity),
+            ("ambiguity", Type::Weight),
+            ("confidence", Type::Weight),
+        ],
+        outputs: &[
+            ("depth", Type::Depth),
+            ("deviation", Type::Depth),
+            ("inlier", Type::Weight),
+            ("aligned", Type::Depth),
+        ],
+        fixed: "{\"disparities\": 16}",
+        parameters: &[
+            ("alignment", &["\"none\"", "\"local\""]),
+            ("disparities", &["16", "32"]),
+            ("cap", CAPS),
+            ("prior.near", &["0.02", "1"]),
+            ("local.sigma", &["3", "18"]),
+            ("local.iterations", &["1", "4"]),
+        ],
+        share: 5,
+        ..DEFAULT
+    },
+    Kind {
         label: "fusion/scale",
         kind: "fusion/scale",
         inputs: &[("mono", Type::Depth), ("stereo", Type::Depth)],

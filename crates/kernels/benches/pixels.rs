@@ -6,6 +6,9 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use depthloom_kernels::fuse::{Weighting, fuse};
+use depthloom_kernels::mixture::{
+    self, Alignment, Disparities, Fused, Local, Mixture, MixtureScratch, Prior, Rules, StereoEvidence,
+};
 use depthloom_kernels::{confidence, depth, edges, grey, median, resize, scale, simd};
 
 const WIDTH: usize = 1242;
@@ -45,6 +48,26 @@ fn frame() -> Frame {
     Frame { rgb, grey, mask, disparity, stereo, mono, weight }
 }
 
+/// The mixture without and with alignment, with the defaults of `fusion/mixture`.
+fn mixtures() -> [(&'static str, Mixture); 2] {
+    let local = Local { sigma: 18.0, regulariser: 0.05, iterations: 4, least_spread: 0.05 };
+    [("mixture/none", Alignment::None), ("mixture/local", Alignment::Local(local))].map(|(name, alignment)| {
+        let prior = Prior::Rules(Rules {
+            consistent: 0.99,
+            close: 0.8,
+            inconsistent: 0.35,
+            keep: 0.97,
+            not_unique: 0.5,
+            near_factor: 1.5,
+            near: 0.02,
+            ambiguous: 1.0,
+            unconfident: 1.0,
+        });
+        let outliers = 128_f32.ln();
+        (name, Mixture { alignment, stereo_noise: 1.0, mono_spread: 0.4, outliers, cap: 80.0, prior })
+    })
+}
+
 fn pixels(criterion: &mut Criterion) {
     let Frame { rgb, grey, mask, disparity, stereo, mono, weight } = frame();
     let mut bytes = vec![0u8; SIZE];
@@ -69,6 +92,30 @@ fn pixels(criterion: &mut Criterion) {
     }
     group.bench_function("median3", |b| b.iter(|| median::median3(black_box(&mono), WIDTH, HEIGHT, &mut floats)));
     group.bench_function("median5", |b| b.iter(|| median::median5(black_box(&mono), WIDTH, HEIGHT, &mut floats)));
+
+    let right: Vec<i16> = disparity.iter().map(|&fixed| 8 - fixed).collect();
+    let frame = mixture::Frame {
+        width: WIDTH,
+        height: HEIGHT,
+        disparity: Disparities { sixteenths: &disparity, invalid: -16 },
+        range_end: 64.0,
+        geometry: KITTI,
+        mono: &mono,
+        evidence: StereoEvidence {
+            right: Some(Disparities { sixteenths: &right, invalid: 24 }),
+            unique: Some(Disparities { sixteenths: &disparity, invalid: -16 }),
+            ..StereoEvidence::default()
+        },
+    };
+    for (name, mixture) in mixtures() {
+        let mut scratch = MixtureScratch::default();
+        let mut maps = [(); 4].map(|()| vec![0f32; SIZE]);
+        group.bench_function(name, |b| {
+            let [depth, deviation, inlier, aligned] = &mut maps;
+            let mut out = Fused { depth, deviation, inlier, aligned };
+            b.iter(|| mixture::fuse(&mixture, black_box(&frame), &mut scratch, &mut out));
+        });
+    }
 
     let (small_width, small_height) = (320, 96);
     let mut small_rgb = vec![0; 3 * small_width * small_height];

@@ -3,7 +3,7 @@
 use depthloom_graphs::values::{Disparity, Raster};
 use depthloom_graphs::{Fault, Value};
 
-pub(super) fn invalid(map: &Disparity) -> Result<i16, Fault> {
+pub(crate) fn invalid(map: &Disparity) -> Result<i16, Fault> {
     let smallest = map.min_disparity_px;
     i16::try_from(map.invalid())
         .map_err(|_| Fault::new(format!("a smallest disparity of {smallest} px does not fit 16 bits of 1/16 px")))

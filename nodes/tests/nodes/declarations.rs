@@ -6,7 +6,7 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 21] = [
+const PORTS: [(&str, &[&str], &[&str]); 22] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
@@ -17,6 +17,11 @@ const PORTS: [(&str, &[&str], &[&str]); 21] = [
     ("dora", &[], &[]),
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
+    (
+        "fusion/mixture",
+        &["disparity", "mono", "calibration", "right", "unique", "ambiguity", "confidence"],
+        &["depth", "deviation", "inlier", "aligned"],
+    ),
     ("fusion/scale", &["mono", "stereo"], &["depth"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
     ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
@@ -140,6 +145,19 @@ fn defaults_are_the_golden_settings() {
     );
     assert_eq!(defaults("fusion/scale"), json!({ "method": "minmax" }));
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
+    // `mixture_oracle.py` and `local_mixture_oracle.py`; the first has no near rule.
+    assert_eq!(
+        defaults("fusion/mixture"),
+        json!({
+            "alignment": "local", "disparities": 64, "stereo_noise": 1.0, "mono_spread": 0.4, "outliers": 128_f64.ln(),
+            "cap": 80.0,
+            "prior": {
+                "consistent": 0.99, "close": 0.8, "inconsistent": 0.35, "keep": 0.97, "not_unique": 0.5,
+                "near_factor": 1.5, "near": 0.02, "ambiguous": 1.0, "unconfident": 1.0,
+            },
+            "local": { "sigma": 18.0, "regulariser": 0.05, "iterations": 4, "least_spread": 0.05 },
+        })
+    );
     assert_eq!(defaults("filter/median"), json!({ "size": 5 }));
     assert_eq!(defaults("score/depth")["preset"], "martins2018");
     // The metadata of the model, else the share.
@@ -198,6 +216,14 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("mono/onnx", json!({ "std": [1.0, 0.0, 1.0] }), "std"),
         ("mono/onnx", json!({ "round": false }), "round"),
         ("filter/median", json!({ "size": 4 }), "size"),
+        ("fusion/mixture", json!({ "alignment": "global" }), "alignment"),
+        ("fusion/mixture", json!({ "disparities": 0 }), "disparities"),
+        ("fusion/mixture", json!({ "cap": 0 }), "cap"),
+        ("fusion/mixture", json!({ "stereo_noise": 0 }), "stereo_noise"),
+        ("fusion/mixture", json!({ "prior": { "near": 1.5 } }), "near"),
+        ("fusion/mixture", json!({ "prior": { "nearer": 1 } }), "nearer"),
+        ("fusion/mixture", json!({ "local": { "sigma": 0.5 } }), "sigma"),
+        ("fusion/mixture", json!({ "local": { "least_spread": 0.5 } }), "local.least_spread"),
         ("dora", json!({}), "path"),
         ("dora", json!({ "path": "a.py" }), "ports"),
         (

@@ -163,6 +163,28 @@ fn calls() -> Vec<Calls> {
             ["full", "confidence", "mean", "fill"].map(|w| json!({ "weighting": w })).to_vec(),
             [fusion.clone(), vec![("weight", weight())]].concat(),
         ),
+        (
+            "fusion/mixture",
+            vec![
+                json!({ "alignment": "none" }),
+                json!({}),
+                json!({ "local": { "sigma": 3, "iterations": 2 }, "prior": { "ambiguous": 0.2, "unconfident": 0.5 } }),
+            ],
+            vec![
+                ("disparity", disparity(10, 0)),
+                ("mono", depth(4, 6)),
+                ("calibration", calibration(72.0, 0.5)),
+                ("right", disparity(11, -63)),
+                ("unique", gappy()),
+                ("ambiguity", weight()),
+                ("confidence", weight()),
+            ],
+        ),
+        (
+            "fusion/mixture",
+            vec![json!({ "local": { "sigma": 12 }, "cap": null })],
+            vec![("disparity", gappy()), ("mono", depth(2, 0)), ("calibration", calibration(721.5377, 0.532_725))],
+        ),
         ("fusion/scale", ["minmax", "average", "none"].map(|m| json!({ "method": m })).to_vec(), fusion),
         (
             "mono/ground-plane",

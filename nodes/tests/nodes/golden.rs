@@ -66,7 +66,7 @@ fn golden_row(folder: &Path, [frame, label, set]: [&str; 3]) -> (u64, [f64; 8]) 
     (numbers[0].parse().unwrap(), scores.try_into().unwrap())
 }
 
-fn rows(estimate: &Value, truth: &Value, sets: &[&str]) -> Vec<ScoreRow> {
+pub(crate) fn rows(estimate: &Value, truth: &Value, sets: &[&str]) -> Vec<ScoreRow> {
     let Value::Scores(rows) = value(
         "score/depth",
         &json!({ "preset": "martins2018", "sets": sets }),

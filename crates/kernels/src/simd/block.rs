@@ -67,9 +67,13 @@ macro_rules! x86_block {
 
             #[inline(always)]
             fn load(from: &[f32; BLOCK]) -> Self {
-                let parts = from.as_chunks::<$lanes>().0;
-                // SAFETY: as in `zero`; each part has as many samples as are read, and needs no alignment.
-                Self(std::array::from_fn(|i| unsafe { std::arch::x86_64::$load(parts[i].as_ptr()) }))
+                let mut block = Self::zero();
+                // Not by a closure: where it is not inlined, it cannot inline the load.
+                for (vector, part) in block.0.iter_mut().zip(from.as_chunks::<$lanes>().0) {
+                    // SAFETY: as in `zero`; the part has as many samples as are read, and needs no alignment.
+                    *vector = unsafe { std::arch::x86_64::$load(part.as_ptr()) };
+                }
+                block
             }
 
             #[inline(always)]

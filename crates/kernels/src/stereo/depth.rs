@@ -18,12 +18,12 @@ pub struct Geometry {
 
 impl Geometry {
     /// Focal length times baseline as `float32`, the way NumPy rounds `np.float32(focal * baseline)`.
-    fn metre_pixels(self) -> f32 {
+    pub(crate) fn metre_pixels(self) -> f32 {
         (self.focal_px * self.baseline_metres) as f32
     }
 
     /// The largest whole number of 1/16 px, from 0 on, that is not a disparity of a point in front of the cameras.
-    fn least_sixteenths(self) -> i16 {
+    pub(crate) fn least_sixteenths(self) -> i16 {
         (-16.0 * f64::from(self.doffs_px as f32)).floor().max(0.0) as i16
     }
 }
