@@ -40,7 +40,7 @@ pub(crate) struct PriorParams {
     /// Factor at every pixel.
     #[schemars(range(min = 0, max = 1))]
     pub keep: f64,
-    /// Factor where `unique` is invalid.
+    /// Factor where the match is not unique: `unique` is invalid, or `ambiguity` is too high.
     #[schemars(range(min = 0, max = 1))]
     pub not_unique: f64,
     /// Monocular depth is near if it is below this many times the depth of the largest disparity. The true disparity
@@ -50,9 +50,11 @@ pub(crate) struct PriorParams {
     /// Factor where monocular depth is near; 1 disables the rule.
     #[schemars(range(min = 0, max = 1))]
     pub near: f64,
-    /// Factor where `ambiguity` is 1; it rises linearly to 1 at 0. With 1 the input has no effect.
+    /// A match counts as unique if its `ambiguity` is at most this. 0.9 is `uniqueness: 10` of the matcher.
     #[schemars(range(min = 0, max = 1))]
-    pub ambiguous: f64,
+    pub unique_ambiguity: f64,
+    /// A further factor, lower where the neighbourhood has few trusted pixels; `null` disables it.
+    pub support: Option<SupportParams>,
     /// Factor where `confidence` is 0; it rises linearly to 1 at 1. With 1 the input has no effect.
     #[schemars(range(min = 0, max = 1))]
     pub unconfident: f64,
@@ -68,9 +70,36 @@ impl Default for PriorParams {
             not_unique: 0.5,
             near_factor: 1.5,
             near: 0.02,
-            ambiguous: 1.0,
+            unique_ambiguity: 0.9,
+            support: Some(SupportParams::default()),
             unconfident: 1.0,
         }
+    }
+}
+
+/// The factor of the prior that follows from the share of trusted pixels around a pixel: valid, consistent and unique.
+///
+/// Where the share is low, stereo guesses, and some guesses agree by chance.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct SupportParams {
+    /// The share is taken in a square window of `2 radius + 1` px.
+    #[schemars(range(min = 1, max = 100))]
+    pub radius: u32,
+    /// Share up to which the factor is `floor`.
+    #[schemars(range(min = 0, max = 1))]
+    pub low: f64,
+    /// Share from which the factor is 1, above `low`.
+    #[schemars(range(min = 0, max = 1))]
+    pub high: f64,
+    /// The smallest factor. Between `low` and `high` it rises linearly to 1.
+    #[schemars(range(min = 0, max = 1))]
+    pub floor: f64,
+}
+
+impl Default for SupportParams {
+    fn default() -> Self {
+        Self { radius: 10, low: 0.3, high: 0.8, floor: 0.05 }
     }
 }
 
@@ -167,7 +196,13 @@ impl MixtureParams {
                 not_unique: prior.not_unique as f32,
                 near_factor: prior.near_factor as f32,
                 near: prior.near as f32,
-                ambiguous: prior.ambiguous as f32,
+                unique_most: prior.unique_ambiguity as f32,
+                support: prior.support.as_ref().map(|support| mixture::Support {
+                    radius: support.radius as usize,
+                    low: support.low as f32,
+                    high: support.high as f32,
+                    floor: support.floor as f32,
+                }),
                 unconfident: prior.unconfident as f32,
             }),
         }
@@ -203,8 +238,9 @@ estimate measures `z_m` with `s_m`. With `N` the normal density of `z_s - z_m` w
 the prior, the probability of an inlier is `q = p N / (p N + (1 - p) / outliers)`. The fused depth is `exp(q m + (1 - \
 q) z_m)`, where `m` is the inverse-variance mean of `z_s` and `z_m`. A 5x5 median ends the fusion, as in \
 `filter/median`.\n\n\
-The prior `p` is the product of the factors in `prior`. The right view and `unique` are evidence of the matcher. A \
-near monocular depth is evidence, too: its disparity was probably not searched.\n\n\
+The prior `p` is the product of the factors in `prior`. The right view, `unique` or `ambiguity`, and the share of \
+trusted pixels around a pixel are evidence of the matcher. A near monocular depth is evidence, too: its disparity was \
+probably not searched.\n\n\
 With `alignment: none`, `z_m` is the logarithm of `mono`, and `s_m` is `mono_spread`. With `alignment: local`, a \
 Gaussian of `local.sigma` px averages `z_s - z_m` over the inliers around each pixel, and `z_m` moves by this average. \
 `s_m` is the standard deviation around it, where there are enough inliers. Probabilities and alignment are repeated \
@@ -212,9 +248,10 @@ Gaussian of `local.sigma` px averages `z_s - z_m` over the inliers around each p
 `deviation` is `Z sqrt(V)`: `Z` is the output `depth`, and `V` is the variance of log depth under the mixture of both \
 cases. Where stereo is invalid, `depth` is `aligned` and `V` is `s_m^2`. Where `mono` is invalid, `depth` is that of \
 stereo, `inlier` is `p`, and `V` is `s_s^2`. Where both are invalid, so are the outputs.\n\n\
-`right` comes from a second matcher with exchanged images, as for `disparity/left-right`. `unique` comes from a matcher \
-with a uniqueness check, such as `stereo/sgbm` with `uniqueness: 10`. Without `right`, every pixel counts as \
-consistent. Without `unique`, every match counts as unique.",
+`right` and `ambiguity` are outputs of `stereo/sgbm` with `right: true` and `ambiguity: true`, or `right` comes from a \
+second matcher with exchanged images, as for `disparity/left-right`. `unique` comes from a matcher with a uniqueness \
+check, such as `stereo/sgbm` with `uniqueness: 10`. Without `right`, every pixel counts as consistent. Without `unique` \
+and `ambiguity`, every match counts as unique.",
             inputs: vec![
                 Port::frame("disparity", ValueType::Disparity, "Disparity of the left image, rounded to 1/16 px."),
                 Port::frame("mono", ValueType::Depth, "Monocular depth, metres, NaN = invalid; size of `disparity`."),
@@ -266,10 +303,19 @@ consistent. Without `unique`, every match counts as unique.",
             ("prior.keep", prior.keep),
             ("prior.not_unique", prior.not_unique),
             ("prior.near", prior.near),
-            ("prior.ambiguous", prior.ambiguous),
+            ("prior.unique_ambiguity", prior.unique_ambiguity),
             ("prior.unconfident", prior.unconfident),
         ] {
             within(name, factor, "", 0.0..=1.0)?;
+        }
+        if let Some(SupportParams { radius, low, high, floor }) = &prior.support {
+            within("prior.support.radius", f64::from(*radius), " px", 1.0..=100.0)?;
+            within("prior.support.low", *low, "", 0.0..=1.0)?;
+            within("prior.support.high", *high, "", 0.0..=1.0)?;
+            within("prior.support.floor", *floor, "", 0.0..=1.0)?;
+            if low >= high {
+                return Err(("prior.support.low", format!("prior.support.low is {low}, expected below high ({high})")));
+            }
         }
         within("prior.near_factor", prior.near_factor, "", 0.0..=100.0)?;
         within("local.sigma", local.sigma, " px", 1.0..=100.0)?;

@@ -153,7 +153,8 @@ fn defaults_are_the_golden_settings() {
             "cap": 80.0,
             "prior": {
                 "consistent": 0.99, "close": 0.8, "inconsistent": 0.35, "keep": 0.97, "not_unique": 0.5,
-                "near_factor": 1.5, "near": 0.02, "ambiguous": 1.0, "unconfident": 1.0,
+                "near_factor": 1.5, "near": 0.02, "unique_ambiguity": 0.9, "unconfident": 1.0,
+                "support": { "radius": 10, "low": 0.3, "high": 0.8, "floor": 0.05 },
             },
             "local": { "sigma": 18.0, "regulariser": 0.05, "iterations": 4, "least_spread": 0.05 },
         })

@@ -168,7 +168,7 @@ fn calls() -> Vec<Calls> {
             vec![
                 json!({ "alignment": "none" }),
                 json!({}),
-                json!({ "local": { "sigma": 3, "iterations": 2 }, "prior": { "ambiguous": 0.2, "unconfident": 0.5 } }),
+                json!({ "local": { "sigma": 3, "iterations": 2 }, "prior": { "unique_ambiguity": 0.4, "unconfident": 0.5 } }),
             ],
             vec![
                 ("disparity", disparity(10, 0)),

@@ -119,15 +119,22 @@ fn mixtures_with_the_constants_of_the_trials_have_their_scores() {
                 .unwrap()
         };
         let [fixed, right, unique] = stereo(&frame, 64, 0);
-        let depth =
-            fused(&json!({ "alignment": "none", "prior": { "near": 1 } }), &[("disparity", &fixed), ("right", &right)]);
+        let depth = fused(
+            &json!({ "alignment": "none", "prior": { "near": 1, "support": null } }),
+            &[("disparity", &fixed), ("right", &right)],
+        );
         worst[0] = worst[0].max(compare(&depth, &frame, &golden.join("mixture/scores.csv"), "mixture"));
-        let depth = fused(&json!({}), &[("disparity", &fixed), ("right", &right), ("unique", &unique)]);
+        let depth = fused(
+            &json!({ "prior": { "support": null } }),
+            &[("disparity", &fixed), ("right", &right), ("unique", &unique)],
+        );
         let scores = golden.join("local_mixture/scores_64.csv");
         worst[1] = worst[1].max(compare(&depth, &frame, &scores, "local_mixture"));
         let [fixed, right, unique] = stereo(&frame, 128, 128);
-        let depth =
-            fused(&json!({ "disparities": 128 }), &[("disparity", &fixed), ("right", &right), ("unique", &unique)]);
+        let depth = fused(
+            &json!({ "disparities": 128, "prior": { "support": null } }),
+            &[("disparity", &fixed), ("right", &right), ("unique", &unique)],
+        );
         let scores = golden.join("local_mixture/scores_128.csv");
         worst[2] = worst[2].max(compare(&depth, &frame, &scores, "local_mixture"));
     }

@@ -34,7 +34,8 @@ use crate::simd::{BLOCK, Level};
 use crate::stereo::depth::Geometry;
 use coarse::{Grid, MAPS, blur};
 use passes::{Fields, Finish, Model, Observe, RowBuffers, Sums, Weigh};
-pub use prior::{Disparities, Prior, Rules, StereoEvidence};
+use prior::SupportFactors;
+pub use prior::{Disparities, Prior, Rules, StereoEvidence, Support};
 
 /// Pixels that a loop computes together.
 const LANES: usize = BLOCK;
@@ -144,6 +145,7 @@ pub struct MixtureScratch {
     blurred: Vec<f32>,
     lines: Vec<f32>,
     merged: Vec<f32>,
+    support: SupportFactors,
 }
 
 /// Fuses one frame.
@@ -197,8 +199,9 @@ fn run<const CELL: usize>(
     // Without alignment nothing is blurred.
     let sigma = local.map_or(0.25, |local| local.sigma);
     scratch.prepare(frame, sigma, CELL, local.is_some());
+    scratch.support.prepare(&mixture.prior, frame);
     let MixtureScratch { grid, row, observed, phases, node_row, nodes, down, blurred, lines, merged, .. } = scratch;
-    let (grid, model) = (&*grid, &Model::new(mixture, frame));
+    let (grid, model) = (&*grid, &Model::new(mixture, frame, &scratch.support));
     if let Some(local) = local {
         for iteration in 0..local.iterations {
             nodes.fill(0.0);

@@ -2,7 +2,7 @@
 
 use super::coarse::{Grid, MAPS, from_phases, samples, to_phases};
 use super::functions::{exp, ln};
-use super::prior::Row;
+use super::prior::{Row, SupportFactors};
 use super::{Alignment, Frame, Fused, LANES, Local, Mixture};
 use crate::simd::Pass;
 
@@ -59,6 +59,7 @@ impl RowBuffers {
 pub(super) struct Model<'a> {
     mixture: &'a Mixture,
     frame: &'a Frame<'a>,
+    support: &'a SupportFactors,
     metre_pixels: f32,
     doffs_px: f32,
     /// Disparities up to here are invalid, 1/16 px.
@@ -73,7 +74,7 @@ pub(super) struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    pub(super) fn new(mixture: &'a Mixture, frame: &'a Frame<'a>) -> Self {
+    pub(super) fn new(mixture: &'a Mixture, frame: &'a Frame<'a>, support: &'a SupportFactors) -> Self {
         let least_spread = match &mixture.alignment {
             Alignment::None => mixture.mono_spread,
             Alignment::Local(local) => local.least_spread,
@@ -81,6 +82,7 @@ impl<'a> Model<'a> {
         Self {
             mixture,
             frame,
+            support,
             metre_pixels: frame.geometry.metre_pixels(),
             doffs_px: frame.geometry.doffs_px as f32,
             least: frame.geometry.least_sixteenths(),
@@ -95,7 +97,8 @@ impl<'a> Model<'a> {
     #[inline(always)]
     fn prior(&self, y: usize, row: &mut RowBuffers) {
         let RowBuffers { disparity, mono, apart, against, .. } = row;
-        self.mixture.prior.odds_against(self.frame, Row { y, disparity, mono, apart }, against);
+        let support = self.support.row(y, self.frame.width);
+        self.mixture.prior.odds_against(self.frame, Row { y, disparity, mono, apart, support }, against);
     }
 
     #[inline(always)]

@@ -25,14 +25,32 @@ pub struct Rules {
     pub keep: f32,
     /// Where the match is not unique.
     pub not_unique: f32,
+    /// How trusted pixels in the neighbourhood change the prior; `None` ignores them.
+    pub support: Option<Support>,
     /// A monocular depth is near if it is below this many times the depth of the largest disparity.
     pub near_factor: f32,
     /// Where monocular depth is near.
     pub near: f32,
-    /// The factor falls linearly from 1 at ambiguity 0 to this at ambiguity 1.
-    pub ambiguous: f32,
+    /// A match counts as unique if its ambiguity is at most this.
+    pub unique_most: f32,
     /// The factor falls linearly from 1 at confidence 1 to this at confidence 0.
     pub unconfident: f32,
+}
+
+/// The share of trusted pixels in a square window: valid, consistent and unique. Where it is low, stereo guesses, and some
+/// of its guesses agree by chance.
+///
+/// The factor of the prior rises linearly from `floor` to 1 while the share rises from `low` to `high`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Support {
+    /// The window has `2 radius + 1` pixels on a side, fewer at the image's border.
+    pub radius: usize,
+    /// Share up to which the factor is `floor`.
+    pub low: f32,
+    /// Share from which the factor is 1; above `low`.
+    pub high: f32,
+    /// The smallest factor.
+    pub floor: f32,
 }
 
 /// A disparity map, fixed point, 1/16 px, row-major.
@@ -64,6 +82,8 @@ pub(super) struct Row<'a> {
     pub mono: &'a [f32],
     /// Room for as many samples.
     pub apart: &'a mut [i32],
+    /// The row of [`SupportFactors`]; empty without.
+    pub support: &'a [f32],
 }
 
 /// Differences that count as consistent and as close, 1/16 px.
@@ -85,7 +105,7 @@ impl Prior {
 impl Rules {
     #[inline(always)]
     fn odds_against(&self, frame: &Frame<'_>, row: Row<'_>, against: &mut [f32]) {
-        let Row { y, disparity, mono, apart } = row;
+        let Row { y, disparity, mono, apart, support } = row;
         let (width, evidence) = (frame.width, &frame.evidence);
         let at = y * width;
         match evidence.right {
@@ -110,9 +130,12 @@ impl Rules {
             }
         }
         if let Some(ambiguity) = evidence.ambiguity {
-            for (prior, ambiguity) in against.iter_mut().zip(&ambiguity[at..][..width]) {
-                *prior *= 1.0 - (1.0 - self.ambiguous) * ambiguity;
+            for (prior, &ambiguity) in against.iter_mut().zip(&ambiguity[at..][..width]) {
+                *prior *= if ambiguity > self.unique_most { self.not_unique } else { 1.0 };
             }
+        }
+        for (prior, factor) in against.iter_mut().zip(support) {
+            *prior *= factor;
         }
         if let Some(confidence) = evidence.confidence {
             for (prior, confidence) in against.iter_mut().zip(&confidence[at..][..width]) {
@@ -122,6 +145,102 @@ impl Rules {
         for block in against.as_chunks_mut::<LANES>().0 {
             for prior in block {
                 *prior = (1.0 - *prior) / *prior;
+            }
+        }
+    }
+}
+
+/// The factor of the prior that follows from the neighbourhood of each pixel, and the memory to compute it.
+#[derive(Debug, Default)]
+pub(super) struct SupportFactors {
+    /// Row-major; empty without [`Support`].
+    factors: Vec<f32>,
+    /// 1 where stereo is trusted.
+    trusted: Vec<u8>,
+    /// Of each column, the number of trusted pixels in the rows of the window.
+    columns: Vec<u16>,
+    apart: Vec<i32>,
+}
+
+impl SupportFactors {
+    /// Computes the factors of a frame.
+    pub(super) fn prepare(&mut self, prior: &Prior, frame: &Frame<'_>) {
+        self.factors.clear();
+        let Prior::Rules(rules) = prior;
+        let Some(support) = &rules.support else { return };
+        let (width, height) = (frame.width, frame.height);
+        self.trusted.resize(width * height, 0);
+        self.apart.resize(width, 0);
+        for y in 0..height {
+            rules.trusted(frame, y, &mut self.apart, &mut self.trusted[y * width..][..width]);
+        }
+        self.columns.clear();
+        self.columns.resize(width, 0);
+        let rows = |rows: std::ops::Range<usize>| rows.start * width..rows.end * width;
+        let mut window = 0..0;
+        for y in 0..height {
+            let next = y.saturating_sub(support.radius)..(y + support.radius + 1).min(height);
+            for row in self.trusted[rows(window.end..next.end)].chunks_exact(width) {
+                self.columns.iter_mut().zip(row).for_each(|(column, &trusted)| *column += u16::from(trusted));
+            }
+            for row in self.trusted[rows(window.start..next.start)].chunks_exact(width) {
+                self.columns.iter_mut().zip(row).for_each(|(column, &trusted)| *column -= u16::from(trusted));
+            }
+            window = next;
+            support.factors(&self.columns, window.len(), &mut self.factors);
+        }
+    }
+
+    /// The factors of row `y` of a frame that is `width` wide; empty without [`Support`].
+    pub(super) fn row(&self, y: usize, width: usize) -> &[f32] {
+        self.factors.get(y * width..(y + 1) * width).unwrap_or_default()
+    }
+}
+
+impl Support {
+    /// Appends the factors of a row, whose window has `rows` rows.
+    fn factors(&self, columns: &[u16], rows: usize, factors: &mut Vec<f32>) {
+        let width = columns.len();
+        let (scale, mut count) = (1.0 / (self.high - self.low), 0);
+        let mut window = 0..0;
+        for x in 0..width {
+            let next = x.saturating_sub(self.radius)..(x + self.radius + 1).min(width);
+            for &column in &columns[window.end..next.end] {
+                count += u32::from(column);
+            }
+            for &column in &columns[window.start..next.start] {
+                count -= u32::from(column);
+            }
+            window = next;
+            let share = count as f32 / (rows * window.len()) as f32;
+            factors.push(((share - self.low) * scale).clamp(self.floor, 1.0));
+        }
+    }
+}
+
+impl Rules {
+    /// Writes 1 where stereo is valid, both views agree and the match is unique, else 0.
+    fn trusted(&self, frame: &Frame<'_>, y: usize, apart: &mut [i32], trusted: &mut [u8]) {
+        let (width, evidence) = (frame.width, &frame.evidence);
+        let at = y * width;
+        let disparity = &frame.disparity.sixteenths[at..][..width];
+        match evidence.right {
+            Some(right) => differences(disparity, &right.sixteenths[at..][..width], right.invalid, apart),
+            None => apart.fill(0),
+        }
+        let least = frame.geometry.least_sixteenths();
+        for ((trusted, apart), &disparity) in trusted.iter_mut().zip(apart).zip(disparity) {
+            let valid = (disparity > least) & (disparity != frame.disparity.invalid);
+            *trusted = u8::from(valid & (*apart <= CONSISTENT));
+        }
+        if let Some(unique) = evidence.unique {
+            for (trusted, &other) in trusted.iter_mut().zip(&unique.sixteenths[at..][..width]) {
+                *trusted &= u8::from(other != unique.invalid);
+            }
+        }
+        if let Some(ambiguity) = evidence.ambiguity {
+            for (trusted, &ambiguity) in trusted.iter_mut().zip(&ambiguity[at..][..width]) {
+                *trusted &= u8::from(ambiguity <= self.unique_most);
             }
         }
     }
@@ -147,6 +266,21 @@ fn differences(left: &[i16], right: &[i16], invalid: i16, apart: &mut [i32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn factors_follow_the_share_of_trusted_pixels_in_the_window() {
+        // Windows of 3x3 pixels, fewer at the border, in an image of 4x2: column 3 is not trusted.
+        let support = Support { radius: 1, low: 0.25, high: 0.75, floor: 0.1 };
+        let mut factors = Vec::new();
+        support.factors(&[2, 2, 2, 0], 2, &mut factors);
+        let expected = [1.0, 1.0, (2.0 / 3.0 - 0.25) * 2.0, 0.5];
+        for (factor, expected) in factors.iter().zip(expected) {
+            assert!((factor - expected).abs() < 1e-6, "{factors:?}");
+        }
+        factors.clear();
+        support.factors(&[0; 4], 2, &mut factors);
+        assert_eq!(factors, [0.1; 4]);
+    }
 
     #[test]
     fn the_partner_is_the_nearest_column_with_halves_to_even() {

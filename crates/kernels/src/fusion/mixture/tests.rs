@@ -13,7 +13,8 @@ const RULES: Rules = Rules {
     not_unique: 0.5,
     near_factor: 1.5,
     near: 0.02,
-    ambiguous: 1.0,
+    unique_most: 0.9,
+    support: None,
     unconfident: 1.0,
 };
 const LOCAL: Local = Local { sigma: 18.0, regulariser: 0.05, iterations: 4, least_spread: 0.05 };
@@ -130,23 +131,42 @@ fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]
     let z_s: Vec<f64> = px.iter().map(|px| libm::log((metre_pixels / px).min(cap))).collect();
     let s_s: Vec<f64> = px.iter().map(|px| (f64::from(mixture.stereo_noise) / px).max(1e-3)).collect();
     let z_0: Vec<f64> = frame.mono.iter().map(|&mono| libm::log(f64::from(mono))).collect();
+    let evidence = &frame.evidence;
+    let right_apart = |i: usize, right: &Disparities<'_>| {
+        let column = ((i % width) as f64 - px[i]).round_ties_even().clamp(0.0, (width - 1) as f64);
+        let other = right.sixteenths[i / width * width + column as usize];
+        if other == right.invalid { f64::INFINITY } else { (f64::from(other) / 16.0 + px[i]).abs() }
+    };
+    let unique = |i: usize| {
+        evidence.unique.is_none_or(|unique| unique.sixteenths[i] != unique.invalid)
+            && evidence.ambiguity.is_none_or(|ambiguity| ambiguity[i] <= rules.unique_most)
+    };
+    let trusted: Vec<bool> = (0..pixels)
+        .map(|i| valid[i] && unique(i) && evidence.right.is_none_or(|right| right_apart(i, &right) <= 1.0))
+        .collect();
+    let support = |i: usize| {
+        let Some(support) = &rules.support else { return 1.0 };
+        let near = |a: usize, b: usize| a.abs_diff(b) <= support.radius;
+        let window = || (0..pixels).filter(|&j| near(i % width, j % width) && near(i / width, j / width));
+        let share = window().filter(|&j| trusted[j]).count() as f64 / window().count() as f64;
+        let (low, high) = (f64::from(support.low), f64::from(support.high));
+        ((share - low) / (high - low)).clamp(f64::from(support.floor), 1.0)
+    };
+    let support: Vec<f64> = (0..pixels).map(support).collect();
     let prior = |i: usize| {
-        let evidence = &frame.evidence;
         let mut prior = f64::from(rules.keep);
         prior *= match evidence.right {
             None => f64::from(rules.consistent),
             Some(right) => {
-                let column = ((i % width) as f64 - px[i]).round_ties_even().clamp(0.0, (width - 1) as f64);
-                let other = right.sixteenths[i / width * width + column as usize];
-                let apart = (f64::from(other) / 16.0 + px[i]).abs();
+                let apart = right_apart(i, &right);
                 f64::from(match apart {
-                    _ if other == right.invalid => rules.inconsistent,
                     0.0..=1.0 => rules.consistent,
                     1.0..=3.0 => rules.close,
                     _ => rules.inconsistent,
                 })
             }
         };
+        prior *= support[i];
         if evidence.unique.is_some_and(|unique| unique.sixteenths[i] == unique.invalid) {
             prior *= f64::from(rules.not_unique);
         }
@@ -154,7 +174,7 @@ fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]
             prior *= f64::from(rules.near);
         }
         if let Some(ambiguity) = evidence.ambiguity {
-            prior *= 1.0 - f64::from(ambiguity[i]) * f64::from(1.0 - rules.ambiguous);
+            prior *= if ambiguity[i] > rules.unique_most { f64::from(rules.not_unique) } else { 1.0 };
         }
         if let Some(confidence) = evidence.confidence {
             prior *= 1.0 - f64::from(1.0 - confidence[i]) * f64::from(1.0 - rules.unconfident);
@@ -226,7 +246,8 @@ fn median(expected: &[[f64; 4]], frame: &Frame<'_>) -> Vec<f32> {
 #[test]
 fn every_alignment_is_the_definition() {
     let maps = Maps::street(171, 74);
-    let rules = Rules { ambiguous: 0.6, unconfident: 0.7, ..RULES };
+    let support = Some(Support { radius: 4, low: 0.1, high: 0.5, floor: 0.2 });
+    let rules = Rules { unique_most: 0.6, unconfident: 0.7, support, ..RULES };
     for alignment in alignments() {
         let mixture = Mixture { prior: Prior::Rules(rules.clone()), ..mixture(alignment) };
         let frame = maps.frame();
