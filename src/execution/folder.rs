@@ -8,7 +8,7 @@ use depthloom_graphs::ready::Ready;
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
 use depthloom_runs::environment::{self, ENVIRONMENT};
 use depthloom_runs::run_folder::{PartialContent, RunFolder};
-use depthloom_runs::{OUTDATED, RECORDING, reuse};
+use depthloom_runs::{RECORDING, next_outdated, outdated_files, reuse};
 use depthloom_terminal::{CliError, ExitCode};
 use serde_json::json;
 
@@ -26,13 +26,17 @@ pub(super) fn make_folder(
     let resumable = |partial: &Path| {
         let path = partial.join(RECORDING);
         // A run that ended before it recorded anything again leaves only what was set aside: no frame of that is lost.
-        let nothing = || match Recording::open(partial.join(OUTDATED)) {
-            Ok(aside) if aside.is_empty() => PartialContent::Nothing,
-            Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => PartialContent::This,
-            Ok(_) => PartialContent::Other,
-            // Frames that cannot be read at the moment are not removed either.
-            Err(_) if partial.join(OUTDATED).exists() => PartialContent::Other,
-            Err(_) => PartialContent::Nothing,
+        let nothing = || {
+            let aside = outdated_files(partial).into_iter().map(|path| match Recording::open(path) {
+                Ok(aside) if aside.is_empty() => PartialContent::Nothing,
+                Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => PartialContent::This,
+                // Frames that cannot be read at the moment are not removed either.
+                Ok(_) | Err(_) => PartialContent::Other,
+            });
+            let mut aside = aside.filter(|content| *content != PartialContent::Nothing).collect::<Vec<_>>();
+            // Frames of another experiment are kept, whatever is beside them.
+            aside.sort_by_key(|content| *content == PartialContent::This);
+            aside.into_iter().next().unwrap_or(PartialContent::Nothing)
         };
         match Recording::open(&path) {
             Ok(found) if found.is_empty() => nothing(),
@@ -91,8 +95,8 @@ pub(super) struct Reusable {
 }
 
 impl Reusable {
-    /// Sets the recording of an interrupted process aside if this run would record something else: its data, programs
-    /// or engines changed.
+    /// Sets the recording of an interrupted process aside if it is damaged, or this run would record something else:
+    /// its data, programs or engines changed.
     pub(super) fn verified(
         self,
         args: &RunArgs,
@@ -113,7 +117,7 @@ impl Reusable {
             args,
             &[format!("cannot resume after the frames in {partial}: {why}; values that are still valid are reused")],
         );
-        let (recording, aside) = (folder.file(RECORDING), folder.file(OUTDATED));
+        let (recording, aside) = (folder.file(RECORDING), next_outdated(&folder.partial));
         depthloom_durable::rename(&recording, &aside).map_err(|error| {
             CliError::of_writing(ExitCode::Engine, format_args!("failed to rename {}", recording.display()), &error)
         })?;

@@ -47,8 +47,12 @@ impl Recording {
         let files = experiment_files(plan);
         let mut stored = self.attachments().iter().filter(|file| !file.name.starts_with("artifacts/"));
         let has_same_files = files.iter().all(|(name, text)| {
-            stored.next().is_some_and(|file| file.name == *name)
-                && self.attachment(name).is_ok_and(|bytes| bytes == text.as_bytes())
+            let is_same = |found: Result<Vec<u8>, RecordingError>| match found {
+                Ok(bytes) => bytes == text.as_bytes(),
+                // The copy of a damaged file says nothing.
+                Err(error) => error.is_damage() && self.has_plan(plan),
+            };
+            stored.next().is_some_and(|file| file.name == *name) && is_same(self.attachment(name))
         });
         has_same_files && stored.next().is_none()
     }
@@ -62,6 +66,16 @@ impl Recording {
         recorded.is_some_and(|recorded| {
             (&recorded.id, recorded.index, recorded.time_ns) == (&frame.id, frame.index, frame.time_ns)
         })
+    }
+
+    /// Checks all bytes that a resumed run would keep. [`Recording::open`] reads only a part of a file with an intact
+    /// summary.
+    ///
+    /// # Errors
+    /// If they are damaged or cannot be read.
+    pub fn check_committed(&self) -> Result<(), RecordingError> {
+        // Without a summary, `open` has checked every byte.
+        if self.index.data_end.is_none() { Ok(()) } else { check(self) }
     }
 
     /// Whether no frame or aggregate value was committed.
@@ -315,11 +329,13 @@ impl Writer {
     }
 }
 
-/// Compares the bytes that stay with the checksum in the last commit among them.
+/// Compares the bytes that stay with the checksum in the last commit or aggregate value among them.
 fn check(recording: &Recording) -> Result<(), RecordingError> {
-    match recording.sealed.last() {
-        Some((start, stated)) if CrcBefore::new(&recording.file).up_to(*start)? != *stated => {
-            Err(recording.file.damaged(*start, "the bytes before are damaged").into())
+    let values = recording.index.metadata.iter().filter(|metadata| metadata.is_of_once());
+    let values = values.map(|metadata| (metadata.offset, metadata.crc_before));
+    match recording.sealed.iter().copied().chain(values).max() {
+        Some((start, stated)) if CrcBefore::new(&recording.file).up_to(start)? != stated => {
+            Err(recording.file.damaged(start, "the bytes before are damaged").into())
         }
         _ => Ok(()),
     }
