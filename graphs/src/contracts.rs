@@ -47,7 +47,7 @@ pub use observation::{FramePaths, Observation};
 pub use params::{Argument, Auto, DataPath};
 pub use port::{Contract, Port, Rate};
 pub use signature::Signature;
-pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey};
+pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey, SwitchedOff};
 pub use store::{Store, StoredPort, StoredState};
 pub use tap::{Commit, Failure, NodeWarning, Slot, SlotKey, StoredValue, Tap, stored_values};
 pub use upstream::{InputOrigin, Upstream, UpstreamNode};

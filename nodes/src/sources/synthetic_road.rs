@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use depthloom_graphs::contracts::{Frame, FrameSelection, SourceDeclaration};
+use depthloom_graphs::contracts::{Frame, FrameSelection, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::values::{Calibration, Depth, Image, Mask, Pixels, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
@@ -228,6 +228,11 @@ Score against `depth`, which has the sparse pixels of a laser scanner and corres
             }
         }
         Ok(())
+    }
+
+    fn switched_off(params: &SyntheticRoadParams) -> Vec<SwitchedOff> {
+        let outputs: &[_] = if params.disparities { &[] } else { &["disp_noc", "disp_occ", "obj_map"] };
+        SwitchedOff::by("disparities", "false", "true", outputs)
     }
 
     fn open(params: SyntheticRoadParams) -> Result<Box<dyn Source>, Fault> {
