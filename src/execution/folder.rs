@@ -72,10 +72,9 @@ pub(super) fn make_folder(
 /// Writes the experiment's files beside the recording, so that they can be checked and run from there, and lists what
 /// the run reads.
 fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathBuf]) -> Result<(), CliError> {
-    let before = |stop| CliError { exit: ExitCode::Usage, ..stop };
     // Of a run that comes to its end it says more.
     let reads = json!({ "reads": environment::reads(read) });
-    folder.write(ENVIRONMENT, &format!("{reads:#}\n")).map_err(before)?;
+    folder.write(ENVIRONMENT, &format!("{reads:#}\n"))?;
     for (name, text) in kept {
         if let Some(inner) = Path::new(name).parent().filter(|inner| !inner.as_os_str().is_empty()) {
             let inner = folder.partial.join(inner);
@@ -83,7 +82,7 @@ fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathB
                 CliError::of_writing(ExitCode::Usage, format_args!("failed to create {}", inner.display()), &error)
             })?;
         }
-        folder.write(name, text).map_err(before)?;
+        folder.write(name, text)?;
     }
     Ok(())
 }

@@ -19,8 +19,10 @@ use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, Index, MetadataEntry};
 use crate::read::recovery_scan::{Scanned, scan};
+use crate::write::file_writer::LIBRARY;
 use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED};
-use depthloom_mcap::{FileError, PositionedFile, begins_as_mcap};
+use depthloom_mcap::records::{Header, Metadata};
+use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, begins_as_mcap, op, read_all};
 
 /// A committed frame of a stage run.
 #[derive(Clone, Debug, PartialEq)]
@@ -216,6 +218,21 @@ fn mcap_file(path: &Path) -> Result<PositionedFile, RecordingError> {
     if begins_as_mcap(&file)? { Ok(file) } else { Err(RecordingError::NotMcap { path: file.path }) }
 }
 
+/// Whether another program wrote an MCAP file: its header names another library, and no plan follows.
+fn is_foreign(file: &PositionedFile) -> Result<bool, FileError> {
+    let mut window = Window::new(file);
+    let Some(RecordPlace { opcode: op::HEADER, body, length }) = window.record(MAGIC_LENGTH)? else { return Ok(false) };
+    let header = window.at(body, length)?.and_then(read_all::<Header>);
+    if header.is_none_or(|header| header.library == LIBRARY) {
+        return Ok(false);
+    }
+    // One changed byte does not make a recording of depthloom another program's.
+    let next = window.record(body + length)?;
+    let Some(RecordPlace { opcode: op::METADATA, body, length }) = next else { return Ok(true) };
+    let metadata = window.at(body, length)?.and_then(read_all::<Metadata>);
+    Ok(metadata.is_some_and(|metadata| metadata.name != PLAN_METADATA))
+}
+
 struct Loaded {
     index: Index,
     plan: RecordedPlan,
@@ -247,6 +264,7 @@ impl Loaded {
         };
         match (Self::new(file, index), &condition) {
             (Ok(found), _) => Ok((found, condition)),
+            (Err(error @ RecordingError::NotARecording { .. }), _) if is_foreign(file)? => Err(error),
             // Without a plan nothing can be read; the error is what stopped the scan.
             (Err(RecordingError::NotARecording { .. }), Condition::Damaged { offset, what, .. }) => {
                 Err(file.damaged(*offset, what).into())

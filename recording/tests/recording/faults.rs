@@ -418,6 +418,17 @@ fn other_files_are_named_for_what_they_are() {
     let error = Recording::open(&path).unwrap_err();
     assert!(matches!(error, RecordingError::NotARecording { .. }));
     assert_eq!(error.remedy().unwrap(), "give a recording that `depthloom run` made");
+    // The same without a summary: its program was killed.
+    let mut writer = mcap::Writer::new(File::create(&path).unwrap()).unwrap();
+    let channel_id = writer.add_channel(0, "/a", "json", &BTreeMap::new()).unwrap();
+    let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 1, publish_time: 1 };
+    writer.write_to_known_channel(&header, b"{}").unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    let bytes = std::fs::read(&path).unwrap();
+    let killed = written(folder.path(), &bytes[..bytes.len() - 50]);
+    let error = Recording::open(&killed).unwrap_err();
+    assert!(matches!(error, RecordingError::NotARecording { .. }), "{error}");
     assert!(matches!(Recording::open(folder.path().join("absent")), Err(RecordingError::File(FileError::Open { .. }))));
 }
 
