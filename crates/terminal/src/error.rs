@@ -148,15 +148,14 @@ impl CliError {
     }
 }
 
-/// Whether the system refuses to write where the arguments say.
-fn is_refused(error: &io::Error) -> bool {
-    matches!(
-        error.kind(),
-        ErrorKind::PermissionDenied
-            | ErrorKind::ReadOnlyFilesystem
-            | ErrorKind::StorageFull
-            | ErrorKind::QuotaExceeded
-    )
+/// Whether the system refused to write where the arguments say: no permission, or no space.
+pub fn is_refused(error: &(dyn std::error::Error + 'static)) -> bool {
+    use ErrorKind::{PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    let mut causes = std::iter::successors(Some(error), |error| error.source());
+    causes.any(|cause| {
+        let kind = cause.downcast_ref::<io::Error>().map(io::Error::kind);
+        matches!(kind, Some(PermissionDenied | ReadOnlyFilesystem | StorageFull | QuotaExceeded))
+    })
 }
 
 /// What helps against an error: the known remedy, and one for what the system reports in the message.
