@@ -17,7 +17,7 @@ use crate::values::{Artifact, Value, ValueType};
 
 /// A plan that can be run.
 pub struct Ready {
-    /// The plan, its recipes with the fingerprints of this machine's engines.
+    /// The plan, its node hashes with the fingerprints of this machine's engines.
     pub plan: Plan,
     /// By stage run.
     pub runs: Vec<ReadyRun>,
@@ -191,7 +191,7 @@ pub fn build(
     let built =
         registry.node_kind(&node.kind).ok_or_else(|| Fault::new("this engine has no such kind")).and_then(|kind| {
             let built = (kind.build(&node.params)?, (kind.fingerprint)(&node.params)?);
-            // The recipe has the contents as they were when the experiment was loaded.
+            // The node hash has the contents as they were when the experiment was loaded.
             match changed_since(&node.portable, &node.params, &kind.schema) {
                 None => Ok(built),
                 Some(name) => {

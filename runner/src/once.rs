@@ -40,9 +40,9 @@ impl Job {
         match self {
             Self::Run(_, inputs) => {
                 let keys: Vec<_> = inputs.as_ref()?.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
-                Some(value_keys::once(&planned.recipe, &keys))
+                Some(value_keys::once(&planned.node_hash, &keys))
             }
-            Self::Finish(_, last) => Some(value_keys::finished(&planned.recipe, last.as_ref())),
+            Self::Finish(_, last) => Some(value_keys::finished(&planned.node_hash, last.as_ref())),
             Self::Known(known) => Some(known.key),
         }
     }

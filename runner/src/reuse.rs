@@ -171,7 +171,7 @@ impl<'a> Reuse<'a> {
         for (node, chain) in NodeId::enumerate(&mut self.chains) {
             let Some(chain) = chain.as_mut().filter(|chain| !chain.runs) else { continue };
             let last = chain.last.unwrap_or_default();
-            let key = value_keys::finished(&self.plan.nodes[node].recipe, last.as_ref());
+            let key = value_keys::finished(&self.plan.nodes[node].node_hash, last.as_ref());
             self.finished[node] = once_values(self.store, self.plan, node, &key).map(|values| Finished { key, values });
             chain.runs = self.finished[node].is_none();
         }
@@ -265,10 +265,10 @@ impl<'a> Reuse<'a> {
         let files = planned.files_content(frame).map_err(|_| Unknown)?;
         let observed = Observed { frame, files };
         match &self.chains[node] {
-            None => Ok(Some(value_keys::pure(&planned.recipe, planned.observes.is_some().then_some(observed), &keys))),
+            None => Ok(Some(value_keys::pure(&planned.node_hash, planned.observes.is_some().then_some(observed), &keys))),
             Some(chain) => {
                 let before = chain.before.get(position.0).ok_or(Unknown)?;
-                Ok(Some(value_keys::ordered(&planned.recipe, before.as_ref(), observed, &keys)))
+                Ok(Some(value_keys::ordered(&planned.node_hash, before.as_ref(), observed, &keys)))
             }
         }
     }

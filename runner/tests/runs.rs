@@ -226,7 +226,7 @@ fn a_learning_curve_is_a_once_value_beside_the_model() {
         lines[3]
     );
     // No artefact, so it enters keys by its port.
-    let key = value_keys::once(&pupil.recipe, &[Some(value_keys::port(&key, "curve"))]);
+    let key = value_keys::once(&pupil.node_hash, &[Some(value_keys::port(&key, "curve"))]);
     assert_eq!(lines[4..], [format!("0 Node {{ node: 1, port: 0 }} {key} 3")]);
 }
 
@@ -291,7 +291,7 @@ impl PureNode for Writer {
     }
 }
 
-/// One node of a recipe, wherever it stands.
+/// The node with a hash, in whatever stage.
 #[test]
 fn equal_once_nodes_fire_once_in_whichever_stages_they_stand() {
     for workers in [1, 4] {

@@ -76,7 +76,7 @@ pub fn run(
                 let engines = engines(&arrived).map_err(gone)?;
                 let whole = Ready::from_parts(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
                 // Its values then have the keys of a run in one process.
-                own.recipe = whole.runs[node.run].nodes[node.node].recipe;
+                own.node_hash = whole.runs[node.run].nodes[node.node].node_hash;
             }
             let (frames, ports) = Default::default();
             Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })

@@ -241,7 +241,7 @@ pub trait Node: 'static {
         Ok(())
     }
 
-    /// What decides the outputs besides parameters and inputs, e.g. the version of an engine. It enters the recipe
+    /// What decides the outputs besides parameters and inputs, e.g. the version of an engine. It enters the node hash
     /// when the plan is made ready.
     ///
     /// # Errors

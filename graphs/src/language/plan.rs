@@ -6,7 +6,7 @@ pub(crate) mod link;
 pub(crate) mod linked;
 pub(crate) mod live;
 pub(crate) mod order;
-pub(crate) mod recipe;
+pub(crate) mod node_hash;
 pub(crate) mod record;
 pub(crate) mod share;
 pub(crate) mod stage_names;

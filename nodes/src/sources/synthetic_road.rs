@@ -68,7 +68,7 @@ impl Default for SyntheticRoadParams {
 /// The street of some parameters.
 pub struct Road {
     street: Street,
-    recipe: Key,
+    street_key: Key,
 }
 
 /// A frame of a street, as values.
@@ -104,9 +104,9 @@ impl Road {
     #[must_use]
     pub fn new(params: &SyntheticRoadParams) -> Self {
         let size = Size { width: params.width as usize, height: params.height as usize };
-        let recipe = Key::build(KIND).number(VERSION.into()).number(params.seed);
-        let recipe = recipe.number(params.width.into()).number(params.height.into());
-        Self { street: Street::new(params.seed, size), recipe: recipe.finish() }
+        let street_key = Key::build(KIND).number(VERSION.into()).number(params.seed);
+        let street_key = street_key.number(params.width.into()).number(params.height.into());
+        Self { street: Street::new(params.seed, size), street_key: street_key.finish() }
     }
 
     /// The frames of a selection.
@@ -257,7 +257,7 @@ impl Source for SyntheticRoad {
             SyntheticTruth::Occ => "occ",
         };
         let index = self.frames[position].index;
-        let key = Key::build("synthetic/road frame").key(&self.road.recipe).number(index).text(truth);
+        let key = Key::build("synthetic/road frame").key(&self.road.street_key).number(index).text(truth);
         Ok(if self.disparities { key.text("disparities") } else { key }.finish())
     }
 

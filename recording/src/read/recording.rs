@@ -276,7 +276,7 @@ impl Loaded {
     /// The condition according to the metadata, which is right if the summary is.
     fn condition_by_metadata(&self) -> Condition {
         match self.index.metadata.iter().find(|metadata| metadata.name == ENDED_METADATA) {
-            None => Condition::Whole,
+            None => Condition::Complete,
             Some(ended) if ended.values.contains_key(RECOVERED) => Condition::Recovered,
             Some(_) => Condition::Unfinished { rest_bytes: 0 },
         }

@@ -170,7 +170,7 @@ pub fn recover(from: &Recording, to: &Path) -> Result<Recovered, RecordingError>
     let copy = Recording::open(to)?;
     let mut writer = Writer::resume(&copy, Vec::new(), end, &itself)?;
     let frames = copy.frame_count();
-    if damage.is_some() || *from.condition() != Condition::Whole {
+    if damage.is_some() || *from.condition() != Condition::Complete {
         let entries = [("frames", frames.to_string()), (RECOVERED, true.to_string())];
         writer.metadata(ENDED_METADATA, entries.map(|(name, value)| (name.to_owned(), value)).into())?;
     }

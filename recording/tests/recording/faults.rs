@@ -70,7 +70,7 @@ proptest! {
             Ok(recording) => {
                 prop_assert_eq!(recording.frames(RunId(0)).len(), committed);
                 if cut == bytes.len() as u64 {
-                    prop_assert_eq!(recording.condition(), &Condition::Whole);
+                    prop_assert_eq!(recording.condition(), &Condition::Complete);
                 } else {
                     prop_assert!(matches!(recording.condition(), Condition::Unfinished { .. }), "{}", recording.condition());
                 }
@@ -221,7 +221,7 @@ fn fault_49_a_recording_says_in_what_condition_it_is() {
     let (bytes, ends, _) = recorded();
     let folder = tempfile::tempdir().unwrap();
     let condition_of = |bytes: &[u8]| Recording::open(written(folder.path(), bytes)).unwrap().condition().clone();
-    assert_eq!(condition_of(bytes), Condition::Whole);
+    assert_eq!(condition_of(bytes), Condition::Complete);
     assert_eq!(condition_of(&bytes[..ends[3] as usize]), Condition::Unfinished { rest_bytes: 0 });
     let cut = condition_of(&bytes[..ends[3] as usize + 500]);
     assert_eq!(cut, Condition::Unfinished { rest_bytes: 500 });
@@ -271,16 +271,16 @@ fn recover_copies_the_complete_frames_of_finished_and_unfinished_files() {
 fn a_recording_of_another_format_is_refused_with_the_remedy() {
     let (bytes, ends, _) = recorded();
     let folder = tempfile::tempdir().unwrap();
-    let format_entry = b"\x06\0\0\0format\x01\0\0\x006";
+    let format_entry = b"\x06\0\0\0format\x01\0\0\x007";
     let place = bytes.windows(format_entry.len()).position(|window| window == format_entry).unwrap();
-    for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'5'), (bytes.clone(), b'7')] {
+    for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'5'), (bytes.clone(), b'8')] {
         let mut other = bytes;
         other[place + format_entry.len() - 1] = format;
         let error = Recording::open(written(folder.path(), &other)).unwrap_err();
         let expected =
-            format!("has recording format {}, but this version of depthloom reads format 6 only", format as char);
+            format!("has recording format {}, but this version of depthloom reads format 7 only", format as char);
         assert!(error.to_string().ends_with(&expected), "{error}");
-        assert_eq!(error.remedy().unwrap().contains("depthloom 0.1"), format != b'7');
+        assert_eq!(error.remedy().unwrap().contains("depthloom 0.1"), format != b'8');
     }
 }
 
@@ -326,7 +326,7 @@ fn every_damaged_byte_of_a_finished_file_is_found_without_reading_its_values() {
         flipped[place] ^= 1 << (place % 8);
         std::fs::write(&path, &flipped).unwrap();
         match Recording::open(&path) {
-            Ok(recording) if *recording.condition() == Condition::Whole => {
+            Ok(recording) if *recording.condition() == Condition::Complete => {
                 let [damage] = &recording.damage(&|| false)[..] else { panic!("byte {place}") };
                 let stretch = damage.offset..damage.offset + damage.bytes;
                 assert!(stretch.contains(&(place as u64)), "byte {place} is not in {damage:?}");
@@ -354,7 +354,7 @@ fn damage_is_named_by_what_it_held() {
     let places = [png, place_of(&bytes, &[7; 100]), place_of(&bytes, b"text/plain") + 20];
     places.iter().for_each(|place| bytes[*place] ^= 1);
     let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
-    assert_eq!(*recording.condition(), Condition::Whole);
+    assert_eq!(*recording.condition(), Condition::Complete);
     let damage = recording.damage(&|| false);
     let contents: Vec<String> = damage.iter().map(|damage| damage.content.to_string()).collect();
     let [image, model, note] = &contents[..] else { panic!("{contents:?}") };
@@ -530,7 +530,7 @@ fn a_damaged_message_index_makes_topic_sizes_fail() {
     let mut flipped = bytes.clone();
     flipped[place + head.len()] ^= 1;
     let recording = Recording::open(written(folder.path(), &flipped)).unwrap();
-    assert_eq!(*recording.condition(), Condition::Whole);
+    assert_eq!(*recording.condition(), Condition::Complete);
     let error = recording.topic_sizes(&|| false).unwrap_err();
     assert!(error.is_damage(), "{error}");
     assert!(error.to_string().contains("the message indexes contradict the counts in the summary"), "{error}");

@@ -136,7 +136,7 @@ fn stage_run(stage: &str) -> StageRun {
             .collect(),
         outputs: spec.outputs.iter().map(|port| output(spec.name, port)).collect(),
         observes: None,
-        recipe: Key::of_content(spec.name.as_bytes()),
+        node_hash: Key::of_content(spec.name.as_bytes()),
         variants: [0, 1].map(VariantId).to_vec(),
     });
     StageRun {

@@ -68,7 +68,7 @@ fn every_value_comes_back_bit_for_bit() {
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 10..16, WIDTH, HEIGHT);
     let recording = Recording::open(&path).unwrap();
-    assert_eq!(*recording.condition(), Condition::Whole);
+    assert_eq!(*recording.condition(), Condition::Complete);
     let outputs: Vec<_> = recording.plan().outputs(RunId(0)).filter(|(_, output)| !output.once).collect();
     let topics: Vec<&str> = outputs.iter().map(|(_, output)| output.topic.as_str()).collect();
     assert_eq!(topics.len(), 10);

@@ -157,7 +157,7 @@ fn once(
             Contract::Ordered => finished.get(&node).cloned(),
             Contract::Once => inputs_of(planned_node, values).and_then(|inputs| {
                 let keys: Vec<Option<Key>> = inputs.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
-                let key = value_keys::once(&planned_node.recipe, &keys);
+                let key = value_keys::once(&planned_node.node_hash, &keys);
                 once_values(store, planned, node, &key).map(|values| (key, values))
             }),
         };

@@ -132,7 +132,7 @@ impl<T: Tap> Stage<'_, T> {
         }
         let producer = &self.graph.producers[step];
         let planned = &self.plan.nodes[node];
-        let (recipe, instant) = (&planned.recipe, &self.source.frames()[frame.position]);
+        let (node_hash, instant) = (&planned.node_hash, &self.source.frames()[frame.position]);
         let (watch, host) = (worker.start(), self.host(Some(node), frame.position));
         let inputs = Inputs::new(&producer.inputs, &worker.inputs);
         let mut ctx = Context::new(&host, &mut worker.scratch);
@@ -142,7 +142,7 @@ impl<T: Tap> Stage<'_, T> {
                 let process = || guarded(|| process_pure(&**pure, planned, instant, &inputs, &mut ctx));
                 with_files(planned, instant, process).and_then(|(outputs, files)| {
                     let observed = planned.observes.as_ref().map(|_| Observed { frame: instant, files });
-                    Ok((in_order(outputs)?, value_keys::pure(recipe, observed, &worker.keys)))
+                    Ok((in_order(outputs)?, value_keys::pure(node_hash, observed, &worker.keys)))
                 })
             }
             FrameNode::Ordered(ordered) => {
@@ -160,7 +160,7 @@ impl<T: Tap> Stage<'_, T> {
                     Ok((values, files)) => {
                         self.audit_again(frame, step, &values);
                         let observed = Observed { frame: instant, files };
-                        let key = value_keys::ordered(recipe, state.last_key.as_ref(), observed, &worker.keys);
+                        let key = value_keys::ordered(node_hash, state.last_key.as_ref(), observed, &worker.keys);
                         state.last_key = Some(key);
                         Ok((values, key))
                     }

@@ -199,7 +199,7 @@ pub(crate) fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3])
         inputs: ports.into_iter().zip(from).map(|(port, from)| PlannedInput { port, from, shown: None }).collect(),
         outputs,
         observes: None,
-        recipe: Key::of_content(name.as_bytes()),
+        node_hash: Key::of_content(name.as_bytes()),
         variants: vec![VariantId(0)],
     }
 }

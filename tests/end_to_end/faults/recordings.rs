@@ -107,7 +107,7 @@ fn fault_49_report_notes_that_a_recording_is_unfinished_or_truncated() {
     );
     let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
     let stages = [serde_json::json!({ "stage": "look", "variant": null, "frames": 4 })];
-    assert_eq!(json["recording"], serde_json::json!({ "condition": "whole", "frames": 4, "stages": stages }));
+    assert_eq!(json["recording"], serde_json::json!({ "condition": "complete", "frames": 4, "stages": stages }));
 }
 
 /// Recovers a recording of these bytes. Returns the exit code, standard error, and the new file.

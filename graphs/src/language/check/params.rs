@@ -27,7 +27,7 @@ pub(crate) struct Parameters {
     pub(crate) resolved: Json,
     /// `resolved` with `${NAME}` for values of environment variables: may be shown.
     pub(crate) shown: Json,
-    /// `resolved` without operational parameters and locations of files: part of the recipe.
+    /// `resolved` without operational parameters and locations of files: part of the node hash.
     pub(crate) portable: Json,
     /// `portable` with `${NAME}` for values of environment variables: may be recorded.
     pub(crate) recorded: Json,
@@ -68,7 +68,7 @@ impl Contents {
         }
     }
 
-    /// A path in a recipe, without its location.
+    /// A path in a node hash, without its location.
     fn portable_path(&mut self, path: &Path, of: PathOf) -> Json {
         self.content_or(path, of, |path| json!({ "name": path.file_name().map(|name| name.to_string_lossy()) }))
     }
