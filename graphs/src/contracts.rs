@@ -32,7 +32,7 @@ mod port;
 mod signature;
 mod source;
 mod store;
-mod tap;
+mod sink;
 mod upstream;
 
 pub use crate::message::ErrorMessage;
@@ -49,5 +49,5 @@ pub use port::{Contract, Port, Rate};
 pub use signature::Signature;
 pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey, SwitchedOff};
 pub use store::{Store, StoredPort, StoredState};
-pub use tap::{Commit, Failure, NodeWarning, Slot, SlotKey, StoredValue, Tap, stored_values};
+pub use sink::{Commit, Failure, NodeWarning, Slot, SlotKey, StoredValue, Sink, stored_values};
 pub use upstream::{InputOrigin, Upstream, UpstreamNode};

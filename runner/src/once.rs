@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Contract, NodeWarning, Slot, Tap};
+use depthloom_graphs::contracts::{Contract, NodeWarning, Slot, Sink};
 use depthloom_graphs::plan::{NodeId, NodeRef, Plan, PlannedNode, PortId, RunId};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
@@ -18,7 +18,7 @@ use crate::error::RunError;
 use crate::host::TaskHost;
 use crate::once_values::{OnceValue, OnceValues, inputs_of, once_ports};
 use crate::options::Audit;
-use crate::panics::{guarded, guarded_tap};
+use crate::panics::{guarded, guarded_sink};
 use crate::reuse::{Finished, Reuse, once_values};
 use crate::run_context::RunContext;
 use crate::stage::frame_graph::FrameGraph;
@@ -73,7 +73,7 @@ pub(crate) struct OnceWork<'a, T> {
     pub(crate) timings: Vec<Timing>,
 }
 
-impl<T: Tap> OnceWork<'_, T> {
+impl<T: Sink> OnceWork<'_, T> {
     /// Runs every aggregate node whose inputs are there, then those that read them, and so on.
     pub(crate) fn run_all(&mut self, values: &mut OnceValues) -> Result<Completion, RunError> {
         loop {
@@ -179,14 +179,14 @@ impl<T: Tap> OnceWork<'_, T> {
     pub(crate) fn reuse<'s>(&'s self, graph: &FrameGraph, source: &'s dyn Source) -> Option<Reuse<'s>> {
         let permit = self.context.budget.permit();
         let (run, host) = (&self.plan.runs[self.run], self.host(None, None));
-        let reuse = Reuse::new(self.run, run, graph, source, self.context.tap, &host);
+        let reuse = Reuse::new(self.run, run, graph, source, self.context.sink, &host);
         drop(permit);
         reuse
     }
 
     /// The job, or its stored values.
     fn known(&self, node: NodeId, key: Option<Key>, job: Job, values: &OnceValues) -> Job {
-        let (Job::Run(..), Some(key), Some(store)) = (&job, key, self.context.tap.store()) else { return job };
+        let (Job::Run(..), Some(key), Some(store)) = (&job, key, self.context.sink.store()) else { return job };
         if values.given.contains_key(&key) {
             return job;
         }
@@ -203,7 +203,7 @@ impl<T: Tap> OnceWork<'_, T> {
             let warnings = self.reported.get(&node).map_or(&[][..], Vec::as_slice);
             for (port, output) in PortId::enumerate(&run.nodes[node].outputs).filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.node_ref(node), port)) else { continue };
-                match self.context.tap.written_aggregate(self.run, Slot::Node { node, port }) {
+                match self.context.sink.written_aggregate(self.run, Slot::Node { node, port }) {
                     Some(written) if written == *key => continue,
                     Some(_) => {
                         return Err(RunError::OutdatedAggregate {
@@ -214,9 +214,9 @@ impl<T: Tap> OnceWork<'_, T> {
                     None => {}
                 }
                 let slot = Slot::Node { node, port };
-                guarded_tap(|| self.context.tap.once(self.run, slot, key, &once.value, warnings)).map_err(|error| {
+                guarded_sink(|| self.context.sink.once(self.run, slot, key, &once.value, warnings)).map_err(|error| {
                     let what = format!("the aggregate value `{}/{}`", run.nodes[node].name, output.port.name);
-                    RunError::Tap { stage: run.stage.clone(), what, error }
+                    RunError::Sink { stage: run.stage.clone(), what, error }
                 })?;
             }
         }
@@ -273,7 +273,7 @@ impl<T: Tap> OnceWork<'_, T> {
                 guarded(|| instance.finish(&mut Context::new(&host, &mut scratch)))
             }
             Job::Known(Finished { values, .. }) => {
-                for (what, count) in self.context.tap.store().map(|store| store.warnings(&key)).unwrap_or_default() {
+                for (what, count) in self.context.sink.store().map(|store| store.warnings(&key)).unwrap_or_default() {
                     host.warn_n(count, &what);
                 }
                 return Done { outputs: Ok(values), spent: None, warnings: host.into_warnings().collect() };

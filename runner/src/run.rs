@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::thread::{Builder, scope};
 
 use crossbeam::channel::bounded;
-use depthloom_graphs::contracts::{Contract, Tap};
+use depthloom_graphs::contracts::{Contract, Sink};
 use depthloom_graphs::plan::{NodeId, NodeRef, Plan, RunId};
 use depthloom_graphs::ready::{NodeBuilder, Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
@@ -26,15 +26,15 @@ use crate::stage::{EndAll, FrameNode, Stage};
 use crate::warnings::Warnings;
 use depthloom_threads::{Budget, look_for_room};
 
-/// Runs a plan: every frame of every stage run, and its aggregate values, into the tap.
+/// Runs a plan: every frame of every stage run, and its aggregate values, into the sink.
 ///
 /// The calling thread admits frames and writes them. It returns when all threads that it started have ended.
 ///
 /// # Errors
 /// Why the run ended early. An interrupted run is not an error: see the report.
-pub fn run<T: Tap>(
+pub fn run<T: Sink>(
     ready: Ready,
-    tap: &T,
+    sink: &T,
     options: &Options,
     observer: &dyn Observer,
     interrupt: &Interrupt,
@@ -44,7 +44,7 @@ pub fn run<T: Tap>(
     let checkpoints = Checkpoints::new(options.checkpoints.clone());
     let warnings = Warnings::default();
     let context = RunContext {
-        tap,
+        sink,
         budget: &budget,
         observer,
         interrupt,
@@ -74,7 +74,7 @@ pub fn run<T: Tap>(
     Ok(report)
 }
 
-fn run_stage<T: Tap>(
+fn run_stage<T: Sink>(
     (run, plan): (RunId, &Plan),
     (ready, builders): (ReadyRun, &NodeBuilders),
     context: &RunContext<'_, T>,
@@ -120,7 +120,7 @@ fn run_stage<T: Tap>(
         reported: BTreeMap::new(),
         timings: Vec::new(),
     };
-    let mut ledger = Ledger::new(plan, run, source.frames().len(), context.tap.parts(run));
+    let mut ledger = Ledger::new(plan, run, source.frames().len(), context.sink.parts(run));
     let completion = pass(&mut once, source.as_ref(), (frame_nodes, builders), &mut ledger, values);
     for &node in &once.ran {
         ledger.stage.firings[node] = 1;
@@ -136,7 +136,7 @@ fn run_stage<T: Tap>(
 type NodeBuilders = BTreeMap<NodeRef, NodeBuilder>;
 
 /// A stage run from its first frame to its last aggregate value.
-fn pass<T: Tap>(
+fn pass<T: Sink>(
     once: &mut OnceWork<'_, T>,
     source: &dyn Source,
     (nodes, builders): (Vec<FrameNode<T::Part>>, &NodeBuilders),
@@ -149,7 +149,7 @@ fn pass<T: Tap>(
     if once.run_all(values)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
     }
-    let graph = FrameGraph::new(run, plan, once.context.tap, |from| values.find(from))
+    let graph = FrameGraph::new(run, plan, once.context.sink, |from| values.find(from))
         .map_err(|error| unrunnable(error.what))?;
     let reuse = once.reuse(&graph, source);
     let mut stage = Stage::new(once.context, run, plan, graph, source, nodes, reuse);
@@ -189,7 +189,7 @@ fn pass<T: Tap>(
 }
 
 /// Runs the frames on workers; this thread admits and writes.
-fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Completion, RunError> {
+fn run_frames<T: Sink>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Completion, RunError> {
     // Never full: it has room for all frames in flight.
     let (send, done) = bounded(stage.context.window);
     scope(|scope| {

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, NodeWarning, Observation, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, NodeWarning, Observation, Slot, Sink};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode, RunId, VariantId};
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
@@ -381,7 +381,7 @@ fn a_once_value_that_comes_too_late_for_the_frames_is_refused() {
 }
 
 #[test]
-fn a_tap_that_refuses_ends_the_run_at_its_frame() {
+fn a_sink_that_refuses_ends_the_run_at_its_frame() {
     for workers in [1, 4] {
         let refuses_to_encode = BTreeSet::from([5]);
         let notebook = Notebook { refuses_to_encode, ..Notebook::with_parts(2) };
@@ -600,7 +600,7 @@ impl PureNode for Nursery {
     }
 }
 
-/// A chain of ten nodes whose masks are watched; the tap takes the last one's only, if any.
+/// A chain of ten nodes whose masks are watched; the sink takes the last one's only, if any.
 fn watched_chain(nursery: &Nursery) -> Bench {
     let mut bench = Bench::new(&[""]);
     bench.stage("watched", Cradle(nursery.clone(), (0..200).map(|k| Frame::at_10_hz("f", k)).collect()));
@@ -618,7 +618,7 @@ fn watched_chain(nursery: &Nursery) -> Bench {
 
 struct Last(bool);
 
-impl Tap for Last {
+impl Sink for Last {
     type Part = Vec<Value>;
 
     fn parts(&self, _: RunId) -> usize {
@@ -652,7 +652,7 @@ impl Tap for Last {
 #[test]
 fn no_more_frames_are_alive_than_the_window() {
     for (workers, window) in [(1, 3), (2, 1), (4, 4), (8, 6)] {
-        // The tap holds on to every value until the frame is written: the worst there is.
+        // The sink holds on to every value until the frame is written: the worst there is.
         let (nursery, options) = (Nursery::default(), Options { window: Some(window), ..options(workers) });
         let ready = watched_chain(&nursery).ready();
         let report = run(ready, &Last(true), &options, &Unwatched, &Interrupt::default()).unwrap();

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Slot, Store, StoredValue, Tap, stored_values};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Slot, Store, StoredValue, Sink, stored_values};
 use depthloom_graphs::plan::{FrameIndex, NodeRef, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Frame, Key, Value};
@@ -54,7 +54,7 @@ pub struct Compression {
 
 /// Writes the values of a run into one MCAP file.
 ///
-/// Parts are encoded and compressed by [`Tap::encode`] on the calling thread; [`Tap::write`] only appends bytes. After
+/// Parts are encoded and compressed by [`Sink::encode`] on the calling thread; [`Sink::write`] only appends bytes. After
 /// every frame, the file can be read up to that frame, even if the process is killed.
 pub struct Recorder {
     path: PathBuf,
@@ -265,7 +265,7 @@ impl Recorder {
     }
 }
 
-impl Tap for Recorder {
+impl Sink for Recorder {
     type Part = Part;
 
     fn parts(&self, run: RunId) -> usize {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Remedied;
-use depthloom_graphs::contracts::Tap;
+use depthloom_graphs::contracts::Sink;
 use depthloom_recording::{Condition, Disk, FileError, Recorder, Recording, RecordingError, recover};
 use proptest::prelude::{ProptestConfig, Strategy, proptest};
 use proptest::{prop_assert, prop_assert_eq};

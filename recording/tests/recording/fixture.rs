@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Sink};
 use depthloom_graphs::plan::{
     Estimate, FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource,
     PortId, Record, RunId, SourcePart, StageRun, VariantId,
@@ -286,7 +286,7 @@ pub(crate) fn record_frame_at(
     if backwards {
         order.reverse();
     }
-    let mut encoded: Vec<Option<<Recorder as Tap>::Part>> = (0..parts).map(|_| None).collect();
+    let mut encoded: Vec<Option<<Recorder as Sink>::Part>> = (0..parts).map(|_| None).collect();
     for part in order {
         let of_part: Vec<_> =
             values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(PartId(part))).cloned().collect();

@@ -4,7 +4,7 @@ use crate::digest::digest;
 use crate::fixture::{
     BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
 };
-use depthloom_graphs::contracts::{Failure, Slot, Store, StoredState, Tap};
+use depthloom_graphs::contracts::{Failure, Slot, Store, StoredState, Sink};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
@@ -283,7 +283,7 @@ fn parts_encoded_in_any_order_give_the_same_file() {
         let other = values(&frame(99), 300, 100);
         for index in 0..3 {
             if backwards {
-                Tap::encode(&recorder, RunId(0), (FrameIndex(99), &frame(99)), PartId(1), &other).unwrap();
+                Sink::encode(&recorder, RunId(0), (FrameIndex(99), &frame(99)), PartId(1), &other).unwrap();
             }
             record_frame(&recorder, RunId(0), &frame(index), &values(&frame(index), 300, 100), backwards);
         }

@@ -1,4 +1,4 @@
-//! Toy graphs: nodes that mix numbers, a tap that writes everything down, and plans made by hand.
+//! Toy graphs: nodes that mix numbers, a sink that writes everything down, and plans made by hand.
 #![allow(dead_code, clippy::allow_attributes, reason = "each test and the bench use a part of it")]
 #![allow(missing_docs, reason = "test support")]
 
@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Sink};
 use depthloom_graphs::plan::{
     FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, PortId, Record,
     RunId, StageRun, VariantId,
@@ -282,7 +282,7 @@ pub(crate) const fn node_slot(node: usize, port: usize) -> Slot {
     Slot::Node { node: NodeId(node), port: PortId(port) }
 }
 
-/// What a tap was given, in words.
+/// What a sink was given, in words.
 pub(crate) fn told_value(value: &Value) -> String {
     match value {
         Value::Calibration(number) => format!("{:x}", read(number)),
@@ -307,7 +307,7 @@ pub(crate) fn part_text(part: PartId, values: &[(Slot, Value)]) -> String {
     format!("{part}: {}", values.join(" "))
 }
 
-/// A tap that writes down all it is given. Values go to one of `parts` parts; with none, nothing is taken.
+/// A sink that writes down all it is given. Values go to one of `parts` parts; with none, nothing is taken.
 #[derive(Default)]
 pub(crate) struct Notebook {
     pub parts: usize,
@@ -336,7 +336,7 @@ pub(crate) fn part_of(parts: usize, slot: Slot) -> Option<PartId> {
     if parts == 0 || n % 5 == 4 { None } else { Some(PartId(n % parts)) }
 }
 
-impl Tap for Notebook {
+impl Sink for Notebook {
     type Part = String;
 
     fn parts(&self, _run: RunId) -> usize {
