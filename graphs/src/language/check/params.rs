@@ -20,6 +20,7 @@ use crate::language::text::paths::Anywhere;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Node, Tree};
 use crate::registry::{KindInfo, NodeKind, SourceEntry};
+use crate::render::parameter_help;
 
 #[derive(Debug, PartialEq)]
 pub(crate) struct Parameters {
@@ -217,6 +218,7 @@ fn checked(
         sound = false;
         let place = place_of(with, &violation.path, violation.at_key).unwrap_or_else(|| at.clone());
         let help = as_input(kind, &violation, &json).or_else(|| as_axis(&violation, &json, &place)).or(violation.help);
+        let help = help.or_else(|| parameter_help(kind.kind, kind.schema, &violation.path));
         report.push(
             Diagnostic::error(&place, format!("{} (of `{}`)", violation.what, kind.kind))
                 .label(violation.label)
@@ -240,15 +242,18 @@ fn checked(
                 let place = culprit(with, &error.what, changed).or(place);
                 let place = place.or_else(|| named(with, &error.what).next());
                 let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
+                let (what, suggestion) = parted(&error.what);
                 let what = match error.path.last() {
                     // Many messages name their parameter.
                     Some(name) if !error.what.contains(name) => {
-                        format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.kind)
+                        format!("`{}`: {what} (of `{}`)", error.path.join("."), kind.kind)
                     }
-                    _ => format!("{} (of `{}`)", error.what, kind.kind),
+                    _ => format!("{what} (of `{}`)", kind.kind),
                 };
                 let help = following::cause(kind.schema, &json, &error.path)
-                    .or_else(|| following::others(kind.schema, &json, &error.path, &error.what, &kind.resolve));
+                    .or_else(|| following::others(kind.schema, &json, &error.path, &error.what, &kind.resolve))
+                    .or_else(|| suggestion.map(str::to_owned))
+                    .or_else(|| parameter_help(kind.kind, kind.schema, &error.path));
                 report.push(Diagnostic::error(&place, what).maybe_help(help));
                 sound = false;
                 if !remove(&mut json, &error.path) {
@@ -257,6 +262,15 @@ fn checked(
                 taken_out.push(error.path);
             }
         }
+    }
+}
+
+/// A message without the suggestion at its end, and that suggestion.
+fn parted(message: &str) -> (&str, Option<&str>) {
+    let starts = [": did you mean ", ": frames are ", ": `a..b` ends "];
+    match starts.iter().find_map(|start| message.find(start)) {
+        Some(at) => (&message[..at], Some(&message[at + 2..])),
+        None => (message, None),
     }
 }
 
