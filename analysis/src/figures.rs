@@ -26,7 +26,7 @@ use crate::error::{AnalysisError, caught};
 use crate::estimates::Estimate;
 use crate::input::condition::recording_notes;
 use crate::input::frame_choice::FrameChoice;
-use crate::query::{Bins, Outlier, Inquiry, SampleSet, Unit, is_any};
+use crate::query::{Bins, Inquiry, Outlier, SampleSet, Unit, is_any};
 use crate::statistics::Resampling;
 use crate::tables::RowKey;
 

@@ -27,7 +27,8 @@ pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<NodeRef, Key>) {
             }
             let node_hash = own.map_or_else(|| Key::build("on engines"), |own| Key::build("on an engine").key(own));
             let node_hash = node_hash.key(&planned.node_hash);
-            let node_hash = inputs.into_iter().fold(node_hash, |node_hash, (port, read)| node_hash.text(port).key(read)).finish();
+            let node_hash =
+                inputs.into_iter().fold(node_hash, |node_hash, (port, read)| node_hash.text(port).key(read)).finish();
             plan.runs[run].nodes[node].node_hash = node_hash;
             changed.insert(NodeRef { run, node }, node_hash);
         }

@@ -105,7 +105,11 @@ mod tests {
         let observed = Observed { frame: &frame, files: None };
         for (frame, files) in &others {
             let other = Observed { frame, files: *files };
-            assert_ne!(ordered(&node_hash, None, observed, &input), ordered(&node_hash, None, other, &input), "{other:?}");
+            assert_ne!(
+                ordered(&node_hash, None, observed, &input),
+                ordered(&node_hash, None, other, &input),
+                "{other:?}"
+            );
             assert_ne!(pure(&node_hash, Some(observed), &input), pure(&node_hash, Some(other), &input), "{other:?}");
         }
         assert_ne!(pure(&node_hash, Some(observed), &input), pure(&node_hash, None, &input));

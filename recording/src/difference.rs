@@ -302,7 +302,9 @@ fn wire(plan: &RecordedPlan, place: NodeRef, input: &RecordedInput) -> Wire {
         };
         let mut found =
             plan.runs.iter().flat_map(|run| run.nodes.iter().filter(|node| has_output(run, node)).filter(is_read));
-        return found.next().map_or_else(|| Wire::Source(once.to_owned()), |of| Wire::Node(once.to_owned(), of.node_hash));
+        return found
+            .next()
+            .map_or_else(|| Wire::Source(once.to_owned()), |of| Wire::Node(once.to_owned(), of.node_hash));
     }
     match plan.find(place.run, from) {
         Some((Slot::Source { .. }, output)) => Wire::Source(format!("source/{}", output.port)),
@@ -415,7 +417,13 @@ mod tests {
             &[
                 node("a", &json!({ "block": 5, "deep": { "p": 1 } }), &json!([]), &node_hash("a"), &[VariantId(0)]),
                 node("b", &none, &reads("/s/a[0]/out"), &node_hash("b"), &[VariantId(0)]),
-                node("c", &none, &json!([{ "port": "model", "from": "file net.onnx" }]), &node_hash("c"), &[VariantId(0)]),
+                node(
+                    "c",
+                    &none,
+                    &json!([{ "port": "model", "from": "file net.onnx" }]),
+                    &node_hash("c"),
+                    &[VariantId(0)],
+                ),
                 node("d", &none, &reads("/s/a[0]/out"), &node_hash("d"), &[VariantId(0)]),
                 node("e", &none, &json!([]), &node_hash("e"), &[VariantId(0)]),
                 node("old", &none, &json!([]), &node_hash("old"), &[VariantId(0)]),

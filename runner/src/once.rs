@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Contract, NodeWarning, Slot, Sink};
+use depthloom_graphs::contracts::{Contract, NodeWarning, Sink, Slot};
 use depthloom_graphs::plan::{NodeId, NodeRef, Plan, PlannedNode, PortId, RunId};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
@@ -214,10 +214,12 @@ impl<T: Sink> OnceWork<'_, T> {
                     None => {}
                 }
                 let slot = Slot::Node { node, port };
-                guarded_sink(|| self.context.sink.once(self.run, slot, key, &once.value, warnings)).map_err(|error| {
-                    let what = format!("the aggregate value `{}/{}`", run.nodes[node].name, output.port.name);
-                    RunError::Sink { stage: run.stage.clone(), what, error }
-                })?;
+                guarded_sink(|| self.context.sink.once(self.run, slot, key, &once.value, warnings)).map_err(
+                    |error| {
+                        let what = format!("the aggregate value `{}/{}`", run.nodes[node].name, output.port.name);
+                        RunError::Sink { stage: run.stage.clone(), what, error }
+                    },
+                )?;
             }
         }
         Ok(())

@@ -9,7 +9,7 @@ pub(crate) mod recorded;
 
 use std::sync::OnceLock;
 
-use depthloom_graphs::contracts::{Contract, Slot, Store, StoredState, Sink};
+use depthloom_graphs::contracts::{Contract, Sink, Slot, Store, StoredState};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Frame, Host, Key, Port, Rate, Source, Value};
@@ -127,7 +127,8 @@ impl<'a> Reuse<'a> {
         let store = sink.store()?;
         let chains = plan.nodes.iter().map(|node| (node.contract == Contract::Ordered).then(Chain::default)).collect();
         let finished = plan.nodes.iter().map(|_| None).collect();
-        let mut reuse = Self { store, plan, frames: source.frames(), run, chains, finished, written: sink.written(run) };
+        let mut reuse =
+            Self { store, plan, frames: source.frames(), run, chains, finished, written: sink.written(run) };
         if reuse.chains.iter().any(Option::is_some) {
             let keys = source_keys(source, store, host);
             for (position, key) in FrameIndex::enumerate(&keys) {
@@ -265,7 +266,9 @@ impl<'a> Reuse<'a> {
         let files = planned.files_content(frame).map_err(|_| Unknown)?;
         let observed = Observed { frame, files };
         match &self.chains[node] {
-            None => Ok(Some(value_keys::pure(&planned.node_hash, planned.observes.is_some().then_some(observed), &keys))),
+            None => {
+                Ok(Some(value_keys::pure(&planned.node_hash, planned.observes.is_some().then_some(observed), &keys)))
+            }
             Some(chain) => {
                 let before = chain.before.get(position.0).ok_or(Unknown)?;
                 Ok(Some(value_keys::ordered(&planned.node_hash, before.as_ref(), observed, &keys)))
@@ -296,7 +299,8 @@ impl<'a> Reuse<'a> {
         for step in StepId::all(steps).rev() {
             let chain = step.node().and_then(|node| self.chains[node].as_ref());
             let lacks = |(output, state): (OutputId, &OutputState)| {
-                state.must_be_computed() && is_recorded(sink, self.run, self.plan, StepOutput { step, output }, position)
+                state.must_be_computed()
+                    && is_recorded(sink, self.run, self.plan, StepOutput { step, output }, position)
             };
             runs[step] |= match &known[step] {
                 StepState::Absent => false,

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
 use depthloom_graphs::contracts::{
-    Commit, Contract, ErrorMessage, NodeWarning, Slot, Store, StoredPort, StoredState, Sink,
+    Commit, Contract, ErrorMessage, NodeWarning, Sink, Slot, Store, StoredPort, StoredState,
 };
 use depthloom_graphs::plan::{FrameIndex, PartId, Plan, PlannedOutput, RunId};
 use depthloom_graphs::{Fault, Frame, Key, Remedied, Value};
@@ -183,7 +183,12 @@ impl Sink for Remembering {
 }
 
 /// Runs a graph: what was written, and why it ended.
-fn lines_and_error(bench: Bench, sink: &Remembering, workers: usize, keep_going: bool) -> (Vec<String>, Option<String>) {
+fn lines_and_error(
+    bench: Bench,
+    sink: &Remembering,
+    workers: usize,
+    keep_going: bool,
+) -> (Vec<String>, Option<String>) {
     let options = Options { workers, window: Some(4), keep_going, checkpoints: None, audit: Audit::All };
     let result = run(bench.ready(), sink, &options, &Unwatched, &Interrupt::default());
     (sink.notebook.lines(), result.err().map(|error| error.to_string()))

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, NodeWarning, Observation, Slot, Sink};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, NodeWarning, Observation, Sink, Slot};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode, RunId, VariantId};
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{

@@ -152,8 +152,8 @@ fn a_damaged_recording_is_set_aside_although_another_run_has_its_values() {
         bytes[below(place + 5, length) as usize] ^= 1;
         reference.write_interrupted(&out, &bytes);
         let partial = out.with_extension("partial");
-        let has_summary =
-            Recording::open(partial.join("recording.mcap")).is_ok_and(|opened| *opened.condition() == Condition::Complete);
+        let has_summary = Recording::open(partial.join("recording.mcap"))
+            .is_ok_and(|opened| *opened.condition() == Condition::Complete);
         // Otherwise the plan is damaged, or the frames before the damage are resumed.
         if has_summary {
             let stderr = reference.resume(&out);

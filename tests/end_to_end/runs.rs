@@ -100,7 +100,9 @@ fn runs_are_listed_newest_first_with_their_state() {
     let printed = text(&succeed(&mut here.command(&["runs"])));
     let lines: Vec<&str> = printed.lines().collect();
     assert_eq!(lines.len(), 4, "{printed}");
-    assert!(lines[2].starts_with("look/two ") && lines[2].contains("2020-11-22 10:00") && lines[2].contains("complete"));
+    assert!(
+        lines[2].starts_with("look/two ") && lines[2].contains("2020-11-22 10:00") && lines[2].contains("complete")
+    );
 }
 
 #[test]

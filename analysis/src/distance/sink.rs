@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Slot, Store, StoredValue, Sink};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Sink, Slot, Store, StoredValue};
 use depthloom_graphs::plan::{FrameIndex, PartId, Plan, RunId};
 use depthloom_graphs::{Frame, Key, Value};
 use depthloom_recording::RecordedPlan;

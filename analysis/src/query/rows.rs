@@ -121,7 +121,11 @@ pub(super) fn grid(jobs: &[Job<'_>], results: &[BinnedErrors], inquiry: &Inquiry
         _ => "",
     };
     Table {
-        about: format!("{error}, by {}{pixels}; outlier_share: share of errors {}", by(inquiry), inquiry.outlier.words()),
+        about: format!(
+            "{error}, by {}{pixels}; outlier_share: share of errors {}",
+            by(inquiry),
+            inquiry.outlier.words()
+        ),
         label: "errors".to_owned(),
         gaps,
         ..Table::new(columns)

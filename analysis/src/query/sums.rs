@@ -25,12 +25,21 @@ impl PartSums {
     }
 
     /// Adds the rows of the next estimate. Its values, NaN where invalid, are replaced by absolute errors.
-    pub(super) fn add(&mut self, bins: &[u32], ground_truth_m: &[f32], estimates: &mut [f32], unit: Unit, outlier: Outlier) {
+    pub(super) fn add(
+        &mut self,
+        bins: &[u32],
+        ground_truth_m: &[f32],
+        estimates: &mut [f32],
+        unit: Unit,
+        outlier: Outlier,
+    ) {
         let rows = bins.iter().zip(ground_truth_m).zip(estimates);
         let mut sums = vec![Sums::default(); self.pixels.len()];
         match (unit, outlier) {
             (Unit::Metres, Outlier::Metres(limit)) => add_rows(&mut sums, rows, |error, _| error, |_| limit),
-            (Unit::Metres, Outlier::OfTruth(limit)) => add_rows(&mut sums, rows, |error, _| error, |truth| limit * truth),
+            (Unit::Metres, Outlier::OfTruth(limit)) => {
+                add_rows(&mut sums, rows, |error, _| error, |truth| limit * truth)
+            }
             (Unit::OfTruth, Outlier::Metres(limit)) => {
                 add_rows(&mut sums, rows, |error, truth| error / truth, |truth| limit / truth);
             }

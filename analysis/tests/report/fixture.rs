@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Sink};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Sink, Slot, SlotKey};
 use depthloom_graphs::plan::{
     Estimate, FrameIndex, NodeId, PartId, Plan, PlannedNode, PlannedOutput, PlannedSource, PortId, Record, RunId,
     SourcePart, StageRun, VariantId,

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Sink};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Sink, Slot};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId, StageRun};
 use depthloom_graphs::{Fault, Frame, Key, Rate, Value, chain};
 use depthloom_runner::RunError;

@@ -30,7 +30,8 @@ pub fn next_outdated(folder: &Path) -> PathBuf {
 /// Whether a file has the name of a recording that was set aside.
 pub(crate) fn is_outdated(name: &str) -> bool {
     let number = name.strip_prefix("recording.outdated-").and_then(|rest| rest.strip_suffix(".mcap"));
-    name == OUTDATED || number.and_then(|number| number.parse().ok()).is_some_and(|number| outdated_name(number) == name)
+    name == OUTDATED
+        || number.and_then(|number| number.parse().ok()).is_some_and(|number| outdated_name(number) == name)
 }
 
 fn outdated_name(number: usize) -> String {

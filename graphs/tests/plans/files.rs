@@ -19,7 +19,8 @@ fn extending_swaps_sources_and_keeps_the_rest() {
         part.params,
         serde_json::json!({ "root": "/data/kitti/training", "frames": "150..156", "ground_truth": "noc" })
     );
-    let node_hashes = |plan: &Plan| plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect::<Vec<_>>();
+    let node_hashes =
+        |plan: &Plan| plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect::<Vec<_>>();
     assert_eq!(node_hashes(&base), node_hashes(&kitti), "what is computed does not depend on where frames come from");
     assert_eq!(
         kitti.written.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(),

@@ -56,7 +56,11 @@ fn values_of_variables_are_neither_shown_nor_recorded() {
     let source_in = |root| source(&plan(&renamed, &[values[0], ("ROOT", root), values[2]]));
     assert_ne!(source_in("/a/one"), source_in("/a/other"), "a run with one root does not resume with the other");
     let literal = plan(&text.replace("x-${TOKEN}", "x-wrench-17"), &values);
-    assert_eq!(score(&first).node_hash, score(&literal).node_hash, "the node hash is of the value, however it is given");
+    assert_eq!(
+        score(&first).node_hash,
+        score(&literal).node_hash,
+        "the node hash is of the value, however it is given"
+    );
 }
 
 #[test]

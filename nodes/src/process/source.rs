@@ -328,7 +328,10 @@ mod tests {
     fn command_and_environment_are_kept_apart_and_how_it_is_called_is_not_in_the_key() {
         let arguments = program_key(&json!({ "command": ["cam", "MODE", "fast"] }));
         assert_ne!(arguments, program_key(&json!({ "env": { "MODE": "fast" } })));
-        assert_ne!(program_key(&json!({ "command": ["cam", "a", "b"] })), program_key(&json!({ "command": ["cam", "a b"] })));
+        assert_ne!(
+            program_key(&json!({ "command": ["cam", "a", "b"] })),
+            program_key(&json!({ "command": ["cam", "a b"] }))
+        );
         let plain = program_key(&json!({}));
         assert_eq!(plain, program_key(&json!({ "instances": 2, "timeout_s": 99, "start_timeout_s": 9 })));
         assert_ne!(plain, program_key(&json!({ "params": { "mode": "fast" } })));

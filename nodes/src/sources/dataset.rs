@@ -8,7 +8,9 @@ use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey, SwitchedOff};
+use depthloom_graphs::contracts::{
+    DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey, SwitchedOff,
+};
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
 use depthloom_graphs::{Scratch, contracts::InlineHost};

@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::sources::dataset::folders::{existing_folder, missing_folder};
 use crate::sources::dataset::frame_files::Files;
-use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required, truth_off};
+use crate::sources::dataset::{
+    DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required, truth_off,
+};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::middlebury::scene::{self, TruePixels};
 use crate::sources::middlebury::scenes;

@@ -13,7 +13,9 @@ use crate::sources::dataset::folders::{
     existing_file, existing_folder, existing_with_ending, folders, missing_folder, stems,
 };
 use crate::sources::dataset::frame_files::{Files, LEFT, RIGHT, TRUTH};
-use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required, truth_off};
+use crate::sources::dataset::{
+    DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required, truth_off,
+};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::middlebury::scene::{TruePixels, with_truth};
 

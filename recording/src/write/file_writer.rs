@@ -23,7 +23,7 @@ use crate::write::part::Part;
 use depthloom_codecs::schema::Schema;
 
 /// The library named in the file's header: without a version, because equal runs write equal files.
-pub(crate) pub(crate) const LIBRARY: &str = "depthloom";
+pub(crate) const LIBRARY: &str = "depthloom";
 const PROTOBUF: &str = "protobuf";
 
 /// Appends to a recording's file.

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Sink};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Sink, Slot, SlotKey};
 use depthloom_graphs::plan::{
     Estimate, FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource,
     PortId, Record, RunId, SourcePart, StageRun, VariantId,

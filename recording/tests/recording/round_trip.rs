@@ -4,7 +4,7 @@ use crate::digest::digest;
 use crate::fixture::{
     BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
 };
-use depthloom_graphs::contracts::{Failure, Slot, Store, StoredState, Sink};
+use depthloom_graphs::contracts::{Failure, Sink, Slot, Store, StoredState};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};

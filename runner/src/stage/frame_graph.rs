@@ -1,6 +1,6 @@
 //! A stage run's frame graph by index: which step waits for which, and the places of values.
 
-use depthloom_graphs::contracts::{Contract, Slot, Sink};
+use depthloom_graphs::contracts::{Contract, Sink, Slot};
 use depthloom_graphs::plan::{NodeId, Origin, PartId, PlannedOutput, RunId, StageRun};
 use depthloom_graphs::{ErrorMessage, Port, Rate, index_type};
 

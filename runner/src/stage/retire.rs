@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
-use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Sink};
+use depthloom_graphs::contracts::{Commit, Failure, Sink, Slot, SlotKey};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, Plan, RunId};
 use depthloom_graphs::{Fault, Frame, Key};
 

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Slot, StoredValue, Sink};
+use depthloom_graphs::contracts::{Sink, Slot, StoredValue};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Context, Fault, Frame, Host as _, Inputs, Key, Outputs, Scratch, Value};

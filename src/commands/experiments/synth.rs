@@ -37,7 +37,11 @@ pub(crate) fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
             (_, true) => ExitCode::Engine,
         };
         let stop = CliError::from_error(exit, &fault);
-        if is_refused(&fault) { stop.remedy("choose a folder on a disk with space, that you may write to") } else { stop }
+        if is_refused(&fault) {
+            stop.remedy("choose a folder on a disk with space, that you may write to")
+        } else {
+            stop
+        }
     })?;
     bar.finish_and_clear();
     if !args.quiet {

@@ -187,7 +187,8 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
     let head = ["topic", "type", "messages", "raw", "stored", "ratio", "keys", "node hash"];
     let mut rows = vec![head.map(str::to_owned)];
     for entry in topics {
-        let node_hash = entry.node_hash.as_ref().map_or_else(|| "-".to_owned(), |node_hash| node_hash[..KEY_DIGITS].to_owned());
+        let node_hash =
+            entry.node_hash.as_ref().map_or_else(|| "-".to_owned(), |node_hash| node_hash[..KEY_DIGITS].to_owned());
         let keys = if entry.keys == 0 { "-".to_owned() } else { entry.keys.to_string() };
         rows.push(row(entry, keys, node_hash));
     }

@@ -377,7 +377,8 @@ depthloom.serve(own, Frames)
 
 /// Runs the node `own` with these parameters. Returns the exit code and the output.
 fn run_own(python: &Path, folder: &Path, name: &str, params: &str) -> (Option<i32>, String) {
-    let outputs = "{ depth: depth, weight: weight, camera: calibration, disparity: disparity, px: ground-truth-disparity }";
+    let outputs =
+        "{ depth: depth, weight: weight, camera: calibration, disparity: disparity, px: ground-truth-disparity }";
     let text = format!(
         "experiment: own\nsources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 64, height: 32 }} }} }}\n\
          stages:\n  look:\n    source: street\n    nodes:\n      own:\n        kind: process\n        inputs: {{ depth: source/depth }}\n\

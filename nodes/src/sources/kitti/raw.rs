@@ -14,7 +14,9 @@ use serde_json::json;
 use crate::shape::filled;
 use crate::sources::dataset::folders::{existing_file, missing_file, stems};
 use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT};
-use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, calibration_port, depth_port, image_port, required, truth_off};
+use crate::sources::dataset::{
+    DatasetKind, FrameFiles, Listing, calibration_port, depth_port, image_port, required, truth_off,
+};
 use crate::sources::images::natural_text;
 use crate::sources::kitti::calibration;
 use crate::sources::kitti::cameras::KittiCameras;
