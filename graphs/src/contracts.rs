@@ -42,7 +42,7 @@ pub use declared_ports::{DeclaredPort, DeclaredPorts, check_name};
 pub use fault::Fault;
 pub use frame::Frame;
 pub use frame_selection::FrameSelection;
-pub use node::{Inputs, Instance, Node, NodeDeclaration, OnceNode, OrderedNode, Outputs, PureNode};
+pub use node::{AggregateNode, Inputs, Instance, Node, NodeDeclaration, OrderedNode, Outputs, PureNode};
 pub use observation::{FramePaths, Observation};
 pub use params::{Argument, Auto, DataPath};
 pub use port::{Contract, Port, Rate};

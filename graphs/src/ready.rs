@@ -219,7 +219,7 @@ pub fn read_files(stage: &str, node: &PlannedNode, files: &mut BTreeMap<PathBuf,
         if files.contains_key(path) {
             continue;
         }
-        match read_once_value(path, input.port.value_type) {
+        match read_aggregate_value(path, input.port.value_type) {
             Ok(value) => {
                 files.insert(path.clone(), value);
             }
@@ -251,7 +251,7 @@ fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf,
 /// ONNX's own limit.
 const MOST_BYTES: u64 = 2 << 30;
 
-fn read_once_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
+fn read_aggregate_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
     let bytes = regular_file::read(path, MOST_BYTES)
         .map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
     match value_type {

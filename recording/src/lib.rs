@@ -76,7 +76,7 @@ pub(crate) const LONGEST_CHUNK_HEADER: u64 = 40 + "zstd".len() as u64;
 pub(crate) const PLAN_METADATA: &str = "depthloom";
 /// The metadata records that state which attachment contains which aggregate value. The topic follows in the name,
 /// because viewers list a record by its name.
-pub(crate) const ONCE_METADATA: &str = "depthloom.once";
+pub(crate) const AGGREGATE_METADATA: &str = "depthloom.once";
 /// The metadata record of a run that ended early.
 pub(crate) const ENDED_METADATA: &str = "depthloom.ended";
 /// The entry of that record in a file that `runs recover` wrote.

@@ -93,14 +93,14 @@
 //! # Ok::<(), depthloom_runner::RunError>(())
 //! ```
 
+mod aggregate;
+mod aggregate_values;
 mod audit;
 mod checkpoints;
 mod error;
 mod host;
 mod interrupt;
 mod observer;
-mod once;
-mod once_values;
 mod options;
 mod panics;
 mod report;

@@ -14,7 +14,7 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Frame, Host, Key, Port, Rate, Source, Value};
 
-use crate::once_values::is_once;
+use crate::aggregate_values::is_once;
 use crate::panics::guarded;
 use crate::stage::frame_graph::{Feed, FrameGraph, OutputId, StepId, StepOutput};
 
@@ -173,7 +173,8 @@ impl<'a> Reuse<'a> {
             let Some(chain) = chain.as_mut().filter(|chain| !chain.runs) else { continue };
             let last = chain.last.unwrap_or_default();
             let key = value_keys::finished(&self.plan.nodes[node].node_hash, last.as_ref());
-            self.finished[node] = once_values(self.store, self.plan, node, &key).map(|values| Finished { key, values });
+            self.finished[node] =
+                aggregate_values(self.store, self.plan, node, &key).map(|values| Finished { key, values });
             chain.runs = self.finished[node].is_none();
         }
     }
@@ -368,7 +369,12 @@ fn is_recorded<T: Sink>(sink: &T, run: RunId, plan: &StageRun, output: StepOutpu
 }
 
 /// The aggregate values of a node, by aggregate port, if the store has all that are recorded or read.
-pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key: &Key) -> Option<Vec<Option<Value>>> {
+pub(crate) fn aggregate_values(
+    store: &dyn Store,
+    plan: &StageRun,
+    node: NodeId,
+    key: &Key,
+) -> Option<Vec<Option<Value>>> {
     let planned = &plan.nodes[node];
     let mut outputs = planned.outputs.iter().filter(|output| is_once(planned, &output.port)).peekable();
     // An ordered node without aggregate outputs is known by its frames; an aggregate node is known by its values alone.

@@ -9,13 +9,13 @@ use depthloom_graphs::plan::{NodeId, NodeRef, Plan, RunId};
 use depthloom_graphs::ready::{NodeBuilder, Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
 
+use crate::aggregate::{AggregateWork, Job};
+use crate::aggregate_values::AggregateValues;
 use crate::audit::Auditor;
 use crate::checkpoints::Checkpoints;
 use crate::error::RunError;
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
-use crate::once::{Job, OnceWork};
-use crate::once_values::OnceValues;
 use crate::options::Options;
 use crate::report::Report;
 use crate::run_context::RunContext;
@@ -54,7 +54,7 @@ pub fn run<T: Sink>(
         checkpoints: &checkpoints,
         audit: options.audit,
     };
-    let mut values = OnceValues::new(files);
+    let mut values = AggregateValues::new(files);
     let mut report = Report::default();
     for (run, ready) in RunId::enumerate(runs) {
         if interrupt.stops_admission() {
@@ -78,7 +78,7 @@ fn run_stage<T: Sink>(
     (run, plan): (RunId, &Plan),
     (ready, builders): (ReadyRun, &NodeBuilders),
     context: &RunContext<'_, T>,
-    values: &mut OnceValues,
+    values: &mut AggregateValues,
     report: &mut Report,
 ) -> Result<Completion, RunError> {
     let stage = &plan.runs[run];
@@ -109,7 +109,7 @@ fn run_stage<T: Sink>(
         });
     }
 
-    let mut once = OnceWork {
+    let mut once = AggregateWork {
         run,
         plan,
         context,
@@ -137,11 +137,11 @@ type NodeBuilders = BTreeMap<NodeRef, NodeBuilder>;
 
 /// A stage run from its first frame to its last aggregate value.
 fn pass<T: Sink>(
-    once: &mut OnceWork<'_, T>,
+    once: &mut AggregateWork<'_, T>,
     source: &dyn Source,
     (nodes, builders): (Vec<FrameNode<T::Part>>, &NodeBuilders),
     ledger: &mut Ledger<'_>,
-    values: &mut OnceValues,
+    values: &mut AggregateValues,
 ) -> Result<Completion, RunError> {
     let (run, plan) = (once.run, &once.plan.runs[once.run]);
     let unrunnable = |what| RunError::Unrunnable { stage: plan.stage.clone(), what };

@@ -15,10 +15,10 @@ use depthloom_graphs::contracts::{NodeWarning, Sink};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PlannedNode, RunId, StageRun};
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Outputs, PureNode, Source};
 
+use crate::aggregate_values::is_once;
 use crate::audit::comparison::Comparison;
 use crate::audit::sample::Sampler;
 use crate::host::TaskHost;
-use crate::once_values::is_once;
 use crate::reuse::Reuse;
 use crate::run_context::RunContext;
 use crate::stage::frame_graph::{FrameGraph, Step, StepId};

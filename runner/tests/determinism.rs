@@ -11,7 +11,7 @@ use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Rat
 use depthloom_runner::{Audit, Interrupt, Options, RunError, Unwatched, run};
 use proptest::prelude::*;
 use support::any_graph::{AnyGraph, any_graph, bench};
-use support::{Bench, Notebook, commit_text, once_key, part_of, part_text, told_value, without_place};
+use support::{Bench, Notebook, aggregate_key, commit_text, part_of, part_text, told_value, without_place};
 
 /// A run's end, in words without a panic's place.
 fn told_error(error: &RunError) -> String {
@@ -210,7 +210,7 @@ fn finish(
             let port = if node.contract == Contract::Ordered { PortId(2 + port) } else { PortId(port) };
             let slot = Slot::Node { node: index, port };
             lines.push(format!("{run} {slot:?} {key} {}", told_value(&value)));
-            let entering = once_key(&value, &key, node.outputs[port].port.name);
+            let entering = aggregate_key(&value, &key, node.outputs[port].port.name);
             once.insert((NodeRef { run, node: index }, port), (value, entering));
         }
     }

@@ -125,7 +125,7 @@ impl Sink for Outgoing<'_> {
 
     fn once(&self, _: RunId, slot: Slot, _: &Key, value: &Value, warnings: &[NodeWarning]) -> Result<(), ErrorMessage> {
         let Slot::Node { port, .. } = slot else { return Ok(()) };
-        let Some(name) = self.once_name(port) else { return Ok(()) };
+        let Some(name) = self.aggregate_name(port) else { return Ok(()) };
         self.bridge.send(name, None, &of_value(value))?;
         let mut sent = locked(&self.sent_once);
         sent.0.insert(name);
@@ -136,7 +136,7 @@ impl Sink for Outgoing<'_> {
 
 impl Outgoing<'_> {
     /// The aggregate output of a port.
-    fn once_name(&self, port: PortId) -> Option<&'static str> {
+    fn aggregate_name(&self, port: PortId) -> Option<&'static str> {
         let before = self.slots.iter().filter(|(slot, _)| matches!(slot, Slot::Node { port: of, .. } if *of < port));
         self.once.get(port.0 - before.count()).copied()
     }

@@ -245,7 +245,7 @@ struct Loaded {
 impl Loaded {
     fn new(file: &PositionedFile, index: Index) -> Result<Self, RecordingError> {
         let plan = read_plan(file, &index)?;
-        let once = read_once(file, &index, &plan)?;
+        let once = read_aggregates(file, &index, &plan)?;
         let frames = vec![Vec::new(); plan.runs.len()];
         let mut found = Self { index, plan, frames, once, committed: 0, sealed: Vec::new() };
         found.read_commits(file)?;
@@ -352,12 +352,12 @@ fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, Recor
     RecordedPlan::from_json(plan).map_err(|what| RecordingError::Content { path: path(), what })
 }
 
-fn read_once(
+fn read_aggregates(
     file: &PositionedFile,
     index: &Index,
     plan: &RecordedPlan,
 ) -> Result<Vec<RecordedAggregate>, RecordingError> {
-    let once = index.metadata.iter().filter(|metadata| metadata.is_of_once());
+    let once = index.metadata.iter().filter(|metadata| metadata.is_of_aggregate());
     let read = |metadata: &MetadataEntry| {
         let text = |name: &str| metadata.values.get(name).cloned();
         let number = |name: &str| metadata.values.get(name)?.parse::<usize>().ok();

@@ -91,7 +91,8 @@ impl Recording {
 
     /// The same, of those that end before `limit`.
     fn end_before(&self, limit: u64) -> Option<u64> {
-        let values = self.index.metadata.iter().filter(|metadata| metadata.is_of_once()).map(|metadata| metadata.end);
+        let values =
+            self.index.metadata.iter().filter(|metadata| metadata.is_of_aggregate()).map(|metadata| metadata.end);
         let is_commit =
             |chunk: &&ChunkEntry| self.sealed.binary_search_by_key(&chunk.start, |(start, _)| *start).is_ok();
         let commits = self.index.chunks.iter().filter(is_commit).map(|chunk| chunk.end);
@@ -331,7 +332,7 @@ impl Writer {
 
 /// Compares the bytes that stay with the checksum in the last commit or aggregate value among them.
 fn check(recording: &Recording) -> Result<(), RecordingError> {
-    let values = recording.index.metadata.iter().filter(|metadata| metadata.is_of_once());
+    let values = recording.index.metadata.iter().filter(|metadata| metadata.is_of_aggregate());
     let values = values.map(|metadata| (metadata.offset, metadata.crc_before));
     match recording.sealed.iter().copied().chain(values).max() {
         Some((start, stated)) if CrcBefore::new(&recording.file).up_to(start)? != stated => {

@@ -12,7 +12,7 @@ use proptest::prelude::{ProptestConfig, Strategy, proptest};
 use proptest::{prop_assert, prop_assert_eq};
 
 use crate::digest::digest;
-use crate::fixture::{CURVE, Noise, curve, frame, plan, record, record_frame, record_once_values, values};
+use crate::fixture::{CURVE, Noise, curve, frame, plan, record, record_aggregate_values, record_frame, values};
 
 const FRAMES: u64 = 6;
 /// The message index behind a commit's chunk: without it the commit is whole, and read.
@@ -31,10 +31,10 @@ fn recorded() -> &'static (Vec<u8>, Vec<u64>, u64) {
             record_frame(&recorder, RunId(0), &frame(index), &values(&frame(index), 20, 12), false);
             ends.push(std::fs::metadata(&path).expect("the file").len());
         }
-        record_once_values(&recorder, RunId(0));
-        let once_end = std::fs::metadata(&path).expect("the file").len();
+        record_aggregate_values(&recorder, RunId(0));
+        let aggregate_end = std::fs::metadata(&path).expect("the file").len();
         recorder.finish(&[]).expect("a finished file");
-        (std::fs::read(&path).expect("the file"), ends, once_end)
+        (std::fs::read(&path).expect("the file"), ends, aggregate_end)
     })
 }
 
@@ -62,7 +62,7 @@ proptest! {
 
     #[test]
     fn a_file_cut_anywhere_is_readable_up_to_its_last_commit(cut in (0..=recorded().0.len()).prop_map(|cut| cut as u64)) {
-        let (bytes, ends, once_end) = recorded();
+        let (bytes, ends, aggregate_end) = recorded();
         let folder = tempfile::tempdir()?;
         let path = written(folder.path(), &bytes[..cut as usize]);
         let committed = ends.iter().filter(|end| **end <= cut + COMMIT_INDEX).count();
@@ -78,7 +78,7 @@ proptest! {
                     prop_assert!((ends[last] - COMMIT_INDEX..=ends[last]).contains(&recording.committed_bytes()));
                 }
                 let curves = recording.aggregate_values().iter().filter(|once| once.value_type == "curve").count();
-                prop_assert_eq!(curves == 1, cut >= *once_end);
+                prop_assert_eq!(curves == 1, cut >= *aggregate_end);
                 prop_assert!(recording.aggregate_values().iter().all(|once| recording.aggregate_value(once).is_ok()));
                 let read = read_all(&path);
                 prop_assert!(committed == 0 || read.is_ok_and(|frames| frames == committed));
@@ -172,8 +172,8 @@ fn fault_48_a_flipped_bit_of_a_whole_recording_is_refused_said_or_changes_nothin
 
 #[test]
 fn fault_48_a_flipped_bit_of_an_unfinished_recording_is_refused_said_or_changes_nothing() {
-    let (bytes, ends, once_end) = recorded();
-    for end in [ends[FRAMES as usize - 1], *once_end] {
+    let (bytes, ends, aggregate_end) = recorded();
+    for end in [ends[FRAMES as usize - 1], *aggregate_end] {
         flip_bits(&bytes[..end as usize], end as usize, 3);
         flip_bits(&bytes[..end as usize], 6000, 4);
     }
@@ -371,23 +371,23 @@ fn damage_is_named_by_what_it_held() {
 
 #[test]
 fn points_of_a_curve_that_was_not_finished_belong_to_nothing() {
-    let (bytes, ends, once_end) = recorded();
+    let (bytes, ends, aggregate_end) = recorded();
     let folder = tempfile::tempdir().unwrap();
     let digest_of = |end: u64| {
         let path = written(folder.path(), &bytes[..end as usize]);
         digest(&path)["topics"].as_object().unwrap().clone()
     };
-    let whole = digest_of(*once_end);
+    let whole = digest_of(*aggregate_end);
     assert_eq!(whole[CURVE]["count"], curve().points.len());
     // The last byte cut is one of the record that would commit the curve: its messages are all there.
-    let cut = digest_of(once_end - 1);
+    let cut = digest_of(aggregate_end - 1);
     assert!(!cut.contains_key(CURVE));
     assert_eq!(cut.len() + 1, whole.len());
     assert_eq!(digest_of(ends[FRAMES as usize - 1]), cut);
 }
 
 #[test]
-fn a_changed_record_of_a_once_value_is_seen() {
+fn a_changed_record_of_an_aggregate_value_is_detected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 0..1, 16, 16);

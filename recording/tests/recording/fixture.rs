@@ -328,7 +328,7 @@ pub(crate) fn curve() -> Curve {
 }
 
 /// Records the aggregate values of a stage run.
-pub(crate) fn record_once_values(recorder: &Recorder, run: RunId) {
+pub(crate) fn record_aggregate_values(recorder: &Recorder, run: RunId) {
     let key = Key::of_content(b"train");
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(0) }, &key, &model(), &[]).unwrap();
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(1) }, &key, &curve().into(), &[]).unwrap();
@@ -341,7 +341,7 @@ pub(crate) fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, wid
         let frame = frame(index);
         record_frame_at(&recorder, RunId(0), (position, &frame), &values(&frame, width, height), index % 2 == 1);
     }
-    record_once_values(&recorder, RunId(0));
+    record_aggregate_values(&recorder, RunId(0));
     let note = Attachment { name: "note.txt".to_owned(), media_type: "text/plain".to_owned(), bytes: b"note".to_vec() };
     recorder.finish(&[note]).unwrap();
 }

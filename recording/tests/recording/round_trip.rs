@@ -2,7 +2,7 @@
 
 use crate::digest::digest;
 use crate::fixture::{
-    BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
+    BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_aggregate_values, record_frame, values,
 };
 use depthloom_graphs::contracts::{Failure, Sink, Slot, Store, StoredState};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId};
@@ -203,7 +203,7 @@ fn a_learning_curve_lies_between_two_stages_and_in_no_frame() {
         for index in frames {
             record_frame(&recorder, RunId(run), &frame(index), &values(&frame(index), 16, 16), false);
         }
-        record_once_values(&recorder, RunId(run));
+        record_aggregate_values(&recorder, RunId(run));
     }
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();

@@ -8,8 +8,8 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Origin, PartId, Plan, 
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Frame, Host, Key, Rate, Source, Value, ValueType, value_keys};
 
-use crate::once_values::{OnceState, OnceValue, OnceValues, inputs_of};
-use crate::reuse::{Reuse, StepAction, once_values};
+use crate::aggregate_values::{AggregateState, AggregateValue, AggregateValues, inputs_of};
+use crate::reuse::{Reuse, StepAction, aggregate_values};
 use crate::stage::frame_graph::{FrameGraph, StepId};
 
 /// What a run would do with a node.
@@ -117,13 +117,13 @@ pub(crate) fn walk(
     mut visit: impl FnMut(&KnownStage<'_>) -> ControlFlow<()>,
 ) -> Result<(), ErrorMessage> {
     let Ready { plan, runs, files, .. } = ready;
-    let mut values = OnceValues::new(files.clone());
+    let mut values = AggregateValues::new(files.clone());
     for (run, ReadyRun { source, .. }) in RunId::enumerate(runs) {
         let planned = &plan.runs[run];
         let (mut nodes, mut aggregates) = (vec![Foreseen::default(); planned.nodes.len()], BTreeMap::new());
         once(plan, run, sink.store, &mut values, (&mut nodes, &mut aggregates), &HashMap::new());
         let graph = FrameGraph::new(run, planned, sink, |from| match values.find(from) {
-            OnceState::Pending => OnceState::There(pending(from)),
+            AggregateState::Pending => AggregateState::There(pending(from)),
             known => known,
         })?;
         let Some(reuse) = Reuse::new(run, planned, &graph, source.as_ref(), sink, host) else { continue };
@@ -146,7 +146,7 @@ fn once(
     plan: &Plan,
     run: RunId,
     store: &dyn Store,
-    values: &mut OnceValues,
+    values: &mut AggregateValues,
     (foreseen, aggregates): (&mut [Foreseen], &mut BTreeMap<NodeId, Key>),
     finished: &FinishedValues,
 ) {
@@ -158,7 +158,7 @@ fn once(
             Contract::Once => inputs_of(planned_node, values).and_then(|inputs| {
                 let keys: Vec<Option<Key>> = inputs.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
                 let key = value_keys::once(&planned_node.node_hash, &keys);
-                once_values(store, planned, node, &key).map(|values| (key, values))
+                aggregate_values(store, planned, node, &key).map(|values| (key, values))
             }),
         };
         if planned_node.contract == Contract::Once {
@@ -174,7 +174,7 @@ fn once(
 }
 
 /// A placeholder for an aggregate value, with a key that no store knows.
-fn pending(from: &Origin) -> OnceValue {
+fn pending(from: &Origin) -> AggregateValue {
     let value = Value::from(depthloom_graphs::values::Curve::default());
-    OnceValue { value, key: Key::build("not made yet").text(&format!("{from:?}")).finish() }
+    AggregateValue { value, key: Key::build("not made yet").text(&format!("{from:?}")).finish() }
 }

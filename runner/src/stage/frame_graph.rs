@@ -4,7 +4,7 @@ use depthloom_graphs::contracts::{Contract, Sink, Slot};
 use depthloom_graphs::plan::{NodeId, Origin, PartId, PlannedOutput, RunId, StageRun};
 use depthloom_graphs::{ErrorMessage, Port, Rate, index_type};
 
-use crate::once_values::{OnceState, OnceValue};
+use crate::aggregate_values::{AggregateState, AggregateValue};
 
 index_type! {
     /// Index of a step of a frame: the source, then the nodes, then the parts of the sink.
@@ -64,7 +64,7 @@ pub(crate) enum Feed {
         step: StepId,
     },
     /// An aggregate value, known before the frames; `None` if its node left it out.
-    Once(Option<OnceValue>),
+    Once(Option<AggregateValue>),
 }
 
 /// The place of a per-frame output.
@@ -126,7 +126,7 @@ impl FrameGraph {
         run: RunId,
         plan: &StageRun,
         sink: &T,
-        once: impl Fn(&Origin) -> OnceState,
+        once: impl Fn(&Origin) -> AggregateState,
     ) -> Result<Self, ErrorMessage> {
         let source = Producer {
             inputs: Vec::new(),
@@ -163,9 +163,9 @@ impl FrameGraph {
                         ))
                     })?,
                     Some(elsewhere) => match once(elsewhere) {
-                        OnceState::There(value) => Feed::Once(Some(value)),
-                        OnceState::Absent => Feed::Once(None),
-                        OnceState::Pending => {
+                        AggregateState::There(value) => Feed::Once(Some(value)),
+                        AggregateState::Absent => Feed::Once(None),
+                        AggregateState::Pending => {
                             return Err(ErrorMessage::new(format!(
                                 "the aggregate value at input `{}` of node `{}` is not known before the stage's frames",
                                 input.port.name, node.name

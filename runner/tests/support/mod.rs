@@ -16,7 +16,7 @@ use depthloom_graphs::plan::{
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::values::{Artifact, Calibration};
 use depthloom_graphs::{
-    Context, Fault, Frame, Inputs, Instance, Key, OnceNode, OrderedNode, Outputs, Port, PureNode, Source,
+    AggregateNode, Context, Fault, Frame, Inputs, Instance, Key, OrderedNode, Outputs, Port, PureNode, Source,
     SourceOutputs, Value, ValueType, value_keys,
 };
 
@@ -123,7 +123,7 @@ impl OrderedNode for OrderedToy {
     }
 }
 
-impl OnceNode for Toy {
+impl AggregateNode for Toy {
     fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let s = read_artifact(inputs.get::<Artifact>("s")?);
         let t = inputs.optional::<Artifact>("t")?.map(|t| read_artifact(t));
@@ -379,7 +379,7 @@ impl Sink for Notebook {
 }
 
 /// The key under which a value enters other keys: an artefact's hash, or that of its port.
-pub(crate) fn once_key(value: &Value, node: &Key, port: &str) -> Key {
+pub(crate) fn aggregate_key(value: &Value, node: &Key, port: &str) -> Key {
     match value {
         Value::Samples(artifact) => artifact.hash,
         _ => value_keys::port(node, port),
