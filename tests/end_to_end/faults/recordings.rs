@@ -196,6 +196,32 @@ fn every_analysis_of_a_recording_damaged_before_its_first_frame_exits_with_3() {
     }
 }
 
+/// The first records of a file are its plan: without it nothing can be read.
+#[test]
+fn damage_ends_every_command_with_3_and_a_message() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = std::fs::read(recorded(folder.path(), "0..2")).expect("a recording");
+    let end = bytes.len() - 20;
+    for (place, message) in [(1115, "error"), (end, "warning")] {
+        let mut damaged = bytes.clone();
+        damaged[place] ^= 1;
+        std::fs::write(folder.path().join("damaged.mcap"), damaged).expect("written");
+        for arguments in [
+            &["report", "damaged.mcap", "--out", "report"][..],
+            &["runs", "diff", "run/recording.mcap", "damaged.mcap"],
+            &["runs", "diff", "damaged.mcap", "run/recording.mcap"],
+            &["table", "damaged.mcap"],
+            &["inspect", "damaged.mcap"],
+        ] {
+            let mut command = depthloom();
+            let output = command.current_dir(folder.path()).args(arguments).output().expect("the binary starts");
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(3), "byte {place}, {arguments:?}: {stderr}");
+            assert!(stderr.contains(message) && stderr.contains("damaged"), "byte {place}, {arguments:?}: {stderr}");
+        }
+    }
+}
+
 #[test]
 fn damage_before_the_first_frame_of_the_evaluated_stage_is_reported_although_an_earlier_stage_is_complete() {
     let folder = tempfile::tempdir().expect("a folder");
