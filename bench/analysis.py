@@ -42,7 +42,7 @@ def make(path, samples):
         "weights": [],
     }
     columns = [("stage", pyarrow.string()), ("scoring", pyarrow.string()), ("position", pyarrow.uint32()), ("frame", pyarrow.string())]
-    columns += [("x", pyarrow.uint32()), ("y", pyarrow.uint32()), ("truth_m", pyarrow.float32())]
+    columns += [("x", pyarrow.uint32()), ("y", pyarrow.uint32()), ("ground_truth_m", pyarrow.float32())]
     columns += [(label, pyarrow.float32()) for label in ESTIMATES]
     schema = pyarrow.schema(columns, {"depthloom.samples": json.dumps(described)})
     random = np.random.default_rng(1)
@@ -67,9 +67,9 @@ def pandas_(path):
 
     found = {}
     for label in ESTIMATES:
-        table = pandas.read_parquet(path, columns=["truth_m", label])
-        error = (table[label] - table["truth_m"]).dropna()
-        groups = pandas.DataFrame({"bin": np.floor(table["truth_m"][error.index]), "signed": error, "error": error.abs()}).groupby("bin")
+        table = pandas.read_parquet(path, columns=["ground_truth_m", label])
+        error = (table[label] - table["ground_truth_m"]).dropna()
+        groups = pandas.DataFrame({"bin": np.floor(table["ground_truth_m"][error.index]), "signed": error, "error": error.abs()}).groupby("bin")
         found[label] = groups["error"].quantile([p / 100 for p in PERCENTILES]).unstack().to_numpy()
         groups["error"].agg(["count", "mean"]), groups["signed"].agg(["mean", lambda of: (of**2).mean() ** 0.5])
     return found
@@ -80,12 +80,12 @@ def polars_(path):
 
     found = {}
     for label in ESTIMATES:
-        signed = polars.col(label).cast(polars.Float64) - polars.col("truth_m").cast(polars.Float64)
+        signed = polars.col(label).cast(polars.Float64) - polars.col("ground_truth_m").cast(polars.Float64)
         error = signed.abs().cast(polars.Float32)
         query = (
             polars.scan_parquet(path)
             .filter(polars.col(label).is_not_null())
-            .group_by(polars.col("truth_m").floor().alias("bin"))
+            .group_by(polars.col("ground_truth_m").floor().alias("bin"))
             .agg(
                 *[error.quantile(p / 100, "linear").alias(f"p{p}") for p in PERCENTILES],
                 error.count().alias("count"), error.mean().alias("mean"), signed.mean().alias("bias"), (signed**2).mean().sqrt().alias("rmse"),

@@ -20,7 +20,7 @@ use depthloom_runs::environment::{self, ENVIRONMENT, Environment};
 use depthloom_runs::reuse::{self, Reused};
 use depthloom_runs::run_folder::RunFolder;
 use depthloom_runs::{
-    File, FrameFailure, Frames, OUTDATED, RECORDING, TIMINGS, failed, files_in, frames_and_failures, models,
+    File, FrameFailure, Frames, RECORDING, TIMINGS, failed, files_in, frames_and_failures, models, outdated_files,
     run_failed, write_timings,
 };
 use depthloom_terminal::{CliError, ExitCode, print, print_path, say};
@@ -113,8 +113,8 @@ pub(crate) fn carry_out(
         let partial = folder.partial.display();
         stop.also(format!("the recording is complete: `depthloom report {partial}` writes its tables"))
     })?;
-    let outdated = folder.file(OUTDATED);
-    if outdated.exists() {
+    // The last first: a removal that is interrupted leaves no gap in their numbers.
+    for outdated in outdated_files(&folder.partial).into_iter().rev() {
         std::fs::remove_file(&outdated).map_err(|error| {
             CliError::of_writing(ExitCode::Engine, format_args!("failed to remove {}", outdated.display()), &error)
         })?;

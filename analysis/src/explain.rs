@@ -312,7 +312,10 @@ fn computed_by(run: &RecordedRun, topic: Option<&str>) -> String {
         node.outputs.iter().any(|output| Some(output.topic.as_str()) == topic)
     };
     run.nodes.iter().find(computes).map_or_else(String::new, |node| {
-        format!(", from {}.{} ({} version {}, hash {})", run.stage, node.name, node.kind, node.version, node.recipe)
+        format!(
+            ", from {}.{} ({} version {}, node hash {})",
+            run.stage, node.name, node.kind, node.version, node.node_hash
+        )
     })
 }
 

@@ -26,7 +26,7 @@ use crate::error::{AnalysisError, caught};
 use crate::estimates::Estimate;
 use crate::input::condition::recording_notes;
 use crate::input::frame_choice::FrameChoice;
-use crate::query::{Bins, Gross, Inquiry, SampleSet, Unit, is_any};
+use crate::query::{Bins, Inquiry, Outlier, SampleSet, Unit, is_any};
 use crate::statistics::Resampling;
 use crate::tables::RowKey;
 
@@ -118,7 +118,7 @@ impl FigureRequest {
     /// The query of samples without bins and percentiles.
     fn inquiry(&self) -> Inquiry {
         let sets = vec![self.set.unwrap_or(SampleSet::Common)];
-        Inquiry { sets, unit: self.unit, gross: Gross::OfTruth(0.25), ..Inquiry::default() }
+        Inquiry { sets, unit: self.unit, outlier: Outlier::OfTruth(0.25), ..Inquiry::default() }
     }
 
     fn selects(&self, estimate: &Estimate) -> bool {

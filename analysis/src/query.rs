@@ -50,7 +50,7 @@ pub struct Inquiry {
     /// The unit of errors.
     pub unit: Unit,
     /// The limit beyond which an error is an outlier.
-    pub gross: Gross,
+    pub outlier: Outlier,
 }
 
 impl Default for Inquiry {
@@ -66,7 +66,7 @@ impl Default for Inquiry {
             stages: None,
             sets: vec![SampleSet::Valid],
             unit: Unit::Metres,
-            gross: Gross::OfTruth(0.25),
+            outlier: Outlier::OfTruth(0.25),
         }
     }
 }
@@ -97,7 +97,7 @@ impl By {
     #[must_use]
     pub fn parse(text: &str) -> Self {
         match text {
-            "distance" | "truth_m" => Self::Distance,
+            "distance" | "ground_truth_m" => Self::Distance,
             "estimate" => Self::Estimate,
             "error" => Self::Error,
             "weight" => Self::Weight,
@@ -140,14 +140,14 @@ pub enum Unit {
 
 /// The limit beyond which an error is an outlier.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Gross {
+pub enum Outlier {
     /// A limit in metres.
     Metres(f64),
     /// A limit as a share of the ground-truth distance.
     OfTruth(f64),
 }
 
-impl Gross {
+impl Outlier {
     /// Parses `3m` or `25%`.
     ///
     /// # Errors
@@ -289,7 +289,7 @@ fn column_of(
 ) -> Result<Option<Option<String>>, AnalysisError> {
     Ok(Some(Some(match by {
         By::Frame => return Ok(Some(None)),
-        By::Distance => "truth_m".to_owned(),
+        By::Distance => "ground_truth_m".to_owned(),
         By::Row => "y".to_owned(),
         By::Column => "x".to_owned(),
         By::Estimate | By::Error => estimate.column.clone(),

@@ -8,7 +8,7 @@
 //! | `stage`, `scoring`, `frame` | text | the stage, how these pixels were scored, the frame's id |
 //! | `position` | u32 | the frame's place in its stage |
 //! | `x`, `y` | u32 | the pixel: column from the left, row from the top |
-//! | `truth_m` | f32 | metres |
+//! | `ground_truth_m` | f32 | metres |
 //! | an estimate's label, e.g. `full/fused` | f32 | metres, as scored (aligned and clamped as declared); null: invalid, or not scored in this way |
 //! | the topic of a confidence without its stage, e.g. `full/weight.weight` | f32 | from 0 to 1; null: missing |
 //!

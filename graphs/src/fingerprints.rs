@@ -1,7 +1,7 @@
-//! Adds the fingerprints of this machine's engines to the recipes of a plan.
+//! Adds the fingerprints of this machine's engines to the node hashes of a plan.
 //!
 //! Planning opens no library, so what a fingerprint adds (see [`Node::fingerprint`](crate::Node::fingerprint)) is
-//! known only when the plan is made ready. It enters the recipe of the node and of every node that reads it, in any
+//! known only when the plan is made ready. It enters the node hash of the node and of every node that reads it, in any
 //! stage.
 
 use std::collections::BTreeMap;
@@ -25,11 +25,12 @@ pub(crate) fn add(plan: &mut Plan, fingerprints: &BTreeMap<NodeRef, Key>) {
             if own.is_none() && inputs.is_empty() {
                 continue;
             }
-            let recipe = own.map_or_else(|| Key::build("on engines"), |own| Key::build("on an engine").key(own));
-            let recipe = recipe.key(&planned.recipe);
-            let recipe = inputs.into_iter().fold(recipe, |recipe, (port, read)| recipe.text(port).key(read)).finish();
-            plan.runs[run].nodes[node].recipe = recipe;
-            changed.insert(NodeRef { run, node }, recipe);
+            let node_hash = own.map_or_else(|| Key::build("on engines"), |own| Key::build("on an engine").key(own));
+            let node_hash = node_hash.key(&planned.node_hash);
+            let node_hash =
+                inputs.into_iter().fold(node_hash, |node_hash, (port, read)| node_hash.text(port).key(read)).finish();
+            plan.runs[run].nodes[node].node_hash = node_hash;
+            changed.insert(NodeRef { run, node }, node_hash);
         }
     }
 }
@@ -62,7 +63,7 @@ mod tests {
             inputs: vec![PlannedInput { port: Port::frame("depth", ValueType::Depth, "Any."), from, shown: None }],
             outputs: Vec::new(),
             observes: None,
-            recipe: Key::of_content(name.as_bytes()),
+            node_hash: Key::of_content(name.as_bytes()),
             variants: vec![VariantId(0)],
         }
     }
@@ -94,23 +95,23 @@ mod tests {
         }
     }
 
-    fn recipes(fingerprint: Option<&[u8]>) -> Vec<Key> {
+    fn node_hashes(fingerprint: Option<&[u8]>) -> Vec<Key> {
         let mut plan = plan();
         let of_network =
             fingerprint.map(|engine| (NodeRef { run: RunId(0), node: NodeId(0) }, Key::of_content(engine)));
         add(&mut plan, &of_network.into_iter().collect::<BTreeMap<_, _>>());
-        plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect()
+        plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect()
     }
 
     #[test]
     fn an_engine_enters_the_recipes_of_its_nodes_and_of_what_reads_them_in_every_stage() {
-        let (planned, one, other) = (recipes(None), recipes(Some(b"1.31")), recipes(Some(b"1.32")));
+        let (planned, one, other) = (node_hashes(None), node_hashes(Some(b"1.31")), node_hashes(Some(b"1.32")));
         let planned_by_name: Vec<Key> =
             ["network", "reader", "beside", "later", "alone"].map(|name| Key::of_content(name.as_bytes())).to_vec();
-        assert_eq!(planned, planned_by_name, "without engines a recipe is the plan's");
+        assert_eq!(planned, planned_by_name, "without engines a node hash is the plan's");
         let differs = |a: &[Key], b: &[Key]| a.iter().zip(b).map(|(a, b)| a != b).collect::<Vec<_>>();
         assert_eq!(differs(&planned, &one), [true, true, false, true, false]);
         assert_eq!(differs(&one, &other), [true, true, false, true, false]);
-        assert_eq!(one, recipes(Some(b"1.31")));
+        assert_eq!(one, node_hashes(Some(b"1.31")));
     }
 }

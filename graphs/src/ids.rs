@@ -87,7 +87,7 @@ index_type! {
 }
 
 index_type! {
-    /// Index of a part: among those in which a tap takes the values of a frame.
+    /// Index of a part: among those in which a sink takes the values of a frame.
     pub struct PartId;
 }
 

@@ -20,8 +20,8 @@ pub mod value_keys;
 pub mod values;
 
 pub use contracts::{
-    Context, Fault, Frame, Host, Inputs, Instance, Node, OnceNode, OrderedNode, Outputs, Port, PureNode, Rate, Scratch,
-    Source, SourceKind, SourceOutputs, Store, StoredPort,
+    AggregateNode, Context, Fault, Frame, Host, Inputs, Instance, Node, OrderedNode, Outputs, Port, PureNode, Rate,
+    Scratch, Source, SourceKind, SourceOutputs, Store, StoredPort,
 };
 pub use counted::counted;
 pub use key::Key;

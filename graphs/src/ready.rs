@@ -17,7 +17,7 @@ use crate::values::{Artifact, Value, ValueType};
 
 /// A plan that can be run.
 pub struct Ready {
-    /// The plan, its recipes with the fingerprints of this machine's engines.
+    /// The plan, its node hashes with the fingerprints of this machine's engines.
     pub plan: Plan,
     /// By stage run.
     pub runs: Vec<ReadyRun>,
@@ -191,7 +191,7 @@ pub fn build(
     let built =
         registry.node_kind(&node.kind).ok_or_else(|| Fault::new("this engine has no such kind")).and_then(|kind| {
             let built = (kind.build(&node.params)?, (kind.fingerprint)(&node.params)?);
-            // The recipe has the contents as they were when the experiment was loaded.
+            // The node hash has the contents as they were when the experiment was loaded.
             match changed_since(&node.portable, &node.params, &kind.schema) {
                 None => Ok(built),
                 Some(name) => {
@@ -219,7 +219,7 @@ pub fn read_files(stage: &str, node: &PlannedNode, files: &mut BTreeMap<PathBuf,
         if files.contains_key(path) {
             continue;
         }
-        match read_once_value(path, input.port.value_type) {
+        match read_aggregate_value(path, input.port.value_type) {
             Ok(value) => {
                 files.insert(path.clone(), value);
             }
@@ -251,7 +251,7 @@ fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf,
 /// ONNX's own limit.
 const MOST_BYTES: u64 = 2 << 30;
 
-fn read_once_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
+fn read_aggregate_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
     let bytes = regular_file::read(path, MOST_BYTES)
         .map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
     match value_type {

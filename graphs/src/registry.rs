@@ -10,7 +10,7 @@ use serde_path_to_error::Segment;
 
 use crate::contracts::{
     Contract, Fault, Instance, Node, NodeDeclaration, Port, Recognised, Signature, Source, SourceDeclaration,
-    SourceKind, Survey, Upstream,
+    SourceKind, Survey, SwitchedOff, Upstream,
 };
 use crate::key::Key;
 
@@ -106,6 +106,7 @@ pub struct SourceEntry {
     pub schema: Json,
     resolve: fn(&Json) -> Result<Json, ParamError>,
     outputs: fn(&Json) -> Result<Vec<Port>, Fault>,
+    switched_off: fn(&Json) -> Result<Vec<SwitchedOff>, Fault>,
     open: fn(&Json) -> Result<Box<dyn Source>, Fault>,
     survey: fn(&Json) -> Survey,
     recognise: fn(&Path) -> Vec<Recognised>,
@@ -134,6 +135,14 @@ impl SourceEntry {
     /// What is missing.
     pub fn outputs(&self, resolved: &Json) -> Result<Vec<Port>, Fault> {
         (self.outputs)(resolved)
+    }
+
+    /// See [`SourceKind::switched_off`].
+    ///
+    /// # Errors
+    /// If the parameters do not belong to this kind.
+    pub fn switched_off(&self, resolved: &Json) -> Result<Vec<SwitchedOff>, Fault> {
+        (self.switched_off)(resolved)
     }
 
     /// The source, opened, from resolved parameters.
@@ -207,6 +216,7 @@ impl Registry {
             schema: schema_of::<S::Params>(),
             resolve: |json| resolve::<S::Params>(json, |_| {}, S::check),
             outputs: |json| S::outputs(&parse::<S::Params>(json)?),
+            switched_off: |json| Ok(S::switched_off(&parse::<S::Params>(json)?)),
             open: |json| S::open(parse::<S::Params>(json)?),
             survey: |json| match parse::<S::Params>(json) {
                 Ok(params) => S::survey(params),

@@ -14,4 +14,5 @@ pub use by_name::ByName;
 pub use graph::Graph;
 pub use kinds::{Nodes, NodesKind, kind_json, kinds_json};
 pub use plan_json::Plan;
+pub(crate) use reference::parameter_help;
 pub use reference::{kind_reference, kinds_index};

@@ -29,8 +29,8 @@ pub fn port(node: &Key, port: &str) -> Key {
 }
 
 /// The key of a pure node's values on one frame.
-pub fn pure(recipe: &Key, observed: Option<Observed<'_>>, inputs: &[Option<Key>]) -> Key {
-    let builder = with_inputs(Key::build("pure").key(recipe), inputs);
+pub fn pure(node_hash: &Key, observed: Option<Observed<'_>>, inputs: &[Option<Key>]) -> Key {
+    let builder = with_inputs(Key::build("pure").key(node_hash), inputs);
     match observed {
         Some(observed) => observed.add_to(builder.number(1)).finish(),
         None => builder.number(0).finish(),
@@ -38,19 +38,19 @@ pub fn pure(recipe: &Key, observed: Option<Observed<'_>>, inputs: &[Option<Key>]
 }
 
 /// The key of an ordered node's values on one frame; `previous` is its key on the frame before.
-pub fn ordered(recipe: &Key, previous: Option<&Key>, observed: Observed<'_>, inputs: &[Option<Key>]) -> Key {
-    let builder = with_inputs(optional(Key::build("ordered").key(recipe), previous), inputs);
+pub fn ordered(node_hash: &Key, previous: Option<&Key>, observed: Observed<'_>, inputs: &[Option<Key>]) -> Key {
+    let builder = with_inputs(optional(Key::build("ordered").key(node_hash), previous), inputs);
     observed.add_to(builder).finish()
 }
 
 /// The key of an ordered node's aggregate values; `last` is its key on the last frame.
-pub fn finished(recipe: &Key, last: Option<&Key>) -> Key {
-    optional(Key::build("finished").key(recipe), last).finish()
+pub fn finished(node_hash: &Key, last: Option<&Key>) -> Key {
+    optional(Key::build("finished").key(node_hash), last).finish()
 }
 
 /// The key of an aggregate node's values; inputs by content hash where they are artifacts.
-pub fn once(recipe: &Key, inputs: &[Option<Key>]) -> Key {
-    with_inputs(Key::build("once").key(recipe), inputs).finish()
+pub fn once(node_hash: &Key, inputs: &[Option<Key>]) -> Key {
+    with_inputs(Key::build("once").key(node_hash), inputs).finish()
 }
 
 fn with_inputs(builder: KeyBuilder, inputs: &[Option<Key>]) -> KeyBuilder {
@@ -71,30 +71,30 @@ mod tests {
 
     #[test]
     fn a_key_changes_with_recipe_input_and_place_of_the_input() {
-        let (recipe, a, b) = (Key::of_content(b"recipe"), Key::of_content(b"a"), Key::of_content(b"b"));
-        let key = pure(&recipe, None, &[Some(a), Some(b)]);
-        assert_eq!(key, pure(&recipe, None, &[Some(a), Some(b)]));
-        assert_ne!(key, pure(&recipe, None, &[Some(b), Some(a)]));
-        assert_ne!(key, pure(&recipe, None, &[Some(a), None]));
+        let (node_hash, a, b) = (Key::of_content(b"recipe"), Key::of_content(b"a"), Key::of_content(b"b"));
+        let key = pure(&node_hash, None, &[Some(a), Some(b)]);
+        assert_eq!(key, pure(&node_hash, None, &[Some(a), Some(b)]));
+        assert_ne!(key, pure(&node_hash, None, &[Some(b), Some(a)]));
+        assert_ne!(key, pure(&node_hash, None, &[Some(a), None]));
         assert_ne!(key, pure(&a, None, &[Some(a), Some(b)]));
-        assert_ne!(key, once(&recipe, &[Some(a), Some(b)]));
+        assert_ne!(key, once(&node_hash, &[Some(a), Some(b)]));
     }
 
     #[test]
     fn ordered_keys_remember_every_frame_before() {
-        let (recipe, input) = (Key::of_content(b"recipe"), [Some(Key::of_content(b"input"))]);
+        let (node_hash, input) = (Key::of_content(b"recipe"), [Some(Key::of_content(b"input"))]);
         let frame = Frame::at_10_hz("a", 0);
         let observed = Observed { frame: &frame, files: None };
-        let first = ordered(&recipe, None, observed, &input);
-        let second = ordered(&recipe, Some(&first), observed, &input);
+        let first = ordered(&node_hash, None, observed, &input);
+        let second = ordered(&node_hash, Some(&first), observed, &input);
         assert_ne!(first, second);
-        assert_ne!(finished(&recipe, Some(&first)), finished(&recipe, Some(&second)));
-        assert_ne!(finished(&recipe, None), finished(&recipe, Some(&first)));
+        assert_ne!(finished(&node_hash, Some(&first)), finished(&node_hash, Some(&second)));
+        assert_ne!(finished(&node_hash, None), finished(&node_hash, Some(&first)));
     }
 
     #[test]
     fn the_frame_and_the_files_that_a_node_observes_are_in_its_key() {
-        let (recipe, input) = (Key::of_content(b"recipe"), [Some(Key::of_content(b"input"))]);
+        let (node_hash, input) = (Key::of_content(b"recipe"), [Some(Key::of_content(b"input"))]);
         let frame = Frame::at_10_hz("a", 0);
         let others = [
             (Frame { id: "b".into(), ..frame.clone() }, None),
@@ -105,10 +105,14 @@ mod tests {
         let observed = Observed { frame: &frame, files: None };
         for (frame, files) in &others {
             let other = Observed { frame, files: *files };
-            assert_ne!(ordered(&recipe, None, observed, &input), ordered(&recipe, None, other, &input), "{other:?}");
-            assert_ne!(pure(&recipe, Some(observed), &input), pure(&recipe, Some(other), &input), "{other:?}");
+            assert_ne!(
+                ordered(&node_hash, None, observed, &input),
+                ordered(&node_hash, None, other, &input),
+                "{other:?}"
+            );
+            assert_ne!(pure(&node_hash, Some(observed), &input), pure(&node_hash, Some(other), &input), "{other:?}");
         }
-        assert_ne!(pure(&recipe, Some(observed), &input), pure(&recipe, None, &input));
+        assert_ne!(pure(&node_hash, Some(observed), &input), pure(&node_hash, None, &input));
     }
 
     #[test]

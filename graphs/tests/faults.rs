@@ -122,8 +122,8 @@ fn fault_26_null_means_none_wherever_it_is_written() {
     for (plan, node) in [(&in_the_file, 0), (&on_the_command_line, 0), (&in_a_variant, 1)] {
         assert!(weights(plan, node).is_null() && !mask(plan, node), "{:?}", plan.variants);
     }
-    let recipe = |plan: &Plan| plan.runs[0].nodes.iter().map(|node| node.recipe).collect::<Vec<_>>();
-    assert_eq!(recipe(&in_the_file), recipe(&on_the_command_line));
+    let node_hash = |plan: &Plan| plan.runs[0].nodes.iter().map(|node| node.node_hash).collect::<Vec<_>>();
+    assert_eq!(node_hash(&in_the_file), node_hash(&on_the_command_line));
     // What cannot be none is refused alike.
     let cannot = "`steps` must be a whole number, not `null`";
     assert!(plan_of(&learning("steps: null", wired, ""), &[]).expect_err("in the file").contains(cannot));

@@ -114,10 +114,10 @@ def test_samples_are_a_query_over_the_existing_file(look: depthloom.Run, tmp_pat
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / "recording.mcap").symlink_to(look.path / "recording.mcap")
-    pl.DataFrame({"x": [1, 2], "truth_m": [4.0, 5.0]}).write_parquet(folder / "samples.parquet")
+    pl.DataFrame({"x": [1, 2], "ground_truth_m": [4.0, 5.0]}).write_parquet(folder / "samples.parquet")
     samples = depthloom.open(folder).samples()
     assert isinstance(samples, pl.LazyFrame)
-    assert samples.select(pl.col("truth_m").max()).collect().item() == 5
+    assert samples.select(pl.col("ground_truth_m").max()).collect().item() == 5
 
 
 def test_the_readmes_example_works(table1: depthloom.Run) -> None:

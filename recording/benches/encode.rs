@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_graphs::contracts::{Commit, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Sink, Slot};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Pixels, Raster, Weight};
 use depthloom_graphs::{Frame, Value};

@@ -6,7 +6,7 @@ use std::fmt;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Condition {
     /// Its writer finished it, and no damage was found in what was read.
-    Whole,
+    Complete,
     /// Its writer did not finish it: the process was killed, still writes, or ended early after an interrupt or a
     /// failure. Every committed frame can be read.
     Unfinished {
@@ -28,11 +28,11 @@ pub enum Condition {
 }
 
 impl Condition {
-    /// The name of the condition in JSON: `whole`, `unfinished`, `recovered` or `damaged`.
+    /// The name of the condition in JSON: `complete`, `unfinished`, `recovered` or `damaged`.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
-            Self::Whole => "whole",
+            Self::Complete => "complete",
             Self::Unfinished { .. } => "unfinished",
             Self::Recovered => "recovered",
             Self::Damaged { .. } => "damaged",
@@ -44,7 +44,7 @@ impl fmt::Display for Condition {
     /// The condition as a lower-case fragment.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Whole => f.write_str("whole"),
+            Self::Complete => f.write_str("complete"),
             Self::Unfinished { rest_bytes: 0 } => f.write_str("unfinished"),
             Self::Unfinished { rest_bytes } => {
                 write!(f, "unfinished: its last {rest_bytes} bytes are not part of a complete frame")

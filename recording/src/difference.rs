@@ -189,14 +189,14 @@ fn counterpart(before: &RecordedPlan, after: &RecordedPlan, place: NodeRef, vari
     let of_stage = || places(before).filter(|place| before.runs[place.run].stage == *stage);
     let named = || of_stage().filter(|&place| node(before, place).name == later.name);
     let of_variant = named().find(|&place| names(before, node(before, place)).any(|name| name == variant));
-    let same = || of_stage().find(|&place| node(before, place).recipe == later.recipe);
+    let same = || of_stage().find(|&place| node(before, place).node_hash == later.node_hash);
     of_variant.or_else(same).or_else(|| named().next())
 }
 
 /// The differences between two nodes; empty if their node hashes are equal.
 fn differences(before: &RecordedPlan, one: NodeRef, after: &RecordedPlan, other: NodeRef) -> Vec<PlanDifference> {
     let (earlier, later) = (node(before, one), node(after, other));
-    if earlier.recipe == later.recipe {
+    if earlier.node_hash == later.node_hash {
         return Vec::new();
     }
     let mut found = Vec::new();
@@ -302,13 +302,15 @@ fn wire(plan: &RecordedPlan, place: NodeRef, input: &RecordedInput) -> Wire {
         };
         let mut found =
             plan.runs.iter().flat_map(|run| run.nodes.iter().filter(|node| has_output(run, node)).filter(is_read));
-        return found.next().map_or_else(|| Wire::Source(once.to_owned()), |of| Wire::Node(once.to_owned(), of.recipe));
+        return found
+            .next()
+            .map_or_else(|| Wire::Source(once.to_owned()), |of| Wire::Node(once.to_owned(), of.node_hash));
     }
     match plan.find(place.run, from) {
         Some((Slot::Source { .. }, output)) => Wire::Source(format!("source/{}", output.port)),
         Some((Slot::Node { node, .. }, output)) => {
             let node = &plan.runs[place.run].nodes[node];
-            Wire::Node(format!("{}/{}", node.name, output.port), node.recipe)
+            Wire::Node(format!("{}/{}", node.name, output.port), node.node_hash)
         }
         None => Wire::Source(from.clone()),
     }
@@ -365,18 +367,18 @@ mod tests {
 
     use super::{RecordedPlan, node_pairs, source_differences};
 
-    fn recipe(text: &str) -> Json {
+    fn node_hash(text: &str) -> Json {
         json!(Key::of_content(text.as_bytes()).to_string())
     }
 
-    fn node(name: &str, params: &Json, inputs: &Json, recipe: &Json, variants: &[VariantId]) -> Json {
+    fn node(name: &str, params: &Json, inputs: &Json, node_hash: &Json, variants: &[VariantId]) -> Json {
         let outputs = json!([{
             "port": "out", "type": "depth", "once": false, "topic": format!("/s/{name}{variants:?}/out"), "aliases": [],
             "recorded": true,
         }]);
         json!({
             "name": name, "kind": "k", "version": 1, "contract": "pure", "params": params, "inputs": inputs,
-            "outputs": outputs, "recipe": recipe, "variants": variants,
+            "outputs": outputs, "node_hash": node_hash, "variants": variants,
         })
     }
 
@@ -413,12 +415,18 @@ mod tests {
         let before = plan(
             &[""],
             &[
-                node("a", &json!({ "block": 5, "deep": { "p": 1 } }), &json!([]), &recipe("a"), &[VariantId(0)]),
-                node("b", &none, &reads("/s/a[0]/out"), &recipe("b"), &[VariantId(0)]),
-                node("c", &none, &json!([{ "port": "model", "from": "file net.onnx" }]), &recipe("c"), &[VariantId(0)]),
-                node("d", &none, &reads("/s/a[0]/out"), &recipe("d"), &[VariantId(0)]),
-                node("e", &none, &json!([]), &recipe("e"), &[VariantId(0)]),
-                node("old", &none, &json!([]), &recipe("old"), &[VariantId(0)]),
+                node("a", &json!({ "block": 5, "deep": { "p": 1 } }), &json!([]), &node_hash("a"), &[VariantId(0)]),
+                node("b", &none, &reads("/s/a[0]/out"), &node_hash("b"), &[VariantId(0)]),
+                node(
+                    "c",
+                    &none,
+                    &json!([{ "port": "model", "from": "file net.onnx" }]),
+                    &node_hash("c"),
+                    &[VariantId(0)],
+                ),
+                node("d", &none, &reads("/s/a[0]/out"), &node_hash("d"), &[VariantId(0)]),
+                node("e", &none, &json!([]), &node_hash("e"), &[VariantId(0)]),
+                node("old", &none, &json!([]), &node_hash("old"), &[VariantId(0)]),
             ],
         );
         let after = plan(
@@ -428,21 +436,21 @@ mod tests {
                     "a",
                     &json!({ "block": 9, "deep": { "p": 1, "q": [1, 2] } }),
                     &json!([]),
-                    &recipe("a2"),
+                    &node_hash("a2"),
                     &[VariantId(0)],
                 ),
-                node("b", &none, &reads("/s/a[0]/out"), &recipe("b2"), &[VariantId(0)]),
+                node("b", &none, &reads("/s/a[0]/out"), &node_hash("b2"), &[VariantId(0)]),
                 node(
                     "c",
                     &none,
                     &json!([{ "port": "model", "from": "file net.onnx" }]),
-                    &recipe("c2"),
+                    &node_hash("c2"),
                     &[VariantId(0)],
                 ),
-                node("d", &none, &reads("/s/b[0]/out"), &recipe("d2"), &[VariantId(0)]),
-                node("e", &none, &json!([]), &recipe("e2"), &[VariantId(0)]),
-                node("renamed", &none, &json!([]), &recipe("old"), &[VariantId(0)]),
-                node("new", &none, &json!([]), &recipe("new"), &[VariantId(0)]),
+                node("d", &none, &reads("/s/b[0]/out"), &node_hash("d2"), &[VariantId(0)]),
+                node("e", &none, &json!([]), &node_hash("e2"), &[VariantId(0)]),
+                node("renamed", &none, &json!([]), &node_hash("old"), &[VariantId(0)]),
+                node("new", &none, &json!([]), &node_hash("new"), &[VariantId(0)]),
             ],
         );
         assert_eq!(
@@ -465,7 +473,7 @@ mod tests {
     #[test]
     fn variants_are_compared_by_name() {
         let capped = |cap: u32, variants: &[VariantId]| {
-            node("a", &json!({ "cap": cap }), &json!([]), &recipe(&cap.to_string()), variants)
+            node("a", &json!({ "cap": cap }), &json!([]), &node_hash(&cap.to_string()), variants)
         };
         let before = plan(&["x", "y"], &[capped(1, &[VariantId(0)]), capped(2, &[VariantId(1)])]);
         let after = plan(&["y", "x", "z"], &[capped(2, &[VariantId(0)]), capped(3, &[VariantId(1), VariantId(2)])]);

@@ -66,7 +66,7 @@ pub use write::recorder::{Compression, Recorder, Written};
 pub use write::resume::{Recovered, recover};
 
 /// The version of the recording format, the only one that is read. Version 0.1 of depthloom wrote 1 to 5.
-pub(crate) const FORMAT: &str = "6";
+pub(crate) const FORMAT: &str = "7";
 /// The most bytes of an uncompressed chunk: the limit of protobuf messages, which no camera frame comes near. Writer
 /// and reader use the same number.
 pub(crate) const LARGEST_CHUNK: u64 = 1 << 31;
@@ -76,7 +76,7 @@ pub(crate) const LONGEST_CHUNK_HEADER: u64 = 40 + "zstd".len() as u64;
 pub(crate) const PLAN_METADATA: &str = "depthloom";
 /// The metadata records that state which attachment contains which aggregate value. The topic follows in the name,
 /// because viewers list a record by its name.
-pub(crate) const ONCE_METADATA: &str = "depthloom.once";
+pub(crate) const AGGREGATE_METADATA: &str = "depthloom.once";
 /// The metadata record of a run that ended early.
 pub(crate) const ENDED_METADATA: &str = "depthloom.ended";
 /// The entry of that record in a file that `runs recover` wrote.

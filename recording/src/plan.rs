@@ -96,7 +96,7 @@ pub struct RecordedNode {
     /// Its output ports.
     pub outputs: Vec<RecordedOutput>,
     /// Its node hash.
-    pub recipe: Key,
+    pub node_hash: Key,
     /// The variants that use it.
     pub variants: Vec<VariantId>,
 }
@@ -231,7 +231,7 @@ fn recorded_run(plan: &Plan, run: &StageRun) -> RecordedRun {
         params: node.portable.clone(),
         inputs: node.inputs.iter().map(|input| recorded_input(plan, run, input)).collect(),
         outputs: node.outputs.iter().map(recorded_output).collect(),
-        recipe: node.recipe,
+        node_hash: node.node_hash,
         variants: node.variants.clone(),
     });
     let estimates = run.estimates.iter().map(|estimate| {

@@ -141,7 +141,7 @@ impl Mcap {
         if frame_ids.is_empty() {
             let (path, stage) = (recording.path().display(), recording.plan().runs[run].name());
             let what = match recording.condition() {
-                Condition::Whole => format!("{path} has no frames of stage `{stage}`"),
+                Condition::Complete => format!("{path} has no frames of stage `{stage}`"),
                 condition => format!("{path} has no complete frame of stage `{stage}`: it is {condition}"),
             };
             return Err(Fault::new(what).remedy(
@@ -150,7 +150,7 @@ impl Mcap {
         }
         let chosen = params.frames.select(&frame_ids)?;
         let mut warnings: Vec<String> = params.frames.left_out(&frame_ids).into_iter().collect();
-        if *recording.condition() != Condition::Whole {
+        if *recording.condition() != Condition::Complete {
             let path = recording.path().display();
             warnings.push(format!(
                 "{path} is {}: {} frames of the stage can be read",
@@ -183,7 +183,7 @@ fn is_of_ours(path: &Path) -> bool {
 /// The fault that a recording lacks frames of its run.
 fn missing_frames(recording: &Recording) -> Option<Fault> {
     let is_lost = match recording.condition() {
-        Condition::Whole => false,
+        Condition::Complete => false,
         Condition::Unfinished { .. } | Condition::Recovered => true,
         Condition::Damaged { cut, .. } => *cut,
     };

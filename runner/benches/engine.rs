@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use crossbeam::channel::{bounded, unbounded};
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Sink, Slot};
 use depthloom_graphs::values::Calibration;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Key, Outputs, PureNode, Source, SourceOutputs, Value};
 use depthloom_runner::{Audit, Interrupt, Options, Unwatched, run};
@@ -51,9 +51,9 @@ impl Source for Still {
 }
 
 /// Takes nothing.
-struct NoTap;
+struct NoSink;
 
-impl Tap for NoTap {
+impl Sink for NoSink {
     type Part = ();
 
     fn parts(&self, _: RunId) -> usize {
@@ -111,7 +111,7 @@ fn engine(c: &mut Criterion) {
         for workers in [1, 2, 4] {
             let options = Options { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::None };
             let run = |ready| {
-                run(ready, &NoTap, &options, &Unwatched, &Interrupt::default()).expect("nothing fails");
+                run(ready, &NoSink, &options, &Unwatched, &Interrupt::default()).expect("nothing fails");
             };
             group.bench_function(format!("{shape} of {NODES}, {workers} workers"), |b| {
                 b.iter_custom(|times| cpu_time(times, || graph(is_chain).ready(), run));

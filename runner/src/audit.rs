@@ -10,7 +10,7 @@ pub(crate) mod sample;
 
 use std::collections::BTreeMap;
 
-use depthloom_graphs::contracts::{Contract, Tap};
+use depthloom_graphs::contracts::{Contract, Sink};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::values::ValueDifference;
@@ -27,7 +27,7 @@ use crate::stage::frame_graph::{Feed, OutputId, StepId, StepOutput};
 use crate::stage::{FrameNode, Stage, process_pure};
 use crate::warnings::Warnings;
 
-pub(crate) struct Auditor<'s, 'a, T: Tap> {
+pub(crate) struct Auditor<'s, 'a, T: Sink> {
     stage: &'s Stage<'a, T>,
     reuse: &'s Reuse<'a>,
     comparison: Comparison<'s>,
@@ -49,7 +49,7 @@ enum NotRecomputed {
     Failed(Fault),
 }
 
-impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
+impl<'s, 'a, T: Sink> Auditor<'s, 'a, T> {
     /// `None` if nothing is audited or reused.
     pub(crate) fn new(stage: &'s Stage<'a, T>) -> Option<Self> {
         Some(Self { stage, reuse: stage.reuse.as_ref()?, comparison: stage.comparison()? })
@@ -163,7 +163,7 @@ impl<'s, 'a, T: Tap> Auditor<'s, 'a, T> {
 
     fn frame_values(&self, position: FrameIndex) -> Option<FrameValues> {
         let key = guarded(|| self.stage.source.key(position)).ok()?;
-        let plan = self.reuse.plan(&self.stage.graph, self.stage.context.tap, position, key);
+        let plan = self.reuse.plan(&self.stage.graph, self.stage.context.sink, position, key);
         Some(FrameValues { position, plan, computed: vec![None; self.stage.graph.producers.len()] })
     }
 

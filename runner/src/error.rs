@@ -37,9 +37,9 @@ pub enum RunError {
         #[source]
         fault: Box<Fault>,
     },
-    /// The tap refused a value.
+    /// The sink refused a value.
     #[error("failed to record {what} of stage `{stage}`")]
-    Tap {
+    Sink {
         /// The stage.
         stage: String,
         /// A frame or an aggregate value.
@@ -82,7 +82,7 @@ impl Remedied for RunError {
             Self::NoThread(_) => {
                 Some("raise the limit of threads (`ulimit -u`), or run with fewer --workers".to_owned())
             }
-            Self::Tap { error, .. } => error.remedy.clone(),
+            Self::Sink { error, .. } => error.remedy.clone(),
             Self::OutdatedAggregate { .. } => {
                 Some("recompute the run: --fresh --overwrite, with the same --out".to_owned())
             }

@@ -1,4 +1,4 @@
-//! Executes a plan: admission, workers, tap.
+//! Executes a plan: admission, workers, sink.
 //!
 //! A stage run is a frame-synchronous dataflow: a node runs on frame k when its inputs for k are there, whatever other
 //! frames do. Atomic counters count what a step waits for. Ready steps are in crossbeam queues, one per frame in
@@ -15,10 +15,10 @@
 //! | workers | read frames, run nodes, encode parts |
 //! | threads started by [`tiles`](depthloom_graphs::Host::tiles) | help a node with its tiles while permits are free: with the workers, at most [`Options::workers`](field@Options::workers) |
 //!
-//! A tap that prints, and a run without nodes:
+//! A sink that prints, and a run without nodes:
 //!
 //! ```
-//! use depthloom_graphs::contracts::{Commit, Slot, Tap, ErrorMessage, NodeWarning};
+//! use depthloom_graphs::contracts::{Commit, Slot, Sink, ErrorMessage, NodeWarning};
 //! use depthloom_graphs::plan::{FrameIndex, PartId, Plan, PlannedSource, Record, RunId, StageRun, VariantId};
 //! use depthloom_graphs::ready::{Ready, ReadyRun};
 //! use depthloom_graphs::{Context, Fault, Frame, Key, Outputs, Source, SourceOutputs, Value};
@@ -40,7 +40,7 @@
 //!
 //! struct Printer;
 //!
-//! impl Tap for Printer {
+//! impl Sink for Printer {
 //!     type Part = ();
 //!     fn parts(&self, _run: RunId) -> usize {
 //!         0
@@ -93,14 +93,14 @@
 //! # Ok::<(), depthloom_runner::RunError>(())
 //! ```
 
+mod aggregate;
+mod aggregate_values;
 mod audit;
 mod checkpoints;
 mod error;
 mod host;
 mod interrupt;
 mod observer;
-mod once;
-mod once_values;
 mod options;
 mod panics;
 mod report;

@@ -1,4 +1,4 @@
-//! Panics in nodes, sources and taps, turned into errors.
+//! Panics in nodes, sources and sinks, turned into errors.
 
 use depthloom_graphs::{ErrorMessage, Fault};
 use depthloom_threads::caught;
@@ -11,7 +11,7 @@ pub(crate) fn guarded<T>(run: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fa
     })
 }
 
-/// Runs code of a tap.
-pub(crate) fn guarded_tap<T>(run: impl FnOnce() -> Result<T, ErrorMessage>) -> Result<T, ErrorMessage> {
+/// Runs code of a sink.
+pub(crate) fn guarded_sink<T>(run: impl FnOnce() -> Result<T, ErrorMessage>) -> Result<T, ErrorMessage> {
     caught(run).unwrap_or_else(|panic| Err(ErrorMessage::new(format!("panicked {}", panic.0))))
 }

@@ -9,12 +9,12 @@ pub(crate) mod recorded;
 
 use std::sync::OnceLock;
 
-use depthloom_graphs::contracts::{Contract, Slot, Store, StoredState, Tap};
+use depthloom_graphs::contracts::{Contract, Sink, Slot, Store, StoredState};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Frame, Host, Key, Port, Rate, Source, Value};
 
-use crate::once_values::is_once;
+use crate::aggregate_values::is_once;
 use crate::panics::guarded;
 use crate::stage::frame_graph::{Feed, FrameGraph, OutputId, StepId, StepOutput};
 
@@ -116,31 +116,32 @@ pub(crate) struct Reuse<'a> {
 
 impl<'a> Reuse<'a> {
     /// Derives the keys of a stage's frames. `None` if there is no store.
-    pub(crate) fn new<T: Tap>(
+    pub(crate) fn new<T: Sink>(
         run: RunId,
         plan: &'a StageRun,
         graph: &FrameGraph,
         source: &'a dyn Source,
-        tap: &'a T,
+        sink: &'a T,
         host: &dyn Host,
     ) -> Option<Self> {
-        let store = tap.store()?;
+        let store = sink.store()?;
         let chains = plan.nodes.iter().map(|node| (node.contract == Contract::Ordered).then(Chain::default)).collect();
         let finished = plan.nodes.iter().map(|_| None).collect();
-        let mut reuse = Self { store, plan, frames: source.frames(), run, chains, finished, written: tap.written(run) };
+        let mut reuse =
+            Self { store, plan, frames: source.frames(), run, chains, finished, written: sink.written(run) };
         if reuse.chains.iter().any(Option::is_some) {
             let keys = source_keys(source, store, host);
             for (position, key) in FrameIndex::enumerate(&keys) {
-                reuse.follow(graph, tap, position, *key);
+                reuse.follow(graph, sink, position, *key);
             }
             reuse.finish();
-            while reuse.runs_on_some_frame(graph, tap, &keys) {}
+            while reuse.runs_on_some_frame(graph, sink, &keys) {}
         }
         Some(reuse)
     }
 
     /// Adds a frame to the chains of keys.
-    fn follow<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, position: FrameIndex, source: Option<Key>) {
+    fn follow<T: Sink>(&mut self, graph: &FrameGraph, sink: &T, position: FrameIndex, source: Option<Key>) {
         for chain in self.chains.iter_mut().flatten() {
             if let (Some(last), true) = (chain.last, chain.before.len() == position.0) {
                 chain.before.push(last);
@@ -159,7 +160,7 @@ impl<'a> Reuse<'a> {
                     chain.last = Some(Some(*key));
                     chain.runs |= OutputId::enumerate(outputs).any(|(output, state)| {
                         let id = StepOutput { step, output };
-                        *state == OutputState::NotStored && is_recorded(tap, self.run, self.plan, id, position)
+                        *state == OutputState::NotStored && is_recorded(sink, self.run, self.plan, id, position)
                     });
                 }
             }
@@ -171,21 +172,22 @@ impl<'a> Reuse<'a> {
         for (node, chain) in NodeId::enumerate(&mut self.chains) {
             let Some(chain) = chain.as_mut().filter(|chain| !chain.runs) else { continue };
             let last = chain.last.unwrap_or_default();
-            let key = value_keys::finished(&self.plan.nodes[node].recipe, last.as_ref());
-            self.finished[node] = once_values(self.store, self.plan, node, &key).map(|values| Finished { key, values });
+            let key = value_keys::finished(&self.plan.nodes[node].node_hash, last.as_ref());
+            self.finished[node] =
+                aggregate_values(self.store, self.plan, node, &key).map(|values| Finished { key, values });
             chain.runs = self.finished[node].is_none();
         }
     }
 
     /// Whether another ordered node has to run on some frame, for a value that was not kept: then it runs on all, since
     /// its state depends on the frames before.
-    fn runs_on_some_frame<T: Tap>(&mut self, graph: &FrameGraph, tap: &T, keys: &[Option<Key>]) -> bool {
+    fn runs_on_some_frame<T: Sink>(&mut self, graph: &FrameGraph, sink: &T, keys: &[Option<Key>]) -> bool {
         let has_outputs = |node: &NodeId| !graph.producers[StepId::of_node(*node)].outputs.is_empty();
         let idle: Vec<NodeId> =
             NodeId::all(self.chains.len()).filter(|node| self.reuses_all_frames(*node) && has_outputs(node)).collect();
         for (position, key) in FrameIndex::enumerate(keys).filter(|_| !idle.is_empty()) {
             let Some(key) = *key else { continue };
-            let steps = self.plan(graph, tap, position, key).steps;
+            let steps = self.plan(graph, sink, position, key).steps;
             if let Some(&node) = idle.iter().find(|node| steps[StepId::of_node(**node)] == StepAction::Run) {
                 self.finished[node] = None;
                 self.chains[node].iter_mut().for_each(|chain| chain.runs = true);
@@ -265,10 +267,12 @@ impl<'a> Reuse<'a> {
         let files = planned.files_content(frame).map_err(|_| Unknown)?;
         let observed = Observed { frame, files };
         match &self.chains[node] {
-            None => Ok(Some(value_keys::pure(&planned.recipe, planned.observes.is_some().then_some(observed), &keys))),
+            None => {
+                Ok(Some(value_keys::pure(&planned.node_hash, planned.observes.is_some().then_some(observed), &keys)))
+            }
             Some(chain) => {
                 let before = chain.before.get(position.0).ok_or(Unknown)?;
-                Ok(Some(value_keys::ordered(&planned.recipe, before.as_ref(), observed, &keys)))
+                Ok(Some(value_keys::ordered(&planned.node_hash, before.as_ref(), observed, &keys)))
             }
         }
     }
@@ -287,7 +291,7 @@ impl<'a> Reuse<'a> {
     }
 
     /// What to do on a frame, by its source's key.
-    pub(crate) fn plan<T: Tap>(&self, graph: &FrameGraph, tap: &T, position: FrameIndex, source: Key) -> FramePlan {
+    pub(crate) fn plan<T: Sink>(&self, graph: &FrameGraph, sink: &T, position: FrameIndex, source: Key) -> FramePlan {
         let known = self.known(graph, position, Some(source));
         let is_written = position.0 < self.written;
         let steps = graph.producers.len();
@@ -296,7 +300,8 @@ impl<'a> Reuse<'a> {
         for step in StepId::all(steps).rev() {
             let chain = step.node().and_then(|node| self.chains[node].as_ref());
             let lacks = |(output, state): (OutputId, &OutputState)| {
-                state.must_be_computed() && is_recorded(tap, self.run, self.plan, StepOutput { step, output }, position)
+                state.must_be_computed()
+                    && is_recorded(sink, self.run, self.plan, StepOutput { step, output }, position)
             };
             runs[step] |= match &known[step] {
                 StepState::Absent => false,
@@ -358,13 +363,18 @@ impl<'a> Reuse<'a> {
 /// The key is unknown before a node has run.
 struct Unknown;
 
-/// Whether the tap takes a value.
-fn is_recorded<T: Tap>(tap: &T, run: RunId, plan: &StageRun, output: StepOutput, position: FrameIndex) -> bool {
-    slot_of(plan, output).is_some_and(|slot| tap.part(run, slot).is_some() && tap.keeps(run, slot, position))
+/// Whether the sink takes a value.
+fn is_recorded<T: Sink>(sink: &T, run: RunId, plan: &StageRun, output: StepOutput, position: FrameIndex) -> bool {
+    slot_of(plan, output).is_some_and(|slot| sink.part(run, slot).is_some() && sink.keeps(run, slot, position))
 }
 
 /// The aggregate values of a node, by aggregate port, if the store has all that are recorded or read.
-pub(crate) fn once_values(store: &dyn Store, plan: &StageRun, node: NodeId, key: &Key) -> Option<Vec<Option<Value>>> {
+pub(crate) fn aggregate_values(
+    store: &dyn Store,
+    plan: &StageRun,
+    node: NodeId,
+    key: &Key,
+) -> Option<Vec<Option<Value>>> {
     let planned = &plan.nodes[node];
     let mut outputs = planned.outputs.iter().filter(|output| is_once(planned, &output.port)).peekable();
     // An ordered node without aggregate outputs is known by its frames; an aggregate node is known by its values alone.

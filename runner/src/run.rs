@@ -4,18 +4,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::thread::{Builder, scope};
 
 use crossbeam::channel::bounded;
-use depthloom_graphs::contracts::{Contract, Tap};
+use depthloom_graphs::contracts::{Contract, Sink};
 use depthloom_graphs::plan::{NodeId, NodeRef, Plan, RunId};
 use depthloom_graphs::ready::{NodeBuilder, Ready, ReadyRun};
 use depthloom_graphs::{Instance, Source};
 
+use crate::aggregate::{AggregateWork, Job};
+use crate::aggregate_values::AggregateValues;
 use crate::audit::Auditor;
 use crate::checkpoints::Checkpoints;
 use crate::error::RunError;
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
-use crate::once::{Job, OnceWork};
-use crate::once_values::OnceValues;
 use crate::options::Options;
 use crate::report::Report;
 use crate::run_context::RunContext;
@@ -26,15 +26,15 @@ use crate::stage::{EndAll, FrameNode, Stage};
 use crate::warnings::Warnings;
 use depthloom_threads::{Budget, look_for_room};
 
-/// Runs a plan: every frame of every stage run, and its aggregate values, into the tap.
+/// Runs a plan: every frame of every stage run, and its aggregate values, into the sink.
 ///
 /// The calling thread admits frames and writes them. It returns when all threads that it started have ended.
 ///
 /// # Errors
 /// Why the run ended early. An interrupted run is not an error: see the report.
-pub fn run<T: Tap>(
+pub fn run<T: Sink>(
     ready: Ready,
-    tap: &T,
+    sink: &T,
     options: &Options,
     observer: &dyn Observer,
     interrupt: &Interrupt,
@@ -44,7 +44,7 @@ pub fn run<T: Tap>(
     let checkpoints = Checkpoints::new(options.checkpoints.clone());
     let warnings = Warnings::default();
     let context = RunContext {
-        tap,
+        sink,
         budget: &budget,
         observer,
         interrupt,
@@ -54,7 +54,7 @@ pub fn run<T: Tap>(
         checkpoints: &checkpoints,
         audit: options.audit,
     };
-    let mut values = OnceValues::new(files);
+    let mut values = AggregateValues::new(files);
     let mut report = Report::default();
     for (run, ready) in RunId::enumerate(runs) {
         if interrupt.stops_admission() {
@@ -74,11 +74,11 @@ pub fn run<T: Tap>(
     Ok(report)
 }
 
-fn run_stage<T: Tap>(
+fn run_stage<T: Sink>(
     (run, plan): (RunId, &Plan),
     (ready, builders): (ReadyRun, &NodeBuilders),
     context: &RunContext<'_, T>,
-    values: &mut OnceValues,
+    values: &mut AggregateValues,
     report: &mut Report,
 ) -> Result<Completion, RunError> {
     let stage = &plan.runs[run];
@@ -109,7 +109,7 @@ fn run_stage<T: Tap>(
         });
     }
 
-    let mut once = OnceWork {
+    let mut once = AggregateWork {
         run,
         plan,
         context,
@@ -120,7 +120,7 @@ fn run_stage<T: Tap>(
         reported: BTreeMap::new(),
         timings: Vec::new(),
     };
-    let mut ledger = Ledger::new(plan, run, source.frames().len(), context.tap.parts(run));
+    let mut ledger = Ledger::new(plan, run, source.frames().len(), context.sink.parts(run));
     let completion = pass(&mut once, source.as_ref(), (frame_nodes, builders), &mut ledger, values);
     for &node in &once.ran {
         ledger.stage.firings[node] = 1;
@@ -136,12 +136,12 @@ fn run_stage<T: Tap>(
 type NodeBuilders = BTreeMap<NodeRef, NodeBuilder>;
 
 /// A stage run from its first frame to its last aggregate value.
-fn pass<T: Tap>(
-    once: &mut OnceWork<'_, T>,
+fn pass<T: Sink>(
+    once: &mut AggregateWork<'_, T>,
     source: &dyn Source,
     (nodes, builders): (Vec<FrameNode<T::Part>>, &NodeBuilders),
     ledger: &mut Ledger<'_>,
-    values: &mut OnceValues,
+    values: &mut AggregateValues,
 ) -> Result<Completion, RunError> {
     let (run, plan) = (once.run, &once.plan.runs[once.run]);
     let unrunnable = |what| RunError::Unrunnable { stage: plan.stage.clone(), what };
@@ -149,7 +149,7 @@ fn pass<T: Tap>(
     if once.run_all(values)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
     }
-    let graph = FrameGraph::new(run, plan, once.context.tap, |from| values.find(from))
+    let graph = FrameGraph::new(run, plan, once.context.sink, |from| values.find(from))
         .map_err(|error| unrunnable(error.what))?;
     let reuse = once.reuse(&graph, source);
     let mut stage = Stage::new(once.context, run, plan, graph, source, nodes, reuse);
@@ -189,7 +189,7 @@ fn pass<T: Tap>(
 }
 
 /// Runs the frames on workers; this thread admits and writes.
-fn run_frames<T: Tap>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Completion, RunError> {
+fn run_frames<T: Sink>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Completion, RunError> {
     // Never full: it has room for all frames in flight.
     let (send, done) = bounded(stage.context.window);
     scope(|scope| {

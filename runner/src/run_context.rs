@@ -9,7 +9,7 @@ use crate::options::Audit;
 use crate::warnings::Warnings;
 
 pub(crate) struct RunContext<'a, T> {
-    pub(crate) tap: &'a T,
+    pub(crate) sink: &'a T,
     pub(crate) budget: &'a Budget,
     pub(crate) observer: &'a dyn Observer,
     pub(crate) interrupt: &'a Interrupt,

@@ -11,14 +11,14 @@ mod work;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use depthloom_graphs::contracts::{NodeWarning, Tap};
+use depthloom_graphs::contracts::{NodeWarning, Sink};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PlannedNode, RunId, StageRun};
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Outputs, PureNode, Source};
 
+use crate::aggregate_values::is_once;
 use crate::audit::comparison::Comparison;
 use crate::audit::sample::Sampler;
 use crate::host::TaskHost;
-use crate::once_values::is_once;
 use crate::reuse::Reuse;
 use crate::run_context::RunContext;
 use crate::stage::frame_graph::{FrameGraph, Step, StepId};
@@ -39,7 +39,7 @@ struct Task<P> {
     step: StepId,
 }
 
-pub(crate) struct Stage<'a, T: Tap> {
+pub(crate) struct Stage<'a, T: Sink> {
     pub(crate) context: &'a RunContext<'a, T>,
     pub(crate) run: RunId,
     pub(crate) plan: &'a StageRun,
@@ -55,16 +55,16 @@ pub(crate) struct Stage<'a, T: Tap> {
 }
 
 /// Ends a stage when dropped, also by a panic.
-pub(crate) struct EndAll<'s, 'a, T: Tap>(pub(crate) &'s Stage<'a, T>);
+pub(crate) struct EndAll<'s, 'a, T: Sink>(pub(crate) &'s Stage<'a, T>);
 
-impl<T: Tap> Drop for EndAll<'_, '_, T> {
+impl<T: Sink> Drop for EndAll<'_, '_, T> {
     fn drop(&mut self) {
         self.0.ended.store(true, Ordering::SeqCst);
         self.0.context.budget.wake_all();
     }
 }
 
-impl<'a, T: Tap> Stage<'a, T> {
+impl<'a, T: Sink> Stage<'a, T> {
     pub(crate) fn new(
         context: &'a RunContext<'a, T>,
         run: RunId,
@@ -107,7 +107,7 @@ impl<'a, T: Tap> Stage<'a, T> {
 
     /// Reports the warnings of the frames that are already written.
     pub(crate) fn repeat_warnings(&self) {
-        for NodeWarning { node, what, count } in self.context.tap.recorded_warnings(self.run).into_iter().flatten() {
+        for NodeWarning { node, what, count } in self.context.sink.recorded_warnings(self.run).into_iter().flatten() {
             if self.context.warnings.add(self.run, node, &what, count, true) {
                 self.context.observer.warned(self.run, node, &what);
             }

@@ -11,7 +11,7 @@ use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Outputs, Port, Rat
 use depthloom_runner::{Audit, Interrupt, Options, RunError, Unwatched, run};
 use proptest::prelude::*;
 use support::any_graph::{AnyGraph, any_graph, bench};
-use support::{Bench, Notebook, commit_text, once_key, part_of, part_text, told_value, without_place};
+use support::{Bench, Notebook, aggregate_key, commit_text, part_of, part_text, told_value, without_place};
 
 /// A run's end, in words without a panic's place.
 fn told_error(error: &RunError) -> String {
@@ -109,7 +109,7 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                     (None, Instance::Pure(pure)) => {
                         match called(|| pure.process(&inputs, &mut ctx)).and_then(in_order) {
                             Ok(values) => {
-                                let key = value_keys::pure(&node.recipe, None, &keys);
+                                let key = value_keys::pure(&node.node_hash, None, &keys);
                                 Gave::Values(key, keyed(values, &out_ports, &key))
                             }
                             Err(fault) => Gave::Failed(fault),
@@ -120,7 +120,7 @@ fn reference(graph: &AnyGraph) -> (Vec<String>, Option<String>) {
                             Ok(values) => {
                                 let observed = value_keys::Observed { frame, files: None };
                                 let last = last_keys[index].as_ref();
-                                let key = value_keys::ordered(&node.recipe, last, observed, &keys);
+                                let key = value_keys::ordered(&node.node_hash, last, observed, &keys);
                                 last_keys[index] = Some(key);
                                 Gave::Values(key, keyed(values, &out_ports, &key))
                             }
@@ -189,7 +189,7 @@ fn finish(
         let (made, key) = match instance {
             Instance::Pure(_) => continue,
             Instance::Ordered(ordered) => {
-                (ordered.finish(&mut ctx), value_keys::finished(&node.recipe, last_keys[index].as_ref()))
+                (ordered.finish(&mut ctx), value_keys::finished(&node.node_hash, last_keys[index].as_ref()))
             }
             Instance::Once(instance) => {
                 let found = node.inputs.iter().map(|input| match input.from.as_ref()? {
@@ -200,7 +200,7 @@ fn finish(
                     found.map(|i| i.map_or((None, None), |(v, k)| (Some(v), Some(k)))).unzip();
                 let in_ports: Vec<Port> = node.inputs.iter().map(|i| i.port.clone()).collect();
                 let made = called(|| instance.run(&Inputs::new(&in_ports, &values), &mut ctx));
-                (made, value_keys::once(&node.recipe, &keys))
+                (made, value_keys::once(&node.node_hash, &keys))
             }
         };
         let values = made.and_then(|made| made.in_order_of(&ports)).expect("toys fail on frames only");
@@ -210,7 +210,7 @@ fn finish(
             let port = if node.contract == Contract::Ordered { PortId(2 + port) } else { PortId(port) };
             let slot = Slot::Node { node: index, port };
             lines.push(format!("{run} {slot:?} {key} {}", told_value(&value)));
-            let entering = once_key(&value, &key, node.outputs[port].port.name);
+            let entering = aggregate_key(&value, &key, node.outputs[port].port.name);
             once.insert((NodeRef { run, node: index }, port), (value, entering));
         }
     }

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
 use depthloom_graphs::contracts::{
-    Commit, Contract, ErrorMessage, NodeWarning, Slot, Store, StoredPort, StoredState, Tap,
+    Commit, Contract, ErrorMessage, NodeWarning, Sink, Slot, Store, StoredPort, StoredState,
 };
 use depthloom_graphs::plan::{FrameIndex, PartId, Plan, PlannedOutput, RunId};
 use depthloom_graphs::{Fault, Frame, Key, Remedied, Value};
@@ -110,7 +110,7 @@ impl Remembering {
     }
 }
 
-impl Tap for Remembering {
+impl Sink for Remembering {
     type Part = String;
 
     fn parts(&self, run: RunId) -> usize {
@@ -183,10 +183,15 @@ impl Tap for Remembering {
 }
 
 /// Runs a graph: what was written, and why it ended.
-fn lines_and_error(bench: Bench, tap: &Remembering, workers: usize, keep_going: bool) -> (Vec<String>, Option<String>) {
+fn lines_and_error(
+    bench: Bench,
+    sink: &Remembering,
+    workers: usize,
+    keep_going: bool,
+) -> (Vec<String>, Option<String>) {
     let options = Options { workers, window: Some(4), keep_going, checkpoints: None, audit: Audit::All };
-    let result = run(bench.ready(), tap, &options, &Unwatched, &Interrupt::default());
-    (tap.notebook.lines(), result.err().map(|error| error.to_string()))
+    let result = run(bench.ready(), sink, &options, &Unwatched, &Interrupt::default());
+    (sink.notebook.lines(), result.err().map(|error| error.to_string()))
 }
 
 /// The number of graphs; `DEPTHLOOM_CASES` sets another.
@@ -230,8 +235,8 @@ proptest! {
                 holds: Box::new(move |key, port| draw(seed, key, port) % 8 >= lost.0),
                 knows: Box::new(move |key| draw(seed, key, "") % 8 >= lost.1),
             };
-            let tap = Remembering::new(graph.parts, every, plan(), Some(store));
-            let (lines, end) = lines_and_error(bench(), &tap, workers, graph.keep_going);
+            let sink = Remembering::new(graph.parts, every, plan(), Some(store));
+            let (lines, end) = lines_and_error(bench(), &sink, workers, graph.keep_going);
             let differs = lines.iter().zip(&expected.0).find(|(line, other)| line != other);
             prop_assert_eq!(differs, None, "workers {}", workers);
             prop_assert_eq!((lines.len(), &end), (expected.0.len(), &expected.1), "workers {}", workers);
@@ -259,9 +264,9 @@ proptest! {
         for workers in [1, 3] {
             let store =
                 Memory { values: values_of(&written), holds: Box::new(|_, _| true), knows: Box::new(|_| true) };
-            let mut tap = Remembering::new(graph.parts, every, bench().plan, Some(store));
-            tap.written = written.iter().map(|entry| (entry.run, entry.once, entry.keys.first().copied().unwrap_or(Key::of_content(b"")))).collect();
-            let (lines, ended) = lines_and_error(bench(), &tap, workers, graph.keep_going);
+            let mut sink = Remembering::new(graph.parts, every, bench().plan, Some(store));
+            sink.written = written.iter().map(|entry| (entry.run, entry.once, entry.keys.first().copied().unwrap_or(Key::of_content(b"")))).collect();
+            let (lines, ended) = lines_and_error(bench(), &sink, workers, graph.keep_going);
             let differs = lines.iter().zip(&expected[cut..]).find(|(line, other)| line != other);
             prop_assert_eq!(differs, None, "workers {}", workers);
             prop_assert_eq!((lines.len(), &ended), (expected.len() - cut, &end), "workers {}", workers);
@@ -296,9 +301,9 @@ fn an_ordered_node_that_one_late_frame_needs_fires_on_all_before_it() {
     let lost = values.keys().copied().find(|key| of_last.contains(&format!("1:{key}")));
     let lost = lost.expect("the last frame has a key of `mixes`");
     let store = Memory { values, holds: Box::new(|_, _| true), knows: Box::new(move |key| *key != lost) };
-    let tap = Remembering::new(1, 1, chain().0.plan, Some(store));
+    let sink = Remembering::new(1, 1, chain().0.plan, Some(store));
     let (bench, toys) = chain();
-    assert_eq!(lines_and_error(bench, &tap, 1, false), expected);
+    assert_eq!(lines_and_error(bench, &sink, 1, false), expected);
     assert_eq!(toys.map(|toy| toy.calls.load(Ordering::Relaxed)), [6, 1], "how often each fired");
 }
 
@@ -317,9 +322,9 @@ fn calls_without_the_last_key(has_sum: bool) -> [u64; 2] {
         entries.iter().filter(|entry| entry.once.is_none()).flat_map(|entry| entry.keys.clone()).collect();
     let values = values_of(&entries);
     let store = Memory { values, holds: Box::new(|_, _| true), knows: Box::new(move |key| of_frames.contains(key)) };
-    let tap = Remembering::new(1, 1, chain().0.plan, Some(store));
+    let sink = Remembering::new(1, 1, chain().0.plan, Some(store));
     let (bench, toys) = chain();
-    assert_eq!(lines_and_error(bench, &tap, 1, false), expected);
+    assert_eq!(lines_and_error(bench, &sink, 1, false), expected);
     toys.map(|toy| toy.calls.load(Ordering::Relaxed))
 }
 

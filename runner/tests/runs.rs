@@ -6,12 +6,12 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, NodeWarning, Observation, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, Failure, NodeWarning, Observation, Sink, Slot};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode, RunId, VariantId};
 use depthloom_graphs::values::{Curve, CurvePoint, Mask, Raster};
 use depthloom_graphs::{
-    Context, Fault, Frame, Inputs, Instance, Key, OnceNode, Outputs, Port, PureNode, Remedied, Source, SourceOutputs,
-    Value, ValueType, value_keys,
+    AggregateNode, Context, Fault, Frame, Inputs, Instance, Key, Outputs, Port, PureNode, Remedied, Source,
+    SourceOutputs, Value, ValueType, value_keys,
 };
 use depthloom_runner::{Audit, Interrupt, Observer, Options, Phase, RunError, Unwatched, run};
 use support::{Bench, Notebook, Numbers, Toy, build, node, node_slot, once, output, planned, source};
@@ -156,7 +156,7 @@ fn an_ordered_node_with_aggregate_outputs_that_panicked_ends_its_stage_even_if_t
 }
 
 #[test]
-fn once_values_reach_later_stages_and_nodes_of_their_own_stage() {
+fn aggregate_values_reach_later_stages_and_nodes_of_their_own_stage() {
     // learn: sum (ordered) -> train (once). compare: tuned (once, from the train) -> a (pure, from tuned).
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(7));
@@ -185,7 +185,7 @@ fn once_values_reach_later_stages_and_nodes_of_their_own_stage() {
 /// Outputs a learning curve: one point per frame.
 struct Teacher;
 
-impl OnceNode for Teacher {
+impl AggregateNode for Teacher {
     fn run(&self, _: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
         let point = |step| CurvePoint { step, loss: 0.5, validation: None, learning_rate: 1e-3 };
         let curve = Curve { points: (0..3).map(point).collect() };
@@ -196,14 +196,14 @@ impl OnceNode for Teacher {
 /// Counts the points of a curve.
 struct Pupil;
 
-impl OnceNode for Pupil {
+impl AggregateNode for Pupil {
     fn run(&self, inputs: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
         Ok(Outputs::one("model", support::artifact(inputs.get::<Curve>("curve")?.points.len() as u64)))
     }
 }
 
 #[test]
-fn a_learning_curve_is_a_once_value_beside_the_model() {
+fn a_learning_curve_is_an_aggregate_value_beside_the_model() {
     let curve = || Port::once("curve", ValueType::Curve, "how it learned");
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(2));
@@ -226,7 +226,7 @@ fn a_learning_curve_is_a_once_value_beside_the_model() {
         lines[3]
     );
     // No artefact, so it enters keys by its port.
-    let key = value_keys::once(&pupil.recipe, &[Some(value_keys::port(&key, "curve"))]);
+    let key = value_keys::once(&pupil.node_hash, &[Some(value_keys::port(&key, "curve"))]);
     assert_eq!(lines[4..], [format!("0 Node {{ node: 1, port: 0 }} {key} 3")]);
 }
 
@@ -291,9 +291,9 @@ impl PureNode for Writer {
     }
 }
 
-/// One node of a recipe, wherever it stands.
+/// The node with a hash, in whatever stage.
 #[test]
-fn equal_once_nodes_fire_once_in_whichever_stages_they_stand() {
+fn equal_aggregate_nodes_run_once_in_whichever_stages() {
     for workers in [1, 4] {
         let mut bench = Bench::new(&[""]);
         let (toy, other) = (Toy::salted(5), Toy::salted(6));
@@ -357,7 +357,7 @@ fn a_frame_that_is_not_the_one_its_key_names_fails() {
 }
 
 #[test]
-fn a_failing_once_node_is_named() {
+fn a_failing_aggregate_node_is_named() {
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(2));
     bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
@@ -371,7 +371,7 @@ fn a_failing_once_node_is_named() {
 }
 
 #[test]
-fn a_once_value_that_comes_too_late_for_the_frames_is_refused() {
+fn an_aggregate_value_that_comes_too_late_for_the_frames_is_refused() {
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(2));
     bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
@@ -381,7 +381,7 @@ fn a_once_value_that_comes_too_late_for_the_frames_is_refused() {
 }
 
 #[test]
-fn a_tap_that_refuses_ends_the_run_at_its_frame() {
+fn a_sink_that_refuses_ends_the_run_at_its_frame() {
     for workers in [1, 4] {
         let refuses_to_encode = BTreeSet::from([5]);
         let notebook = Notebook { refuses_to_encode, ..Notebook::with_parts(2) };
@@ -418,7 +418,7 @@ fn the_first_interrupt_lets_admitted_frames_retire() {
 }
 
 #[test]
-fn an_interrupted_stage_gives_no_once_values_and_no_later_stage_starts() {
+fn an_interrupted_stage_has_no_aggregate_values_and_no_later_stage_starts() {
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(100));
     bench.toy("sum", Contract::Ordered, [source(0), None, None], Toy::salted(1));
@@ -439,7 +439,7 @@ fn an_interrupted_stage_gives_no_once_values_and_no_later_stage_starts() {
 /// Learns until the run is abandoned.
 struct Endless(Interrupt);
 
-impl OnceNode for Endless {
+impl AggregateNode for Endless {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.0.raise();
         assert!(!ctx.host.cancelled(), "the first interrupt abandons nothing");
@@ -460,7 +460,7 @@ impl PureNode for Endless {
 /// Learns until the run is interrupted, and then writes a checkpoint.
 struct Patient(Interrupt);
 
-impl OnceNode for Patient {
+impl AggregateNode for Patient {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         assert!(!ctx.host.stopping());
         self.0.raise();
@@ -470,7 +470,7 @@ impl OnceNode for Patient {
 }
 
 #[test]
-fn fault_27_a_once_node_put_down_at_the_first_interrupt_interrupts_its_run_and_fails_nothing() {
+fn fault_27_an_aggregate_node_stopped_at_the_first_interrupt_interrupts_its_run_and_fails_nothing() {
     let interrupt = Interrupt::default();
     let mut bench = Bench::new(&[""]);
     bench.stage("learn", Numbers::new(2));
@@ -496,7 +496,7 @@ fn fault_27_a_once_node_put_down_at_the_first_interrupt_interrupts_its_run_and_f
 /// Gives up unasked.
 struct Quitter;
 
-impl OnceNode for Quitter {
+impl AggregateNode for Quitter {
     fn run(&self, _: &Inputs<'_>, _: &mut Context<'_>) -> Result<Outputs, Fault> {
         Err(Fault::Cancelled)
     }
@@ -600,7 +600,7 @@ impl PureNode for Nursery {
     }
 }
 
-/// A chain of ten nodes whose masks are watched; the tap takes the last one's only, if any.
+/// A chain of ten nodes whose masks are watched; the sink takes the last one's only, if any.
 fn watched_chain(nursery: &Nursery) -> Bench {
     let mut bench = Bench::new(&[""]);
     bench.stage("watched", Cradle(nursery.clone(), (0..200).map(|k| Frame::at_10_hz("f", k)).collect()));
@@ -618,7 +618,7 @@ fn watched_chain(nursery: &Nursery) -> Bench {
 
 struct Last(bool);
 
-impl Tap for Last {
+impl Sink for Last {
     type Part = Vec<Value>;
 
     fn parts(&self, _: RunId) -> usize {
@@ -652,7 +652,7 @@ impl Tap for Last {
 #[test]
 fn no_more_frames_are_alive_than_the_window() {
     for (workers, window) in [(1, 3), (2, 1), (4, 4), (8, 6)] {
-        // The tap holds on to every value until the frame is written: the worst there is.
+        // The sink holds on to every value until the frame is written: the worst there is.
         let (nursery, options) = (Nursery::default(), Options { window: Some(window), ..options(workers) });
         let ready = watched_chain(&nursery).ready();
         let report = run(ready, &Last(true), &options, &Unwatched, &Interrupt::default()).unwrap();

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
-use depthloom_analysis::{Bins, Gross, SampleSet};
+use depthloom_analysis::{Bins, Outlier, SampleSet};
 
 use super::{PartArgs, RunsFolder, TableOutputArgs};
 use crate::completion::runs;
@@ -71,8 +71,8 @@ pub(crate) struct AnalyseArgs {
     /// Count errors above this limit as outliers: metres (`3m`) or a share (`25%`).
     ///
     /// A share is of the ground-truth distance.
-    #[arg(long, value_name = "LIMIT", value_parser = Gross::parse, default_value = "25%")]
-    pub outlier: Gross,
+    #[arg(long, value_name = "LIMIT", value_parser = Outlier::parse, default_value = "25%")]
+    pub outlier: Outlier,
 
     /// Write `samples.parquet` and print no table.
     ///

@@ -20,7 +20,7 @@ use crate::completion::runs;
     "table first/one" => "a run by its name, or by a unique prefix of it",
     "runs diff first/one @latest" => "which nodes changed, and why",
     "runs prune --keep 3 --dry-run" => "what would be removed if three runs of each experiment stayed",
-    "runs --runs archive --json | jq -r '.runs[] | select(.state != \"whole\").path'" => "for programs",
+    "runs --runs archive --json | jq -r '.runs[] | select(.state != \"complete\").path'" => "for programs",
 ])]
 pub(crate) struct RunsArgs {
     /// Run this command (default: list).

@@ -1,7 +1,7 @@
 //! A run that ended early: what it kept, and how to resume.
 
 use depthloom_graphs::counted;
-use depthloom_runs::OUTDATED;
+use depthloom_runs::outdated_files;
 use depthloom_runs::run_folder::RunFolder;
 use depthloom_terminal::{CliError, ExitCode};
 
@@ -28,7 +28,7 @@ impl EarlyEnd {
             folder.discard();
             return stop.also("nothing of this run was kept");
         }
-        if frames == 0 && folder.file(OUTDATED).exists() {
+        if frames == 0 && !outdated_files(&folder.partial).is_empty() {
             let partial = partial.display();
             return stop.also(format!(
                 "no frame was recorded; {partial} keeps the frames of the interrupted run, and the same command with the same --out reuses them"

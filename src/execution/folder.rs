@@ -8,7 +8,7 @@ use depthloom_graphs::ready::Ready;
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
 use depthloom_runs::environment::{self, ENVIRONMENT};
 use depthloom_runs::run_folder::{PartialContent, RunFolder};
-use depthloom_runs::{OUTDATED, RECORDING, reuse};
+use depthloom_runs::{RECORDING, next_outdated, outdated_files, reuse};
 use depthloom_terminal::{CliError, ExitCode};
 use serde_json::json;
 
@@ -26,13 +26,17 @@ pub(super) fn make_folder(
     let resumable = |partial: &Path| {
         let path = partial.join(RECORDING);
         // A run that ended before it recorded anything again leaves only what was set aside: no frame of that is lost.
-        let nothing = || match Recording::open(partial.join(OUTDATED)) {
-            Ok(aside) if aside.is_empty() => PartialContent::Nothing,
-            Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => PartialContent::This,
-            Ok(_) => PartialContent::Other,
-            // Frames that cannot be read at the moment are not removed either.
-            Err(_) if partial.join(OUTDATED).exists() => PartialContent::Other,
-            Err(_) => PartialContent::Nothing,
+        let nothing = || {
+            let aside = outdated_files(partial).into_iter().map(|path| match Recording::open(path) {
+                Ok(aside) if aside.is_empty() => PartialContent::Nothing,
+                Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => PartialContent::This,
+                // Frames that cannot be read at the moment are not removed either.
+                Ok(_) | Err(_) => PartialContent::Other,
+            });
+            let mut aside = aside.filter(|content| *content != PartialContent::Nothing).collect::<Vec<_>>();
+            // Frames of another experiment are kept, whatever is beside them.
+            aside.sort_by_key(|content| *content == PartialContent::This);
+            aside.into_iter().next().unwrap_or(PartialContent::Nothing)
         };
         match Recording::open(&path) {
             Ok(found) if found.is_empty() => nothing(),
@@ -68,10 +72,9 @@ pub(super) fn make_folder(
 /// Writes the experiment's files beside the recording, so that they can be checked and run from there, and lists what
 /// the run reads.
 fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathBuf]) -> Result<(), CliError> {
-    let before = |stop| CliError { exit: ExitCode::Usage, ..stop };
     // Of a run that comes to its end it says more.
     let reads = json!({ "reads": environment::reads(read) });
-    folder.write(ENVIRONMENT, &format!("{reads:#}\n")).map_err(before)?;
+    folder.write(ENVIRONMENT, &format!("{reads:#}\n"))?;
     for (name, text) in kept {
         if let Some(inner) = Path::new(name).parent().filter(|inner| !inner.as_os_str().is_empty()) {
             let inner = folder.partial.join(inner);
@@ -79,7 +82,7 @@ fn write_experiment(folder: &RunFolder, kept: &[(String, String)], read: &[PathB
                 CliError::of_writing(ExitCode::Usage, format_args!("failed to create {}", inner.display()), &error)
             })?;
         }
-        folder.write(name, text).map_err(before)?;
+        folder.write(name, text)?;
     }
     Ok(())
 }
@@ -91,8 +94,8 @@ pub(super) struct Reusable {
 }
 
 impl Reusable {
-    /// Sets the recording of an interrupted process aside if this run would record something else: its data, programs
-    /// or engines changed.
+    /// Sets the recording of an interrupted process aside if it is damaged, or this run would record something else:
+    /// its data, programs or engines changed.
     pub(super) fn verified(
         self,
         args: &RunArgs,
@@ -113,7 +116,7 @@ impl Reusable {
             args,
             &[format!("cannot resume after the frames in {partial}: {why}; values that are still valid are reused")],
         );
-        let (recording, aside) = (folder.file(RECORDING), folder.file(OUTDATED));
+        let (recording, aside) = (folder.file(RECORDING), next_outdated(&folder.partial));
         depthloom_durable::rename(&recording, &aside).map_err(|error| {
             CliError::of_writing(ExitCode::Engine, format_args!("failed to rename {}", recording.display()), &error)
         })?;

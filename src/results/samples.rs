@@ -22,7 +22,7 @@ pub(crate) fn write(
     is_silent: bool,
     interrupt: &Interrupt,
 ) -> Result<SamplesWritten, CliError> {
-    if *recording.condition() != Condition::Whole {
+    if *recording.condition() != Condition::Complete {
         say(format_args!("warning: {} is {}", recording.path().display(), recording.condition()));
     }
     let bar = bar(is_silent, 1, "samples: {bar:30} {pos}/{len} frames  {eta} left");

@@ -181,6 +181,8 @@ fn new_writes_a_valid_experiment_and_replaces_no_file() {
     assert!(!folder.path().join("third.yaml").exists());
     assert_eq!(read("street-network.onnx"), b"mine");
     assert!(refused("street-network.onnx").contains("street-network.onnx is the network's file"));
+    assert!(refused("-").contains("`-` is not a file name"));
+    assert!(!folder.path().join("-").exists());
 }
 
 #[test]

@@ -170,7 +170,10 @@ fn topics_and_frames_are_selected_by_name() {
         "topic": "/look/stereo/disparity", "type": "disparity", "format": "png", "path": "look/stereo/disparity/<frame>.png",
         "files": 2, "clipped_pixels": export["topics"][0]["clipped_pixels"],
     });
-    assert_eq!(export, json!({ "format": export["format"], "folder": "out", "condition": "whole", "topics": [topic] }));
+    assert_eq!(
+        export,
+        json!({ "format": export["format"], "folder": "out", "condition": "complete", "topics": [topic] })
+    );
     for (arguments, message) in [
         (&["detph"][..], "did you mean `depth`?"),
         (&["source/calibration", "--format", "png"], "it can be parquet"),

@@ -1,6 +1,7 @@
 //! A run that was interrupted at any byte resumes, and ends with the same bytes as an uninterrupted one.
 
 use depthloom_graphs::plan::RunId;
+use depthloom_recording::{Condition, Recording};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -138,6 +139,55 @@ fn a_repeatedly_killed_run_ends_with_the_same_bytes() {
         fs::remove_dir_all(out.parent().expect("a folder")).expect("removed");
     }
     println!("{killed} kills in {round} runs: all ended with the same bytes");
+}
+
+/// An intact summary hides the damage, and the values are found undamaged in a run beside it.
+#[test]
+fn a_damaged_recording_is_set_aside_although_another_run_has_its_values() {
+    let reference = Reference::new();
+    let (mut set_aside, length) = (0, reference.recording.len() as u64);
+    for place in 0..kills() {
+        let out = reference.folder.path().join(format!("complete/damaged-{place}"));
+        let mut bytes = reference.recording.clone();
+        bytes[below(place + 5, length) as usize] ^= 1;
+        reference.write_interrupted(&out, &bytes);
+        let partial = out.with_extension("partial");
+        let has_summary = Recording::open(partial.join("recording.mcap"))
+            .is_ok_and(|opened| *opened.condition() == Condition::Complete);
+        // Otherwise the plan is damaged, or the frames before the damage are resumed.
+        if has_summary {
+            let stderr = reference.resume(&out);
+            assert!(stderr.contains("cannot resume") && stderr.contains("is damaged at byte"), "{stderr}");
+            assert!(!out.join("recording.outdated.mcap").exists());
+            set_aside += 1;
+        }
+    }
+    assert!(set_aside * 2 > kills(), "{set_aside} of {} recordings were set aside", kills());
+}
+
+/// Frames that were set aside before are not replaced.
+#[test]
+fn a_second_damaged_recording_is_set_aside_beside_the_first() {
+    let reference = Reference::new();
+    let out = reference.folder.path().join("complete/damaged");
+    let mut bytes = reference.recording.clone();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    reference.write_interrupted(&out, &bytes);
+    let partial = out.with_extension("partial");
+    fs::write(partial.join("recording.outdated.mcap"), &reference.recording).expect("written");
+    // The folder of programs' output cannot be written: the run fails after the decision.
+    let at = |name: &str| partial.join(name);
+    fs::create_dir(at("timings.parquet")).expect("a folder");
+    let mut run = depthloom();
+    run.current_dir(reference.folder.path()).env_remove("DEPTHLOOM_FRESH").args(["run", "--no-page", "--out"]);
+    let failed = run.arg(&out).arg(&reference.experiment).output().expect("the binary starts");
+    assert!(!failed.status.success(), "{}", String::from_utf8_lossy(&failed.stderr));
+    assert!(fs::read(at("recording.outdated.mcap")).expect("kept") == reference.recording);
+    assert!(fs::read(at("recording.outdated-2.mcap")).expect("kept") == bytes);
+    fs::remove_dir(at("timings.parquet")).expect("removed");
+    reference.resume(&out);
+    assert!(!out.join("recording.outdated.mcap").exists() && !out.join("recording.outdated-2.mcap").exists());
 }
 
 #[test]

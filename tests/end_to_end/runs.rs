@@ -85,7 +85,7 @@ fn runs_are_listed_newest_first_with_their_state() {
     let runs = listed["runs"].as_array().expect("a list");
     let column = |key: &str| runs.iter().map(|run| run[key].clone()).collect::<Vec<_>>();
     assert_eq!(column("name"), ["killed.partial", "look/two", "look/one"]);
-    assert_eq!(column("state"), ["unfinished", "whole", "whole"]);
+    assert_eq!(column("state"), ["unfinished", "complete", "complete"]);
     assert_eq!(column("frames"), [1, 2, 2]);
     assert_eq!(column("time_utc")[1..], ["2020-11-22T10:00:00Z", "2020-11-21T10:00:00Z"]);
     // The best value equals that of the table.
@@ -100,7 +100,9 @@ fn runs_are_listed_newest_first_with_their_state() {
     let printed = text(&succeed(&mut here.command(&["runs"])));
     let lines: Vec<&str> = printed.lines().collect();
     assert_eq!(lines.len(), 4, "{printed}");
-    assert!(lines[2].starts_with("look/two ") && lines[2].contains("2020-11-22 10:00") && lines[2].contains("whole"));
+    assert!(
+        lines[2].starts_with("look/two ") && lines[2].contains("2020-11-22 10:00") && lines[2].contains("complete")
+    );
 }
 
 #[test]
@@ -264,7 +266,7 @@ fn runs_show_prints_how_a_run_was_made_and_its_files() {
     let shown = here.json(&["runs", "show", "first"]);
     assert_eq!(
         (&shown["name"], &shown["state"], &shown["experiment"]),
-        (&json!("first"), &json!("whole"), &json!("look"))
+        (&json!("first"), &json!("complete"), &json!("look"))
     );
     let stage = json!({ "stage": "look", "variant": null, "frames": 2, "source": "street", "source_kinds": ["synthetic/road"], "nodes": 3, "models": [] });
     assert_eq!(shown["stages"], json!([stage]));
@@ -288,7 +290,7 @@ fn info_reports_topics_sizes_keys_and_damage() {
     let run = here.run("runs/first", &[]);
     let recording = run.join("recording.mcap");
     let info = here.json(&["inspect", "first", "--keys", "--verify-bytes"]);
-    assert_eq!((&info["condition"], &info["checked"], &info["damage"]), (&json!("whole"), &json!(true), &json!([])));
+    assert_eq!((&info["condition"], &info["checked"], &info["damage"]), (&json!("complete"), &json!(true), &json!([])));
     let topics = info["topics"].as_array().expect("topics");
     let topic = |name: &str| topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("{name}"));
     let depth = topic("/look/depth/depth");
@@ -298,7 +300,7 @@ fn info_reports_topics_sizes_keys_and_damage() {
     // The node hash equals that of the plan, and keys are listed by frame and node.
     let plan = here.json(&["plan", "look.yaml"]);
     let planned = plan["runs"][0]["nodes"].as_array().expect("nodes").iter().find(|node| node["name"] == "depth");
-    assert_eq!(depth["recipe"], planned.expect("depth")["recipe"]);
+    assert_eq!(depth["node_hash"], planned.expect("depth")["node_hash"]);
     let keys = info["keys"].as_array().expect("keys");
     assert_eq!(keys.len(), 2 * 4, "a source and three nodes on two frames");
     // The topics take a part of the file's size; attachments and the rest take the remainder.

@@ -188,7 +188,7 @@ fn forge(experiment: &Path, folder: &Path) {
     let mut other = ready(&[("look.stereo.with.block".to_owned(), "11".to_owned())]);
     for (run, claimed) in other.plan.runs.iter_mut().zip(&claimed.runs) {
         for (node, claimed) in run.nodes.iter_mut().zip(&claimed.nodes) {
-            node.recipe = claimed.recipe;
+            node.node_hash = claimed.node_hash;
         }
     }
     fs::create_dir_all(folder).expect("made");

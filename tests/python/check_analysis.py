@@ -26,7 +26,7 @@ def rows_are_the_maps(samples, folder):
         truth, stereo = np.load(truth), np.load(stereo)
         y, x = np.nonzero((truth > np.float32(BOUNDS[0])) & (truth < np.float32(BOUNDS[1])))
         assert np.array_equal(rows["x"], x) and np.array_equal(rows["y"], y), frame
-        assert np.array_equal(rows["truth_m"].to_numpy(), truth[y, x]), frame
+        assert np.array_equal(rows["ground_truth_m"].to_numpy(), truth[y, x]), frame
         expected = np.clip(stereo[y, x].astype(np.float64), *BOUNDS).astype(np.float32)
         ours = rows["stereo"].fill_null(float("nan")).to_numpy()
         assert np.array_equal(ours, expected, equal_nan=True), frame
@@ -42,9 +42,9 @@ def main():
     for path in map(pathlib.Path, sys.argv[3:]):
         by = path.stem
         table = json.loads(path.read_text())["rows"]
-        truth = samples["truth_m"].to_numpy().astype(np.float64)
+        truth = samples["ground_truth_m"].to_numpy().astype(np.float64)
         columns = {column: samples[column].to_numpy().astype(np.float64) for column in samples.columns if samples[column].dtype == polars.Float32}
-        shared = ~np.isnan(np.stack([of for column, of in columns.items() if column != "truth_m" and "weight" not in column])).any(axis=0)
+        shared = ~np.isnan(np.stack([of for column, of in columns.items() if column != "ground_truth_m" and "weight" not in column])).any(axis=0)
         unit = "_px" if by == "row" else "" if by == "weight" else "_m"
         seen = {}
         for row in table:
@@ -76,7 +76,7 @@ def main():
                 close(row["error_mean_m"], error.mean(), path)
                 assert abs(row["bias_m"] - signed.mean()) <= 1e-6 * error.mean(), path
                 close(row["rmse_m"], np.sqrt((signed**2).mean()), path)
-                close(row["gross_share"], (error > 0.25 * truth[inside][~np.isnan(columns[label][inside])]).mean(), path)
+                close(row["outlier_share"], (error > 0.25 * truth[inside][~np.isnan(columns[label][inside])]).mean(), path)
             told += 1
         for (label, of), count in seen.items():
             expected = ~np.isnan(columns[label]) & (shared if of == "common" else True)

@@ -41,7 +41,7 @@ def floats(topic, message):
     if types[topic] in ("depth", "weight"):
         return samples(message), 65535 if types[topic] == "weight" else 256
     fixed = np.frombuffer(message.data, "<u2").reshape(shape)
-    known = fixed / 256 if types[topic] == "true-disparity" else fixed / 16 + message.min_disparity_px - 1
+    known = fixed / 256 if types[topic] == "ground-truth-disparity" else fixed / 16 + message.min_disparity_px - 1
     return np.where(fixed > 0, known, np.nan).astype(np.float32), 256
 
 

@@ -22,7 +22,7 @@ pub(super) fn node(kind: &str, name: &str, inputs: &[(&str, &str)], output: &Jso
     let inputs: Vec<Json> = inputs.iter().map(|(port, from)| json!({ "port": port, "from": from })).collect();
     json!({
         "name": name, "kind": kind, "version": 1, "contract": "pure", "params": {}, "inputs": inputs, "outputs": [output],
-        "recipe": "0123456789abcdef0123456789abcdef", "variants": variants,
+        "node_hash": "0123456789abcdef0123456789abcdef", "variants": variants,
     })
 }
 

@@ -232,7 +232,7 @@ impl Pair<'_> {
             let (topic, run) = (estimate.scored_output.as_deref()?, &side.run.recording.plan().runs[estimate.run]);
             run.nodes.iter().find_map(|node| {
                 let output = node.outputs.iter().find(|output| output.topic == topic)?;
-                Some((&node.recipe, output.port.as_str()))
+                Some((&node.node_hash, output.port.as_str()))
             })
         }
         let (one, two) = (self.baseline.estimate, self.other.estimate);

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Slot, Store, StoredValue, Tap};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Sink, Slot, Store, StoredValue};
 use depthloom_graphs::plan::{FrameIndex, PartId, Plan, RunId};
 use depthloom_graphs::{Frame, Key, Value};
 use depthloom_recording::RecordedPlan;
@@ -21,7 +21,7 @@ use crate::files::Output;
 ///
 /// Frames with reused maps that are not decoded are not collected; the report reads them.
 pub struct SampleSink<'t, 'a, T> {
-    tap: &'t T,
+    sink: &'t T,
     estimates: Vec<Estimate>,
     /// By stage run.
     runs: Vec<StageSlots>,
@@ -50,13 +50,13 @@ struct Pending {
     is_partial: bool,
 }
 
-impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
+impl<'t, 'a, T: Sink> SampleSink<'t, 'a, T> {
     /// Samples that exceed the memory limit are stored in a temporary file in `folder`.
     ///
     /// # Errors
     /// As [`report`](crate::report) of the recording.
     pub fn new(
-        tap: &'t T,
+        sink: &'t T,
         plan: &Plan,
         folder: &'a Path,
         samples_in_memory: usize,
@@ -73,7 +73,7 @@ impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
         let runs = runs.collect();
         let samples = Samples::new(estimates.len(), samples_in_memory, Output { folder, stop });
         let collected = Mutex::new(CollectedSamples::empty(samples));
-        Ok(Self { tap, estimates, runs, pending: Mutex::default(), collected, is_broken: AtomicBool::new(false) })
+        Ok(Self { sink, estimates, runs, pending: Mutex::default(), collected, is_broken: AtomicBool::new(false) })
     }
 
     /// The samples; `None` if something failed.
@@ -93,10 +93,10 @@ impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
             let mut pending = locked(&self.pending);
             let frame = pending.entry((run, position)).or_insert_with(|| Pending {
                 values: vec![None; maps.topics.len()],
-                parts_left: self.tap.parts(run),
+                parts_left: self.sink.parts(run),
                 is_partial: false,
             });
-            for (slot, value) in values.filter(|(slot, _)| self.tap.keeps(run, *slot, position)) {
+            for (slot, value) in values.filter(|(slot, _)| self.sink.keeps(run, *slot, position)) {
                 if let Some(place) = places.get(&slot) {
                     frame.values[*place] = value.cloned();
                     frame.is_partial |= value.is_none();
@@ -121,15 +121,15 @@ impl<'t, 'a, T: Tap> SampleSink<'t, 'a, T> {
     }
 }
 
-impl<T: Tap> Tap for SampleSink<'_, '_, T> {
+impl<T: Sink> Sink for SampleSink<'_, '_, T> {
     type Part = T::Part;
 
     fn parts(&self, run: RunId) -> usize {
-        self.tap.parts(run)
+        self.sink.parts(run)
     }
 
     fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
-        self.tap.part(run, slot)
+        self.sink.part(run, slot)
     }
 
     fn encode(
@@ -139,7 +139,7 @@ impl<T: Tap> Tap for SampleSink<'_, '_, T> {
         part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<Self::Part, ErrorMessage> {
-        let encoded = self.tap.encode(run, frame, part, values)?;
+        let encoded = self.sink.encode(run, frame, part, values)?;
         self.keep(run, frame.0, values.iter().map(|(slot, value)| (*slot, Some(value))));
         Ok(encoded)
     }
@@ -152,14 +152,14 @@ impl<T: Tap> Tap for SampleSink<'_, '_, T> {
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
     ) -> Result<Self::Part, ErrorMessage> {
-        let encoded = self.tap.encode_stored(run, frame, part, values, stored)?;
+        let encoded = self.sink.encode_stored(run, frame, part, values, stored)?;
         let stored = stored.iter().map(|stored| (stored.slot, stored.value.as_ref()));
         self.keep(run, frame.0, values.iter().map(|(slot, value)| (*slot, Some(value))).chain(stored));
         Ok(encoded)
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), ErrorMessage> {
-        self.tap.write(commit, parts)
+        self.sink.write(commit, parts)
     }
 
     fn once(
@@ -170,26 +170,26 @@ impl<T: Tap> Tap for SampleSink<'_, '_, T> {
         value: &Value,
         warnings: &[NodeWarning],
     ) -> Result<(), ErrorMessage> {
-        self.tap.once(run, slot, key, value, warnings)
+        self.sink.once(run, slot, key, value, warnings)
     }
 
     fn keeps(&self, run: RunId, slot: Slot, position: FrameIndex) -> bool {
-        self.tap.keeps(run, slot, position)
+        self.sink.keeps(run, slot, position)
     }
 
     fn store(&self) -> Option<&dyn Store> {
-        self.tap.store()
+        self.sink.store()
     }
 
     fn written(&self, run: RunId) -> usize {
-        self.tap.written(run)
+        self.sink.written(run)
     }
 
     fn recorded_warnings(&self, run: RunId) -> Vec<Vec<NodeWarning>> {
-        self.tap.recorded_warnings(run)
+        self.sink.recorded_warnings(run)
     }
 
     fn written_aggregate(&self, run: RunId, slot: Slot) -> Option<Key> {
-        self.tap.written_aggregate(run, slot)
+        self.sink.written_aggregate(run, slot)
     }
 }

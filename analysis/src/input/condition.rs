@@ -15,7 +15,7 @@ const SHOWN: usize = 5;
 #[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 #[schemars(rename = "Condition")]
 pub struct RecordingCondition {
-    /// `whole`, `unfinished`, `recovered` or `damaged`.
+    /// `complete`, `unfinished`, `recovered` or `damaged`.
     condition: &'static str,
     frames: u64,
     stages: Vec<StageFrames>,
@@ -85,7 +85,7 @@ pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bo
     let is_damaged = matches!(condition, Condition::Damaged { .. }) || !damage.is_empty();
     let mut wrong = Vec::new();
     let mut notes = Vec::new();
-    if *condition != Condition::Whole {
+    if *condition != Condition::Complete {
         let all: usize = frames.iter().sum();
         wrong.push(condition.to_string());
         let frames = counted(all, "complete frame");
@@ -106,7 +106,7 @@ pub(crate) fn findings(recording: &Recording, damage: &[Damage], has_numbers: bo
             "the recording is damaged at {more} more places (all with `--json`); no number here depends on them"
         ));
     }
-    let ends_early = !matches!(condition, Condition::Whole | Condition::Damaged { cut: false, .. });
+    let ends_early = !matches!(condition, Condition::Complete | Condition::Damaged { cut: false, .. });
     notes.extend(without_frames(plan, &frames, ends_early));
     let stages = StageFrames::all(recording);
     let recording = RecordingCondition {

@@ -321,7 +321,7 @@ pub(super) fn keys(plan: &RecordedPlan) -> Json {
         run.nodes.iter().map(move |node| {
             json!({
                 "stage": run.stage, "variant": row_keys.for_variants(&run.stage, &node.variants).variant, "name": node.name, "kind": node.kind,
-                "version": node.version, "recipe": node.recipe.to_string(), "params": node.params,
+                "version": node.version, "node_hash": node.node_hash.to_string(), "params": node.params,
             })
         })
     });

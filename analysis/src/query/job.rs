@@ -139,7 +139,7 @@ impl Job<'_> {
             return Ok(Edges::new(edges.clone(), true));
         }
         let values = |place: usize| -> Result<Vec<f32>, AnalysisError> {
-            let mut columns = vec!["truth_m", column];
+            let mut columns = vec!["ground_truth_m", column];
             columns.dedup();
             let table = self.file.read(self.parts[place], &columns)?;
             binned(&table, column, inquiry).map_err(AnalysisError::compute("bins"))
@@ -205,7 +205,7 @@ impl Job<'_> {
             SampleSet::Valid => self.reported.clone(),
             SampleSet::Common => (0..self.estimates.len()).collect(),
         };
-        let mut columns: Vec<&str> = vec!["truth_m"];
+        let mut columns: Vec<&str> = vec!["ground_truth_m"];
         columns.extend(self.by.as_deref());
         columns.extend(compared.iter().map(|index| self.estimates[*index].column.as_str()));
         columns.sort_unstable();
@@ -225,11 +225,11 @@ impl Job<'_> {
                     exclude_invalid(&mut bins, &column(*index)?);
                 }
             }
-            let truth = numbers(&table, "truth_m")?;
+            let truth = numbers(&table, "ground_truth_m")?;
             let mut sums = PartSums::new(&bins, count);
             for estimates in &mut errors {
                 if with_sums {
-                    sums.add(&bins, &truth, estimates, inquiry.unit, inquiry.gross);
+                    sums.add(&bins, &truth, estimates, inquiry.unit, inquiry.outlier);
                 } else {
                     to_errors(estimates, &truth, inquiry.unit);
                 }
@@ -244,7 +244,7 @@ impl Job<'_> {
 fn binned(table: &DataFrame, column: &str, inquiry: &Inquiry) -> PolarsResult<Vec<f32>> {
     let mut values = numbers(table, column)?;
     if inquiry.by == By::Error {
-        to_errors(&mut values, &numbers(table, "truth_m")?, inquiry.unit);
+        to_errors(&mut values, &numbers(table, "ground_truth_m")?, inquiry.unit);
     }
     Ok(values)
 }

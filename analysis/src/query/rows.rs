@@ -105,7 +105,7 @@ pub(super) fn grid(jobs: &[Job<'_>], results: &[BinnedErrors], inquiry: &Inquiry
             .number(format!("{prefix}rmse{suffix}"), |row| row.mean(row.sums().squared).map(f64::sqrt))
             .unit(unit)
             .latex(format!("RMSE{metres}")),
-        cells.share("gross_share", |row| row.mean(row.sums().gross as f64)).unit(DIMENSIONLESS).latex("outliers"),
+        cells.share("outlier_share", |row| row.mean(row.sums().outlier as f64)).unit(DIMENSIONLESS).latex("outliers"),
     ]);
 
     // A gap before each estimate, set or run.
@@ -121,7 +121,11 @@ pub(super) fn grid(jobs: &[Job<'_>], results: &[BinnedErrors], inquiry: &Inquiry
         _ => "",
     };
     Table {
-        about: format!("{error}, by {}{pixels}; gross_share: share of errors {}", by(inquiry), inquiry.gross.words()),
+        about: format!(
+            "{error}, by {}{pixels}; outlier_share: share of errors {}",
+            by(inquiry),
+            inquiry.outlier.words()
+        ),
         label: "errors".to_owned(),
         gaps,
         ..Table::new(columns)

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Gross, Unit};
+use super::{Outlier, Unit};
 
 /// The sums of a part.
 pub(super) struct PartSums {
@@ -25,16 +25,25 @@ impl PartSums {
     }
 
     /// Adds the rows of the next estimate. Its values, NaN where invalid, are replaced by absolute errors.
-    pub(super) fn add(&mut self, bins: &[u32], truth_m: &[f32], estimates: &mut [f32], unit: Unit, gross: Gross) {
-        let rows = bins.iter().zip(truth_m).zip(estimates);
+    pub(super) fn add(
+        &mut self,
+        bins: &[u32],
+        ground_truth_m: &[f32],
+        estimates: &mut [f32],
+        unit: Unit,
+        outlier: Outlier,
+    ) {
+        let rows = bins.iter().zip(ground_truth_m).zip(estimates);
         let mut sums = vec![Sums::default(); self.pixels.len()];
-        match (unit, gross) {
-            (Unit::Metres, Gross::Metres(limit)) => add_rows(&mut sums, rows, |error, _| error, |_| limit),
-            (Unit::Metres, Gross::OfTruth(limit)) => add_rows(&mut sums, rows, |error, _| error, |truth| limit * truth),
-            (Unit::OfTruth, Gross::Metres(limit)) => {
+        match (unit, outlier) {
+            (Unit::Metres, Outlier::Metres(limit)) => add_rows(&mut sums, rows, |error, _| error, |_| limit),
+            (Unit::Metres, Outlier::OfTruth(limit)) => {
+                add_rows(&mut sums, rows, |error, _| error, |truth| limit * truth)
+            }
+            (Unit::OfTruth, Outlier::Metres(limit)) => {
                 add_rows(&mut sums, rows, |error, truth| error / truth, |truth| limit / truth);
             }
-            (Unit::OfTruth, Gross::OfTruth(limit)) => {
+            (Unit::OfTruth, Outlier::OfTruth(limit)) => {
                 add_rows(&mut sums, rows, |error, truth| error / truth, |_| limit);
             }
         }
@@ -74,7 +83,7 @@ fn add_rows<'a>(
         sums.absolute += size;
         sums.signed += error;
         sums.squared += error * error;
-        sums.gross += u64::from(size > limit(truth));
+        sums.outlier += u64::from(size > limit(truth));
     }
 }
 
@@ -93,7 +102,7 @@ pub(super) struct Sums {
     pub(super) absolute: f64,
     pub(super) signed: f64,
     pub(super) squared: f64,
-    pub(super) gross: u64,
+    pub(super) outlier: u64,
     /// The rounding errors of the three sums.
     excess: [f64; 3],
 }
@@ -102,7 +111,7 @@ impl Sums {
     /// Adds the sums of another part, with Kahan's compensation.
     fn add(&mut self, other: &Self) {
         self.count += other.count;
-        self.gross += other.gross;
+        self.outlier += other.outlier;
         let sums = [&mut self.absolute, &mut self.signed, &mut self.squared];
         let others = [other.absolute, other.signed, other.squared];
         for ((sum, excess), other) in sums.into_iter().zip(&mut self.excess).zip(others) {

@@ -14,7 +14,7 @@ use crate::tables::{Level, RowKey, plan_key};
 /// The version of the layout.
 const FORMAT: u32 = 2;
 /// The columns of every file.
-pub(super) const FIXED: [&str; 7] = ["stage", "scoring", "position", "frame", "x", "y", "truth_m"];
+pub(super) const FIXED: [&str; 7] = ["stage", "scoring", "position", "frame", "x", "y", "ground_truth_m"];
 
 /// Describes the samples.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,7 +76,7 @@ impl Described {
 
     /// The units of the columns that have one.
     pub(super) fn units(&self) -> impl Iterator<Item = (&str, &str)> {
-        let fixed = [("x", "px"), ("y", "px"), ("truth_m", "m")];
+        let fixed = [("x", "px"), ("y", "px"), ("ground_truth_m", "m")];
         let estimates = self.estimates.iter().map(|estimate| (estimate.column.as_str(), "m"));
         let weights = self.weights.iter().map(|weight| (weight.column.as_str(), DIMENSIONLESS));
         fixed.into_iter().chain(estimates).chain(weights)

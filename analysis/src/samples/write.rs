@@ -312,7 +312,7 @@ impl Frames<'_> {
             text("frame", frame.map_or("", |frame| &frame.id)),
             place("x", &|at| at % width),
             place("y", &|at| at / width),
-            Column::from(Series::new("truth_m".into(), pixels.truth_m())),
+            Column::from(Series::new("ground_truth_m".into(), pixels.ground_truth_m())),
         ];
         for (at, estimate) in self.described.estimates.iter().enumerate() {
             table.push(metres(&estimate.column, columns.remove(&at)));

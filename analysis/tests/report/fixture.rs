@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Sink, Slot, SlotKey};
 use depthloom_graphs::plan::{
     Estimate, FrameIndex, NodeId, PartId, Plan, PlannedNode, PlannedOutput, PlannedSource, PortId, Record, RunId,
     SourcePart, StageRun, VariantId,
@@ -46,7 +46,7 @@ pub(crate) fn plan(every: u64, keep_b: bool) -> Plan {
         inputs: Vec::new(),
         outputs: vec![output(&name.replace('/', "_"), port, recorded)],
         observes: None,
-        recipe: Key::of_content(name.as_bytes()),
+        node_hash: Key::of_content(name.as_bytes()),
         variants: vec![VariantId(0), VariantId(1)],
         name,
     };
@@ -105,7 +105,7 @@ pub(crate) fn plan_that_learns() -> Plan {
     node.contract = Contract::Once;
     node.outputs[0].port = Port::once("curve", ValueType::Curve, "The learning curve.");
     node.outputs[0].topic = "/compare/train/curve".to_owned();
-    node.recipe = Key::of_content(b"train");
+    node.node_hash = Key::of_content(b"train");
     plan.runs[0].nodes.push(node);
     plan
 }

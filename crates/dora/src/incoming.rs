@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use depthloom_graphs::contracts::OnceNode;
+use depthloom_graphs::contracts::AggregateNode;
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Key, Outputs, Port, Source, SourceOutputs};
 use depthloom_runner::Interrupt;
@@ -20,7 +20,7 @@ pub(crate) struct Received {
     pub interrupt: Interrupt,
 }
 
-impl OnceNode for Received {
+impl AggregateNode for Received {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let arrived = self.bridge.mailbox.take(self.port.name, None, &|| ctx.host.cancelled());
         let value = arrived.map_err(|gone| ended(&gone, &self.interrupt))?.value(self.port.value_type)?;

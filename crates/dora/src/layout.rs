@@ -219,7 +219,7 @@ pub fn print_of(plan: &Plan) -> Key {
         for (at, part) in run.source.parts.iter().enumerate() {
             portable.insert((run.prefix.as_str(), at), (part.kind.as_str(), part.portable.to_string()));
         }
-        key = run.nodes.iter().fold(key, |key, node| key.key(&node.recipe));
+        key = run.nodes.iter().fold(key, |key, node| key.key(&node.node_hash));
     }
     portable.into_values().fold(key, |key, (kind, params)| key.text(kind).text(&params)).finish()
 }

@@ -1,4 +1,4 @@
-//! A part that reads frames or is a node: runs its piece of the plan, with messages as source and tap.
+//! A part that reads frames or is a node: runs its piece of the plan, with messages as source and sink.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -76,13 +76,13 @@ pub fn run(
                 let engines = engines(&arrived).map_err(gone)?;
                 let whole = Ready::from_parts(whole.clone(), Vec::new(), BTreeMap::new(), &engines).plan;
                 // Its values then have the keys of a run in one process.
-                own.recipe = whole.runs[node.run].nodes[node.node].recipe;
+                own.node_hash = whole.runs[node.run].nodes[node.node].node_hash;
             }
             let (frames, ports) = Default::default();
             Box::new(Incoming { bridge: Arc::clone(bridge), frames, ports, interrupt: interrupt.clone() })
         }
     };
-    let tap = Outgoing::new(bridge, &plan.runs[0], remedies);
+    let sink = Outgoing::new(bridge, &plan.runs[0], remedies);
     let ready = Ready {
         plan: plan.clone(),
         runs: vec![ReadyRun { source, nodes }],
@@ -90,13 +90,13 @@ pub fn run(
         warnings: Vec::new(),
         builders: BTreeMap::new(),
     };
-    let ran = depthloom_runner::run(ready, &tap, options, &ProgressLog { plan: &plan }, interrupt);
+    let ran = depthloom_runner::run(ready, &sink, options, &ProgressLog { plan: &plan }, interrupt);
     for program in depthloom_nodes::process::take_ended() {
         if let Some(failure) = program.failure {
             say(format_args!("warning: `{}` {failure}", program.command));
         }
     }
-    tap.close(&ran).map_err(gone)?;
+    sink.close(&ran).map_err(gone)?;
     bridge.mailbox.wait_for_the_end();
     Ok(match ran {
         Ok(_) | Err(RunError::Aborted) => ExitCode::Success,

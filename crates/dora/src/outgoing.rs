@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Sink, Slot};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId, StageRun};
 use depthloom_graphs::{Fault, Frame, Key, Rate, Value, chain};
 use depthloom_runner::RunError;
@@ -83,7 +83,7 @@ impl<'a> Outgoing<'a> {
     }
 }
 
-impl Tap for Outgoing<'_> {
+impl Sink for Outgoing<'_> {
     type Part = ();
 
     fn parts(&self, _: RunId) -> usize {
@@ -125,7 +125,7 @@ impl Tap for Outgoing<'_> {
 
     fn once(&self, _: RunId, slot: Slot, _: &Key, value: &Value, warnings: &[NodeWarning]) -> Result<(), ErrorMessage> {
         let Slot::Node { port, .. } = slot else { return Ok(()) };
-        let Some(name) = self.once_name(port) else { return Ok(()) };
+        let Some(name) = self.aggregate_name(port) else { return Ok(()) };
         self.bridge.send(name, None, &of_value(value))?;
         let mut sent = locked(&self.sent_once);
         sent.0.insert(name);
@@ -136,7 +136,7 @@ impl Tap for Outgoing<'_> {
 
 impl Outgoing<'_> {
     /// The aggregate output of a port.
-    fn once_name(&self, port: PortId) -> Option<&'static str> {
+    fn aggregate_name(&self, port: PortId) -> Option<&'static str> {
         let before = self.slots.iter().filter(|(slot, _)| matches!(slot, Slot::Node { port: of, .. } if *of < port));
         self.once.get(port.0 - before.count()).copied()
     }

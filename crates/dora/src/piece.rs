@@ -134,7 +134,7 @@ fn aggregate_node(planned: &PlannedNode, input: &PlannedInput, port: &Port) -> P
         contract: Contract::Once,
         inputs: Vec::new(),
         outputs: vec![output_of(port.clone(), false)],
-        recipe: Key::build("dora").text(input.port.name).finish(),
+        node_hash: Key::build("dora").text(input.port.name).finish(),
         ..planned.clone()
     }
 }

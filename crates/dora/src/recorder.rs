@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use depthloom_graphs::contracts::{Contract, Failure, OnceNode, OrderedNode, PureNode};
+use depthloom_graphs::contracts::{AggregateNode, Contract, Failure, OrderedNode, PureNode};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Plan, PlannedOutput, RunId};
 use depthloom_graphs::ready::{Ready, ReadyRun, read_files};
 use depthloom_graphs::values::{
@@ -190,7 +190,7 @@ impl RemoteNode {
         self.outputs(&report, Rate::Frame, Some(position), ctx)
     }
 
-    fn of_once(&self, ctx: &Context<'_>) -> Result<Outputs, Fault> {
+    fn of_aggregate(&self, ctx: &Context<'_>) -> Result<Outputs, Fault> {
         if self.outputs.iter().all(|output| output.port.rate == Rate::Frame) {
             return Ok(Outputs::none());
         }
@@ -219,13 +219,13 @@ impl OrderedNode for RemoteNode {
     }
 
     fn finish(self: Box<Self>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        self.of_once(ctx)
+        self.of_aggregate(ctx)
     }
 }
 
-impl OnceNode for RemoteNode {
+impl AggregateNode for RemoteNode {
     fn run(&self, _: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        self.of_once(ctx)
+        self.of_aggregate(ctx)
     }
 }
 

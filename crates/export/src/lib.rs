@@ -3,20 +3,20 @@
 
 #![forbid(unsafe_code)]
 
+mod aggregates;
 mod folder;
 mod form;
 mod format;
 mod frames;
 mod maps;
-mod once;
 mod topics;
 
+pub use aggregates::{write_model, write_rows};
 pub use folder::Folder;
 pub use form::Form;
 pub use format::ExportFormat;
 pub use frames::{Frames, frames};
 pub use maps::Maps;
-pub use once::{write_model, write_rows};
 pub use topics::{Chosen, chosen};
 
 use schemars::JsonSchema;

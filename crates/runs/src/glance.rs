@@ -21,7 +21,7 @@ pub enum State {
     /// A process is writing it.
     Running,
     /// It has finished, and is complete.
-    Whole,
+    Complete,
     /// It ended early.
     Unfinished,
     /// Bytes of its recording are damaged, according to its summary.
@@ -35,7 +35,7 @@ impl State {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Running => "running",
-            Self::Whole => "whole",
+            Self::Complete => "complete",
             Self::Unfinished => "unfinished",
             Self::Damaged => "damaged",
             Self::Unreadable => "unreadable",
@@ -108,8 +108,8 @@ impl Glance {
     fn with(self, recording: &Recording, has_finished: bool) -> Self {
         let plan = recording.plan();
         let (state, trouble) = match recording.condition() {
-            Condition::Whole if has_finished => (State::Whole, None),
-            Condition::Whole => (State::Unfinished, None),
+            Condition::Complete if has_finished => (State::Complete, None),
+            Condition::Complete => (State::Unfinished, None),
             condition @ (Condition::Unfinished { .. } | Condition::Recovered) => {
                 (State::Unfinished, has_finished.then(|| condition.to_string()))
             }

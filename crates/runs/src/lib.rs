@@ -19,7 +19,7 @@ pub mod run_folder;
 mod timings;
 
 pub use failures::{FrameFailure, Frames, frames_and_failures};
-pub use files::{FOLDER, MARKER, MODELS, OUTDATED, RECORDING, TIMINGS};
+pub use files::{FOLDER, MARKER, MODELS, OUTDATED, RECORDING, TIMINGS, next_outdated, outdated_files};
 pub use found::{FoundRun, all, in_folder};
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};

@@ -14,7 +14,7 @@ use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::files::{OUTDATED, RECORDING};
+use crate::files::{RECORDING, outdated_files};
 use crate::found::{all, in_folder};
 use crate::run_folder::RunFolder;
 
@@ -23,7 +23,8 @@ use crate::run_folder::RunFolder;
 pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, runs: &Path, plan: &Plan) -> EarlierRuns {
     let mut recordings = Vec::new();
     if !is_fresh {
-        let own = [folder.file(RECORDING), folder.file(OUTDATED)];
+        let mut own = vec![folder.file(RECORDING)];
+        own.extend(outdated_files(&folder.partial).into_iter().rev());
         let found = found(folder.out.parent(), runs).into_iter().filter(|path| !own.contains(path)).collect::<Vec<_>>();
         recordings.extend(own.into_iter().filter(|path| path.exists()));
         recordings.extend(found);
@@ -61,12 +62,16 @@ impl RecordedValues for RecordedKeys<'_> {
     }
 }
 
-/// Why the recording of an interrupted run differs from what this run would record; `None` if it does not, and the run
+/// Why the recording of an interrupted run is damaged, or differs from what this run would record; `None` if the run
 /// can resume it.
 ///
 /// # Errors
-/// If today's keys cannot be computed.
+/// If it cannot be read, or today's keys cannot be computed.
 pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> Result<Option<String>, CliError> {
+    if let Err(error) = recording.check_committed() {
+        let failed = |error| CliError::remedied(ExitCode::Engine, "failed to read the recording", error);
+        return if error.is_damage() { Ok(Some(error.to_string())) } else { Err(failed(&error)) };
+    }
     if !recording.has_plan(&ready.plan) {
         return Ok(Some("an engine or a program that it used changed".to_owned()));
     }

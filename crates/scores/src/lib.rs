@@ -6,10 +6,10 @@
 //! ```
 //! use depthloom_scores::{PixelSet, Preset, score};
 //!
-//! let truth_m = [10.0, 20.0, f32::NAN, 40.0]; // NaN: no ground truth
+//! let ground_truth_m = [10.0, 20.0, f32::NAN, 40.0]; // NaN: no ground truth
 //! let estimate_m = [11.0, 26.0, 5.0, f32::NAN]; // NaN: invalid
 //! let sets = [PixelSet::All, PixelSet::Valid];
-//! let rows = score(&estimate_m, &truth_m, 4, 1, &sets, &Preset::Martins2018.settings());
+//! let rows = score(&estimate_m, &ground_truth_m, 4, 1, &sets, &Preset::Martins2018.settings());
 //! assert_eq!((rows[0].pixels, rows[1].pixels), (3, 2)); // the invalid pixel counts in `all` only
 //! assert_eq!(rows[1].score("a1"), Some(0.5)); // 11/10 is within 1.25, 26/20 is not
 //! ```

@@ -11,7 +11,7 @@ pub struct ScoredPixels {
     /// Row-major positions.
     at: Vec<u32>,
     /// The truth there, metres.
-    truth_m: Vec<f32>,
+    ground_truth_m: Vec<f32>,
     /// How many pixels the image has.
     of: usize,
 }
@@ -22,9 +22,9 @@ impl ScoredPixels {
     /// # Panics
     /// If the truth has not `width * height` pixels, or more than 2^32.
     #[must_use]
-    pub fn new(truth_m: &[f32], width: usize, height: usize, settings: &Settings) -> Self {
-        assert_eq!(truth_m.len(), width * height, "the truth has as many pixels as the image");
-        assert!(u32::try_from(truth_m.len()).is_ok(), "an image has fewer than 2^32 pixels");
+    pub fn new(ground_truth_m: &[f32], width: usize, height: usize, settings: &Settings) -> Self {
+        assert_eq!(ground_truth_m.len(), width * height, "the truth has as many pixels as the image");
+        assert!(u32::try_from(ground_truth_m.len()).is_ok(), "an image has fewer than 2^32 pixels");
         let window = settings.crop.window(width, height);
         // Bounds as the maps hold them: a truth of exactly 1e-3 m in f32 is not above 1e-3.
         let (min_m, max_m) = (settings.min_m as f32, settings.max_m as f32);
@@ -34,7 +34,7 @@ impl ScoredPixels {
             let first = row * width;
             let mut scored = 0;
             for column in window.columns.clone() {
-                let t = truth_m[first + column];
+                let t = ground_truth_m[first + column];
                 row_at[scored] = (first + column) as u32;
                 row_truths[scored] = t;
                 // Without a branch: sparse truth has no pattern to predict. NaN compares false.
@@ -43,7 +43,7 @@ impl ScoredPixels {
             at.extend_from_slice(&row_at[..scored]);
             truths.extend_from_slice(&row_truths[..scored]);
         }
-        Self { at, truth_m: truths, of: truth_m.len() }
+        Self { at, ground_truth_m: truths, of: ground_truth_m.len() }
     }
 
     /// The same pixels by whole metres of their truth, within a metre as they were; what is `farthest_m` away or
@@ -52,16 +52,16 @@ impl ScoredPixels {
     pub fn by_metre(&self, farthest_m: u32) -> Self {
         let metre = |t: f32| (t as u32).min(farthest_m) as usize;
         let mut next = vec![0; farthest_m as usize + 2];
-        self.truth_m.iter().for_each(|&t| next[metre(t) + 1] += 1);
+        self.ground_truth_m.iter().for_each(|&t| next[metre(t) + 1] += 1);
         let mut before = 0;
         for place in &mut next {
             before += *place;
             *place = before;
         }
-        let mut sorted = Self { at: vec![0; self.len()], truth_m: vec![0.0; self.len()], of: self.of };
-        for (&at, &t) in self.at.iter().zip(&self.truth_m) {
+        let mut sorted = Self { at: vec![0; self.len()], ground_truth_m: vec![0.0; self.len()], of: self.of };
+        for (&at, &t) in self.at.iter().zip(&self.ground_truth_m) {
             let place = &mut next[metre(t)];
-            (sorted.at[*place], sorted.truth_m[*place]) = (at, t);
+            (sorted.at[*place], sorted.ground_truth_m[*place]) = (at, t);
             *place += 1;
         }
         sorted
@@ -88,16 +88,16 @@ impl ScoredPixels {
 
     /// The truth at the scored pixels, metres, in the same order.
     #[must_use]
-    pub fn truth_m(&self) -> &[f32] {
-        &self.truth_m
+    pub fn ground_truth_m(&self) -> &[f32] {
+        &self.ground_truth_m
     }
 
     /// Those of them that are `kept(position, truth)`, in the same order.
     #[must_use]
     pub(crate) fn part(&self, kept: impl Fn(usize, f64) -> bool) -> Self {
-        let both = self.at.iter().zip(&self.truth_m);
-        let (at, truth_m) = both.filter(|&(&at, &t)| kept(at as usize, f64::from(t))).unzip();
-        Self { at, truth_m, of: self.of }
+        let both = self.at.iter().zip(&self.ground_truth_m);
+        let (at, ground_truth_m) = both.filter(|&(&at, &t)| kept(at as usize, f64::from(t))).unzip();
+        Self { at, ground_truth_m, of: self.of }
     }
 
     /// Calls `valid(t, y)` for every scored pixel with an estimate, in order: the truth, and the estimate as it is
@@ -129,7 +129,7 @@ impl ScoredPixels {
         mut missing: impl FnMut(f64),
     ) {
         assert_eq!(estimate.metres.len(), self.of, "the estimate has as many pixels as the truth");
-        for (&at, &t) in self.at.iter().zip(&self.truth_m) {
+        for (&at, &t) in self.at.iter().zip(&self.ground_truth_m) {
             let y = scored(at as usize);
             if y.is_nan() {
                 missing(f64::from(t));
@@ -168,13 +168,13 @@ impl ScoredPixels {
 
     /// Without a branch on whether the estimate is valid, which follows no pattern.
     fn all(&self, scored: impl Fn(usize) -> f64, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
-        let pixels = self.at.iter().zip(&self.truth_m);
+        let pixels = self.at.iter().zip(&self.ground_truth_m);
         pixels.map(|(&at, &t)| of(f64::from(t), scored(at as usize))).collect()
     }
 
     /// Whole metres of the truth and the pixels that have it, in order, where they stand [by metre](Self::by_metre).
     pub fn metres(&self) -> impl Iterator<Item = (u32, Range<usize>)> {
-        let metres = self.truth_m.chunk_by(|a, b| *a as u32 == *b as u32);
+        let metres = self.ground_truth_m.chunk_by(|a, b| *a as u32 == *b as u32);
         metres.scan(0, |end, of_metre| {
             let start = *end;
             *end += of_metre.len();
@@ -200,7 +200,7 @@ impl ScoredPixels {
     /// `median(truth) / median(estimate)` over the scored pixels with an estimate; 1 without such pixels, or if the
     /// median is zero.
     fn median_factor(&self, estimate_m: &[f32]) -> f64 {
-        let pairs = self.at.iter().zip(&self.truth_m).map(|(&at, &t)| (t, estimate_m[at as usize]));
+        let pairs = self.at.iter().zip(&self.ground_truth_m).map(|(&at, &t)| (t, estimate_m[at as usize]));
         let (mut ts, mut ys): (Vec<f32>, Vec<f32>) = pairs.filter(|(_, y)| y.is_finite()).unzip();
         let (Some(t), Some(y)) = (median(&mut ts, f32::total_cmp), median(&mut ys, f32::total_cmp)) else { return 1.0 };
         if y > 0.0 { t / y } else { 1.0 }
@@ -210,7 +210,7 @@ impl ScoredPixels {
     /// do.
     fn inverse_fit(&self, estimate: DepthEstimate<'_>, min_m: f64) -> Alignment {
         let pairs = || {
-            let all = self.at.iter().zip(&self.truth_m);
+            let all = self.at.iter().zip(&self.ground_truth_m);
             let pairs = all.map(|(&at, &t)| (estimate.inverse(at as usize, min_m), 1.0 / f64::from(t)));
             pairs.filter(|(x, _)| !x.is_nan())
         };
@@ -350,7 +350,7 @@ mod tests {
     fn truth_at_the_bounds_is_not_scored() {
         let truth = [f32::NAN, 0.0, 0.001, 0.002, 79.99, 80.0, 81.0, f32::INFINITY];
         let pixels = ScoredPixels::new(&truth, 8, 1, &Settings::default());
-        assert_eq!(pixels.truth_m(), [0.002, 79.99]);
+        assert_eq!(pixels.ground_truth_m(), [0.002, 79.99]);
     }
 
     #[test]
@@ -367,7 +367,7 @@ mod tests {
         let truth = [3.5, 9.0, 3.25, f32::NAN, 70.0, 1.0, 60.0, 3.75];
         let pixels = ScoredPixels::new(&truth, 4, 2, &Settings::default()).by_metre(50);
         assert_eq!(pixels.positions(), [5, 0, 2, 7, 1, 4, 6]);
-        assert_eq!(pixels.truth_m(), [1.0, 3.5, 3.25, 3.75, 9.0, 70.0, 60.0]);
+        assert_eq!(pixels.ground_truth_m(), [1.0, 3.5, 3.25, 3.75, 9.0, 70.0, 60.0]);
         let metres: Vec<_> = pixels.metres().collect();
         assert_eq!(metres, [(1, 0..1), (3, 1..4), (9, 4..5), (70, 5..6), (60, 6..7)]);
         assert!(ScoredPixels::default().by_metre(50).is_empty());

@@ -79,7 +79,24 @@ impl Default for Settings {
 
 #[cfg(test)]
 mod tests {
+    use serde::de::IntoDeserializer;
+    use serde::de::value::StrDeserializer;
+
     use super::*;
+
+    /// The columns of the guide's table are the presets, and no other names.
+    #[test]
+    fn the_guide_names_the_presets() {
+        let page = include_str!("../../../docs/explanation/scores.md");
+        let head = page.lines().find(|line| line.contains("(default)")).unwrap();
+        let names: Vec<&str> = head.split('`').skip(1).step_by(2).collect();
+        let presets = names.iter().map(|name| {
+            let name: StrDeserializer<'_, serde::de::value::Error> = name.into_deserializer();
+            Preset::deserialize(name).unwrap()
+        });
+        assert_eq!(presets.collect::<Vec<_>>(), Preset::ALL);
+        assert_eq!(Preset::ALL[0], Preset::default());
+    }
 
     #[test]
     fn every_preset_can_be_scored_with() {

@@ -29,12 +29,12 @@ impl DepthScores {
     pub fn rows<'a>(
         &self,
         estimate: impl Into<DepthEstimate<'a>>,
-        truth_m: &[f32],
+        ground_truth_m: &[f32],
         (width, height): (usize, usize),
         clues: &Clues<'_>,
     ) -> Vec<ScoreRow> {
         let estimate = estimate.into();
-        let pixels = ScoredPixels::new(truth_m, width, height, &self.settings);
+        let pixels = ScoredPixels::new(ground_truth_m, width, height, &self.settings);
         let alignment = pixels.alignment(estimate, &self.settings);
         let mut rows = self.rows_of("", estimate, &pixels, alignment);
         for zone in self.zones.of_frame(width, height, clues) {
@@ -115,13 +115,13 @@ impl DepthScores {
 #[must_use]
 pub fn score<'a>(
     estimate: impl Into<DepthEstimate<'a>>,
-    truth_m: &[f32],
+    ground_truth_m: &[f32],
     width: usize,
     height: usize,
     sets: &[PixelSet],
     settings: &Settings,
 ) -> Vec<ScoreRow> {
-    let pixels = ScoredPixels::new(truth_m, width, height, settings);
+    let pixels = ScoredPixels::new(ground_truth_m, width, height, settings);
     score_pixels(estimate, &pixels, sets, &Family::Depth.defaults(), settings)
 }
 

@@ -71,9 +71,9 @@ enum Kind<'a> {
 
 impl Zone<'_> {
     /// Whether a pixel is in it: its row-major position, and its ground-truth distance, metres.
-    pub(crate) fn has(&self, at: usize, truth_m: f64) -> bool {
+    pub(crate) fn has(&self, at: usize, ground_truth_m: f64) -> bool {
         match &self.kind {
-            Kind::Distance(from, below) => (*from..*below).contains(&truth_m),
+            Kind::Distance(from, below) => (*from..*below).contains(&ground_truth_m),
             Kind::Rows(from, below) => (*from..*below).contains(&at),
             Kind::Columns(from, below, width) => (*from..*below).contains(&(at % width)),
             Kind::Mask(mask, set) => (mask[at] > 0) == *set,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Display;
-use std::io;
+use std::io::{self, ErrorKind};
 
 use depthloom_durable::remedy_of_writing;
 use depthloom_graphs::language::Diagnostic;
@@ -93,8 +93,10 @@ impl CliError {
         Self::new(exit, chain(error)).with_remedy(error.remedy())
     }
 
-    /// As [`CliError::because`], with what helps where a folder of ours cannot be written.
+    /// As [`CliError::because`], with what helps where a folder of ours cannot be written. Without permission or space,
+    /// the code is [`ExitCode::Engine`] at any moment: the arguments are right.
     pub fn of_writing(exit: ExitCode, intent: impl Display, error: &io::Error) -> Self {
+        let exit = if is_refused(error) { ExitCode::Engine } else { exit };
         Self::because(exit, intent, error).with_remedy(remedy_of_writing(error).map(ToOwned::to_owned))
     }
 
@@ -144,6 +146,16 @@ impl CliError {
         };
         self.remedy(remedy)
     }
+}
+
+/// Whether the system refused to write where the arguments say: no permission, or no space.
+pub fn is_refused(error: &(dyn std::error::Error + 'static)) -> bool {
+    use ErrorKind::{PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    let mut causes = std::iter::successors(Some(error), |error| error.source());
+    causes.any(|cause| {
+        let kind = cause.downcast_ref::<io::Error>().map(io::Error::kind);
+        matches!(kind, Some(PermissionDenied | ReadOnlyFilesystem | StorageFull | QuotaExceeded))
+    })
 }
 
 /// What helps against an error: the known remedy, and one for what the system reports in the message.

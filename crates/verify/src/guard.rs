@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::Instance;
 use depthloom_graphs::plan::NodeRef;
-use depthloom_graphs::{Context, Fault, Frame, Inputs, OnceNode, OrderedNode, Outputs, Port, Rate};
+use depthloom_graphs::{AggregateNode, Context, Fault, Frame, Inputs, OrderedNode, Outputs, Port, Rate};
 use depthloom_threads::{Caught, caught, locked};
 
 /// The failures of guarded nodes, by node of the plan that is replayed.
@@ -29,7 +29,9 @@ impl Failures {
                 let (outputs, finished) = (at_rate(false), at_rate(true));
                 Instance::Ordered(Box::new(GuardedOrdered { node: Some(node), outputs, finished, guard }))
             }
-            Instance::Once(node) => Instance::Once(Box::new(GuardedOnce { node, outputs: outputs.to_vec(), guard })),
+            Instance::Once(node) => {
+                Instance::Once(Box::new(GuardedAggregate { node, outputs: outputs.to_vec(), guard }))
+            }
         }
     }
 }
@@ -64,13 +66,13 @@ impl Guard {
     }
 }
 
-struct GuardedOnce {
-    node: Box<dyn OnceNode>,
+struct GuardedAggregate {
+    node: Box<dyn AggregateNode>,
     outputs: Vec<Port>,
     guard: Guard,
 }
 
-impl OnceNode for GuardedOnce {
+impl AggregateNode for GuardedAggregate {
     fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let outputs = self.guard.outputs(&self.outputs, "", || self.node.run(inputs, ctx))?;
         Ok(outputs.unwrap_or_else(Outputs::none))

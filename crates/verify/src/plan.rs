@@ -225,7 +225,7 @@ impl<'a> Builder<'a> {
         }
         let value = self.aggregate_value(node, port).cloned();
         // A value that is missing in an interrupted recording may have existed.
-        (value.is_some() || *self.recording.condition() == Condition::Whole).then_some(Baseline::Once(value))
+        (value.is_some() || *self.recording.condition() == Condition::Complete).then_some(Baseline::Once(value))
     }
 
     fn aggregate_value(&self, node: NodeRef, port: PortId) -> Option<&'a RecordedAggregate> {
@@ -372,7 +372,7 @@ impl<'a> Builder<'a> {
             outputs,
             observes: signature.observes,
             // It distinguishes the node from others of the plan, as the runner requires.
-            recipe: recorded.recipe,
+            node_hash: recorded.node_hash,
             variants: recorded.variants.clone(),
         });
         made.built.push(built);

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, NodeWarning, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, Failure, NodeWarning, Sink, Slot};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Differs, ValueDifference};
 use depthloom_graphs::{Frame, Key, Value, ValueType};
@@ -229,7 +229,7 @@ impl Tally {
     }
 }
 
-impl Tap for Checker {
+impl Sink for Checker {
     /// By output port that has a value on either side.
     type Part = Vec<(PortId, ValueDifference)>;
 

@@ -144,7 +144,7 @@ pub trait OrderedNode: Send {
 }
 
 /// An aggregate node: it runs once, when its once-inputs are there.
-pub trait OnceNode: Send + Sync {
+pub trait AggregateNode: Send + Sync {
     /// The once-outputs.
     ///
     /// # Errors
@@ -158,8 +158,8 @@ pub enum Instance {
     Pure(Box<dyn PureNode>),
     /// See [`OrderedNode`].
     Ordered(Box<dyn OrderedNode>),
-    /// See [`OnceNode`].
-    Once(Box<dyn OnceNode>),
+    /// See [`AggregateNode`].
+    Once(Box<dyn AggregateNode>),
 }
 
 impl Instance {
@@ -245,7 +245,7 @@ pub trait Node: 'static {
         Ok(())
     }
 
-    /// What decides the outputs besides parameters and inputs, e.g. the version of an engine. It enters the recipe
+    /// What decides the outputs besides parameters and inputs, e.g. the version of an engine. It enters the node hash
     /// when the plan is made ready.
     ///
     /// # Errors

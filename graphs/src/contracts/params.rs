@@ -22,7 +22,7 @@ inline_schema!(DataPath, { "type": "string", "format": "path" });
 /// A word of a command: the program or an argument. A word that begins with `./` or `../`, or has an extension or a
 /// `/` and names a file next to the YAML file, is resolved against that folder.
 ///
-/// Only the file's name is part of a recipe: other parameters declare its content.
+/// Only the file's name is part of a node hash: other parameters declare its content.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Argument(pub String);

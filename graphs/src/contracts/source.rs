@@ -16,7 +16,7 @@ use crate::ids::FrameIndex;
 pub struct SourceOutputs {
     /// The values by output port; optional ones may be absent.
     pub outputs: Outputs,
-    /// The hash of the files read for this frame (calibration included), or of recipe and index of a synthetic one;
+    /// The hash of the files read for this frame (calibration included), or of the parameters and the index of a synthetic one;
     /// never of the root folder, the range or the window. If it differs from [`Source::key`], the files have changed.
     pub key: Key,
 }
@@ -101,6 +101,29 @@ impl Recognised {
     }
 }
 
+/// A declared output that has no value on any frame, because of the source's parameters.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SwitchedOff {
+    /// The name of the output.
+    pub output: &'static str,
+    /// The parameter at fault and its value: "`ground_truth` is `none`".
+    pub why: String,
+    /// How to switch it on: "set `ground_truth: noc`".
+    pub remedy: String,
+}
+
+impl SwitchedOff {
+    /// Outputs that one parameter switches off: it has the value `now`, and `then` switches them on.
+    pub fn by(parameter: &str, now: &str, then: &str, outputs: &[&'static str]) -> Vec<Self> {
+        let one = |output: &&'static str| Self {
+            output,
+            why: format!("`{parameter}` is `{now}`"),
+            remedy: format!("set `{parameter}: {then}`"),
+        };
+        outputs.iter().map(one).collect()
+    }
+}
+
 /// The declaration of a source kind.
 #[derive(Clone, Debug)]
 pub struct SourceDeclaration {
@@ -139,6 +162,12 @@ pub trait SourceKind: 'static {
     /// What is missing, with its remedy.
     fn outputs(_params: &Self::Params) -> Result<Vec<Port>, Fault> {
         Ok(Self::declaration().outputs)
+    }
+
+    /// The outputs of a source with these parameters that have no value on any frame. Outputs that are missing for
+    /// another reason, for example because a file does not exist, are not listed.
+    fn switched_off(_params: &Self::Params) -> Vec<SwitchedOff> {
+        Vec::new()
     }
 
     /// Opens the source and lists its frames.

@@ -82,7 +82,7 @@ pub(super) struct Node {
     shared: bool,
     /// Those that use it.
     variants: Vec<String>,
-    recipe: String,
+    node_hash: String,
     /// Its parameters, every default filled in.
     with: Json,
     /// The parameters that follow others.
@@ -158,7 +158,7 @@ impl plan::Plan {
             does: "run".to_owned(),
             shared: self.is_shared(node),
             variants: self.names(&node.variants),
-            recipe: node.recipe.to_string(),
+            node_hash: node.node_hash.to_string(),
             with: node.shown.clone(),
             auto: node.auto.clone(),
             inputs: node.inputs.iter().filter_map(input).collect(),

@@ -119,6 +119,30 @@ fn collect(schema: &Json, prefix: &str, rows: &mut Vec<Row>) {
     }
 }
 
+/// A parameter in one line, for the help of an error: its type, range and default, and where to read more.
+pub(crate) fn parameter_help(kind: &str, schema: &Json, path: &[String]) -> Option<String> {
+    let mut property = schema;
+    let names = path.iter().filter(|part| part.parse::<usize>().is_err());
+    for name in names.clone() {
+        property = property.get("properties").and_then(|properties| properties.get(name))?;
+    }
+    let mut words = vec![type_text(property)];
+    words.extend(range_of(property));
+    match property.get("default") {
+        Some(Json::Null) | None => {}
+        Some(Json::String(text)) if text.is_empty() => {}
+        Some(default @ (Json::String(_) | Json::Number(_) | Json::Bool(_))) => {
+            words.push(format!("default `{}`", plain(default)));
+        }
+        Some(_) => {}
+    }
+    let name = names.map(String::as_str).collect::<Vec<_>>().join(".");
+    Some(match name.is_empty() {
+        true => format!("`depthloom nodes {kind}` describes the parameters"),
+        false => format!("`{name}` is {}; `depthloom nodes {kind}` describes it", words.join(", ")),
+    })
+}
+
 /// Parameters with a default in Rust that a kind nevertheless requires.
 fn is_mandatory(schema: &Json) -> bool {
     schema.get("mandatory").and_then(Json::as_bool) == Some(true)

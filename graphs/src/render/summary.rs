@@ -36,7 +36,7 @@ impl Plan {
     }
 
     fn node_table(&self, run: &StageRun) -> String {
-        let mut rows = vec![["node", "kind", "contract", "does", "for", "recipe", "reads"].map(str::to_owned)];
+        let mut rows = vec![["node", "kind", "contract", "does", "for", "node hash", "reads"].map(str::to_owned)];
         for node in &run.nodes {
             let reads: Vec<String> = node
                 .inputs
@@ -49,7 +49,7 @@ impl Plan {
                 node.contract.name().to_owned(),
                 if self.is_shared(node) { "run, shared".to_owned() } else { "run".to_owned() },
                 self.served(node),
-                node.recipe.to_string()[..12].to_owned(),
+                node.node_hash.to_string()[..12].to_owned(),
                 reads.join(" "),
             ]);
         }

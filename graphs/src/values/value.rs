@@ -69,7 +69,7 @@ impl ValueType {
         match self {
             Self::Image => "image",
             Self::Disparity => "disparity",
-            Self::TrueDisparity => "true-disparity",
+            Self::TrueDisparity => "ground-truth-disparity",
             Self::Depth => "depth",
             Self::Weight => "weight",
             Self::Mask => "mask",

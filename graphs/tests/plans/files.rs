@@ -19,8 +19,9 @@ fn extending_swaps_sources_and_keeps_the_rest() {
         part.params,
         serde_json::json!({ "root": "/data/kitti/training", "frames": "150..156", "ground_truth": "noc" })
     );
-    let recipes = |plan: &Plan| plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect::<Vec<_>>();
-    assert_eq!(recipes(&base), recipes(&kitti), "what is computed does not depend on where frames come from");
+    let node_hashes =
+        |plan: &Plan| plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect::<Vec<_>>();
+    assert_eq!(node_hashes(&base), node_hashes(&kitti), "what is computed does not depend on where frames come from");
     assert_eq!(
         kitti.written.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(),
         ["table1-kitti.yaml", "table1.yaml"]
@@ -41,17 +42,17 @@ stages:
       samples: { kind: learn/samples, inputs: { image: source/left, target: stereo/disparity, mask: edges/mask } }
       train: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { weights: WEIGHTS } }
 ";
-    let recipes = |net: &str, weights: &str, content: &str| {
+    let node_hashes = |net: &str, weights: &str, content: &str| {
         let text = text.replace("NET", net).replace("WEIGHTS", weights);
         let written = Written::new(&[("main.yaml", &text), (net, content), (weights, content)]);
         let plan = written.plan(&[]);
         let path = plan.runs[0].nodes[0].inputs[2].from.clone();
         assert_eq!(path, Some(Origin::File(written.path(net))), "paths start at the folder of the YAML file");
-        (nodes(&plan, 0, "mono")[0].recipe, nodes(&plan, 0, "train")[0].recipe)
+        (nodes(&plan, 0, "mono")[0].node_hash, nodes(&plan, 0, "train")[0].node_hash)
     };
-    let base = recipes("a.onnx", "w.bin", "content");
-    assert_eq!(recipes("deep/b.onnx", "deep/v.bin", "content"), base);
-    let other = recipes("a.onnx", "w.bin", "other content");
+    let base = node_hashes("a.onnx", "w.bin", "content");
+    assert_eq!(node_hashes("deep/b.onnx", "deep/v.bin", "content"), base);
+    let other = node_hashes("a.onnx", "w.bin", "other content");
     assert!(other.0 != base.0 && other.1 != base.1);
 }
 

@@ -24,11 +24,11 @@ stages:
 fn fault_14_operational_parameters_enter_no_recipe_and_no_recording() {
     let train = |with: &str| nodes(&plan_of(&learning(with, "")), 0, "train")[0].clone();
     let (often, seldom, other) = (train("checkpoint_every: 1"), train(""), train("steps: 3"));
-    assert_eq!(often.recipe, seldom.recipe);
+    assert_eq!(often.node_hash, seldom.node_hash);
     assert_eq!(often.portable, seldom.portable);
     assert!(often.portable.get("checkpoint_every").is_none() && often.portable.get("steps").is_some());
     assert_eq!(often.params["checkpoint_every"], 1, "it is built with its own parameters");
-    assert_ne!(often.recipe, other.recipe);
+    assert_ne!(often.node_hash, other.node_hash);
 }
 
 #[test]
@@ -37,7 +37,7 @@ fn operational_parameters_come_from_the_command_line_and_change_no_recipe() {
     let train = |set: &[(&str, &str)]| nodes(&written.plan(set), 0, "train")[0].clone();
     let (plain, set) = (train(&[]), train(&[("learn.train.with.checkpoint_every", "9")]));
     assert_eq!((&plain.params["checkpoint_every"], &set.params["checkpoint_every"]), (&5.into(), &9.into()));
-    assert_eq!((plain.recipe, plain.portable), (set.recipe, set.portable));
+    assert_eq!((plain.node_hash, plain.portable), (set.node_hash, set.portable));
 }
 
 #[test]

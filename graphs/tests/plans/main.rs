@@ -159,7 +159,7 @@ fn the_whole_plan_of_table_1_reads_as_expected() {
 fn equal_nodes_on_equal_inputs_have_equal_recipes_in_every_stage() {
     let plan = loaded_with(&experiment("table1.yaml"), &[]).plan;
     // Written with and without the default, on two sources.
-    assert_eq!(nodes(&plan, 0, "stereo")[0].recipe, nodes(&plan, 1, "stereo")[0].recipe);
+    assert_eq!(nodes(&plan, 0, "stereo")[0].node_hash, nodes(&plan, 1, "stereo")[0].node_hash);
 }
 
 #[test]
@@ -185,13 +185,13 @@ fn nodes_of_other_names_that_do_the_same_are_one_node() {
 
 #[test]
 fn recipes_know_what_matters_and_nothing_else() {
-    let recipe = |text: &str| {
+    let node_hash = |text: &str| {
         let plan = plan_of(text);
-        let recipes: BTreeMap<String, String> =
-            plan.runs[0].nodes.iter().map(|node| (node.name.clone(), node.recipe.to_string())).collect();
-        recipes
+        let node_hashes: BTreeMap<String, String> =
+            plan.runs[0].nodes.iter().map(|node| (node.name.clone(), node.node_hash.to_string())).collect();
+        node_hashes
     };
-    let base = recipe(&stereo(""));
+    let base = node_hash(&stereo(""));
     let same = [
         // Comments, quotes, order of keys, defaults written out, another experiment's name, source and variants.
         format!("# a comment\n{}", stereo("").replace("kind: filter/median", "kind: \"filter/median\"")),
@@ -201,19 +201,19 @@ fn recipes_know_what_matters_and_nothing_else() {
         stereo("variants: { full: {}, other: { compare.fused.with.size: 5 } }"),
     ];
     for text in same {
-        assert_eq!(recipe(&text), base, "{text}");
+        assert_eq!(node_hash(&text), base, "{text}");
     }
-    let other = recipe(&stereo("").replace("block: 5", "block: 7"));
+    let other = node_hash(&stereo("").replace("block: 5", "block: 7"));
     for node in ["stereo", "depth", "fused", "score.fused"] {
         assert_ne!(other[node], base[node], "{node} lies downstream of the change");
     }
-    let other = recipe(
+    let other = node_hash(
         &stereo("").replace("inputs: { depth: depth/depth } }", "inputs: { depth: depth/depth }, with: { size: 3 } }"),
     );
     assert_eq!(other["depth"], base["depth"], "what lies upstream of a change stays");
     assert_ne!(other["fused"], base["fused"]);
     // Which output of the source is read.
-    let other = recipe(&stereo("").replace("{ left: source/left", "{ left: source/right"));
+    let other = node_hash(&stereo("").replace("{ left: source/left", "{ left: source/right"));
     assert_ne!(other["stereo"], base["stereo"]);
 }
 

@@ -46,12 +46,12 @@ fn a_parameter_may_decide_the_contract() {
 
 #[test]
 fn the_way_they_are_written_enters_no_key_and_what_they_are_does() {
-    let recipe = |with: &str, wired: &str| nodes(&plan(with, wired), 0, "own")[0].recipe;
+    let node_hash = |with: &str, wired: &str| nodes(&plan(with, wired), 0, "own")[0].node_hash;
     let wired = "a: metres/depth, b: source/depth";
-    let base = recipe("ports: { inputs: { a: depth, b: depth }, outputs: { c: depth } }", wired);
+    let base = node_hash("ports: { inputs: { a: depth, b: depth }, outputs: { c: depth } }", wired);
     let whole = "ports: { outputs: { c: { type: depth, rate: frame } }, inputs: { b: { type: depth, optional: false }, a: depth } }";
-    assert_eq!(recipe(whole, wired), base);
+    assert_eq!(node_hash(whole, wired), base);
     let swapped = "b: metres/depth, a: source/depth";
-    assert_ne!(recipe(whole, swapped), base, "what is wired to which port decides");
-    assert_ne!(recipe("ports: { inputs: { a: depth, b: depth }, outputs: { d: depth } }", wired), base);
+    assert_ne!(node_hash(whole, swapped), base, "what is wired to which port decides");
+    assert_ne!(node_hash("ports: { inputs: { a: depth, b: depth }, outputs: { d: depth } }", wired), base);
 }

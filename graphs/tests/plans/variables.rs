@@ -46,7 +46,7 @@ fn values_of_variables_are_neither_shown_nor_recorded() {
     let score = |plan: &Plan| nodes(plan, 0, "score.fused")[0].clone();
     assert_eq!(score(&first).params["preset"], "x-wrench-17");
     let other = plan(&text, &[("TOKEN", "hammer-18"), values[1], values[2]]);
-    assert_ne!(score(&first).recipe, score(&other).recipe);
+    assert_ne!(score(&first).node_hash, score(&other).node_hash);
     assert_eq!(score(&first).portable, score(&other).portable);
     let source = |plan: &Plan| plan.runs[0].source.parts[0].portable.clone();
     let elsewhere = plan(&text, &[values[0], ("ROOT", "/mnt/other"), values[2]]);
@@ -56,7 +56,11 @@ fn values_of_variables_are_neither_shown_nor_recorded() {
     let source_in = |root| source(&plan(&renamed, &[values[0], ("ROOT", root), values[2]]));
     assert_ne!(source_in("/a/one"), source_in("/a/other"), "a run with one root does not resume with the other");
     let literal = plan(&text.replace("x-${TOKEN}", "x-wrench-17"), &values);
-    assert_eq!(score(&first).recipe, score(&literal).recipe, "the node hash is of the value, however it is given");
+    assert_eq!(
+        score(&first).node_hash,
+        score(&literal).node_hash,
+        "the node hash is of the value, however it is given"
+    );
 }
 
 #[test]

@@ -55,8 +55,8 @@ variants:
         [0, 1, 3].map(|variant| vec![VariantId(variant)])
     );
     let model = |node: &PlannedNode| node.inputs[2].from.clone();
-    assert_ne!(model(mono[0]), model(mono[1]), "equal recipes, but another source: never one node");
-    assert_eq!(mono[0].recipe, mono[1].recipe);
+    assert_ne!(model(mono[0]), model(mono[1]), "equal node hashes, but another source: never one node");
+    assert_eq!(mono[0].node_hash, mono[1].node_hash);
     assert_eq!(plan.runs[2].source.outputs[0].topic, "/compare/full/source/left");
     assert_eq!(
         plan.runs[2].source.outputs[0].aliases,

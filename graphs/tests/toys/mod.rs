@@ -2,7 +2,7 @@
 
 use depthloom_graphs::contracts::{
     Auto, Contract, DataPath, DeclaredPorts, FrameSelection, InputOrigin, NodeDeclaration, Signature,
-    SourceDeclaration, Upstream,
+    SourceDeclaration, SwitchedOff, Upstream,
 };
 use depthloom_graphs::{Fault, Instance, Key, Node, Port, Registry, Source, SourceKind, ValueType};
 use schemars::JsonSchema;
@@ -36,7 +36,7 @@ fn not_built<T>() -> Result<T, Fault> {
 }
 
 macro_rules! source {
-    ($name:ident, $kind:literal, $params:ty, [$($port:expr),* $(,)?]) => {
+    ($name:ident, $kind:literal, $params:ty, [$($port:expr),* $(,)?] $($more:item)*) => {
         pub(crate) struct $name;
         impl SourceKind for $name {
             type Params = $params;
@@ -46,6 +46,7 @@ macro_rules! source {
             fn open(_: $params) -> Result<Box<dyn Source>, Fault> {
                 not_built()
             }
+            $($more)*
         }
     };
 }
@@ -111,7 +112,7 @@ pub(crate) struct KittiParams {
     ground_truth: Truth,
 }
 /// Which ground truth is scored.
-#[derive(Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Truth {
     /// Not occluded.
@@ -119,6 +120,8 @@ pub(crate) enum Truth {
     Noc,
     /// All.
     Occ,
+    /// Not read.
+    None,
 }
 source!(
     Kitti,
@@ -130,6 +133,10 @@ source!(
         port("calibration", ValueType::Calibration),
         port("depth", ValueType::Depth),
     ]
+    fn switched_off(params: &KittiParams) -> Vec<SwitchedOff> {
+        let outputs: &[_] = if params.ground_truth == Truth::None { &["depth"] } else { &[] };
+        SwitchedOff::by("ground_truth", "none", "noc", outputs)
+    }
 );
 
 #[derive(Default, Serialize, Deserialize, JsonSchema)]

@@ -63,7 +63,7 @@ impl ProgramParams<'_> {
         &self,
         instances: usize,
         reads: &FramePaths,
-        [start_s, frame_s, once_s]: [f64; 3],
+        [start_s, frame_s, aggregate_s]: [f64; 3],
     ) -> Result<Launch, Fault> {
         let variables = self.env.iter().chain(self.secrets);
         Ok(Launch {
@@ -75,7 +75,7 @@ impl ProgramParams<'_> {
             instances,
             start: Duration::from_secs_f64(start_s),
             frame: Duration::from_secs_f64(frame_s),
-            once: Duration::from_secs_f64(once_s),
+            once: Duration::from_secs_f64(aggregate_s),
         })
     }
 

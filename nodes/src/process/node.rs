@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::{
-    Argument, CodePath, Contract, DeclaredPorts, FramePaths, NodeDeclaration, Observation, OnceNode, OrderedNode,
+    AggregateNode, Argument, CodePath, Contract, DeclaredPorts, FramePaths, NodeDeclaration, Observation, OrderedNode,
     Signature,
 };
 use depthloom_graphs::key::KeyBuilder;
@@ -119,9 +119,9 @@ impl ProcessParams {
             ProcessContract::Pure => self.instances.map_or(usize::MAX, usize::from),
             ProcessContract::Ordered | ProcessContract::Once => 1,
         };
-        let (frame_s, once_s) = (self.timeout_s.unwrap_or(FRAME_S), self.timeout_s.unwrap_or(ONCE_S));
+        let (frame_s, aggregate_s) = (self.timeout_s.unwrap_or(FRAME_S), self.timeout_s.unwrap_or(AGGREGATE_S));
         let program = self.program();
-        let mut launch = program.launch(instances, &self.reads, [self.start_timeout_s, frame_s, once_s])?;
+        let mut launch = program.launch(instances, &self.reads, [self.start_timeout_s, frame_s, aggregate_s])?;
         // Checked before the first frame, and again at each start.
         permission::check(&launch.command_line())?;
         launch.check_program()?;
@@ -139,7 +139,7 @@ pub(super) fn check_reads(reads: &FramePaths) -> Result<(), (&'static str, Strin
 
 /// Seconds.
 pub(super) const FRAME_S: f64 = 60.0;
-const ONCE_S: f64 = 3600.0;
+const AGGREGATE_S: f64 = 3600.0;
 
 /// The kind `process`.
 pub struct Process;
@@ -288,7 +288,7 @@ impl OrderedNode for Called {
     }
 }
 
-impl OnceNode for Called {
+impl AggregateNode for Called {
     fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         self.pool.outputs(Call::Run, self.values(inputs), ctx.host)
     }

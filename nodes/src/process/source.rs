@@ -110,7 +110,7 @@ impl ProcessSourceParams {
     }
 
     /// What decides the frames, except the frame itself.
-    fn recipe(&self, launch: &Launch) -> Result<Key, Fault> {
+    fn program_key(&self, launch: &Launch) -> Result<Key, Fault> {
         let ports = serde_json::to_string(&self.outputs).map_err(|error| Fault::new(error.to_string()))?;
         let key = Key::build(KIND).text(&Json::Object(self.params.clone()).to_string()).text(&ports);
         let key = key.number(self.version.map_or(0, |version| 1 + u64::from(version)));
@@ -137,7 +137,7 @@ impl ProcessSourceParams {
 /// The kind `process/source`.
 pub struct ProcessSource {
     pool: Pool,
-    recipe: Key,
+    program_key: Key,
     observes: Observation,
     frames: Vec<Frame>,
     warnings: Vec<String>,
@@ -238,9 +238,9 @@ and failures are those of the node `process`.",
         let places = params.frames.select(&ids)?;
         let frames = places.into_iter().map(|place| frames[place].clone()).collect();
         // By now its first process has reported what it imports.
-        let recipe = params.recipe(pool.launch())?;
+        let program_key = params.program_key(pool.launch())?;
         let observes = Observation { files: params.reads.0 };
-        Ok(Box::new(Self { pool, recipe, observes, frames, warnings: warnings.into_warnings() }))
+        Ok(Box::new(Self { pool, program_key, observes, frames, warnings: warnings.into_warnings() }))
     }
 }
 
@@ -276,7 +276,7 @@ impl Source for ProcessSource {
 
     fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
         let frame = &self.frames[position];
-        let key = Key::build("process/source frame").key(&self.recipe).number(frame.index).text(&frame.id);
+        let key = Key::build("process/source frame").key(&self.program_key).number(frame.index).text(&frame.id);
         let key = key.number(frame.time_ns);
         Ok(match self.observes.content(frame)? {
             Some(files) => key.number(1).key(&files).finish(),
@@ -316,21 +316,24 @@ mod tests {
 
     use super::ProcessSourceParams;
 
-    fn recipe(more: &Json) -> Key {
+    fn program_key(more: &Json) -> Key {
         let mut params = json!({ "command": ["cam"], "outputs": { "left": "image" }, "version": 1 });
         let more = more.as_object().expect("a map").clone();
         params.as_object_mut().expect("a map").extend(more);
         let params: ProcessSourceParams = serde_json::from_value(params).expect("parameters");
-        params.recipe(&params.launch().expect("nothing is read")).expect("a recipe")
+        params.program_key(&params.launch().expect("nothing is read")).expect("a key")
     }
 
     #[test]
-    fn command_and_environment_are_kept_apart_and_how_it_is_called_is_not_in_the_recipe() {
-        let arguments = recipe(&json!({ "command": ["cam", "MODE", "fast"] }));
-        assert_ne!(arguments, recipe(&json!({ "env": { "MODE": "fast" } })));
-        assert_ne!(recipe(&json!({ "command": ["cam", "a", "b"] })), recipe(&json!({ "command": ["cam", "a b"] })));
-        let plain = recipe(&json!({}));
-        assert_eq!(plain, recipe(&json!({ "instances": 2, "timeout_s": 99, "start_timeout_s": 9 })));
-        assert_ne!(plain, recipe(&json!({ "params": { "mode": "fast" } })));
+    fn command_and_environment_are_kept_apart_and_how_it_is_called_is_not_in_the_key() {
+        let arguments = program_key(&json!({ "command": ["cam", "MODE", "fast"] }));
+        assert_ne!(arguments, program_key(&json!({ "env": { "MODE": "fast" } })));
+        assert_ne!(
+            program_key(&json!({ "command": ["cam", "a", "b"] })),
+            program_key(&json!({ "command": ["cam", "a b"] }))
+        );
+        let plain = program_key(&json!({}));
+        assert_eq!(plain, program_key(&json!({ "instances": 2, "timeout_s": 99, "start_timeout_s": 9 })));
+        assert_ne!(plain, program_key(&json!({ "params": { "mode": "fast" } })));
     }
 }

@@ -8,7 +8,9 @@ use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::contracts::{
+    DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey, SwitchedOff,
+};
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
 use depthloom_graphs::{Scratch, contracts::InlineHost};
@@ -33,6 +35,11 @@ pub(crate) trait DatasetKind: Sized + Send + Sync + 'static {
 
     fn outputs(_params: &Self::Params) -> Result<Vec<Port>, Fault> {
         Ok(Self::declaration().outputs)
+    }
+
+    /// See [`SourceKind::switched_off`].
+    fn switched_off(_params: &Self::Params) -> Vec<SwitchedOff> {
+        Vec::new()
     }
 
     fn list(params: &Self::Params) -> Result<(Listing, Self), Fault>;
@@ -76,6 +83,10 @@ impl<K: DatasetKind> SourceKind for OnDisk<K> {
         K::outputs(params)
     }
 
+    fn switched_off(params: &K::Params) -> Vec<SwitchedOff> {
+        K::switched_off(params)
+    }
+
     fn open(params: K::Params) -> Result<Box<dyn Source>, Fault> {
         let (listing, kind) = K::list(&params)?;
         listing.open(kind)
@@ -96,6 +107,11 @@ pub(super) fn required(name: &'static str, path: &DataPath, layout: &str) -> Res
         true => Err((name, format!("{name} is missing: {layout}"))),
         false => Ok(()),
     }
+}
+
+/// Outputs that `ground_truth: none` switches off, and another value switches on.
+pub(super) fn truth_off(is_none: bool, then: &str, outputs: &[&'static str]) -> Vec<SwitchedOff> {
+    if is_none { SwitchedOff::by("ground_truth", "none", then, outputs) } else { Vec::new() }
 }
 
 pub(super) const fn image_port(name: &'static str, doc: &'static str) -> Port {

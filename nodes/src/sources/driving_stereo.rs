@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::values::{Calibration, Depth, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use depthloom_kernels::depth::truth_from_depth_png;
@@ -15,7 +15,7 @@ use crate::sources::dataset::folders::{
     existing_file, existing_folder, existing_with_ending, folders, missing_folder, stems,
 };
 use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH};
-use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required};
+use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required, truth_off};
 use crate::sources::evaluation::{Evaluation, with_optional};
 use crate::sources::files::named_lines::NamedLines;
 use crate::sources::true_disparity;
@@ -126,6 +126,10 @@ index counts over all sequences. Its time is at 10 Hz.",
 
     fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)
+    }
+
+    fn switched_off(params: &Self) -> Vec<SwitchedOff> {
+        truth_off(params.ground_truth == DrivingStereoTruth::None, "all", &["depth", "disp_occ"])
     }
 
     fn list(params: &Self) -> Result<(Listing, Self), Fault> {

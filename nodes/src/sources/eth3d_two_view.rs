@@ -2,14 +2,16 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::{Context, Fault, Outputs};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::sources::dataset::folders::{existing_folder, missing_folder};
 use crate::sources::dataset::frame_files::Files;
-use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required};
+use crate::sources::dataset::{
+    DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required, truth_off,
+};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::middlebury::scene::{self, TruePixels};
 use crate::sources::middlebury::scenes;
@@ -64,6 +66,10 @@ B / (d + doffs)`. Pixel centres have integer coordinates.",
 
     fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)
+    }
+
+    fn switched_off(params: &Self) -> Vec<SwitchedOff> {
+        truth_off(params.ground_truth == TruePixels::None, "all", &["depth", "disp_noc", "disp_occ", "occluded"])
     }
 
     fn list(params: &Self) -> Result<(Listing, Self), Fault> {

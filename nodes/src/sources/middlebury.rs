@@ -4,7 +4,7 @@ pub(crate) mod scene;
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::values::{Calibration, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
@@ -16,7 +16,7 @@ use crate::sources::dataset::folders::{
     existing_folder, existing_with_ending, folders, missing_file, missing_folder, with_ending,
 };
 use crate::sources::dataset::frame_files::{CALIBRATION, Files, LEFT, Part, RIGHT};
-use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required};
+use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required, truth_off};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::files::{image_file, shortened};
 use crate::sources::middlebury::scene::{TruePixels, with_truth};
@@ -123,6 +123,10 @@ coordinates.",
             (None, Some(_)) => Err(("baseline_m", "baseline_m wants focal_px: depth needs both".to_owned())),
             _ => Ok(()),
         }
+    }
+
+    fn switched_off(params: &Self) -> Vec<SwitchedOff> {
+        truth_off(params.ground_truth == TruePixels::None, "all", &["depth", "disp_noc", "disp_occ", "occluded"])
     }
 
     fn list(params: &Self) -> Result<(Listing, Self), Fault> {

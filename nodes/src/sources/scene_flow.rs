@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::values::{Calibration, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Key, Outputs};
 use schemars::JsonSchema;
@@ -13,7 +13,9 @@ use crate::sources::dataset::folders::{
     existing_file, existing_folder, existing_with_ending, folders, missing_folder, stems,
 };
 use crate::sources::dataset::frame_files::{Files, LEFT, RIGHT, TRUTH};
-use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required};
+use crate::sources::dataset::{
+    DatasetKind, Listing, calibration_port, depth_port, image_port, recognised, required, truth_off,
+};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::middlebury::scene::{TruePixels, with_truth};
 
@@ -108,6 +110,10 @@ The id of a frame is its folders and number (`TRAIN_A_0000_0006`). Its index cou
 
     fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)
+    }
+
+    fn switched_off(params: &Self) -> Vec<SwitchedOff> {
+        truth_off(params.ground_truth == SceneFlowTruth::None, "all", &["depth", "disp_occ"])
     }
 
     fn list(params: &Self) -> Result<(Listing, Self), Fault> {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::values::{Calibration, Pixels, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
@@ -13,7 +13,7 @@ use crate::bounds::above_zero;
 use crate::sources::calibration::rectified_pair::{check_plausible, middle};
 use crate::sources::dataset::folders::{existing_file, existing_folder, folders, stems};
 use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT, TRUTH};
-use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required};
+use crate::sources::dataset::{DatasetKind, Listing, depth_port, image_port, recognised, required, truth_off};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::files::image_file;
 use crate::sources::middlebury::scene::{TruePixels, with_truth, without};
@@ -100,6 +100,10 @@ The id of a frame is sequence and file (`alley_1_frame_0001`). Its index counts 
     fn check(params: &Self) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)?;
         above_zero("focal_px", params.focal_px, "px")
+    }
+
+    fn switched_off(params: &Self) -> Vec<SwitchedOff> {
+        truth_off(params.ground_truth == TruePixels::None, "all", &["depth", "disp_noc", "disp_occ", "occluded"])
     }
 
     fn list(params: &Self) -> Result<(Listing, Self), Fault> {

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use depthloom_graphs::contracts::{Frame, FrameSelection, SourceDeclaration};
+use depthloom_graphs::contracts::{Frame, FrameSelection, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::values::{Calibration, Depth, Image, Mask, Pixels, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Source, SourceKind, SourceOutputs, ValueType};
@@ -68,7 +68,7 @@ impl Default for SyntheticRoadParams {
 /// The street of some parameters.
 pub struct Road {
     street: Street,
-    recipe: Key,
+    street_key: Key,
 }
 
 /// A frame of a street, as values.
@@ -104,9 +104,9 @@ impl Road {
     #[must_use]
     pub fn new(params: &SyntheticRoadParams) -> Self {
         let size = Size { width: params.width as usize, height: params.height as usize };
-        let recipe = Key::build(KIND).number(VERSION.into()).number(params.seed);
-        let recipe = recipe.number(params.width.into()).number(params.height.into());
-        Self { street: Street::new(params.seed, size), recipe: recipe.finish() }
+        let street_key = Key::build(KIND).number(VERSION.into()).number(params.seed);
+        let street_key = street_key.number(params.width.into()).number(params.height.into());
+        Self { street: Street::new(params.seed, size), street_key: street_key.finish() }
     }
 
     /// The frames of a selection.
@@ -230,6 +230,11 @@ Score against `depth`, which has the sparse pixels of a laser scanner and corres
         Ok(())
     }
 
+    fn switched_off(params: &SyntheticRoadParams) -> Vec<SwitchedOff> {
+        let outputs: &[_] = if params.disparities { &[] } else { &["disp_noc", "disp_occ", "obj_map"] };
+        SwitchedOff::by("disparities", "false", "true", outputs)
+    }
+
     fn open(params: SyntheticRoadParams) -> Result<Box<dyn Source>, Fault> {
         let frames = Road::frames(&params.frames)?;
         Ok(Box::new(Self {
@@ -252,7 +257,7 @@ impl Source for SyntheticRoad {
             SyntheticTruth::Occ => "occ",
         };
         let index = self.frames[position].index;
-        let key = Key::build("synthetic/road frame").key(&self.road.recipe).number(index).text(truth);
+        let key = Key::build("synthetic/road frame").key(&self.road.street_key).number(index).text(truth);
         Ok(if self.disparities { key.text("disparities") } else { key }.finish())
     }
 

@@ -14,7 +14,7 @@ from ._calibration import Calibration
 from ._errors import RecordingError
 
 #: The types of outputs that are maps, which a frame can return.
-MAP_TYPES = frozenset({"image", "depth", "disparity", "true-disparity", "weight", "mask"})
+MAP_TYPES = frozenset({"image", "depth", "disparity", "ground-truth-disparity", "weight", "mask"})
 
 
 def array(value_type: str, schema: str, message: Any) -> NDArray[Any]:
@@ -40,7 +40,7 @@ def array(value_type: str, schema: str, message: Any) -> NDArray[Any]:
             # Sixteenths of a pixel. The value 0 is missing; 16 is the smallest disparity that was searched.
             sixteenths = _samples(message, "<u2").astype(np.float32)
             return np.where(sixteenths > 0, sixteenths / 16 + np.float32(message.min_disparity_px - 1), np.float32(np.nan))
-        case "true-disparity", "foxglove.RawImage":
+        case "ground-truth-disparity", "foxglove.RawImage":
             scaled = _samples(message, "<u2").astype(np.float32)
             return np.where(scaled > 0, scaled / 256, np.float32(np.nan))
         case _, "depthloom.FloatMap":

@@ -49,7 +49,7 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
     |---|---|
     | `depth` | float32 `(height, width)`, metres, finite and greater than 0, NaN = missing |
     | `disparity` | float32 `(height, width)`, pixels, NaN = missing |
-    | `true-disparity` | float32 `(height, width)`, pixels, NaN = unknown |
+    | `ground-truth-disparity` | float32 `(height, width)`, pixels, NaN = unknown |
     | `weight` | float32 `(height, width)`, shares in [0, 1], without NaN |
     | `mask` | bool `(height, width)` |
     | `image` | uint8 `(height, width)`, grey, or `(height, width, 3)`, RGB |

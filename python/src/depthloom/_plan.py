@@ -50,7 +50,7 @@ class Node:
     #: The variants that use it.
     variants: tuple[str, ...]
     #: The node hash: a hash of kind, version, parameters and the hashes of its inputs.
-    recipe: str
+    node_hash: str
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def _node(node: Mapping[str, Any], variants: list[str]) -> Node:
         params=node["params"],
         inputs={port["port"]: port["from"] for port in node["inputs"]},
         variants=tuple(variants[variant] for variant in node["variants"] if variants[variant]),
-        recipe=node["recipe"],
+        node_hash=node["node_hash"],
     )
 
 

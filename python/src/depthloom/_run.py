@@ -166,7 +166,7 @@ class Run:
         return units
 
     def samples(self) -> pl.LazyFrame:
-        """One row per scored pixel: `stage`, `frame`, `x`, `y`, `truth_m`, one column per estimate, metres, and one per confidence.
+        """One row per scored pixel: `stage`, `frame`, `x`, `y`, `ground_truth_m`, one column per estimate, metres, and one per confidence.
 
         A lazy query over `samples.parquet`, which reads only what it needs. If the file does not exist, the program writes it, which takes time and disk space.
         """

@@ -109,7 +109,7 @@ mod tests {
         let node = |name: &str, output: Json| {
             json!({
                 "name": name, "kind": "test/node", "version": 1, "contract": "pure", "params": params, "inputs": [],
-                "outputs": [output], "recipe": "0123456789abcdef0123456789abcdef", "variants": [0, 1],
+                "outputs": [output], "node_hash": "0123456789abcdef0123456789abcdef", "variants": [0, 1],
             })
         };
         json!({
@@ -146,7 +146,7 @@ mod tests {
             ("/runs/0/estimates/0/score_params/preset", json!("x"), "other parameters than their node"),
             ("/runs/0/nodes/0/outputs/0/type", json!("depht"), "topic /estimate is of type `depht`"),
             ("/runs/0/nodes/0/outputs/0/topic", json!("/truth"), "two outputs have the topic /truth"),
-            ("/runs/0/nodes/0/recipe", json!("0123"), "its plan cannot be read"),
+            ("/runs/0/nodes/0/node_hash", json!("0123"), "its plan cannot be read"),
             ("/runs/0/source/parts", json!([{}]), "its plan cannot be read"),
             ("/factors", json!([[]]), "1 of 2 variants have factors"),
             ("/factors", json!([[], [{ "axis": "block", "value": 3 }]]), "its plan cannot be read"),

@@ -16,7 +16,7 @@ use depthloom_mcap::{
 use crate::checksum::unseal;
 use crate::error::RecordingError;
 use crate::read::attachment::AttachmentEntry;
-use crate::{FORMAT, LONGEST_CHUNK_HEADER, ONCE_METADATA, PLAN_METADATA, TOPIC_IN_PLAN};
+use crate::{AGGREGATE_METADATA, FORMAT, LONGEST_CHUNK_HEADER, PLAN_METADATA, TOPIC_IN_PLAN};
 
 #[derive(Clone, Debug)]
 pub(crate) struct ChannelEntry {
@@ -71,8 +71,8 @@ pub(crate) struct MetadataEntry {
 
 impl MetadataEntry {
     /// Whether it states where the content of an aggregate value is.
-    pub(crate) fn is_of_once(&self) -> bool {
-        self.name.starts_with(ONCE_METADATA)
+    pub(crate) fn is_of_aggregate(&self) -> bool {
+        self.name.starts_with(AGGREGATE_METADATA)
     }
 }
 

@@ -19,8 +19,10 @@ use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, Index, MetadataEntry};
 use crate::read::recovery_scan::{Scanned, scan};
+use crate::write::file_writer::LIBRARY;
 use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED};
-use depthloom_mcap::{FileError, PositionedFile, begins_as_mcap};
+use depthloom_mcap::records::{Header, Metadata};
+use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, begins_as_mcap, op, read_all};
 
 /// A committed frame of a stage run.
 #[derive(Clone, Debug, PartialEq)]
@@ -216,6 +218,21 @@ fn mcap_file(path: &Path) -> Result<PositionedFile, RecordingError> {
     if begins_as_mcap(&file)? { Ok(file) } else { Err(RecordingError::NotMcap { path: file.path }) }
 }
 
+/// Whether another program wrote an MCAP file: its header names another library, and no plan follows.
+fn is_foreign(file: &PositionedFile) -> Result<bool, FileError> {
+    let mut window = Window::new(file);
+    let Some(RecordPlace { opcode: op::HEADER, body, length }) = window.record(MAGIC_LENGTH)? else { return Ok(false) };
+    let header = window.at(body, length)?.and_then(read_all::<Header>);
+    if header.is_none_or(|header| header.library == LIBRARY) {
+        return Ok(false);
+    }
+    // One changed byte does not make a recording of depthloom another program's.
+    let next = window.record(body + length)?;
+    let Some(RecordPlace { opcode: op::METADATA, body, length }) = next else { return Ok(true) };
+    let metadata = window.at(body, length)?.and_then(read_all::<Metadata>);
+    Ok(metadata.is_some_and(|metadata| metadata.name != PLAN_METADATA))
+}
+
 struct Loaded {
     index: Index,
     plan: RecordedPlan,
@@ -228,7 +245,7 @@ struct Loaded {
 impl Loaded {
     fn new(file: &PositionedFile, index: Index) -> Result<Self, RecordingError> {
         let plan = read_plan(file, &index)?;
-        let once = read_once(file, &index, &plan)?;
+        let once = read_aggregates(file, &index, &plan)?;
         let frames = vec![Vec::new(); plan.runs.len()];
         let mut found = Self { index, plan, frames, once, committed: 0, sealed: Vec::new() };
         found.read_commits(file)?;
@@ -247,6 +264,7 @@ impl Loaded {
         };
         match (Self::new(file, index), &condition) {
             (Ok(found), _) => Ok((found, condition)),
+            (Err(error @ RecordingError::NotARecording { .. }), _) if is_foreign(file)? => Err(error),
             // Without a plan nothing can be read; the error is what stopped the scan.
             (Err(RecordingError::NotARecording { .. }), Condition::Damaged { offset, what, .. }) => {
                 Err(file.damaged(*offset, what).into())
@@ -258,7 +276,7 @@ impl Loaded {
     /// The condition according to the metadata, which is right if the summary is.
     fn condition_by_metadata(&self) -> Condition {
         match self.index.metadata.iter().find(|metadata| metadata.name == ENDED_METADATA) {
-            None => Condition::Whole,
+            None => Condition::Complete,
             Some(ended) if ended.values.contains_key(RECOVERED) => Condition::Recovered,
             Some(_) => Condition::Unfinished { rest_bytes: 0 },
         }
@@ -334,12 +352,12 @@ fn read_plan(file: &PositionedFile, index: &Index) -> Result<RecordedPlan, Recor
     RecordedPlan::from_json(plan).map_err(|what| RecordingError::Content { path: path(), what })
 }
 
-fn read_once(
+fn read_aggregates(
     file: &PositionedFile,
     index: &Index,
     plan: &RecordedPlan,
 ) -> Result<Vec<RecordedAggregate>, RecordingError> {
-    let once = index.metadata.iter().filter(|metadata| metadata.is_of_once());
+    let once = index.metadata.iter().filter(|metadata| metadata.is_of_aggregate());
     let read = |metadata: &MetadataEntry| {
         let text = |name: &str| metadata.values.get(name).cloned();
         let number = |name: &str| metadata.values.get(name)?.parse::<usize>().ok();

@@ -42,10 +42,10 @@ impl EarlierRuns {
     /// A store of recordings; the first one is searched first. Of recordings that cannot be read, or have no values of
     /// the plan's nodes, only the plan is read.
     pub fn new(recordings: impl IntoIterator<Item = impl AsRef<Path>>, plan: &Plan) -> Self {
-        let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect();
+        let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect();
         let is_of_use = |recorded: &RecordedPlan| {
             let mut nodes = recorded.runs.iter().flat_map(|run| &run.nodes);
-            nodes.any(|node| wanted.contains(&node.recipe))
+            nodes.any(|node| wanted.contains(&node.node_hash))
         };
         let (mut runs, mut unreadable) = (Vec::new(), Vec::new());
         for path in recordings {
@@ -82,10 +82,10 @@ impl EarlierRuns {
     /// The recording that shares the most nodes with a plan, and its plan.
     #[must_use]
     pub fn nearest(&self, plan: &Plan) -> Option<(&Path, &RecordedPlan)> {
-        let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.recipe).collect();
+        let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect();
         let shared = |run: &&EarlierRun| {
             let nodes = run.recording.plan().runs.iter().flat_map(|run| &run.nodes);
-            nodes.filter(|node| wanted.contains(&node.recipe)).count()
+            nodes.filter(|node| wanted.contains(&node.node_hash)).count()
         };
         // Of equal counts the first: the last maximum in reverse order.
         let nearest = self.runs.iter().rev().max_by_key(shared)?;

@@ -159,7 +159,7 @@ impl Recording {
             let is_there =
                 self.aggregate_values().iter().any(|once| (once.run, once.node, once.port) == (run, node, port));
             // Each aggregate value of a node has its own record: a missing one may have been cut off.
-            if output.recorded && output.once && (is_there || *self.condition() == Condition::Whole) {
+            if output.recorded && output.once && (is_there || *self.condition() == Condition::Complete) {
                 let state = if is_there { StoredState::Stored } else { StoredState::Absent };
                 ports.push(StoredPort { port: output.port.clone(), state });
             }

@@ -129,7 +129,7 @@ impl RunLayout {
     }
 
     /// The topic of an aggregate value; empty for other slots.
-    pub(crate) fn once_topic(&self, slot: Slot) -> &str {
+    pub(crate) fn aggregate_topic(&self, slot: Slot) -> &str {
         self.once.get(&slot).map_or("", String::as_str)
     }
 

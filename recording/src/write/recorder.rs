@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Slot, Store, StoredValue, Tap, stored_values};
+use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Sink, Slot, Store, StoredValue, stored_values};
 use depthloom_graphs::plan::{FrameIndex, NodeRef, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Frame, Key, Value};
@@ -26,7 +26,7 @@ use crate::write::layout::{Class, FileLayout, PortLayout, RunLayout};
 use crate::write::part::{Part, PartBuilder, Unkept};
 use crate::write::resume::{Resumed, resume};
 use crate::write::viewer::{BEGINNING_NS, at_the_time_shown};
-use crate::{ENDED_METADATA, FORMAT, LARGEST_CHUNK, ONCE_METADATA, PLAN_METADATA};
+use crate::{AGGREGATE_METADATA, ENDED_METADATA, FORMAT, LARGEST_CHUNK, PLAN_METADATA};
 use depthloom_codecs::decode::nothing_found;
 use depthloom_threads::locked;
 
@@ -54,7 +54,7 @@ pub struct Compression {
 
 /// Writes the values of a run into one MCAP file.
 ///
-/// Parts are encoded and compressed by [`Tap::encode`] on the calling thread; [`Tap::write`] only appends bytes. After
+/// Parts are encoded and compressed by [`Sink::encode`] on the calling thread; [`Sink::write`] only appends bytes. After
 /// every frame, the file can be read up to that frame, even if the process is killed.
 pub struct Recorder {
     path: PathBuf,
@@ -265,7 +265,7 @@ impl Recorder {
     }
 }
 
-impl Tap for Recorder {
+impl Sink for Recorder {
     type Part = Part;
 
     fn parts(&self, run: RunId) -> usize {
@@ -432,7 +432,7 @@ impl Tap for Recorder {
             entries.into_iter().chain(content).chain(warnings).map(|(name, text)| (name.to_owned(), text)).collect();
         // Content before this record counts as an aggregate value only once this record names it: this commits it. It
         // may be the result of hours.
-        let name = format!("{ONCE_METADATA}{}", self.layout.runs[run].once_topic(slot));
+        let name = format!("{AGGREGATE_METADATA}{}", self.layout.runs[run].aggregate_topic(slot));
         state.writer.metadata(&name, metadata).and_then(|()| state.writer.sync()).map_err(ErrorMessage::from)
     }
 }
@@ -444,7 +444,7 @@ enum Content<'a> {
 }
 
 /// The entries of an aggregate value's record that state where its content is.
-type OnceEntries = Vec<(&'static str, String)>;
+type AggregateEntries = Vec<(&'static str, String)>;
 
 impl State {
     fn close(&mut self) -> Result<Written, RecordingError> {
@@ -454,7 +454,7 @@ impl State {
     }
 
     /// Stores an artefact as an attachment; equal ones once.
-    fn keep_artifact(&mut self, artifact: &Artifact) -> Result<OnceEntries, RecordingError> {
+    fn keep_artifact(&mut self, artifact: &Artifact) -> Result<AggregateEntries, RecordingError> {
         let name = artifact_name(artifact);
         if self.artifacts.insert(artifact.hash) {
             self.writer.attachment(&name, &artifact.media_type, &artifact.bytes)?;
@@ -470,7 +470,7 @@ impl State {
         channel: u16,
         topic: &str,
         curve: &Curve,
-    ) -> Result<OnceEntries, RecordingError> {
+    ) -> Result<AggregateEntries, RecordingError> {
         let points = points_part(channel, self.first_ns[run].unwrap_or(BEGINNING_NS), curve);
         if let Some(chunk) = points.chunks.iter().find(|chunk| chunk.uncompressed_size > LARGEST_CHUNK) {
             let what = too_large(chunk.uncompressed_size);

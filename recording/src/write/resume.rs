@@ -47,8 +47,12 @@ impl Recording {
         let files = experiment_files(plan);
         let mut stored = self.attachments().iter().filter(|file| !file.name.starts_with("artifacts/"));
         let has_same_files = files.iter().all(|(name, text)| {
-            stored.next().is_some_and(|file| file.name == *name)
-                && self.attachment(name).is_ok_and(|bytes| bytes == text.as_bytes())
+            let is_same = |found: Result<Vec<u8>, RecordingError>| match found {
+                Ok(bytes) => bytes == text.as_bytes(),
+                // The copy of a damaged file says nothing.
+                Err(error) => error.is_damage() && self.has_plan(plan),
+            };
+            stored.next().is_some_and(|file| file.name == *name) && is_same(self.attachment(name))
         });
         has_same_files && stored.next().is_none()
     }
@@ -64,6 +68,16 @@ impl Recording {
         })
     }
 
+    /// Checks all bytes that a resumed run would keep. [`Recording::open`] reads only a part of a file with an intact
+    /// summary.
+    ///
+    /// # Errors
+    /// If they are damaged or cannot be read.
+    pub fn check_committed(&self) -> Result<(), RecordingError> {
+        // Without a summary, `open` has checked every byte.
+        if self.index.data_end.is_none() { Ok(()) } else { check(self) }
+    }
+
     /// Whether no frame or aggregate value was committed.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -77,7 +91,8 @@ impl Recording {
 
     /// The same, of those that end before `limit`.
     fn end_before(&self, limit: u64) -> Option<u64> {
-        let values = self.index.metadata.iter().filter(|metadata| metadata.is_of_once()).map(|metadata| metadata.end);
+        let values =
+            self.index.metadata.iter().filter(|metadata| metadata.is_of_aggregate()).map(|metadata| metadata.end);
         let is_commit =
             |chunk: &&ChunkEntry| self.sealed.binary_search_by_key(&chunk.start, |(start, _)| *start).is_ok();
         let commits = self.index.chunks.iter().filter(is_commit).map(|chunk| chunk.end);
@@ -156,7 +171,7 @@ pub fn recover(from: &Recording, to: &Path) -> Result<Recovered, RecordingError>
     let copy = Recording::open(to)?;
     let mut writer = Writer::resume(&copy, Vec::new(), end, &itself)?;
     let frames = copy.frame_count();
-    if damage.is_some() || *from.condition() != Condition::Whole {
+    if damage.is_some() || *from.condition() != Condition::Complete {
         let entries = [("frames", frames.to_string()), (RECOVERED, true.to_string())];
         writer.metadata(ENDED_METADATA, entries.map(|(name, value)| (name.to_owned(), value)).into())?;
     }
@@ -315,11 +330,13 @@ impl Writer {
     }
 }
 
-/// Compares the bytes that stay with the checksum in the last commit among them.
+/// Compares the bytes that stay with the checksum in the last commit or aggregate value among them.
 fn check(recording: &Recording) -> Result<(), RecordingError> {
-    match recording.sealed.last() {
-        Some((start, stated)) if CrcBefore::new(&recording.file).up_to(*start)? != *stated => {
-            Err(recording.file.damaged(*start, "the bytes before are damaged").into())
+    let values = recording.index.metadata.iter().filter(|metadata| metadata.is_of_aggregate());
+    let values = values.map(|metadata| (metadata.offset, metadata.crc_before));
+    match recording.sealed.iter().copied().chain(values).max() {
+        Some((start, stated)) if CrcBefore::new(&recording.file).up_to(start)? != stated => {
+            Err(recording.file.damaged(start, "the bytes before are damaged").into())
         }
         _ => Ok(()),
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Commit, Slot, SlotKey, Store as _, StoredValue, Tap};
+use depthloom_graphs::contracts::{Commit, Sink, Slot, SlotKey, Store as _, StoredValue};
 use depthloom_graphs::plan::{FrameIndex, NodeId, OutputPattern, PartId, PortId, RunId};
 use depthloom_graphs::{Key, Value};
 use depthloom_recording::{EarlierRuns, Recorder};

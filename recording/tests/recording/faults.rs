@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Remedied;
-use depthloom_graphs::contracts::Tap;
+use depthloom_graphs::contracts::Sink;
 use depthloom_recording::{Condition, Disk, FileError, Recorder, Recording, RecordingError, recover};
 use proptest::prelude::{ProptestConfig, Strategy, proptest};
 use proptest::{prop_assert, prop_assert_eq};
 
 use crate::digest::digest;
-use crate::fixture::{CURVE, Noise, curve, frame, plan, record, record_frame, record_once_values, values};
+use crate::fixture::{CURVE, Noise, curve, frame, plan, record, record_aggregate_values, record_frame, values};
 
 const FRAMES: u64 = 6;
 /// The message index behind a commit's chunk: without it the commit is whole, and read.
@@ -31,10 +31,10 @@ fn recorded() -> &'static (Vec<u8>, Vec<u64>, u64) {
             record_frame(&recorder, RunId(0), &frame(index), &values(&frame(index), 20, 12), false);
             ends.push(std::fs::metadata(&path).expect("the file").len());
         }
-        record_once_values(&recorder, RunId(0));
-        let once_end = std::fs::metadata(&path).expect("the file").len();
+        record_aggregate_values(&recorder, RunId(0));
+        let aggregate_end = std::fs::metadata(&path).expect("the file").len();
         recorder.finish(&[]).expect("a finished file");
-        (std::fs::read(&path).expect("the file"), ends, once_end)
+        (std::fs::read(&path).expect("the file"), ends, aggregate_end)
     })
 }
 
@@ -62,7 +62,7 @@ proptest! {
 
     #[test]
     fn a_file_cut_anywhere_is_readable_up_to_its_last_commit(cut in (0..=recorded().0.len()).prop_map(|cut| cut as u64)) {
-        let (bytes, ends, once_end) = recorded();
+        let (bytes, ends, aggregate_end) = recorded();
         let folder = tempfile::tempdir()?;
         let path = written(folder.path(), &bytes[..cut as usize]);
         let committed = ends.iter().filter(|end| **end <= cut + COMMIT_INDEX).count();
@@ -70,7 +70,7 @@ proptest! {
             Ok(recording) => {
                 prop_assert_eq!(recording.frames(RunId(0)).len(), committed);
                 if cut == bytes.len() as u64 {
-                    prop_assert_eq!(recording.condition(), &Condition::Whole);
+                    prop_assert_eq!(recording.condition(), &Condition::Complete);
                 } else {
                     prop_assert!(matches!(recording.condition(), Condition::Unfinished { .. }), "{}", recording.condition());
                 }
@@ -78,7 +78,7 @@ proptest! {
                     prop_assert!((ends[last] - COMMIT_INDEX..=ends[last]).contains(&recording.committed_bytes()));
                 }
                 let curves = recording.aggregate_values().iter().filter(|once| once.value_type == "curve").count();
-                prop_assert_eq!(curves == 1, cut >= *once_end);
+                prop_assert_eq!(curves == 1, cut >= *aggregate_end);
                 prop_assert!(recording.aggregate_values().iter().all(|once| recording.aggregate_value(once).is_ok()));
                 let read = read_all(&path);
                 prop_assert!(committed == 0 || read.is_ok_and(|frames| frames == committed));
@@ -172,8 +172,8 @@ fn fault_48_a_flipped_bit_of_a_whole_recording_is_refused_said_or_changes_nothin
 
 #[test]
 fn fault_48_a_flipped_bit_of_an_unfinished_recording_is_refused_said_or_changes_nothing() {
-    let (bytes, ends, once_end) = recorded();
-    for end in [ends[FRAMES as usize - 1], *once_end] {
+    let (bytes, ends, aggregate_end) = recorded();
+    for end in [ends[FRAMES as usize - 1], *aggregate_end] {
         flip_bits(&bytes[..end as usize], end as usize, 3);
         flip_bits(&bytes[..end as usize], 6000, 4);
     }
@@ -221,7 +221,7 @@ fn fault_49_a_recording_says_in_what_condition_it_is() {
     let (bytes, ends, _) = recorded();
     let folder = tempfile::tempdir().unwrap();
     let condition_of = |bytes: &[u8]| Recording::open(written(folder.path(), bytes)).unwrap().condition().clone();
-    assert_eq!(condition_of(bytes), Condition::Whole);
+    assert_eq!(condition_of(bytes), Condition::Complete);
     assert_eq!(condition_of(&bytes[..ends[3] as usize]), Condition::Unfinished { rest_bytes: 0 });
     let cut = condition_of(&bytes[..ends[3] as usize + 500]);
     assert_eq!(cut, Condition::Unfinished { rest_bytes: 500 });
@@ -271,16 +271,16 @@ fn recover_copies_the_complete_frames_of_finished_and_unfinished_files() {
 fn a_recording_of_another_format_is_refused_with_the_remedy() {
     let (bytes, ends, _) = recorded();
     let folder = tempfile::tempdir().unwrap();
-    let format_entry = b"\x06\0\0\0format\x01\0\0\x006";
+    let format_entry = b"\x06\0\0\0format\x01\0\0\x007";
     let place = bytes.windows(format_entry.len()).position(|window| window == format_entry).unwrap();
-    for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'5'), (bytes.clone(), b'7')] {
+    for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'5'), (bytes.clone(), b'8')] {
         let mut other = bytes;
         other[place + format_entry.len() - 1] = format;
         let error = Recording::open(written(folder.path(), &other)).unwrap_err();
         let expected =
-            format!("has recording format {}, but this version of depthloom reads format 6 only", format as char);
+            format!("has recording format {}, but this version of depthloom reads format 7 only", format as char);
         assert!(error.to_string().ends_with(&expected), "{error}");
-        assert_eq!(error.remedy().unwrap().contains("depthloom 0.1"), format != b'7');
+        assert_eq!(error.remedy().unwrap().contains("depthloom 0.1"), format != b'8');
     }
 }
 
@@ -326,7 +326,7 @@ fn every_damaged_byte_of_a_finished_file_is_found_without_reading_its_values() {
         flipped[place] ^= 1 << (place % 8);
         std::fs::write(&path, &flipped).unwrap();
         match Recording::open(&path) {
-            Ok(recording) if *recording.condition() == Condition::Whole => {
+            Ok(recording) if *recording.condition() == Condition::Complete => {
                 let [damage] = &recording.damage(&|| false)[..] else { panic!("byte {place}") };
                 let stretch = damage.offset..damage.offset + damage.bytes;
                 assert!(stretch.contains(&(place as u64)), "byte {place} is not in {damage:?}");
@@ -354,7 +354,7 @@ fn damage_is_named_by_what_it_held() {
     let places = [png, place_of(&bytes, &[7; 100]), place_of(&bytes, b"text/plain") + 20];
     places.iter().for_each(|place| bytes[*place] ^= 1);
     let recording = Recording::open(written(folder.path(), &bytes)).unwrap();
-    assert_eq!(*recording.condition(), Condition::Whole);
+    assert_eq!(*recording.condition(), Condition::Complete);
     let damage = recording.damage(&|| false);
     let contents: Vec<String> = damage.iter().map(|damage| damage.content.to_string()).collect();
     let [image, model, note] = &contents[..] else { panic!("{contents:?}") };
@@ -371,23 +371,23 @@ fn damage_is_named_by_what_it_held() {
 
 #[test]
 fn points_of_a_curve_that_was_not_finished_belong_to_nothing() {
-    let (bytes, ends, once_end) = recorded();
+    let (bytes, ends, aggregate_end) = recorded();
     let folder = tempfile::tempdir().unwrap();
     let digest_of = |end: u64| {
         let path = written(folder.path(), &bytes[..end as usize]);
         digest(&path)["topics"].as_object().unwrap().clone()
     };
-    let whole = digest_of(*once_end);
+    let whole = digest_of(*aggregate_end);
     assert_eq!(whole[CURVE]["count"], curve().points.len());
     // The last byte cut is one of the record that would commit the curve: its messages are all there.
-    let cut = digest_of(once_end - 1);
+    let cut = digest_of(aggregate_end - 1);
     assert!(!cut.contains_key(CURVE));
     assert_eq!(cut.len() + 1, whole.len());
     assert_eq!(digest_of(ends[FRAMES as usize - 1]), cut);
 }
 
 #[test]
-fn a_changed_record_of_a_once_value_is_seen() {
+fn a_changed_record_of_an_aggregate_value_is_detected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 0..1, 16, 16);
@@ -418,6 +418,17 @@ fn other_files_are_named_for_what_they_are() {
     let error = Recording::open(&path).unwrap_err();
     assert!(matches!(error, RecordingError::NotARecording { .. }));
     assert_eq!(error.remedy().unwrap(), "give a recording that `depthloom run` made");
+    // The same without a summary: its program was killed.
+    let mut writer = mcap::Writer::new(File::create(&path).unwrap()).unwrap();
+    let channel_id = writer.add_channel(0, "/a", "json", &BTreeMap::new()).unwrap();
+    let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 1, publish_time: 1 };
+    writer.write_to_known_channel(&header, b"{}").unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    let bytes = std::fs::read(&path).unwrap();
+    let killed = written(folder.path(), &bytes[..bytes.len() - 50]);
+    let error = Recording::open(&killed).unwrap_err();
+    assert!(matches!(error, RecordingError::NotARecording { .. }), "{error}");
     assert!(matches!(Recording::open(folder.path().join("absent")), Err(RecordingError::File(FileError::Open { .. }))));
 }
 
@@ -519,7 +530,7 @@ fn a_damaged_message_index_makes_topic_sizes_fail() {
     let mut flipped = bytes.clone();
     flipped[place + head.len()] ^= 1;
     let recording = Recording::open(written(folder.path(), &flipped)).unwrap();
-    assert_eq!(*recording.condition(), Condition::Whole);
+    assert_eq!(*recording.condition(), Condition::Complete);
     let error = recording.topic_sizes(&|| false).unwrap_err();
     assert!(error.is_damage(), "{error}");
     assert!(error.to_string().contains("the message indexes contradict the counts in the summary"), "{error}");

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Slot, SlotKey, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, Sink, Slot, SlotKey};
 use depthloom_graphs::plan::{
     Estimate, FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource,
     PortId, Record, RunId, SourcePart, StageRun, VariantId,
@@ -136,7 +136,7 @@ fn stage_run(stage: &str) -> StageRun {
             .collect(),
         outputs: spec.outputs.iter().map(|port| output(spec.name, port)).collect(),
         observes: None,
-        recipe: Key::of_content(spec.name.as_bytes()),
+        node_hash: Key::of_content(spec.name.as_bytes()),
         variants: [0, 1].map(VariantId).to_vec(),
     });
     StageRun {
@@ -286,7 +286,7 @@ pub(crate) fn record_frame_at(
     if backwards {
         order.reverse();
     }
-    let mut encoded: Vec<Option<<Recorder as Tap>::Part>> = (0..parts).map(|_| None).collect();
+    let mut encoded: Vec<Option<<Recorder as Sink>::Part>> = (0..parts).map(|_| None).collect();
     for part in order {
         let of_part: Vec<_> =
             values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(PartId(part))).cloned().collect();
@@ -328,7 +328,7 @@ pub(crate) fn curve() -> Curve {
 }
 
 /// Records the aggregate values of a stage run.
-pub(crate) fn record_once_values(recorder: &Recorder, run: RunId) {
+pub(crate) fn record_aggregate_values(recorder: &Recorder, run: RunId) {
     let key = Key::of_content(b"train");
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(0) }, &key, &model(), &[]).unwrap();
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(1) }, &key, &curve().into(), &[]).unwrap();
@@ -341,7 +341,7 @@ pub(crate) fn record(path: &Path, plan: &Plan, frames: std::ops::Range<u64>, wid
         let frame = frame(index);
         record_frame_at(&recorder, RunId(0), (position, &frame), &values(&frame, width, height), index % 2 == 1);
     }
-    record_once_values(&recorder, RunId(0));
+    record_aggregate_values(&recorder, RunId(0));
     let note = Attachment { name: "note.txt".to_owned(), media_type: "text/plain".to_owned(), bytes: b"note".to_vec() };
     recorder.finish(&[note]).unwrap();
 }

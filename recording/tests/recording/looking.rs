@@ -12,7 +12,7 @@ use foxglove::Decode;
 use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransform, PointCloud, RawImage};
 use mcap::MessageStream;
 
-use crate::fixture::{BEGINNING_NS, frame, plan_of, record_frame, record_frame_at, record_once_values, values};
+use crate::fixture::{BEGINNING_NS, frame, plan_of, record_aggregate_values, record_frame, record_frame_at, values};
 
 const WIDTH: u32 = 70;
 const HEIGHT: u32 = 41;
@@ -28,7 +28,7 @@ fn recorded(frames: impl Fn(u64) -> Frame) -> Vec<u8> {
             let values = values(&frame(index), WIDTH, HEIGHT);
             record_frame_at(&recorder, RunId(run), (position, &frames(index)), &values, false);
         }
-        record_once_values(&recorder, RunId(run));
+        record_aggregate_values(&recorder, RunId(run));
     }
     recorder.finish(&[]).unwrap();
     std::fs::read(&path).unwrap()

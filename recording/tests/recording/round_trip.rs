@@ -2,9 +2,9 @@
 
 use crate::digest::digest;
 use crate::fixture::{
-    BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_frame, record_once_values, values,
+    BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_aggregate_values, record_frame, values,
 };
-use depthloom_graphs::contracts::{Failure, Slot, Store, StoredState, Tap};
+use depthloom_graphs::contracts::{Failure, Sink, Slot, Store, StoredState};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId};
 use depthloom_graphs::values::{Curve, Pixels};
 use depthloom_graphs::{Key, Value};
@@ -68,7 +68,7 @@ fn every_value_comes_back_bit_for_bit() {
     let path = folder.path().join("recording.mcap");
     record(&path, &plan(), 10..16, WIDTH, HEIGHT);
     let recording = Recording::open(&path).unwrap();
-    assert_eq!(*recording.condition(), Condition::Whole);
+    assert_eq!(*recording.condition(), Condition::Complete);
     let outputs: Vec<_> = recording.plan().outputs(RunId(0)).filter(|(_, output)| !output.once).collect();
     let topics: Vec<&str> = outputs.iter().map(|(_, output)| output.topic.as_str()).collect();
     assert_eq!(topics.len(), 10);
@@ -203,7 +203,7 @@ fn a_learning_curve_lies_between_two_stages_and_in_no_frame() {
         for index in frames {
             record_frame(&recorder, RunId(run), &frame(index), &values(&frame(index), 16, 16), false);
         }
-        record_once_values(&recorder, RunId(run));
+        record_aggregate_values(&recorder, RunId(run));
     }
     recorder.finish(&[]).unwrap();
     let recording = Recording::open(&path).unwrap();
@@ -283,7 +283,7 @@ fn parts_encoded_in_any_order_give_the_same_file() {
         let other = values(&frame(99), 300, 100);
         for index in 0..3 {
             if backwards {
-                Tap::encode(&recorder, RunId(0), (FrameIndex(99), &frame(99)), PartId(1), &other).unwrap();
+                Sink::encode(&recorder, RunId(0), (FrameIndex(99), &frame(99)), PartId(1), &other).unwrap();
             }
             record_frame(&recorder, RunId(0), &frame(index), &values(&frame(index), 300, 100), backwards);
         }

@@ -5,8 +5,8 @@ use depthloom_graphs::values::ValueDifference;
 use depthloom_graphs::{Fault, Frame, Key, Outputs, Port, Value};
 
 use super::failure::{AuditFailure, Cause};
+use crate::aggregate_values::aggregate_ports;
 use crate::error::RunError;
-use crate::once_values::once_ports;
 use crate::reuse::{FramePlan, Reuse};
 use crate::stage::frame_graph::{FrameGraph, OutputId, StepId, StepOutput};
 
@@ -116,7 +116,7 @@ pub(crate) fn compare_aggregates(
     stored: &[Option<Value>],
     recomputed: Result<Outputs, Fault>,
 ) -> Result<u64, RunError> {
-    let ports = once_ports(&run.nodes[node]);
+    let ports = aggregate_ports(&run.nodes[node]);
     let failure = |port: &str, what: String| {
         let (producer, cause) = node_and_cause(run, node);
         let port = port.to_owned();

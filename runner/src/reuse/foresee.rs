@@ -3,13 +3,13 @@
 use std::collections::{BTreeMap, HashMap};
 use std::ops::ControlFlow;
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Store, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Sink, Slot, Store};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Origin, PartId, Plan, PlannedOutput, RunId};
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::{Frame, Host, Key, Rate, Source, Value, ValueType, value_keys};
 
-use crate::once_values::{OnceState, OnceValue, OnceValues, inputs_of};
-use crate::reuse::{Reuse, StepAction, once_values};
+use crate::aggregate_values::{AggregateState, AggregateValue, AggregateValues, inputs_of};
+use crate::reuse::{Reuse, StepAction, aggregate_values};
 use crate::stage::frame_graph::{FrameGraph, StepId};
 
 /// What a run would do with a node.
@@ -24,7 +24,7 @@ pub struct Foreseen {
     pub known: u64,
 }
 
-/// A tap that takes what a plan records, and stores nothing.
+/// A sink that takes what a plan records, and stores nothing.
 pub(crate) struct Preview<'a> {
     pub(crate) plan: &'a Plan,
     pub(crate) store: &'a dyn Store,
@@ -36,7 +36,7 @@ impl Preview<'_> {
     }
 }
 
-impl Tap for Preview<'_> {
+impl Sink for Preview<'_> {
     type Part = ();
 
     fn parts(&self, _run: RunId) -> usize {
@@ -76,13 +76,13 @@ impl Tap for Preview<'_> {
 /// # Errors
 /// If the plan contradicts itself.
 pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<Vec<Foreseen>>, ErrorMessage> {
-    let tap = Preview { plan: &ready.plan, store };
+    let sink = Preview { plan: &ready.plan, store };
     let mut foreseen = Vec::with_capacity(ready.runs.len());
-    walk(ready, &tap, host, |stage| {
+    walk(ready, &sink, host, |stage| {
         let mut nodes = stage.nodes.clone();
         for position in FrameIndex::all(stage.source.frames().len()) {
             let Ok(key) = stage.source.key(position) else { continue };
-            let frame = stage.reuse.plan(stage.graph, &tap, position, key);
+            let frame = stage.reuse.plan(stage.graph, &sink, position, key);
             for (id, node) in NodeId::enumerate(&mut nodes) {
                 let step = StepId::of_node(id);
                 let runs = frame.steps[step] == StepAction::Run;
@@ -112,24 +112,24 @@ pub(crate) struct KnownStage<'w> {
 /// Derives the cache keys of a plan's stage runs in order, without running a node.
 pub(crate) fn walk(
     ready: &Ready,
-    tap: &Preview<'_>,
+    sink: &Preview<'_>,
     host: &dyn Host,
     mut visit: impl FnMut(&KnownStage<'_>) -> ControlFlow<()>,
 ) -> Result<(), ErrorMessage> {
     let Ready { plan, runs, files, .. } = ready;
-    let mut values = OnceValues::new(files.clone());
+    let mut values = AggregateValues::new(files.clone());
     for (run, ReadyRun { source, .. }) in RunId::enumerate(runs) {
         let planned = &plan.runs[run];
         let (mut nodes, mut aggregates) = (vec![Foreseen::default(); planned.nodes.len()], BTreeMap::new());
-        once(plan, run, tap.store, &mut values, (&mut nodes, &mut aggregates), &HashMap::new());
-        let graph = FrameGraph::new(run, planned, tap, |from| match values.find(from) {
-            OnceState::Pending => OnceState::There(pending(from)),
+        once(plan, run, sink.store, &mut values, (&mut nodes, &mut aggregates), &HashMap::new());
+        let graph = FrameGraph::new(run, planned, sink, |from| match values.find(from) {
+            AggregateState::Pending => AggregateState::There(pending(from)),
             known => known,
         })?;
-        let Some(reuse) = Reuse::new(run, planned, &graph, source.as_ref(), tap, host) else { continue };
+        let Some(reuse) = Reuse::new(run, planned, &graph, source.as_ref(), sink, host) else { continue };
         let finished = NodeId::enumerate(&reuse.finished).filter_map(|(node, known)| Some((node, known.as_ref()?)));
         let finished = finished.map(|(node, known)| (node, (known.key, known.values.clone()))).collect();
-        once(plan, run, tap.store, &mut values, (&mut nodes, &mut aggregates), &finished);
+        once(plan, run, sink.store, &mut values, (&mut nodes, &mut aggregates), &finished);
         let stage = KnownStage { run, source: source.as_ref(), graph: &graph, reuse: &reuse, nodes, aggregates };
         if visit(&stage).is_break() {
             break;
@@ -146,7 +146,7 @@ fn once(
     plan: &Plan,
     run: RunId,
     store: &dyn Store,
-    values: &mut OnceValues,
+    values: &mut AggregateValues,
     (foreseen, aggregates): (&mut [Foreseen], &mut BTreeMap<NodeId, Key>),
     finished: &FinishedValues,
 ) {
@@ -157,8 +157,8 @@ fn once(
             Contract::Ordered => finished.get(&node).cloned(),
             Contract::Once => inputs_of(planned_node, values).and_then(|inputs| {
                 let keys: Vec<Option<Key>> = inputs.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
-                let key = value_keys::once(&planned_node.recipe, &keys);
-                once_values(store, planned, node, &key).map(|values| (key, values))
+                let key = value_keys::once(&planned_node.node_hash, &keys);
+                aggregate_values(store, planned, node, &key).map(|values| (key, values))
             }),
         };
         if planned_node.contract == Contract::Once {
@@ -174,7 +174,7 @@ fn once(
 }
 
 /// A placeholder for an aggregate value, with a key that no store knows.
-fn pending(from: &Origin) -> OnceValue {
+fn pending(from: &Origin) -> AggregateValue {
     let value = Value::from(depthloom_graphs::values::Curve::default());
-    OnceValue { value, key: Key::build("not made yet").text(&format!("{from:?}")).finish() }
+    AggregateValue { value, key: Key::build("not made yet").text(&format!("{from:?}")).finish() }
 }

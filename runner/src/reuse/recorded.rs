@@ -43,9 +43,9 @@ pub fn outdated(
     recorded: &dyn RecordedValues,
     host: &dyn Host,
 ) -> Result<Option<String>, ErrorMessage> {
-    let tap = Preview { plan: &ready.plan, store };
+    let sink = Preview { plan: &ready.plan, store };
     let mut found = None;
-    walk(ready, &tap, host, |stage| {
+    walk(ready, &sink, host, |stage| {
         found = outdated_in(ready, stage, recorded);
         if found.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;

@@ -1,13 +1,13 @@
 //! A stage run's frame graph by index: which step waits for which, and the places of values.
 
-use depthloom_graphs::contracts::{Contract, Slot, Tap};
+use depthloom_graphs::contracts::{Contract, Sink, Slot};
 use depthloom_graphs::plan::{NodeId, Origin, PartId, PlannedOutput, RunId, StageRun};
 use depthloom_graphs::{ErrorMessage, Port, Rate, index_type};
 
-use crate::once_values::{OnceState, OnceValue};
+use crate::aggregate_values::{AggregateState, AggregateValue};
 
 index_type! {
-    /// Index of a step of a frame: the source, then the nodes, then the parts of the tap.
+    /// Index of a step of a frame: the source, then the nodes, then the parts of the sink.
     pub(crate) struct StepId;
 }
 
@@ -64,7 +64,7 @@ pub(crate) enum Feed {
         step: StepId,
     },
     /// An aggregate value, known before the frames; `None` if its node left it out.
-    Once(Option<OnceValue>),
+    Once(Option<AggregateValue>),
 }
 
 /// The place of a per-frame output.
@@ -110,7 +110,7 @@ pub(crate) struct FrameGraph {
     pub(crate) producers: Vec<Producer>,
     /// Per-frame outputs: the source's, then the nodes' in plan order.
     pub(crate) places: Vec<Place>,
-    /// What the tap takes: by part, in plan order.
+    /// What the sink takes: by part, in plan order.
     pub(crate) parts: Vec<Vec<(Slot, PlaceId)>>,
     /// By step.
     pub(crate) order: Vec<Order>,
@@ -121,12 +121,12 @@ impl FrameGraph {
     /// `once` finds the aggregate values that are known before the frames.
     ///
     /// # Errors
-    /// If the plan contradicts itself or the tap.
-    pub(crate) fn new<T: Tap>(
+    /// If the plan contradicts itself or the sink.
+    pub(crate) fn new<T: Sink>(
         run: RunId,
         plan: &StageRun,
-        tap: &T,
-        once: impl Fn(&Origin) -> OnceState,
+        sink: &T,
+        once: impl Fn(&Origin) -> AggregateState,
     ) -> Result<Self, ErrorMessage> {
         let source = Producer {
             inputs: Vec::new(),
@@ -145,8 +145,8 @@ impl FrameGraph {
         }
         let mut graph = Self {
             places: (0..places).map(|_| Place { uses: 0, keyed: false }).collect(),
-            parts: vec![Vec::new(); tap.parts(run)],
-            order: (0..=plan.nodes.len() + tap.parts(run)).map(|_| Order::default()).collect(),
+            parts: vec![Vec::new(); sink.parts(run)],
+            order: (0..=plan.nodes.len() + sink.parts(run)).map(|_| Order::default()).collect(),
             steps_per_frame: 1,
             producers,
         };
@@ -163,9 +163,9 @@ impl FrameGraph {
                         ))
                     })?,
                     Some(elsewhere) => match once(elsewhere) {
-                        OnceState::There(value) => Feed::Once(Some(value)),
-                        OnceState::Absent => Feed::Once(None),
-                        OnceState::Pending => {
+                        AggregateState::There(value) => Feed::Once(Some(value)),
+                        AggregateState::Absent => Feed::Once(None),
+                        AggregateState::Pending => {
                             return Err(ErrorMessage::new(format!(
                                 "the aggregate value at input `{}` of node `{}` is not known before the stage's frames",
                                 input.port.name, node.name
@@ -186,7 +186,7 @@ impl FrameGraph {
             graph.wait(steps.collect(), own_step);
             graph.producers[own_step].feeds = feeds;
         }
-        graph.add_parts(run, plan, tap)?;
+        graph.add_parts(run, plan, sink)?;
         Ok(graph)
     }
 
@@ -211,16 +211,16 @@ impl FrameGraph {
         Some(Feed::Place { place: self.producers[step].place(OutputId(before)), step })
     }
 
-    /// Adds the values that the tap takes.
-    fn add_parts<T: Tap>(&mut self, run: RunId, plan: &StageRun, tap: &T) -> Result<(), ErrorMessage> {
+    /// Adds the values that the sink takes.
+    fn add_parts<T: Sink>(&mut self, run: RunId, plan: &StageRun, sink: &T) -> Result<(), ErrorMessage> {
         let mut steps = vec![Vec::new(); self.parts.len()];
         for slot in plan.slots() {
             let Some(Feed::Place { place, step }) = self.place_of(plan, slot) else { continue };
-            let Some(part) = tap.part(run, slot) else { continue };
+            let Some(part) = sink.part(run, slot) else { continue };
             let count = self.parts.len();
             let values = self.parts.get_mut(part.0);
             values
-                .ok_or_else(|| ErrorMessage::new(format!("the tap has {count} parts, and none is {part}")))?
+                .ok_or_else(|| ErrorMessage::new(format!("the sink has {count} parts, and none is {part}")))?
                 .push((slot, place));
             self.places[place].uses += 1;
             steps[part].push(step);

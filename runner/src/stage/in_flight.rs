@@ -66,7 +66,7 @@ pub(crate) struct InFlight<P> {
     parts: Box<[Mutex<Option<P>>]>,
     remaining: AtomicU32,
     faults: Mutex<Vec<(StepId, Fault)>>,
-    tap_errors: Mutex<Vec<(PartId, ErrorMessage)>>,
+    sink_errors: Mutex<Vec<(PartId, ErrorMessage)>>,
     audit_failure: Mutex<Option<Box<AuditFailure>>>,
     warnings: Mutex<Vec<NodeWarning>>,
 }
@@ -85,7 +85,7 @@ impl<P> InFlight<P> {
             parts: graph.parts.iter().map(|_| Mutex::new(None)).collect(),
             remaining: AtomicU32::new(graph.steps_per_frame),
             faults: Mutex::default(),
-            tap_errors: Mutex::default(),
+            sink_errors: Mutex::default(),
             audit_failure: Mutex::default(),
             warnings: Mutex::default(),
         }
@@ -171,8 +171,8 @@ impl<P> InFlight<P> {
         warnings
     }
 
-    pub(crate) fn add_tap_error(&self, part: PartId, error: ErrorMessage) {
-        locked(&self.tap_errors).push((part, error));
+    pub(crate) fn add_sink_error(&self, part: PartId, error: ErrorMessage) {
+        locked(&self.sink_errors).push((part, error));
     }
 
     pub(crate) fn add_audit_failure(&self, failure: Box<AuditFailure>) {
@@ -194,9 +194,9 @@ impl<P> InFlight<P> {
         faults
     }
 
-    /// The error of the first part that the tap refused.
-    pub(crate) fn take_tap_error(&self) -> Option<ErrorMessage> {
-        let errors = std::mem::take(&mut *locked(&self.tap_errors));
+    /// The error of the first part that the sink refused.
+    pub(crate) fn take_sink_error(&self) -> Option<ErrorMessage> {
+        let errors = std::mem::take(&mut *locked(&self.sink_errors));
         errors.into_iter().min_by_key(|(part, _)| *part).map(|(_, error)| error)
     }
 }

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
-use depthloom_graphs::contracts::{Commit, Failure, Slot, SlotKey, Tap};
+use depthloom_graphs::contracts::{Commit, Failure, Sink, Slot, SlotKey};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, Plan, RunId};
 use depthloom_graphs::{Fault, Frame, Key};
 
 use crate::error::RunError;
-use crate::panics::guarded_tap;
+use crate::panics::guarded_sink;
 use crate::report::{FrameFailure, Report, StageReport};
 use crate::reuse::{Reuse, slot_of};
 use crate::stage::Stage;
@@ -58,7 +58,7 @@ pub(crate) enum Completion {
 }
 
 /// Admits the frames of a stage and writes them in order, until none is left or one ends the stage.
-pub(crate) fn retire_all<T: Tap>(
+pub(crate) fn retire_all<T: Sink>(
     stage: &Stage<'_, T>,
     done: &Receiver<Arc<InFlight<T::Part>>>,
     ledger: &mut Ledger<'_>,
@@ -104,14 +104,14 @@ pub(crate) fn retire_all<T: Tap>(
     Ok(if retired == frames.len() { Completion::Complete } else { Completion::Interrupted })
 }
 
-fn write<T: Tap>(
+fn write<T: Sink>(
     stage: &Stage<'_, T>,
     in_flight: &InFlight<T::Part>,
     frame: &Frame,
     ledger: &mut Ledger<'_>,
 ) -> Result<(), RunError> {
-    let tap_failed =
-        |error| RunError::Tap { stage: stage.plan.stage.clone(), what: format!("frame {}", frame.id), error };
+    let sink_failed =
+        |error| RunError::Sink { stage: stage.plan.stage.clone(), what: format!("frame {}", frame.id), error };
     let mut faults = in_flight.take_faults();
     if let Some(fatal) = faults.iter().position(|(step, _)| stage.is_fatal(*step)) {
         let (step, fault) = faults.swap_remove(fatal);
@@ -120,8 +120,8 @@ fn write<T: Tap>(
     if let Some(failure) = in_flight.take_audit_failure() {
         return Err(RunError::Audit(failure));
     }
-    if let Some(error) = in_flight.take_tap_error() {
-        return Err(tap_failed(error));
+    if let Some(error) = in_flight.take_sink_error() {
+        return Err(sink_failed(error));
     }
     let Outcomes { source_key, keys, failures } = outcomes(stage, in_flight, frame, &faults, ledger);
     if in_flight.position.0 >= stage.written() {
@@ -131,7 +131,7 @@ fn write<T: Tap>(
         let absent: Vec<Slot> = absent.filter_map(|absent| slot_of(stage.plan, absent)).collect();
         let (keys, failures, absent, warnings) = (&keys, &failures, &absent, &warnings);
         let commit = Commit { run: stage.run, frame, source_key, keys, failures, absent, warnings };
-        guarded_tap(|| stage.context.tap.write(&commit, in_flight.take_parts())).map_err(tap_failed)?;
+        guarded_sink(|| stage.context.sink.write(&commit, in_flight.take_parts())).map_err(sink_failed)?;
         if let Some(timing) = ledger.timings.last_mut() {
             timing.add(frame.index, watch.stop(0));
         }
@@ -156,7 +156,7 @@ fn write<T: Tap>(
 }
 
 /// The error of a run that ends because a step failed on a frame.
-fn frame_failed<T: Tap>(stage: &Stage<'_, T>, step: StepId, frame: &Frame, fault: Fault, plan: &Plan) -> RunError {
+fn frame_failed<T: Sink>(stage: &Stage<'_, T>, step: StepId, frame: &Frame, fault: Fault, plan: &Plan) -> RunError {
     let (run, frame) = (stage.plan, frame.id.to_string());
     match stage.graph.step(step) {
         Step::Node(node) => RunError::of_node(plan, stage.run, &run.nodes[node], Some(frame), fault),
@@ -174,7 +174,7 @@ struct Outcomes {
 }
 
 /// How the steps of a frame ended. Counts them, and adds their times.
-fn outcomes<T: Tap>(
+fn outcomes<T: Sink>(
     stage: &Stage<'_, T>,
     in_flight: &InFlight<T::Part>,
     frame: &Frame,
@@ -219,7 +219,7 @@ fn outcomes<T: Tap>(
 }
 
 /// The failed step because of which others did not run.
-fn origin<T: Tap>(stage: &Stage<'_, T>, frame: &InFlight<T::Part>, mut step: StepId) -> String {
+fn origin<T: Sink>(stage: &Stage<'_, T>, frame: &InFlight<T::Part>, mut step: StepId) -> String {
     while let Some(Outcome::Skipped(before)) = frame.settled(step).map(|s| s.outcome) {
         step = before;
     }

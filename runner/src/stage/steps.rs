@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Slot, StoredValue, Tap};
+use depthloom_graphs::contracts::{Sink, Slot, StoredValue};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Context, Fault, Frame, Host as _, Inputs, Key, Outputs, Scratch, Value};
@@ -10,7 +10,7 @@ use depthloom_threads::locked;
 
 use super::{FrameNode, Stage, process_pure};
 use crate::host::TaskHost;
-use crate::panics::{guarded, guarded_tap};
+use crate::panics::{guarded, guarded_sink};
 use crate::reuse::{FramePlan, Reuse, StepAction};
 use crate::stage::frame_graph::{Feed, OutputId, StepId, StepOutput};
 use crate::stage::in_flight::{InFlight, Outcome, Settled};
@@ -48,7 +48,7 @@ impl WorkerState {
 /// The remedy where the store cannot be read.
 const FRESH: &str = "run with --fresh, which takes nothing from earlier runs";
 
-impl<T: Tap> Stage<'_, T> {
+impl<T: Sink> Stage<'_, T> {
     pub(super) fn read(&self, frame: &InFlight<T::Part>, worker: &mut WorkerState) -> Settled {
         let (watch, host) = (worker.start(), self.host(None, frame.position));
         let mut ctx = Context::new(&host, &mut worker.scratch);
@@ -56,7 +56,7 @@ impl<T: Tap> Stage<'_, T> {
             // The key decides whether the frame is read at all. What was read must have the same key.
             let key = self.source.key(frame.position)?;
             if let Some(reuse) = &self.reuse {
-                let plan = reuse.plan(&self.graph, self.context.tap, frame.position, key);
+                let plan = reuse.plan(&self.graph, self.context.sink, frame.position, key);
                 let plan = frame.plan.get_or_init(|| plan);
                 self.sampler.note(frame.position, plan);
                 self.load(frame, plan, reuse)?;
@@ -132,7 +132,7 @@ impl<T: Tap> Stage<'_, T> {
         }
         let producer = &self.graph.producers[step];
         let planned = &self.plan.nodes[node];
-        let (recipe, instant) = (&planned.recipe, &self.source.frames()[frame.position]);
+        let (node_hash, instant) = (&planned.node_hash, &self.source.frames()[frame.position]);
         let (watch, host) = (worker.start(), self.host(Some(node), frame.position));
         let inputs = Inputs::new(&producer.inputs, &worker.inputs);
         let mut ctx = Context::new(&host, &mut worker.scratch);
@@ -142,7 +142,7 @@ impl<T: Tap> Stage<'_, T> {
                 let process = || guarded(|| process_pure(&**pure, planned, instant, &inputs, &mut ctx));
                 with_files(planned, instant, process).and_then(|(outputs, files)| {
                     let observed = planned.observes.as_ref().map(|_| Observed { frame: instant, files });
-                    Ok((in_order(outputs)?, value_keys::pure(recipe, observed, &worker.keys)))
+                    Ok((in_order(outputs)?, value_keys::pure(node_hash, observed, &worker.keys)))
                 })
             }
             FrameNode::Ordered(ordered) => {
@@ -160,7 +160,7 @@ impl<T: Tap> Stage<'_, T> {
                     Ok((values, files)) => {
                         self.audit_again(frame, step, &values);
                         let observed = Observed { frame: instant, files };
-                        let key = value_keys::ordered(recipe, state.last_key.as_ref(), observed, &worker.keys);
+                        let key = value_keys::ordered(node_hash, state.last_key.as_ref(), observed, &worker.keys);
                         state.last_key = Some(key);
                         Ok((values, key))
                     }
@@ -276,12 +276,12 @@ impl<T: Tap> Stage<'_, T> {
         }
         let (watch, host) = (worker.start(), self.host(None, frame.position));
         let instant = &self.source.frames()[frame.position];
-        let (tap, position, values) = (self.context.tap, (frame.position, instant), &worker.values);
-        let encoded = guarded_tap(|| {
+        let (sink, position, values) = (self.context.sink, (frame.position, instant), &worker.values);
+        let encoded = guarded_sink(|| {
             if stored.is_empty() {
-                return tap.encode(self.run, position, part, values);
+                return sink.encode(self.run, position, part, values);
             }
-            tap.encode_stored(self.run, position, part, values, &stored).map_err(|error| match error.remedy {
+            sink.encode_stored(self.run, position, part, values, &stored).map_err(|error| match error.remedy {
                 None => error.remedy(FRESH),
                 Some(_) => error,
             })
@@ -291,7 +291,7 @@ impl<T: Tap> Stage<'_, T> {
         match encoded {
             Ok(encoded) => frame.put_part(part, encoded),
             Err(error) => {
-                frame.add_tap_error(part, error);
+                frame.add_sink_error(part, error);
                 self.end_after(frame.position);
             }
         }

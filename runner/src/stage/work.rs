@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crossbeam::channel::Sender;
-use depthloom_graphs::contracts::Tap;
+use depthloom_graphs::contracts::Sink;
 
 use super::steps::WorkerState;
 use super::{EndAll, FrameNode, Stage, Task};
@@ -11,9 +11,9 @@ use crate::stage::frame_graph::Step;
 use crate::stage::in_flight::InFlight;
 use crate::stage::ordered::Ordered;
 
-type FrameInFlight<T> = Arc<InFlight<<T as Tap>::Part>>;
+type FrameInFlight<T> = Arc<InFlight<<T as Sink>::Part>>;
 
-impl<T: Tap> Stage<'_, T> {
+impl<T: Sink> Stage<'_, T> {
     /// Works until the stage ends. Complete frames are sent to `done`, which is never full.
     pub(crate) fn work(&self, done: &Sender<FrameInFlight<T>>) {
         // A worker that ends in a panic ends all others, which would wait for it.

@@ -71,25 +71,25 @@ pub(crate) fn any_graph() -> impl Strategy<Value = AnyGraph> {
 
 pub(crate) fn bench(graph: &AnyGraph) -> Bench {
     let mut bench = Bench::new(&["one"]);
-    let mut once_values: Vec<Origin> = Vec::new();
+    let mut aggregate_values: Vec<Origin> = Vec::new();
     for (run, nodes) in RunId::enumerate(&graph.stages) {
         let mut source = Numbers::new(graph.frames);
         (source.toy.fails_at, source.toy.absent_at) = (graph.source_fails_at.clone(), graph.source_absent_at.clone());
         bench.stage(&format!("stage{run}"), source);
         let mut slots = vec![Slot::Source { port: PortId(0) }, Slot::Source { port: PortId(1) }];
         // Frames may read aggregate values of earlier stages, aggregate nodes those of their own stage too.
-        let earlier = once_values.len();
+        let earlier = aggregate_values.len();
         for (id, node) in NodeId::enumerate(nodes) {
             let contract = match node.contract {
                 0 => Contract::Ordered,
-                1 if !once_values.is_empty() => Contract::Once,
+                1 if !aggregate_values.is_empty() => Contract::Once,
                 _ => Contract::Pure,
             };
             let slot = |i: usize| Some(Origin::Here(slots[i % slots.len()]));
-            let pick = |i: usize, of: usize| (of > 0).then(|| once_values[i % of].clone());
+            let pick = |i: usize, of: usize| (of > 0).then(|| aggregate_values[i % of].clone());
             let from = match contract {
                 Contract::Once => {
-                    let all = once_values.len();
+                    let all = aggregate_values.len();
                     [pick(node.a, all), node.once.and_then(|i| pick(i, all)), None]
                 }
                 Contract::Pure | Contract::Ordered => {
@@ -109,8 +109,8 @@ pub(crate) fn bench(graph: &AnyGraph) -> Bench {
                 slots.extend([0, 1].map(|port| Slot::Node { node: id, port: PortId(port) }));
             }
             match contract {
-                Contract::Ordered => once_values.push(Origin::Once { run, node: id, port: PortId(2) }),
-                Contract::Once => once_values.push(Origin::Once { run, node: id, port: PortId(0) }),
+                Contract::Ordered => aggregate_values.push(Origin::Once { run, node: id, port: PortId(2) }),
+                Contract::Once => aggregate_values.push(Origin::Once { run, node: id, port: PortId(0) }),
                 Contract::Pure => {}
             }
         }

@@ -1,4 +1,4 @@
-//! Toy graphs: nodes that mix numbers, a tap that writes everything down, and plans made by hand.
+//! Toy graphs: nodes that mix numbers, a sink that writes everything down, and plans made by hand.
 #![allow(dead_code, clippy::allow_attributes, reason = "each test and the bench use a part of it")]
 #![allow(missing_docs, reason = "test support")]
 
@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Slot, Tap};
+use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Sink, Slot};
 use depthloom_graphs::plan::{
     FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource, PortId, Record,
     RunId, StageRun, VariantId,
@@ -16,7 +16,7 @@ use depthloom_graphs::plan::{
 use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::values::{Artifact, Calibration};
 use depthloom_graphs::{
-    Context, Fault, Frame, Inputs, Instance, Key, OnceNode, OrderedNode, Outputs, Port, PureNode, Source,
+    AggregateNode, Context, Fault, Frame, Inputs, Instance, Key, OrderedNode, Outputs, Port, PureNode, Source,
     SourceOutputs, Value, ValueType, value_keys,
 };
 
@@ -123,7 +123,7 @@ impl OrderedNode for OrderedToy {
     }
 }
 
-impl OnceNode for Toy {
+impl AggregateNode for Toy {
     fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let s = read_artifact(inputs.get::<Artifact>("s")?);
         let t = inputs.optional::<Artifact>("t")?.map(|t| read_artifact(t));
@@ -199,7 +199,7 @@ pub(crate) fn planned(name: &str, contract: Contract, from: [Option<Origin>; 3])
         inputs: ports.into_iter().zip(from).map(|(port, from)| PlannedInput { port, from, shown: None }).collect(),
         outputs,
         observes: None,
-        recipe: Key::of_content(name.as_bytes()),
+        node_hash: Key::of_content(name.as_bytes()),
         variants: vec![VariantId(0)],
     }
 }
@@ -282,7 +282,7 @@ pub(crate) const fn node_slot(node: usize, port: usize) -> Slot {
     Slot::Node { node: NodeId(node), port: PortId(port) }
 }
 
-/// What a tap was given, in words.
+/// What a sink was given, in words.
 pub(crate) fn told_value(value: &Value) -> String {
     match value {
         Value::Calibration(number) => format!("{:x}", read(number)),
@@ -307,7 +307,7 @@ pub(crate) fn part_text(part: PartId, values: &[(Slot, Value)]) -> String {
     format!("{part}: {}", values.join(" "))
 }
 
-/// A tap that writes down all it is given. Values go to one of `parts` parts; with none, nothing is taken.
+/// A sink that writes down all it is given. Values go to one of `parts` parts; with none, nothing is taken.
 #[derive(Default)]
 pub(crate) struct Notebook {
     pub parts: usize,
@@ -336,7 +336,7 @@ pub(crate) fn part_of(parts: usize, slot: Slot) -> Option<PartId> {
     if parts == 0 || n % 5 == 4 { None } else { Some(PartId(n % parts)) }
 }
 
-impl Tap for Notebook {
+impl Sink for Notebook {
     type Part = String;
 
     fn parts(&self, _run: RunId) -> usize {
@@ -379,7 +379,7 @@ impl Tap for Notebook {
 }
 
 /// The key under which a value enters other keys: an artefact's hash, or that of its port.
-pub(crate) fn once_key(value: &Value, node: &Key, port: &str) -> Key {
+pub(crate) fn aggregate_key(value: &Value, node: &Key, port: &str) -> Key {
     match value {
         Value::Samples(artifact) => artifact.hash,
         _ => value_keys::port(node, port),

@@ -41,7 +41,7 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
         stages: args.part.stage.clone(),
         sets: args.pixels.clone(),
         unit: if args.relative { Unit::OfTruth } else { Unit::Metres },
-        gross: args.outlier,
+        outlier: args.outlier,
     };
     if inquiry.by == By::Frame && inquiry.bins.is_some() {
         return Err(CliError::usage(

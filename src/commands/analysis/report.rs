@@ -3,8 +3,7 @@
 use std::path::Path;
 
 use depthloom_analysis::{Prepared, ReportOptions, Resampling};
-use depthloom_recording::Recording;
-use depthloom_runs::{models, run_folder};
+use depthloom_runs::{models, open, run_folder};
 use depthloom_terminal::{CliError, ExitCode, print, say};
 
 use crate::args::ReportArgs;
@@ -38,8 +37,7 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
         CliError::of_writing(ExitCode::Usage, format_args!("failed to create {}", out.display()), &error)
     })?;
     let lock = run_folder::lock_if_run(&out)?;
-    let recording = Recording::open(&path)
-        .map_err(|error| CliError::remedied(ExitCode::Usage, "failed to read the recording", &error))?;
+    let recording = open(&path)?;
     if lock.is_none() {
         depthloom_durable::remove_abandoned(&out);
         run_folder::mark_for_reports(&out).map_err(|error| {

@@ -17,6 +17,13 @@ const NETWORK_FILE: &str = "street-network.onnx";
 /// Writes the first experiment and its network. It replaces no file.
 pub(crate) fn new(args: &NewArgs) -> Result<ExitCode, CliError> {
     let file = &args.file;
+    if file.as_os_str() == "-" {
+        // It comes with a network, which standard output cannot hold.
+        return Err(CliError::usage(
+            "`-` is not a file name: the experiment is written with its network beside it",
+            "give a file: depthloom new first.yaml",
+        ));
+    }
     let network = file.with_file_name(NETWORK_FILE);
     if file == &network {
         return Err(CliError::usage(
@@ -47,7 +54,17 @@ fn create_network(path: &Path) -> Result<(), CliError> {
 fn create(path: &Path, bytes: &[u8], remedy: &'static str) -> Result<(), CliError> {
     let failed = |error: io::Error| match error.kind() {
         ErrorKind::AlreadyExists => CliError::usage(format!("{} exists already", path.display()), remedy),
-        _ => CliError::because(ExitCode::Usage, format_args!("failed to write {}", path.display()), &error),
+        kind => {
+            let stop =
+                CliError::of_writing(ExitCode::Usage, format_args!("failed to write {}", path.display()), &error);
+            match kind {
+                ErrorKind::NotFound => stop.remedy("create its folder first, or choose another file"),
+                ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+                    stop.remedy("choose a file in a folder that you may write to")
+                }
+                _ => stop,
+            }
+        }
     };
     File::create_new(path).and_then(|mut file| file.write_all(bytes)).map_err(failed)
 }

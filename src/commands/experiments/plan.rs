@@ -42,7 +42,7 @@ pub(crate) struct ReusedNode {
     why: Option<String>,
 }
 
-/// Prints every node of the plan, the variants that share it, and its recipe.
+/// Prints every node of the plan, the variants that share it, and its node hash.
 pub(crate) fn plan(args: &PlanArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let loaded = load(&args.experiment, registry, args.output.json)?;
     if args.reuse {

@@ -8,7 +8,7 @@ use depthloom_graphs::{Fault, Host, counted};
 use depthloom_nodes::sources::SyntheticRoadParams;
 use depthloom_runner::Interrupt;
 use depthloom_runs::environment;
-use depthloom_terminal::{CliError, ExitCode, print_path};
+use depthloom_terminal::{CliError, ExitCode, is_refused, print_path};
 use depthloom_threads::Budget;
 use indicatif::ProgressBar;
 
@@ -32,10 +32,16 @@ pub(crate) fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
     let frames = kitti_layout::write(&args.out, &params, &renderer).map_err(|fault| {
         let exit = match (&fault, renderer.has_begun.load(Ordering::Relaxed)) {
             (Fault::Cancelled, _) => return CliError::new(ExitCode::Interrupted, "interrupted"),
-            (_, false) => ExitCode::Usage,
+            (fault, false) if !is_refused(fault) => ExitCode::Usage,
+            (_, false) => ExitCode::Engine,
             (_, true) => ExitCode::Engine,
         };
-        CliError::from_error(exit, &fault)
+        let stop = CliError::from_error(exit, &fault);
+        if is_refused(&fault) {
+            stop.remedy("choose a folder on a disk with space, that you may write to")
+        } else {
+            stop
+        }
     })?;
     bar.finish_and_clear();
     if !args.quiet {

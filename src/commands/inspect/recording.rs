@@ -29,7 +29,7 @@ pub(crate) struct Info {
     subject: Subject,
     file: String,
     bytes: u64,
-    /// `whole`, `unfinished`, `recovered` or `damaged`.
+    /// `complete`, `unfinished`, `recovered` or `damaged`.
     condition: &'static str,
     /// What is wrong; null if nothing is.
     what: Option<String>,
@@ -62,7 +62,7 @@ pub(crate) struct Topic {
     /// How many different keys its values have.
     keys: u64,
     /// The hash of the node that outputs it; null for other topics.
-    recipe: Option<String>,
+    node_hash: Option<String>,
 }
 
 /// An attached file.
@@ -128,12 +128,12 @@ fn topics(recording: &Recording, sizes: Vec<TopicSize>) -> Vec<Topic> {
     for run in RunId::all(plan.runs.len()) {
         for (slot, output) in plan.outputs(run) {
             let Some(size) = sizes.remove(&output.topic) else { continue };
-            let recipe = match slot {
+            let node_hash = match slot {
                 Slot::Source { .. } => None,
-                Slot::Node { node, .. } => Some(plan.runs[run].nodes[node].recipe),
+                Slot::Node { node, .. } => Some(plan.runs[run].nodes[node].node_hash),
             };
             let keys = keys_of(recording, run, slot).map(|(_, key)| key).collect::<BTreeSet<Key>>().len();
-            topics.push(Topic::new(size, &output.value_type, keys as u64, recipe));
+            topics.push(Topic::new(size, &output.value_type, keys as u64, node_hash));
         }
     }
     topics.extend(sizes.into_values().map(|size| {
@@ -144,10 +144,10 @@ fn topics(recording: &Recording, sizes: Vec<TopicSize>) -> Vec<Topic> {
 }
 
 impl Topic {
-    fn new(size: TopicSize, carries: &str, keys: u64, recipe: Option<Key>) -> Self {
+    fn new(size: TopicSize, carries: &str, keys: u64, node_hash: Option<Key>) -> Self {
         let TopicSize { topic, schema, messages, raw_bytes, stored_bytes } = size;
-        let recipe = recipe.map(|recipe| recipe.to_string());
-        Self { topic, carries: carries.to_owned(), schema, messages, raw_bytes, stored_bytes, keys, recipe }
+        let node_hash = node_hash.map(|node_hash| node_hash.to_string());
+        Self { topic, carries: carries.to_owned(), schema, messages, raw_bytes, stored_bytes, keys, node_hash }
     }
 }
 
@@ -170,9 +170,9 @@ fn keys_of(recording: &Recording, run: RunId, slot: Slot) -> impl Iterator<Item 
 fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args: &InspectArgs) -> String {
     let plan = recording.plan();
     let condition = match (recording.condition(), args.verify_bytes) {
-        (Condition::Whole, false) => "complete according to its summary; --verify-bytes reads every byte".to_owned(),
-        (Condition::Whole, true) if damage.is_empty() => "complete, every byte verified".to_owned(),
-        (Condition::Whole, true) => format!("damaged in {}", counted(damage.len(), "place")),
+        (Condition::Complete, false) => "complete according to its summary; --verify-bytes reads every byte".to_owned(),
+        (Condition::Complete, true) if damage.is_empty() => "complete, every byte verified".to_owned(),
+        (Condition::Complete, true) => format!("damaged in {}", counted(damage.len(), "place")),
         (condition, _) => condition.to_string(),
     };
     let mut text = format!("{}: {condition}\n", recording.path().display());
@@ -184,12 +184,13 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
     let variants = counted(plan.variants.len(), "variant");
     text += &format!("experiment {}, {variants}: {}\n\n", plan.experiment, stages.collect::<Vec<_>>().join(", "));
 
-    let head = ["topic", "type", "messages", "raw", "stored", "ratio", "keys", "recipe"];
+    let head = ["topic", "type", "messages", "raw", "stored", "ratio", "keys", "node hash"];
     let mut rows = vec![head.map(str::to_owned)];
     for entry in topics {
-        let recipe = entry.recipe.as_ref().map_or_else(|| "-".to_owned(), |recipe| recipe[..KEY_DIGITS].to_owned());
+        let node_hash =
+            entry.node_hash.as_ref().map_or_else(|| "-".to_owned(), |node_hash| node_hash[..KEY_DIGITS].to_owned());
         let keys = if entry.keys == 0 { "-".to_owned() } else { entry.keys.to_string() };
-        rows.push(row(entry, keys, recipe));
+        rows.push(row(entry, keys, node_hash));
     }
     let all = total(topics);
     rows.push(row(&all, String::new(), String::new()));
@@ -218,7 +219,7 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
     text
 }
 
-fn row(entry: &Topic, keys: String, recipe: String) -> [String; 8] {
+fn row(entry: &Topic, keys: String, node_hash: String) -> [String; 8] {
     let ratio = entry.raw_bytes as f64 / entry.stored_bytes.max(1) as f64;
     [
         entry.topic.clone(),
@@ -228,7 +229,7 @@ fn row(entry: &Topic, keys: String, recipe: String) -> [String; 8] {
         size(entry.stored_bytes),
         format!("{ratio:.2}"),
         keys,
-        recipe,
+        node_hash,
     ]
 }
 
@@ -242,7 +243,7 @@ fn total(topics: &[Topic]) -> Topic {
         raw_bytes: sum(|entry| entry.raw_bytes),
         stored_bytes: sum(|entry| entry.stored_bytes),
         keys: 0,
-        recipe: None,
+        node_hash: None,
     }
 }
 
@@ -277,7 +278,7 @@ fn all_keys(recording: &Recording) -> Vec<ValueKey> {
 
 fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], args: &InspectArgs) -> Info {
     let plan = recording.plan();
-    let is_whole = *recording.condition() == Condition::Whole;
+    let is_whole = *recording.condition() == Condition::Complete;
     let attachments = recording.attachments().iter().map(|entry| Attachment {
         name: entry.name.clone(),
         media_type: entry.media_type.clone(),

@@ -23,7 +23,7 @@ use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct Export {
     folder: String,
-    /// `whole`, `unfinished`, `recovered` or `damaged`.
+    /// `complete`, `unfinished`, `recovered` or `damaged`.
     condition: &'static str,
     topics: Vec<Exported>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -123,7 +123,7 @@ fn check_options(args: &ExportArgs, chosen: &[Chosen<'_>], colours: Option<Colou
 
 /// Prints warnings about the recording and the numbers.
 fn print_warnings(args: &ExportArgs, recording: &Recording, exported: &[Exported]) {
-    if *recording.condition() != Condition::Whole {
+    if *recording.condition() != Condition::Complete {
         say(format_args!("warning: {} is {}", recording.path().display(), recording.condition()));
     }
     for Exported { topic, clipped_pixels, .. } in exported.iter().filter(|topic| topic.clipped_pixels > 0) {

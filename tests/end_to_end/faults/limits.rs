@@ -99,14 +99,28 @@ fn an_unwritable_folder_error_suggests_out() {
     let mut command = under("setpriv", &as_other_user);
     command.current_dir(folder.path()).args(["run", "--no-page"]).arg(workspace().join("experiments/first-look.yaml"));
     let refused = command.output().expect("it starts");
-    assert_eq!(refused.status.code(), Some(2), "{}", stderr_of(&refused));
+    assert_eq!(refused.status.code(), Some(1), "{}", stderr_of(&refused));
     assert!(stderr_of(&refused).contains("may be written with --out"), "{}", stderr_of(&refused));
     // A report on a run of another user.
     let out = folder.path().join("run");
     assert_eq!(run("0..2", &out, &[]).status.code(), Some(0));
     let refused = under("setpriv", &as_other_user).arg("report").arg(&out).output().expect("it starts");
-    assert_eq!(refused.status.code(), Some(2), "{}", stderr_of(&refused));
+    assert_eq!(refused.status.code(), Some(1), "{}", stderr_of(&refused));
     assert!(stderr_of(&refused).contains("may be written with --out"), "{}", stderr_of(&refused));
+    // Every command that writes ends with the same code.
+    let file = |name: &str| folder.path().join(name).into_os_string().into_string().expect("a path in UTF-8");
+    let run_folder = file("run");
+    for arguments in [
+        vec!["table", &run_folder, "--out", &file("table.csv")],
+        vec!["export", &run_folder, "depth", "--out", &file("exported")],
+        vec!["new", &file("first.yaml")],
+        vec!["synth", &file("street"), "--frames", "1"],
+        vec!["runs", "rm", &run_folder],
+    ] {
+        let refused = under("setpriv", &as_other_user).args(&arguments).output().expect("it starts");
+        assert_eq!(refused.status.code(), Some(1), "{arguments:?}: {}", stderr_of(&refused));
+        assert!(stderr_of(&refused).contains("help:"), "{arguments:?}: {}", stderr_of(&refused));
+    }
     // A folder without read permission is not reported as missing.
     set_mode(&out, "700");
     let refused = under("setpriv", &as_other_user).arg("report").arg(&out).output().expect("it starts");

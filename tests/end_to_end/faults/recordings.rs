@@ -107,7 +107,7 @@ fn fault_49_report_notes_that_a_recording_is_unfinished_or_truncated() {
     );
     let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
     let stages = [serde_json::json!({ "stage": "look", "variant": null, "frames": 4 })];
-    assert_eq!(json["recording"], serde_json::json!({ "condition": "whole", "frames": 4, "stages": stages }));
+    assert_eq!(json["recording"], serde_json::json!({ "condition": "complete", "frames": 4, "stages": stages }));
 }
 
 /// Recovers a recording of these bytes. Returns the exit code, standard error, and the new file.
@@ -193,6 +193,32 @@ fn every_analysis_of_a_recording_damaged_before_its_first_frame_exits_with_3() {
         assert_eq!(output.status.code(), Some(3), "{arguments:?}: {stderr}");
         assert!(stderr.contains("input.mcap is damaged at byte"), "{arguments:?}: {stderr}");
         assert!(stderr.contains("no complete frame comes before it"), "{arguments:?}: {stderr}");
+    }
+}
+
+/// The first records of a file are its plan: without it nothing can be read.
+#[test]
+fn damage_ends_every_command_with_3_and_a_message() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = std::fs::read(recorded(folder.path(), "0..2")).expect("a recording");
+    let end = bytes.len() - 20;
+    for (place, message) in [(1115, "error"), (end, "warning")] {
+        let mut damaged = bytes.clone();
+        damaged[place] ^= 1;
+        std::fs::write(folder.path().join("damaged.mcap"), damaged).expect("written");
+        for arguments in [
+            &["report", "damaged.mcap", "--out", "report"][..],
+            &["runs", "diff", "run/recording.mcap", "damaged.mcap"],
+            &["runs", "diff", "damaged.mcap", "run/recording.mcap"],
+            &["table", "damaged.mcap"],
+            &["inspect", "damaged.mcap"],
+        ] {
+            let mut command = depthloom();
+            let output = command.current_dir(folder.path()).args(arguments).output().expect("the binary starts");
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(3), "byte {place}, {arguments:?}: {stderr}");
+            assert!(stderr.contains(message) && stderr.contains("damaged"), "byte {place}, {arguments:?}: {stderr}");
+        }
     }
 }
 

@@ -342,7 +342,7 @@ import pyarrow as pa
 import depthloom
 from depthloom import _columns
 
-OUTPUTS = {"depth": "depth", "weight": "weight", "camera": "calibration", "disparity": "disparity", "px": "true-disparity"}
+OUTPUTS = {"depth": "depth", "weight": "weight", "camera": "calibration", "disparity": "disparity", "px": "ground-truth-disparity"}
 
 @depthloom.node(inputs={"depth": "depth"}, outputs=OUTPUTS)
 def own(depth, params):
@@ -377,7 +377,8 @@ depthloom.serve(own, Frames)
 
 /// Runs the node `own` with these parameters. Returns the exit code and the output.
 fn run_own(python: &Path, folder: &Path, name: &str, params: &str) -> (Option<i32>, String) {
-    let outputs = "{ depth: depth, weight: weight, camera: calibration, disparity: disparity, px: true-disparity }";
+    let outputs =
+        "{ depth: depth, weight: weight, camera: calibration, disparity: disparity, px: ground-truth-disparity }";
     let text = format!(
         "experiment: own\nsources: {{ street: {{ kind: synthetic/road, with: {{ frames: 0..1, width: 64, height: 32 }} }} }}\n\
          stages:\n  look:\n    source: street\n    nodes:\n      own:\n        kind: process\n        inputs: {{ depth: source/depth }}\n\
@@ -411,7 +412,7 @@ fn invalid_values_fail_the_frame_with_node_port_and_pixel() {
         ("weight: -0.1", "invalid weight at port `weight`: -0.1 at row 3, column 7"),
         ("weight: \"nan\"", "invalid weight at port `weight`: NaN at row 3, column 7"),
         ("disparity: \"inf\"", "the value of output 'disparity' is inf px at row 3, column 7"),
-        ("px: \"-inf\"", "invalid true-disparity at port `px`: -inf px at row 3, column 7"),
+        ("px: \"-inf\"", "invalid ground-truth-disparity at port `px`: -inf px at row 3, column 7"),
         (
             "camera: { focal_px: -90 }",
             "invalid calibration at port `camera`: its `focal_px` is -90.0; it must be finite and greater than 0",

@@ -34,7 +34,7 @@ fn node_hash(experiment: &Path, token: &str) -> (String, String) {
     let plan: Json = serde_json::from_str(&text).expect("JSON");
     let nodes = plan["runs"][0]["nodes"].as_array().expect("nodes").clone();
     let own = nodes.into_iter().find(|node| node["name"] == "own").expect("a node");
-    (own["recipe"].as_str().expect("a hash").to_owned(), text)
+    (own["node_hash"].as_str().expect("a hash").to_owned(), text)
 }
 
 #[test]

@@ -161,12 +161,12 @@ fn both(
     let computed = || AnalysisError::compute("errors of samples");
     let read = |side: usize| -> Result<DataFrame, AnalysisError> {
         let (file, estimate) = sides[side];
-        file.read(parts[side], &["x", "y", "truth_m", &estimate.column])
+        file.read(parts[side], &["x", "y", "ground_truth_m", &estimate.column])
     };
     let tables = [read(0)?, read(1)?];
     let column = |side: usize, name: &str| numbers(&tables[side], name).map_err(computed());
     let place = |side: usize| -> Result<_, AnalysisError> {
-        Ok((column(side, "x")?, column(side, "y")?, column(side, "truth_m")?))
+        Ok((column(side, "x")?, column(side, "y")?, column(side, "ground_truth_m")?))
     };
     let (one, two) = (place(0)?, place(1)?);
     if one != two {

@@ -45,8 +45,8 @@ function numbersOf(scale) {
   return tables.get(key);
 }
 
-const UNITS = { depth: "m", disparity: "px", "true-disparity": "px", weight: "", mask: "" };
-const isDisparity = (layer) => layer.type === "disparity" || layer.type === "true-disparity";
+const UNITS = { depth: "m", disparity: "px", "ground-truth-disparity": "px", weight: "", mask: "" };
+const isDisparity = (layer) => layer.type === "disparity" || layer.type === "ground-truth-disparity";
 
 function frameViews() {
   const parts = D.pictures.filter((part) => part.frames.length);

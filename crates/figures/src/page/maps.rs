@@ -59,7 +59,7 @@ impl Scale {
     pub fn for_type(value_type: &str, steps: Steps) -> Option<Self> {
         match value_type {
             "depth" => Some(Self::Log { from: NEAREST_M, step: log(1.0 + steps.depth) }),
-            "disparity" | "true-disparity" => Some(Self::Linear { from: LOWEST_PX, step: steps.disparity_px }),
+            "disparity" | "ground-truth-disparity" => Some(Self::Linear { from: LOWEST_PX, step: steps.disparity_px }),
             "weight" => Some(Self::Linear { from: 0.0, step: 1.0 / 256.0 }),
             "mask" => Some(Self::Linear { from: 0.0, step: 1.0 }),
             _ => None,

@@ -5,7 +5,7 @@ function head() {
   byId("about").textContent = D.description;
   const frames = D.condition?.frames ?? 0;
   byId("made").textContent = [
-    D.variants > 1 ? plural(D.variants, "variant") : null, plural(frames, "frame"), D.condition?.condition && D.condition.condition !== "whole" ? `recording ${D.condition.condition}` : null,
+    D.variants > 1 ? plural(D.variants, "variant") : null, plural(frames, "frame"), D.condition?.condition && D.condition.condition !== "complete" ? `recording ${D.condition.condition}` : null,
     made ? `run ended ${made.replace(/T(\d\d)-(\d\d)-(\d\d)Z/, " $1:$2:$3 UTC")}` : null, `page by depthloom ${D.depthloom}`].filter(Boolean).join(" · ");
   byId("theme").addEventListener("click", () => setDark(!isDark()));
   const notes = [...(D.notes ?? [])];
@@ -71,7 +71,7 @@ function again() {
   body.append(
     el("details", {}, el("summary", {}, `sources (${K.sources.length})`), grid([["stage", true], ["source", true], ["kind", true], ["parameters", true]], K.sources.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), parameters(of))))),
     el("details", {}, el("summary", {}, `nodes (${K.nodes_in_all}${K.nodes.length < K.nodes_in_all ? `, the first ${K.nodes.length}` : ""}) with their hashes (of kind, version, parameters and inputs)`),
-      grid([["stage", true], ["variant", true], ["node", true], ["kind", true], ["node hash", true], ["parameters", true]], K.nodes.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.variant ?? ""), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), el("td", { className: "text", title: of.recipe }, el("code", {}, of.recipe.slice(0, 12))), parameters(of))))));
+      grid([["stage", true], ["variant", true], ["node", true], ["kind", true], ["node hash", true], ["parameters", true]], K.nodes.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.variant ?? ""), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), el("td", { className: "text", title: of.node_hash }, el("code", {}, of.node_hash.slice(0, 12))), parameters(of))))));
 }
 
 for (const part of [head, scoreTable, effects, distanceFigure, frameViews, frameFigure, learningFigures, times, again, contents]) part();

@@ -276,7 +276,7 @@ mod tests {
         let node = |name: &str, from: &str, topic: &str, variants: &[VariantId]| {
             json!({ "name": name, "kind": "filter/median", "version": 1, "contract": "pure", "params": {},
                     "inputs": [{ "port": "depth", "from": from }], "outputs": output(topic),
-                    "recipe": "00".repeat(16), "variants": variants })
+                    "node_hash": "00".repeat(16), "variants": variants })
         };
         let plan = json!({
             "experiment": "x", "description": "", "variants": ["a", "b"], "every": 1, "view": false,

@@ -5,7 +5,9 @@ use std::time::Instant;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Upstream};
 use depthloom_graphs::values::{Artifact, Curve};
-use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Node, OnceNode, Outputs, Port, Value, ValueType};
+use depthloom_graphs::{
+    AggregateNode, Context, Fault, Host, Inputs, Instance, Key, Node, Outputs, Port, Value, ValueType,
+};
 use depthloom_threads::look_for_room;
 use rayon::ThreadPool;
 use rustix::time::{ClockId, clock_gettime};
@@ -96,7 +98,7 @@ steps, the state is stored beside the run; if a run was killed or interrupted, r
     }
 }
 
-impl OnceNode for Ssl {
+impl AggregateNode for Ssl {
     fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let samples = read("samples", inputs.get::<Artifact>("samples")?)?;
         let validation = inputs.optional::<Artifact>("validation")?;

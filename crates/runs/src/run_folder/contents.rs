@@ -7,7 +7,7 @@ use std::path::Path;
 
 use depthloom_analysis::{PAGE, SAMPLES};
 
-use crate::files::{MARKER, MODELS, OUTDATED, RECORDING, TIMINGS};
+use crate::files::{MARKER, MODELS, OUTDATED, RECORDING, TIMINGS, is_outdated};
 
 const FILES: [&str; 8] = [
     MARKER,
@@ -103,7 +103,7 @@ pub(super) fn foreign(folder: &Path) -> io::Result<Option<OsString>> {
 fn is_file_of_a_run(name: &str) -> bool {
     let before = name.strip_suffix(depthloom_durable::PARTIAL).and_then(|name| name.strip_suffix('.'));
     let written = [Some(name), depthloom_durable::final_name(name), before];
-    FILES.iter().chain(&REPORT).any(|file| written.contains(&Some(*file)))
+    is_outdated(name) || FILES.iter().chain(&REPORT).any(|file| written.contains(&Some(*file)))
 }
 
 /// Whether all files in a folder and its subfolders have one of these extensions, also with a suffix of unfinished

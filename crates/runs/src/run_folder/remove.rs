@@ -37,9 +37,11 @@ impl Removal {
             PathState::Nothing => return refuse("it does not exist", "`depthloom runs` lists the runs"),
         }
         let lock = Lock::take(&folder).map_err(|refused| {
-            let stop =
-                CliError::because(ExitCode::Usage, format_args!("failed to lock {}", folder.display()), &refused);
-            stop.remedy(if matches!(refused, Refused::Busy) { "wait until it is done" } else { RIGHT })
+            let intent = format_args!("failed to lock {}", folder.display());
+            match refused {
+                Refused::System(error) => may_not(CliError::of_writing(ExitCode::Usage, intent, &error)),
+                Refused::Busy => CliError::because(ExitCode::Usage, intent, &refused).remedy("wait until it is done"),
+            }
         })?;
         match harm(&folder, &[]).map_err(may_not)? {
             None => Ok(Self { folder, lock }),

@@ -20,6 +20,7 @@ use crate::language::text::paths::Anywhere;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Node, Tree};
 use crate::registry::{KindInfo, NodeKind, SourceEntry};
+use crate::render::parameter_help;
 
 #[derive(Debug, PartialEq)]
 pub(crate) struct Parameters {
@@ -27,7 +28,7 @@ pub(crate) struct Parameters {
     pub(crate) resolved: Json,
     /// `resolved` with `${NAME}` for values of environment variables: may be shown.
     pub(crate) shown: Json,
-    /// `resolved` without operational parameters and locations of files: part of the recipe.
+    /// `resolved` without operational parameters and locations of files: part of the node hash.
     pub(crate) portable: Json,
     /// `portable` with `${NAME}` for values of environment variables: may be recorded.
     pub(crate) recorded: Json,
@@ -68,7 +69,7 @@ impl Contents {
         }
     }
 
-    /// A path in a recipe, without its location.
+    /// A path in a node hash, without its location.
     fn portable_path(&mut self, path: &Path, of: PathOf) -> Json {
         self.content_or(path, of, |path| json!({ "name": path.file_name().map(|name| name.to_string_lossy()) }))
     }
@@ -218,6 +219,7 @@ fn checked(
         sound = false;
         let place = place_of(with, &violation.path, violation.at_key).unwrap_or_else(|| at.clone());
         let help = as_input(kind, &violation, &json).or_else(|| as_axis(&violation, &json, &place)).or(violation.help);
+        let help = help.or_else(|| parameter_help(kind.kind, kind.schema, &violation.path));
         report.push(
             Diagnostic::error(&place, format!("{} (of `{}`)", violation.what, kind.kind))
                 .label(violation.label)
@@ -241,15 +243,18 @@ fn checked(
                 let place = culprit(with, &error.what, changed).or(place);
                 let place = place.or_else(|| named(with, &error.what).next());
                 let place = place.or_else(|| Some(with?.place.clone())).unwrap_or_else(|| at.clone());
+                let (what, suggestion) = parted(&error.what);
                 let what = match error.path.last() {
                     // Many messages name their parameter.
                     Some(name) if !error.what.contains(name) => {
-                        format!("`{}`: {} (of `{}`)", error.path.join("."), error.what, kind.kind)
+                        format!("`{}`: {what} (of `{}`)", error.path.join("."), kind.kind)
                     }
-                    _ => format!("{} (of `{}`)", error.what, kind.kind),
+                    _ => format!("{what} (of `{}`)", kind.kind),
                 };
                 let help = following::cause(kind.schema, &json, &error.path)
-                    .or_else(|| following::others(kind.schema, &json, &error.path, &error.what, &kind.resolve));
+                    .or_else(|| following::others(kind.schema, &json, &error.path, &error.what, &kind.resolve))
+                    .or_else(|| suggestion.map(str::to_owned))
+                    .or_else(|| parameter_help(kind.kind, kind.schema, &error.path));
                 report.push(Diagnostic::error(&place, what).maybe_help(help));
                 sound = false;
                 if !remove(&mut json, &error.path) {
@@ -258,6 +263,15 @@ fn checked(
                 taken_out.push(error.path);
             }
         }
+    }
+}
+
+/// A message without the suggestion at its end, and that suggestion.
+fn parted(message: &str) -> (&str, Option<&str>) {
+    let starts = [": did you mean ", ": frames are ", ": `a..b` ends "];
+    match starts.iter().find_map(|start| message.find(start)) {
+        Some(at) => (&message[..at], Some(&message[at + 2..])),
+        None => (message, None),
     }
 }
 

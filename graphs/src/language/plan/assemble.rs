@@ -45,7 +45,7 @@ fn stage_run(shared: &Shared<'_>, run_id: RunId, topics: &Topics<'_>) -> StageRu
             inputs: inputs.collect(),
             outputs: topics.of_node(shared, NodeRef { run: run_id, node: node_id }),
             observes: node.signature.observes.clone(),
-            recipe: node.recipe,
+            node_hash: node.node_hash,
             variants: node.variants.clone(),
         }
     };

@@ -7,7 +7,7 @@ use super::linked::{Linked, LinkedEstimate, LinkedNode, LinkedSource, LinkedStag
 use super::order;
 use super::stage_names::StageNames;
 use super::wire::Reachable;
-use crate::contracts::Port;
+use crate::contracts::{Port, SwitchedOff};
 use crate::language::check::params::Resolver;
 use crate::language::check::reference::Reference;
 use crate::language::check::score;
@@ -155,6 +155,7 @@ fn source(
 ) -> Option<LinkedSource> {
     let mut parts = Vec::with_capacity(spec.parts.len());
     let mut outputs: Option<Vec<Port>> = None;
+    let mut switched_off: Option<Vec<SwitchedOff>> = None;
     let mut sound = !spec.parts.is_empty();
     for part in &spec.parts {
         let Some(kind) = registry.source_kind(&part.kind.text) else {
@@ -178,6 +179,13 @@ fn source(
             (Some(outputs), Some(given)) => sound &= joins(outputs, &given, part, report),
             (Some(_), None) => sound = false,
         }
+        // Another part may have values.
+        let off = parameters.as_ref().and_then(|parameters| kind.switched_off(&parameters.resolved).ok());
+        let off = off.unwrap_or_default();
+        match &mut switched_off {
+            None => switched_off = Some(off),
+            Some(all) => all.retain(|one| off.iter().any(|other| other.output == one.output)),
+        }
         match parameters {
             Some(parameters) => parts.push(SourcePart {
                 kind: part.kind.text.clone(),
@@ -190,7 +198,9 @@ fn source(
         }
     }
     let outputs = outputs?;
-    Some(LinkedSource { name: spec.name.text.clone(), parts: if sound { parts } else { Vec::new() }, outputs })
+    let switched_off = switched_off.filter(|_| sound).unwrap_or_default();
+    let parts = if sound { parts } else { Vec::new() };
+    Some(LinkedSource { name: spec.name.text.clone(), parts, outputs, switched_off })
 }
 
 /// Joined sources must have equal outputs. An output that only some have on a frame is optional.
@@ -250,6 +260,9 @@ fn link_node<'r>(
             Some(port) => {
                 let node = (spec.name.text.as_str(), kind);
                 wires[port] = reachable.wire(node, signature, &ports[port], input, resolver, report);
+                if let Some(found) = reachable.switched_off(kind, &ports[port], input, wires[port].as_ref()) {
+                    report.push(found);
+                }
             }
             None => unknown_input(kind, ports, input, report),
         }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::contracts::{Port, Signature};
+use crate::contracts::{Port, Signature, SwitchedOff};
 use crate::key::Key;
 use crate::language::check::params::Parameters;
 use crate::language::ids::{StageNode, StageNodeId};
@@ -32,6 +32,8 @@ pub(crate) struct LinkedSource {
     pub(crate) name: String,
     pub(crate) parts: Vec<SourcePart>,
     pub(crate) outputs: Vec<Port>,
+    /// Outputs without a value on any frame of any part.
+    pub(crate) switched_off: Vec<SwitchedOff>,
 }
 
 pub(crate) struct LinkedNode<'r> {

@@ -6,7 +6,7 @@
 use std::collections::{HashMap, HashSet};
 
 use super::linked::{Linked, LinkedNode, LinkedSource, Wire};
-use super::recipe::{self, InputRecipe};
+use super::node_hash::{self, InputHash};
 use crate::contracts::{Rate, Signature, Slot};
 use crate::key::Key;
 use crate::language::check::params::{Parameters, canonical};
@@ -37,7 +37,7 @@ pub(crate) struct SharedNode<'l> {
     pub(crate) signature: &'l Signature,
     /// By input port.
     pub(crate) inputs: Vec<Option<Origin>>,
-    pub(crate) recipe: Key,
+    pub(crate) node_hash: Key,
     pub(crate) variants: Vec<VariantId>,
 }
 
@@ -133,7 +133,7 @@ impl<'l> Shared<'l> {
         let next = NodeId(self.runs[run].nodes.len());
         let &mut (index, first) = known.entry(identity).or_insert((next, variant));
         if index == next {
-            let contributions: Vec<(&'static str, InputRecipe<'_>)> = signature
+            let contributions: Vec<(&'static str, InputHash<'_>)> = signature
                 .inputs
                 .iter()
                 .zip(&node.wires)
@@ -142,7 +142,7 @@ impl<'l> Shared<'l> {
                     Some((port.name, self.contribution(run, wire.as_ref()?, from.as_ref()?)))
                 })
                 .collect();
-            let recipe = recipe::node_hash(
+            let node_hash = node_hash::node_hash(
                 declaration.kind,
                 declaration.version,
                 &canonical(&parameters.portable),
@@ -155,7 +155,7 @@ impl<'l> Shared<'l> {
                 parameters,
                 signature,
                 inputs,
-                recipe,
+                node_hash,
                 variants,
             });
         }
@@ -191,16 +191,16 @@ impl<'l> Shared<'l> {
         }
     }
 
-    fn contribution<'a>(&'a self, run: RunId, wire: &'a Wire, from: &Origin) -> InputRecipe<'a> {
+    fn contribution<'a>(&'a self, run: RunId, wire: &'a Wire, from: &Origin) -> InputHash<'a> {
         let output = |run: RunId, node: NodeId, port: PortId| {
             let node = &self.runs[run].nodes[node];
-            InputRecipe::Node(&node.recipe, node.signature.outputs[port].name)
+            InputHash::Node(&node.node_hash, node.signature.outputs[port].name)
         };
         match (from, wire) {
-            (Origin::Here(Slot::Source { port }), _) => InputRecipe::Source(self.runs[run].source.outputs[*port].name),
+            (Origin::Here(Slot::Source { port }), _) => InputHash::Source(self.runs[run].source.outputs[*port].name),
             (Origin::Here(Slot::Node { node, port }), _) => output(run, *node, *port),
             (Origin::Once { run, node, port }, _) => output(*run, *node, *port),
-            (Origin::File(_), Wire::File { content, .. }) => InputRecipe::File(content),
+            (Origin::File(_), Wire::File { content, .. }) => InputHash::File(content),
             (Origin::File(_), _) => unreachable!("only a file's wire becomes a file"),
         }
     }

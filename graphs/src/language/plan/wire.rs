@@ -2,9 +2,10 @@
 
 use super::linked::Wire;
 use super::stage_names::StageNames;
-use crate::contracts::{Contract, Port, Rate, Signature};
+use crate::contracts::{Contract, Port, Rate, Signature, SwitchedOff};
 use crate::language::check::params::Resolver;
 use crate::language::check::reference::Reference;
+use crate::language::check::score;
 use crate::language::check::spec::{InputSpec, Wired};
 use crate::language::ids::{StageId, StageNode};
 use crate::language::text::diagnostics::{Diagnostic, Report};
@@ -62,6 +63,29 @@ impl<'r> Reachable<'r, '_, '_> {
                 }
             }
         }
+    }
+
+    /// Reports a wire from an output that the parameters of the source switch off: an error if it is the ground truth
+    /// of a score, because nothing would be scored.
+    pub(crate) fn switched_off(
+        &self,
+        kind: &NodeKind,
+        port: &Port,
+        input: &InputSpec,
+        wire: Option<&Wire>,
+    ) -> Option<Diagnostic> {
+        let Wire::Source { port: output } = wire? else { return None };
+        let source = self.stages[self.stage].source.as_ref()?;
+        let output = source.outputs.get(output.0)?.name;
+        let SwitchedOff { why, remedy, .. } = source.switched_off.iter().find(|off| off.output == output)?;
+        let what = format!("`{}` has no values: {why} in source `{}`", input.place.text(), source.name);
+        let is_truth = score::is_kind(kind.declaration.kind) && port.name == "ground_truth";
+        let (diagnostic, otherwise) = if is_truth {
+            (Diagnostic::error(&input.place, what), "or leave out the score")
+        } else {
+            (Diagnostic::warning(&input.place, what), "or leave out this input")
+        };
+        Some(diagnostic.label("switched off").help(format!("{remedy} in the source, {otherwise}")))
     }
 
     fn misfit(

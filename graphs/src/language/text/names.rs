@@ -65,12 +65,13 @@ fn allowed(
 }
 
 /// Words of version 0.1 and what they are called now.
-const RENAMED: [(&str, &str); 6] = [
+const RENAMED: [(&str, &str); 7] = [
     ("about", "description"),
     ("answered", "valid"),
     ("join", "concat"),
     ("paper", "martins2018"),
     ("set", "paths"),
+    ("true-disparity", "ground-truth-disparity"),
     ("truth", "ground_truth"),
 ];
 

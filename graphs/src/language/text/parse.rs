@@ -175,7 +175,10 @@ fn syntax_error(error: &Error, place: &Place) -> Diagnostic {
             let help = braces_help(place).unwrap_or_else(|| "write a name before the `:`".to_owned());
             ("a key must be a name, not a list or a map".to_owned(), Some(help))
         }
-        _ => (format!("not valid YAML: {}", lower_first(what)), braces_help(place)),
+        _ => {
+            let help = braces_help(place).or_else(|| syntax_help(what).map(str::to_owned));
+            (format!("not valid YAML: {}", lower_first(what)), help)
+        }
     };
     // The place may reach to the end of the file; its beginning is what matters.
     let text = place.text();
@@ -191,6 +194,23 @@ fn braces_help(place: &Place) -> Option<String> {
     let quoted = line.contains("\"${") || line.contains("'${");
     (line.contains("${") && line.contains('{') && !quoted)
         .then(|| "inside `{ }` and `[ ]`, quote what holds `${...}`: `\"${NAME}\"`".to_owned())
+}
+
+/// What helps against the parser's message.
+fn syntax_help(message: &str) -> Option<&'static str> {
+    let message = message.to_lowercase();
+    let has = |words: &str| message.contains(words);
+    Some(match () {
+        () if has("mapping values are not allowed") => {
+            "indent keys of one map equally, and quote a text that contains `: `"
+        }
+        () if has("unclosed bracket") => "close every `{` and `[`, or quote the text if it is part of one",
+        () if has("quoted scalar") => "close the quote on its line, or indent the lines of the text below it",
+        () if has("indent") => "indent keys of one map equally, and deeper than the key above them",
+        () if has("simple key") || has("expected ':'") => "write `KEY: VALUE`, with a space after the colon",
+        () if has("flow") => "separate entries with `,`, and close every `{` and `[`",
+        () => return None,
+    })
 }
 
 fn lower_first(text: &str) -> String {

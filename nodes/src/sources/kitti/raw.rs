@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::values::Depth;
 use depthloom_graphs::{Context, Fault, Outputs, counted};
 use depthloom_kernels::velodyne::{Rule, depth_from_points};
@@ -14,7 +14,9 @@ use serde_json::json;
 use crate::shape::filled;
 use crate::sources::dataset::folders::{existing_file, missing_file, stems};
 use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part, RIGHT};
-use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, calibration_port, depth_port, image_port, required};
+use crate::sources::dataset::{
+    DatasetKind, FrameFiles, Listing, calibration_port, depth_port, image_port, required, truth_off,
+};
 use crate::sources::images::natural_text;
 use crate::sources::kitti::calibration;
 use crate::sources::kitti::cameras::KittiCameras;
@@ -146,6 +148,10 @@ truth of the Eigen split.",
             ));
         }
         Ok(())
+    }
+
+    fn switched_off(params: &Self) -> Vec<SwitchedOff> {
+        truth_off(params.ground_truth == KittiRawTruth::None, "velodyne", &["depth"])
     }
 
     fn list(params: &Self) -> Result<(Listing, Self), Fault> {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::Recognised;
+use depthloom_graphs::contracts::{Recognised, SwitchedOff};
 use depthloom_graphs::values::{Calibration, Image, Mask, TrueDisparity};
 use depthloom_graphs::{Fault, Outputs, Port};
 use schemars::JsonSchema;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 
 use crate::sources::dataset::frame_files::{Files, Part};
-use crate::sources::dataset::{calibration_port, depth_port, image_port};
+use crate::sources::dataset::{calibration_port, depth_port, image_port, truth_off};
 use crate::sources::evaluation::Evaluation;
 use crate::sources::true_disparity;
 
@@ -62,6 +62,24 @@ pub(super) fn ports(left: &'static str, right: &'static str) -> Vec<Port> {
     let depth = depth_port("Sparse ground-truth depth, metres, NaN = unknown; absent in `testing`.").optional();
     let ports = [image_port("left", left), image_port("right", right), calibration_port(), depth];
     ports.into_iter().chain(Evaluation::on_request()).collect()
+}
+
+/// The outputs that the parameters of a benchmark switch off; `of_disparities` are those that `disparities` switches on.
+pub(super) fn switched_off(
+    split: Split,
+    truth: KittiTruth,
+    disparities: bool,
+    of_disparities: &[&'static str],
+) -> Vec<SwitchedOff> {
+    if split == Split::Testing {
+        let all = [&["depth"], of_disparities].concat();
+        return SwitchedOff::by("split", "testing", "training", &all);
+    }
+    let mut off = truth_off(truth == KittiTruth::None, "noc", &["depth"]);
+    if !disparities {
+        off.extend(SwitchedOff::by("disparities", "false", "true", of_disparities));
+    }
+    off
 }
 
 /// `params` returns the parameters of an existing half, except root, split and truth. `root` may be a half.

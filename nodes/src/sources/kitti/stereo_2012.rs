@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::{Context, Fault, Outputs};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, required};
 use crate::sources::kitti::calibration::from_projections;
 use crate::sources::kitti::cameras::KittiCameras;
 use crate::sources::kitti::stems::Stems;
-use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, ports};
+use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, ports, switched_off};
 
 const KIND: &str = "kitti/stereo2012";
 const VERSION: u32 = 2;
@@ -84,6 +84,11 @@ too. The ground truth belongs to the left grey camera; KITTI uses it for the lef
 
     fn check(params: &KittiStereo2012Params) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)
+    }
+
+    fn switched_off(params: &KittiStereo2012Params) -> Vec<SwitchedOff> {
+        let of_disparities = ["disp_noc", "disp_occ", "occluded"];
+        switched_off(params.split, params.ground_truth, params.disparities, &of_disparities)
     }
 
     fn list(params: &KittiStereo2012Params) -> Result<(Listing, Self), Fault> {

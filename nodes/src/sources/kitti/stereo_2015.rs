@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
+use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::values::{Mask, Pixels};
 use depthloom_graphs::{Context, Fault, Key, Outputs, Port, ValueType};
 use schemars::JsonSchema;
@@ -16,7 +16,7 @@ use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, required};
 use crate::sources::files::image_file;
 use crate::sources::kitti::calibration;
 use crate::sources::kitti::stems::{Stems, unread_files};
-use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, ports};
+use crate::sources::kitti::stereo::{GroundTruth, KittiTruth, Split, halves, ports, switched_off};
 
 const KIND: &str = "kitti/stereo2015";
 const VERSION: u32 = 2;
@@ -94,6 +94,11 @@ is optional: 16-bit grey PNG of disparity * 256, 0 = unknown, in `disp_noc_0` or
 
     fn check(params: &KittiStereo2015Params) -> Result<(), (&'static str, String)> {
         required("root", &params.root, LAYOUT)
+    }
+
+    fn switched_off(params: &KittiStereo2015Params) -> Vec<SwitchedOff> {
+        let of_disparities = ["disp_noc", "disp_occ", "occluded", "obj_map"];
+        switched_off(params.split, params.ground_truth, params.disparities, &of_disparities)
     }
 
     fn list(params: &KittiStereo2015Params) -> Result<(Listing, Self), Fault> {

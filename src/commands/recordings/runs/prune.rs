@@ -96,7 +96,7 @@ fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
     let mut is_kept = vec![false; runs.len()];
     // Runs of other experiments are kept.
     let is_selected = |run: &Run| run.is_of(rules);
-    for (place, run) in runs.iter().enumerate().rev().filter(|(_, run)| run.state == State::Whole) {
+    for (place, run) in runs.iter().enumerate().rev().filter(|(_, run)| run.state == State::Complete) {
         let left = left.entry(&run.experiment).or_insert(rules.keep.unwrap_or(0));
         is_kept[place] = *left > 0;
         *left = left.saturating_sub(1);
@@ -106,7 +106,7 @@ fn chosen(runs: &[Run], rules: &PruneArgs, now: DateTime<Utc>) -> Vec<usize> {
     let is_chosen = |run: &Run| {
         rules.older_than.is_some_and(|limit| age(run) > limit)
             || (rules.unfinished && run.state == State::Unfinished)
-            || (by_number_alone && run.state == State::Whole)
+            || (by_number_alone && run.state == State::Complete)
     };
     let may_go = |place: usize| !is_kept[place] && runs[place].state != State::Running && is_selected(&runs[place]);
     let mut chosen: Vec<bool> = (0..runs.len()).map(|place| may_go(place) && is_chosen(&runs[place])).collect();
@@ -197,12 +197,12 @@ mod tests {
 
     fn some() -> Vec<Run> {
         vec![
-            run("a", 9, 10, State::Whole),
-            run("b", 8, 10, State::Whole),
+            run("a", 9, 10, State::Complete),
+            run("b", 8, 10, State::Complete),
             run("a", 7, 10, State::Unfinished),
             run("a", 6, 10, State::Running),
-            run("a", 5, 10, State::Whole),
-            run("a", 4, 10, State::Whole),
+            run("a", 5, 10, State::Complete),
+            run("a", 4, 10, State::Complete),
             run("a", 3, 10, State::Unfinished),
         ]
     }

@@ -1,6 +1,6 @@
-//! Recipes: `H(kind, version, parameters, recipes of inputs)`.
+//! Node hashes: `H(kind, version, parameters, node hashes of inputs)`.
 //!
-//! A recipe does not depend on a node's name, its variants, the order of keys, the location of files, or the source
+//! A node hash does not depend on a node's name, its variants, the order of keys, the location of files, or the source
 //! (whose frames have their own keys, see [`value_keys`](crate::value_keys)). A path counts by the content of its
 //! file; a folder or a missing file by its last name, and by the kind's fingerprint once the plan is
 //! [`ready`](crate::ready). An unwired optional input does not count, so that a kind can gain one without a new
@@ -8,13 +8,13 @@
 
 use crate::key::Key;
 
-pub(crate) enum InputRecipe<'a> {
+pub(crate) enum InputHash<'a> {
     Source(&'static str),
     Node(&'a Key, &'static str),
     File(&'a Key),
 }
 
-pub(crate) fn node_hash(kind: &str, version: u32, portable: &str, inputs: &[(&'static str, InputRecipe<'_>)]) -> Key {
+pub(crate) fn node_hash(kind: &str, version: u32, portable: &str, inputs: &[(&'static str, InputHash<'_>)]) -> Key {
     // 0: without an engine.
     let mut builder = Key::build("recipe").text(kind).number(u64::from(version)).text(portable).number(0);
     let mut inputs: Vec<_> = inputs.iter().collect();
@@ -22,9 +22,9 @@ pub(crate) fn node_hash(kind: &str, version: u32, portable: &str, inputs: &[(&'s
     for (port, input) in inputs {
         builder = builder.text(port);
         builder = match input {
-            InputRecipe::Source(output) => builder.text("source").text(output),
-            InputRecipe::Node(recipe, output) => builder.text("node").key(recipe).text(output),
-            InputRecipe::File(content) => builder.text("file").key(content),
+            InputHash::Source(output) => builder.text("source").text(output),
+            InputHash::Node(node_hash, output) => builder.text("node").key(node_hash).text(output),
+            InputHash::File(content) => builder.text("file").key(content),
         };
     }
     builder.finish()

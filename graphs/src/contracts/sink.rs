@@ -1,4 +1,4 @@
-//! The tap: a sink of a run's values, for example a recording.
+//! The sink of a run's values, for example a recording.
 
 use super::{Frame, Store};
 use crate::ids::{FrameIndex, NodeId, PartId, PortId, RunId};
@@ -69,7 +69,7 @@ pub struct Commit<'a> {
     pub warnings: &'a [NodeWarning],
 }
 
-/// A value that is in the tap's store.
+/// A value that is in the sink's store.
 #[derive(Clone, Debug)]
 pub struct StoredValue<'a> {
     /// Its slot.
@@ -100,9 +100,9 @@ pub fn stored_values<'a>(
 
 /// Takes the values of a run, in the order (stage run, frame, plan position, port).
 ///
-/// A frame is written in *parts*: the tap assigns each slot to a part, workers encode a part as soon as its values
+/// A frame is written in *parts*: the sink assigns each slot to a part, workers encode a part as soon as its values
 /// are there, and one thread writes the frames in order.
-pub trait Tap: Send + Sync {
+pub trait Sink: Send + Sync {
     /// An encoded part, ready to be written.
     type Part: Send;
 
@@ -154,7 +154,7 @@ pub trait Tap: Send + Sync {
         None
     }
 
-    /// As [`Tap::encode`], for a part with stored values, whose bytes may be copied if that gives the same result.
+    /// As [`Sink::encode`], for a part with stored values, whose bytes may be copied if that gives the same result.
     ///
     /// # Errors
     /// If a value cannot be encoded, or the store cannot be read.

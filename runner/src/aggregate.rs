@@ -4,22 +4,22 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
-use depthloom_graphs::contracts::{Contract, NodeWarning, Slot, Tap};
+use depthloom_graphs::contracts::{Contract, NodeWarning, Sink, Slot};
 use depthloom_graphs::plan::{NodeId, NodeRef, Plan, PlannedNode, PortId, RunId};
 use depthloom_graphs::ready::NodeBuilder;
 use depthloom_graphs::{
-    Context, Fault, Host as _, Inputs, Instance, Key, OnceNode, OrderedNode, Outputs, Port, Scratch, Source, Value,
-    value_keys,
+    AggregateNode, Context, Fault, Host as _, Inputs, Instance, Key, OrderedNode, Outputs, Port, Scratch, Source,
+    Value, value_keys,
 };
 use depthloom_threads::locked;
 
+use crate::aggregate_values::{AggregateValue, AggregateValues, aggregate_ports, inputs_of};
 use crate::audit::comparison::compare_aggregates;
 use crate::error::RunError;
 use crate::host::TaskHost;
-use crate::once_values::{OnceValue, OnceValues, inputs_of, once_ports};
 use crate::options::Audit;
-use crate::panics::{guarded, guarded_tap};
-use crate::reuse::{Finished, Reuse, once_values};
+use crate::panics::{guarded, guarded_sink};
+use crate::reuse::{Finished, Reuse, aggregate_values};
 use crate::run_context::RunContext;
 use crate::stage::frame_graph::FrameGraph;
 use crate::stage::retire::Completion;
@@ -27,7 +27,7 @@ use crate::timing::{Phase, Spent, Stopwatch, Timing};
 
 pub(crate) enum Job {
     /// An aggregate node and its inputs; `None` if a required one is absent.
-    Run(Box<dyn OnceNode>, Option<Vec<Option<OnceValue>>>),
+    Run(Box<dyn AggregateNode>, Option<Vec<Option<AggregateValue>>>),
     /// An ordered node after its last frame, and its key there.
     Finish(Box<dyn OrderedNode>, Option<Key>),
     /// Nothing to do: these values are stored.
@@ -40,9 +40,9 @@ impl Job {
         match self {
             Self::Run(_, inputs) => {
                 let keys: Vec<_> = inputs.as_ref()?.iter().map(|input| input.as_ref().map(|once| once.key)).collect();
-                Some(value_keys::once(&planned.recipe, &keys))
+                Some(value_keys::once(&planned.node_hash, &keys))
             }
-            Self::Finish(_, last) => Some(value_keys::finished(&planned.recipe, last.as_ref())),
+            Self::Finish(_, last) => Some(value_keys::finished(&planned.node_hash, last.as_ref())),
             Self::Known(known) => Some(known.key),
         }
     }
@@ -57,12 +57,12 @@ struct Done {
 }
 
 /// The work of a stage run outside frames.
-pub(crate) struct OnceWork<'a, T> {
+pub(crate) struct AggregateWork<'a, T> {
     pub(crate) run: RunId,
     pub(crate) plan: &'a Plan,
     pub(crate) context: &'a RunContext<'a, T>,
     /// The aggregate nodes that have not run yet.
-    pub(crate) waiting: BTreeMap<NodeId, Box<dyn OnceNode>>,
+    pub(crate) waiting: BTreeMap<NodeId, Box<dyn AggregateNode>>,
     /// The keys of the nodes with aggregate values.
     pub(crate) keys: BTreeMap<NodeId, Key>,
     pub(crate) reported: BTreeMap<NodeId, Vec<NodeWarning>>,
@@ -73,9 +73,9 @@ pub(crate) struct OnceWork<'a, T> {
     pub(crate) timings: Vec<Timing>,
 }
 
-impl<T: Tap> OnceWork<'_, T> {
+impl<T: Sink> AggregateWork<'_, T> {
     /// Runs every aggregate node whose inputs are there, then those that read them, and so on.
-    pub(crate) fn run_all(&mut self, values: &mut OnceValues) -> Result<Completion, RunError> {
+    pub(crate) fn run_all(&mut self, values: &mut AggregateValues) -> Result<Completion, RunError> {
         loop {
             let nodes = &self.plan.runs[self.run].nodes;
             let ready = self.waiting.extract_if(.., |node, _| inputs_of(&nodes[*node], values).is_some());
@@ -83,7 +83,7 @@ impl<T: Tap> OnceWork<'_, T> {
             if ready.is_empty() {
                 return Ok(Completion::Complete);
             }
-            let with_inputs = |(node, instance): (NodeId, Box<dyn OnceNode>)| {
+            let with_inputs = |(node, instance): (NodeId, Box<dyn AggregateNode>)| {
                 let inputs = inputs_of(&nodes[node], values).unwrap_or_default();
                 let is_absent = inputs.iter().zip(&nodes[node].inputs).any(|(v, i)| v.is_none() && !i.port.optional);
                 (node, Job::Run(instance, (!is_absent).then_some(inputs)))
@@ -96,7 +96,11 @@ impl<T: Tap> OnceWork<'_, T> {
     }
 
     /// Does jobs that do not depend on each other, on all workers.
-    pub(crate) fn do_all(&mut self, jobs: Vec<(NodeId, Job)>, values: &mut OnceValues) -> Result<Completion, RunError> {
+    pub(crate) fn do_all(
+        &mut self,
+        jobs: Vec<(NodeId, Job)>,
+        values: &mut AggregateValues,
+    ) -> Result<Completion, RunError> {
         if jobs.is_empty() {
             return Ok(Completion::Complete);
         }
@@ -179,31 +183,31 @@ impl<T: Tap> OnceWork<'_, T> {
     pub(crate) fn reuse<'s>(&'s self, graph: &FrameGraph, source: &'s dyn Source) -> Option<Reuse<'s>> {
         let permit = self.context.budget.permit();
         let (run, host) = (&self.plan.runs[self.run], self.host(None, None));
-        let reuse = Reuse::new(self.run, run, graph, source, self.context.tap, &host);
+        let reuse = Reuse::new(self.run, run, graph, source, self.context.sink, &host);
         drop(permit);
         reuse
     }
 
     /// The job, or its stored values.
-    fn known(&self, node: NodeId, key: Option<Key>, job: Job, values: &OnceValues) -> Job {
-        let (Job::Run(..), Some(key), Some(store)) = (&job, key, self.context.tap.store()) else { return job };
+    fn known(&self, node: NodeId, key: Option<Key>, job: Job, values: &AggregateValues) -> Job {
+        let (Job::Run(..), Some(key), Some(store)) = (&job, key, self.context.sink.store()) else { return job };
         if values.given.contains_key(&key) {
             return job;
         }
-        match once_values(store, &self.plan.runs[self.run], node, &key) {
+        match aggregate_values(store, &self.plan.runs[self.run], node, &key) {
             Some(values) => Job::Known(Finished { key, values }),
             None => job,
         }
     }
 
     /// Writes the recorded aggregate values, in plan order.
-    pub(crate) fn write(&self, values: &OnceValues) -> Result<(), RunError> {
+    pub(crate) fn write(&self, values: &AggregateValues) -> Result<(), RunError> {
         let run = &self.plan.runs[self.run];
         for (&node, key) in &self.keys {
             let warnings = self.reported.get(&node).map_or(&[][..], Vec::as_slice);
             for (port, output) in PortId::enumerate(&run.nodes[node].outputs).filter(|(_, o)| o.recorded) {
                 let Some(Some(once)) = values.made.get(&(self.node_ref(node), port)) else { continue };
-                match self.context.tap.written_aggregate(self.run, Slot::Node { node, port }) {
+                match self.context.sink.written_aggregate(self.run, Slot::Node { node, port }) {
                     Some(written) if written == *key => continue,
                     Some(_) => {
                         return Err(RunError::OutdatedAggregate {
@@ -214,10 +218,12 @@ impl<T: Tap> OnceWork<'_, T> {
                     None => {}
                 }
                 let slot = Slot::Node { node, port };
-                guarded_tap(|| self.context.tap.once(self.run, slot, key, &once.value, warnings)).map_err(|error| {
-                    let what = format!("the aggregate value `{}/{}`", run.nodes[node].name, output.port.name);
-                    RunError::Tap { stage: run.stage.clone(), what, error }
-                })?;
+                guarded_sink(|| self.context.sink.once(self.run, slot, key, &once.value, warnings)).map_err(
+                    |error| {
+                        let what = format!("the aggregate value `{}/{}`", run.nodes[node].name, output.port.name);
+                        RunError::Sink { stage: run.stage.clone(), what, error }
+                    },
+                )?;
             }
         }
         Ok(())
@@ -228,7 +234,7 @@ impl<T: Tap> OnceWork<'_, T> {
     pub(crate) fn audit(
         &self,
         builders: &BTreeMap<NodeRef, NodeBuilder>,
-        values: &OnceValues,
+        values: &AggregateValues,
     ) -> Result<u64, RunError> {
         let run = &self.plan.runs[self.run];
         let mut compared = 0;
@@ -273,23 +279,23 @@ impl<T: Tap> OnceWork<'_, T> {
                 guarded(|| instance.finish(&mut Context::new(&host, &mut scratch)))
             }
             Job::Known(Finished { values, .. }) => {
-                for (what, count) in self.context.tap.store().map(|store| store.warnings(&key)).unwrap_or_default() {
+                for (what, count) in self.context.sink.store().map(|store| store.warnings(&key)).unwrap_or_default() {
                     host.warn_n(count, &what);
                 }
                 return Done { outputs: Ok(values), spent: None, warnings: host.into_warnings().collect() };
             }
         };
         self.context.checkpoints.release(&key);
-        let outputs = outputs.and_then(|outputs| outputs.in_order_of(&once_ports(planned)));
+        let outputs = outputs.and_then(|outputs| outputs.in_order_of(&aggregate_ports(planned)));
         let spent = watch.stop(host.helpers_cpu_ns.load(Ordering::Relaxed));
         Done { outputs, spent: Some(spent), warnings: host.into_warnings().collect() }
     }
 }
 
 fn run_aggregate(
-    instance: &dyn OnceNode,
+    instance: &dyn AggregateNode,
     planned: &PlannedNode,
-    inputs: Vec<Option<OnceValue>>,
+    inputs: Vec<Option<AggregateValue>>,
     host: &TaskHost<'_>,
 ) -> Result<Outputs, Fault> {
     let ports: Vec<Port> = planned.inputs.iter().map(|input| input.port.clone()).collect();
