@@ -22,9 +22,9 @@ const PORTS: [(&str, &[&str], &[&str]); 22] = [
         &["disparity", "mono", "calibration", "right", "unique", "ambiguity", "confidence"],
         &["depth", "deviation", "inlier", "aligned"],
     ),
-    ("fusion/scale", &["mono", "stereo"], &["depth"]),
+    ("fusion/scale", &["mono", "stereo", "weight"], &["depth"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
-    ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
+    ("mono/onnx", &["image", "calibration", "model"], &["depth", "inverse"]),
     ("onnx", &["model"], &[]),
     // Its ports are declared in an experiment.
     ("process", &[], &[]),
@@ -143,7 +143,12 @@ fn defaults_are_the_golden_settings() {
         defaults("mono/ground-plane"),
         json!({ "height_m": 1.65, "horizon": 0.461, "nearest_m": 1.0, "cap": 80.0 })
     );
-    assert_eq!(defaults("fusion/scale"), json!({ "method": "minmax" }));
+    assert_eq!(
+        defaults("fusion/scale"),
+        json!({
+            "method": "minmax", "mono": "depth", "domain": "inverse-depth", "cap": 80.0, "sigma": 30.0, "prior": 0.05
+        })
+    );
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
     // `mixture_oracle.py` and `local_mixture_oracle.py`; the first has no near rule.
     assert_eq!(

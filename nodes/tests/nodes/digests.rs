@@ -301,6 +301,7 @@ fn add(digest: Digest, value: &Value) -> Digest {
         }
         Value::Depth(depth) => digest.bytes(&floats(&depth.metres)),
         Value::RelativeDepth(map) => digest.bytes(&floats(&map.depth().metres)).bytes(&floats(map.inverse())),
+        Value::RelativeInverseDepth(map) => digest.bytes(&floats(&map.values)),
         Value::Weight(weight) => digest.bytes(&floats(&weight.share)),
         Value::Mask(mask) => digest.bytes(&mask.set),
         Value::Calibration(c) =>
