@@ -38,7 +38,7 @@ impl PartSums {
         match (unit, outlier) {
             (Unit::Metres, Outlier::Metres(limit)) => add_rows(&mut sums, rows, |error, _| error, |_| limit),
             (Unit::Metres, Outlier::OfTruth(limit)) => {
-                add_rows(&mut sums, rows, |error, _| error, |truth| limit * truth)
+                add_rows(&mut sums, rows, |error, _| error, |truth| limit * truth);
             }
             (Unit::OfTruth, Outlier::Metres(limit)) => {
                 add_rows(&mut sums, rows, |error, truth| error / truth, |truth| limit / truth);

@@ -1,6 +1,7 @@
 //! After a crash, a recording can be read to the last commit; damage and foreign files are reported.
 
 use depthloom_graphs::plan::{FrameIndex, RunId};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
