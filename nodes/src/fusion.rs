@@ -1,7 +1,9 @@
 //! Mono and stereo into one: `fusion/*`.
 
 mod confidence;
+mod learned;
 mod scale;
 
 pub(crate) use confidence::Confidence;
+pub(crate) use learned::Learned;
 pub(crate) use scale::Scale;

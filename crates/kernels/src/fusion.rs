@@ -2,4 +2,5 @@
 
 pub mod confidence;
 pub mod fuse;
+pub mod learned;
 pub mod scale;

@@ -6,7 +6,7 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 21] = [
+const PORTS: [(&str, &[&str], &[&str]); 22] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
@@ -17,6 +17,11 @@ const PORTS: [(&str, &[&str], &[&str]); 21] = [
     ("dora", &[], &[]),
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
+    (
+        "fusion/learned",
+        &["image", "disparity", "consistent", "mono", "weight", "calibration", "model"],
+        &["depth", "deviation"],
+    ),
     ("fusion/scale", &["mono", "stereo"], &["depth"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
     ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
@@ -139,6 +144,7 @@ fn defaults_are_the_golden_settings() {
     );
     assert_eq!(defaults("fusion/scale"), json!({ "method": "minmax" }));
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
+    assert_eq!(defaults("fusion/learned"), json!({ "cap": 80.0, "provider": "cpu", "threads": 1 }));
     assert_eq!(defaults("filter/median"), json!({ "size": 5 }));
     assert_eq!(defaults("score/depth")["preset"], "martins2018");
     // The metadata of the model, else the share.
@@ -197,6 +203,7 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("mono/onnx", json!({ "std": [1.0, 0.0, 1.0] }), "std"),
         ("mono/onnx", json!({ "round": false }), "round"),
         ("filter/median", json!({ "size": 4 }), "size"),
+        ("fusion/learned", json!({ "cap": 0 }), "cap"),
         ("dora", json!({}), "path"),
         ("dora", json!({ "path": "a.py" }), "ports"),
         (

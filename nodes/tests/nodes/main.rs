@@ -13,6 +13,7 @@ mod images;
 mod kitti;
 mod kitti_family;
 mod kitti_raw;
+mod learned_fusion;
 mod network;
 mod recognise;
 mod road;
