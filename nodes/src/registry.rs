@@ -7,7 +7,7 @@ use crate::depth::FromDisparity;
 use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
 use crate::dora::Dora;
 use crate::filter::Median;
-use crate::fusion::{Confidence, Mixture, Scale};
+use crate::fusion::{Confidence, Learned, Mixture, Scale};
 use crate::mono::{GroundPlane, Onnx};
 use crate::network::OnnxNetwork;
 use crate::process::{Process, ProcessSource};
@@ -52,6 +52,7 @@ pub fn registry() -> Registry {
         .node::<OnnxNetwork>()
         .node::<Scale>()
         .node::<Confidence>()
+        .node::<Learned>()
         .node::<Mixture>()
         .node::<Median>()
         .node::<Process>()

@@ -3,5 +3,6 @@
 pub mod align;
 pub mod confidence;
 pub mod fuse;
+pub mod learned;
 pub mod mixture;
 pub mod scale;

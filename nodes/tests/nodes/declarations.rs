@@ -18,6 +18,11 @@ const PORTS: [(&str, &[&str], &[&str]); 22] = [
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
     (
+        "fusion/learned",
+        &["image", "disparity", "consistent", "mono", "weight", "calibration", "model"],
+        &["depth", "deviation"],
+    ),
+    (
         "fusion/mixture",
         &["disparity", "mono", "calibration", "right", "unique", "ambiguity", "confidence"],
         &["depth", "deviation", "inlier", "aligned"],
@@ -150,6 +155,7 @@ fn defaults_are_the_golden_settings() {
         })
     );
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
+    assert_eq!(defaults("fusion/learned"), json!({ "cap": 80.0, "provider": "cpu", "threads": 1 }));
     // `mixture_oracle.py` and `local_mixture_oracle.py`; the first has no near rule.
     assert_eq!(
         defaults("fusion/mixture"),
@@ -222,6 +228,7 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("mono/onnx", json!({ "std": [1.0, 0.0, 1.0] }), "std"),
         ("mono/onnx", json!({ "round": false }), "round"),
         ("filter/median", json!({ "size": 4 }), "size"),
+        ("fusion/learned", json!({ "cap": 0 }), "cap"),
         ("fusion/mixture", json!({ "alignment": "global" }), "alignment"),
         ("fusion/mixture", json!({ "disparities": 0 }), "disparities"),
         ("fusion/mixture", json!({ "cap": 0 }), "cap"),
