@@ -17,6 +17,7 @@
 mod crop;
 mod disparity;
 mod extra;
+mod line;
 mod ln;
 mod metric;
 mod params;
@@ -31,6 +32,7 @@ mod zones;
 
 pub use crop::{Crop, Window};
 pub use disparity::{DisparityMaps, DisparityScores};
+pub use line::Line;
 pub use metric::{DEPTH, DISPARITY, Family, Mean, Metric, Pooling};
 pub use params::{DisparityScoreParams, MetricNames, ScoreParams};
 pub use pixels::{Alignment, DepthEstimate, ScoredPixels};

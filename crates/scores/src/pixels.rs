@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::quantile::median;
-use crate::{Align, Settings};
+use crate::{Align, Line, Settings};
 
 /// The pixels of a frame whose truth is scored: found once, used for every estimate of the frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -209,28 +209,11 @@ impl ScoredPixels {
     /// Least squares of `s/y + b` against `1/t`; nothing is changed where all estimates are alike, for any `s` would
     /// do.
     fn inverse_fit(&self, estimate: DepthEstimate<'_>, min_m: f64) -> Alignment {
-        let pairs = || {
-            let all = self.at.iter().zip(&self.truth_m);
-            let pairs = all.map(|(&at, &t)| (estimate.inverse(at as usize, min_m), 1.0 / f64::from(t)));
-            pairs.filter(|(x, _)| !x.is_nan())
-        };
-        let (mut count, mut x_sum, mut z_sum) = (0.0, 0.0, 0.0);
-        for (x, z) in pairs() {
-            count += 1.0;
-            x_sum += x;
-            z_sum += z;
-        }
-        let (x_mean, z_mean) = (x_sum / count, z_sum / count);
-        let (mut xx, mut xz) = (0.0, 0.0);
-        for (x, z) in pairs() {
-            xx += (x - x_mean) * (x - x_mean);
-            xz += (x - x_mean) * (z - z_mean);
-        }
-        let scale = xz / xx;
-        if scale.is_finite() {
-            Alignment::Inverse { scale, shift: z_mean - scale * x_mean }
-        } else {
-            Alignment::Factor(1.0)
+        let all = self.at.iter().zip(&self.truth_m);
+        let pairs = all.map(|(&at, &t)| (estimate.inverse(at as usize, min_m), 1.0 / f64::from(t), 1.0));
+        match Line::least_squares(pairs.filter(|(x, ..)| !x.is_nan())) {
+            Some(Line { scale, shift }) => Alignment::Inverse { scale, shift },
+            None => Alignment::Factor(1.0),
         }
     }
 }
