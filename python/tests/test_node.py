@@ -22,7 +22,7 @@ def there_and_back(value_type: str, value: Any) -> Any:
     return _columns.value(value_type, column)
 
 
-@pytest.mark.parametrize("value_type", ["depth", "weight", "true-disparity"])
+@pytest.mark.parametrize("value_type", ["depth", "relative-inverse-depth", "weight", "true-disparity"])
 def test_float_maps_are_unchanged_after_a_round_trip(value_type: str) -> None:
     given = np.array([[1.5, np.nan, -0.0], [np.inf, 3.0, 1e-40]], np.float32)
     back = there_and_back(value_type, given)

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use depthloom_graphs::values::{
-    Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster, TrueDisparity, Weight,
+    Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster, RelativeInverseDepth,
+    TrueDisparity, Weight,
 };
 use depthloom_graphs::{Value, ValueType};
 use depthloom_scores::ScoreRow;
@@ -24,6 +25,9 @@ pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Va
         (Schema::RawImage, _) => raw_image(message)?.value(value_type),
         (Schema::FloatMap, ValueType::Depth) => depth(message),
         (Schema::FloatMap, ValueType::Disparity) => Ok(Value::disparity_from_px(float_map(message)?)),
+        (Schema::FloatMap, ValueType::RelativeInverseDepth) => {
+            Ok(RelativeInverseDepth { values: float_map(message)? }.into())
+        }
         (Schema::FloatMap, ValueType::Weight) => Ok(Weight { share: float_map(message)? }.into()),
         (Schema::FloatMap, ValueType::TrueDisparity) => Ok(TrueDisparity { px: float_map(message)? }.into()),
         _ => Err(format!("a {} message holds no {value_type}", schema.name())),

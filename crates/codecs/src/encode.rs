@@ -112,6 +112,7 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Schema {
             put_inverse(out, map.inverse());
             return Schema::FloatMap;
         }
+        Value::RelativeInverseDepth(map) => return plain(out, &map.values),
         Value::Weight(weight) => return plain(out, &weight.share),
         Value::Mask(mask) => raster(mask.set.dimensions(), "mono8", 1, Samples::U8(&mask.set)),
         Value::Calibration(calibration) => {

@@ -9,7 +9,8 @@ use depthloom_graphs::contracts::{Contract, Failure, OnceNode, OrderedNode, Pure
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Plan, PlannedOutput, RunId};
 use depthloom_graphs::ready::{Ready, ReadyRun, read_files};
 use depthloom_graphs::values::{
-    Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Pixels, Raster, TrueDisparity, Weight,
+    Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Pixels, Raster, RelativeInverseDepth, TrueDisparity,
+    Weight,
 };
 use depthloom_graphs::{
     Context, ErrorMessage, Fault, Frame, Inputs, Instance, Key, Outputs, Rate, Source, SourceOutputs, Value, ValueType,
@@ -312,6 +313,7 @@ fn placeholder(value_type: ValueType) -> Value {
         ValueType::Disparity => Disparity { sixteenths_px: one(), min_disparity_px: 0 }.into(),
         ValueType::TrueDisparity => TrueDisparity { px: one() }.into(),
         ValueType::Depth => Depth { metres: one() }.into(),
+        ValueType::RelativeInverseDepth => RelativeInverseDepth { values: one() }.into(),
         ValueType::Weight => Weight { share: one() }.into(),
         ValueType::Mask => Mask { set: one() }.into(),
         ValueType::Calibration => {

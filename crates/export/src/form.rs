@@ -39,6 +39,7 @@ pub(crate) const fn formats_of(value_type: ValueType) -> &'static [ExportFormat]
     match value_type {
         ValueType::Image | ValueType::Mask => &[Png, Npy],
         ValueType::Weight => &[Png, Npy, Pfm],
+        ValueType::RelativeInverseDepth => &[Npy, Pfm],
         ValueType::Depth | ValueType::Disparity | ValueType::TrueDisparity => &[Png, Npy, Pfm, Ply, Pcd],
         ValueType::Model => &[Onnx],
         ValueType::Scores | ValueType::Curve | ValueType::Calibration => &[Parquet],
@@ -132,6 +133,7 @@ const fn usual_range(value_type: ValueType) -> Option<(f64, f64)> {
         ValueType::Weight => Some((0.0, 1.0)),
         ValueType::Image
         | ValueType::Mask
+        | ValueType::RelativeInverseDepth
         | ValueType::Calibration
         | ValueType::Scores
         | ValueType::Samples

@@ -16,11 +16,12 @@ pub struct Tolerance {
 pub struct Tolerances(BTreeMap<ValueType, f64>);
 
 /// The types with numbers whose difference has a meaning.
-const NUMERIC_TYPES: [ValueType; 8] = [
+const NUMERIC_TYPES: [ValueType; 9] = [
     ValueType::Image,
     ValueType::Disparity,
     ValueType::TrueDisparity,
     ValueType::Depth,
+    ValueType::RelativeInverseDepth,
     ValueType::Weight,
     ValueType::Calibration,
     ValueType::Scores,

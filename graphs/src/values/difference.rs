@@ -70,6 +70,9 @@ impl ValueDifference {
             (Value::Depth(_) | Value::RelativeDepth(_), Value::Depth(_) | Value::RelativeDepth(_)) => {
                 depths(recorded, now, tolerance)
             }
+            (Value::RelativeInverseDepth(a), Value::RelativeInverseDepth(b)) => {
+                pixels(sized(&a.values), sized(&b.values), tolerance, float)
+            }
             (Value::Weight(a), Value::Weight(b)) => pixels(sized(&a.share), sized(&b.share), tolerance, float),
             (Value::Mask(a), Value::Mask(b)) => {
                 pixels(sized(&a.set), sized(&b.set), 0.0, |value| Some(f64::from(*value)))

@@ -1,6 +1,6 @@
 //! Checks samples of values that come from outside.
 
-use super::{Calibration, Curve, Depth, Disparity, Raster, TrueDisparity, Value, Weight};
+use super::{Calibration, Curve, Depth, Disparity, Raster, RelativeInverseDepth, TrueDisparity, Value, Weight};
 
 impl Value {
     /// Checks that the value is as its type documents. Called for all values that come from outside.
@@ -11,6 +11,7 @@ impl Value {
         match self {
             Self::Depth(depth) => depth.validate(),
             Self::RelativeDepth(map) => map.depth().validate(),
+            Self::RelativeInverseDepth(map) => map.validate(),
             Self::Weight(weight) => weight.validate(),
             Self::Disparity(disparity) => disparity.validate(),
             // Made of finite numbers and NaN alone.
@@ -34,6 +35,14 @@ impl Depth {
             is_invalid,
             "a depth must be finite and greater than 0, or NaN where it is missing",
         )
+    }
+}
+
+impl RelativeInverseDepth {
+    /// Values are finite, or NaN.
+    fn validate(&self) -> Result<(), String> {
+        let allowed = "relative inverse depth must be finite, or NaN where it is missing";
+        check_samples(&self.values, "", f32::is_infinite, allowed)
     }
 }
 

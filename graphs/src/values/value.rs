@@ -6,7 +6,8 @@ use std::sync::Arc;
 use depthloom_scores::ScoreRow;
 
 use super::{
-    Artifact, Calibration, Curve, Depth, Disparity, FloatDisparity, Image, Mask, RelativeDepth, TrueDisparity, Weight,
+    Artifact, Calibration, Curve, Depth, Disparity, FloatDisparity, Image, Mask, RelativeDepth, RelativeInverseDepth,
+    TrueDisparity, Weight,
 };
 
 /// The type that a value or a port has.
@@ -20,6 +21,8 @@ pub enum ValueType {
     TrueDisparity,
     /// Depth, f32 metres, NaN = invalid.
     Depth,
+    /// Inverse depth of unknown scale and shift, f32, NaN = invalid.
+    RelativeInverseDepth,
     /// Weight, f32 in [0, 1].
     Weight,
     /// Binary mask.
@@ -38,11 +41,12 @@ pub enum ValueType {
 
 impl ValueType {
     /// All types.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Image,
         Self::Disparity,
         Self::TrueDisparity,
         Self::Depth,
+        Self::RelativeInverseDepth,
         Self::Weight,
         Self::Mask,
         Self::Calibration,
@@ -71,6 +75,7 @@ impl ValueType {
             Self::Disparity => "disparity",
             Self::TrueDisparity => "true-disparity",
             Self::Depth => "depth",
+            Self::RelativeInverseDepth => "relative-inverse-depth",
             Self::Weight => "weight",
             Self::Mask => "mask",
             Self::Calibration => "calibration",
@@ -103,6 +108,8 @@ pub enum Value {
     Depth(Arc<Depth>),
     /// Depth in metres with inverse depth that metres cannot represent.
     RelativeDepth(Arc<RelativeDepth>),
+    /// Inverse depth of unknown scale and shift.
+    RelativeInverseDepth(Arc<RelativeInverseDepth>),
     /// Weight in [0, 1].
     Weight(Arc<Weight>),
     /// Binary mask.
@@ -137,6 +144,7 @@ impl Value {
             Self::TrueDisparity(disparity) => disparity.px.dimensions(),
             Self::Depth(depth) => depth.metres.dimensions(),
             Self::RelativeDepth(map) => map.depth().metres.dimensions(),
+            Self::RelativeInverseDepth(map) => map.values.dimensions(),
             Self::Weight(weight) => weight.share.dimensions(),
             Self::Mask(mask) => mask.set.dimensions(),
             Self::Calibration(_) | Self::Scores(_) | Self::Samples(_) | Self::Model(_) | Self::Curve(_) => return None,
@@ -150,6 +158,7 @@ impl Value {
             Self::Disparity(_) | Self::FloatDisparity(_) => ValueType::Disparity,
             Self::TrueDisparity(_) => ValueType::TrueDisparity,
             Self::Depth(_) | Self::RelativeDepth(_) => ValueType::Depth,
+            Self::RelativeInverseDepth(_) => ValueType::RelativeInverseDepth,
             Self::Weight(_) => ValueType::Weight,
             Self::Mask(_) => ValueType::Mask,
             Self::Calibration(_) => ValueType::Calibration,
@@ -187,6 +196,7 @@ macro_rules! value_kind {
 
 value_kind!(Image, Image);
 value_kind!(TrueDisparity, TrueDisparity);
+value_kind!(RelativeInverseDepth, RelativeInverseDepth);
 value_kind!(Weight, Weight);
 value_kind!(Mask, Mask);
 value_kind!(Calibration, Calibration);
@@ -233,6 +243,7 @@ into_value!(Image, Image);
 into_value!(Disparity, Disparity);
 into_value!(TrueDisparity, TrueDisparity);
 into_value!(Depth, Depth);
+into_value!(RelativeInverseDepth, RelativeInverseDepth);
 into_value!(Weight, Weight);
 into_value!(Mask, Mask);
 into_value!(Calibration, Calibration);

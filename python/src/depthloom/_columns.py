@@ -24,7 +24,7 @@ TYPES: dict[str, pa.StructType] = {
     "mask": pa.struct([*_SIZE, pa.field("data", pa.list_(pa.uint8()))]),
     "calibration": pa.struct([*_SIZE, *(pa.field(name, pa.float64()) for name in _CAMERA)]),
     "curve": pa.struct([pa.field(name, pa.list_(pa.int64() if name == "step" else pa.float64())) for name in _CURVE]),
-    **{name: pa.struct([*_SIZE, pa.field("data", pa.list_(pa.float32()))]) for name in ("depth", "weight", "true-disparity")},
+    **{name: pa.struct([*_SIZE, pa.field("data", pa.list_(pa.float32()))]) for name in ("depth", "relative-inverse-depth", "weight", "true-disparity")},
     **{name: pa.struct([pa.field("media_type", pa.string()), pa.field("data", pa.large_binary())]) for name in ("model", "samples")},
 }
 _MEDIA_TYPES = {"model": "application/onnx", "samples": "samples/depthloom"}

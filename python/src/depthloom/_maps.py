@@ -14,13 +14,14 @@ from ._calibration import Calibration
 from ._errors import RecordingError
 
 #: The types of outputs that are maps, which a frame can return.
-MAP_TYPES = frozenset({"image", "depth", "disparity", "true-disparity", "weight", "mask"})
+MAP_TYPES = frozenset({"image", "depth", "relative-inverse-depth", "disparity", "true-disparity", "weight", "mask"})
 
 
 def array(value_type: str, schema: str, message: Any) -> NDArray[Any]:
     """The map in a message.
 
     - depth: float32 metres, NaN = missing; `(height, width)`, as all maps
+    - relative-inverse-depth: float32 without a unit, larger = nearer, NaN = missing
     - disparity: float32 pixels, NaN = missing (in ground truth: unknown)
     - weight: float32 shares in [0, 1]
     - mask: bool

@@ -48,6 +48,7 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
     | type | value |
     |---|---|
     | `depth` | float32 `(height, width)`, metres, finite and greater than 0, NaN = missing |
+    | `relative-inverse-depth` | float32 `(height, width)`, without a unit, larger = nearer, NaN = missing |
     | `disparity` | float32 `(height, width)`, pixels, NaN = missing |
     | `true-disparity` | float32 `(height, width)`, pixels, NaN = unknown |
     | `weight` | float32 `(height, width)`, shares in [0, 1], without NaN |

@@ -65,6 +65,7 @@ pub(crate) fn put_port_value(
             return part.alone(port.channel, Packing::Compressed, 2 * truth.px.len(), put);
         }
         Value::Depth(depth) => return put_floats(part, port.channel, stamp, &depth.metres),
+        Value::RelativeInverseDepth(map) => return put_floats(part, port.channel, stamp, &map.values),
         Value::Weight(weight) => return put_floats(part, port.channel, stamp, &weight.share),
         Value::Image(image) => {
             let samples: &[u8] = match image.pixels() {

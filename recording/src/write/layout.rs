@@ -260,7 +260,7 @@ impl FileLayout {
         let value_type = output.port.value_type;
         let schema = match value_type {
             ValueType::Image | ValueType::Disparity | ValueType::TrueDisparity | ValueType::Mask => Schema::RawImage,
-            ValueType::Depth | ValueType::Weight => Schema::FloatMap,
+            ValueType::Depth | ValueType::RelativeInverseDepth | ValueType::Weight => Schema::FloatMap,
             ValueType::Calibration => Schema::CameraCalibration,
             ValueType::Scores => Schema::Score,
             ValueType::Samples | ValueType::Model | ValueType::Curve => {
@@ -411,6 +411,7 @@ fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<Stri
         }
         ValueType::TrueDisparity => "disparity in pixels = value / 256, 0 = unknown",
         ValueType::Depth => "metres, NaN = invalid",
+        ValueType::RelativeInverseDepth => "inverse depth of unknown scale and shift, larger = nearer, NaN = invalid",
         ValueType::Weight => "confidence in [0, 1]",
         ValueType::Mask => "255 = set, 0 = not",
         ValueType::Curve => "losses in the unit of the training loss",

@@ -1,7 +1,8 @@
 //! Values as columns, and columns as values.
 
 use depthloom_graphs::values::{
-    Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Image, Mask, Pixels, Raster, TrueDisparity, Weight,
+    Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Image, Mask, Pixels, Raster, RelativeInverseDepth,
+    TrueDisparity, Weight,
 };
 use depthloom_graphs::{Value, ValueType};
 use image::{GrayImage, ImageBuffer, Luma, RgbImage};
@@ -42,6 +43,7 @@ pub fn field(name: &str, value_type: ValueType) -> Option<Field> {
         }
         ValueType::TrueDisparity => floats("px, NaN = unknown"),
         ValueType::Depth => floats("m, NaN = invalid"),
+        ValueType::RelativeInverseDepth => floats("none, NaN = invalid"),
         ValueType::Weight => floats("share"),
         ValueType::Mask => map(data(DataType::Int(8, false), "255 where set")),
         ValueType::Calibration => {
@@ -84,6 +86,7 @@ pub fn data(value: &Value) -> Option<Data<'_>> {
             let metres = &relative.depth().metres;
             map(metres.dimensions(), Items::F32(metres.as_raw()))
         }
+        Value::RelativeInverseDepth(of) => map(of.values.dimensions(), Items::F32(of.values.as_raw())),
         Value::Weight(weight) => map(weight.share.dimensions(), Items::F32(weight.share.as_raw())),
         Value::Mask(mask) => map(mask.set.dimensions(), Items::U8(mask.set.as_raw())),
         Value::Calibration(of) => {
@@ -157,6 +160,7 @@ pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> 
         }
         ValueType::TrueDisparity => TrueDisparity { px: floats()? }.into(),
         ValueType::Depth => Depth { metres: floats()? }.into(),
+        ValueType::RelativeInverseDepth => RelativeInverseDepth { values: floats()? }.into(),
         ValueType::Weight => Weight { share: floats()? }.into(),
         ValueType::Mask => {
             let set = part("data")?.u8s()?.iter().map(|&set| if set == 0 { 0 } else { 255 }).collect();

@@ -11,6 +11,7 @@ pub(super) fn floats(value: &Value) -> Option<Raster<f32>> {
         Value::TrueDisparity(truth) => Some(truth.px.clone()),
         Value::Depth(depth) => Some(depth.metres.clone()),
         Value::RelativeDepth(map) => Some(map.depth().metres.clone()),
+        Value::RelativeInverseDepth(map) => Some(map.values.clone()),
         Value::Weight(weight) => Some(weight.share.clone()),
         Value::Image(_)
         | Value::Mask(_)

@@ -49,7 +49,12 @@ pub fn png(value: &Value) -> Result<Png, String> {
         Value::Depth(depth) => sixteen_bits(&depth.metres, valid, 256.0, &mut clipped),
         Value::RelativeDepth(map) => sixteen_bits(&map.depth().metres, valid, 256.0, &mut clipped),
         Value::Weight(weight) => sixteen_bits(&weight.share, valid, 65535.0, &mut clipped),
-        Value::Calibration(_) | Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+        Value::RelativeInverseDepth(_)
+        | Value::Calibration(_)
+        | Value::Scores(_)
+        | Value::Samples(_)
+        | Value::Model(_)
+        | Value::Curve(_) => {
             return Err(format!("a value of type {} is not an image", value.value_type()));
         }
     };

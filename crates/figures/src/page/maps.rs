@@ -102,6 +102,7 @@ impl<'a> Samples<'a> {
             Value::FloatDisparity(map) => map.px().dimensions(),
             Value::Disparity(map) => map.sixteenths_px.dimensions(),
             Value::TrueDisparity(map) => map.px.dimensions(),
+            Value::RelativeInverseDepth(map) => map.values.dimensions(),
             Value::Weight(map) => map.share.dimensions(),
             Value::Mask(map) => map.set.dimensions(),
             _ => return None,
@@ -122,6 +123,7 @@ impl<'a> Samples<'a> {
                 (i32::from(sixteenths) >= map.min_disparity_px * 16).then(|| f64::from(sixteenths) / 16.0)
             }
             Value::TrueDisparity(map) => number(map.px.as_raw()[place]),
+            Value::RelativeInverseDepth(map) => number(map.values.as_raw()[place]),
             Value::Weight(map) => number(map.share.as_raw()[place]),
             Value::Mask(map) => Some(f64::from(u8::from(map.set.as_raw()[place] > 0))),
             _ => None,
