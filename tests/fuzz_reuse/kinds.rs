@@ -233,8 +233,25 @@ pub(crate) const KINDS: &[Kind] = &[
         label: "fusion/scale",
         kind: "fusion/scale",
         inputs: &[("mono", Type::Depth), ("stereo", Type::Depth)],
+        optional_inputs: &[("weight", Type::Weight)],
         outputs: DEPTH,
-        parameters: &[("method", &["\"minmax\"", "\"average\"", "\"none\""])],
+        parameters: &[
+            (
+                "method",
+                &[
+                    "\"minmax\"",
+                    "\"average\"",
+                    "\"none\"",
+                    "\"least-squares\"",
+                    "\"robust\"",
+                    "\"median\"",
+                    "\"local\"",
+                ],
+            ),
+            ("domain", &["\"inverse-depth\"", "\"depth\""]),
+            ("sigma", &["8", "30"]),
+            ("cap", &["40", "80"]),
+        ],
         share: 6,
         ..DEFAULT
     },

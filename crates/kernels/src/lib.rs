@@ -56,6 +56,6 @@ pub mod tiles;
 pub mod velodyne;
 
 pub use filter::{convolve, edges, median};
-pub use fusion::{confidence, fuse, scale};
+pub use fusion::{align, confidence, fuse, scale};
 pub use image::{grey, resize};
 pub use stereo::{bm, census, depth, fill, left_right, params, rectify, sgbm, weighted_least_squares};

@@ -17,9 +17,9 @@ const PORTS: [(&str, &[&str], &[&str]); 21] = [
     ("dora", &[], &[]),
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
-    ("fusion/scale", &["mono", "stereo"], &["depth"]),
+    ("fusion/scale", &["mono", "stereo", "weight"], &["depth"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
-    ("mono/onnx", &["image", "calibration", "model"], &["depth"]),
+    ("mono/onnx", &["image", "calibration", "model"], &["depth", "inverse"]),
     ("onnx", &["model"], &[]),
     // Its ports are declared in an experiment.
     ("process", &[], &[]),
@@ -137,7 +137,12 @@ fn defaults_are_the_golden_settings() {
         defaults("mono/ground-plane"),
         json!({ "height_m": 1.65, "horizon": 0.461, "nearest_m": 1.0, "cap": 80.0 })
     );
-    assert_eq!(defaults("fusion/scale"), json!({ "method": "minmax" }));
+    assert_eq!(
+        defaults("fusion/scale"),
+        json!({
+            "method": "minmax", "mono": "depth", "domain": "inverse-depth", "cap": 80.0, "sigma": 30.0, "prior": 0.05
+        })
+    );
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
     assert_eq!(defaults("filter/median"), json!({ "size": 5 }));
     assert_eq!(defaults("score/depth")["preset"], "martins2018");

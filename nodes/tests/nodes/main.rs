@@ -1,6 +1,7 @@
 //! Tests of nodes and sources through the registry, as the runner calls them.
 #![expect(clippy::unwrap_used, reason = "a test that cannot continue panics")]
 
+mod alignment;
 mod bag_writer;
 mod call;
 mod declarations;
