@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Contract, NodeDeclaration};
-use depthloom_graphs::values::{Artifact, Calibration, Depth, Image};
+use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature};
+use depthloom_graphs::values::{Artifact, Calibration, Depth, Image, Raster, RelativeInverseDepth};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::depth::{Geometry, depth_from_share};
 use depthloom_kernels::memory::TooMuch;
@@ -24,8 +24,10 @@ pub(crate) struct Onnx {
 
 impl Node for Onnx {
     type Params = OnnxParams;
+    const OWN_PORTS: bool = true;
 
     fn declaration() -> NodeDeclaration {
+        let Signature { inputs, .. } = signature(None);
         NodeDeclaration {
             kind: "mono/onnx",
             version: 3,
@@ -41,6 +43,9 @@ points.\n\n\
 Depth is capped here, before any scaling. With `output: inverse-depth`, an alignment by scale and shift (`align` of \
 `score/depth`) uses the network's own numbers, including zero, negative numbers and depths beyond the cap. Every \
 other use sees the cap at these pixels, or 1e6 m without a cap.\n\n\
+With `output: relative-inverse-depth` scale and shift are unknown, and there are no metres. The network's numbers, \
+times `output_scale`, are the output `inverse`, which only `fusion/scale` accepts (`mono: relative-inverse-depth`). \
+To score such a network without stereo, use `output: inverse-depth` with `align: scale-and-shift`.\n\n\
 **Invalid pixels.** A pixel is invalid where the network returns NaN or infinity, or where such a value contributes \
 to a resized pixel. These pixels are counted and reported at the end of the run.\n\n\
 **Model.** The model is a file (`model: { file: net.onnx }`) with its weights inside, or the output of a training \
@@ -53,29 +58,17 @@ Rust, slower, and supports neither `threads` nor other providers than `cpu`. `DE
 `tract` selects the engine. `depthloom doctor` prints the engine and its providers. Engine, version and provider are \
 part of the cache keys, and `environment.json` next to a recording names them. A GPU provider runs operators that it \
 lacks on the CPU, as ONNX Runtime does. A provider that is not available is an error.",
-            inputs: vec![
-                Port::frame("image", ValueType::Image, "The image, grey or RGB."),
-                Port::frame(
-                    "calibration",
-                    ValueType::Calibration,
-                    "Focal length and baseline; used if `output` is a disparity.",
-                ),
-                Port::once(
-                    "model",
-                    ValueType::Model,
-                    "The network: an ONNX model with one input, 1x3xHxW or 1x1xHxW (or channels last), of f32, f16 or u8.",
-                ),
-            ],
-            outputs: vec![Port::frame(
-                "depth",
-                ValueType::Depth,
-                "Depth, f32 metres, NaN = invalid; same size as the image.",
-            )],
+            inputs,
+            outputs: vec![DEPTH, INVERSE.optional()],
         }
     }
 
+    fn signature(params: &OnnxParams) -> Option<Signature> {
+        Some(signature(params.output))
+    }
+
     fn check(params: &OnnxParams) -> Result<(), (&'static str, String)> {
-        onnx::check_preprocessing(params.std, params.resize, params.round)?;
+        params.check()?;
         if params.size.is_some_and(|size| size.contains(&0)) {
             return Err(("size", "size is 0, expected at least 1 px".to_owned()));
         }
@@ -95,13 +88,50 @@ lacks on the CPU, as ONNX Runtime does. A provider that is not available is an e
     }
 }
 
+const DEPTH: Port = Port::frame(
+    "depth",
+    ValueType::Depth,
+    "Depth, f32 metres, NaN = invalid; same size as the image. Absent with `output: relative-inverse-depth`.",
+);
+const INVERSE: Port = Port::frame(
+    "inverse",
+    ValueType::RelativeInverseDepth,
+    "With `output: relative-inverse-depth`, in place of `depth`: the network's numbers, larger = nearer, NaN = invalid; \
+     same size as the image.",
+);
+
+fn signature(output: Option<Output>) -> Signature {
+    let is_relative = output == Some(Output::RelativeInverseDepth);
+    let calibration = Port::frame(
+        "calibration",
+        ValueType::Calibration,
+        "Focal length and baseline; used if `output` is a disparity.",
+    );
+    let inputs = vec![
+        Port::frame("image", ValueType::Image, "The image, grey or RGB."),
+        if is_relative { calibration.optional() } else { calibration },
+        Port::once(
+            "model",
+            ValueType::Model,
+            "The network: an ONNX model with one input, 1x3xHxW or 1x1xHxW (or channels last), of f32, f16 or u8.",
+        ),
+    ];
+    Signature {
+        contract: Contract::Pure,
+        inputs,
+        outputs: vec![if is_relative { INVERSE } else { DEPTH }],
+        observes: None,
+    }
+}
+
 impl Onnx {
     fn network(&self, model: &Artifact) -> Result<Arc<Network>, Fault> {
         self.network.get(model, || Network::load(model, &self.params))
     }
 
     fn preprocessing(&self) -> Preprocessing {
-        let OnnxParams { channels, mean, std, white, resize, round, .. } = self.params;
+        let OnnxParams { channels, white, resize, round, .. } = self.params;
+        let (mean, std) = self.params.moments();
         Preprocessing { channels, mean, std, white, resize, round, pad_with: PadWith::Edge }
     }
 
@@ -123,7 +153,7 @@ impl Onnx {
             Output::DisparityShare | Output::DisparityPx => {
                 depth_from_share(map, width, geometry(calibration), self.params.floor_px as f32, cap, out);
             }
-            Output::InverseDepth => {
+            Output::InverseDepth | Output::RelativeInverseDepth => {
                 // 1 / x is f * B / (x * width) with all of f, B and width one.
                 let unit = Geometry { focal_px: 1.0, baseline_metres: 1.0, doffs_px: 0.0 };
                 depth_from_share(map, 1, unit, SMALLEST_INVERSE, cap, out);
@@ -145,7 +175,6 @@ impl PureNode for Onnx {
 
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let image = inputs.get::<Image>("image")?;
-        let calibration = inputs.get::<Calibration>("calibration")?;
         let network = self.network(inputs.get::<Artifact>("model")?)?;
         let (columns, rows) = image.dimensions();
         let width = columns as usize;
@@ -178,6 +207,11 @@ impl PureNode for Onnx {
             true => map.to_vec(),
             false => fitted.map_back(map.to_vec(), size).map_err(too_large)?,
         };
+        if network.meaning == Output::RelativeInverseDepth {
+            let values = Raster::from_raw(columns, rows, full).ok_or_else(|| Fault::new("a map lost its size"))?;
+            return Ok(Outputs::one("inverse", RelativeInverseDepth { values }));
+        }
+        let calibration = inputs.get::<Calibration>("calibration")?;
         let metres = filled((columns, rows), |out| self.metres(network.meaning, &full, calibration, width, out));
         let nowhere = full.iter().filter(|value| **value <= 0.0).count() as u64;
         match network.meaning {
@@ -191,7 +225,7 @@ impl PureNode for Onnx {
                 ctx.host.warn_n(nowhere, "pixels of depth are not above 0; they were set to 0.001 m");
                 Ok(Outputs::one("depth", Depth { metres }))
             }
-            Output::Depth | Output::DisparityShare | Output::DisparityPx => Ok(Outputs::one("depth", Depth { metres })),
+            _ => Ok(Outputs::one("depth", Depth { metres })),
         }
     }
 }

@@ -51,6 +51,39 @@ pub(crate) struct Sizes {
     pub height: Option<usize>,
     /// Open sides are rounded up to a multiple of this, px.
     pub multiple: usize,
+    /// Of a network that leaves both sides open, the side to whose length images are resized.
+    pub side: Option<Side>,
+}
+
+/// The side of an image that gets a length, px; the other side follows from the aspect ratio.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Side {
+    Short(usize),
+    Long(usize),
+}
+
+impl Side {
+    /// Columns and rows of an image of (columns, rows), each the nearest multiple: as the transforms of MiDaS and Depth
+    /// Anything (`lower_bound` and `upper_bound`) compute it.
+    fn size(self, (width, height): (usize, usize), multiple: usize) -> (usize, usize) {
+        let (Self::Short(length) | Self::Long(length)) = self;
+        let scales = (length as f64 / width as f64, length as f64 / height as f64);
+        let scale = match self {
+            Self::Short(_) => scales.0.max(scales.1),
+            Self::Long(_) => scales.0.min(scales.1),
+        };
+        let rounded = |side: usize| {
+            let exact = side as f64 * scale / multiple as f64;
+            let nearest = exact.round_ties_even() as usize * multiple;
+            let allowed = match self {
+                Self::Short(_) if nearest < length => exact.ceil() as usize * multiple,
+                Self::Long(_) if nearest > length => exact.floor() as usize * multiple,
+                _ => nearest,
+            };
+            allowed.max(multiple)
+        };
+        (rounded(width), rounded(height))
+    }
 }
 
 /// Maps a frame's size to the network's and back.
@@ -68,7 +101,10 @@ pub(crate) struct Fitted {
 impl Fitted {
     pub(crate) fn new(from: (usize, usize), sizes: Sizes, fit: Fit, pad_at: PadAt) -> Result<Self, Fault> {
         let up = |side: usize, fixed: Option<usize>| fixed.unwrap_or_else(|| side.next_multiple_of(sizes.multiple));
-        let to = (up(from.0, sizes.width), up(from.1, sizes.height));
+        let to = match (sizes.side, sizes.width, sizes.height) {
+            (Some(side), None, None) => side.size(from, sizes.multiple),
+            _ => (up(from.0, sizes.width), up(from.1, sizes.height)),
+        };
         let at = match fit {
             Fit::Resize => (0, 0),
             Fit::Pad => {
@@ -198,9 +234,9 @@ fn resize_answers(
 
 #[cfg(test)]
 mod tests {
-    use super::{Fit, Fitted, PadAt, PadWith, Sizes};
+    use super::{Fit, Fitted, PadAt, PadWith, Side, Sizes};
 
-    const OPEN: Sizes = Sizes { width: None, height: None, multiple: 4 };
+    const OPEN: Sizes = Sizes { width: None, height: None, multiple: 4, side: None };
 
     fn fitted(pad_at: PadAt) -> Fitted {
         Fitted::new((3, 2), OPEN, Fit::Pad, pad_at).expect("it fits")
@@ -229,10 +265,52 @@ mod tests {
 
     #[test]
     fn an_image_that_is_too_large_is_refused_unless_it_is_resized() {
-        let small = Sizes { width: Some(2), height: Some(2), multiple: 1 };
+        let small = Sizes { width: Some(2), height: Some(2), multiple: 1, side: None };
         assert!(Fitted::new((3, 2), small, Fit::Pad, PadAt::Centre).is_err());
         let resized = Fitted::new((3, 2), small, Fit::Resize, PadAt::Centre).expect("it fits");
         assert_eq!((resized.to, resized.columns_back(2.0)), ((2, 2), 3.0));
+    }
+
+    /// `get_size` of `Resize` in `depth_anything_v2/util/transform.py`, with NumPy.
+    #[test]
+    fn sides_are_those_of_the_published_transforms() {
+        let cases = [
+            (Side::Short(518), 14, (1242, 375), (1722, 518)),
+            (Side::Short(518), 14, (640, 480), (686, 518)),
+            (Side::Short(518), 14, (480, 640), (518, 686)),
+            (Side::Short(518), 14, (1920, 1080), (924, 518)),
+            (Side::Short(518), 14, (518, 518), (518, 518)),
+            (Side::Short(518), 14, (287, 93), (1596, 518)),
+            (Side::Short(384), 32, (1242, 375), (1280, 384)),
+            (Side::Short(384), 32, (640, 480), (512, 384)),
+            (Side::Short(384), 32, (480, 640), (384, 512)),
+            (Side::Short(384), 32, (1920, 1080), (672, 384)),
+            (Side::Short(384), 32, (518, 518), (384, 384)),
+            (Side::Short(384), 32, (287, 93), (1184, 384)),
+            (Side::Long(384), 32, (1242, 375), (384, 128)),
+            (Side::Long(384), 32, (640, 480), (384, 288)),
+            (Side::Long(384), 32, (480, 640), (288, 384)),
+            (Side::Long(384), 32, (1920, 1080), (384, 224)),
+            (Side::Long(384), 32, (518, 518), (384, 384)),
+            (Side::Long(384), 32, (287, 93), (384, 128)),
+            (Side::Long(256), 32, (1242, 375), (256, 64)),
+            (Side::Long(256), 32, (640, 480), (256, 192)),
+            (Side::Long(256), 32, (480, 640), (192, 256)),
+            (Side::Long(256), 32, (1920, 1080), (256, 128)),
+            (Side::Long(256), 32, (518, 518), (256, 256)),
+            (Side::Long(256), 32, (287, 93), (256, 96)),
+            (Side::Short(500), 14, (1242, 375), (1652, 504)),
+            (Side::Short(500), 14, (640, 480), (672, 504)),
+            (Side::Short(500), 14, (480, 640), (504, 672)),
+            (Side::Short(500), 14, (1920, 1080), (882, 504)),
+            (Side::Short(500), 14, (518, 518), (504, 504)),
+            (Side::Short(500), 14, (287, 93), (1540, 504)),
+        ];
+        for (side, multiple, from, expected) in cases {
+            let sizes = Sizes { width: None, height: None, multiple, side: Some(side) };
+            let fitted = Fitted::new(from, sizes, Fit::Resize, PadAt::Centre).expect("it fits");
+            assert_eq!(fitted.to, expected, "{side:?} {multiple} {from:?}");
+        }
     }
 
     #[test]

@@ -2,9 +2,12 @@
 
 use depthloom_graphs::values::{Image, Pixels};
 use depthloom_kernels::memory::{TooMuch, zeros};
-use depthloom_kernels::resize::{area_rgb8, bilinear_f32};
+use depthloom_kernels::resize::{area_rgb8, bicubic_f32, bilinear_f32};
 
 use super::params::Resize;
+
+/// The largest sample of 8 bits.
+const WHITE: f32 = 255.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct InputSize {
@@ -39,14 +42,15 @@ pub(super) fn resized(image: &Image, size: InputSize, resize: Resize, round: boo
             area_rgb8(&interleaved, width, height, size.width, size.height, &mut small);
             small.into_iter().map(f32::from).collect()
         }
-        Resize::Bilinear => {
+        Resize::Bilinear | Resize::Bicubic => {
+            let kernel = if resize == Resize::Bicubic { bicubic_f32 } else { bilinear_f32 };
             let mut rgb = zeros::<f32>(size.pixels() * 3)?;
             let mut plane = zeros::<f32>(size.pixels())?;
             for channel in 0..3 {
                 let samples: Vec<f32> = interleaved.iter().skip(channel).step_by(3).map(|&v| f32::from(v)).collect();
-                bilinear_f32(&samples, width, height, size.width, size.height, &mut plane);
+                kernel(&samples, width, height, size.width, size.height, &mut plane);
                 for (sample, &value) in rgb.iter_mut().skip(channel).step_by(3).zip(&plane) {
-                    *sample = if round { value.round_ties_even() } else { value };
+                    *sample = if round { value.round_ties_even().clamp(0.0, WHITE) } else { value };
                 }
             }
             rgb

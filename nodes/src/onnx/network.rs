@@ -35,16 +35,24 @@ impl Network {
         }
         let axes = image_axes(input, params)?;
         let named = [(input.name.as_str(), axes)];
-        let sizes = sizes(&named, params.size, params.multiple.unwrap_or(1))?;
+        let sizes = Sizes { side: params.side(), ..sizes(&named, params.size, params.multiple.unwrap_or(1))? };
+        if sizes.side.is_some() && (sizes.width.is_some() || sizes.height.is_some()) {
+            let shape = input.tensor.as_ref().map_or_else(String::new, |(_, shape)| shape_text(shape));
+            let what =
+                format!("the network fixes the size of its image: its input `{}` has the shape {shape}", input.name);
+            return Err(Fault::new(what).remedy(
+                "remove `short_side` and `long_side`: the image is resized to this size; or export the network with an open size",
+            ));
+        }
         let is_open = sizes.width.is_none() || sizes.height.is_none();
-        if is_open && params.multiple.is_none() {
+        if is_open && params.multiple.is_none() && sizes.side.is_none() {
             let shape = input.tensor.as_ref().map_or_else(String::new, |(_, shape)| shape_text(shape));
             let what = format!(
                 "the network leaves the size of its image open: its input `{}` has the shape {shape}",
                 input.name
             );
             return Err(Fault::new(what).remedy(
-                "set `size: [width, height]`, or `multiple` (14 or 32, depending on the network), to which the size of the image is rounded up",
+                "set `size: [width, height]`, `short_side` with `multiple`, or `multiple` alone (14 or 32, depending on the network), to which the size of the image is rounded up",
             ));
         }
         let output = map_output(outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;
@@ -134,6 +142,11 @@ fn meaning(declared: &Declared, params: &OnnxParams) -> Result<Output, Fault> {
             "the metadata of the network state the output `{stated}`, which contradicts `output`"
         ))
         .remedy("leave `output` out")),
+        // The output port follows from the parameter, before any model is read.
+        None if of_model == Output::RelativeInverseDepth => Err(Fault::new(format!(
+            "the metadata of the network state the output `{stated}`, which needs the same `output`"
+        ))
+        .remedy("set `output: relative-inverse-depth` and use the output `inverse`")),
         _ => Ok(of_model),
     }
 }

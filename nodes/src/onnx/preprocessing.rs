@@ -74,7 +74,7 @@ mod tests {
 
     fn seen(preprocessing: &Preprocessing, rgb: [u8; 6], count: usize, mirrored: bool) -> Vec<f32> {
         let image = Image::new(Pixels::Rgb(RgbImage::from_raw(2, 1, rgb.to_vec()).expect("two pixels")));
-        let sizes = Sizes { width: Some(2), height: Some(1), multiple: 1 };
+        let sizes = Sizes { width: Some(2), height: Some(1), multiple: 1, side: None };
         let fitted = Fitted::new((2, 1), sizes, Fit::Resize, PadAt::BottomRight).expect("it fits");
         preprocessing.planes(&image, count, &fitted, mirrored).expect("memory").concat()
     }

@@ -99,6 +99,7 @@ pub(crate) fn sizes(inputs: &[(&str, Axes)], requested: Option<[u32; 2]>, multip
         width: side("columns", |axes| axes.width, requested.map(|size| size[0]))?,
         height: side("rows", |axes| axes.height, requested.map(|size| size[1]))?,
         multiple: multiple as usize,
+        side: None,
     })
 }
 

@@ -118,7 +118,7 @@ pub fn stanza(model: &Description, file: &Path) -> Result<(&'static str, String)
             Ok((
                 "mono/onnx",
                 format!(
-                    "depth:\n  kind: mono/onnx\n  # white, mean, std, multiple (or size): as the network was trained; output: disparity-share, disparity-px, inverse-depth or depth\n  \
+                    "depth:\n  kind: mono/onnx\n  # white, mean, std, multiple (or size): as the network was trained; output: disparity-share, disparity-px, inverse-depth, relative-inverse-depth or depth\n  \
                      with: {{ input_name: {}, output_name: {name}, {head}output: {means}{size}{}{white} }}\n  \
                      inputs: {{ image: source/left, calibration: source/calibration, model: {{ file: {path} }} }}\n",
                     text(&input.name),

@@ -499,3 +499,92 @@ fn all_of_this_holds_in_tract() {
         ["networks_that_do_not_output_depth_are_refused_with_a_remedy", "every_meaning_of_the_output_becomes_metres"];
     assert!(tests.iter().all(|test| stdout.contains(&format!("test network::{test} ... ok"))), "{stdout}");
 }
+
+/// A network that returns its input of one channel, whatever its size.
+fn same() -> Value {
+    let side = [1, 1, -1, -1];
+    model(onnx_file::model("Identity", None, &[Tensor("image", F32, &side)], &Tensor("map", F32, &side)))
+}
+
+#[test]
+fn relative_inverse_depth_is_a_value_of_its_own_type() {
+    if !can_run("relative_inverse_depth_is_a_value_of_its_own_type") {
+        return;
+    }
+    let network = mean(&[1, 3, 2, 4], &[1, 1, 2, 4]);
+    // Without a calibration, without a cap; negative numbers stay.
+    let params = json!({ "output": "relative-inverse-depth", "output_scale": 10, "mean": [0.5, 0.5, 0.5] });
+    let inputs = [("image", image()), ("model", network)];
+    let values = call("mono/onnx", &params, &inputs).unwrap();
+    assert_eq!(values.keys().collect::<Vec<_>>(), [&"inverse"]);
+    let Value::RelativeInverseDepth(map) = &values["inverse"] else { panic!("inverse") };
+    for (found, expected) in map.values.iter().zip([-3.0, -1.0, 3.0, 5.0].repeat(2)) {
+        assert!((found - expected).abs() < 1e-5, "{found} is not {expected}");
+    }
+    assert!(values["inverse"].metres().is_none() && values["inverse"].depth_estimate().is_none());
+}
+
+#[test]
+fn an_image_is_resized_to_the_length_of_a_side() {
+    if !can_run("an_image_is_resized_to_the_length_of_a_side") {
+        return;
+    }
+    let seen = |side: Json| {
+        let mut params = side;
+        (params["output"], params["resize"], params["round"]) = (json!("depth"), json!("bicubic"), json!(false));
+        run(&params, &same())
+    };
+    // OpenCV: `INTER_CUBIC` to 8x4 or 12x6, `INTER_LINEAR` back.
+    let twice = [0.205_078, 0.408_594, 0.791_406, 0.994_922];
+    let thrice = [0.2, 0.4, 0.8, 1.0];
+    for (side, expected) in [
+        (json!({ "short_side": 4 }), twice),
+        (json!({ "long_side": 8, "multiple": 4 }), twice),
+        (json!({ "short_side": 5, "multiple": 6 }), thrice),
+    ] {
+        assert_close(&seen(side).unwrap(), expected);
+    }
+}
+
+#[test]
+fn sides_and_normalisations_that_exclude_others_are_refused() {
+    if !can_run("sides_and_normalisations_that_exclude_others_are_refused") {
+        return;
+    }
+    for (params, what) in [
+        (json!({ "short_side": 4, "long_side": 8 }), "short_side cannot be combined with `long_side`"),
+        (json!({ "long_side": 8, "size": [4, 2] }), "long_side cannot be combined with `size`"),
+        (json!({ "short_side": 4, "fit": "pad" }), "short_side cannot be combined with `fit: pad`"),
+        (json!({ "normalisation": "half", "mean": [0.5, 0.5, 0.5] }), "normalisation replaces `mean` and `std`"),
+    ] {
+        let error = run(&params, &same()).unwrap_err();
+        assert!(error.contains(what), "{error}");
+    }
+    let error = run(&json!({ "short_side": 4 }), &mean(&[1, 3, 2, 4], &[1, 1, 2, 4])).unwrap_err();
+    assert!(error.contains("the network fixes the size of its image") && error.contains("1x3x2x4"), "{error}");
+}
+
+#[test]
+fn known_normalisations_are_their_means_and_deviations() {
+    if !can_run("known_normalisations_are_their_means_and_deviations") {
+        return;
+    }
+    let network = mean(&[1, 3, 2, 4], &[1, 1, 2, 4]);
+    let run = |params: Json| {
+        let mut params = params;
+        params["output"] = "relative-inverse-depth".into();
+        let inputs = [("image", image()), ("model", network.clone())];
+        let values = call("mono/onnx", &params, &inputs).unwrap();
+        let Value::RelativeInverseDepth(map) = &values["inverse"] else { panic!("inverse") };
+        map.values.to_vec()
+    };
+    let imagenet = run(json!({ "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225] }));
+    assert_eq!(run(json!({ "normalisation": "imagenet" })), imagenet);
+    let reversed = run(json!({ "channels": "bgr", "mean": [0.406, 0.456, 0.485], "std": [0.225, 0.224, 0.229] }));
+    assert_eq!(run(json!({ "channels": "bgr", "normalisation": "imagenet" })), reversed);
+    let half = run(json!({ "normalisation": "half" }));
+    assert!(
+        half.iter().zip([-0.6, -0.2, 0.6, 1.0].repeat(2)).all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6),
+        "{half:?}"
+    );
+}
