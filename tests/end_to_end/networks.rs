@@ -304,3 +304,60 @@ fn faults_51_and_59_onnx_prints_a_working_node_definition_or_the_reason() {
         );
     }
 }
+
+/// A file of a page of the guide: the block after `<!-- file: NAME -->`.
+fn file_of_page(page: &str, name: &str) -> String {
+    let (_, after) = page.split_once(&format!("<!-- file: {name} -->\n```yaml\n")).expect("the page has the file");
+    after.split_once("```").expect("the block ends").0.to_owned()
+}
+
+/// The experiments of `how-to/foundation-models.md` with generated networks of the same signatures
+/// (`tests/fixtures/networks.py`): nearness that grows with the row, as on a road.
+#[test]
+fn the_page_of_foundation_models_runs_with_networks_of_their_signatures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let page = std::fs::read_to_string(workspace().join("docs/how-to/foundation-models.md")).expect("the page");
+    for name in ["depth-anything.yaml", "midas.yaml"] {
+        std::fs::write(folder.path().join(name), file_of_page(&page, name)).expect("written");
+    }
+    let run = |name: &str, network: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let mut command = depthloom();
+        command.env("MONO_MODEL", workspace().join("tests/fixtures/networks").join(network)).args(["run", "--no-page"]);
+        command.arg("--out").arg(&out).arg(folder.path().join(format!("{name}.yaml")));
+        // Small frames: the networks see them enlarged.
+        command.args(["--set", "sources.street.with={ frames: 0..2, seed: 2, width: 320, height: 96 }"]).args(more);
+        (command, out)
+    };
+    for (name, network) in [("depth-anything", "depth_anything.onnx"), ("midas", "midas.onnx")] {
+        let (mut command, out) = run(name, network, &[]);
+        let output = command.output().expect("started");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        if stderr.contains("no ONNX Runtime") {
+            return skipped("the_page_of_foundation_models_runs_with_networks_of_their_signatures", &stderr);
+        }
+        assert!(output.status.success(), "{stderr}");
+        let rows = read_csv(&out.join("scores.csv"));
+        for method in ["least-squares", "robust", "local", "median"] {
+            let abs_rel = |estimate: &str| {
+                let wanted = format!("{method}/{estimate}");
+                let row = rows.iter().find(|row| row["frame"] == "mean" && label(row) == wanted && set(row) == "all");
+                number(row.unwrap_or_else(|| panic!("no row {wanted}")), "abs_rel")
+            };
+            println!("{name} {method}: abs_rel of mono {}, fused {}", abs_rel("mono"), abs_rel("fused"));
+            assert!(abs_rel("mono") < 1.0 && abs_rel("fused") < 0.6, "{name} {method}");
+        }
+    }
+    // The network's numbers are not metres: neither scored nor fused.
+    for (change, what) in [
+        ("compare.score.estimates.mono=mono/inverse", "relative-inverse-depth"),
+        ("compare.merged.inputs.mono=mono/inverse", "relative-inverse-depth"),
+        ("compare.aligned.with.mono=depth", "relative-inverse-depth"),
+    ] {
+        let (mut command, _) = run("depth-anything", "depth_anything.onnx", &["--set", change]);
+        let output = command.output().expect("started");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{change}: {stderr}");
+        assert!(stderr.contains(what), "{change}: {stderr}");
+    }
+}
