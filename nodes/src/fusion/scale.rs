@@ -112,7 +112,7 @@ impl Node for Scale {
         let Signature { inputs, outputs, .. } = signature(MonoType::Depth);
         NodeDeclaration {
             kind: "fusion/scale",
-            version: 2,
+            version: 3,
             contract: Contract::Pure,
             summary: "A monocular map, brought to the scale of the stereo depth of the same frame.",
             doc: "\

@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use depthloom_graphs::values::{Depth, Disparity, Image, Pixels, Raster, TrueDisparity, Weight};
+use depthloom_graphs::values::{Depth, Disparity, Image, Pixels, Raster, RelativeInverseDepth, TrueDisparity, Weight};
 use depthloom_graphs::{Key, Value};
 use image::{ImageBuffer, Luma, RgbImage};
 use serde_json::{Value as Json, json};
@@ -112,6 +112,12 @@ fn true_disparity() -> Value {
     TrueDisparity::from_px_256(&px_256).into()
 }
 
+/// Inverse depth of unknown scale and shift: also below 0.
+fn relative_inverse_depth(seed: u64) -> Value {
+    let mut numbers = Numbers(seed);
+    RelativeInverseDepth { values: raster(|| numbers.below(4096) as f32 / 512.0 - 1.0) }.into()
+}
+
 /// Calls that stand for a kind, together with others of its name: the name, sets of parameters, inputs.
 type Calls = (&'static str, Vec<Json>, Vec<(&'static str, Value)>);
 
@@ -199,7 +205,27 @@ fn calls() -> Vec<Calls> {
             vec![json!({ "local": { "sigma": 12 }, "cap": null })],
             vec![("disparity", gappy()), ("mono", depth(2, 0)), ("calibration", calibration(721.5377, 0.532_725))],
         ),
-        ("fusion/scale", ["minmax", "average", "none"].map(|m| json!({ "method": m })).to_vec(), fusion),
+        (
+            "fusion/scale",
+            ["minmax", "average", "none", "least-squares", "robust", "median", "local"]
+                .map(|method| json!({ "method": method, "sigma": 6 }))
+                .to_vec(),
+            fusion.clone(),
+        ),
+        (
+            "fusion/scale",
+            ["least-squares", "robust", "local"]
+                .map(|method| json!({ "method": method, "domain": "depth", "cap": 40, "sigma": 20, "prior": 0.5 }))
+                .to_vec(),
+            [fusion.clone(), vec![("weight", weight())]].concat(),
+        ),
+        (
+            "fusion/scale",
+            ["least-squares", "robust", "median", "local"]
+                .map(|method| json!({ "method": method, "mono": "relative-inverse-depth" }))
+                .to_vec(),
+            vec![("mono", relative_inverse_depth(6)), ("stereo", depth(3, 5))],
+        ),
         (
             "mono/ground-plane",
             vec![json!({})],
