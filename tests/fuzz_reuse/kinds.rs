@@ -251,7 +251,7 @@ pub(crate) const KINDS: &[Kind] = &[
         label: "score/depth",
         kind: "score/depth",
         inputs: &[("estimate", Type::Depth), ("ground_truth", Type::Depth)],
-        optional_inputs: &[("image", Type::Image), ("occluded", Type::Mask)],
+        optional_inputs: &[("image", Type::Image), ("occluded", Type::Mask), ("deviation", Type::Depth)],
         parameters: &[("zones.rows", ZONES), ("align", &["\"none\"", "\"median\""]), ("max_m", &["30", "80"])],
         share: 3,
         ..DEFAULT

@@ -23,7 +23,11 @@ const PORTS: [(&str, &[&str], &[&str]); 21] = [
     ("onnx", &["model"], &[]),
     // Its ports are declared in an experiment.
     ("process", &[], &[]),
-    ("score/depth", &["estimate", "ground_truth", "image", "occluded", "obj_map"], &["rows"]),
+    (
+        "score/depth",
+        &["estimate", "ground_truth", "deviation", "confidence", "image", "occluded", "obj_map"],
+        &["rows"],
+    ),
     ("score/disparity", &["estimate", "ground_truth", "calibration", "image", "occluded", "obj_map"], &["rows"]),
     ("stereo/bm", &["left", "right"], &["disparity"]),
     ("stereo/census-sgm", &["left", "right"], &["disparity"]),
