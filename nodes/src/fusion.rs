@@ -1,7 +1,13 @@
 //! Mono and stereo into one: `fusion/*`.
 
 mod confidence;
+mod facil;
+mod inverse_variance;
+mod median;
 mod scale;
 
 pub(crate) use confidence::Confidence;
+pub(crate) use facil::Facil;
+pub(crate) use inverse_variance::InverseVariance;
+pub(crate) use median::MedianOf;
 pub(crate) use scale::Scale;

@@ -6,10 +6,11 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 21] = [
+const PORTS: [(&str, &[&str], &[&str]); 25] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
+    ("depth/guided-upsampling", &["image", "depth"], &["depth"]),
     ("disparity/fill", &["disparity"], &["disparity"]),
     ("disparity/left-right", &["left", "right"], &["disparity"]),
     ("disparity/speckle", &["disparity"], &["disparity"]),
@@ -17,6 +18,9 @@ const PORTS: [(&str, &[&str], &[&str]); 21] = [
     ("dora", &[], &[]),
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
+    ("fusion/facil", &["mono", "stereo", "weight"], &["depth"]),
+    ("fusion/inverse-variance", &["mono", "stereo", "calibration"], &["depth", "deviation"]),
+    ("fusion/median", &["mono", "stereo", "third"], &["depth"]),
     ("fusion/scale", &["mono", "stereo"], &["depth"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
     ("mono/onnx", &["image", "calibration", "model"], &["depth"]),

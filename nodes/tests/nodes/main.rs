@@ -8,6 +8,7 @@ mod digests;
 mod disparity;
 mod fixtures;
 mod folder;
+mod fusion;
 mod golden;
 mod images;
 mod kitti;
