@@ -226,8 +226,8 @@ fn selection_notes(
             };
             let candidates: Vec<&Row> = rows.iter().filter(is_candidate).collect();
             let (Some(_), Some(value)) = (class, own.value(metric)) else { continue };
-            let more_is_better = ablation.metrics[metric].more_is_better;
-            let is_better = |other: f64| if more_is_better { other > value } else { other < value };
+            let good = |value: f64| ablation.metrics[metric].goodness(value);
+            let is_better = |other: f64| good(other) > good(value);
             let is_best = !candidates.iter().filter_map(|row| row.value(metric)).any(is_better);
             if is_best && candidates.len() >= SEVERAL && candidates.iter().any(|row| !is_compared(row)) {
                 let note = format!(

@@ -5,7 +5,9 @@ use std::collections::HashSet;
 use depthloom_graphs::language::glob;
 use depthloom_graphs::plan::{RunId, VariantId};
 use depthloom_recording::RecordedPlan;
-use depthloom_scores::{DisparityScoreParams, Family, Mean, Metric, PixelSet, ScoreParams, Settings};
+use depthloom_scores::{
+    DisparityScoreParams, Family, Mean, Metric, PixelSet, ScoreParams, Settings, Sparsification, UncertaintyKind,
+};
 
 use crate::error::{AnalysisError, unknown};
 use crate::tables::{Column, RowKey, RowKeys, Rows, key_columns};
@@ -46,6 +48,19 @@ pub struct Estimate {
     pub scored_output: Option<String>,
     /// The topic of the output with the ground truth, recorded or not; `None` if the recording does not name it.
     pub truth_output: Option<String>,
+    /// The uncertainty that it predicts, if it was scored.
+    pub uncertainty: Option<PredictedUncertainty>,
+}
+
+/// The predicted uncertainty of an estimate.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PredictedUncertainty {
+    /// What it is.
+    pub kind: UncertaintyKind,
+    /// The topic of its output, recorded or not.
+    pub output: String,
+    /// How pixels are removed for `ause`.
+    pub sparsification: Sparsification,
 }
 
 /// The recorded maps that an estimate's error against distance is computed from.
@@ -78,11 +93,19 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
     let row_keys = RowKeys::new(plan);
     let mut ordered = Vec::new();
     for (run, planned, estimate) in all() {
-        let kind = planned.nodes.get(estimate.score_node.0).map_or("", |node| node.kind.as_str());
-        let ScoreParameters { family, sets, metrics, mean, settings } = score_parameters(kind, &estimate.score_params)
-            .map_err(|error| {
-                AnalysisError::content(format!("invalid score parameters of `{}`: {error}", estimate.label))
-            })?;
+        let scoring = planned.nodes.get(estimate.score_node.0);
+        let from =
+            |port: &str| scoring.and_then(|node| node.inputs.iter().find(|input| input.port == port)?.from.clone());
+        let (uncertainty, uncertainty_output) = match (from("deviation"), from("confidence")) {
+            (Some(output), _) => (UncertaintyKind::Deviation, Some(output)),
+            (None, Some(output)) => (UncertaintyKind::Confidence, Some(output)),
+            (None, None) => (UncertaintyKind::None, None),
+        };
+        let kind = scoring.map_or("", |node| node.kind.as_str());
+        let parameters = score_parameters(kind, &estimate.score_params, uncertainty).map_err(|error| {
+            AnalysisError::content(format!("invalid score parameters of `{}`: {error}", estimate.label))
+        })?;
+        let ScoreParameters { family, sets, metrics, mean, settings, sparsification } = parameters;
         // Two stages may score estimates of one name.
         let label = match repeated.contains(estimate.label.as_str()) {
             true => format!("{}.{}", planned.stage, estimate.label),
@@ -102,9 +125,6 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
             Some(variant) => row_keys.for_some(&planned.stage, &[variant]),
             None => row_keys.shared_by_all(&planned.stage),
         };
-        let scoring = planned.nodes.get(estimate.score_node.0);
-        let from =
-            |port: &str| scoring.and_then(|node| node.inputs.iter().find(|input| input.port == port)?.from.clone());
         let place = estimate.variant.map_or(0, |v| v.0 + 1);
         let estimate = Estimate {
             label,
@@ -122,6 +142,11 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
             truth_topic: estimate.truth_topic.clone(),
             scored_output: from("estimate"),
             truth_output: from("ground_truth"),
+            uncertainty: uncertainty_output.map(|output| PredictedUncertainty {
+                kind: uncertainty,
+                output,
+                sparsification,
+            }),
         };
         ordered.push((place, estimate));
     }
@@ -194,22 +219,31 @@ struct ScoreParameters {
     metrics: Vec<&'static Metric>,
     mean: Mean,
     settings: Option<Settings>,
+    sparsification: Sparsification,
 }
 
-/// Reads the recorded parameters of a score node of this kind. Null parameters have the values of the preset.
-fn score_parameters(kind: &str, params: &serde_json::Value) -> Result<ScoreParameters, String> {
+/// Reads the recorded parameters of a score node of this kind, with the uncertainty of its estimate. Null parameters
+/// have the values of the preset.
+fn score_parameters(
+    kind: &str,
+    params: &serde_json::Value,
+    uncertainty: UncertaintyKind,
+) -> Result<ScoreParameters, String> {
     if kind == DISPARITY {
         let params: DisparityScoreParams =
             serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
         params.check().map_err(|(_, what)| what)?;
         let metrics = params.metrics().map_err(|(_, what)| what)?;
         let (sets, mean) = (params.sets, params.mean);
-        return Ok(ScoreParameters { family: Family::Disparity, sets, metrics, mean, settings: None });
+        let sparsification = Sparsification::default();
+        return Ok(ScoreParameters { family: Family::Disparity, sets, metrics, mean, settings: None, sparsification });
     }
     let params: ScoreParams = serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
     params.check().map_err(|(_, what)| what)?;
-    let (metrics, settings) = (params.metrics().map_err(|(_, what)| what)?, Some(params.settings()));
-    Ok(ScoreParameters { family: Family::Depth, sets: params.sets, metrics, mean: params.mean, settings })
+    let (metrics, settings) = (params.metrics(uncertainty).map_err(|(_, what)| what)?, Some(params.settings()));
+    let sparsification = params.sparsification();
+    let (sets, mean) = (params.sets, params.mean);
+    Ok(ScoreParameters { family: Family::Depth, sets, metrics, mean, settings, sparsification })
 }
 
 #[cfg(test)]
@@ -232,6 +266,7 @@ impl Estimate {
             truth_topic: None,
             scored_output: None,
             truth_output: None,
+            uncertainty: None,
         }
     }
 }
@@ -245,14 +280,14 @@ mod tests {
     use super::*;
 
     fn settings(params: &serde_json::Value) -> Result<(Vec<PixelSet>, Settings), String> {
-        let read = score_parameters("score/depth", params)?;
+        let read = score_parameters("score/depth", params, UncertaintyKind::None)?;
         Ok((read.sets, read.settings.expect("depths have settings")))
     }
 
     #[test]
     fn disparities_have_their_own_metrics() {
         let params = json!({ "sets": ["filled"], "metrics": ["d1", "epe"], "mean": "pixels" });
-        let read = score_parameters(DISPARITY, &params).unwrap();
+        let read = score_parameters(DISPARITY, &params, UncertaintyKind::None).unwrap();
         let names: Vec<&str> = read.metrics.iter().map(|metric| metric.name).collect();
         assert_eq!((names, read.family, read.mean), (vec!["epe", "d1"], Family::Disparity, Mean::Pixels));
         assert!(settings(&params).is_err(), "a depth has neither");

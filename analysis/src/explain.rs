@@ -183,12 +183,13 @@ fn worst(
     without: impl Fn(usize) -> Option<f64>,
 ) -> Vec<WorstFrame> {
     let Some(all_frames) = all_frames else { return Vec::new() };
-    let sign = if metric.more_is_better { -1.0 } else { 1.0 };
     let weight = |frame: &ScoredFrame| if mean == Mean::Frames { 1.0 } else { frame.pixels as f64 };
     let mut worst: Vec<(f64, usize)> = frames
         .iter()
         .enumerate()
-        .filter_map(|(place, frame)| Some((sign * (frame.value? - all_frames) * weight(frame), place)))
+        .filter_map(|(place, frame)| {
+            Some(((metric.goodness(all_frames) - metric.goodness(frame.value?)) * weight(frame), place))
+        })
         .collect();
     worst.sort_by(|a, b| b.0.total_cmp(&a.0));
     worst.truncate(TRIED);
@@ -339,9 +340,8 @@ impl Explain {
         let decimals = self.metric.decimals + 2;
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"));
         let unit = if self.metric.unit.is_empty() { String::new() } else { format!(" {}", self.metric.unit) };
-        let better = if self.metric.more_is_better { "more" } else { "less" };
-        let mut text =
-            format!("{} of {}: {}{unit} ({better} is better)\n\n", self.metric.name, self.label, number(self.value));
+        let better = self.metric.better();
+        let mut text = format!("{} of {}: {}{unit} ({better})\n\n", self.metric.name, self.label, number(self.value));
         for Fact { what, here, paper } in &self.facts {
             let (same, other) = match paper {
                 Some(paper) if paper == here => (" (as in Martins et al. 2018)", None),

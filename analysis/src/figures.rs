@@ -8,6 +8,7 @@ mod errors;
 mod maps;
 mod parameter;
 mod scores;
+mod sparsification;
 mod spreads;
 
 use std::path::PathBuf;
@@ -55,6 +56,8 @@ pub enum FigureKind {
     Parameter,
     /// Errors by the confidence that was assigned to them.
     Reliability,
+    /// How much worse a predicted uncertainty ranks pixels than their true errors do; the area is AUSE.
+    Sparsification,
     /// Training and validation loss by step.
     Learning,
     /// Frames as in the paper: image, stereo, mono, fused, confidence, difference of errors, ground truth.
@@ -194,6 +197,7 @@ pub fn figure(
         FigureKind::Parameter => {
             with_scores(only(runs)?, request, stop, |scores| parameter::parameter(scores, request))
         }
+        FigureKind::Sparsification => sparsification::sparsification(only(runs)?, request, stop),
         FigureKind::Learning => learning(only(runs)?, request),
         FigureKind::Panels => maps::panels(only(runs)?, request, stop),
     })?;

@@ -34,7 +34,7 @@ pub use curves::CurveEnd;
 pub use depthloom_scores::{Mean, Metric, PixelSet};
 pub use distance::{DistanceBin, PERCENTILES, RecordedSamples, SampleSink, Spread};
 pub use error::AnalysisError;
-pub use estimates::Estimate;
+pub use estimates::{Estimate, PredictedUncertainty};
 pub use explain::{Explain, Fact, ScoredFrame, WorstFrame, explain};
 pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, figure};
 pub use input::condition::{DamagedPlace, RecordingCondition, StageFrames, recording_notes};

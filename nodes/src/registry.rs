@@ -3,11 +3,11 @@
 use depthloom_graphs::Registry;
 
 use crate::confidence::{Edges, Sobel};
-use crate::depth::FromDisparity;
+use crate::depth::{FromDisparity, GuidedUpsampling};
 use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
 use crate::dora::Dora;
 use crate::filter::Median;
-use crate::fusion::{Confidence, Learned, Mixture, Scale};
+use crate::fusion::{Confidence, Facil, InverseVariance, Learned, MedianOf, Mixture, Scale};
 use crate::mono::{GroundPlane, Onnx};
 use crate::network::OnnxNetwork;
 use crate::process::{Process, ProcessSource};
@@ -45,6 +45,7 @@ pub fn registry() -> Registry {
         .node::<Fill>()
         .node::<WeightedLeastSquares>()
         .node::<FromDisparity>()
+        .node::<GuidedUpsampling>()
         .node::<Edges>()
         .node::<Sobel>()
         .node::<GroundPlane>()
@@ -54,6 +55,9 @@ pub fn registry() -> Registry {
         .node::<Confidence>()
         .node::<Learned>()
         .node::<Mixture>()
+        .node::<Facil>()
+        .node::<InverseVariance>()
+        .node::<MedianOf>()
         .node::<Median>()
         .node::<Process>()
         .node::<Dora>()

@@ -452,3 +452,57 @@ fn a_pipe_in_place_of_a_marker_does_not_block_the_list_of_runs() {
     succeed(Command::new("mkfifo").arg(&marker));
     succeed(depthloom().args(["runs", "--runs"]).arg(folder.path()));
 }
+
+/// A confidence for all estimates, and a standard deviation for one of them.
+#[test]
+fn uncertainties_are_scored_in_the_same_table() {
+    let experiment = "experiment: unsure
+sources:
+  street: { kind: synthetic/road, with: { frames: 0..2, seed: 3, width: 320, height: 96 } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+      mono: { kind: mono/ground-plane, inputs: { image: source/left, calibration: source/calibration } }
+      edges: { kind: confidence/sobel, inputs: { image: source/left } }
+    score:
+      ground_truth: source/depth
+      confidence: edges/weight
+      estimates:
+        stereo: depth/depth
+        mono: { from: mono/depth, deviation: mono/depth }
+        plain: { from: mono/depth, confidence: null }
+";
+    let folder = tempfile::tempdir().expect("a folder");
+    let (recorded, _) = run(folder.path(), experiment);
+    let rows: Json = serde_json::from_slice(&table(&recorded, &["--json"]).stdout).expect("JSON");
+    let value = |name: &str, metric: &str| {
+        let row = rows["rows"].as_array().expect("rows").iter().find(|row| row["estimate"] == name).expect("a row");
+        row.get(metric).and_then(Json::as_f64)
+    };
+    // A deviation as large as the estimate covers every error that is not larger.
+    assert!(value("mono", "coverage").is_some_and(|share| share > 0.9), "{rows}");
+    assert!(
+        value("mono", "ause").is_some_and(|area| area > 0.0) && value("mono", "coverage_2") > value("mono", "coverage")
+    );
+    assert!(value("stereo", "ause").is_some() && value("stereo", "coverage").is_none(), "{rows}");
+    assert!(value("plain", "ause").is_none() && value("plain", "abs_rel") == value("mono", "abs_rel"), "{rows}");
+    let shown = text(&table(&recorded, &["--columns", "ause,coverage"]));
+    assert!(shown.contains("ause ↓") && shown.contains("coverage") && !shown.contains("coverage ↑"), "{shown}");
+    let drawn = folder.path().join("curves.csv");
+    let figure =
+        ["figure", recorded.to_str().expect("UTF-8"), "sparsification", "--out", "curves.svg", "--csv", "curves.csv"];
+    succeed(depthloom().current_dir(folder.path()).args(figure));
+    let points = read_csv(&drawn);
+    let of_mono: Vec<_> = points.iter().filter(|point| point["estimate"] == "mono").collect();
+    let area: f64 = of_mono.iter().map(|point| number(point, "predicted") - number(point, "oracle")).sum();
+    assert_near(area / of_mono.len() as f64, value("mono", "ause").expect("an area"), "the area of the figure");
+
+    let both = experiment.replace("deviation: mono/depth", "deviation: mono/depth, confidence: edges/weight");
+    std::fs::write(folder.path().join("both.yaml"), both).expect("written");
+    let output = depthloom().arg("plan").arg(folder.path().join("both.yaml")).output().expect("the binary starts");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && stderr.contains("both `deviation` and `confidence`"), "{stderr}");
+}

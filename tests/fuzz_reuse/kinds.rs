@@ -331,10 +331,43 @@ pub(crate) const KINDS: &[Kind] = &[
         ..DEFAULT
     },
     Kind {
+        label: "fusion/facil",
+        kind: "fusion/facil",
+        inputs: &[("mono", Type::Depth), ("stereo", Type::Depth), ("weight", Type::Weight)],
+        outputs: DEPTH,
+        parameters: &[("spacing", &["24", "40"]), ("min_confidence", &["0", "0.5"])],
+        ..DEFAULT
+    },
+    Kind {
+        label: "fusion/inverse-variance",
+        kind: "fusion/inverse-variance",
+        inputs: &[("mono", Type::Depth), ("stereo", Type::Depth), ("calibration", Type::Calibration)],
+        outputs: &[("depth", Type::Depth), ("deviation", Type::Depth)],
+        parameters: &[("disparity_deviation", &["0.5", "1"]), ("mono_deviation", &["0.1", "0.2"])],
+        ..DEFAULT
+    },
+    Kind {
+        label: "fusion/median",
+        kind: "fusion/median",
+        inputs: &[("mono", Type::Depth), ("stereo", Type::Depth)],
+        optional_inputs: &[("third", Type::Depth)],
+        outputs: DEPTH,
+        parameters: &[("of_two", &["\"geometric\"", "\"arithmetic\""])],
+        ..DEFAULT
+    },
+    Kind {
+        label: "depth/guided-upsampling",
+        kind: "depth/guided-upsampling",
+        inputs: &[("image", Type::Image), ("depth", Type::Depth)],
+        outputs: DEPTH,
+        parameters: &[("radius", &["4", "8"]), ("smooth", &["true", "false"])],
+        ..DEFAULT
+    },
+    Kind {
         label: "score/depth",
         kind: "score/depth",
         inputs: &[("estimate", Type::Depth), ("ground_truth", Type::Depth)],
-        optional_inputs: &[("image", Type::Image), ("occluded", Type::Mask)],
+        optional_inputs: &[("image", Type::Image), ("occluded", Type::Mask), ("deviation", Type::Depth)],
         parameters: &[("zones.rows", ZONES), ("align", &["\"none\"", "\"median\""]), ("max_m", &["30", "80"])],
         share: 3,
         ..DEFAULT

@@ -13,7 +13,7 @@ impl Best {
     pub(crate) fn new(ablation: &Ablation<'_>, rows: &[Row]) -> Self {
         let best_by_metric = |metric: usize| {
             let candidate = |row: &Row| candidate(ablation, row, metric, row.comparable_by(metric));
-            best(&rows.iter().map(candidate).collect::<Vec<_>>(), ablation.metrics[metric].more_is_better)
+            best(&rows.iter().map(candidate).collect::<Vec<_>>())
         };
         Self((0..ablation.metrics.len()).map(best_by_metric).collect())
     }
@@ -24,12 +24,13 @@ impl Best {
     }
 }
 
-/// The value of a row as a candidate for the best of its class.
+/// The [goodness](depthloom_scores::Metric::goodness) of a row as a candidate for the best of its class.
 pub(super) fn candidate(ablation: &Ablation<'_>, row: &Row, metric: usize, class: Option<usize>) -> Candidate {
     let part = row.part_with(metric);
     let a3 = ablation.metrics.iter().position(|metric| metric.name == "a3");
     let a3 = a3.and_then(|a3| part.values[a3]);
-    Candidate { class, value: part.values[metric], a3, density: part.density }
+    let value = part.values[metric].map(|value| ablation.metrics[metric].goodness(value));
+    Candidate { class, value, a3, density: part.density }
 }
 
 /// A note for rows that are not all comparable by one of these metrics.

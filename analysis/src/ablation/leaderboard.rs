@@ -208,7 +208,7 @@ impl<'a> Board<'a> {
             metric.map_or_else(Candidate::default, |metric| candidate(ablation, &entry.row, metric, class))
         };
         let candidates: Vec<Candidate> = self.entries.iter().map(candidate).collect();
-        let best = best(&candidates, self.metrics[place].more_is_better);
+        let best = best(&candidates);
         Ok(column.metric(self.metrics[place]).marked(order.iter().map(|&place| best[place]).collect()))
     }
 

@@ -96,10 +96,14 @@ impl Contrast {
     /// value in the table.
     fn judged(&self, level: f64) -> Verdict {
         let (Some(p), Some(Interval { low, high })) = (self.p_holm, self.interval) else { return Verdict::Unclear };
+        let is_better = match self.metric.nominal {
+            None => (low > 0.0) == self.metric.more_is_better,
+            Some(_) => self.metric.goodness(self.value) > self.metric.goodness(self.baseline),
+        };
         let is_significant = p < level && (low > 0.0 || high < 0.0);
         match is_significant {
             false => Verdict::Unclear,
-            true if (low > 0.0) == self.metric.more_is_better => Verdict::Better,
+            true if is_better => Verdict::Better,
             true => Verdict::Worse,
         }
     }
@@ -193,8 +197,9 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
     let other = Weighted::new(metric, mean, &settings(&pair.other), theirs.iter().copied())?;
     let values = || ours.iter().zip(&theirs).filter_map(|(one, two)| both((one, two)));
     let count = |is: &dyn Fn(f64, f64) -> bool| values().filter(|(one, two)| is(*one, *two)).count() as u64;
-    let (higher, lower) = (count(&|one, two| two > one), count(&|one, two| two < one));
-    let (wins, losses) = if metric.more_is_better { (higher, lower) } else { (lower, higher) };
+    let good = |value| metric.goodness(value);
+    let wins = count(&|one, two| good(two) > good(one));
+    let losses = count(&|one, two| good(two) < good(one));
     let differences: Vec<f64> = values().map(|(one, two)| two - one).collect();
     let tested = values().fold(Key::build("tested").text(metric.name), |key, (one, two)| {
         key.number(one.to_bits()).number(two.to_bits())
@@ -240,6 +245,7 @@ impl Pair<'_> {
         is_one_node
             && one.settings == two.settings
             && one.truth_output == two.truth_output
+            && one.uncertainty == two.uncertainty
             && self.paired.other_values == 0
     }
 

@@ -66,7 +66,7 @@ impl Scores<'_> {
             DIMENSIONLESS => String::new(),
             unit => format!(", {unit}"),
         };
-        format!("{}{unit} ({} is better)", metric.name, if metric.more_is_better { "more" } else { "less" })
+        format!("{}{unit} ({})", metric.name, metric.better())
     }
 
     pub(super) fn estimate(&self, row: &Row) -> &Estimate {

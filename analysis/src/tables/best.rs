@@ -12,6 +12,7 @@ use std::collections::HashMap;
 pub(crate) struct Candidate {
     /// Values of one class are comparable; `None`: not comparable.
     pub(crate) class: Option<usize>,
+    /// More is better.
     pub(crate) value: Option<f64>,
     /// The share of pixels within a factor of 1.25^3, if it was scored.
     pub(crate) a3: Option<f64>,
@@ -27,16 +28,15 @@ impl Candidate {
     }
 }
 
-/// For each candidate, whether it is best.
-pub(crate) fn best(candidates: &[Candidate], more_is_better: bool) -> Vec<bool> {
+/// For each candidate, whether it is best: whether its value is the largest.
+pub(crate) fn best(candidates: &[Candidate]) -> Vec<bool> {
     let mut classes: HashMap<usize, (usize, Option<f64>)> = HashMap::new();
     for candidate in candidates {
         let Some(class) = candidate.class else { continue };
         let (size, best) = classes.entry(class).or_default();
         *size += 1;
         if let Some((_, value)) = candidate.competing() {
-            let better = |known: f64| if more_is_better { known.max(value) } else { known.min(value) };
-            *best = Some(best.map_or(value, better));
+            *best = Some(best.map_or(value, |known| known.max(value)));
         }
     }
     let is_best = |candidate: &Candidate| {
@@ -68,15 +68,16 @@ mod tests {
             (None, 0.1),
         ];
         let candidates = some.map(|(class, value)| candidate(class, value));
-        assert_eq!(best(&candidates, false), [false, true, true, true, false, false, false]);
-        assert_eq!(best(&candidates, true), [true, false, false, false, true, false, false]);
+        assert_eq!(best(&candidates), [true, false, false, false, true, false, false]);
+        let errors = some.map(|(class, value)| candidate(class, -value));
+        assert_eq!(best(&errors), [false, true, true, true, false, false, false]);
     }
 
     #[test]
     fn estimates_without_valid_pixels_are_never_best() {
-        let missing = Candidate { a3: Some(0.0), ..candidate(Some(0), 0.1) };
-        let invalid = Candidate { density: Some(0.0), ..candidate(Some(0), 0.2) };
-        let fine = Candidate { a3: Some(0.5), density: Some(0.9), ..candidate(Some(0), 0.3) };
-        assert_eq!(best(&[missing, invalid, fine, candidate(Some(0), 0.4)], false), [false, false, true, false]);
+        let missing = Candidate { a3: Some(0.0), ..candidate(Some(0), 0.4) };
+        let invalid = Candidate { density: Some(0.0), ..candidate(Some(0), 0.3) };
+        let fine = Candidate { a3: Some(0.5), density: Some(0.9), ..candidate(Some(0), 0.2) };
+        assert_eq!(best(&[missing, invalid, fine, candidate(Some(0), 0.1)]), [false, false, true, false]);
     }
 }

@@ -206,7 +206,9 @@ impl Column {
 
     /// Names and formats a column of numbers of a metric.
     pub(crate) fn metric(self, metric: &Metric) -> Self {
-        Self { latex: Some(metric.heading.into()), ..self.unit(unit_of(metric)).better(metric.more_is_better) }
+        // Nearer to a nominal value is better: neither more nor less.
+        let more_is_better = metric.nominal.is_none().then_some(metric.more_is_better);
+        Self { latex: Some(metric.heading.into()), more_is_better, ..self.unit(unit_of(metric)) }
             .decimals(metric.decimals + 1)
     }
 

@@ -3,4 +3,5 @@
 pub mod convolve;
 pub mod edges;
 pub(crate) mod gaussian;
+pub mod guided;
 pub mod median;

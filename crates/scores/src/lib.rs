@@ -28,6 +28,7 @@ mod row;
 mod score;
 mod settings;
 mod sums;
+mod uncertainty;
 mod zones;
 
 pub use crop::{Crop, Window};
@@ -40,4 +41,7 @@ pub use preset::Preset;
 pub use row::{PixelSet, ScoreRow};
 pub use score::{DepthScores, score, score_pixels};
 pub use settings::{Align, ScaleInvariant, Settings, SquaredRelative};
+pub use uncertainty::{
+    Sparsification, SparsificationCurves, SparsificationError, UncertainPixel, Uncertainty, UncertaintyKind,
+};
 pub use zones::{Clues, ZoneParams};

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::{PixelSet, ScaleInvariant, ScoreRow, Settings, SquaredRelative};
 
 /// A score: what it is called, where it comes from, how it is shown.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, PartialEq)]
 pub struct Metric {
     /// Its name in YAML, in CSV files and on the command line; unique over all families.
     pub name: &'static str,
@@ -25,6 +25,8 @@ pub struct Metric {
     pub heading: &'static str,
     /// Whether more of it is better.
     pub more_is_better: bool,
+    /// The value of a perfect prediction, if that is neither the largest nor the smallest: nearer is better.
+    pub nominal: Option<f64>,
     /// How many decimals are worth showing.
     pub decimals: usize,
     /// What it is, over the `N` pixels that count: `y` the estimate and `t` the ground truth in metres, `e = ln y - ln
@@ -85,6 +87,9 @@ pub enum Family {
     Disparity,
 }
 
+// No nominal value is NaN.
+impl Eq for Metric {}
+
 impl fmt::Debug for Metric {
     /// Its name: the rest follows from it.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -114,6 +119,26 @@ impl Family {
 }
 
 impl Metric {
+    /// How good a value is, for comparisons of two values: more is better.
+    #[must_use]
+    pub fn goodness(&self, value: f64) -> f64 {
+        match (self.nominal, self.more_is_better) {
+            (Some(nominal), _) => -(value - nominal).abs(),
+            (None, true) => value,
+            (None, false) => -value,
+        }
+    }
+
+    /// Which of two values is better, in words.
+    #[must_use]
+    pub fn better(&self) -> String {
+        match (self.nominal, self.more_is_better) {
+            (Some(nominal), _) => format!("nearer to {nominal:.3} is better"),
+            (None, true) => "more is better".to_owned(),
+            (None, false) => "less is better".to_owned(),
+        }
+    }
+
     /// The score of that name, of any family.
     #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
@@ -205,7 +230,7 @@ const TABLE_1: usize = 8;
 const EIGEN: &str = "Eigen et al. 2014";
 
 /// The scores of depths: first the eight of Table I in its order, called as there.
-pub static DEPTH: [Metric; 15] = [
+pub static DEPTH: [Metric; 18] = [
     Metric {
         name: "a1",
         unit: "",
@@ -213,6 +238,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: r"threshold $\delta < 1.25$",
         heading: r"$\delta<1.25$",
         more_is_better: true,
+        nominal: None,
         decimals: 3,
         formula: "share with max(y/t, t/y) < 1.25",
         source: EIGEN,
@@ -226,6 +252,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: r"threshold $\delta < 1.25^2$",
         heading: r"$\delta<1.25^2$",
         more_is_better: true,
+        nominal: None,
         decimals: 3,
         formula: "share with max(y/t, t/y) < 1.25^2",
         source: EIGEN,
@@ -239,6 +266,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: r"threshold $\delta < 1.25^3$",
         heading: r"$\delta<1.25^3$",
         more_is_better: true,
+        nominal: None,
         decimals: 3,
         formula: "share with max(y/t, t/y) < 1.25^3",
         source: EIGEN,
@@ -252,6 +280,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "abs relative difference",
         heading: "Abs Rel",
         more_is_better: false,
+        nominal: None,
         decimals: 3,
         formula: "mean(|y - t| / t)",
         source: EIGEN,
@@ -265,6 +294,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "sqr relative difference",
         heading: "Sq Rel",
         more_is_better: false,
+        nominal: None,
         decimals: 2,
         formula: "mean((y - t)^2 / t)",
         source: "Eigen et al. 2014; the KITTI depth devkit (2017) divides by t^2",
@@ -278,6 +308,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "RMSE (linear)",
         heading: "RMSE",
         more_is_better: false,
+        nominal: None,
         decimals: 2,
         formula: "sqrt(mean((y - t)^2))",
         source: EIGEN,
@@ -291,6 +322,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "RMSE (log)",
         heading: "RMSE log",
         more_is_better: false,
+        nominal: None,
         decimals: 3,
         formula: "sqrt(mean(e^2)), e = ln y - ln t",
         source: EIGEN,
@@ -304,6 +336,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "RMSE (log, scale inv.)",
         heading: "SILog",
         more_is_better: false,
+        nominal: None,
         decimals: 3,
         formula: "mean((e - mean e)^2) / 2, e = ln y - ln t",
         source: "Table I of Martins et al. 2018; the KITTI depth devkit (2017) and BTS have 100 sqrt(mean((e - mean e)^2))",
@@ -317,6 +350,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: r"$\log_{10}$",
         heading: r"$\log_{10}$",
         more_is_better: false,
+        nominal: None,
         decimals: 3,
         formula: "mean(|log10 y - log10 t|)",
         source: "Saxena et al. 2009, NYU Depth v2",
@@ -330,6 +364,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "MAE",
         heading: "MAE",
         more_is_better: false,
+        nominal: None,
         decimals: 2,
         formula: "mean(|y - t|)",
         source: "the KITTI depth devkit (2017)",
@@ -343,6 +378,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "median error",
         heading: "Median",
         more_is_better: false,
+        nominal: None,
         decimals: 2,
         formula: "median(|y - t|), of an even number the mean of the middle two",
         source: "NumPy's median",
@@ -356,6 +392,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "iMAE [1/km]",
         heading: "iMAE",
         more_is_better: false,
+        nominal: None,
         decimals: 2,
         formula: "mean(|1000/y - 1000/t|)",
         source: "the KITTI depth devkit (2017)",
@@ -369,6 +406,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: "iRMSE [1/km]",
         heading: "iRMSE",
         more_is_better: false,
+        nominal: None,
         decimals: 2,
         formula: "sqrt(mean((1000/y - 1000/t)^2))",
         source: "the KITTI depth devkit (2017)",
@@ -382,6 +420,7 @@ pub static DEPTH: [Metric; 15] = [
         latex: r"threshold $\delta < 1.05$",
         heading: r"$\delta<1.05$",
         more_is_better: true,
+        nominal: None,
         decimals: 3,
         formula: "share with max(y/t, t/y) < 1.05",
         source: "as a1, for estimates where a1 is 1 nearly everywhere",
@@ -395,11 +434,54 @@ pub static DEPTH: [Metric; 15] = [
         latex: r"threshold $\delta < 1.10$",
         heading: r"$\delta<1.10$",
         more_is_better: true,
+        nominal: None,
         decimals: 3,
         formula: "share with max(y/t, t/y) < 1.10",
         source: "as a1, for estimates where a1 is 1 nearly everywhere",
         pooling: Pooling::Mean,
         field: 22,
+    },
+    Metric {
+        name: "coverage",
+        unit: "",
+        plain: "coverage (1 sd)",
+        latex: r"coverage ($1\sigma$)",
+        heading: r"Cov. $1\sigma$",
+        more_is_better: true,
+        nominal: Some(0.682_689_492_137_085_9),
+        decimals: 3,
+        formula: "share of valid pixels with |y - t| <= s, where s is the predicted standard deviation",
+        source: "of a Gaussian error .683, which is best",
+        pooling: Pooling::MeanOfValid,
+        field: 23,
+    },
+    Metric {
+        name: "coverage_2",
+        unit: "",
+        plain: "coverage (2 sd)",
+        latex: r"coverage ($2\sigma$)",
+        heading: r"Cov. $2\sigma$",
+        more_is_better: true,
+        nominal: Some(0.954_499_736_103_641_6),
+        decimals: 3,
+        formula: "share of valid pixels with |y - t| <= 2 s",
+        source: "of a Gaussian error .954, which is best",
+        pooling: Pooling::MeanOfValid,
+        field: 24,
+    },
+    Metric {
+        name: "ause",
+        unit: "",
+        plain: "AUSE",
+        latex: "AUSE",
+        heading: "AUSE",
+        more_is_better: false,
+        nominal: None,
+        decimals: 3,
+        formula: "area between the sparsification curves by uncertainty and by true error, over the error of all pixels",
+        source: "Ilg et al. 2018",
+        pooling: Pooling::None,
+        field: 25,
     },
 ];
 
@@ -414,6 +496,7 @@ pub static DISPARITY: [Metric; 7] = [
         latex: "EPE [px]",
         heading: "EPE",
         more_is_better: false,
+        nominal: None,
         decimals: 3,
         formula: "mean(|d - t|) over valid pixels, also in sets in which invalid pixels count as wrong",
         source: "end-point error; KITTI stereo 2012 (D-Avg)",
@@ -432,6 +515,7 @@ pub static DISPARITY: [Metric; 7] = [
         latex: "D1",
         heading: "D1",
         more_is_better: false,
+        nominal: None,
         decimals: 4,
         formula: "share with |d - t| > 3 px and |d - t| > 5 % of t, both strict, or invalid",
         source: "KITTI stereo 2015 (Menze and Geiger 2015), which pools pixels",
@@ -448,6 +532,7 @@ const fn bad(name: &'static str, label: &'static str, formula: &'static str, fie
         latex: label,
         heading: label,
         more_is_better: false,
+        nominal: None,
         decimals: 4,
         formula,
         source: MIDDLEBURY,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Align, Crop, DepthScores, DisparityScores, Family, Mean, Metric, PixelSet, Pooling, Preset, ScaleInvariant,
-    Settings, SquaredRelative, ZoneParams,
+    Settings, Sparsification, SparsificationError, SquaredRelative, UncertaintyKind, ZoneParams,
 };
 
 /// How depths are scored, in an experiment and in a recording's plan: a preset, and what differs from it. Parameters of
@@ -18,7 +18,8 @@ pub struct ScoreParams {
     /// The pixel sets, one row each: `all` and `valid`.
     #[schemars(length(min = 1), schema_with = "depth_sets")]
     pub sets: Vec<PixelSet>,
-    /// The metrics: a list of names, or `all`; `null`: the eight of Table I.
+    /// The metrics: a list of names, or `all`; `null`: the eight of Table I, and those of a connected `deviation` or
+    /// `confidence`.
     #[schemars(schema_with = "depth_metrics")]
     pub metrics: Option<MetricNames>,
     /// What a data set's value is: the mean over `frames` of their values, or taken over all `pixels` of all frames.
@@ -46,6 +47,11 @@ pub struct ScoreParams {
     pub sq_rel: Option<SquaredRelative>,
     /// The formula of `silog`: `half-variance` or `hundred-deviation`; `null`: the preset's.
     pub silog: Option<ScaleInvariant>,
+    /// The error of the sparsification curves of `ause`: `abs_rel` or `rmse`; `null`: `abs_rel`.
+    pub ause_error: Option<SparsificationError>,
+    /// The number of equal steps in which `ause` removes pixels; `null`: 100.
+    #[schemars(range(min = 20, max = 100))]
+    pub ause_steps: Option<u32>,
 }
 
 impl Default for ScoreParams {
@@ -64,6 +70,8 @@ impl Default for ScoreParams {
             median_scaling: None,
             sq_rel: None,
             silog: None,
+            ause_error: None,
+            ause_steps: None,
         }
     }
 }
@@ -85,6 +93,16 @@ impl ScoreParams {
         }
     }
 
+    /// How `ause` removes pixels.
+    #[must_use]
+    pub fn sparsification(&self) -> Sparsification {
+        let default = Sparsification::default();
+        Sparsification {
+            error: self.ause_error.unwrap_or(default.error),
+            steps: self.ause_steps.unwrap_or(default.steps),
+        }
+    }
+
     /// Whether these parameters can be scored with.
     ///
     /// # Errors
@@ -100,7 +118,8 @@ impl ScoreParams {
     /// The parameter at fault, by its name, and why.
     pub fn check_values(&self) -> Result<(), (&'static str, String)> {
         if let (Mean::Pixels, Some(MetricNames::Listed(_))) = (self.mean, &self.metrics)
-            && let Some(metric) = self.metrics()?.into_iter().find(|metric| metric.pooling == Pooling::None)
+            && let Some(metric) =
+                self.metrics(UncertaintyKind::None)?.into_iter().find(|metric| metric.pooling == Pooling::None)
         {
             let what = format!("metrics names {}, which has no value over all pixels of all frames", metric.name);
             return Err(("metrics", format!("{what}: leave it out, or take `mean: frames`")));
@@ -116,7 +135,7 @@ impl ScoreParams {
         }
     }
 
-    /// What takes these scores.
+    /// What takes these scores. Of an estimate without an uncertainty, its rows leave out the metrics of one.
     ///
     /// # Errors
     /// The parameter at fault, by its name, and why.
@@ -131,16 +150,30 @@ impl ScoreParams {
         }
         self.zones.check().map_err(|what| ("zones", format!("zones: {what}")))?;
         self.settings().check().map_err(|(name, what)| (name, format!("{name} {what}")))?;
-        let metrics = metrics_of(self.metrics.as_ref(), Family::Depth)?;
-        Ok(DepthScores { settings: self.settings(), sets: self.sets.clone(), metrics, zones: self.zones.clone() })
+        let metrics = self.metrics(UncertaintyKind::Deviation)?;
+        let sparsification = self.sparsification();
+        if !(20..=100).contains(&sparsification.steps) {
+            return Err(("ause_steps", format!("ause_steps must be from 20 to 100, not {}", sparsification.steps)));
+        }
+        let (settings, sets, zones) = (self.settings(), self.sets.clone(), self.zones.clone());
+        Ok(DepthScores { settings, sets, metrics, zones, sparsification })
     }
 
-    /// The scores that are taken, in the catalogue's order.
+    /// The scores that are taken of an estimate with this uncertainty, in the catalogue's order.
     ///
     /// # Errors
     /// The parameter at fault, by its name, and why.
-    pub fn metrics(&self) -> Result<Vec<&'static Metric>, (&'static str, String)> {
-        metrics_of(self.metrics.as_ref(), Family::Depth)
+    pub fn metrics(&self, uncertainty: UncertaintyKind) -> Result<Vec<&'static Metric>, (&'static str, String)> {
+        let mut metrics = metrics_of(self.metrics.as_ref(), Family::Depth)?;
+        match &self.metrics {
+            Some(MetricNames::Listed(_)) => {}
+            Some(MetricNames::Word(_)) => metrics.retain(|metric| uncertainty.allows(metric)),
+            None => metrics.extend(Family::Depth.metrics().iter().filter(|metric| {
+                let has_value = self.mean == Mean::Frames || metric.pooling != Pooling::None;
+                !UncertaintyKind::None.allows(metric) && uncertainty.allows(metric) && has_value
+            })),
+        }
+        Ok(metrics)
     }
 }
 
@@ -267,7 +300,7 @@ mod tests {
     fn requested(metrics: MetricNames) -> Result<Vec<&'static str>, String> {
         let params = ScoreParams { metrics: Some(metrics), ..ScoreParams::default() };
         let names = |metrics: Vec<&'static Metric>| metrics.into_iter().map(|metric| metric.name).collect();
-        params.metrics().map(names).map_err(|(_, what)| what)
+        params.metrics(UncertaintyKind::Deviation).map(names).map_err(|(_, what)| what)
     }
 
     fn listed(names: &[&str]) -> MetricNames {
@@ -286,6 +319,22 @@ mod tests {
         assert!(requested(listed(&[])).unwrap_err().starts_with("metrics must be `all` or a list of"));
         assert!(requested(MetricNames::Word("a1".to_owned())).unwrap_err().starts_with("metrics must be"));
         assert_eq!(requested(listed(&["a1", "a1"])), Err("metrics names `a1` twice".to_owned()));
+    }
+
+    #[test]
+    fn an_uncertainty_adds_its_metrics_unless_metrics_are_listed() {
+        let names = |params: &ScoreParams, kind| {
+            let metrics = params.metrics(kind).unwrap();
+            metrics.into_iter().skip(8).map(|metric| metric.name).collect::<Vec<_>>()
+        };
+        let params = ScoreParams::default();
+        assert_eq!(names(&params, UncertaintyKind::Deviation), ["coverage", "coverage_2", "ause"]);
+        assert_eq!(names(&params, UncertaintyKind::Confidence), ["ause"]);
+        assert!(names(&params, UncertaintyKind::None).is_empty());
+        let pooled = ScoreParams { mean: Mean::Pixels, ..ScoreParams::default() };
+        assert_eq!(names(&pooled, UncertaintyKind::Deviation), ["coverage", "coverage_2"], "areas cannot be pooled");
+        let few = ScoreParams { ause_steps: Some(10), ..ScoreParams::default() };
+        assert_eq!(few.check().unwrap_err(), ("ause_steps", "ause_steps must be from 20 to 100, not 10".to_owned()));
     }
 
     #[test]
@@ -341,6 +390,8 @@ mod tests {
         close(1, "imae", (inverse.iter().sum::<f64>() + 1e7 - 200.0) / 4.0);
         close(1, "delta_1.10", 0.5);
         let names: Vec<&str> = rows[0].scores.iter().map(|(metric, _)| metric.name).collect();
-        assert_eq!(names, DEPTH.each_ref().map(|metric| metric.name));
+        let without_uncertainty: Vec<&str> =
+            DEPTH.iter().filter(|metric| UncertaintyKind::None.allows(metric)).map(|metric| metric.name).collect();
+        assert_eq!((names, without_uncertainty.len()), (without_uncertainty.clone(), DEPTH.len() - 3));
     }
 }

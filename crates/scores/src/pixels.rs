@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::quantile::median;
-use crate::{Align, Line, Settings};
+use crate::{Align, Line, Settings, UncertainPixel, Uncertainty, UncertaintyKind};
 
 /// The pixels of a frame whose truth is scored: found once, used for every estimate of the frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -158,6 +158,48 @@ impl ScoredPixels {
         self.mapped(estimate.into(), settings, |_, y| y as f32)
     }
 
+    /// The scored pixels with an estimate, in order, with its uncertainty; none if it has none. A standard deviation is
+    /// aligned with the estimate, to first order: `median` multiplies it by the same factor, `scale-and-shift` by the
+    /// derivative of the aligned estimate.
+    ///
+    /// # Panics
+    /// If the estimate or its uncertainty is of another size than the truth.
+    #[must_use]
+    pub fn uncertain(
+        &self,
+        estimate: DepthEstimate<'_>,
+        alignment: Alignment,
+        settings: &Settings,
+    ) -> Vec<UncertainPixel> {
+        let Some(uncertainty) = estimate.uncertainty else { return Vec::new() };
+        let (Uncertainty::Deviation(map) | Uncertainty::Confidence(map)) = uncertainty;
+        assert_eq!([estimate.metres.len(), map.len()], [self.of; 2], "all maps have as many pixels as the truth");
+        let scored = |at: usize| match alignment {
+            Alignment::Factor(factor) => scaled(estimate, factor, settings)(at),
+            Alignment::Inverse { scale, shift } => scaled_and_shifted(estimate, scale, shift, settings)(at),
+        };
+        let known = |value: f64| if value.is_finite() { value } else { f64::INFINITY };
+        let pixel = |(&at, &t): (&u32, &f32)| {
+            let (at, truth_m) = (at as usize, f64::from(t));
+            let estimate_m = scored(at);
+            let value = f64::from(map[at]);
+            let derivative = match alignment {
+                Alignment::Factor(factor) => factor.abs(),
+                Alignment::Inverse { scale, .. } => {
+                    let ratio = estimate_m * estimate.inverse(at, settings.min_m);
+                    scale.abs() * ratio * ratio
+                }
+            };
+            let uncertainty = match uncertainty {
+                Uncertainty::Deviation(_) if value < 0.0 => f64::INFINITY,
+                Uncertainty::Deviation(_) => known(value * derivative),
+                Uncertainty::Confidence(_) => known(-value),
+            };
+            (!estimate_m.is_nan()).then_some(UncertainPixel { truth_m, estimate_m, uncertainty })
+        };
+        self.at.iter().zip(&self.truth_m).filter_map(pixel).collect()
+    }
+
     /// `of(t, y)` at all scored pixels; NaN where the estimate is missing.
     fn mapped(&self, estimate: DepthEstimate<'_>, settings: &Settings, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
         match self.alignment(estimate, settings) {
@@ -227,9 +269,27 @@ pub struct DepthEstimate<'a> {
     /// where that is capped, or the output is zero or negative. NaN at other pixels. An alignment in inverse depth
     /// takes it; nothing else does.
     pub inverse: Option<&'a [f32]>,
+    /// How sure it is, if it says so.
+    pub uncertainty: Option<Uncertainty<'a>>,
 }
 
-impl DepthEstimate<'_> {
+impl<'a> DepthEstimate<'a> {
+    /// The estimate with an uncertainty.
+    #[must_use]
+    pub fn with_uncertainty(self, uncertainty: Option<Uncertainty<'a>>) -> Self {
+        Self { uncertainty, ..self }
+    }
+
+    /// Whether it has an uncertainty, and which.
+    #[must_use]
+    pub fn uncertainty_kind(&self) -> UncertaintyKind {
+        match self.uncertainty {
+            None => UncertaintyKind::None,
+            Some(Uncertainty::Deviation(_)) => UncertaintyKind::Deviation,
+            Some(Uncertainty::Confidence(_)) => UncertaintyKind::Confidence,
+        }
+    }
+
     /// Inverse depth at a pixel, 1/m; NaN where it is missing. A depth of zero or below counts as `min_m`.
     fn inverse(&self, at: usize, min_m: f64) -> f64 {
         let own = self.inverse.map_or(f32::NAN, |map| map[at]);
@@ -246,7 +306,7 @@ impl DepthEstimate<'_> {
 
 impl<'a> From<&'a [f32]> for DepthEstimate<'a> {
     fn from(metres: &'a [f32]) -> Self {
-        Self { metres, inverse: None }
+        Self { metres, inverse: None, uncertainty: None }
     }
 }
 
@@ -403,7 +463,7 @@ mod tests {
         // As `mono/onnx` gives them.
         let metres = raw.map(|x| if x > 0.0 { 1.0 / x } else { 80.0 });
         let inverse = raw.map(|x| if x > 0.0 { f32::NAN } else { x });
-        let estimate = DepthEstimate { metres: &metres, inverse: Some(&inverse) };
+        let estimate = DepthEstimate { metres: &metres, inverse: Some(&inverse), uncertainty: None };
         let pixels = ScoredPixels::new(&truth, 7, 1, &settings);
         let Alignment::Inverse { scale, shift } = pixels.alignment(estimate, &settings) else { panic!("fitted") };
         assert!(

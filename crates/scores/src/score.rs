@@ -5,6 +5,7 @@ use crate::pixels::{Alignment, DepthEstimate, ScoredPixels};
 use crate::row::{PixelSet, ScoreRow};
 use crate::settings::Settings;
 use crate::sums::Block;
+use crate::uncertainty::{Sparsification, UncertaintyScores};
 use crate::zones::{Clues, ZoneParams};
 use crate::{Family, Metric};
 
@@ -15,6 +16,7 @@ pub struct DepthScores {
     pub(crate) sets: Vec<PixelSet>,
     pub(crate) metrics: Vec<&'static Metric>,
     pub(crate) zones: ZoneParams,
+    pub(crate) sparsification: Sparsification,
 }
 
 impl DepthScores {
@@ -70,13 +72,17 @@ impl DepthScores {
         let mut all = valid;
         all.merge(&missing.finish());
         let mut extra = Extra::is_requested(&self.metrics).then(|| self.extra(estimate, pixels, alignment));
+        let uncertainty = UncertaintyScores::is_requested(&self.metrics).then(|| {
+            let pixels = pixels.uncertain(estimate, alignment, settings);
+            UncertaintyScores::new(&pixels, estimate.uncertainty_kind(), self.sparsification)
+        });
         let row = |&set: &PixelSet| {
             let (of_set, extra) = match (set, &mut extra) {
                 (PixelSet::Valid, extra) => (&valid, extra.as_mut().map(|[valid, _]| valid)),
                 (_, extra) => (&all, extra.as_mut().map(|[_, all]| all)),
             };
             let row = ScoreRow { truth: pixels.len() as u64, valid: valid.pixels(), ..ScoreRow::new(set, zone) };
-            self.requested(of_set.row(row, settings), extra)
+            self.requested(of_set.row(row, settings), extra, uncertainty.as_ref())
         };
         self.sets.iter().map(row).collect()
     }
@@ -93,11 +99,19 @@ impl DepthScores {
     }
 
     /// The row with the requested metrics, in the catalogue's order.
-    fn requested(&self, row: ScoreRow, extra: Option<&mut Extra>) -> ScoreRow {
+    fn requested(
+        &self,
+        row: ScoreRow,
+        mut extra: Option<&mut Extra>,
+        uncertainty: Option<&UncertaintyScores>,
+    ) -> ScoreRow {
         let (table_1, mut row) = (row.scores, ScoreRow { scores: Vec::with_capacity(self.metrics.len()), ..row });
         row.scores.extend(table_1.into_iter().filter(|(metric, _)| self.metrics.contains(metric)));
-        let Some(extra) = extra else { return row };
-        self.metrics.iter().fold(row, |row, metric| match extra.score(metric) {
+        let mut later = |metric: &Metric| {
+            let extra = extra.as_mut().and_then(|extra| extra.score(metric));
+            extra.or_else(|| uncertainty?.score(metric))
+        };
+        self.metrics.iter().fold(row, |row, metric| match later(metric) {
             Some(value) => row.with(metric, value),
             None => row,
         })
@@ -138,7 +152,8 @@ pub fn score_pixels<'a>(
     settings: &Settings,
 ) -> Vec<ScoreRow> {
     let (sets, metrics, zones) = (sets.to_vec(), metrics.to_vec(), ZoneParams::default());
-    let scores = DepthScores { settings: *settings, sets, metrics, zones };
+    let sparsification = Sparsification::default();
+    let scores = DepthScores { settings: *settings, sets, metrics, zones, sparsification };
     let estimate = estimate.into();
     scores.rows_of("", estimate, pixels, pixels.alignment(estimate, settings))
 }

@@ -81,7 +81,8 @@ impl Value {
         match self {
             Self::Depth(depth) => Some(depth.metres.as_raw().into()),
             Self::RelativeDepth(map) => {
-                Some(DepthEstimate { metres: map.depth.metres.as_raw(), inverse: Some(map.inverse.as_raw()) })
+                let (metres, inverse) = (map.depth.metres.as_raw().as_slice(), Some(map.inverse.as_raw().as_slice()));
+                Some(DepthEstimate { inverse, ..metres.into() })
             }
             _ => None,
         }

@@ -2,10 +2,10 @@
 
 use std::sync::LazyLock;
 
-use depthloom_graphs::contracts::{Contract, NodeDeclaration};
-use depthloom_graphs::values::Depth;
+use depthloom_graphs::contracts::{Contract, NodeDeclaration, Upstream};
+use depthloom_graphs::values::{Depth, Weight};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, Value, ValueType};
-use depthloom_scores::{DepthScores, Family, ScoreParams};
+use depthloom_scores::{DepthScores, Family, ScoreParams, Uncertainty};
 
 use super::{clues, doc};
 use crate::shape::same_size;
@@ -29,6 +29,16 @@ image. `median` multiplies by `median(t) / median(y)` (Zhou et al. 2017). `scale
 b`, with `s` and `b` from a least-squares fit to `1/t`: in inverse depth, as in MiDaS (Ranftl et al. 2020). For a \
 network that outputs inverse depth, the fit uses its own numbers, including zero and negative ones, unaffected by \
 `cap` and `min_m`.\n\n\
+Connect `deviation`, the standard deviation that an estimate predicts for itself, or `confidence`, any map that is \
+higher where the estimate is surer. `deviation` adds `coverage`, `coverage_2` and `ause`, `confidence` adds `ause`. They \
+use the valid pixels, also in the pixel set `all`. `coverage` of a well calibrated deviation is .683, `coverage_2` \
+.954: nearer is better. `ause` states how well the uncertainty ranks pixels (Ilg et al. 2018, *Uncertainty estimates \
+and multi-hypotheses networks for optical flow*). Pixels are removed in `ause_steps` steps, the least sure first, and \
+`ause_error` of the remaining pixels is computed after each step. The same curve of an oracle, which removes pixels by \
+their true error, is subtracted. The area between both, over the removed share from 0 to 1, is divided by the error of \
+all pixels. 0 is the best; a constant uncertainty is as good as a random order. Pixels with equal uncertainty are \
+removed as in the mean over all their orders. Where an uncertainty is invalid (NaN, infinite or a negative deviation), \
+the pixel is not covered, and is removed first. `align` also scales deviations.\n\n\
 `score:` in a stage is a short form for nodes of this kind.";
 
 static DOC: LazyLock<String> =
@@ -50,6 +60,13 @@ impl Node for ScoreDepth {
                 "Ground-truth depth, metres, NaN = unknown; same size as `estimate`.",
             ),
         ];
+        let deviation =
+            "The standard deviation that the estimate predicts, metres; adds `coverage`, `coverage_2`, `ause`.";
+        let confidence = "Where the estimate is surer, higher; adds `ause`. Not together with `deviation`.";
+        inputs.extend([
+            Port::frame("deviation", ValueType::Depth, deviation).optional(),
+            Port::frame("confidence", ValueType::Weight, confidence).optional(),
+        ]);
         inputs.extend(clues::ports());
         NodeDeclaration {
             kind: "score/depth",
@@ -67,6 +84,14 @@ impl Node for ScoreDepth {
         params.check_values()
     }
 
+    fn check_inputs(_: &ScoreParams, upstream: &Upstream<'_>) -> Result<(), Fault> {
+        match (upstream.at("deviation"), upstream.at("confidence")) {
+            (Some(_), Some(_)) => Err(Fault::new("both `deviation` and `confidence` are connected")
+                .remedy("connect one of them: score an estimate under two names to compare two uncertainties")),
+            _ => Ok(()),
+        }
+    }
+
     fn build(params: ScoreParams) -> Result<Instance, Fault> {
         let scores = params.scores().map_err(|(_, what)| Fault::new(what))?;
         Ok(Instance::Pure(Box::new(Self { scores })))
@@ -81,6 +106,16 @@ impl PureNode for ScoreDepth {
         let truth = &inputs.get::<Depth>("ground_truth")?.metres;
         let (width, height) = truth.dimensions();
         same_size(("estimate", size), ("ground_truth", (width, height)))?;
+        let mut uncertainty = None;
+        if let Some(deviation) = inputs.optional::<Depth>("deviation")? {
+            same_size(("deviation", deviation.metres.dimensions()), ("ground_truth", (width, height)))?;
+            uncertainty = Some(Uncertainty::Deviation(deviation.metres.as_raw()));
+        }
+        if let Some(confidence) = inputs.optional::<Weight>("confidence")? {
+            same_size(("confidence", confidence.share.dimensions()), ("ground_truth", (width, height)))?;
+            uncertainty = Some(Uncertainty::Confidence(confidence.share.as_raw()));
+        }
+        let estimate = estimate.with_uncertainty(uncertainty);
         let clues = clues::read(inputs, (width, height))?;
         Ok(Outputs::one("rows", self.scores.rows(estimate, truth, (width as usize, height as usize), &clues)))
     }

@@ -6,10 +6,11 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 22] = [
+const PORTS: [(&str, &[&str], &[&str]); 27] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
+    ("depth/guided-upsampling", &["image", "depth"], &["depth"]),
     ("disparity/fill", &["disparity"], &["disparity"]),
     ("disparity/left-right", &["left", "right"], &["disparity"]),
     ("disparity/speckle", &["disparity"], &["disparity"]),
@@ -17,11 +18,14 @@ const PORTS: [(&str, &[&str], &[&str]); 22] = [
     ("dora", &[], &[]),
     ("filter/median", &["depth"], &["depth"]),
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
+    ("fusion/facil", &["mono", "stereo", "weight"], &["depth"]),
+    ("fusion/inverse-variance", &["mono", "stereo", "calibration"], &["depth", "deviation"]),
     (
         "fusion/learned",
         &["image", "disparity", "consistent", "mono", "weight", "calibration", "model"],
         &["depth", "deviation"],
     ),
+    ("fusion/median", &["mono", "stereo", "third"], &["depth"]),
     (
         "fusion/mixture",
         &["disparity", "mono", "calibration", "right", "unique", "ambiguity", "confidence"],
@@ -33,7 +37,11 @@ const PORTS: [(&str, &[&str], &[&str]); 22] = [
     ("onnx", &["model"], &[]),
     // Its ports are declared in an experiment.
     ("process", &[], &[]),
-    ("score/depth", &["estimate", "ground_truth", "image", "occluded", "obj_map"], &["rows"]),
+    (
+        "score/depth",
+        &["estimate", "ground_truth", "deviation", "confidence", "image", "occluded", "obj_map"],
+        &["rows"],
+    ),
     ("score/disparity", &["estimate", "ground_truth", "calibration", "image", "occluded", "obj_map"], &["rows"]),
     ("stereo/bm", &["left", "right"], &["disparity"]),
     ("stereo/census-sgm", &["left", "right"], &["disparity"]),

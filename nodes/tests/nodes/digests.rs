@@ -143,6 +143,11 @@ fn calls() -> Vec<Calls> {
             vec![json!({}), json!({ "cap": null })],
             vec![("disparity", disparity(10, 0)), ("calibration", calibration(721.5377, 0.532_725))],
         ),
+        (
+            "depth/guided-upsampling",
+            vec![json!({}), json!({ "radius": 3, "epsilon": 0.1, "smooth": true })],
+            vec![("image", image(0)), ("depth", depth(7, 2))],
+        ),
         ("disparity/fill", vec![json!({}), json!({ "longest": 1 })], vec![("disparity", gappy())]),
         (
             "disparity/left-right",
@@ -170,6 +175,17 @@ fn calls() -> Vec<Calls> {
             ["full", "confidence", "mean", "fill"].map(|w| json!({ "weighting": w })).to_vec(),
             [fusion.clone(), vec![("weight", weight())]].concat(),
         ),
+        (
+            "fusion/facil",
+            vec![json!({}), json!({ "spacing": 7, "min_confidence": 0.2, "sigma_distance": 4 })],
+            [fusion.clone(), vec![("weight", weight())]].concat(),
+        ),
+        (
+            "fusion/inverse-variance",
+            vec![json!({}), json!({ "disparity_deviation": 0.5, "mono_deviation": 0.3 })],
+            [fusion.clone(), vec![("calibration", calibration(721.5377, 0.532_725))]].concat(),
+        ),
+        ("fusion/median", vec![json!({}), json!({ "of_two": "arithmetic" })], [fusion.clone(), vec![("third", depth(6, 4))]].concat()),
         (
             "fusion/learned",
             vec![json!({}), json!({ "cap": null })],

@@ -9,6 +9,7 @@ mod digests;
 mod disparity;
 mod fixtures;
 mod folder;
+mod fusion;
 mod golden;
 mod images;
 mod kitti;

@@ -5,7 +5,7 @@ use depthloom_scores::{PixelSet, ScoreRow};
 use serde_json::{Value as Json, json};
 
 use crate::call::value;
-use crate::steps::depth;
+use crate::steps::{depth, weight};
 
 fn rows(params: &Json, estimate: &[f32], truth: &[f32]) -> Vec<ScoreRow> {
     let (estimate, truth) = (depth(2, estimate), depth(2, truth));
@@ -48,4 +48,48 @@ fn median_scaling_forgives_a_wrong_scale() {
     let scaled = json!({ "median_scaling": true });
     assert_eq!(rows(&scaled, &estimate, &truth)[0].score("abs_rel"), Some(0.0));
     assert_eq!(rows(&json!({}), &estimate, &truth)[0].score("a1"), Some(0.0));
+}
+
+/// Against `tests/fixtures/uncertainty.py` (NumPy): random maps with gaps, ties and unknown uncertainties.
+#[test]
+fn metrics_of_uncertainties_are_numpys() {
+    let path = depthloom_test_needs::workspace().join("tests/fixtures/golden/uncertainty.json");
+    let cases: Vec<Json> = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    assert_eq!(cases.len(), 12);
+    for case in &cases {
+        let width = case["width"].as_u64().unwrap() as u32;
+        let map = |name: &str| -> Option<Vec<f32>> {
+            let pixels = case[name].as_array()?.iter().map(|v| v.as_f64().map_or(f32::NAN, |v| v as f32));
+            Some(pixels.collect())
+        };
+        let (estimate, truth) = (depth(width, &map("estimate").unwrap()), depth(width, &map("truth").unwrap()));
+        let mut inputs = vec![("estimate", &estimate), ("ground_truth", &truth)];
+        let deviation = map("deviation").map(|map| depth(width, &map));
+        let confidence = map("confidence").map(|map| weight(width, &map));
+        inputs.extend(deviation.iter().map(|map| ("deviation", map)));
+        inputs.extend(confidence.iter().map(|map| ("confidence", map)));
+        let params = json!({ "ause_error": case["error"], "ause_steps": case["steps"], "sets": ["all", "valid"] });
+        let Value::Scores(rows) = value("score/depth", &params, &inputs) else { panic!("scores") };
+        let expected = case["expected"].as_object().unwrap();
+        for row in rows.iter() {
+            // Behind the eight of Table I.
+            assert_eq!(row.scores.len(), 8 + expected.len());
+            for (name, expected) in expected {
+                let (ours, expected) = (row.score(name).unwrap(), expected.as_f64().unwrap());
+                assert!((ours - expected).abs() < 1e-12, "{name}: {ours}, not {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn deviations_are_aligned_with_the_estimate() {
+    // The factor is 10: the last pixel is off by 3 m, the others by nothing.
+    let (estimate, truth) = (depth(2, &[1.0, 2.0, 3.0, 4.0]), depth(2, &[10.0, 20.0, 30.0, 43.0]));
+    for (align, deviation_m, expected) in [("none", 0.31, 0.0), ("median", 0.31, 1.0), ("median", 0.29, 0.75)] {
+        let deviation = depth(2, &[deviation_m; 4]);
+        let inputs = [("estimate", &estimate), ("ground_truth", &truth), ("deviation", &deviation)];
+        let Value::Scores(rows) = value("score/depth", &json!({ "align": align }), &inputs) else { panic!("scores") };
+        assert_eq!(rows[0].score("coverage"), Some(expected), "{align} {deviation_m}");
+    }
 }

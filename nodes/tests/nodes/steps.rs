@@ -14,7 +14,7 @@ pub(crate) fn depth(width: u32, metres: &[f32]) -> Value {
     Depth { metres: Raster::from_raw(width, height, metres.to_vec()).unwrap() }.into()
 }
 
-fn weight(width: u32, shares: &[f32]) -> Value {
+pub(crate) fn weight(width: u32, shares: &[f32]) -> Value {
     let height = shares.len() as u32 / width;
     Weight { share: Raster::from_raw(width, height, shares.to_vec()).unwrap() }.into()
 }

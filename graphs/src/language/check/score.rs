@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::reference::Reference;
-use super::spec::{InputSpec, Instance, NodeSpec, ScoreSpec, Wired};
+use super::spec::{InputSpec, Instance, NodeSpec, ScoreSpec, UNCERTAINTIES, Wired};
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::language::text::word::Word;
@@ -68,7 +68,9 @@ pub(crate) fn expanded(
         inputs.extend(estimate.clues.iter().cloned());
         // Inputs of all estimates apply to those whose kind has them.
         let takes = |port: &str| own.is_some_and(|own| own.declaration.inputs.iter().any(|input| input.name == port));
-        let overridden = |port: &str| estimate.clues.iter().any(|own| own.port.text == port);
+        // Its own uncertainty, of either form, replaces that of all estimates.
+        let is_same = |own: &str, port: &str| own == port || [own, port].iter().all(|key| UNCERTAINTIES.contains(key));
+        let overridden = |port: &str| estimate.clues.iter().any(|own| is_same(&own.port.text, port));
         inputs
             .extend(score.clues.iter().filter(|clue| takes(&clue.port.text) && !overridden(&clue.port.text)).cloned());
         NodeSpec {

@@ -11,8 +11,10 @@ use crate::language::text::word::Word;
 use crate::registry::Registry;
 
 const STAGE_KEYS: &[&str] = &["source", "nodes", "score"];
-/// Keys of `score:` and of estimates that are optional inputs, not parameters: the zone of a pixel.
-pub(crate) const CLUES: [&str; 4] = ["image", "occluded", "obj_map", "calibration"];
+/// Keys of `score:` and of estimates that are optional inputs, not parameters: the zone of a pixel, its uncertainty.
+pub(crate) const CLUES: [&str; 6] = ["image", "occluded", "obj_map", "calibration", "deviation", "confidence"];
+/// Of these, how sure an estimate is. It has one or the other.
+pub(crate) const UNCERTAINTIES: [&str; 2] = ["deviation", "confidence"];
 const NODE_KEYS: &[&str] = &["kind", "inputs", "with"];
 const SOURCE_KEYS: &[&str] = &["kind", "with", "concat"];
 /// Words of the language.
