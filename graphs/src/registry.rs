@@ -31,6 +31,8 @@ pub struct NodeKind {
     pub schema: Json,
     /// See [`Node::OWN_PORTS`].
     pub own_ports: bool,
+    /// See [`Node::OWN_INPUTS`].
+    pub own_inputs: bool,
     resolve: fn(&Json) -> Result<Json, ParamError>,
     signature: fn(&Json) -> Result<Option<Signature>, Fault>,
     pub(crate) check_inputs: fn(&Json, &Upstream<'_>) -> Result<(), Fault>,
@@ -50,6 +52,7 @@ pub(crate) struct KindInfo<'r> {
     pub(crate) inputs: &'r [Port],
     pub(crate) outputs: &'r [Port],
     pub(crate) own_ports: bool,
+    pub(crate) own_inputs: bool,
     pub(crate) schema: &'r Json,
     pub(crate) resolve: fn(&Json) -> Result<Json, ParamError>,
 }
@@ -63,10 +66,11 @@ impl KindInfo<'_> {
 impl NodeKind {
     pub(crate) const fn info(&self) -> KindInfo<'_> {
         let NodeDeclaration { kind, version, contract, summary, doc, inputs, outputs } = &self.declaration;
-        let (version, contract, own_ports) = (*version, Some(*contract), self.own_ports);
+        let (version, contract) = (*version, Some(*contract));
+        let (own_ports, own_inputs) = (self.own_ports, self.own_inputs);
         let (inputs, outputs) = (inputs.as_slice(), outputs.as_slice());
         let (schema, resolve) = (&self.schema, self.resolve);
-        KindInfo { kind, contract, version, summary, doc, inputs, outputs, own_ports, schema, resolve }
+        KindInfo { kind, contract, version, summary, doc, inputs, outputs, own_ports, own_inputs, schema, resolve }
     }
 
     /// The parameters with every default filled in.
@@ -110,9 +114,10 @@ pub struct SourceEntry {
 impl SourceEntry {
     pub(crate) const fn info(&self) -> KindInfo<'_> {
         let SourceDeclaration { kind, version, summary, doc, outputs } = &self.declaration;
-        let (version, contract, own_ports, inputs, outputs) = (*version, None, false, &[], outputs.as_slice());
+        let (version, contract, inputs, outputs) = (*version, None, &[], outputs.as_slice());
+        let (own_ports, own_inputs) = (false, false);
         let (schema, resolve) = (&self.schema, self.resolve);
-        KindInfo { kind, contract, version, summary, doc, inputs, outputs, own_ports, schema, resolve }
+        KindInfo { kind, contract, version, summary, doc, inputs, outputs, own_ports, own_inputs, schema, resolve }
     }
 
     /// The parameters with every default filled in.
@@ -180,6 +185,7 @@ impl Registry {
         let entry = NodeKind {
             schema: schema_of::<N::Params>(),
             own_ports: N::OWN_PORTS,
+            own_inputs: N::OWN_INPUTS,
             resolve: |json| resolve::<N::Params>(json, N::resolve, N::check),
             signature: |json| Ok(N::signature(&parse::<N::Params>(json)?)),
             check_inputs: |json, upstream| N::check_inputs(&parse::<N::Params>(json)?, upstream),

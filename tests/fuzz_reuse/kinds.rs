@@ -124,6 +124,19 @@ pub(crate) const KINDS: &[Kind] = &[
         ..DEFAULT
     },
     Kind {
+        label: "stereo/sgbm, all outputs",
+        kind: "stereo/sgbm",
+        inputs: PAIR,
+        outputs: &[("disparity", Type::Disparity), ("right", Type::Disparity), ("ambiguity", Type::Weight)],
+        fixed: "{\"disparities\": 16, \"right\": true, \"ambiguity\": true}",
+        parameters: &[
+            ("mode", &["\"sgbm\"", "\"hh\"", "\"3way\"", "\"hh4\""]),
+            ("uniqueness", &["0", "5", "15"]),
+            ("extend_left", &["true", "false"]),
+        ],
+        ..DEFAULT
+    },
+    Kind {
         label: "stereo/bm",
         kind: "stereo/bm",
         inputs: PAIR,

@@ -1,6 +1,6 @@
 //! Every implementation gives the bits of the plain twin, on any image, with any parameters and any number of threads.
 
-use depthloom_kernels::sgbm::{Error, Mode, Params, Path, SgbmScratch, View, compute_on};
+use depthloom_kernels::sgbm::{Error, Maps, Mode, Params, Path, SgbmScratch, View, compute_maps, compute_on};
 use depthloom_kernels::tiles::{Serial, Tiles};
 use depthloom_threads::Budget;
 use proptest::prelude::{Just, ProptestConfig, Strategy, any, prop_oneof, proptest};
@@ -55,11 +55,17 @@ fn penalties() -> impl Strategy<Value = (i32, i32)> {
     ]
 }
 
-fn run(case: &Case, path: Path, scratch: &mut SgbmScratch, tiles: &dyn Tiles) -> Result<Vec<i16>, Error> {
+/// Disparity of the left image and of the right one, and ambiguity (its bits).
+type Found = (Vec<i16>, Vec<i16>, Vec<u32>);
+
+fn run(case: &Case, path: Path, scratch: &mut SgbmScratch, tiles: &dyn Tiles) -> Result<Found, Error> {
     let view = |data| View { data, width: case.width, height: case.height, channels: case.channels };
-    let mut out = vec![i16::MIN; case.width * case.height];
-    compute_on(path, &view(&case.left), &view(&case.right), &case.params, scratch, tiles, &mut out)?;
-    Ok(out)
+    let pixels = case.width * case.height;
+    let (mut disparity, mut right, mut ambiguity) =
+        (vec![i16::MIN; pixels], vec![i16::MIN; pixels], vec![-1.0; pixels]);
+    let maps = Maps { disparity: &mut disparity, right: Some(&mut right), ambiguity: Some(&mut ambiguity) };
+    compute_maps(path, &view(&case.left), &view(&case.right), &case.params, scratch, tiles, maps)?;
+    Ok((disparity, right, ambiguity.into_iter().map(f32::to_bits).collect()))
 }
 
 proptest! {
@@ -80,6 +86,11 @@ proptest! {
         let _own = budget.permit();
         let threaded = run(&case, Path::best(), &mut scratch, &budget);
         prop_assert_eq!(&threaded, &plain, "three threads");
+        let view = |data| View { data, width: case.width, height: case.height, channels: case.channels };
+        let mut alone = vec![i16::MIN; case.width * case.height];
+        let (left, right) = (view(&case.left), view(&case.right));
+        let result = compute_on(Path::best(), &left, &right, &case.params, &mut scratch, &budget, &mut alone);
+        prop_assert_eq!(result.map(|()| alone), plain.map(|(disparity, ..)| disparity), "without other maps");
     }
 }
 
@@ -87,6 +98,10 @@ proptest! {
 fn extended(data: &[u8], width: usize, channels: usize, columns: usize) -> Vec<u8> {
     let row = |row: &[u8]| [row[..channels].repeat(columns), row.to_vec()].concat();
     data.chunks_exact(width * channels).flat_map(row).collect()
+}
+
+fn cut<T: Copy>(map: &[T], width: usize, columns: usize) -> Vec<T> {
+    map.chunks_exact(width).flat_map(|row| &row[columns..]).copied().collect()
 }
 
 proptest! {
@@ -110,8 +125,9 @@ proptest! {
         let mut scratch = SgbmScratch::default();
         let found = run(&ours, Path::best(), &mut scratch, &Serial).unwrap();
         let expected = run(&by_hand, Path::best(), &mut scratch, &Serial).unwrap();
-        let cut: Vec<i16> = expected.chunks_exact(by_hand.width).flat_map(|row| &row[columns..]).copied().collect();
-        prop_assert_eq!(found, cut);
+        prop_assert_eq!(found.0, cut(&expected.0, by_hand.width, columns));
+        prop_assert_eq!(found.1, cut(&expected.1, by_hand.width, columns));
+        prop_assert_eq!(found.2, cut(&expected.2, by_hand.width, columns));
     }
 }
 

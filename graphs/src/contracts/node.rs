@@ -219,6 +219,10 @@ pub trait Node: 'static {
     /// usual ports, for the reference.
     const OWN_PORTS: bool = false;
 
+    /// Of a kind with [`Node::OWN_PORTS`], whether the inputs follow from the parameters too. If not, they are those of
+    /// the declaration, and inputs are checked and completed whatever the parameters are.
+    const OWN_INPUTS: bool = Self::OWN_PORTS;
+
     /// Contract and ports for parameters that passed [`Node::check`], if [`Node::OWN_PORTS`].
     /// `None`: those of the declaration.
     fn signature(_params: &Self::Params) -> Option<Signature> {

@@ -1,8 +1,9 @@
 //! `stereo/sgbm`: OpenCV's semi-global block matching.
 
-use depthloom_graphs::contracts::{Auto, Contract, NodeDeclaration};
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, PureNode};
-use depthloom_kernels::sgbm::{self, Mode, Params, SgbmScratch, View};
+use depthloom_graphs::contracts::{Auto, Contract, NodeDeclaration, Signature};
+use depthloom_graphs::values::{Disparity, Image, Raster, Weight};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_kernels::sgbm::{self, Maps, Mode, Params, Path, SgbmScratch, View};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -50,6 +51,10 @@ pub(crate) struct SgbmParams {
     /// `max(min_disparity + disparities, 0)` copies of their first column (`cv::copyMakeBorder` with
     /// `BORDER_REPLICATE`), matched, and the extension is cut off.
     pub extend_left: bool,
+    /// Output the disparity of the right image too.
+    pub right: bool,
+    /// Output the matching-cost ambiguity too.
+    pub ambiguity: bool,
 }
 
 impl Default for SgbmParams {
@@ -70,6 +75,8 @@ impl Default for SgbmParams {
             speckle_range,
             mode,
             extend_left,
+            right: false,
+            ambiguity: false,
         }
     }
 }
@@ -103,10 +110,31 @@ impl SgbmParams {
 
 pub(crate) struct Sgbm {
     params: Params,
+    right: bool,
+    ambiguity: bool,
+}
+
+fn outputs(params: &SgbmParams) -> Vec<Port> {
+    let mut outputs = disparity();
+    if params.right {
+        let doc = "Disparity of the right image, negative, 1/16 px fixed point; invalid pixels hold \
+                   `-(min_disparity + disparities) * 16`. With `right: true`.";
+        outputs.push(Port::frame("right", ValueType::Disparity, doc));
+    }
+    if params.ambiguity {
+        let doc = "Matching-cost ambiguity of the left image, f32 in [0, 1]; 1 where the disparity is invalid. With \
+                   `ambiguity: true`.";
+        outputs.push(Port::frame("ambiguity", ValueType::Weight, doc));
+    }
+    outputs
 }
 
 impl Node for Sgbm {
     type Params = SgbmParams;
+
+    const OWN_PORTS: bool = true;
+
+    const OWN_INPUTS: bool = false;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
@@ -123,10 +151,24 @@ first `max(min_disparity + disparities, 0)` columns and the last `max(-min_dispa
 and are invalid.\n\n\
 With `extend_left`, the first columns are searched too, among disparities that point to virtual columns. Every pixel \
 equals OpenCV's on the extended images, speckle filter included. A disparity `d` at a column `x < d` is a guess of \
-the neighbourhood: the right image does not show the pixel.",
+the neighbourhood: the right image does not show the pixel.\n\n\
+With `right: true`, the disparity of the right image follows from the same costs, without a second matcher. A right \
+pixel takes the cheapest of the left pixels that it could be, the smallest disparity among equals, with the sub-pixel \
+step of the left image. It has the median, but no uniqueness check, left-right check or speckle filter, as with \
+`cv::ximgproc::createRightMatcher`. Without `extend_left`, its first columns see only large disparities; its last \
+columns always see only small ones. `disparity/left-right` takes it as `right`.\n\n\
+With `ambiguity: true`, each pixel has the smallest cost divided by the smallest cost farther than 1 px from the best \
+disparity. It is 1 where both are 0, and where the disparity is invalid. Of the pixels before the median, those with \
+at most `1 - r / 100` pass `uniqueness: r` (in `3way`, those below it).\n\n\
+In mode `sgbm`, a frame of 1242x375 pixels with 64 disparities takes about 19 ms on one core (Zen 4). `extend_left` \
+adds about 2 ms, `right` 4 ms, `ambiguity` 1.5 ms.",
             inputs: pair(),
-            outputs: disparity(),
+            outputs: outputs(&SgbmParams { right: true, ambiguity: true, ..SgbmParams::default() }),
         }
+    }
+
+    fn signature(params: &SgbmParams) -> Option<Signature> {
+        Some(Signature { contract: Contract::Pure, inputs: pair(), outputs: outputs(params), observes: None })
     }
 
     fn resolve(params: &mut SgbmParams) {
@@ -139,19 +181,38 @@ the neighbourhood: the right image does not show the pixel.",
     }
 
     fn build(params: SgbmParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { params: params.for_kernel() })))
+        let SgbmParams { right, ambiguity, .. } = params;
+        Ok(Instance::Pure(Box::new(Self { params: params.for_kernel(), right, ambiguity })))
     }
 }
 
 impl PureNode for Sgbm {
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let Self { params } = self;
-        matched(inputs, ctx, params.min_disparity, |images, (width, height), scratch: &mut SgbmScratch, tiles, out| {
-            let [left, right] = images.map(|data| View { data, width, height, channels: 1 });
-            sgbm::compute(&left, &right, params, scratch, tiles, out).map_err(|error| match error {
-                sgbm::Error::Memory(error) => too_large(error, (width, height)),
-                error => Fault::new(error.to_string()),
-            })
-        })
+        let Self { params, .. } = self;
+        let (width, height) = inputs.get::<Image>("left")?.dimensions();
+        let mut right = self.right.then(|| Raster::<i16>::new(width, height));
+        let mut ambiguity = self.ambiguity.then(|| Raster::<f32>::new(width, height));
+        let mut outputs = matched(
+            inputs,
+            ctx,
+            params.min_disparity,
+            |images, (width, height), scratch: &mut SgbmScratch, tiles, out| {
+                let [left, right_image] = images.map(|data| View { data, width, height, channels: 1 });
+                let maps = Maps { disparity: out, right: right.as_deref_mut(), ambiguity: ambiguity.as_deref_mut() };
+                let result = sgbm::compute_maps(Path::best(), &left, &right_image, params, scratch, tiles, maps);
+                result.map_err(|error| match error {
+                    sgbm::Error::Memory(error) => too_large(error, (width, height)),
+                    error => Fault::new(error.to_string()),
+                })
+            },
+        )?;
+        if let Some(sixteenths_px) = right {
+            let min_disparity_px = 1 - (params.min_disparity + params.disparities);
+            outputs = outputs.with("right", Disparity { sixteenths_px, min_disparity_px });
+        }
+        if let Some(share) = ambiguity {
+            outputs = outputs.with("ambiguity", Weight { share });
+        }
+        Ok(outputs)
     }
 }

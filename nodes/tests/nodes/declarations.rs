@@ -28,7 +28,7 @@ const PORTS: [(&str, &[&str], &[&str]); 21] = [
     ("stereo/bm", &["left", "right"], &["disparity"]),
     ("stereo/census-sgm", &["left", "right"], &["disparity"]),
     ("stereo/onnx", &["left", "right", "model", "calibration"], &["disparity", "depth", "disparity_right"]),
-    ("stereo/sgbm", &["left", "right"], &["disparity"]),
+    ("stereo/sgbm", &["left", "right"], &["disparity", "right", "ambiguity"]),
 ];
 
 fn names(ports: &[Port]) -> Vec<&str> {
@@ -104,7 +104,7 @@ fn defaults_are_the_golden_settings() {
         json!({
             "disparities": 64, "min_disparity": 0, "block": 5, "p1": 200, "p2": 800, "disp12_max_diff": -1,
             "prefilter_cap": 63, "uniqueness": 0, "speckle_window": 0, "speckle_range": 0, "mode": "sgbm",
-            "extend_left": false
+            "extend_left": false, "right": false, "ambiguity": false
         })
     );
     assert_eq!(

@@ -9,7 +9,7 @@ use depthloom_graphs::Value;
 use depthloom_test_needs::workspace;
 use serde_json::{Map, Value as Json, json};
 
-use crate::call::{Values, metres, open, png_u16, value};
+use crate::call::{Values, call, metres, open, png_u16, value};
 
 const FRAME: &str = "000000_10";
 
@@ -70,6 +70,50 @@ fn disparities_are_opencvs_in_every_pixel_and_mode() {
         let valid = found.sixteenths_px.iter().filter(|&&pixel| i32::from(pixel) != found.invalid()).count();
         assert!(valid * 5 > expected.len(), "{name}, frame {index}: only {valid} pixels to compare");
     }
+}
+
+/// `stereo/sgbm` without the left-right check: what NumPy's maps are of.
+fn all_outputs(mode: &str, extend_left: bool) -> Values {
+    let params = json!({
+        "mode": mode, "disp12_max_diff": 1_000_000, "extend_left": extend_left, "right": true, "ambiguity": true
+    });
+    let frame = frame(0);
+    call("stereo/sgbm", &params, &["left", "right"].map(|side| (side, frame[side].clone()))).unwrap()
+}
+
+#[test]
+fn right_view_and_ambiguity_are_those_of_costs_summed_by_numpy() {
+    let cases = [("sgbm", false), ("hh", false), ("3way", false), ("hh4", false), ("sgbm", true)];
+    for (mode, extend_left) in cases {
+        let name = format!("{mode}{}", if extend_left { "_extended" } else { "" });
+        let outputs = all_outputs(mode, extend_left);
+        let Value::Disparity(right) = &outputs["right"] else { panic!("a disparity") };
+        assert_eq!((right.min_disparity_px, right.invalid()), (-63, -1024));
+        let expected = png_u16(&golden(&format!("semi_global/{name}.right.png")));
+        let pairs = right.sixteenths_px.iter().zip(expected.as_raw());
+        let other = pairs.filter(|&(ours, theirs)| i32::from(*ours) != i32::from(*theirs) - 32768).count();
+        assert_eq!(other, 0, "{name}: pixels of the right view that are not NumPy's");
+
+        let file = golden(&format!("semi_global/{name}.ambiguity.png"));
+        if !file.exists() {
+            continue;
+        }
+        let Value::Weight(ambiguity) = &outputs["ambiguity"] else { panic!("a weight") };
+        let off = |(ours, theirs): (&f32, &u16)| (ours * 65535.0 - f32::from(*theirs)).abs();
+        let worst = ambiguity.share.iter().zip(png_u16(&file).as_raw()).map(off).fold(0.0, nan_or_larger);
+        assert!(worst < 0.51, "{name}: the ambiguity is off by {worst} / 65535");
+    }
+}
+
+#[test]
+fn the_right_view_confirms_most_of_the_left_one() {
+    let outputs = all_outputs("sgbm", true);
+    let inputs = [("left", &outputs["disparity"]), ("right", &outputs["right"])];
+    let Value::Disparity(checked) = value("disparity/left-right", &json!({}), &inputs) else { panic!("a disparity") };
+    let valid = checked.sixteenths_px.iter().filter(|&&pixel| i32::from(pixel) != checked.invalid()).count();
+    let share = valid as f64 / checked.sixteenths_px.len() as f64;
+    println!("{:.1} % are confirmed", 100.0 * share);
+    assert!(share > 0.7, "{share}");
 }
 
 #[test]

@@ -24,6 +24,7 @@ mod choice;
 mod compute;
 mod extend;
 mod fast;
+mod maps;
 mod params;
 mod plain;
 mod plain_cost;
@@ -33,7 +34,8 @@ mod speckle;
 mod view;
 
 pub use crate::simd::Path;
-pub use compute::{SgbmScratch, compute, compute_on};
+pub use compute::{SgbmScratch, compute, compute_maps, compute_on};
+pub use maps::Maps;
 pub use params::{Mode, Params};
 pub use speckle::{SpeckleScratch, filter as filter_speckles};
 pub use view::{Error, View};

@@ -124,7 +124,7 @@ pub(crate) struct Resolver {
 }
 
 impl Resolver {
-    /// `None` if it follows from invalid parameters.
+    /// `None` if its inputs follow from invalid parameters.
     pub(crate) fn signature(&mut self, kind: &NodeKind, parameters: Option<&Parameters>) -> Option<Arc<Signature>> {
         let resolved = parameters.filter(|_| kind.own_ports).map(|parameters| &parameters.resolved);
         let known = (kind.declaration.kind, resolved.map(Json::to_string));
@@ -133,7 +133,8 @@ impl Resolver {
         }
         let signature = match resolved {
             Some(resolved) => kind.signature(resolved).ok()?,
-            None if kind.own_ports => return None,
+            None if kind.own_inputs => return None,
+            // All outputs that it may have.
             None => Signature::from(&kind.declaration),
         };
         Some(Arc::clone(self.signatures.entry(known).or_insert(Arc::new(signature))))

@@ -200,7 +200,7 @@ fn instance(kinds: Vec<KindInfo<'_>>, what: &str) -> Json {
         .map(|kind| {
             let mut then = Map::new();
             then.insert("with".to_owned(), parameters(kind.schema));
-            if is_node && !kind.own_ports {
+            if is_node && !kind.own_inputs {
                 then.insert("inputs".to_owned(), inputs_of(kind.inputs));
             }
             json!({

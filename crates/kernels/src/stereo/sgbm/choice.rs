@@ -32,6 +32,14 @@ impl Choice {
         Self { index: index as i32, cost }
     }
 
+    /// The best candidate, as this mode breaks ties.
+    pub(super) fn of(search: &Search, sum: &[i16]) -> Self {
+        match search.mode {
+            Mode::ThreeWay => Self::three_way(sum),
+            Mode::Sgbm | Mode::Hh | Mode::Hh4 => Self::first_smallest(sum),
+        }
+    }
+
     /// Whether a candidate that is not next to this one comes within the uniqueness margin.
     pub(super) fn is_rivalled(&self, search: &Search, sum: &[i16]) -> bool {
         let far = |d: usize| (d as i32 - self.index).abs() > 1;
@@ -121,10 +129,15 @@ fn refined(index: i32, sum: &[i16]) -> i32 {
     if index <= 0 || index as usize + 1 >= sum.len() {
         return index * 16;
     }
-    let at = |d: i32| i32::from(sum[d as usize]);
-    let (before, here, after) = (at(index - 1), at(index), at(index + 1));
+    let at = |d: i32| sum[d as usize];
+    index * 16 + parabola(at(index - 1), at(index), at(index + 1))
+}
+
+/// The minimum of the parabola through three costs, 1/16 px from the middle one.
+pub(super) fn parabola(before: i16, here: i16, after: i16) -> i32 {
+    let [before, here, after] = [before, here, after].map(i32::from);
     let curvature = (before + after - 2 * here).max(1);
-    index * 16 + ((before - after) * 16 + curvature) / (curvature * 2)
+    ((before - after) * 16 + curvature) / (curvature * 2)
 }
 
 #[cfg(test)]

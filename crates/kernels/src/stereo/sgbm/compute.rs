@@ -1,11 +1,11 @@
 //! The entry: checks, and the choice between implementations.
 
-use super::extend::{self, ExtendScratch};
+use super::extend::{self, ExtendScratch, cut, extended};
 use super::fast::{self, FastScratch};
 use super::search::Search;
 use super::speckle::SpeckleScratch;
 use super::view::check_shapes;
-use super::{Error, Mode, Params, View, plain, speckle};
+use super::{Error, Maps, Mode, Params, View, plain, speckle};
 use crate::memory::{TooMuch, bytes_of};
 use crate::simd::Path;
 use crate::tiles::Tiles;
@@ -48,23 +48,56 @@ pub fn compute_on(
     tiles: &dyn Tiles,
     out: &mut [i16],
 ) -> Result<(), Error> {
+    let maps = Maps { disparity: out, right: None, ambiguity: None };
+    compute_maps(path, left, right, params, scratch, tiles, maps)
+}
+
+/// [`compute_on`] with further maps.
+///
+/// # Errors
+/// As [`compute`].
+pub fn compute_maps(
+    path: Path,
+    left: &View<'_>,
+    right: &View<'_>,
+    params: &Params,
+    scratch: &mut SgbmScratch,
+    tiles: &dyn Tiles,
+    mut maps: Maps<'_>,
+) -> Result<(), Error> {
     params.check()?;
-    check_shapes(left, right, out.len())?;
+    check_shapes(left, right, &maps)?;
     let columns = extend::virtual_columns(params);
     let SgbmScratch { fast, speckle, extend } = scratch;
     let job = Job { path, params, columns, tiles };
     if columns == 0 {
-        return job.run([left, right], fast, speckle, out);
+        return job.run([left, right], fast, speckle, &mut maps);
     }
-    let pixels = (left.width + columns) * left.height;
-    let ExtendScratch { left: left_data, right: right_data, disparity } = extend;
-    let wide_left = extend::extended(left, columns, left_data)?;
-    let wide_right = extend::extended(right, columns, right_data)?;
-    disparity.resize(pixels, 0);
-    check_shapes(&wide_left, &wide_right, pixels)?;
-    job.run([&wide_left, &wide_right], fast, speckle, disparity)?;
-    extend::cut(disparity, columns, left.width, out);
+    let width = left.width;
+    let ExtendScratch { images: [left_data, right_data], disparity, right: right_disparity, ambiguity } = extend;
+    let (left, right) = (extended(left, columns, left_data)?, extended(right, columns, right_data)?);
+    let pixels = left.width * left.height;
+    let mut wide = Maps {
+        disparity: sized(disparity, pixels),
+        right: maps.right.is_some().then(|| sized(right_disparity, pixels)),
+        ambiguity: maps.ambiguity.is_some().then(|| sized(ambiguity, pixels)),
+    };
+    check_shapes(&left, &right, &wide)?;
+    job.run([&left, &right], fast, speckle, &mut wide)?;
+    cut(wide.disparity, columns, width, maps.disparity);
+    if let (Some(wide), Some(right)) = (wide.right, maps.right) {
+        cut(wide, columns, width, right);
+    }
+    if let (Some(wide), Some(ambiguity)) = (wide.ambiguity, maps.ambiguity) {
+        cut(wide, columns, width, ambiguity);
+    }
     Ok(())
+}
+
+/// A buffer of `len` values of whatever content.
+fn sized<T: Clone + Default>(buffer: &mut Vec<T>, len: usize) -> &mut [T] {
+    buffer.resize(len, T::default());
+    buffer
 }
 
 /// One call, with images of any width.
@@ -79,12 +112,13 @@ struct Job<'a> {
 impl Job<'_> {
     fn run(
         &self,
-        [left, right]: [&View<'_>; 2],
+        images: [&View<'_>; 2],
         fast: &mut FastScratch,
         speckle: &mut SpeckleScratch,
-        out: &mut [i16],
+        maps: &mut Maps<'_>,
     ) -> Result<(), Error> {
         let Self { path, params, columns, tiles } = *self;
+        let [left, right] = images;
         let search = Search::new(params, left.width, left.height, left.channels);
         if (left.width as i64) < search.least_width() {
             let (width, needed) = (left.width - columns, search.least_width() - columns as i64);
@@ -96,15 +130,16 @@ impl Job<'_> {
         }
         match path {
             Path::Fast(level) if fast::fits(&search) => {
-                fast::compute(level, &search, params.block, [left, right], fast, tiles, out)?;
+                fast::compute(level, &search, params.block, images, fast, tiles, maps)?;
             }
-            _ => plain::compute(&search, params.block, left, right, out),
+            _ => plain::compute(&search, params.block, left, right, maps),
         }
         if params.speckle_window > 0 {
             let range = params.speckle_range.saturating_mul(16);
             let window = params.speckle_window as usize;
-            speckle::filter(out, search.width, search.invalid, window, range, speckle);
+            speckle::filter(maps.disparity, search.width, search.invalid, window, range, speckle);
         }
+        maps.finish(search.invalid);
         Ok(())
     }
 }

@@ -3,12 +3,13 @@
 use super::{Params, View};
 use crate::memory::{self, TooMuch};
 
-/// Both images extended, and the disparities of the extended left image.
+/// Both images extended, and their maps.
 #[derive(Debug, Default)]
 pub(super) struct ExtendScratch {
-    pub left: Vec<u8>,
-    pub right: Vec<u8>,
+    pub images: [Vec<u8>; 2],
     pub disparity: Vec<i16>,
+    pub right: Vec<i16>,
+    pub ambiguity: Vec<f32>,
 }
 
 /// Virtual columns: as many as the search leaves out at the left border.

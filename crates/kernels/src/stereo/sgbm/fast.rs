@@ -52,13 +52,15 @@ mod costs;
 mod decide;
 mod kernels;
 mod lanes;
+mod right_view;
 mod row_disparities;
 mod shared;
 
-use bands::Memory;
+use bands::{Memory, RawMaps};
 use kernels::Kernels;
 use shared::Shared;
 
+use super::maps::Maps;
 use super::search::Search;
 use super::view::View;
 use crate::memory::TooMuch;
@@ -80,6 +82,7 @@ fn kernels_of(level: Level, disparities: usize) -> Kernels {
 pub(super) struct FastScratch {
     memory: Memory,
     raw: Vec<i16>,
+    raw_right: Vec<i16>,
 }
 
 /// Whether no block cost or path cost can leave 16 bits: the largest block cost, P2 in it, and P2 on top.
@@ -97,21 +100,40 @@ pub(super) fn compute(
     images: [&View<'_>; 2],
     scratch: &mut FastScratch,
     tiles: &dyn Tiles,
-    out: &mut [i16],
+    maps: &mut Maps<'_>,
 ) -> Result<(), TooMuch> {
     if search.columns == 0 {
-        out.fill(search.invalid);
+        maps.clear(search);
         return Ok(());
     }
     let kernels = kernels_of(level, search.disparities);
-    scratch.raw.clear();
-    scratch.raw.resize(out.len(), search.invalid);
-    let raw = Shared::from(&mut scratch.raw[..]);
-    for stripe in &search.stripes(block) {
-        bands::compute(kernels, search, stripe, images, &mut scratch.memory, tiles, raw)?;
+    let FastScratch { memory, raw, raw_right } = scratch;
+    raw.clear();
+    raw.resize(maps.disparity.len(), search.invalid);
+    raw_right.clear();
+    if let Some(right) = &maps.right {
+        raw_right.resize(right.len(), search.right_invalid);
     }
+    if let Some(ambiguity) = maps.ambiguity.as_deref_mut() {
+        ambiguity.fill(1.0);
+    }
+    let raw_maps = RawMaps {
+        disparity: Shared::from(&mut raw[..]),
+        right: maps.right.is_some().then(|| Shared::from(&mut raw_right[..])),
+        ambiguity: maps.ambiguity.as_deref_mut().map(Shared::from),
+    };
+    for stripe in &search.stripes(block) {
+        bands::compute(kernels, search, stripe, images, memory, tiles, raw_maps)?;
+    }
+    median(kernels, search, raw, tiles, maps.disparity);
+    if let Some(right) = maps.right.as_deref_mut() {
+        median(kernels, search, raw_right, tiles, right);
+    }
+    Ok(())
+}
+
+fn median(kernels: Kernels, search: &Search, raw: &[i16], tiles: &dyn Tiles, out: &mut [i16]) {
     let (width, height) = (search.width, search.height);
-    let raw = &scratch.raw;
     let out = Shared::from(out);
     let rows = 16;
     tiles.run(height.div_ceil(rows), &|n| {
@@ -124,5 +146,4 @@ pub(super) fn compute(
             }
         }
     });
-    Ok(())
 }

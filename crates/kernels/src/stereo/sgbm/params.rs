@@ -106,6 +106,13 @@ impl Params {
         invalid_value(self.min_disparity)
     }
 
+    /// The value of invalid pixels of the right image: one pixel below the smallest of its disparities, which are those
+    /// of the left image, negated. In 1/16 px.
+    #[must_use]
+    pub const fn right_invalid(&self) -> i16 {
+        invalid_value(1 - (self.min_disparity + self.disparities))
+    }
+
     pub(super) fn p1_used(&self) -> i32 {
         if self.p1 > 0 { self.p1 } else { 2 }
     }

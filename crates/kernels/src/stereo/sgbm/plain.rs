@@ -8,28 +8,31 @@
 
 use super::Mode;
 use super::choice::{Choice, RowChoice};
+use super::maps::Maps;
 use super::plain_cost::CostRows;
 use super::search::{Search, Stripe};
 use super::view::View;
 use crate::filter::median::integer::{median3_row, rows_around};
 
 /// Matches two images, up to and including the median; shapes and parameters are checked by the caller.
-pub(super) fn compute(search: &Search, block: i32, left: &View<'_>, right: &View<'_>, out: &mut [i16]) {
-    out.fill(search.invalid);
+pub(super) fn compute(search: &Search, block: i32, left: &View<'_>, right: &View<'_>, maps: &mut Maps<'_>) {
+    maps.clear(search);
     if search.columns == 0 {
         return;
     }
     for stripe in search.stripes(block) {
         let mut aggregation = Aggregation::new(search, left, right, &stripe);
         match search.mode {
-            Mode::Sgbm => aggregation.one_pass(&stripe, out),
-            Mode::ThreeWay => aggregation.three_way(&stripe, out),
-            Mode::Hh | Mode::Hh4 => aggregation.two_passes(&stripe, out),
+            Mode::Sgbm => aggregation.one_pass(&stripe, maps),
+            Mode::ThreeWay => aggregation.three_way(&stripe, maps),
+            Mode::Hh | Mode::Hh4 => aggregation.two_passes(&stripe, maps),
         }
     }
-    let source = out.to_vec();
-    for (y, out) in out.chunks_exact_mut(search.width).enumerate() {
-        median3_row(rows_around(&source, search.width, y), out);
+    for map in [Some(&mut *maps.disparity), maps.right.as_deref_mut()].into_iter().flatten() {
+        let source = map.to_vec();
+        for (y, out) in map.chunks_exact_mut(search.width).enumerate() {
+            median3_row(rows_around(&source, search.width, y), out);
+        }
     }
 }
 
@@ -141,7 +144,7 @@ impl<'a> Aggregation<'a> {
         self.choice = choice;
     }
 
-    fn one_pass(&mut self, stripe: &Stripe, out: &mut [i16]) {
+    fn one_pass(&mut self, stripe: &Stripe, maps: &mut Maps<'_>) {
         let width = self.search.width;
         let mut before = [-1, 0, 1].map(|dx| (dx, Paths::new(self.search)));
         let mut now = Paths::new(self.search);
@@ -154,11 +157,12 @@ impl<'a> Aggregation<'a> {
                 self.across(paths, *dx, &cost, &mut now, Some(&mut sum));
                 std::mem::swap(paths, &mut now);
             }
-            self.decide_leftwards(&cost, &mut sum, &mut out[y * width..][..width]);
+            self.decide_leftwards(&cost, &mut sum, &mut maps.disparity[y * width..][..width]);
+            maps.see(self.search, y, &sum);
         }
     }
 
-    fn two_passes(&mut self, stripe: &Stripe, out: &mut [i16]) {
+    fn two_passes(&mut self, stripe: &Stripe, maps: &mut Maps<'_>) {
         let width = self.search.width;
         let len = self.search.row_len();
         let d = self.search.disparities;
@@ -188,7 +192,7 @@ impl<'a> Aggregation<'a> {
         for y in 0..self.search.height {
             let cost = &costs[y * len..][..len];
             let sum = &mut sums[y * len..][..len];
-            let row = &mut out[y * width..][..width];
+            let row = &mut maps.disparity[y * width..][..width];
             if diagonals {
                 self.choice.start(self.search, row);
                 for x in (0..self.search.columns).rev() {
@@ -200,10 +204,11 @@ impl<'a> Aggregation<'a> {
                 self.along(false, cost, |x, costs| add(&mut sum[x * d..][..d], costs));
                 self.decide_leftwards(cost, sum, row);
             }
+            maps.see(self.search, y, sum);
         }
     }
 
-    fn three_way(&mut self, stripe: &Stripe, out: &mut [i16]) {
+    fn three_way(&mut self, stripe: &Stripe, maps: &mut Maps<'_>) {
         let width = self.search.width;
         let d = self.search.disparities;
         let mut top = Paths::new(self.search);
@@ -231,7 +236,8 @@ impl<'a> Aggregation<'a> {
             self.choice = choice;
             if stripe.rows.contains(&y) {
                 let output = y - stripe.rows.start + stripe.first_output;
-                out[output * width..][..width].copy_from_slice(&row);
+                maps.disparity[output * width..][..width].copy_from_slice(&row);
+                maps.see(self.search, output, &left);
             }
         }
     }

@@ -27,6 +27,8 @@ pub(super) struct Search {
     pub uniqueness: i32,
     /// Value of invalid pixels.
     pub invalid: i16,
+    /// Value of invalid pixels of the right image.
+    pub right_invalid: i16,
     pub mode: Mode,
 }
 
@@ -53,6 +55,7 @@ impl Search {
             clip: params.prefilter_cap.max(15) | 1,
             uniqueness: params.uniqueness,
             invalid: params.invalid(),
+            right_invalid: params.right_invalid(),
             mode: params.mode,
         }
     }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::Maps;
 use crate::memory::TooMuch;
 use crate::stereo::params::ParamError;
 
@@ -37,7 +38,7 @@ pub enum Error {
     },
     /// A buffer's length does not match the size of its image.
     Length {
-        /// `left`, `right` or `out`.
+        /// `left`, `right`, `out`, `right disparity` or `ambiguity`.
         buffer: &'static str,
         /// Elements it holds.
         len: usize,
@@ -103,8 +104,8 @@ impl<'a> View<'a> {
     }
 }
 
-/// Checks both images and the output against each other.
-pub(super) fn check_shapes(left: &View<'_>, right: &View<'_>, out: usize) -> Result<(), Error> {
+/// Checks both images and the maps against each other.
+pub(super) fn check_shapes(left: &View<'_>, right: &View<'_>, maps: &Maps<'_>) -> Result<(), Error> {
     if left.shape() != right.shape() {
         return Err(Error::Unequal(left.shape(), right.shape()));
     }
@@ -114,10 +115,13 @@ pub(super) fn check_shapes(left: &View<'_>, right: &View<'_>, out: usize) -> Res
         return Err(Error::Shape(left.shape()));
     }
     let pixels = width * height;
+    let Maps { disparity, right: right_view, ambiguity } = maps;
     for (buffer, len, expected) in [
         ("left", left.data.len(), pixels * channels),
         ("right", right.data.len(), pixels * channels),
-        ("out", out, pixels),
+        ("out", disparity.len(), pixels),
+        ("right disparity", right_view.as_ref().map_or(pixels, |map| map.len()), pixels),
+        ("ambiguity", ambiguity.as_ref().map_or(pixels, |map| map.len()), pixels),
     ] {
         if len != expected {
             return Err(Error::Length { buffer, len, expected });

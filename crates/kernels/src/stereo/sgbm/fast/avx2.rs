@@ -2,9 +2,9 @@
 
 use std::arch::x86_64::{
     __m256i, _mm_loadu_si128, _mm_min_epu16, _mm_minpos_epu16, _mm256_add_epi8, _mm256_add_epi16, _mm256_adds_epi16,
-    _mm256_alignr_epi8, _mm256_and_si256, _mm256_broadcastw_epi16, _mm256_castsi256_si128, _mm256_cmpeq_epi16,
-    _mm256_cmpgt_epi16, _mm256_cvtepu8_epi16, _mm256_extract_epi16, _mm256_extracti128_si256, _mm256_loadu_si256,
-    _mm256_max_epu8, _mm256_min_epi16, _mm256_min_epu8, _mm256_movemask_epi8, _mm256_packs_epi16,
+    _mm256_alignr_epi8, _mm256_and_si256, _mm256_blendv_epi8, _mm256_broadcastw_epi16, _mm256_castsi256_si128,
+    _mm256_cmpeq_epi16, _mm256_cmpgt_epi16, _mm256_cvtepu8_epi16, _mm256_extract_epi16, _mm256_extracti128_si256,
+    _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epi16, _mm256_min_epu8, _mm256_movemask_epi8, _mm256_packs_epi16,
     _mm256_permute2x128_si256, _mm256_permute4x64_epi64, _mm256_set1_epi8, _mm256_set1_epi16, _mm256_srli_epi16,
     _mm256_storeu_si256, _mm256_sub_epi16, _mm256_subs_epu8,
 };
@@ -61,6 +61,11 @@ impl Lanes for Avx2 {
     fn min(a: __m256i, b: __m256i) -> __m256i {
         // SAFETY: as the trait demands.
         unsafe { _mm256_min_epi16(a, b) }
+    }
+    #[inline(always)]
+    fn where_less(a: __m256i, b: __m256i, x: __m256i, y: __m256i) -> __m256i {
+        // SAFETY: as the trait demands.
+        unsafe { _mm256_blendv_epi8(y, x, _mm256_cmpgt_epi16(b, a)) }
     }
     #[inline(always)]
     fn below(before: __m256i, v: __m256i) -> __m256i {

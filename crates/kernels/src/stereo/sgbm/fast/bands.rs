@@ -20,6 +20,7 @@ use super::aggregate::{Aggregate, Slots, Source};
 use super::costs::{CostRow, Slide, pixel_len};
 use super::decide::{Decide, total_len};
 use super::kernels::Kernels;
+use super::right_view::{BestCandidates, RightRow};
 use super::row_disparities::RowDisparities;
 use super::shared::{Costs, Shared};
 use crate::memory::TooMuch;
@@ -44,6 +45,7 @@ struct RowScratch {
     pixel: Costs,
     total: Costs,
     disparities: RowDisparities,
+    best: BestCandidates,
 }
 
 #[derive(Debug, Default)]
@@ -54,6 +56,14 @@ pub(super) struct Memory {
     band: Costs,
     paths: [Costs; 3],
     rows: Vec<Mutex<RowScratch>>,
+}
+
+/// The maps of a frame before the median.
+#[derive(Clone, Copy)]
+pub(super) struct RawMaps<'a> {
+    pub disparity: Shared<'a, i16>,
+    pub right: Option<Shared<'a, i16>>,
+    pub ambiguity: Option<Shared<'a, f32>>,
 }
 
 /// One stripe of one frame.
@@ -74,7 +84,7 @@ struct Frame<'a> {
     band: Shared<'a, i16>,
     two_passes: bool,
     rows: &'a [Mutex<RowScratch>],
-    out: Shared<'a, i16>,
+    out: RawMaps<'a>,
 }
 
 struct Sweep<'a> {
@@ -84,7 +94,7 @@ struct Sweep<'a> {
     slots: &'a [Slots<'a>],
 }
 
-/// Matches one stripe; `out` is the whole disparity map, of which the rows kept are written.
+/// Matches one stripe; `out` has the maps of the whole frame, of which the rows kept are written.
 pub(super) fn compute<'a>(
     kernels: Kernels,
     search: &'a Search,
@@ -92,7 +102,7 @@ pub(super) fn compute<'a>(
     [left, right]: [&'a View<'a>; 2],
     memory: &'a mut Memory,
     tiles: &dyn Tiles,
-    out: Shared<'a, i16>,
+    out: RawMaps<'a>,
 ) -> Result<(), TooMuch> {
     let len = search.row_len();
     let height = stripe.end - stripe.start;
@@ -372,7 +382,7 @@ impl<'a> Frame<'a> {
         let width = self.search.width;
         let first = rows.start;
         let mut scratch: [_; PAIR] = std::array::from_fn(|n| self.scratch(first % BAND + n));
-        let mut decided = Vec::with_capacity(PAIR);
+        let (mut decided, mut seen) = (Vec::with_capacity(PAIR), Vec::with_capacity(PAIR));
         for (i, scratch) in rows.zip(&mut scratch) {
             let y = self.row_of(sweep, i);
             let source = self.stripe.start + y;
@@ -380,10 +390,11 @@ impl<'a> Frame<'a> {
                 continue;
             }
             let output = (source - stripe_rows.start + self.stripe.first_output) * width;
-            let RowScratch { total, disparities, .. } = &mut **scratch;
+            let row = output..output + width;
+            let RowScratch { total, disparities, best, .. } = &mut **scratch;
             let room = total_len(self.search);
             let total = total.at_least(room);
-            // SAFETY: each row of this round has its own scratch, its own sums and its own row of the output; costs are
+            // SAFETY: each row of this round has its own scratch, its own sums and its own row of the maps; costs are
             // only read.
             decided.push(unsafe {
                 Decide {
@@ -391,12 +402,23 @@ impl<'a> Frame<'a> {
                     cost: self.cost.read(self.cost_at(y)..self.cost_at(y) + len),
                     sum: self.band.write(i % BAND * len..(i % BAND + 1) * len),
                     total: total.write(0..room),
+                    keeps_totals: self.out.right.is_some(),
                     disparities,
-                    out: self.out.write(output..output + width),
+                    out: self.out.disparity.write(row.clone()),
+                    ambiguity: self.out.ambiguity.map(|map| map.write(row.clone())),
                 }
             });
+            seen.push((best, row));
         }
         // SAFETY: the table's maker found the instruction set.
         unsafe { (self.kernels.decide)(&mut decided) }
+        let Some(right) = self.out.right else { return };
+        for (Decide { sum, .. }, (best, row)) in decided.iter().zip(seen) {
+            // SAFETY: as above.
+            unsafe {
+                let out = right.write(row);
+                (self.kernels.right_view)(&mut RightRow { search: self.search, sums: sum, best, out });
+            }
+        }
     }
 }

@@ -5,17 +5,22 @@ use super::lanes::{COMPARED, Lanes};
 use super::row_disparities::{DisparitySlots, RowDisparities};
 use crate::stereo::sgbm::Mode;
 use crate::stereo::sgbm::choice::Choice;
+use crate::stereo::sgbm::maps::ratio;
 use crate::stereo::sgbm::search::Search;
 
 pub(super) struct Decide<'a> {
     pub search: &'a Search,
     pub cost: &'a [i16],
-    /// Sums of the other directions; left with the sums up to the direction to the right.
+    /// Sums of the other directions; left with the sums up to the direction to the right, or over all directions.
     pub sum: &'a mut [i16],
+    /// Whether the sums over all directions are left.
+    pub keeps_totals: bool,
     /// Memory for one column's sums: `total_len` values.
     pub total: &'a mut [i16],
     pub disparities: &'a mut RowDisparities,
     pub out: &'a mut [i16],
+    /// Where the ambiguity is wanted: its row, whose columns that are not searched are left alone.
+    pub ambiguity: Option<&'a mut [f32]>,
 }
 
 /// Values of memory for one column's sums.
@@ -109,7 +114,10 @@ struct Along<L: Lanes, P> {
     cost: *const i16,
     sum: *mut i16,
     total: *mut i16,
+    keeps_totals: bool,
     slots: DisparitySlots,
+    /// Of the searched columns; null where it is not wanted.
+    ambiguity: *mut f32,
 }
 
 impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
@@ -120,13 +128,17 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
         assert!(row.cost.len() == row.search.columns * d && row.sum.len() == row.cost.len());
         assert!(row.total.len() == total_len(row.search));
         row.total.fill(i16::MAX);
+        let columns = row.search.first_column..row.search.first_column + row.search.columns;
+        let ambiguity = row.ambiguity.as_deref_mut().map(|row| row[columns].as_mut_ptr());
         Self {
             path,
             smallest: L::splat(0),
             cost: row.cost.as_ptr(),
             sum: row.sum.as_mut_ptr(),
             total: row.total.as_mut_ptr(),
+            keeps_totals: row.keeps_totals,
             slots: row.disparities.start(row.search),
+            ambiguity: ambiguity.unwrap_or(std::ptr::null_mut()),
         }
     }
 
@@ -158,9 +170,17 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
             let least;
             (self.smallest, least) = advance::<L, true>(path, self.smallest, fixed, cost, sum, self.total);
             let padded = std::slice::from_raw_parts(self.total, d.next_multiple_of(COMPARED));
-            match choose::<L>(fixed.search, least, padded) {
-                Some(best) => self.slots.put(fixed.search, x, best, &padded[..d]),
-                None => self.slots.none(x),
+            let best = choose::<L>(fixed.search, least, padded);
+            if is_unique::<L>(fixed.search, best, padded) {
+                self.slots.put(fixed.search, x, best, &padded[..d]);
+            } else {
+                self.slots.none(x);
+            }
+            if !self.ambiguity.is_null() {
+                *self.ambiguity.add(x) = ratio(best.cost, second::<L>(best.index, &padded[..d]));
+            }
+            if self.keeps_totals {
+                sum.copy_from_nonoverlapping(self.total, d);
             }
         }
     }
@@ -207,23 +227,19 @@ unsafe fn advance<L: Lanes, const LEAST: bool>(
     }
 }
 
-/// The best candidate, if it is unique enough. `padded` holds the sums, and saturated values up to a multiple of what
+/// The best candidate. `padded` holds the sums, and saturated values up to a multiple of what
 /// is compared at once.
 ///
 /// # Safety
 /// As [`decide`].
 #[inline(always)]
-unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Option<Choice> {
+unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Choice {
     let sums = &padded[..search.disparities];
     // SAFETY: as the caller guarantees; what is compared lies within the padded sums.
     unsafe {
         let cost = L::first(least);
         if cost == i16::MAX {
-            let best = match search.mode {
-                Mode::ThreeWay => Choice::three_way(sums),
-                Mode::Sgbm | Mode::Hh | Mode::Hh4 => Choice::first_smallest(sums),
-            };
-            return (!best.is_rivalled(search, sums)).then_some(best);
+            return Choice::of(search, sums);
         }
         let mut index = 0;
         let mut equals = 0;
@@ -237,20 +253,65 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Opti
                 index = at + bits.trailing_zeros() as usize;
             }
         }
-        let mut best = Choice { index: index as i32, cost };
-        if equals > 1 {
-            best = Choice::three_way(sums);
+        if equals > 1 { Choice::three_way(sums) } else { Choice { index: index as i32, cost } }
+    }
+}
+
+/// Whether the best candidate is unique enough.
+///
+/// # Safety
+/// As [`choose`].
+#[inline(always)]
+unsafe fn is_unique<L: Lanes>(search: &Search, best: Choice, padded: &[i16]) -> bool {
+    // SAFETY: as the caller guarantees.
+    unsafe {
+        if best.cost == i16::MAX {
+            return !best.is_rivalled(search, &padded[..search.disparities]);
         }
         if search.uniqueness > 0 {
-            let limit = L::splat(best.rival_limit(search)?);
+            let Some(limit) = best.rival_limit(search) else { return false };
+            let limit = L::splat(limit);
             for at in (0..padded.len()).step_by(2 * COMPARED) {
                 // The best candidate and its two neighbours do not count as rivals.
                 if compare::<L, false>(padded, at, limit) & !near_bits(best.index - at as i32) != 0 {
-                    return None;
+                    return false;
                 }
             }
         }
-        Some(best)
+        true
+    }
+}
+
+/// More than any number of disparities.
+const MOST: usize = 2048;
+
+/// Values that make others saturate: at `MOST` and at both sides of it.
+static NEAR: [i16; 2 * MOST] = {
+    let mut near = [0; 2 * MOST];
+    let mut at = MOST - 1;
+    while at <= MOST + 1 {
+        near[at] = i16::MAX;
+        at += 1;
+    }
+    near
+};
+
+/// The smallest of the sums that are not next to the best one.
+///
+/// # Safety
+/// As [`decide`]; no sum is negative, and vectors fill them.
+#[inline(always)]
+unsafe fn second<L: Lanes>(best: i32, sums: &[i16]) -> i16 {
+    assert!(sums.len() < MOST && (-1..sums.len() as i32).contains(&best));
+    // SAFETY: from `MOST - best` on there are as many values as sums, one less than `MOST` at most.
+    unsafe {
+        let near = NEAR.as_ptr().offset(MOST as isize - best as isize);
+        let mut second = L::splat(i16::MAX);
+        for at in (0..sums.len()).step_by(L::LANES) {
+            let far = L::add_saturating(L::load(sums.as_ptr().add(at)), L::load(near.add(at)));
+            second = L::min(second, far);
+        }
+        L::first(L::minimum(second))
     }
 }
 

@@ -7,6 +7,7 @@ use super::aggregate::{self, Aggregate};
 use super::costs::{self, CostRow, Slide};
 use super::decide::{self, Decide};
 use super::lanes::{Lanes, Portable};
+use super::right_view::{self, RightRow};
 use crate::filter::median::integer::median3_row;
 use crate::stereo::sgbm::prefilter::Planes;
 use crate::stereo::sgbm::search::Search;
@@ -25,6 +26,7 @@ pub(super) struct Kernels {
     pub slide: unsafe fn(&mut Slide<'_>),
     pub aggregate: unsafe fn(&Aggregate<'_>),
     pub decide: unsafe fn(&mut [Decide<'_>]),
+    pub right_view: unsafe fn(&mut RightRow<'_>),
     pub median: unsafe fn([&[i16]; 3], &mut [i16]),
 }
 
@@ -32,7 +34,7 @@ pub(super) struct Kernels {
 macro_rules! compiled {
     ($name:ident, $lanes:ty $(, $feature:literal)?) => {
         pub(super) mod $name {
-            use super::{CostRow, Decide, Kernels, Lanes, Aggregate, Planes, Search, Slide, View, costs, decide, aggregate, median3_row};
+            use super::{CostRow, Decide, Kernels, Lanes, Aggregate, Planes, RightRow, Search, Slide, View, costs, decide, aggregate, median3_row, right_view};
 
             $(#[target_feature(enable = $feature)])?
             unsafe fn planes(planes: &mut Planes, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
@@ -63,13 +65,20 @@ macro_rules! compiled {
             }
 
             $(#[target_feature(enable = $feature)])?
+            unsafe fn right_view<const N: usize>(row: &mut RightRow<'_>) {
+                // SAFETY: as `Kernels` says.
+                unsafe { right_view::right_view::<$lanes, N>(row) }
+            }
+
+            $(#[target_feature(enable = $feature)])?
             unsafe fn median(rows: [&[i16]; 3], out: &mut [i16]) {
                 median3_row(rows, out);
             }
 
             fn table<const N: usize>() -> Kernels {
                 let padding = <$lanes>::LANES;
-                Kernels { padding, planes, cost_row: cost_row::<N>, slide, aggregate: aggregate::<N>, decide: decide::<N>, median }
+                let (cost_row, aggregate, decide) = (cost_row::<N>, aggregate::<N>, decide::<N>);
+                Kernels { padding, planes, cost_row, slide, aggregate, decide, right_view: right_view::<N>, median }
             }
 
             pub(crate) fn kernels(disparities: usize) -> Kernels {

@@ -42,6 +42,8 @@ pub(super) trait Lanes: Copy + 'static {
     /// Saturating sum.
     fn add_saturating(a: Self::V, b: Self::V) -> Self::V;
     fn min(a: Self::V, b: Self::V) -> Self::V;
+    /// Lanes of `x` where `a` is less than `b`, of `y` elsewhere.
+    fn where_less(a: Self::V, b: Self::V, x: Self::V, y: Self::V) -> Self::V;
     /// Each lane's predecessor in `(before, v)`.
     fn below(before: Self::V, v: Self::V) -> Self::V;
     /// Each lane's successor in `(v, after)`.
@@ -137,6 +139,10 @@ impl Lanes for Portable {
     #[inline(always)]
     fn min(a: Self::V, b: Self::V) -> Self::V {
         zip(a, b, i16::min)
+    }
+    #[inline(always)]
+    fn where_less(a: Self::V, b: Self::V, x: Self::V, y: Self::V) -> Self::V {
+        std::array::from_fn(|i| if a[i] < b[i] { x[i] } else { y[i] })
     }
     #[inline(always)]
     fn below(before: Self::V, v: Self::V) -> Self::V {
