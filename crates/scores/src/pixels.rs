@@ -180,7 +180,7 @@ impl ScoredPixels {
         };
         let known = |value: f64| if value.is_finite() { value } else { f64::INFINITY };
         let pixel = |(&at, &t): (&u32, &f32)| {
-            let (at, truth_m) = (at as usize, f64::from(t));
+            let (at, ground_truth_m) = (at as usize, f64::from(t));
             let estimate_m = scored(at);
             let value = f64::from(map[at]);
             let derivative = match alignment {
@@ -195,9 +195,9 @@ impl ScoredPixels {
                 Uncertainty::Deviation(_) => known(value * derivative),
                 Uncertainty::Confidence(_) => known(-value),
             };
-            (!estimate_m.is_nan()).then_some(UncertainPixel { truth_m, estimate_m, uncertainty })
+            (!estimate_m.is_nan()).then_some(UncertainPixel { ground_truth_m, estimate_m, uncertainty })
         };
-        self.at.iter().zip(&self.truth_m).filter_map(pixel).collect()
+        self.at.iter().zip(&self.ground_truth_m).filter_map(pixel).collect()
     }
 
     /// `of(t, y)` at all scored pixels; NaN where the estimate is missing.

@@ -59,9 +59,9 @@ pub enum SparsificationError {
 impl SparsificationError {
     /// What is averaged over pixels.
     fn summand(self, pixel: &UncertainPixel) -> f64 {
-        let error = (pixel.estimate_m - pixel.truth_m).abs();
+        let error = (pixel.estimate_m - pixel.ground_truth_m).abs();
         match self {
-            Self::AbsoluteRelative => error / pixel.truth_m,
+            Self::AbsoluteRelative => error / pixel.ground_truth_m,
             Self::RootMeanSquare => error * error,
         }
     }
@@ -94,7 +94,7 @@ impl Default for Sparsification {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UncertainPixel {
     /// The ground truth, metres.
-    pub truth_m: f64,
+    pub ground_truth_m: f64,
     /// The estimate as it is scored (aligned, clamped), metres.
     pub estimate_m: f64,
     /// The predicted standard deviation, metres, or the negative of the confidence; infinite: unknown.
@@ -186,7 +186,7 @@ impl UncertaintyScores {
     pub(crate) fn new(pixels: &[UncertainPixel], kind: UncertaintyKind, settings: Sparsification) -> Self {
         let coverage = |deviations: f64| {
             let is_covered = |pixel: &&UncertainPixel| {
-                let error = (pixel.estimate_m - pixel.truth_m).abs();
+                let error = (pixel.estimate_m - pixel.ground_truth_m).abs();
                 pixel.uncertainty.is_finite() && error <= deviations * pixel.uncertainty
             };
             match kind {
@@ -213,8 +213,8 @@ impl UncertaintyScores {
 mod tests {
     use super::*;
 
-    fn pixel(truth_m: f64, estimate_m: f64, uncertainty: f64) -> UncertainPixel {
-        UncertainPixel { truth_m, estimate_m, uncertainty }
+    fn pixel(ground_truth_m: f64, estimate_m: f64, uncertainty: f64) -> UncertainPixel {
+        UncertainPixel { ground_truth_m, estimate_m, uncertainty }
     }
 
     fn curves(pixels: &[UncertainPixel], steps: u32) -> SparsificationCurves {

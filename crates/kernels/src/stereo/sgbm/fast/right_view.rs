@@ -82,8 +82,8 @@ unsafe fn search_columns<L: Lanes, P: AsMut<[L::V]>>(
         }
         // Right pixels -1, -2, ... are left of the first column's candidate 0.
         let mut lanes = [0; 32];
-        for j in 0..n {
-            L::store(lanes.as_mut_ptr(), column[j]);
+        for (j, &columns) in column.iter().enumerate() {
+            L::store(lanes.as_mut_ptr(), columns);
             for (lane, &x) in lanes[..L::LANES].iter().enumerate() {
                 *found.add(d - 1 - (j * L::LANES + lane)) = x;
             }
