@@ -230,12 +230,12 @@ impl Node for Mixture {
             contract: Contract::Pure,
             summary: "Stereo and monocular depth, fused by the probability that stereo is an inlier; with uncertainty.",
             doc: "\
-Each pixel of stereo is either an inlier, which measures the same surface as the monocular estimate, or an outlier, \
-which is uniform over a range of disparities. This is the measurement model of Vogiatzis and Hernandez (*Video-based, \
-real-time multi-view stereo*, 2011).\n\n\
+Each pixel of stereo is either an inlier or an outlier. An inlier measures the same surface as the monocular estimate; \
+an outlier is uniform over a range of disparities. This is the measurement model of Vogiatzis and Hernandez \
+(*Video-based, real-time multi-view stereo*, 2011).\n\n\
 All is in log depth. Stereo measures `z_s` with standard deviation `s_s = stereo_noise / (d + doffs)`. The monocular \
-estimate measures `z_m` with `s_m`. With `N` the normal density of `z_s - z_m` with variance `s_s^2 + s_m^2`, and `p` \
-the prior, the probability of an inlier is `q = p N / (p N + (1 - p) / outliers)`. The fused depth is `exp(q m + (1 - \
+estimate measures `z_m` with `s_m`. `N` is the normal density of `z_s - z_m` with variance `s_s^2 + s_m^2`, `p` the \
+prior. The probability of an inlier is `q = p N / (p N + (1 - p) / outliers)`. The fused depth is `exp(q m + (1 - \
 q) z_m)`, where `m` is the inverse-variance mean of `z_s` and `z_m`. A 5x5 median ends the fusion, as in \
 `filter/median`.\n\n\
 The prior `p` is the product of the factors in `prior`. The right view, `unique` or `ambiguity`, and the share of \
