@@ -200,7 +200,9 @@ fn worst(
             WorstFrame { frame, position, source_key, pixels, value, without: without(place) }
         })
         .collect();
-    let moved = |frame: &WorstFrame| frame.without.map_or(0.0, |without| sign * (all_frames - without));
+    let moved = |frame: &WorstFrame| {
+        frame.without.map_or(0.0, |without| metric.goodness(without) - metric.goodness(all_frames))
+    };
     worst.sort_by(|a, b| moved(b).total_cmp(&moved(a)));
     worst.retain(|frame| frames.len() > 1 && moved(frame) > 0.0);
     worst.truncate(WORST);
