@@ -211,7 +211,7 @@ fn a_recovered_recording_contains_the_committed_frames() {
     let (cut, recovered) = (at("cut.mcap"), at("recovered.mcap"));
     for share in 1..8 {
         fs::write(&cut, &reference.recording[..reference.recording.len() / 8 * share]).expect("written");
-        let open = |path: &Path| depthloom_recording::Recording::open(path).expect("a recording");
+        let open = |path: &Path| Recording::open(path).expect("a recording");
         let mut recover = depthloom();
         recover.args(["runs", "recover", "--out"]).arg(&recovered).arg(&cut);
         if open(&cut).is_empty() {
