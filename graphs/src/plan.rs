@@ -167,8 +167,8 @@ pub struct PlannedNode {
     pub outputs: Vec<PlannedOutput>,
     /// See [`Signature::observes`](crate::contracts::Signature::observes).
     pub observes: Option<Observation>,
-    /// `H(kind, version, parameters, node hashes of inputs)`; in a [`ready`](crate::ready) plan, with the fingerprints of
-    /// the engines of this machine.
+    /// `H(kind, version, parameters, node hashes of inputs)`; in a [`ready`](crate::ready) plan, with the fingerprints
+    /// of the engines of this machine.
     pub node_hash: Key,
     /// The variants that use it.
     pub variants: Vec<VariantId>,

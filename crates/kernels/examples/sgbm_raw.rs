@@ -2,10 +2,10 @@
 //! refused.
 //!
 //! A line: `LEFT RIGHT OUT WIDTH HEIGHT CHANNELS MODE PATH THREADS`, then `minDisparity numDisparities blockSize P1 P2
-//! disp12MaxDiff preFilterCap uniquenessRatio speckleWindowSize speckleRange`, then a sum of options, which may be left out:
-//! 1 extends the left border, 2 computes the right view (`OUT.right`), 4 the ambiguity (`OUT.ambiguity`). Images are raw
-//! bytes, disparities raw little-endian 16-bit numbers, the ambiguity 32-bit ones; PATH is `best` or the name of an
-//! implementation (`plain`, ...). What `tests/sgbm_against_opencv.py` and `bench/stereo.sh` drive.
+//! disp12MaxDiff preFilterCap uniquenessRatio speckleWindowSize speckleRange`, then a sum of options, which may be
+//! left out: 1 extends the left border, 2 computes the right view (`OUT.right`), 4 the ambiguity (`OUT.ambiguity`).
+//! Images are raw bytes, disparities raw little-endian 16-bit numbers, the ambiguity 32-bit ones; PATH is `best` or
+//! the name of an implementation (`plain`, ...). What `tests/sgbm_against_opencv.py` and `bench/stereo.sh` drive.
 
 use std::io::{BufRead, Write};
 use std::time::Instant;

@@ -10,8 +10,8 @@ pub struct Line {
 }
 
 impl Line {
-    /// The line nearest to points `(x, z, weight)` along `z`, by weighted squares. `None` if no line is nearest: without
-    /// weight, or if all `x` are alike.
+    /// The line nearest to points `(x, z, weight)` along `z`, by weighted squares. `None` if no line is nearest:
+    /// without weight, or if all `x` are alike.
     ///
     /// The points are visited twice, in order: first their means, then the moments about these. Weights are finite and
     /// not negative; a weight of 1 changes no bit.

@@ -132,8 +132,8 @@ impl SparsificationCurves {
 
     /// The area between the curves, as a share of the error of all pixels: 0 is an order like the oracle's.
     ///
-    /// The area is that of trapezoids over the shares 0 to 1. Both curves begin at the error of all pixels, and no error
-    /// remains at their end. If the error of all pixels is 0, the area is 0.
+    /// The area is that of trapezoids over the shares 0 to 1. Both curves begin at the error of all pixels, and no
+    /// error remains at their end. If the error of all pixels is 0, the area is 0.
     #[must_use]
     pub fn area(&self) -> f64 {
         let Some(&all) = self.predicted.first().filter(|all| **all > 0.0) else { return 0.0 };

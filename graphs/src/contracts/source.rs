@@ -16,8 +16,9 @@ use crate::ids::FrameIndex;
 pub struct SourceOutputs {
     /// The values by output port; optional ones may be absent.
     pub outputs: Outputs,
-    /// The hash of the files read for this frame (calibration included), or of the parameters and the index of a synthetic one;
-    /// never of the root folder, the range or the window. If it differs from [`Source::key`], the files have changed.
+    /// The hash of the files read for this frame (calibration included), or of the parameters and the index of a
+    /// synthetic one; never of the root folder, the range or the window. If it differs from [`Source::key`], the files
+    /// have changed.
     pub key: Key,
 }
 

@@ -131,14 +131,17 @@ pub(crate) struct OnnxParams {
     /// As `short_side`, for the longer side: sides are rounded down where they would be longer than this.
     #[schemars(range(min = 1, max = 16384))]
     pub long_side: Option<u32>,
-    /// With `short_side` or `long_side`, what sides are multiples of, px; `null` is 1. Otherwise used if neither the model nor `size` fixes the size: columns and rows of the image are rounded up to a
-    /// multiple of this, px. Use 14 for networks with patches of 14 px. With `null` such a network needs `size`.
+    /// With `short_side` or `long_side`, what sides are multiples of, px; `null` is 1. Otherwise used if neither the
+    /// model nor `size` fixes the size: columns and rows of the image are rounded up to a multiple of this, px. Use 14
+    /// for networks with patches of 14 px. With `null` such a network needs `size`.
     #[schemars(range(min = 1, max = 1024))]
     pub multiple: Option<u32>,
-    /// Interpolation if the image is resized: `area`, `bilinear` or `bicubic`. The default differs between kinds: `area` for
+    /// Interpolation if the image is resized: `area`, `bilinear` or `bicubic`. The default differs between kinds:
+    /// `area` for
     /// `mono/onnx`, `bilinear` for `stereo/onnx` and `onnx`.
     pub resize: Resize,
-    /// Whether the resized image is rounded to 8 bits. `area` always rounds, so `false` requires `bilinear` or `bicubic`.
+    /// Whether the resized image is rounded to 8 bits. `area` always rounds, so `false` requires `bilinear` or
+    /// `bicubic`.
     pub round: bool,
     /// Name of the network's input; `null` uses the only one.
     pub input_name: Option<String>,

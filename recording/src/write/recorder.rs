@@ -54,8 +54,8 @@ pub struct Compression {
 
 /// Writes the values of a run into one MCAP file.
 ///
-/// Parts are encoded and compressed by [`Sink::encode`] on the calling thread; [`Sink::write`] only appends bytes. After
-/// every frame, the file can be read up to that frame, even if the process is killed.
+/// Parts are encoded and compressed by [`Sink::encode`] on the calling thread; [`Sink::write`] only appends bytes.
+/// After every frame, the file can be read up to that frame, even if the process is killed.
 pub struct Recorder {
     path: PathBuf,
     layout: FileLayout,

@@ -1,7 +1,7 @@
 //! Alignment of a monocular map with stereo by scale and shift.
 //!
-//! A line `z = scale * x + shift` is fitted to the pixels that are valid in both maps. `x` is the monocular value and `z`
-//! that of stereo, both in inverse depth or both in depth. Sums are `f64`, in the order of the pixels.
+//! A line `z = scale * x + shift` is fitted to the pixels that are valid in both maps. `x` is the monocular value and
+//! `z` that of stereo, both in inverse depth or both in depth. Sums are `f64`, in the order of the pixels.
 
 mod local;
 mod robust;
@@ -23,7 +23,8 @@ const NEAREST_M: f64 = 1e-3;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Domain {
-    /// Inverse depth, 1/m, as in MiDaS (Ranftl et al. 2020). Errors of stereo in pixels are alike at all distances there.
+    /// Inverse depth, 1/m, as in MiDaS (Ranftl et al. 2020). Errors of stereo in pixels are alike at all distances
+    /// there.
     #[default]
     InverseDepth,
     /// Depth, metres.

@@ -18,8 +18,8 @@
 //! # Arithmetic
 //! With `P = 1 / s_s^2`, `M = s_m^2`, `t = 1 + P M`, `g = 1 - 1 / t` and `u = z_s - z_m` the same is
 //! `q = 1 / (1 + k sqrt(t) exp(u^2 P / (2 t)))`, where `k` depends on prior and disparity alone;
-//! `z = z_m + q g u`; `V = M (1 - q g) + q (1 - q) (g u)^2`. So a pixel needs one exponential for each posterior, and no
-//! logarithm but that of stereo depth over monocular depth.
+//! `z = z_m + q g u`; `V = M (1 - q g) + q (1 - q) (g u)^2`. So a pixel needs one exponential for each posterior, and
+//! no logarithm but that of stereo depth over monocular depth.
 
 mod coarse;
 mod functions;

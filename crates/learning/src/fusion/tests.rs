@@ -21,8 +21,9 @@ use crate::samples::{Sample, Samples, SamplesView, cell_bytes};
 const WIDTH: usize = 64;
 const HEIGHT: usize = 32;
 
-/// A road that comes nearer towards the bottom, and a monocular estimate that is off by up to 0.3 in log depth, in blocks
-/// that nothing predicts. Stereo is right, but in the right quarter, where the image is bright, confidently twice as far.
+/// A road that comes nearer towards the bottom, and a monocular estimate that is off by up to 0.3 in log depth, in
+/// blocks that nothing predicts. Stereo is right, but in the right quarter, where the image is bright, confidently
+/// twice as far.
 fn samples(count: usize, seed: usize) -> Samples {
     let item = |index: usize| {
         let share =

@@ -6,8 +6,8 @@ use crate::onnx::{GraphBuilder, Metadata, Tensor, Weights};
 /// The ONNX file of `network` for images of `size` with the parameters `values`, in the order of
 /// [`layout`](super::layout()).
 ///
-/// Its input is batch x planes x height x width, for most networks the `image`, RGB in [0, 1]; its output, batch x maps x
-/// rows x columns, is named after its meaning.
+/// Its input is batch x planes x height x width, for most networks the `image`, RGB in [0, 1]; its output, batch x
+/// maps x rows x columns, is named after its meaning.
 pub(crate) fn export(network: impl Architecture, size: Size, values: &[Vec<f32>], training_key: &str) -> Vec<u8> {
     let mut graph = GraphBuilder::new(network.name());
     let Interface { input, planes, normalisation, output, scale } = network.interface();

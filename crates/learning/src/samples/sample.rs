@@ -23,8 +23,8 @@ pub(crate) struct Sample {
     pub(crate) cells: Option<Vec<[u8; CELL_LEN]>>,
 }
 
-/// The cell, rounded: shares of the width to IEEE half, other shares to 1/255. A half that would be 0 or infinite is the
-/// nearest that is not.
+/// The cell, rounded: shares of the width to IEEE half, other shares to 1/255. A half that would be 0 or infinite is
+/// the nearest that is not.
 pub(crate) fn cell_bytes(cell: &Cell) -> [u8; CELL_LEN] {
     let half = |share: f32| match f16::from_f32(share) {
         half if share > 0.0 => half.clamp(f16::MIN_POSITIVE, f16::MAX).to_le_bytes(),

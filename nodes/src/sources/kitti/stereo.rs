@@ -64,7 +64,8 @@ pub(super) fn ports(left: &'static str, right: &'static str) -> Vec<Port> {
     ports.into_iter().chain(Evaluation::on_request()).collect()
 }
 
-/// The outputs that the parameters of a benchmark switch off; `of_disparities` are those that `disparities` switches on.
+/// The outputs that the parameters of a benchmark switch off; `of_disparities` are those that `disparities` switches
+/// on.
 pub(super) fn switched_off(
     split: Split,
     truth: KittiTruth,

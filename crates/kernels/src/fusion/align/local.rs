@@ -26,9 +26,10 @@ type Sums = [f64; 5];
 
 /// Aligns a map by lines that differ smoothly between pixels, metres, capped as by [`apply`](super::apply).
 ///
-/// The line of a pixel has the least sum of `g w (z - scale x - shift)^2` over the pixels valid in both maps, `g` being a
-/// Gaussian of the distance, plus `prior` times the window's pixels on the `global` line, with the mean and variance of
-/// all `x`. Far from stereo the line is thus the global one. Without a spread of `x`, the result is the global line.
+/// The line of a pixel has the least sum of `g w (z - scale x - shift)^2` over the pixels valid in both maps, `g`
+/// being a Gaussian of the distance, plus `prior` times the window's pixels on the `global` line, with the mean and
+/// variance of all `x`. Far from stereo the line is thus the global one. Without a spread of `x`, the result is the
+/// global line.
 ///
 /// # Panics
 /// If a map or the result has not `width * height` pixels.

@@ -6,8 +6,8 @@
 //! 2. Refinement: least squares, reweighted by Tukey's biweight with the scale of the start's residuals (MAD). Wrong
 //!    pixels get the weight 0, and all right ones contribute, so that the noise of the start averages out.
 //!
-//! The pairs are those of a fixed seed. With 40 % of wrong pixels, 36 % of the pairs are right: that none of them is has
-//! the probability 1e-58.
+//! The pairs are those of a fixed seed. With 40 % of wrong pixels, 36 % of the pairs are right: that none of them is
+//! has the probability 1e-58.
 
 use depthloom_random::SplitMix64;
 use depthloom_scores::Line;

@@ -37,8 +37,8 @@ pub struct Rules {
     pub unconfident: f32,
 }
 
-/// The share of trusted pixels in a square window: valid, consistent and unique. Where it is low, stereo guesses, and some
-/// of its guesses agree by chance.
+/// The share of trusted pixels in a square window: valid, consistent and unique. Where it is low, stereo guesses, and
+/// some of its guesses agree by chance.
 ///
 /// The factor of the prior rises linearly from `floor` to 1 while the share rises from `low` to `high`.
 #[derive(Clone, Debug, PartialEq)]

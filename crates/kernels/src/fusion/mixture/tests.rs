@@ -119,8 +119,8 @@ fn fused(mixture: &Mixture, frame: &Frame<'_>) -> [Vec<f32>; 4] {
     bits.map(|map| map.into_iter().map(f32::from_bits).collect())
 }
 
-/// The definition, in `f64` at every pixel: depth before the median, the standard deviation of its logarithm, the inlier
-/// probability, aligned depth.
+/// The definition, in `f64` at every pixel: depth before the median, the standard deviation of its logarithm, the
+/// inlier probability, aligned depth.
 fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]> {
     let (width, height) = (frame.width, frame.height);
     let pixels = width * height;
