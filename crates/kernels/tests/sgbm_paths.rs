@@ -56,9 +56,9 @@ fn penalties() -> impl Strategy<Value = (i32, i32)> {
 }
 
 /// Disparity of the left image and of the right one, and ambiguity (its bits).
-type Found = (Vec<i16>, Vec<i16>, Vec<u32>);
+type MapBits = (Vec<i16>, Vec<i16>, Vec<u32>);
 
-fn run(case: &Case, path: Path, scratch: &mut SgbmScratch, tiles: &dyn Tiles) -> Result<Found, Error> {
+fn run(case: &Case, path: Path, scratch: &mut SgbmScratch, tiles: &dyn Tiles) -> Result<MapBits, Error> {
     let view = |data| View { data, width: case.width, height: case.height, channels: case.channels };
     let pixels = case.width * case.height;
     let (mut disparity, mut right, mut ambiguity) =

@@ -1,6 +1,6 @@
 //! `learn/fusion`: trains a network to fuse stereo with a monocular estimate.
 //!
-//! Parts of stereo are hidden from the network or replaced by wrong disparities; trusted stereo says what is right
+//! Parts of stereo are hidden from the network or replaced by wrong disparities; trusted stereo is the target
 //! there.
 
 mod batch;

@@ -29,7 +29,7 @@ impl Line {
             xz += weight * ((x - x_mean) * (z - z_mean));
         }
         let scale = xz / xx;
-        scale.is_finite().then(|| Self { scale, shift: z_mean - scale * x_mean })
+        scale.is_finite().then_some(Self { scale, shift: z_mean - scale * x_mean })
     }
 
     /// `scale * x + shift`.

@@ -158,7 +158,7 @@ impl ScoredPixels {
         self.mapped(estimate.into(), settings, |_, y| y as f32)
     }
 
-    /// The scored pixels with an estimate, in order, with its uncertainty; none if it has none. A standard deviation is
+    /// The scored pixels with an estimate, in order, with its uncertainty; empty without uncertainty. A standard deviation is
     /// aligned with the estimate, to first order: `median` multiplies it by the same factor, `scale-and-shift` by the
     /// derivative of the aligned estimate.
     ///
@@ -269,7 +269,7 @@ pub struct DepthEstimate<'a> {
     /// where that is capped, or the output is zero or negative. NaN at other pixels. An alignment in inverse depth
     /// takes it; nothing else does.
     pub inverse: Option<&'a [f32]>,
-    /// How sure it is, if it says so.
+    /// Its predicted uncertainty, if it has one.
     pub uncertainty: Option<Uncertainty<'a>>,
 }
 

@@ -145,11 +145,11 @@ fn centre(points: &[Point], mean: bool) -> (f64, f64) {
         }
         return (x / total, z / total);
     }
-    let of = |value: fn(&Point) -> f32| {
+    let center = |value: fn(&Point) -> f32| {
         let mut values: Vec<f32> = points.iter().map(value).collect();
         median(&mut values, f32::total_cmp).unwrap_or(f64::NAN)
     };
-    (of(|point| point.x), of(|point| point.z))
+    (center(|point| point.x), center(|point| point.z))
 }
 
 /// Metres of an aligned value. Inverse depth of zero and below is at the cap.
@@ -253,7 +253,7 @@ mod tests {
     fn degenerate_maps_have_the_documented_lines() {
         for estimator in ALL {
             assert_eq!(line(&[1.0, NAN], &[NAN, 1.0], estimator), None, "{estimator:?}");
-            // Constant: the ratio; of values that have none, stereo's mean or median.
+            // A constant: the ratio, or stereo's mean or median where no ratio exists.
             let found = line(&[2.0, 2.0, 2.0], &[1.0, 3.0, 2.0], estimator).unwrap();
             assert_eq!(found.line, Line { scale: 1.0, shift: 0.0 }, "{estimator:?}");
             let found = line(&[-2.0, -2.0, -2.0], &[1.0, 3.0, 2.0], estimator).unwrap();

@@ -159,7 +159,7 @@ impl Nearness {
         Self { width, table }
     }
 
-    /// `W1` of a row's pixels for a support pixel in column `x`, which is so many rows away.
+    /// `W1` of a row's pixels for a support pixel in column `x`, which is `rows_away` rows away.
     #[inline(always)]
     fn of_row(&self, x: usize, rows_away: usize) -> &[f32] {
         let first = rows_away * (2 * self.width - 1) + self.width - 1 - x;

@@ -64,7 +64,7 @@ impl Cell {
     }
 }
 
-/// What the network says of a pixel.
+/// The outputs of the network for a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Opinion {
     /// Weight of stereo, in [0, 1].

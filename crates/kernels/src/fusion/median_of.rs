@@ -62,12 +62,12 @@ mod tests {
         assert!(out[3].is_nan());
         fuse(&[4.0], &[9.0], None, OfTwo::Arithmetic, &mut out[..1]);
         assert_eq!(out[0], 6.5);
-        let of = |a, b, c| median(a, b, c, OfTwo::Geometric);
+        let geometric = |a, b, c| median(a, b, c, OfTwo::Geometric);
         for [a, b, c] in
             [[1.0, 2.0, 5.0], [1.0, 5.0, 2.0], [2.0, 1.0, 5.0], [2.0, 5.0, 1.0], [5.0, 1.0, 2.0], [5.0, 2.0, 1.0]]
         {
-            assert_eq!(of(a, b, c), 2.0);
+            assert_eq!(geometric(a, b, c), 2.0);
         }
-        assert_eq!((of(NAN, 4.0, 9.0), of(4.0, NAN, 9.0), of(NAN, NAN, 3.0)), (6.0, 6.0, 3.0));
+        assert_eq!((geometric(NAN, 4.0, 9.0), geometric(4.0, NAN, 9.0), geometric(NAN, NAN, 3.0)), (6.0, 6.0, 3.0));
     }
 }

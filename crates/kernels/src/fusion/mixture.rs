@@ -108,7 +108,7 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// The depth at the end of stereo's range, metres: nothing nearer was searched. Infinity if that is no depth.
+    /// The depth at the end of stereo's range, metres: nothing nearer was searched. Infinity without such a depth.
     fn nearest_metres(&self) -> f32 {
         let range_end = self.range_end + self.geometry.doffs_px as f32;
         if range_end > 0.0 { self.geometry.metre_pixels() / range_end } else { f32::INFINITY }

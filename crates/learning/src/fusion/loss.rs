@@ -57,7 +57,7 @@ pub(super) fn add(maps: &[f32], seen: &[Seen], width: usize, slopes: &mut [f32])
         by_block[block(at)] += seen.weight * by_share * by_residual * 2.0 * MOST_RESIDUAL;
         slopes[2 * area + at] = seen.weight * by_spread * (LOG_SPREADS.1 - LOG_SPREADS.0);
     }
-    // Sides that are no multiple of a block make blocks of other sizes, which training does not have.
+    // Sides that are not a multiple of a block make blocks of other sizes, which training does not have.
     let pixels = area as f32 / by_block.len() as f32;
     for (at, slope) in slopes[RESIDUAL * area..][..area].iter_mut().enumerate() {
         *slope = by_block[block(at)] / pixels;

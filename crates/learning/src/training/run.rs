@@ -77,7 +77,7 @@ pub(crate) fn learn<O: Objective>(
     Ok((learned, Curve { points: training.points().to_vec() }))
 }
 
-/// Runs a training on threads of its own, whose CPU time the host is told.
+/// Runs a training on threads of its own, whose CPU time is added to that of the host.
 pub(crate) fn on_threads<T: Send>(batch: u32, host: &dyn Host, train: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     let pool = pool(host.width(), batch)?;
     let learned = pool.install(train);

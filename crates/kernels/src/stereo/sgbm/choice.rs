@@ -33,7 +33,7 @@ impl Choice {
     }
 
     /// The best candidate, as this mode breaks ties.
-    pub(super) fn of(search: &Search, sum: &[i16]) -> Self {
+    pub(super) fn best(search: &Search, sum: &[i16]) -> Self {
         match search.mode {
             Mode::ThreeWay => Self::three_way(sum),
             Mode::Sgbm | Mode::Hh | Mode::Hh4 => Self::first_smallest(sum),

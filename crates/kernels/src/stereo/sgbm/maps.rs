@@ -43,7 +43,7 @@ impl Maps<'_> {
         if let Some(ambiguity) = self.ambiguity.as_deref_mut() {
             let searched = &mut ambiguity[row][search.first_column..][..search.columns];
             for (ambiguity, sums) in searched.iter_mut().zip(sums.chunks_exact(search.disparities)) {
-                let best = Choice::of(search, sums);
+                let best = Choice::best(search, sums);
                 let far = sums.iter().zip(0..).filter(|&(_, d): &(_, i32)| (d - best.index).abs() > 1);
                 *ambiguity = ratio(best.cost, far.map(|(&cost, _)| cost).min().unwrap_or(i16::MAX));
             }
@@ -121,7 +121,7 @@ mod tests {
             maps.see(&search, 0, &sums);
             let limit = (100 - uniqueness) as f32 / 100.0;
             let is_unique = if is_three_way { ambiguity[16] < limit } else { ambiguity[16] <= limit };
-            let best = Choice::of(&search, &sums);
+            let best = Choice::best(&search, &sums);
             // OpenCV finds a cost of 0 unique whatever the others cost, except in `3way`.
             let expected = !best.is_rivalled(&search, &sums);
             prop_assert_eq!(is_unique, expected && (best.cost > 0 || is_three_way || ambiguity[16] == 0.0));

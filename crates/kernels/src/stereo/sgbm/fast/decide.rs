@@ -239,7 +239,7 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Choi
     unsafe {
         let cost = L::first(least);
         if cost == i16::MAX {
-            return Choice::of(search, sums);
+            return Choice::best(search, sums);
         }
         let mut index = 0;
         let mut equals = 0;

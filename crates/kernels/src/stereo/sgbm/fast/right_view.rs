@@ -133,7 +133,7 @@ impl BestCandidates {
             // Exact, as in `RowDisparities::refine`. Three equal costs give 0.
             let step = (numerator as f32 / (curvature * 2) as f32) as i32;
             let disparity = (i32::from(index[x]) + search.min_disparity) * 16 + step;
-            // Saturated costs are no candidates.
+            // Saturated costs are not candidates.
             out[x] = if here[x] == i16::MAX { search.right_invalid } else { -disparity as i16 };
         }
     }
