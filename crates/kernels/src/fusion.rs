@@ -5,7 +5,6 @@ pub mod confidence;
 pub mod facil;
 pub mod fuse;
 pub mod inverse_variance;
-pub mod learned;
 pub mod median_of;
 pub mod mixture;
 pub mod scale;

@@ -15,7 +15,6 @@ mod images;
 mod kitti;
 mod kitti_family;
 mod kitti_raw;
-mod learned_fusion;
 mod mixture;
 mod network;
 mod recognise;
