@@ -22,6 +22,9 @@ pub struct Params {
 ///
 /// Where no window with a valid pixel contains a pixel, the radius doubles until one does. Results stay between the
 /// smallest and largest valid depth. A map without valid pixels becomes NaN.
+///
+/// # Panics
+/// If the maps differ in size, or the radius is 0.
 pub fn upsample(guide: &[u8], depth: &[f32], width: usize, height: usize, params: &Params, out: &mut [f32]) {
     check("guide", guide.len(), width, height, 1);
     check_same("depth", depth.len(), guide.len());
@@ -139,7 +142,7 @@ mod tests {
     fn gaps_take_the_depth_of_their_grey_level() {
         // Two surfaces, bright at 5 m and dark at 20 m; every second pixel is invalid, as on a chessboard.
         let guide: Vec<u8> = (0..96).map(|at| if at % 12 < 6 { 220 } else { 30 }).collect();
-        let is_valid = |at: usize| (at + at / 12) % 2 == 0;
+        let is_valid = |at: usize| (at + at / 12).is_multiple_of(2);
         let exact: Vec<f32> = guide.iter().map(|&grey| if grey > 100 { 5.0 } else { 20.0 }).collect();
         let depth: Vec<f32> =
             exact.iter().enumerate().map(|(at, &m)| if is_valid(at) { m } else { f32::NAN }).collect();

@@ -436,7 +436,7 @@ impl Maps<'_> {
                 let fused = model.capped(mono * exp(fused[i]));
                 merged[i] = fused;
                 aligned[i] = model.capped(mono * exp(shift[i]));
-                deviation[i] = variance[i].sqrt() + (fused - fused);
+                deviation[i] = if fused.is_finite() { variance[i].sqrt() } else { f32::NAN };
             }
             let columns = LANES.min(width - left);
             all_valid &= merged[..columns].iter().fold(true, |all, depth| all & depth.is_finite());

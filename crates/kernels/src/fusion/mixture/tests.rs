@@ -310,7 +310,8 @@ fn an_invalid_estimate_leaves_the_other() {
                     (true, false) => {
                         assert_eq!(depth[i], stereo);
                         assert!((deviation[i] - stereo / 10.0).abs() < 1e-4, "{}", deviation[i]);
-                        assert!((inlier[i] - 0.97 * 0.99).abs() < 1e-6, "{}", inlier[i]);
+                        // An ambiguity of 1 counts as not unique.
+                        assert!((inlier[i] - 0.97 * 0.99 * 0.5).abs() < 1e-6, "{}", inlier[i]);
                         assert!(aligned[i].is_nan());
                     }
                     (false, true) => {
