@@ -60,7 +60,8 @@ fn mixtures() -> [(&'static str, Mixture); 2] {
             not_unique: 0.5,
             near_factor: 1.5,
             near: 0.02,
-            ambiguous: 1.0,
+            unique_most: 0.9,
+            support: None,
             unconfident: 1.0,
         });
         let outliers = 128_f32.ln();

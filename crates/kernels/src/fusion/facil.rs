@@ -219,7 +219,7 @@ fn exp_of_negative(x: f32) -> f32 {
     let x = if x < LARGEST_EXPONENT { -x } else { -LARGEST_EXPONENT };
     let rounded = x * std::f32::consts::LOG2_E + ROUND;
     let whole = rounded - ROUND;
-    let rest = (x - whole * 0.693_359_375) - whole * -2.121_944_4e-4;
+    let rest = (x - whole * 0.693_359_4) - whole * -2.121_944_4e-4;
     let mut polynomial = 1.987_569_1e-4;
     for coefficient in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 0.166_666_65, 0.5] {
         polynomial = polynomial * rest + coefficient;

@@ -47,7 +47,7 @@ pub(super) fn ln(x: f32) -> f32 {
     let series = series * rest - 1.666_805_8e-1;
     let series = series * rest + 2.000_071_5e-1;
     let series = series * rest - 2.499_999_4e-1;
-    let series = series * rest + 3.333_333_1e-1;
+    let series = series * rest + 3.333_333e-1;
     let tail = series * (rest * square) + exponent * -2.121_944_4e-4;
     rest + (tail - 0.5 * square) + exponent * 0.693_359_4
 }
