@@ -158,9 +158,9 @@ impl ScoredPixels {
         self.mapped(estimate.into(), settings, |_, y| y as f32)
     }
 
-    /// The scored pixels with an estimate, in order, with its uncertainty; empty without uncertainty. A standard deviation is
-    /// aligned with the estimate, to first order: `median` multiplies it by the same factor, `scale-and-shift` by the
-    /// derivative of the aligned estimate.
+    /// The scored pixels with an estimate, in order, with its uncertainty; empty without uncertainty. A standard
+    /// deviation is aligned with the estimate, to first order: `median` multiplies it by the same factor,
+    /// `scale-and-shift` by the derivative of the aligned estimate.
     ///
     /// # Panics
     /// If the estimate or its uncertainty is of another size than the truth.
