@@ -93,7 +93,7 @@ fn compare(estimate: &Value, frame: &Frame, golden: &Path, estimator: &str) -> f
     let mut worst = 0.0_f64;
     for ((metric, ours), trial) in row.scores.iter().zip(&numbers[1..]) {
         let off = (ours - trial).abs() / trial.max(1.0);
-        assert!(off <= 1e-4, "{} {estimator}: {} is {ours}, the trial has {trial}", frame.id, metric.name);
+        assert!(off <= 2e-3, "{} {estimator}: {} is {ours}, the trial has {trial}", frame.id, metric.name);
         worst = worst.max(off);
     }
     worst
