@@ -410,8 +410,10 @@ impl<'a> Frame<'a> {
             });
             seen.push((best, row));
         }
+        let has_more = self.out.right.is_some() || self.out.ambiguity.is_some();
+        let decide = if has_more { self.kernels.decide_more } else { self.kernels.decide };
         // SAFETY: the table's maker found the instruction set.
-        unsafe { (self.kernels.decide)(&mut decided) }
+        unsafe { decide(&mut decided) }
         let Some(right) = self.out.right else { return };
         for (Decide { sum, .. }, (best, row)) in decided.iter().zip(seen) {
             // SAFETY: as above.

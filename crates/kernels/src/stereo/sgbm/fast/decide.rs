@@ -29,20 +29,21 @@ pub(super) fn total_len(search: &Search) -> usize {
 }
 
 /// Leads the paths to the right and to the left, and decides every column, of two rows at once: each pixel waits for
-/// its neighbour's minimum, and the other row fills the wait.
+/// its neighbour's minimum, and the other row fills the wait. Only with `MORE` is there ambiguity, and are totals kept:
+/// without it, nothing is asked per pixel.
 ///
 /// # Safety
 /// The instruction set of `L` must be present.
 #[inline(always)]
-pub(super) unsafe fn decide<L: Lanes, const N: usize>(rows: &mut [Decide<'_>]) {
+pub(super) unsafe fn decide<L: Lanes, const N: usize, const MORE: bool>(rows: &mut [Decide<'_>]) {
     // SAFETY: as the caller guarantees.
     unsafe {
         match rows {
             [] => {}
-            [a, b] if N > 0 => decide_two::<L, _>(a, b, [[L::splat(0); N]; 2]),
+            [a, b] if N > 0 => decide_two::<L, _, MORE>(a, b, [[L::splat(0); N]; 2]),
             rows => {
                 for row in rows {
-                    decide_one::<L, _>(row, vec![L::splat(0); row.search.disparities / L::LANES]);
+                    decide_one::<L, _, MORE>(row, vec![L::splat(0); row.search.disparities / L::LANES]);
                 }
             }
         }
@@ -52,7 +53,11 @@ pub(super) unsafe fn decide<L: Lanes, const N: usize>(rows: &mut [Decide<'_>]) {
 /// # Safety
 /// As [`decide`]; the paths hold vectors for all disparities.
 #[inline(always)]
-unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>>(a: &mut Decide<'_>, b: &mut Decide<'_>, [path_a, path_b]: [P; 2]) {
+unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>, const MORE: bool>(
+    a: &mut Decide<'_>,
+    b: &mut Decide<'_>,
+    [path_a, path_b]: [P; 2],
+) {
     // SAFETY: as the caller guarantees; columns are searched columns.
     unsafe {
         let search = a.search;
@@ -65,8 +70,8 @@ unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>>(a: &mut Decide<'_>, b: &mut Dec
         row_a.restart();
         row_b.restart();
         for x in (0..search.columns).rev() {
-            row_a.left(&fixed, x);
-            row_b.left(&fixed, x);
+            row_a.left::<MORE>(&fixed, x);
+            row_b.left::<MORE>(&fixed, x);
         }
     }
     a.disparities.finish(a.search, a.out);
@@ -76,7 +81,7 @@ unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>>(a: &mut Decide<'_>, b: &mut Dec
 /// # Safety
 /// As [`decide_two`].
 #[inline(always)]
-unsafe fn decide_one<L: Lanes, P: AsMut<[L::V]>>(row: &mut Decide<'_>, path: P) {
+unsafe fn decide_one<L: Lanes, P: AsMut<[L::V]>, const MORE: bool>(row: &mut Decide<'_>, path: P) {
     // SAFETY: as the caller guarantees; columns are searched columns.
     unsafe {
         let search = row.search;
@@ -87,7 +92,7 @@ unsafe fn decide_one<L: Lanes, P: AsMut<[L::V]>>(row: &mut Decide<'_>, path: P) 
         }
         along.restart();
         for x in (0..search.columns).rev() {
-            along.left(&fixed, x);
+            along.left::<MORE>(&fixed, x);
         }
     }
     row.disparities.finish(row.search, row.out);
@@ -161,7 +166,7 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
 
     /// One step to the left, to column `x`, which completes its sums: it is decided.
     #[inline(always)]
-    unsafe fn left(&mut self, fixed: &Fixed<'_, L>, x: usize) {
+    unsafe fn left<const MORE: bool>(&mut self, fixed: &Fixed<'_, L>, x: usize) {
         // SAFETY: as the caller guarantees.
         unsafe {
             let path = self.path.as_mut();
@@ -171,15 +176,15 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
             (self.smallest, least) = advance::<L, true>(path, self.smallest, fixed, cost, sum, self.total);
             let padded = std::slice::from_raw_parts(self.total, d.next_multiple_of(COMPARED));
             let best = choose::<L>(fixed.search, least, padded);
-            if is_unique::<L>(fixed.search, best, padded) {
+            if is_unique::<L>(fixed.search, least, best, padded) {
                 self.slots.put(fixed.search, x, best, &padded[..d]);
             } else {
                 self.slots.none(x);
             }
-            if !self.ambiguity.is_null() {
+            if MORE && !self.ambiguity.is_null() {
                 *self.ambiguity.add(x) = ratio(best.cost, second::<L>(best.index, &padded[..d]));
             }
-            if self.keeps_totals {
+            if MORE && self.keeps_totals {
                 sum.copy_from_nonoverlapping(self.total, d);
             }
         }
@@ -262,10 +267,10 @@ unsafe fn choose<L: Lanes>(search: &Search, least: L::V, padded: &[i16]) -> Choi
 /// # Safety
 /// As [`choose`].
 #[inline(always)]
-unsafe fn is_unique<L: Lanes>(search: &Search, best: Choice, padded: &[i16]) -> bool {
+unsafe fn is_unique<L: Lanes>(search: &Search, least: L::V, best: Choice, padded: &[i16]) -> bool {
     // SAFETY: as the caller guarantees.
     unsafe {
-        if best.cost == i16::MAX {
+        if L::first(least) == i16::MAX {
             return !best.is_rivalled(search, &padded[..search.disparities]);
         }
         if search.uniqueness > 0 {

@@ -26,6 +26,8 @@ pub(super) struct Kernels {
     pub slide: unsafe fn(&mut Slide<'_>),
     pub aggregate: unsafe fn(&Aggregate<'_>),
     pub decide: unsafe fn(&mut [Decide<'_>]),
+    /// `decide` for rows whose ambiguity or totals are wanted.
+    pub decide_more: unsafe fn(&mut [Decide<'_>]),
     pub right_view: unsafe fn(&mut RightRow<'_>),
     pub median: unsafe fn([&[i16]; 3], &mut [i16]),
 }
@@ -59,9 +61,9 @@ macro_rules! compiled {
             }
 
             $(#[target_feature(enable = $feature)])?
-            unsafe fn decide<const N: usize>(rows: &mut [Decide<'_>]) {
+            unsafe fn decide<const N: usize, const MORE: bool>(rows: &mut [Decide<'_>]) {
                 // SAFETY: as `Kernels` says.
-                unsafe { decide::decide::<$lanes, N>(rows) }
+                unsafe { decide::decide::<$lanes, N, MORE>(rows) }
             }
 
             $(#[target_feature(enable = $feature)])?
@@ -77,8 +79,9 @@ macro_rules! compiled {
 
             fn table<const N: usize>() -> Kernels {
                 let padding = <$lanes>::LANES;
-                let (cost_row, aggregate, decide) = (cost_row::<N>, aggregate::<N>, decide::<N>);
-                Kernels { padding, planes, cost_row, slide, aggregate, decide, right_view: right_view::<N>, median }
+                let (cost_row, aggregate, right_view) = (cost_row::<N>, aggregate::<N>, right_view::<N>);
+                let (decide, decide_more) = (decide::<N, false>, decide::<N, true>);
+                Kernels { padding, planes, cost_row, slide, aggregate, decide, decide_more, right_view, median }
             }
 
             pub(crate) fn kernels(disparities: usize) -> Kernels {
