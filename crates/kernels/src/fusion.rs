@@ -3,6 +3,7 @@
 pub mod align;
 pub mod confidence;
 pub mod facil;
+mod functions;
 pub mod fuse;
 pub mod inverse_variance;
 pub mod median_of;

@@ -265,7 +265,7 @@ and `ambiguity`, every match counts as unique.",
                 Port::frame(
                     "unique",
                     ValueType::Disparity,
-                    "A disparity that is valid only where the match is unique.",
+                    "A disparity that is valid only where the match is unique; 0 px is not valid.",
                 )
                 .optional(),
                 Port::frame(

@@ -22,7 +22,6 @@
 //! no logarithm but that of stereo depth over monocular depth.
 
 mod coarse;
-mod functions;
 mod passes;
 mod prior;
 #[cfg(test)]
@@ -199,7 +198,7 @@ fn run<const CELL: usize>(
     // Without alignment nothing is blurred.
     let sigma = local.map_or(0.25, |local| local.sigma);
     scratch.prepare(frame, sigma, CELL, local.is_some());
-    scratch.support.prepare(&mixture.prior, frame);
+    scratch.support.prepare(level, &mixture.prior, frame);
     let MixtureScratch { grid, row, observed, phases, node_row, nodes, down, blurred, lines, merged, .. } = scratch;
     let (grid, model) = (&*grid, &Model::new(mixture, frame, &scratch.support));
     if let Some(local) = local {

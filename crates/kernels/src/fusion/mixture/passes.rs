@@ -1,9 +1,9 @@
 //! The loops over pixels.
 
 use super::coarse::{Grid, MAPS, from_phases, samples, to_phases};
-use super::functions::{exp, ln};
 use super::prior::{Row, SupportFactors};
 use super::{Alignment, Frame, Fused, LANES, Local, Mixture};
+use crate::fusion::functions::{exp, ln};
 use crate::simd::Pass;
 
 /// Standard deviation of stereo's log depth, at least.
@@ -103,7 +103,7 @@ impl<'a> Model<'a> {
 
     #[inline(always)]
     fn stereo_is_valid(&self, disparity: i16) -> bool {
-        (disparity > self.least) & (disparity != self.frame.disparity.invalid)
+        self.frame.disparity.is_valid(disparity, self.least)
     }
 
     #[inline(always)]

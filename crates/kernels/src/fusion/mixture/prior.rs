@@ -4,6 +4,7 @@
 //! multiply in [`Rules`]; a model that adds logits gives `exp(-logit)`.
 
 use super::{Frame, LANES};
+use crate::simd::{Level, Pass};
 
 /// A way to the prior.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,12 +63,20 @@ pub struct Disparities<'a> {
     pub invalid: i16,
 }
 
+impl Disparities<'_> {
+    /// Whether the disparity of a pixel of the left image gives a depth. Those up to `least` do not.
+    #[inline(always)]
+    pub(super) fn is_valid(&self, disparity: i16, least: i16) -> bool {
+        (disparity > least) & (disparity != self.invalid)
+    }
+}
+
 /// What is known about stereo beside its disparity. Maps have the frame's size.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StereoEvidence<'a> {
     /// Disparity of the right image's pixels, negative, as `left_right::check` takes it.
     pub right: Option<Disparities<'a>>,
-    /// A disparity of the left image that is valid only where the match is unique.
+    /// A disparity of the left image that is valid only where the match is unique; one without a depth is not.
     pub unique: Option<Disparities<'a>>,
     /// The lowest cost as a share of the lowest cost of another disparity, in [0, 1].
     pub ambiguity: Option<&'a [f32]>,
@@ -124,9 +133,9 @@ impl Rules {
             }
         }
         if let Some(unique) = evidence.unique {
-            let unique = unique.sixteenths[at..][..width].iter().map(|&d| d == unique.invalid);
-            for (prior, doubtful) in against.iter_mut().zip(unique) {
-                *prior *= if doubtful { self.not_unique } else { 1.0 };
+            let least = frame.geometry.least_sixteenths();
+            for (prior, &other) in against.iter_mut().zip(&unique.sixteenths[at..][..width]) {
+                *prior *= if unique.is_valid(other, least) { 1.0 } else { self.not_unique };
             }
         }
         if let Some(ambiguity) = evidence.ambiguity {
@@ -159,35 +168,18 @@ pub(super) struct SupportFactors {
     trusted: Vec<u8>,
     /// Of each column, the number of trusted pixels in the rows of the window.
     columns: Vec<u16>,
+    /// The number in the columns before one, from `radius` columns left of the image to as many right of it.
+    before: Vec<u32>,
     apart: Vec<i32>,
 }
 
 impl SupportFactors {
     /// Computes the factors of a frame.
-    pub(super) fn prepare(&mut self, prior: &Prior, frame: &Frame<'_>) {
+    pub(super) fn prepare(&mut self, level: Level, prior: &Prior, frame: &Frame<'_>) {
         self.factors.clear();
         let Prior::Rules(rules) = prior;
-        let Some(support) = &rules.support else { return };
-        let (width, height) = (frame.width, frame.height);
-        self.trusted.resize(width * height, 0);
-        self.apart.resize(width, 0);
-        for y in 0..height {
-            rules.trusted(frame, y, &mut self.apart, &mut self.trusted[y * width..][..width]);
-        }
-        self.columns.clear();
-        self.columns.resize(width, 0);
-        let rows = |rows: std::ops::Range<usize>| rows.start * width..rows.end * width;
-        let mut window = 0..0;
-        for y in 0..height {
-            let next = y.saturating_sub(support.radius)..(y + support.radius + 1).min(height);
-            for row in self.trusted[rows(window.end..next.end)].chunks_exact(width) {
-                self.columns.iter_mut().zip(row).for_each(|(column, &trusted)| *column += u16::from(trusted));
-            }
-            for row in self.trusted[rows(window.start..next.start)].chunks_exact(width) {
-                self.columns.iter_mut().zip(row).for_each(|(column, &trusted)| *column -= u16::from(trusted));
-            }
-            window = next;
-            support.factors(&self.columns, window.len(), &mut self.factors);
+        if let Some(support) = &rules.support {
+            level.run(Factors { rules, support, frame, into: self });
         }
     }
 
@@ -197,29 +189,72 @@ impl SupportFactors {
     }
 }
 
-impl Support {
-    /// Appends the factors of a row, whose window has `rows` rows.
-    fn factors(&self, columns: &[u16], rows: usize, factors: &mut Vec<f32>) {
-        let width = columns.len();
-        let (scale, mut count) = (1.0 / (self.high - self.low), 0);
+struct Factors<'a> {
+    rules: &'a Rules,
+    support: &'a Support,
+    frame: &'a Frame<'a>,
+    into: &'a mut SupportFactors,
+}
+
+impl Pass for Factors<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { rules, support, frame, into } = self;
+        let SupportFactors { factors, trusted, columns, before, apart } = into;
+        let (width, height) = (frame.width, frame.height);
+        trusted.resize(width * height, 0);
+        apart.resize(width, 0);
+        for y in 0..height {
+            rules.trusted(frame, y, apart, &mut trusted[y * width..][..width]);
+        }
+        columns.clear();
+        columns.resize(width, 0);
+        factors.resize(width * height, 0.0);
+        let rows = |rows: std::ops::Range<usize>| rows.start * width..rows.end * width;
         let mut window = 0..0;
-        for x in 0..width {
-            let next = x.saturating_sub(self.radius)..(x + self.radius + 1).min(width);
-            for &column in &columns[window.end..next.end] {
-                count += u32::from(column);
+        for y in 0..height {
+            let next = y.saturating_sub(support.radius)..(y + support.radius + 1).min(height);
+            for row in trusted[rows(window.end..next.end)].chunks_exact(width) {
+                columns.iter_mut().zip(row).for_each(|(column, &trusted)| *column += u16::from(trusted));
             }
-            for &column in &columns[window.start..next.start] {
-                count -= u32::from(column);
+            for row in trusted[rows(window.start..next.start)].chunks_exact(width) {
+                columns.iter_mut().zip(row).for_each(|(column, &trusted)| *column -= u16::from(trusted));
             }
             window = next;
-            let share = count as f32 / (rows * window.len()) as f32;
-            factors.push(((share - self.low) * scale).clamp(self.floor, 1.0));
+            support.factors(columns, window.len(), before, &mut factors[rows(y..y + 1)]);
+        }
+    }
+}
+
+impl Support {
+    /// The factors of a row, whose window has `rows` rows.
+    #[inline(always)]
+    fn factors(&self, columns: &[u16], rows: usize, before: &mut Vec<u32>, factors: &mut [f32]) {
+        let (width, window) = (columns.len(), 2 * self.radius + 1);
+        before.clear();
+        before.resize(self.radius + 1, 0);
+        let mut count = 0;
+        before.extend(columns.iter().map(|&column| {
+            count += u32::from(column);
+            count
+        }));
+        before.resize(width + window, count);
+        let scale = 1.0 / (self.high - self.low);
+        let counts = before.iter().zip(&before[window..]).map(|(before, after)| (after - before) as f32);
+        for ((x, factor), count) in (0_u32..).zip(factors).zip(counts) {
+            let x = x as usize;
+            let columns = (x + self.radius + 1).min(width) - x.saturating_sub(self.radius);
+            let share = count / (rows * columns) as f32;
+            *factor = ((share - self.low) * scale).clamp(self.floor, 1.0);
         }
     }
 }
 
 impl Rules {
     /// Writes 1 where stereo is valid, both views agree and the match is unique, else 0.
+    #[inline(always)]
     fn trusted(&self, frame: &Frame<'_>, y: usize, apart: &mut [i32], trusted: &mut [u8]) {
         let (width, evidence) = (frame.width, &frame.evidence);
         let at = y * width;
@@ -230,12 +265,11 @@ impl Rules {
         }
         let least = frame.geometry.least_sixteenths();
         for ((trusted, apart), &disparity) in trusted.iter_mut().zip(apart).zip(disparity) {
-            let valid = (disparity > least) & (disparity != frame.disparity.invalid);
-            *trusted = u8::from(valid & (*apart <= CONSISTENT));
+            *trusted = u8::from(frame.disparity.is_valid(disparity, least) & (*apart <= CONSISTENT));
         }
         if let Some(unique) = evidence.unique {
             for (trusted, &other) in trusted.iter_mut().zip(&unique.sixteenths[at..][..width]) {
-                *trusted &= u8::from(other != unique.invalid);
+                *trusted &= u8::from(unique.is_valid(other, least));
             }
         }
         if let Some(ambiguity) = evidence.ambiguity {
@@ -252,14 +286,16 @@ impl Rules {
 #[inline(always)]
 fn differences(left: &[i16], right: &[i16], invalid: i16, apart: &mut [i32]) {
     let last = left.len() as i32 - 1;
-    for ((x, &disparity), apart) in (0..).zip(left).zip(apart) {
-        let disparity = i32::from(disparity);
-        let partner = 16 * x - disparity;
+    // Columns alone are computed in vectors.
+    for ((x, &disparity), column) in (0..).zip(left).zip(&mut *apart) {
+        let partner = 16 * x - i32::from(disparity);
         let half = i32::from(partner & 15 == 8);
-        let column = (partner + 8) >> 4;
-        let column = (column - (half & column)).clamp(0, last);
-        let other = right[column as usize];
-        *apart = if other == invalid { FAR } else { (i32::from(other) + disparity).abs() };
+        let nearest = (partner + 8) >> 4;
+        *column = (nearest - (half & nearest)).clamp(0, last);
+    }
+    for (apart, &disparity) in apart.iter_mut().zip(left) {
+        let other = right[*apart as usize];
+        *apart = if other == invalid { FAR } else { (i32::from(other) + i32::from(disparity)).abs() };
     }
 }
 
@@ -271,14 +307,13 @@ mod tests {
     fn factors_follow_the_share_of_trusted_pixels_in_the_window() {
         // Windows of 3x3 pixels, fewer at the border, in an image of 4x2: column 3 is not trusted.
         let support = Support { radius: 1, low: 0.25, high: 0.75, floor: 0.1 };
-        let mut factors = Vec::new();
-        support.factors(&[2, 2, 2, 0], 2, &mut factors);
+        let (mut before, mut factors) = (Vec::new(), [0.0; 4]);
+        support.factors(&[2, 2, 2, 0], 2, &mut before, &mut factors);
         let expected = [1.0, 1.0, (2.0 / 3.0 - 0.25) * 2.0, 0.5];
         for (factor, expected) in factors.iter().zip(expected) {
             assert!((factor - expected).abs() < 1e-6, "{factors:?}");
         }
-        factors.clear();
-        support.factors(&[0; 4], 2, &mut factors);
+        support.factors(&[0; 4], 2, &mut before, &mut factors);
         assert_eq!(factors, [0.1; 4]);
     }
 

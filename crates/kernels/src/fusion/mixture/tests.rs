@@ -138,7 +138,7 @@ fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]
         if other == right.invalid { f64::INFINITY } else { (f64::from(other) / 16.0 + px[i]).abs() }
     };
     let unique = |i: usize| {
-        evidence.unique.is_none_or(|unique| unique.sixteenths[i] != unique.invalid)
+        evidence.unique.is_none_or(|unique| unique.sixteenths[i] > 0)
             && evidence.ambiguity.is_none_or(|ambiguity| ambiguity[i] <= rules.unique_most)
     };
     let trusted: Vec<bool> = (0..pixels)
@@ -167,7 +167,7 @@ fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]
             }
         };
         prior *= support[i];
-        if evidence.unique.is_some_and(|unique| unique.sixteenths[i] == unique.invalid) {
+        if evidence.unique.is_some_and(|unique| unique.sixteenths[i] <= 0) {
             prior *= f64::from(rules.not_unique);
         }
         if f64::from(frame.mono[i]) < f64::from(rules.near_factor) * metre_pixels / f64::from(frame.range_end) {

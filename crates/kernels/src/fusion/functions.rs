@@ -7,7 +7,7 @@ const LARGEST: f32 = 87.0;
 
 /// `e^x` for `x` in -87 to 87; beyond, the value at the bound. NaN gives no meaningful number.
 #[inline(always)]
-pub(super) fn exp(x: f32) -> f32 {
+pub(crate) fn exp(x: f32) -> f32 {
     // Adding it moves the integer part into the lowest bits.
     const SHIFT: f32 = 12_582_912.0;
     // A comparison with NaN is false: NaN becomes the bound.
@@ -31,7 +31,7 @@ pub(super) fn exp(x: f32) -> f32 {
 /// The natural logarithm of a positive normal number. Zero, subnormal numbers and infinity give finite numbers near
 /// those of the smallest and largest normal number.
 #[inline(always)]
-pub(super) fn ln(x: f32) -> f32 {
+pub(crate) fn ln(x: f32) -> f32 {
     // The exponent is chosen so that the mantissa is between the roots of 1/2 and 2.
     const ROOT_HALF: i32 = 0x3f35_04f3;
     let bits = x.to_bits() as i32;
