@@ -30,7 +30,6 @@ pub fn upsample(guide: &[u8], depth: &[f32], width: usize, height: usize, params
     check_same("depth", depth.len(), guide.len());
     check_same("filled depth", out.len(), guide.len());
     assert!(params.radius > 0, "a window has a radius of 1 or more");
-    let is_valid = |metres: f32| metres.is_finite() && metres > 0.0;
     let valid = || depth.iter().copied().filter(|metres| is_valid(*metres));
     let (nearest, farthest) = (valid().fold(f32::INFINITY, f32::min), valid().fold(0.0, f32::max));
     for (out, &metres) in out.iter_mut().zip(depth) {
@@ -50,9 +49,12 @@ pub fn upsample(guide: &[u8], depth: &[f32], width: usize, height: usize, params
     }
 }
 
+fn is_valid(metres: f32) -> bool {
+    metres.is_finite() && metres > 0.0
+}
+
 /// Inverse depths, 1/m, NaN where no window with a valid pixel contains the pixel.
 fn filtered(sums: &mut Sums, grey: &[f64], depth: &[f32], radius: usize, epsilon: f64) -> Vec<f64> {
-    let is_valid = |metres: f32| metres.is_finite() && metres > 0.0;
     let of_valid = |of: &dyn Fn(usize) -> f64| -> Vec<f64> {
         (0..depth.len()).map(|at| if is_valid(depth[at]) { of(at) } else { 0.0 }).collect()
     };
@@ -142,15 +144,15 @@ mod tests {
     fn gaps_take_the_depth_of_their_grey_level() {
         // Two surfaces, bright at 5 m and dark at 20 m; every second pixel is invalid, as on a chessboard.
         let guide: Vec<u8> = (0..96).map(|at| if at % 12 < 6 { 220 } else { 30 }).collect();
-        let is_valid = |at: usize| (at + at / 12).is_multiple_of(2);
+        let is_given = |at: usize| (at + at / 12).is_multiple_of(2);
         let exact: Vec<f32> = guide.iter().map(|&grey| if grey > 100 { 5.0 } else { 20.0 }).collect();
         let depth: Vec<f32> =
-            exact.iter().enumerate().map(|(at, &m)| if is_valid(at) { m } else { f32::NAN }).collect();
+            exact.iter().enumerate().map(|(at, &m)| if is_given(at) { m } else { f32::NAN }).collect();
         let mut out = vec![0.0; 96];
         upsample(&guide, &depth, 12, 8, &PARAMS, &mut out);
         for (at, (ours, exact)) in out.iter().zip(&exact).enumerate() {
             assert!((ours - exact).abs() < 0.05 * exact, "{at}: {ours}, not {exact}");
-            assert!(!is_valid(at) || ours == exact, "valid pixels are unchanged");
+            assert!(!is_given(at) || ours == exact, "valid pixels are unchanged");
         }
     }
 

@@ -1,7 +1,7 @@
 //! Bicubic resizing of a map of floats.
 
-use super::scale;
-use crate::raster::{check, replicate};
+use super::{is_done, scale};
+use crate::raster::replicate;
 use crate::simd::{Level, Pass};
 
 /// OpenCV's constant of the cubic: the slope at a distance of one pixel.
@@ -23,14 +23,7 @@ pub(crate) fn bicubic_f32_at(
     (out_width, out_height): (usize, usize),
     out: &mut [f32],
 ) {
-    check("map", input.len(), width, height, 1);
-    check("resized map", out.len(), out_width, out_height, 1);
-    if out.is_empty() {
-        return;
-    }
-    assert!(!input.is_empty(), "an empty map cannot be resized to {out_width} x {out_height}");
-    if (width, height) == (out_width, out_height) {
-        out.copy_from_slice(input);
+    if is_done(input, (width, height), (out_width, out_height), out) {
         return;
     }
     let (columns, rows) = (fours(width, out_width), fours(height, out_height));

@@ -1,7 +1,6 @@
 //! Bilinear resizing of a map of floats.
 
-use super::scale;
-use crate::raster::check;
+use super::{is_done, scale};
 use crate::simd::{Level, Pass};
 
 /// Resizes a map of floats with half-pixel centres: OpenCV's `resize(..., INTER_LINEAR)`.
@@ -22,14 +21,7 @@ pub(crate) fn bilinear_f32_at(
     (out_width, out_height): (usize, usize),
     out: &mut [f32],
 ) {
-    check("map", input.len(), width, height, 1);
-    check("resized map", out.len(), out_width, out_height, 1);
-    if out.is_empty() {
-        return;
-    }
-    assert!(!input.is_empty(), "an empty map cannot be resized to {out_width} x {out_height}");
-    if (width, height) == (out_width, out_height) {
-        out.copy_from_slice(input);
+    if is_done(input, (width, height), (out_width, out_height), out) {
         return;
     }
     let columns = pairs(width, out_width);
