@@ -473,6 +473,7 @@ stages:
       estimates:
         stereo: depth/depth
         mono: { from: mono/depth, deviation: mono/depth }
+        plain: { from: mono/depth, confidence: null }
 ";
     let folder = tempfile::tempdir().expect("a folder");
     let (recorded, _) = run(folder.path(), experiment);
@@ -488,6 +489,7 @@ stages:
             && value("mono", "coverage_2") >= value("mono", "coverage")
     );
     assert!(value("stereo", "ause").is_some() && value("stereo", "coverage").is_none(), "{rows}");
+    assert!(value("plain", "ause").is_none() && value("plain", "abs_rel") == value("mono", "abs_rel"), "{rows}");
     let shown = text(&table(&recorded, &["--columns", "ause,coverage"]));
     assert!(shown.contains("ause ↓") && shown.contains("coverage") && !shown.contains("coverage ↑"), "{shown}");
     let drawn = folder.path().join("curves.csv");

@@ -325,8 +325,6 @@ fn node_spec(entry: &Entry, registry: &Registry, report: &mut Report) -> NodeSpe
     spec.instance = instance(&entry.value, &entry.key_place, "node", report);
     if let Some(inputs) = entry.value.entry("inputs").filter(|inputs| !inputs.value.is_null()) {
         is_map(&inputs.value, "`inputs`", "inputs: { image: source/left }", report);
-        let unwired =
-            |entry: &Entry| InputSpec { port: entry.key(), place: entry.key_place.clone(), from: Some(Wired::Nothing) };
         for entry in inputs.value.entries().iter().filter(|entry| is_of_node(entry)) {
             let key = &entry.key;
             let error = Diagnostic::error(&entry.key_place, format!("`{key}` is inside `inputs`, but is not an input"));
@@ -334,14 +332,21 @@ fn node_spec(entry: &Entry, registry: &Registry, report: &mut Report) -> NodeSpe
             report.push(error.label("belongs beside `inputs`").help(format!("move it out, one level up: `{form}`")));
         }
         let entries = inputs.value.entries().iter().filter(|entry| !is_of_node(entry));
-        spec.inputs =
-            entries.map(|entry| if entry.value.is_null() { unwired(entry) } else { input(entry, report) }).collect();
+        spec.inputs = entries.map(|entry| optional_input(entry, report)).collect();
     }
     spec
 }
 
 fn is_of_node(entry: &Entry) -> bool {
     NODE_KEYS.contains(&entry.key.as_str()) && (entry.key == "with" || entry.value.is_map())
+}
+
+/// An input that `null` leaves unwired.
+fn optional_input(entry: &Entry, report: &mut Report) -> InputSpec {
+    if entry.value.is_null() {
+        return InputSpec { port: entry.key(), place: entry.key_place.clone(), from: Some(Wired::Nothing) };
+    }
+    input(entry, report)
 }
 
 fn input(entry: &Entry, report: &mut Report) -> InputSpec {
@@ -447,5 +452,5 @@ fn estimate(entry: &Entry, report: &mut Report) -> EstimateSpec {
 }
 
 fn clues(node: &Node, report: &mut Report) -> Vec<InputSpec> {
-    CLUES.iter().filter_map(|key| Some(input(node.entry(key)?, report))).collect()
+    CLUES.iter().filter_map(|key| Some(optional_input(node.entry(key)?, report))).collect()
 }
