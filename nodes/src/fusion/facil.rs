@@ -35,7 +35,7 @@ pub(crate) struct Facil {
 
 impl Default for Facil {
     fn default() -> Self {
-        Self { spacing: 24, min_confidence: 0.5, sigma_distance: 15.0, sigma_gradient: 0.1, sigma_plane: 1e-3 }
+        Self { spacing: 24, min_confidence: 0.0, sigma_distance: 15.0, sigma_gradient: 0.1, sigma_plane: 1e-3 }
     }
 }
 
@@ -58,7 +58,8 @@ W3`. The weights of a pixel are normalized over its support pixels.\n\n\
 depth has the same gradient `(gx, gy)`, metres per pixel.\n\
 - `W3 = exp(-|d|) + sigma_plane` prefers those in the plane through `p`. `d`, metres, is the monocular depth that this \
 plane predicts for `q` minus that of `q`.\n\n\
-The paper uses points of a multi-view method. Here a support pixel has valid depths and at least `min_confidence`. To \
+The paper uses points of a multi-view method, and its text was not at hand: the form of the weights is from memory, and \
+the constants are ours. Here a support pixel has valid depths and at least `min_confidence`. To \
 limit the time, each cell of `spacing` by `spacing` pixels gives only its pixel with the highest confidence. Where \
 monocular depth is invalid, the result is stereo. Without support pixels, monocular depth is unchanged. No result is \
 smaller than the smallest valid depth.",

@@ -176,7 +176,7 @@ fn calls() -> Vec<Calls> {
         ),
         (
             "fusion/facil",
-            vec![json!({}), json!({ "spacing": 7, "min_confidence": 0.2, "sigma_distance": 4 })],
+            vec![json!({ "min_confidence": 0.5 }), json!({ "spacing": 7, "min_confidence": 0.2, "sigma_distance": 4 })],
             [fusion.clone(), vec![("weight", weight())]].concat(),
         ),
         (
