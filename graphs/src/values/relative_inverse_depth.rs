@@ -4,7 +4,7 @@ use super::Raster;
 
 /// Inverse depth up to a scale and a shift that differ between frames. Larger is nearer; 1 / value is not a depth.
 ///
-/// A type of its own, so that only a node that aligns it accepts it. [`RelativeDepth`](super::RelativeDepth) has
+/// It has a type of its own: only a node that aligns it accepts it. [`RelativeDepth`](super::RelativeDepth) has
 /// metres, and is scored and fused as a depth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RelativeInverseDepth {
