@@ -254,8 +254,11 @@ const MOST_BYTES: u64 = 2 << 30;
 fn read_aggregate_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
     let bytes = regular_file::read(path, MOST_BYTES)
         .map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
-    Artifact::of_type(value_type, bytes)
-        .ok_or_else(|| Fault::new(format!("a value of type {value_type} cannot be read from a file")))
+    match value_type {
+        ValueType::Model => Ok(Value::Model(Arc::new(Artifact::model(bytes)))),
+        ValueType::Samples => Ok(Value::Samples(Arc::new(Artifact::samples(bytes)))),
+        other => Err(Fault::new(format!("a value of type {other} cannot be read from a file"))),
+    }
 }
 
 /// Opens a stage's source.

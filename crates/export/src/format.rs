@@ -19,8 +19,6 @@ pub enum ExportFormat {
     Pcd,
     /// Learnt networks.
     Onnx,
-    /// Estimated reliabilities.
-    Json,
     /// Rows: scores and calibrations by frame, learning curves by step; one file per topic.
     Parquet,
 }
@@ -36,7 +34,6 @@ impl ExportFormat {
             Self::Ply => "ply",
             Self::Pcd => "pcd",
             Self::Onnx => "onnx",
-            Self::Json => "json",
             Self::Parquet => "parquet",
         }
     }

@@ -19,7 +19,6 @@ pub(super) fn floats(value: &Value) -> Option<Raster<f32>> {
         | Value::Scores(_)
         | Value::Samples(_)
         | Value::Model(_)
-        | Value::Reliability(_)
         | Value::Curve(_) => None,
     }
 }
