@@ -144,15 +144,15 @@ mod tests {
     fn gaps_take_the_depth_of_their_grey_level() {
         // Two surfaces, bright at 5 m and dark at 20 m; every second pixel is invalid, as on a chessboard.
         let guide: Vec<u8> = (0..96).map(|at| if at % 12 < 6 { 220 } else { 30 }).collect();
-        let is_given = |at: usize| (at + at / 12).is_multiple_of(2);
+        let has_depth = |at: usize| (at + at / 12).is_multiple_of(2);
         let exact: Vec<f32> = guide.iter().map(|&grey| if grey > 100 { 5.0 } else { 20.0 }).collect();
         let depth: Vec<f32> =
-            exact.iter().enumerate().map(|(at, &m)| if is_given(at) { m } else { f32::NAN }).collect();
+            exact.iter().enumerate().map(|(at, &m)| if has_depth(at) { m } else { f32::NAN }).collect();
         let mut out = vec![0.0; 96];
         upsample(&guide, &depth, 12, 8, &PARAMS, &mut out);
         for (at, (ours, exact)) in out.iter().zip(&exact).enumerate() {
             assert!((ours - exact).abs() < 0.05 * exact, "{at}: {ours}, not {exact}");
-            assert!(!is_given(at) || ours == exact, "valid pixels are unchanged");
+            assert!(!has_depth(at) || ours == exact, "valid pixels are unchanged");
         }
     }
 
