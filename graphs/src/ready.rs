@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use serde_json::Value as Json;
 
@@ -254,11 +253,8 @@ const MOST_BYTES: u64 = 2 << 30;
 fn read_aggregate_value(path: &Path, value_type: ValueType) -> Result<Value, Fault> {
     let bytes = regular_file::read(path, MOST_BYTES)
         .map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
-    match value_type {
-        ValueType::Model => Ok(Value::Model(Arc::new(Artifact::model(bytes)))),
-        ValueType::Samples => Ok(Value::Samples(Arc::new(Artifact::samples(bytes)))),
-        other => Err(Fault::new(format!("a value of type {other} cannot be read from a file"))),
-    }
+    Artifact::of_type(value_type, bytes)
+        .ok_or_else(|| Fault::new(format!("a value of type {value_type} cannot be read from a file")))
 }
 
 /// Opens a stage's source.

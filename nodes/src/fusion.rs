@@ -1,10 +1,12 @@
 //! Mono and stereo into one: `fusion/*`.
 
 mod confidence;
+mod evidence;
 mod facil;
 mod inverse_variance;
 mod median;
 mod mixture;
+mod reliability;
 mod scale;
 
 pub(crate) use confidence::Confidence;
@@ -12,4 +14,5 @@ pub(crate) use facil::Facil;
 pub(crate) use inverse_variance::InverseVariance;
 pub(crate) use median::MedianOf;
 pub(crate) use mixture::Mixture;
+pub(crate) use reliability::LearnReliability;
 pub(crate) use scale::Scale;

@@ -54,7 +54,7 @@ struct RawImage<'a> {
 /// and models none), or if 16 bits do not hold its disparities.
 pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema, String> {
     match value {
-        Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+        Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Reliability(_) | Value::Curve(_) => {
             return Err(format!("a value of type {} is not one message", value.value_type()));
         }
         Value::Disparity(disparity) if nothing_found(disparity.min_disparity_px).is_none() => {
@@ -119,7 +119,7 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Schema {
             put_camera(out, stamp, calibration, false);
             return Schema::CameraCalibration;
         }
-        Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+        Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Reliability(_) | Value::Curve(_) => {
             unreachable!("a value of type {} is not one message", value.value_type())
         }
     };

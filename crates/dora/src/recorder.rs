@@ -323,6 +323,7 @@ fn placeholder(value_type: ValueType) -> Value {
         ValueType::Scores => Value::Scores(Arc::default()),
         ValueType::Samples => Value::Samples(Arc::new(Artifact::samples(Vec::new()))),
         ValueType::Model => Value::Model(Arc::new(Artifact::model(Vec::new()))),
+        ValueType::Reliability => Value::Reliability(Arc::new(Artifact::reliability(String::new()))),
         ValueType::Curve => Curve::default().into(),
     }
 }

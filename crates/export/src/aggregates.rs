@@ -10,17 +10,21 @@ use depthloom_terminal::{CliError, ExitCode};
 use crate::ExportFormat;
 use crate::{Chosen, Exported, Folder, Frames};
 
-/// Writes the learnt model of a topic.
+/// Writes what a topic has learned: a network or a reliability.
 ///
 /// # Errors
 /// If the recording is damaged there, or the file cannot be written.
-pub fn write_model(recording: &Recording, chosen: &Chosen<'_>, folder: &Folder) -> Result<Exported, CliError> {
-    let format = ExportFormat::Onnx;
+pub fn write_learned(
+    recording: &Recording,
+    chosen: &Chosen<'_>,
+    format: ExportFormat,
+    folder: &Folder,
+) -> Result<Exported, CliError> {
     let once = aggregate_value(recording, chosen);
     let value = once
         .map(|once| recording.aggregate_value(once))
         .transpose()
-        .map_err(|error| read_failed("failed to read a trained model", &error))?;
+        .map_err(|error| read_failed("failed to read what was learned", &error))?;
     let model = value.as_ref().and_then(Value::artifact).map(|model| &*model.bytes);
     write(chosen, format, model, folder)
 }

@@ -35,13 +35,14 @@ pub struct FileContent {
 
 /// The formats of a type, the default first; empty for types that are not exported.
 pub(crate) const fn formats_of(value_type: ValueType) -> &'static [ExportFormat] {
-    use ExportFormat::{Npy, Onnx, Parquet, Pcd, Pfm, Ply, Png};
+    use ExportFormat::{Json, Npy, Onnx, Parquet, Pcd, Pfm, Ply, Png};
     match value_type {
         ValueType::Image | ValueType::Mask => &[Png, Npy],
         ValueType::Weight => &[Png, Npy, Pfm],
         ValueType::RelativeInverseDepth => &[Npy, Pfm],
         ValueType::Depth | ValueType::Disparity | ValueType::TrueDisparity => &[Png, Npy, Pfm, Ply, Pcd],
         ValueType::Model => &[Onnx],
+        ValueType::Reliability => &[Json],
         ValueType::Scores | ValueType::Curve | ValueType::Calibration => &[Parquet],
         ValueType::Samples => &[],
     }
@@ -63,7 +64,7 @@ impl Form {
             (ExportFormat::Pfm, ..) => Self::Pfm,
             (ExportFormat::Ply, ..) => Self::Ply(points),
             (ExportFormat::Pcd, ..) => Self::Pcd(points),
-            (ExportFormat::Onnx | ExportFormat::Parquet, ..) => return None,
+            (ExportFormat::Onnx | ExportFormat::Json | ExportFormat::Parquet, ..) => return None,
         })
     }
 
@@ -138,6 +139,7 @@ const fn usual_range(value_type: ValueType) -> Option<(f64, f64)> {
         | ValueType::Scores
         | ValueType::Samples
         | ValueType::Model
+        | ValueType::Reliability
         | ValueType::Curve => None,
     }
 }

@@ -19,6 +19,8 @@ pub enum ExportFormat {
     Pcd,
     /// Learnt networks.
     Onnx,
+    /// Estimated reliabilities.
+    Json,
     /// Rows: scores and calibrations by frame, learning curves by step; one file per topic.
     Parquet,
 }
@@ -34,6 +36,7 @@ impl ExportFormat {
             Self::Ply => "ply",
             Self::Pcd => "pcd",
             Self::Onnx => "onnx",
+            Self::Json => "json",
             Self::Parquet => "parquet",
         }
     }

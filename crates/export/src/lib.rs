@@ -11,7 +11,7 @@ mod frames;
 mod maps;
 mod topics;
 
-pub use aggregates::{write_model, write_rows};
+pub use aggregates::{write_learned, write_rows};
 pub use folder::Folder;
 pub use form::Form;
 pub use format::ExportFormat;

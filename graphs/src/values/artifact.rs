@@ -1,7 +1,8 @@
-//! An aggregate value stored as bytes: a trained model, collected samples.
+//! An aggregate value stored as bytes: a trained model, collected samples, an estimated reliability.
 
 use std::sync::Arc;
 
+use super::{Value, ValueType};
 use crate::Key;
 
 /// Bytes with a media type and their content hash.
@@ -20,6 +21,8 @@ impl Artifact {
     pub const MODEL: &str = "application/onnx";
     /// The media type for [`Artifact::samples`].
     pub const SAMPLES: &str = "samples/depthloom";
+    /// The media type for [`Artifact::reliability`].
+    pub const RELIABILITY: &str = "application/json";
 
     /// A network in an ONNX file.
     pub fn model(file: impl Into<Arc<[u8]>>) -> Self {
@@ -29,6 +32,22 @@ impl Artifact {
     /// Training samples as `learn/samples` collects them.
     pub fn samples(bytes: impl Into<Arc<[u8]>>) -> Self {
         Self::new(Self::SAMPLES, bytes)
+    }
+
+    /// The reliability of stereo and a monocular estimate as `learn/reliability` estimates it.
+    pub fn reliability(text: String) -> Self {
+        Self::new(Self::RELIABILITY, text.into_bytes())
+    }
+
+    /// The content of a file as a value of a type; `None` for types whose values are no artefacts.
+    pub(crate) fn of_type(value_type: ValueType, file: impl Into<Arc<[u8]>>) -> Option<Value> {
+        let media_type = match value_type {
+            ValueType::Samples => Self::SAMPLES,
+            ValueType::Model => Self::MODEL,
+            ValueType::Reliability => Self::RELIABILITY,
+            _ => return None,
+        };
+        Value::from_artifact(value_type, Arc::new(Self::new(media_type, file)))
     }
 
     /// Wraps bytes and hashes them.

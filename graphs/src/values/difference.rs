@@ -80,7 +80,9 @@ impl ValueDifference {
             (Value::Calibration(a), Value::Calibration(b)) => named(coefficients(a), coefficients(b), tolerance),
             (Value::Scores(_), Value::Scores(_)) => named(scores(recorded), scores(now), tolerance),
             (Value::Curve(a), Value::Curve(b)) => named(points(a), points(b), tolerance),
-            (Value::Samples(a), Value::Samples(b)) | (Value::Model(a), Value::Model(b)) => bytes(&a.bytes, &b.bytes),
+            (Value::Samples(a), Value::Samples(b))
+            | (Value::Model(a), Value::Model(b))
+            | (Value::Reliability(a), Value::Reliability(b)) => bytes(&a.bytes, &b.bytes),
             (a, b) => Self::whole(a.value_type().to_string(), b.value_type().to_string()),
         }
     }

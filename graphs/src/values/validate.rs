@@ -20,7 +20,12 @@ impl Value {
             Self::Calibration(calibration) => calibration.validate(),
             Self::Curve(curve) => curve.validate(),
             // Every byte is a valid sample of an image or a mask. Nodes check the artifacts that they read.
-            Self::Image(_) | Self::Mask(_) | Self::Scores(_) | Self::Samples(_) | Self::Model(_) => Ok(()),
+            Self::Image(_)
+            | Self::Mask(_)
+            | Self::Scores(_)
+            | Self::Samples(_)
+            | Self::Model(_)
+            | Self::Reliability(_) => Ok(()),
         }
     }
 }

@@ -35,13 +35,15 @@ pub enum ValueType {
     Samples,
     /// A trained network.
     Model,
+    /// How reliable stereo and a monocular estimate are.
+    Reliability,
     /// A learning curve.
     Curve,
 }
 
 impl ValueType {
     /// All types.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Image,
         Self::Disparity,
         Self::TrueDisparity,
@@ -53,13 +55,14 @@ impl ValueType {
         Self::Scores,
         Self::Samples,
         Self::Model,
+        Self::Reliability,
         Self::Curve,
     ];
 
     /// Whether its values are [`Artifact`]s, which are identified by their content and can be read from a file.
     #[must_use]
     pub const fn is_artifact(self) -> bool {
-        matches!(self, Self::Samples | Self::Model)
+        matches!(self, Self::Samples | Self::Model | Self::Reliability)
     }
 
     /// The type with that name.
@@ -82,6 +85,7 @@ impl ValueType {
             Self::Scores => "scores",
             Self::Samples => "samples",
             Self::Model => "model",
+            Self::Reliability => "reliability",
             Self::Curve => "curve",
         }
     }
@@ -122,15 +126,27 @@ pub enum Value {
     Samples(Arc<Artifact>),
     /// A trained network.
     Model(Arc<Artifact>),
+    /// How reliable stereo and a monocular estimate are, JSON.
+    Reliability(Arc<Artifact>),
     /// The learning curve of a training.
     Curve(Arc<Curve>),
 }
 
 impl Value {
+    /// An artefact as a value of its type; `None` for types whose values are none.
+    pub fn from_artifact(value_type: ValueType, artifact: Arc<Artifact>) -> Option<Self> {
+        match value_type {
+            ValueType::Samples => Some(Self::Samples(artifact)),
+            ValueType::Model => Some(Self::Model(artifact)),
+            ValueType::Reliability => Some(Self::Reliability(artifact)),
+            _ => None,
+        }
+    }
+
     /// The artefact, if it is one.
     pub const fn artifact(&self) -> Option<&Arc<Artifact>> {
         match self {
-            Self::Samples(artifact) | Self::Model(artifact) => Some(artifact),
+            Self::Samples(artifact) | Self::Model(artifact) | Self::Reliability(artifact) => Some(artifact),
             _ => None,
         }
     }
@@ -147,7 +163,12 @@ impl Value {
             Self::RelativeInverseDepth(map) => map.values.dimensions(),
             Self::Weight(weight) => weight.share.dimensions(),
             Self::Mask(mask) => mask.set.dimensions(),
-            Self::Calibration(_) | Self::Scores(_) | Self::Samples(_) | Self::Model(_) | Self::Curve(_) => return None,
+            Self::Calibration(_)
+            | Self::Scores(_)
+            | Self::Samples(_)
+            | Self::Model(_)
+            | Self::Reliability(_)
+            | Self::Curve(_) => return None,
         })
     }
 
@@ -165,6 +186,7 @@ impl Value {
             Self::Scores(_) => ValueType::Scores,
             Self::Samples(_) => ValueType::Samples,
             Self::Model(_) => ValueType::Model,
+            Self::Reliability(_) => ValueType::Reliability,
             Self::Curve(_) => ValueType::Curve,
         }
     }
@@ -201,7 +223,7 @@ value_kind!(Weight, Weight);
 value_kind!(Mask, Mask);
 value_kind!(Calibration, Calibration);
 value_kind!(Vec<ScoreRow>, Scores);
-value_kind!(Artifact, Samples | Model);
+value_kind!(Artifact, Samples | Model | Reliability);
 value_kind!(Curve, Curve);
 
 impl ValueKind for Disparity {

@@ -1,17 +1,15 @@
 //! `fusion/mixture`: stereo as an inlier or an outlier, beside a monocular estimate that is aligned with it.
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
-use depthloom_graphs::values::{Calibration, Depth, Disparity, Raster, Weight};
+use depthloom_graphs::values::{Artifact, Depth, Raster, Weight};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
-use depthloom_kernels::mixture::{self, Disparities, Fused, MixtureScratch, Prior, Rules, StereoEvidence};
+use depthloom_kernels::mixture::{self, Fused, MixtureScratch, Prior, Rules};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+use super::{evidence, reliability};
 use crate::bounds::{above_zero, within};
-use crate::disparity::invalid;
-use crate::geometry::geometry;
-use crate::shape::same_size;
 
 /// How the monocular estimate is aligned with stereo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -251,31 +249,21 @@ stereo, `inlier` is `p`, and `V` is `s_s^2`. Where both are invalid, so are the 
 `right` and `ambiguity` are outputs of `stereo/sgbm` with `right: true` and `ambiguity: true`, or `right` comes from a \
 second matcher with exchanged images, as for `disparity/left-right`. `unique` comes from a matcher with a uniqueness \
 check, such as `stereo/sgbm` with `uniqueness: 10`. Without `right`, every pixel counts as consistent. Without `unique` \
-and `ambiguity`, every match counts as unique.",
-            inputs: vec![
-                Port::frame("disparity", ValueType::Disparity, "Disparity of the left image, rounded to 1/16 px."),
-                Port::frame("mono", ValueType::Depth, "Monocular depth, metres, NaN = invalid; size of `disparity`."),
-                Port::frame(
-                    "calibration",
-                    ValueType::Calibration,
-                    "Focal length, baseline and principal points of the pair.",
-                ),
-                Port::frame("right", ValueType::Disparity, "Disparity of the right image's pixels, negative, 1/16 px.")
+and `ambiguity`, every match counts as unique.\n\n\
+With `reliability`, the prior and `s_m` before alignment are those that `learn/reliability` learned. Then `prior`, \
+`mono_spread` and `confidence` have no effect.",
+            inputs: evidence::ports()
+                .into_iter()
+                .chain([
+                    Port::frame("confidence", ValueType::Weight, "Confidence in stereo, `W_c`, in [0, 1].").optional(),
+                    Port::once(
+                        "reliability",
+                        ValueType::Reliability,
+                        "Priors and standard deviations: the output of `learn/reliability`.",
+                    )
                     .optional(),
-                Port::frame(
-                    "unique",
-                    ValueType::Disparity,
-                    "A disparity that is valid only where the match is unique; 0 px is not valid.",
-                )
-                .optional(),
-                Port::frame(
-                    "ambiguity",
-                    ValueType::Weight,
-                    "Cost of the best disparity as a share of the second best's, in [0, 1].",
-                )
-                .optional(),
-                Port::frame("confidence", ValueType::Weight, "Confidence in stereo, `W_c`, in [0, 1].").optional(),
-            ],
+                ])
+                .collect(),
             outputs: vec![
                 Port::frame("depth", ValueType::Depth, "Fused depth, metres, NaN = invalid."),
                 Port::frame("deviation", ValueType::Depth, "Standard deviation of `depth`, metres, NaN = invalid."),
@@ -337,45 +325,32 @@ and `ambiguity`, every match counts as unique.",
     }
 }
 
-fn disparities(map: &Disparity) -> Result<Disparities<'_>, Fault> {
-    Ok(Disparities { sixteenths: &map.sixteenths_px, invalid: invalid(map)? })
+impl Mixture {
+    /// With what was learned, if it is wired.
+    fn with(&self, reliability: Option<&Arc<Artifact>>) -> Result<mixture::Mixture, Fault> {
+        let mut mixture = self.mixture.clone();
+        if let Some(artifact) = reliability {
+            mixture.prior = Prior::Learned(Box::new(reliability::read(artifact)?));
+        }
+        Ok(mixture)
+    }
 }
 
 impl PureNode for Mixture {
+    fn prepare(&self, files: &Inputs<'_>) -> Result<(), Fault> {
+        self.with(files.optional("reliability")?).map(|_| ())
+    }
+
     fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let (map, mono) = (inputs.get::<Disparity>("disparity")?, &inputs.get::<Depth>("mono")?.metres);
-        let geometry = geometry(inputs.get::<Calibration>("calibration")?);
-        let size = map.sixteenths_px.dimensions();
-        same_size(("disparity", size), ("mono", mono.dimensions()))?;
-        let optional = |port: &'static str| -> Result<Option<Disparities<'_>>, Fault> {
-            let Some(other) = inputs.optional::<Disparity>(port)? else { return Ok(None) };
-            same_size(("disparity", size), (port, other.sixteenths_px.dimensions()))?;
-            disparities(other).map(Some)
-        };
-        let weight = |port: &'static str| -> Result<Option<&[f32]>, Fault> {
-            let Some(other): Option<&Arc<Weight>> = inputs.optional(port)? else { return Ok(None) };
-            same_size(("disparity", size), (port, other.share.dimensions()))?;
-            Ok(Some(&other.share))
-        };
-        let frame = mixture::Frame {
-            width: size.0 as usize,
-            height: size.1 as usize,
-            disparity: disparities(map)?,
-            range_end: (f64::from(map.min_disparity_px) + f64::from(self.disparities)) as f32,
-            geometry,
-            mono,
-            evidence: StereoEvidence {
-                right: optional("right")?,
-                unique: optional("unique")?,
-                ambiguity: weight("ambiguity")?,
-                confidence: weight("confidence")?,
-            },
-        };
+        let mixture = self.with(inputs.optional("reliability")?)?;
+        let mut frame = evidence::frame(inputs, self.disparities)?;
+        let size = (frame.width as u32, frame.height as u32);
+        frame.evidence.confidence = evidence::weight(inputs, "confidence", size)?;
         let mut scratch = ctx.scratch.take::<MixtureScratch>();
         let [mut depth, mut deviation, mut inlier, mut aligned] = [(); 4].map(|()| Raster::<f32>::new(size.0, size.1));
         let mut fused =
             Fused { depth: &mut depth, deviation: &mut deviation, inlier: &mut inlier, aligned: &mut aligned };
-        mixture::fuse(&self.mixture, &frame, &mut scratch, &mut fused);
+        mixture::fuse(&mixture, &frame, &mut scratch, &mut fused);
         ctx.scratch.put(scratch);
         Ok(Outputs::one("depth", Depth { metres: depth })
             .with("deviation", Depth { metres: deviation })

@@ -7,13 +7,13 @@ use std::sync::Arc;
 
 use depthloom_graphs::contracts::{InlineHost, SourceDeclaration};
 use depthloom_graphs::values::Raster;
-use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Key, Registry, Scratch, Source, Value};
+use depthloom_graphs::{Context, Fault, Frame, Host, Inputs, Instance, Key, Registry, Scratch, Source, Value};
 use serde_json::Value as Json;
 
 /// The values at a node's output ports.
 pub(crate) type Values = BTreeMap<&'static str, Value>;
 
-/// A node built and called once, as the runner does it: parameters resolved, ports in order, outputs checked.
+/// A node built and called for one frame, as the runner does it: parameters resolved, ports in order, outputs checked.
 pub(crate) fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Result<Values, Fault> {
     let registry = depthloom_nodes::registry();
     let node = registry.node_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
@@ -27,9 +27,16 @@ pub(crate) fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Resul
         .iter()
         .map(|port| inputs.iter().find(|(name, _)| *name == port.name).map(|(_, value)| value.clone()))
         .collect();
-    let Instance::Pure(instance) = node.build(&resolved)? else { panic!("{kind} is not pure") };
     let mut scratch = Scratch::default();
-    let outputs = instance.process(&Inputs::new(ports, &values), &mut Context::new(&InlineHost, &mut scratch))?;
+    let (inputs, ctx) = (Inputs::new(ports, &values), &mut Context::new(&InlineHost, &mut scratch));
+    let outputs = match node.build(&resolved)? {
+        Instance::Pure(instance) => instance.process(&inputs, ctx)?,
+        Instance::Ordered(mut instance) => {
+            instance.process(&Frame::at_10_hz("0", 0), &inputs, ctx)?;
+            instance.finish(ctx)?
+        }
+        Instance::Once(_) => panic!("{kind} takes no frames"),
+    };
     let outputs = outputs.in_order_of(&signature.outputs)?;
     let named = signature.outputs.iter().zip(outputs);
     Ok(named.filter_map(|(port, value)| Some((port.name, value?))).collect())

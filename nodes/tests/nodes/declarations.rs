@@ -6,7 +6,7 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 26] = [
+const PORTS: [(&str, &[&str], &[&str]); 27] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
@@ -23,10 +23,11 @@ const PORTS: [(&str, &[&str], &[&str]); 26] = [
     ("fusion/median", &["mono", "stereo", "third"], &["depth"]),
     (
         "fusion/mixture",
-        &["disparity", "mono", "calibration", "right", "unique", "ambiguity", "confidence"],
+        &["disparity", "mono", "calibration", "right", "unique", "ambiguity", "confidence", "reliability"],
         &["depth", "deviation", "inlier", "aligned"],
     ),
     ("fusion/scale", &["mono", "stereo", "weight"], &["depth"]),
+    ("learn/reliability", &["disparity", "mono", "calibration", "right", "unique", "ambiguity"], &["reliability"]),
     ("mono/ground-plane", &["image", "calibration"], &["depth"]),
     ("mono/onnx", &["image", "calibration", "model"], &["depth", "inverse"]),
     ("onnx", &["model"], &[]),
@@ -225,6 +226,7 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("depth/from-disparity", json!({ "cap": 0 }), "cap"),
         ("depth/from-disparity", json!({ "capp": 80 }), "capp"),
         ("confidence/sobel", json!({ "sigma": 0.0 }), "sigma"),
+        ("learn/reliability", json!({ "stereo_noise": 0 }), "stereo_noise"),
         ("mono/ground-plane", json!({ "height_m": -1.0 }), "height_m"),
         ("mono/ground-plane", json!({ "cap": 0.5 }), "cap"),
         ("mono/onnx", json!({ "std": [1.0, 0.0, 1.0] }), "std"),

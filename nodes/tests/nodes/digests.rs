@@ -208,6 +208,11 @@ fn calls() -> Vec<Calls> {
             vec![("disparity", gappy()), ("mono", depth(2, 0)), ("calibration", calibration(721.5377, 0.532_725))],
         ),
         (
+            "learn/reliability",
+            vec![json!({}), json!({ "disparities": 128, "stereo_noise": 0.5, "outliers": 4, "cap": null })],
+            vec![("disparity", disparity(10, 0)), ("mono", depth(4, 6)), ("calibration", calibration(72.0, 0.5))],
+        ),
+        (
             "fusion/scale",
             ["minmax", "average", "none", "least-squares", "robust", "median", "local"]
                 .map(|method| json!({ "method": method, "sigma": 6 }))
@@ -352,7 +357,7 @@ fn add(digest: Digest, value: &Value) -> Digest {
             digest.text(&format!("{c:?}").replace(", doffs_px: 0.0", ""))
         }
         Value::Scores(rows) => digest.text(&format!("{rows:?}")),
-        Value::Samples(artifact) | Value::Model(artifact) => digest.key(&artifact.hash),
+        Value::Samples(artifact) | Value::Model(artifact) | Value::Reliability(artifact) => digest.key(&artifact.hash),
         Value::Curve(curve) => digest.text(&format!("{curve:?}")),
     }
 }

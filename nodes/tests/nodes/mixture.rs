@@ -189,3 +189,36 @@ fn a_pixel_has_the_estimate_that_is_valid() {
         assert!(metres(&mono["depth"]).iter().all(|depth| (depth - 20.0).abs() < 1e-4));
     }
 }
+
+#[test]
+fn learned_reliability_replaces_the_constants() {
+    // Stereo is 10 px everywhere, which is 5 m; monocular depth is 5.5 m: both agree.
+    let (disparities, mono) = ([160; 100], [5.5; 100]);
+    let inputs = [
+        ("disparity", disparity(Raster::from_raw(10, 10, disparities.to_vec()).unwrap(), 0)),
+        ("mono", depth(10, &mono)),
+        ("calibration", calibration(100.0, 0.5)),
+    ];
+    let learned = call("learn/reliability", &json!({}), &inputs).unwrap().remove("reliability").unwrap();
+    let text: Json = serde_json::from_slice(&learned.artifact().unwrap().bytes).unwrap();
+    assert_eq!((&text["frames"], &text["trusted_pixels"]), (&json!(1), &json!(100)));
+    let wired: Vec<_> = inputs.iter().cloned().chain([("reliability", learned)]).collect();
+    let near = json!({ "alignment": "none", "mono_spread": 5 });
+    let ours = call("fusion/mixture", &near, &wired).unwrap();
+    let Value::Weight(inlier) = &ours["inlier"] else { panic!("weight") };
+    // A spread of 5 makes monocular depth useless, but it is not used: ln 1.1 = 0.095 is learned, less stereo's part.
+    assert!(inlier.share.iter().all(|share| *share > 0.99));
+    let depth = metres(&ours["depth"])[0];
+    assert!((5.1..5.5).contains(&depth), "{depth}");
+
+    let invalid = inputs.clone().map(|(port, value)| match port {
+        "mono" => (port, crate::steps::depth(10, &[f32::NAN; 100])),
+        _ => (port, value),
+    });
+    let fault = call("learn/reliability", &json!({}), &invalid).unwrap_err().chain();
+    assert!(fault.contains("no pixel of 1 frame is trusted"), "{fault}");
+    let other = Value::Reliability(depthloom_graphs::values::Artifact::reliability("{}".to_owned()).into());
+    let wired: Vec<_> = inputs.into_iter().chain([("reliability", other)]).collect();
+    let fault = call("fusion/mixture", &json!({}), &wired).unwrap_err();
+    assert!(fault.chain().contains("`reliability` cannot be read"), "{}", fault.chain());
+}

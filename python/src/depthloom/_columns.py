@@ -25,9 +25,9 @@ TYPES: dict[str, pa.StructType] = {
     "calibration": pa.struct([*_SIZE, *(pa.field(name, pa.float64()) for name in _CAMERA)]),
     "curve": pa.struct([pa.field(name, pa.list_(pa.int64() if name == "step" else pa.float64())) for name in _CURVE]),
     **{name: pa.struct([*_SIZE, pa.field("data", pa.list_(pa.float32()))]) for name in ("depth", "relative-inverse-depth", "weight", "ground-truth-disparity")},
-    **{name: pa.struct([pa.field("media_type", pa.string()), pa.field("data", pa.large_binary())]) for name in ("model", "samples")},
+    **{name: pa.struct([pa.field("media_type", pa.string()), pa.field("data", pa.large_binary())]) for name in ("model", "samples", "reliability")},
 }
-_MEDIA_TYPES = {"model": "application/onnx", "samples": "samples/depthloom"}
+_MEDIA_TYPES = {"model": "application/onnx", "samples": "samples/depthloom", "reliability": "application/json"}
 
 
 def value(value_type: str, column: pa.StructArray) -> Any:

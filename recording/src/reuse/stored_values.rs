@@ -190,10 +190,11 @@ impl Recording {
                     let what = format!("attachment `{name}` is another than the one of its aggregate value");
                     return Err(RecordingError::Content { path: self.path().to_owned(), what });
                 }
-                match ValueType::from_name(&aggregate.value_type) {
-                    Some(ValueType::Model) => Value::Model(artifact),
-                    _ => Value::Samples(artifact),
-                }
+                let value_type = ValueType::from_name(&aggregate.value_type);
+                value_type.and_then(|value_type| Value::from_artifact(value_type, artifact)).ok_or_else(|| {
+                    let what = format!("attachment `{name}` has the type {}", aggregate.value_type);
+                    RecordingError::Content { path: self.path().to_owned(), what }
+                })?
             }
         })
     }

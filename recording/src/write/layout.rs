@@ -263,7 +263,7 @@ impl FileLayout {
             ValueType::Depth | ValueType::RelativeInverseDepth | ValueType::Weight => Schema::FloatMap,
             ValueType::Calibration => Schema::CameraCalibration,
             ValueType::Scores => Schema::Score,
-            ValueType::Samples | ValueType::Model | ValueType::Curve => {
+            ValueType::Samples | ValueType::Model | ValueType::Reliability | ValueType::Curve => {
                 let what = format!("values of type {value_type} are kept once a stage, not once a frame");
                 return Err(RecordingError::Plan { topic: output.topic.clone(), what });
             }
@@ -415,7 +415,12 @@ fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<Stri
         ValueType::Weight => "confidence in [0, 1]",
         ValueType::Mask => "255 = set, 0 = not",
         ValueType::Curve => "losses in the unit of the training loss",
-        ValueType::Image | ValueType::Calibration | ValueType::Scores | ValueType::Samples | ValueType::Model => "",
+        ValueType::Image
+        | ValueType::Calibration
+        | ValueType::Scores
+        | ValueType::Samples
+        | ValueType::Model
+        | ValueType::Reliability => "",
     };
     let mut metadata = BTreeMap::from([
         ("stage".to_owned(), run.stage.clone()),

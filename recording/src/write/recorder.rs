@@ -229,7 +229,7 @@ impl Recorder {
     ) -> Result<(), ErrorMessage> {
         let Some(port) = self.layout.runs[run].port(slot) else { return Ok(()) };
         let refused = match value {
-            Value::Samples(_) | Value::Model(_) | Value::Curve(_) => {
+            Value::Samples(_) | Value::Model(_) | Value::Reliability(_) | Value::Curve(_) => {
                 Some(format!("a value of type {} came with a frame", value.value_type()))
             }
             Value::Disparity(disparity) if nothing_found(disparity.min_disparity_px).is_none() => {
@@ -405,7 +405,9 @@ impl Sink for Recorder {
         };
         let mut state = self.state();
         let content = match value {
-            Value::Samples(artifact) | Value::Model(artifact) => state.keep_artifact(artifact),
+            Value::Samples(artifact) | Value::Model(artifact) | Value::Reliability(artifact) => {
+                state.keep_artifact(artifact)
+            }
             Value::Curve(curve) => {
                 let channel = self.layout.runs[run]
                     .curve_channel(slot)

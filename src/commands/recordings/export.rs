@@ -15,7 +15,7 @@ use crate::output;
 use crate::output::diagnostics::Error;
 use crate::output::progress::bar;
 use crate::signals;
-use depthloom_export::{Chosen, ExportFormat, Exported, Folder, Form, Maps, chosen, frames, write_model, write_rows};
+use depthloom_export::{Chosen, ExportFormat, Exported, Folder, Form, Maps, chosen, frames, write_learned, write_rows};
 use depthloom_graphs::{chain, counted};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, say};
 
@@ -45,7 +45,7 @@ pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
         let topics = chosen.iter().filter(move |chosen| chosen.formats.contains(&format));
         topics.map(move |chosen| (chosen, format))
     };
-    let files = || single_files(ExportFormat::Onnx).chain(single_files(ExportFormat::Parquet));
+    let files = || [ExportFormat::Onnx, ExportFormat::Json, ExportFormat::Parquet].into_iter().flat_map(single_files);
     folder.check(maps.files().chain(files().map(|(chosen, format)| chosen.path_with(format.name()))))?;
     folder.create()?;
 
@@ -55,8 +55,8 @@ pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
     bar.finish_and_clear();
     let mut exported: Vec<Exported> = maps.exported().collect();
     for (chosen, format) in files().take_while(|_| !stop()) {
-        if format == ExportFormat::Onnx {
-            exported.push(write_model(&recording, chosen, &folder)?);
+        if format != ExportFormat::Parquet {
+            exported.push(write_learned(&recording, chosen, format, &folder)?);
         } else if let Some((rows, left_out)) = write_rows(&recording, chosen, &frames[chosen.run], &folder, &stop)? {
             exported.push(rows);
             damaged.extend(left_out);

@@ -50,7 +50,7 @@ pub fn field(name: &str, value_type: ValueType) -> Option<Field> {
             let numbers = ["focal_px", "cx_px", "cy_px", "baseline_m", "doffs_px"].map(|name| Field::new(name, F64));
             [Field::new("width", I32), Field::new("height", I32)].into_iter().chain(numbers).collect()
         }
-        ValueType::Samples | ValueType::Model => {
+        ValueType::Samples | ValueType::Model | ValueType::Reliability => {
             let media_type = Field::new("media_type", DataType::Utf8(Offsets::Narrow));
             vec![media_type, Field::new("data", DataType::Binary(Offsets::Wide))]
         }
@@ -94,7 +94,7 @@ pub fn data(value: &Value) -> Option<Data<'_>> {
             let numbers = [of.focal_px, of.cx_px, of.cy_px, of.baseline_m, of.doffs_px].map(Data::Float);
             Data::Struct([width, height].into_iter().chain(numbers).collect())
         }
-        Value::Samples(artifact) | Value::Model(artifact) => {
+        Value::Samples(artifact) | Value::Model(artifact) | Value::Reliability(artifact) => {
             Data::Struct(vec![Data::Text(artifact.media_type.as_str().into()), Data::Bytes(&artifact.bytes)])
         }
         Value::Curve(curve) => {
@@ -183,9 +183,9 @@ pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> 
             }
             .into()
         }
-        ValueType::Samples | ValueType::Model => {
+        ValueType::Samples | ValueType::Model | ValueType::Reliability => {
             let artifact = Arc::new(Artifact::new(part("media_type")?.text()?, part("data")?.bytes()?));
-            if value_type == ValueType::Model { Value::Model(artifact) } else { Value::Samples(artifact) }
+            Value::from_artifact(value_type, artifact).ok_or_else(|| format!("{value_type} has no artefacts"))?
         }
         ValueType::Curve => {
             let step = part("step")?.i64s()?;
@@ -258,6 +258,7 @@ mod tests {
                 .into(),
             Value::Model(Arc::new(Artifact::model(b"onnx".to_vec()))),
             Value::Samples(Arc::new(Artifact::samples(Vec::new()))),
+            Value::Reliability(Arc::new(Artifact::reliability("{}".to_owned()))),
             Curve { points: vec![point(1, None), point(20, Some(0.25))] }.into(),
             Curve::default().into(),
         ]

@@ -19,6 +19,7 @@ pub(super) fn floats(value: &Value) -> Option<Raster<f32>> {
         | Value::Scores(_)
         | Value::Samples(_)
         | Value::Model(_)
+        | Value::Reliability(_)
         | Value::Curve(_) => None,
     }
 }

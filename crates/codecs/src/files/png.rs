@@ -54,6 +54,7 @@ pub fn png(value: &Value) -> Result<Png, String> {
         | Value::Scores(_)
         | Value::Samples(_)
         | Value::Model(_)
+        | Value::Reliability(_)
         | Value::Curve(_) => {
             return Err(format!("a value of type {} is not an image", value.value_type()));
         }

@@ -24,6 +24,7 @@
 mod coarse;
 mod passes;
 mod prior;
+pub mod reliability;
 #[cfg(test)]
 mod tests;
 
@@ -77,7 +78,7 @@ pub struct Mixture {
     pub alignment: Alignment,
     /// Standard deviation of the disparity of an inlier, px.
     pub stereo_noise: f32,
-    /// Standard deviation of the logarithm of monocular depth.
+    /// Standard deviation of the logarithm of monocular depth; not used with [`Prior::Learned`], which has its own.
     pub mono_spread: f32,
     /// Range of log disparities over which outliers are uniform.
     pub outliers: f32,
@@ -107,6 +108,19 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
+    fn check_sizes(&self) {
+        let Self { width, height, disparity, mono, evidence, .. } = self;
+        let sized = |what: &str, len: usize| check(what, len, *width, *height, 1);
+        sized("disparity", disparity.sixteenths.len());
+        sized("mono", mono.len());
+        for (what, map) in [("right disparity", evidence.right), ("unique disparity", evidence.unique)] {
+            map.inspect(|map| sized(what, map.sixteenths.len()));
+        }
+        for (what, map) in [("ambiguity", evidence.ambiguity), ("confidence", evidence.confidence)] {
+            map.inspect(|map| sized(what, map.len()));
+        }
+    }
+
     /// The depth at the end of stereo's range, metres: nothing nearer was searched. Infinity without such a depth.
     fn nearest_metres(&self) -> f32 {
         let range_end = self.range_end + self.geometry.doffs_px as f32;
@@ -171,16 +185,8 @@ fn fuse_at(level: Level, mixture: &Mixture, frame: &Frame<'_>, scratch: &mut Mix
 }
 
 fn check_sizes(frame: &Frame<'_>, out: &Fused<'_>) {
-    let Frame { width, height, disparity, mono, evidence, .. } = frame;
-    let sized = |what: &str, len: usize| check(what, len, *width, *height, 1);
-    sized("disparity", disparity.sixteenths.len());
-    sized("mono", mono.len());
-    for (what, map) in [("right disparity", evidence.right), ("unique disparity", evidence.unique)] {
-        map.inspect(|map| sized(what, map.sixteenths.len()));
-    }
-    for (what, map) in [("ambiguity", evidence.ambiguity), ("confidence", evidence.confidence)] {
-        map.inspect(|map| sized(what, map.len()));
-    }
+    frame.check_sizes();
+    let sized = |what: &str, len: usize| check(what, len, frame.width, frame.height, 1);
     sized("fused depth", out.depth.len());
     sized("deviation", out.deviation.len());
     sized("inlier probability", out.inlier.len());
@@ -198,7 +204,7 @@ fn run<const CELL: usize>(
     // Without alignment nothing is blurred.
     let sigma = local.map_or(0.25, |local| local.sigma);
     scratch.prepare(frame, sigma, CELL, local.is_some());
-    scratch.support.prepare(level, &mixture.prior, frame);
+    scratch.support.prepare(level, mixture.prior.evidence(), frame);
     let MixtureScratch { grid, row, observed, phases, node_row, nodes, down, blurred, lines, merged, .. } = scratch;
     let (grid, model) = (&*grid, &Model::new(mixture, frame, &scratch.support));
     if let Some(local) = local {

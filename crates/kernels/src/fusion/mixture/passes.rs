@@ -2,6 +2,7 @@
 
 use super::coarse::{Grid, MAPS, from_phases, samples, to_phases};
 use super::prior::{Row, SupportFactors};
+use super::reliability::spread_at;
 use super::{Alignment, Frame, Fused, LANES, Local, Mixture};
 use crate::fusion::functions::{exp, ln};
 use crate::simd::Pass;
@@ -12,8 +13,8 @@ const LEAST_STEREO_SPREAD: f32 = 1e-3;
 /// Added to the blurred weights before they divide.
 const LEAST_WEIGHT: f32 = 1e-6;
 
-/// Observations of a pixel: `z_s - z_0`, `k` and `P`.
-pub(super) const OBSERVED: usize = 3;
+/// Observations of a pixel: `z_s - z_0`, `k`, `P`, and `s_m` before alignment.
+pub(super) const OBSERVED: usize = 4;
 
 /// Results of a pixel: `z - z_0`, `z_m - z_0`, `q` and `V`.
 const RESULTS: usize = 4;
@@ -67,7 +68,6 @@ pub(super) struct Model<'a> {
     /// `sqrt(2 pi) / range`: odds against an inlier per prior odds, for a density of 1.
     outlier_scale: f32,
     per_noise: f32,
-    mono_variance: f32,
     /// Smallest `s_m`, and the largest `P` that adds to the weight.
     least_spread: f32,
     most_precision: f32,
@@ -88,7 +88,6 @@ impl<'a> Model<'a> {
             least: frame.geometry.least_sixteenths(),
             outlier_scale: (std::f64::consts::TAU.sqrt() / f64::from(mixture.outliers)) as f32,
             per_noise: 1.0 / mixture.stereo_noise,
-            mono_variance: mixture.mono_spread * mixture.mono_spread,
             least_spread,
             most_precision: 1.0 / (least_spread * least_spread),
         }
@@ -116,7 +115,7 @@ impl<'a> Model<'a> {
     fn observe(&self, y: usize, row: &mut RowBuffers) {
         row.load(self.frame, y);
         self.prior(y, row);
-        let [apart, against, precision] = &mut row.observed;
+        let [apart, against, precision, spread] = &mut row.observed;
         let inputs = row.disparity.as_chunks::<LANES>().0.iter().zip(row.mono.as_chunks::<LANES>().0);
         let inputs = inputs.zip(row.against.as_chunks::<LANES>().0);
         let outputs = apart.as_chunks_mut::<LANES>().0.iter_mut().zip(against.as_chunks_mut::<LANES>().0);
@@ -134,6 +133,14 @@ impl<'a> Model<'a> {
                 apart[i] = ln(ratio);
                 against[i] = if stereo_valid { odds } else { f32::INFINITY };
                 precision[i] = if valid { root * root } else { 0.0 };
+            }
+        }
+        match self.mixture.prior.spread() {
+            None => spread.fill(self.mixture.mono_spread),
+            Some(knots) => {
+                for (spread, mono) in spread.iter_mut().zip(&row.mono) {
+                    *spread = spread_at(knots, *mono);
+                }
             }
         }
     }
@@ -160,22 +167,22 @@ fn posterior(apart: f32, against: f32, precision: f32, shift: f32, variance: f32
 struct Estimate<'a>(Option<(&'a Grid, &'a [f32])>);
 
 impl Estimate<'_> {
-    /// Shifts and variances of [`LANES`] pixels of a phase.
+    /// Shifts and variances of [`LANES`] pixels of a phase, whose spread is `most` before alignment.
     #[inline(always)]
-    fn at(self, model: &Model<'_>, pixel: usize, cell: usize) -> (Lanes, Lanes) {
+    fn at(self, model: &Model<'_>, pixel: usize, cell: usize, most: &Lanes) -> (Lanes, Lanes) {
         let Some((grid, lines)) = self.0 else {
-            return ([0.0; LANES], [model.mono_variance; LANES]);
+            return ([0.0; LANES], most.map(|most| most * most));
         };
         let line = grid.line();
         let [mut share, mut shift, mut scatter] = [[0.0; LANES]; MAPS];
         grid.interpolate(pixel, cell, &lines[..line], &mut share);
         grid.interpolate(pixel, cell, &lines[line..2 * line], &mut shift);
         grid.interpolate(pixel, cell, &lines[2 * line..], &mut scatter);
-        let (least, most) = (model.least_spread, model.mixture.mono_spread);
+        let least = model.least_spread;
         let mut variance = [0.0; LANES];
         for i in 0..LANES {
             let scatter = if scatter[i] > 0.0 { scatter[i] } else { 0.0 };
-            let spread = scatter.sqrt();
+            let (spread, most) = (scatter.sqrt(), most[i]);
             let spread = if spread > least { spread } else { least };
             let spread = share[i] * spread + (1.0 - share[i]) * most;
             let spread = if spread > least { spread } else { least };
@@ -209,7 +216,8 @@ impl<const CELL: usize> Sums<'_, CELL> {
                 let at = pixel * phase + cell;
                 let (apart, against) = (samples(observed, at), samples(observed, CELL * phase + at));
                 let precision = samples(observed, 2 * CELL * phase + at);
-                let (shift, variance) = estimate.at(model, pixel, cell);
+                let most_spread = samples(observed, 3 * CELL * phase + at);
+                let (shift, variance) = estimate.at(model, pixel, cell, most_spread);
                 let mut moments = [[0.0; LANES]; MAPS];
                 for i in 0..LANES {
                     let (inlier, ..) = posterior(apart[i], against[i], precision[i], shift[i], variance[i]);
@@ -339,16 +347,18 @@ impl<const CELL: usize> Pass for Finish<'_, '_, CELL> {
                 row.load(model.frame, y);
                 grid.interpolate_row(y, blurred, lines);
                 let (apart, rest) = observed[y * OBSERVED * map..][..OBSERVED * map].split_at(map);
-                let (against, precision) = rest.split_at(map);
+                let (against, rest) = rest.split_at(map);
+                let (precision, spread) = rest.split_at(map);
                 let estimate = Estimate(Some((grid, lines)));
-                results::<CELL>(model, grid, [apart, against, precision], estimate, &mut row.in_phases);
+                results::<CELL>(model, grid, [apart, against, precision, spread], estimate, &mut row.in_phases);
                 for (phases, results) in row.in_phases.iter().zip(&mut row.results) {
                     from_phases::<CELL>(phases, results);
                 }
             } else {
                 model.observe(y, row);
-                let [apart, against, precision] = &row.observed;
-                results::<CELL>(model, grid, [apart, against, precision], Estimate(None), &mut row.results);
+                let [apart, against, precision, spread] = &row.observed;
+                let observed = [&apart[..], against, precision, spread];
+                results::<CELL>(model, grid, observed, Estimate(None), &mut row.results);
             }
             let pixels = y * width..(y + 1) * width;
             let mut maps = Maps {
@@ -370,7 +380,7 @@ impl<const CELL: usize> Pass for Finish<'_, '_, CELL> {
 fn results<const CELL: usize>(
     model: &Model<'_>,
     grid: &Grid,
-    [apart, against, precision]: [&[f32]; OBSERVED],
+    [apart, against, precision, spread]: [&[f32]; OBSERVED],
     estimate: Estimate<'_>,
     results: &mut [Vec<f32>; RESULTS],
 ) {
@@ -380,7 +390,7 @@ fn results<const CELL: usize>(
             let at = pixel * phase + cell;
             let (apart, against) = (samples(apart, at), samples(against, at));
             let precision = samples(precision, at);
-            let (shifts, variances) = estimate.at(model, pixel, cell);
+            let (shifts, variances) = estimate.at(model, pixel, cell, samples(spread, at));
             let mut values = [[0.0; LANES]; RESULTS];
             for i in 0..LANES {
                 let (shift, variance) = (shifts[i], variances[i]);

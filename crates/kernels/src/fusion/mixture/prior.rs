@@ -3,6 +3,7 @@
 //! A way to a prior writes one number per pixel of a row, the odds against stereo. Probabilities of independent causes
 //! multiply in [`Rules`]; a model that adds logits gives `exp(-logit)`.
 
+use super::reliability::{KNOTS, Reliability, classes};
 use super::{Frame, LANES};
 use crate::simd::{Level, Pass};
 
@@ -11,6 +12,16 @@ use crate::simd::{Level, Pass};
 pub enum Prior {
     /// A product of factors that are parameters.
     Rules(Rules),
+    /// What was learned of each class of evidence.
+    Learned(Box<Reliability>),
+}
+
+/// How the evidence of stereo's matches is read.
+#[derive(Clone, Debug)]
+pub(super) struct Evidence {
+    /// A match counts as unique if its ambiguity is at most this.
+    pub unique_most: f32,
+    pub support: Option<Support>,
 }
 
 /// The factors of the prior. Each is in [0, 1], except `near_factor`.
@@ -105,22 +116,46 @@ impl Prior {
     /// Writes `(1 - p) / p` of the pixels of a row, of which there are as many as `against` has.
     #[inline(always)]
     pub(super) fn odds_against(&self, frame: &Frame<'_>, row: Row<'_>, against: &mut [f32]) {
+        let Row { y, disparity, apart, .. } = row;
+        Differences::of(frame, y, &disparity[..frame.width], apart);
         match self {
-            Self::Rules(rules) => rules.odds_against(frame, row, against),
+            Self::Rules(rules) => rules.odds_against(frame, y, row.mono, apart, row.support, against),
+            Self::Learned(learned) => {
+                let odds = learned.odds();
+                classes(frame, y, row.mono, apart, row.support, &mut |x, class| against[x] = odds[class]);
+            }
+        }
+    }
+
+    pub(super) fn evidence(&self) -> Evidence {
+        match self {
+            Self::Rules(rules) => Evidence { unique_most: rules.unique_most, support: rules.support.clone() },
+            Self::Learned(_) => Reliability::evidence(),
+        }
+    }
+
+    /// The spread of monocular log depth at the knots of depth, if it was learned.
+    pub(super) fn spread(&self) -> Option<&[f32; KNOTS]> {
+        match self {
+            Self::Rules(_) => None,
+            Self::Learned(learned) => Some(&learned.spread),
         }
     }
 }
 
 impl Rules {
     #[inline(always)]
-    fn odds_against(&self, frame: &Frame<'_>, row: Row<'_>, against: &mut [f32]) {
-        let Row { y, disparity, mono, apart, support } = row;
+    fn odds_against(
+        &self,
+        frame: &Frame<'_>,
+        y: usize,
+        mono: &[f32],
+        apart: &[i32],
+        support: &[f32],
+        against: &mut [f32],
+    ) {
         let (width, evidence) = (frame.width, &frame.evidence);
         let at = y * width;
-        match evidence.right {
-            Some(right) => differences(&disparity[..width], &right.sixteenths[at..][..width], right.invalid, apart),
-            None => apart.fill(0),
-        }
         let near_depth = self.near_factor * frame.nearest_metres();
         let blocks = against.as_chunks_mut::<LANES>().0.iter_mut();
         let inputs = apart.as_chunks::<LANES>().0.iter().zip(mono.as_chunks::<LANES>().0);
@@ -175,11 +210,10 @@ pub(super) struct SupportFactors {
 
 impl SupportFactors {
     /// Computes the factors of a frame.
-    pub(super) fn prepare(&mut self, level: Level, prior: &Prior, frame: &Frame<'_>) {
+    pub(super) fn prepare(&mut self, level: Level, evidence: Evidence, frame: &Frame<'_>) {
         self.factors.clear();
-        let Prior::Rules(rules) = prior;
-        if let Some(support) = &rules.support {
-            level.run(Factors { rules, support, frame, into: self });
+        if let Some(support) = &evidence.support {
+            level.run(Factors { evidence: &evidence, support, frame, into: self });
         }
     }
 
@@ -190,7 +224,7 @@ impl SupportFactors {
 }
 
 struct Factors<'a> {
-    rules: &'a Rules,
+    evidence: &'a Evidence,
     support: &'a Support,
     frame: &'a Frame<'a>,
     into: &'a mut SupportFactors,
@@ -201,13 +235,13 @@ impl Pass for Factors<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { rules, support, frame, into } = self;
+        let Self { evidence, support, frame, into } = self;
         let SupportFactors { factors, trusted, columns, before, apart } = into;
         let (width, height) = (frame.width, frame.height);
         trusted.resize(width * height, 0);
         apart.resize(width, 0);
         for y in 0..height {
-            rules.trusted(frame, y, apart, &mut trusted[y * width..][..width]);
+            evidence.trusted(frame, y, apart, &mut trusted[y * width..][..width]);
         }
         columns.clear();
         columns.resize(width, 0);
@@ -252,17 +286,14 @@ impl Support {
     }
 }
 
-impl Rules {
+impl Evidence {
     /// Writes 1 where stereo is valid, both views agree and the match is unique, else 0.
     #[inline(always)]
     fn trusted(&self, frame: &Frame<'_>, y: usize, apart: &mut [i32], trusted: &mut [u8]) {
         let (width, evidence) = (frame.width, &frame.evidence);
         let at = y * width;
         let disparity = &frame.disparity.sixteenths[at..][..width];
-        match evidence.right {
-            Some(right) => differences(disparity, &right.sixteenths[at..][..width], right.invalid, apart),
-            None => apart.fill(0),
-        }
+        Differences::of(frame, y, disparity, apart);
         let least = frame.geometry.least_sixteenths();
         for ((trusted, apart), &disparity) in trusted.iter_mut().zip(apart).zip(disparity) {
             *trusted = u8::from(frame.disparity.is_valid(disparity, least) & (*apart <= CONSISTENT));
@@ -277,6 +308,29 @@ impl Rules {
                 *trusted &= u8::from(ambiguity <= self.unique_most);
             }
         }
+    }
+}
+
+/// How far both views are apart, 1/16 px.
+pub(super) struct Differences;
+
+impl Differences {
+    /// Writes those of the pixels of row `y`; 0 without a right view.
+    #[inline(always)]
+    pub(super) fn of(frame: &Frame<'_>, y: usize, disparity: &[i16], apart: &mut [i32]) {
+        match frame.evidence.right {
+            Some(right) => {
+                let row = &right.sixteenths[y * frame.width..][..frame.width];
+                differences(disparity, row, right.invalid, apart);
+            }
+            None => apart.fill(0),
+        }
+    }
+
+    /// 0 where they are consistent, 1 where they are close, else 2.
+    #[inline(always)]
+    pub(super) fn class(apart: i32) -> usize {
+        usize::from(apart > CONSISTENT) + usize::from(apart > CLOSE)
     }
 }
 

@@ -1,3 +1,4 @@
+use super::reliability::{CLASSES, KNOTS, Reliability, Statistics, class, knot};
 use super::*;
 use crate::raster::reflect101;
 use crate::simd::every_level;
@@ -340,6 +341,55 @@ fn local_alignment_undoes_a_smooth_factor() {
     };
     let (before, after) = (off(&aligned(Alignment::None)), off(&aligned(Alignment::Local(LOCAL))));
     assert!(after < 0.3 * before, "a mean error of {before} became {after}");
+}
+
+#[test]
+fn a_learned_prior_that_is_constant_is_the_rule_of_that_constant() {
+    let maps = Maps::street(171, 74);
+    let rules =
+        Rules { consistent: 1.0, close: 1.0, inconsistent: 1.0, not_unique: 1.0, near: 1.0, keep: 0.75, ..RULES };
+    let learned = Reliability { inlier: [0.75; CLASSES], spread: [0.4; KNOTS] };
+    for alignment in alignments() {
+        let with = |prior| fused(&Mixture { prior, ..mixture(alignment.clone()) }, &maps.frame());
+        let bits = |maps: [Vec<f32>; 4]| maps.map(|map| map.into_iter().map(f32::to_bits).collect::<Vec<_>>());
+        assert!(bits(with(Prior::Rules(rules.clone()))) == bits(with(Prior::Learned(Box::new(learned.clone())))));
+    }
+}
+
+#[test]
+fn reliability_is_learned_from_the_trusted_pixels() {
+    let mut maps = Maps::street(171, 74);
+    // Nothing is wrong but two of twelve disparities, which no evidence shows; in the last 40 columns all are.
+    let shown = |maps: &Maps| {
+        let mut statistics = Statistics::default();
+        statistics.add(&Frame { evidence: StereoEvidence::default(), ..maps.frame() }, 80.0);
+        statistics.reliability(1.0, f64::from(128_f32.ln())).expect("trusted pixels")
+    };
+    let learned = shown(&maps);
+    // The monocular depth is wrong by a factor of 1.1 + 0.3 sin cos: 0.1 in the mean, 0.15 around it.
+    let at = |metres: f32| learned.spread[(0..KNOTS).find(|at| knot(*at) >= metres).unwrap()];
+    assert!([10.0, 16.0].iter().all(|metres| (0.1..0.3).contains(&at(*metres))), "{:?}", learned.spread);
+    let of = |support, nearness| learned.inlier[class(0, true, support, nearness)];
+    assert_eq!(of(3, 0), 0.99);
+
+    for (i, disparity) in maps.disparity.iter_mut().enumerate() {
+        if i % 171 > 130 {
+            // Valid in one of four pixels, so that their classes have little support.
+            *disparity = if i % 4 == 0 { 900 } else { -16 };
+        }
+    }
+    let learned = shown(&maps);
+    let of = |support, nearness| learned.inlier[class(0, true, support, nearness)];
+    assert!(of(0, 1) < 0.5, "{}", of(0, 1));
+}
+
+#[test]
+fn without_trusted_pixels_nothing_is_learned() {
+    let maps = Maps { disparity: vec![-16; 90 * 30], ..Maps::street(90, 30) };
+    let mut statistics = Statistics::default();
+    assert!(statistics.reliability(1.0, 4.85).is_none());
+    statistics.add(&maps.frame(), 80.0);
+    assert!(statistics.reliability(1.0, 4.85).is_none() && statistics.frames() == 1 && statistics.trusted() == 0);
 }
 
 #[test]

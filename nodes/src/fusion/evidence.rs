@@ -1,0 +1,75 @@
+//! The inputs that tell how good stereo is, shared by `fusion/mixture` and `learn/reliability`.
+
+use depthloom_graphs::values::{Calibration, Depth, Disparity, Weight};
+use depthloom_graphs::{Fault, Inputs, Port, ValueType};
+use depthloom_kernels::mixture::{Disparities, Frame, StereoEvidence};
+use std::sync::Arc;
+
+use crate::disparity::invalid;
+use crate::geometry::geometry;
+use crate::shape::same_size;
+
+/// The ports that [`frame`] reads.
+pub(super) fn ports() -> Vec<Port> {
+    vec![
+        Port::frame("disparity", ValueType::Disparity, "Disparity of the left image, rounded to 1/16 px."),
+        Port::frame("mono", ValueType::Depth, "Monocular depth, metres, NaN = invalid; size of `disparity`."),
+        Port::frame("calibration", ValueType::Calibration, "Focal length, baseline and principal points of the pair."),
+        Port::frame("right", ValueType::Disparity, "Disparity of the right image's pixels, negative, 1/16 px.")
+            .optional(),
+        Port::frame(
+            "unique",
+            ValueType::Disparity,
+            "A disparity that is valid only where the match is unique; 0 px is not valid.",
+        )
+        .optional(),
+        Port::frame(
+            "ambiguity",
+            ValueType::Weight,
+            "Cost of the best disparity as a share of the second best's, in [0, 1].",
+        )
+        .optional(),
+    ]
+}
+
+fn disparities(map: &Disparity) -> Result<Disparities<'_>, Fault> {
+    Ok(Disparities { sixteenths: &map.sixteenths_px, invalid: invalid(map)? })
+}
+
+/// A frame of a matcher that searched `searched` disparities.
+pub(super) fn frame<'a>(inputs: &'a Inputs<'_>, searched: u32) -> Result<Frame<'a>, Fault> {
+    let (map, mono) = (inputs.get::<Disparity>("disparity")?, &inputs.get::<Depth>("mono")?.metres);
+    let geometry = geometry(inputs.get::<Calibration>("calibration")?);
+    let size = map.sixteenths_px.dimensions();
+    same_size(("disparity", size), ("mono", mono.dimensions()))?;
+    let optional = |port: &'static str| -> Result<Option<Disparities<'_>>, Fault> {
+        let Some(other) = inputs.optional::<Disparity>(port)? else { return Ok(None) };
+        same_size(("disparity", size), (port, other.sixteenths_px.dimensions()))?;
+        disparities(other).map(Some)
+    };
+    Ok(Frame {
+        width: size.0 as usize,
+        height: size.1 as usize,
+        disparity: disparities(map)?,
+        range_end: (f64::from(map.min_disparity_px) + f64::from(searched)) as f32,
+        geometry,
+        mono,
+        evidence: StereoEvidence {
+            right: optional("right")?,
+            unique: optional("unique")?,
+            ambiguity: weight(inputs, "ambiguity", size)?,
+            confidence: None,
+        },
+    })
+}
+
+/// An optional weight of the frame's size.
+pub(super) fn weight<'a>(
+    inputs: &'a Inputs<'_>,
+    port: &'static str,
+    size: (u32, u32),
+) -> Result<Option<&'a [f32]>, Fault> {
+    let Some(weight): Option<&Arc<Weight>> = inputs.optional(port)? else { return Ok(None) };
+    same_size(("disparity", size), (port, weight.share.dimensions()))?;
+    Ok(Some(&weight.share))
+}
