@@ -130,6 +130,21 @@ fn null_drops_a_variant_that_is_inherited() {
 }
 
 #[test]
+fn a_new_stage_runs_before_the_next_one_that_is_inherited() {
+    let stage = "{ source: test, nodes: { stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right } } } }";
+    let order = |text: &str| -> Vec<String> {
+        let loaded = loaded(text, &[]).unwrap_or_else(|message| panic!("{message}"));
+        loaded.plan.runs.iter().map(|run| run.stage.clone()).collect()
+    };
+    let base = order("extends: base.yaml\nexperiment: derived\n");
+    let before = format!(
+        "extends: base.yaml\nexperiment: derived\nstages: {{ first: {stage}, second: {stage}, compare: {{}}, last: {stage} }}\n"
+    );
+    assert_eq!(order(&before)[..2], ["first", "second"]);
+    assert_eq!(order(&before)[2..], [&base[..], &["last".to_owned()]].concat());
+}
+
+#[test]
 fn the_kept_experiment_says_what_it_does_not_have() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!("{BASE}{VARIANTS}");

@@ -109,6 +109,58 @@ fn ground_truth_of_training_frames_does_not_change_the_network() {
 }
 
 #[test]
+fn ground_truth_does_not_change_the_reliability() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("data");
+    let size = ["--width", "320", "--height", "96", "--frames", "4", "--seed", "3"];
+    succeed(depthloom().arg("synth").arg(&data).args(size));
+    let run = |ground_truth: &str, out: &str, workers: &str| {
+        let path = folder.path().join(format!("{ground_truth}.yaml"));
+        let nodes = "
+      stereo: { kind: stereo/sgbm, inputs: { left: source/left, right: source/right }, with: { right: true } }
+      mono: { kind: mono/ground-plane, inputs: { image: source/left, calibration: source/calibration } }";
+        let inputs =
+            "disparity: stereo/disparity, mono: mono/depth, calibration: source/calibration, right: stereo/right";
+        let text = format!(
+            "experiment: reliability
+sources:
+  data: {{ kind: kitti/stereo2015, with: {{ root: data, ground_truth: {ground_truth} }} }}
+  street: {{ kind: synthetic/road, with: {{ frames: 0..2, width: 320, height: 96 }} }}
+stages:
+  trust:
+    source: data
+    nodes:{nodes}
+      reliability: {{ kind: learn/reliability, inputs: {{ {inputs} }} }}
+  fuse:
+    source: street
+    nodes:{nodes}
+      mixture: {{ kind: fusion/mixture, inputs: {{ {inputs}, reliability: trust.reliability/reliability }} }}
+    score:
+      ground_truth: source/depth
+      estimates: {{ mixture: {{ from: mixture/depth, deviation: mixture/deviation }} }}
+"
+        );
+        std::fs::write(&path, text).expect("written");
+        let out = folder.path().join(out);
+        let mut command = depthloom();
+        command
+            .args(["run", "--no-page", "--fresh", "--quiet", "--workers", workers])
+            .arg(&path)
+            .arg("--out")
+            .arg(&out);
+        succeed(&mut command);
+        let read = |file: &str| std::fs::read(out.join(file)).expect(file);
+        (read("models/trust.reliability.json"), read("scores.csv"))
+    };
+    let with = run("noc", "with", "1");
+    let file = |frame: u32| data.join(format!("training/disp_noc_0/{frame:06}_10.png"));
+    let bytes: Vec<Vec<u8>> = (0..4).map(|frame| std::fs::read(file(frame)).expect("ground truth")).collect();
+    (0..4).for_each(|frame| std::fs::write(file(frame), &bytes[(frame as usize + 1) % 4]).expect("written"));
+    assert!(with == run("noc", "wrong", "8"), "wrong ground truth changes the reliability");
+    assert!(with == run("none", "without", "2"), "ground truth changes the reliability");
+}
+
+#[test]
 fn the_network_is_the_same_with_one_and_eight_workers() {
     let folder = tempfile::tempdir().expect("a folder");
     let experiment = street(folder.path(), 100);

@@ -24,18 +24,14 @@ pub(crate) struct ReliabilityParams {
     /// Standard deviation of the disparity of an inlier, px.
     #[schemars(range(max = 100), extend("exclusiveMinimum" = 0))]
     pub stereo_noise: f64,
-    /// Range of log disparities over which outliers are uniform. The default is that of 0.5 to 64 px.
-    #[schemars(range(max = 100), extend("exclusiveMinimum" = 0))]
-    pub outliers: f64,
-    /// Largest stereo depth, metres; `null` does not limit depth.
+    /// Pixels count whose depth is below this in both estimates, metres: `cap` of both. `null` counts all.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub cap: Option<f64>,
 }
 
 impl Default for ReliabilityParams {
     fn default() -> Self {
-        // ln 128.
-        Self { disparities: 64, stereo_noise: 1.0, outliers: 4.852_030_263_919_617, cap: Some(80.0) }
+        Self { disparities: 64, stereo_noise: 1.0, cap: Some(80.0) }
     }
 }
 
@@ -63,8 +59,11 @@ of the monocular depth, as a share of the largest that stereo searched, is betwe
 0.7, 0.85 and 1. In the last classes of nearness the true disparity may be out of range.\n\n\
 Stereo is trusted where the views agree, the match is unique, at least 0.8 of the window is trusted, and monocular \
 depth is far from the end of the range. There the prior is 0.99. The standard deviation of monocular log depth is \
-learned from these pixels, at quarters between powers of two metres from 0.5 to 128. The prior of other classes is the \
-mean probability of an inlier. Classes and depths with few pixels are near the mean of all.\n\n\
+learned from these pixels, at quarters between powers of two metres from 0.5 to 128. Where the views disagree and less \
+than 0.3 of the window is trusted, the prior is 0.05. These pixels show how outliers are distributed. The prior of \
+other classes is the mean probability of an inlier. Classes and depths with few pixels are near the mean of all.\n\n\
+A network errs less on frames that it was trained on. Learn the reliability from other frames, for example from those \
+that are fused.\n\n\
 The output is a JSON text. A run writes it to `models/STAGE.NODE.json`, and `reliability: { file: PATH }` reads it in \
 another experiment.",
             inputs: evidence::ports(),
@@ -74,10 +73,8 @@ another experiment.",
 
     fn check(params: &ReliabilityParams) -> Result<(), (&'static str, String)> {
         within("disparities", f64::from(params.disparities), " px", 1.0..=4096.0)?;
-        for (name, value) in [("stereo_noise", params.stereo_noise), ("outliers", params.outliers)] {
-            above_zero(name, Some(value), "")?;
-            within(name, value, "", 0.0..=100.0)?;
-        }
+        above_zero("stereo_noise", Some(params.stereo_noise), "px")?;
+        within("stereo_noise", params.stereo_noise, " px", 0.0..=100.0)?;
         above_zero("cap", params.cap, "m")
     }
 
@@ -95,7 +92,7 @@ impl OrderedNode for LearnReliability {
 
     fn finish(self: Box<Self>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let Self { params, statistics } = *self;
-        let reliability = statistics.reliability(params.stereo_noise, params.outliers).ok_or_else(|| {
+        let reliability = statistics.reliability(params.stereo_noise).ok_or_else(|| {
             let frames = counted(statistics.frames(), "frame");
             Fault::new(format!("no pixel of {frames} is trusted, so nothing can be learned"))
                 .remedy("check that `disparity` and `mono` are valid at the same pixels, and that `disparities` is the matcher's")

@@ -209,7 +209,7 @@ fn calls() -> Vec<Calls> {
         ),
         (
             "learn/reliability",
-            vec![json!({}), json!({ "disparities": 128, "stereo_noise": 0.5, "outliers": 4, "cap": null })],
+            vec![json!({}), json!({ "disparities": 128, "stereo_noise": 0.5, "cap": null })],
             vec![("disparity", disparity(10, 0)), ("mono", depth(4, 6)), ("calibration", calibration(72.0, 0.5))],
         ),
         (

@@ -53,7 +53,8 @@ pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<No
     }
     let mut entries = old.clone();
     let index: HashMap<&str, usize> = old.iter().enumerate().map(|(i, entry)| (entry.key.as_str(), i)).collect();
-    for entry in new {
+    let mut added: Vec<(usize, &Entry)> = Vec::new();
+    for (at, entry) in new.iter().enumerate() {
         match index.get(entry.key.as_str()) {
             Some(&i) => {
                 let place = &mut entries[i];
@@ -63,8 +64,18 @@ pub(crate) fn merged(base: &Arc<Node>, over: &Arc<Node>, level: Level) -> Arc<No
                 };
                 *place = Entry { value, ..entry.clone() };
             }
-            None => entries.push(entry.clone()),
+            None => {
+                // Stages run in the order of the file, so a new one may have to run before one of the base.
+                let mut later = new[at + 1..].iter().filter(|_| level == Level::Stages);
+                let next = later.find_map(|entry| index.get(entry.key.as_str()));
+                added.push((next.copied().unwrap_or(old.len()), entry));
+            }
         }
+    }
+    // From the last to the first, so that earlier places stay valid. The sort keeps the order of equal places.
+    added.sort_by_key(|(place, _)| *place);
+    for (place, entry) in added.into_iter().rev() {
+        entries.insert(place, entry.clone());
     }
     if level.can_lose_entries() {
         let dropped = |key: &str| new.iter().any(|entry| entry.key == key && entry.value.is_null());

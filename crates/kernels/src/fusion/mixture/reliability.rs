@@ -2,15 +2,18 @@
 //!
 //! Every pixel belongs to a class of evidence about stereo, and to a monocular depth. A class has the prior that stereo
 //! is an inlier, a depth has the spread `s_m` of monocular log depth. Both follow from how far stereo and monocular
-//! depth are apart, by expectation maximisation of the mixture itself: the posterior `q` of every pixel, then
+//! depth are apart, by expectation maximisation: the posterior `q` of every pixel, then
 //!
 //! ```text
 //! p(class)     = mean of q over the class
 //! s_m(depth)^2 = mean of u^2 - s_s^2 over trusted pixels of that depth, weighted by q;  u = z_s - z_m
+//! q            = p N(u; 0, s_m^2 + s_s^2) / (p N(u; 0, s_m^2 + s_s^2) + (1 - p) f(u; depth))
 //! ```
 //!
-//! The prior of the trusted classes is not learned: consistent, unique, most neighbours trusted, and far from the end
-//! of the range of disparities. They tell monocular errors from those of stereo.
+//! `f` is the density of outliers: a smoothed histogram of `u` over distrusted pixels of that depth. The priors of the
+//! trusted and of the distrusted classes are given, so that both components are known from pixels of one kind. Trusted
+//! pixels are consistent, unique, among trusted pixels, and far from the end of the range of disparities. Distrusted
+//! pixels are inconsistent, and so are most around them.
 
 use super::prior::{Differences, Evidence, SupportFactors};
 use super::{Disparities, Frame, Support};
@@ -35,14 +38,20 @@ const UNIQUE_MOST: f32 = 0.9;
 const SHARE: Support = Support { radius: 10, low: 0.0, high: 1.0, floor: 0.0 };
 /// Prior of the trusted classes.
 const TRUSTED: f64 = 0.99;
+/// Prior of the distrusted classes.
+const DISTRUSTED: f64 = 0.05;
+/// Histograms of outliers are means over this many steps on both sides.
+const BLUR: usize = 8;
 /// Classes of nearness below this may be trusted.
 const FAR_ENOUGH: usize = 3;
 /// Differences `u` are counted in steps of `1 / STEPS` up to `MOST` on both sides; the outermost count all beyond.
 const STEPS: usize = 64;
 const MOST: usize = 3;
 const APART: usize = 2 * MOST * STEPS;
-/// Pixels with which a class or depth counts as much as the mean of all.
+/// Pixels with which the prior of a class, and the outliers of a depth, count as much as the mean of all.
 const REGULAR: f64 = 100.0;
+/// The same for the spread of a depth. Neighbouring pixels err alike, so many are needed.
+const REGULAR_SPREAD: f64 = 10_000.0;
 /// Smallest and largest spread, and its first value.
 const LEAST_SPREAD: f64 = 0.02;
 const MOST_SPREAD: f64 = 2.0;
@@ -68,6 +77,13 @@ pub const fn class(agreement: usize, unique: bool, support: usize, nearness: usi
 const fn is_trusted(index: usize) -> bool {
     let (rest, nearness) = (index / (NEARNESSES.len() + 1), index % (NEARNESSES.len() + 1));
     rest == SUPPORTS.len() + 1 + SUPPORTS.len() && nearness < FAR_ENOUGH
+}
+
+/// Whether a class has outliers only, nearly: the views disagree, and so do most pixels around.
+const fn is_distrusted(index: usize) -> bool {
+    let rest = index / (NEARNESSES.len() + 1);
+    let (support, agreement) = (rest % (SUPPORTS.len() + 1), rest / (SUPPORTS.len() + 1) / 2);
+    support == 0 && agreement == AGREEMENTS - 1
 }
 
 /// Bits of an `f32` below two digits of its mantissa.
@@ -153,7 +169,8 @@ impl Default for Statistics {
 }
 
 impl Statistics {
-    /// Counts the pixels of a frame that are valid in both estimates. Stereo depth is capped, metres.
+    /// Counts the pixels of a frame whose depth is valid and below `cap`, metres, in both estimates. Two depths at the
+    /// cap agree exactly, which says nothing of the spread.
     ///
     /// # Panics
     /// If a map has another size than the frame.
@@ -172,9 +189,10 @@ impl Statistics {
             let counts = &mut self.counts;
             classes(frame, y, mono, &self.apart, self.support.row(y, width), &mut |x, class| {
                 let metres = mono[x];
-                if metres > 0.0 && metres < f32::INFINITY && frame.disparity.is_valid(disparity[x], least) {
-                    let stereo = metre_pixels / (f32::from(disparity[x]) / 16.0 + doffs);
-                    let apart = ln(stereo.min(cap) / metres) * STEPS as f32;
+                let stereo = metre_pixels / (f32::from(disparity[x]) / 16.0 + doffs);
+                let counts_here = frame.disparity.is_valid(disparity[x], least) && metres > 0.0;
+                if counts_here && metres < cap && stereo < cap {
+                    let apart = ln(stereo / metres) * STEPS as f32;
                     let bin = (apart + (APART / 2) as f32).clamp(0.0, (APART - 1) as f32) as usize;
                     let (index, place) = place(metres);
                     let nearest = index + usize::from(place >= 0.5);
@@ -197,21 +215,22 @@ impl Statistics {
         classes.filter(|(class, _)| is_trusted(*class)).flat_map(|(_, counts)| counts).sum()
     }
 
-    /// The reliability that explains the frames best, with the mixture's `stereo_noise` (px) and `outliers`.
-    /// `None` without a pixel of a trusted class.
+    /// The reliability that explains the frames best, with the mixture's `stereo_noise` (px). `None` without a pixel of a
+    /// trusted class.
     #[must_use]
-    pub fn reliability(&self, stereo_noise: f64, outliers: f64) -> Option<Reliability> {
+    pub fn reliability(&self, stereo_noise: f64) -> Option<Reliability> {
         if self.trusted() == 0 {
             return None;
         }
-        let cells = self.cells(stereo_noise);
+        let cells = self.cells(stereo_noise, &self.outliers());
         let (mut inlier, mut spread) = ([0.5; CLASSES], [FIRST_SPREAD; KNOTS]);
         (0..CLASSES).filter(|class| is_trusted(*class)).for_each(|class| inlier[class] = TRUSTED);
+        (0..CLASSES).filter(|class| is_distrusted(*class)).for_each(|class| inlier[class] = DISTRUSTED);
         for _ in 0..ITERATIONS {
             let (mut inliers, mut pixels) = ([0.0; CLASSES], [0.0; CLASSES]);
             let (mut squares, mut weights) = ([0.0; KNOTS], [0.0; KNOTS]);
             for cell in &cells {
-                let q = cell.posterior(inlier[cell.class], spread[cell.knot], outliers);
+                let q = cell.posterior(inlier[cell.class], spread[cell.knot]);
                 inliers[cell.class] += cell.count * q;
                 pixels[cell.class] += cell.count;
                 if is_trusted(cell.class) {
@@ -221,10 +240,10 @@ impl Statistics {
             }
             let mean = squares.iter().sum::<f64>() / weights.iter().sum::<f64>();
             for ((spread, squares), weight) in spread.iter_mut().zip(squares).zip(weights) {
-                let variance = (squares + REGULAR * mean) / (weight + REGULAR);
+                let variance = (squares + REGULAR_SPREAD * mean) / (weight + REGULAR_SPREAD);
                 *spread = variance.max(0.0).sqrt().clamp(LEAST_SPREAD, MOST_SPREAD);
             }
-            for class in (0..CLASSES).filter(|class| !is_trusted(*class)) {
+            for class in (0..CLASSES).filter(|class| !is_trusted(*class) && !is_distrusted(*class)) {
                 let near = |of: &[f64; CLASSES]| -> f64 {
                     (class % (NEARNESSES.len() + 1)..CLASSES).step_by(NEARNESSES.len() + 1).map(|at| of[at]).sum()
                 };
@@ -236,14 +255,40 @@ impl Statistics {
         Some(Reliability { inlier, spread: spread.map(|spread| spread as f32) })
     }
 
-    fn cells(&self, stereo_noise: f64) -> Vec<Cell> {
+    /// The density of the differences of outliers at each knot, from pixels of distrusted classes.
+    fn outliers(&self) -> Vec<f64> {
+        let mut counts = vec![0.0; KNOTS * APART];
+        for (_, class) in self.counts.chunks_exact(KNOTS * APART).enumerate().filter(|(class, _)| is_distrusted(*class))
+        {
+            counts.iter_mut().zip(class).for_each(|(sum, &count)| *sum += count as f64);
+        }
+        let mut all = vec![1.0; APART];
+        counts.chunks_exact(APART).for_each(|knot| all.iter_mut().zip(knot).for_each(|(all, count)| *all += count));
+        let total: f64 = all.iter().sum();
+        let mut densities = Vec::with_capacity(counts.len());
+        for knot in counts.chunks_exact(APART) {
+            let pixels: f64 = knot.iter().sum();
+            let mean = all.iter().map(|all| REGULAR * all / total);
+            let shares: Vec<f64> =
+                knot.iter().zip(mean).map(|(count, mean)| (count + mean) / (pixels + REGULAR)).collect();
+            densities.extend((0..APART).map(|bin| {
+                let window = bin.saturating_sub(BLUR)..(bin + BLUR + 1).min(APART);
+                let width = window.len() as f64 / STEPS as f64;
+                shares[window].iter().sum::<f64>() / width
+            }));
+        }
+        densities
+    }
+
+    fn cells(&self, stereo_noise: f64, outliers: &[f64]) -> Vec<Cell> {
         let metre_pixels = self.metre_pixels / self.frames as f64;
         let counted = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         let cell = |(at, &count): (usize, &u64)| {
             let (class, knot_index, bin) = (at / (KNOTS * APART), at / APART % KNOTS, at % APART);
             let apart = (bin as f64 + 0.5) / STEPS as f64 - MOST as f64;
             let deviation = (stereo_noise * f64::from(knot(knot_index)) * libm::exp(apart) / metre_pixels).max(1e-3);
-            Cell { class, knot: knot_index, apart, variance: deviation * deviation, count: count as f64 }
+            let outlier = outliers[knot_index * APART + bin];
+            Cell { class, knot: knot_index, apart, variance: deviation * deviation, outlier, count: count as f64 }
         };
         counted.map(cell).collect()
     }
@@ -257,15 +302,17 @@ struct Cell {
     apart: f64,
     /// `s_s^2`.
     variance: f64,
+    /// The density of outliers.
+    outlier: f64,
     count: f64,
 }
 
 impl Cell {
-    fn posterior(&self, prior: f64, spread: f64, outliers: f64) -> f64 {
+    fn posterior(&self, prior: f64, spread: f64) -> f64 {
         let variance = self.variance + spread * spread;
         let density = libm::exp(-0.5 * self.apart * self.apart / variance) / (std::f64::consts::TAU * variance).sqrt();
         let inlier = prior * density;
-        inlier / (inlier + (1.0 - prior) / outliers)
+        inlier / (inlier + (1.0 - prior) * self.outlier)
     }
 }
 
@@ -282,6 +329,28 @@ mod tests {
         }
         assert_eq!([0.0, f32::NAN, 0.2].map(|metres| spread_at(&spread, metres)), [spread[0]; 3]);
         assert!((spread_at(&spread, f32::INFINITY) - spread[KNOTS - 1]).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_prior_is_the_share_of_a_class_that_is_as_far_apart_as_trusted_pixels() {
+        // Trusted pixels are within 0.2 of mono, distrusted ones 0.8 farther; three of ten pixels of a class are inliers.
+        let mut statistics = Statistics { frames: 1, metre_pixels: 4000.0, ..Statistics::default() };
+        let mut add = |class: usize, apart: f64, pixels: f64| {
+            for bin in 0..APART {
+                let u = ((bin as f64 + 0.5) / STEPS as f64 - MOST as f64 - apart) / 0.2;
+                let count = pixels * libm::exp(-0.5 * u * u) / (std::f64::consts::TAU.sqrt() * 0.2 * STEPS as f64);
+                statistics.counts[(class * KNOTS + 16) * APART + bin] += count as u64;
+            }
+        };
+        let unknown = class(0, false, 1, 0);
+        add(class(0, true, 3, 0), 0.0, 1e6);
+        add(class(2, false, 0, 0), 0.8, 1e5);
+        add(unknown, 0.0, 3e4);
+        add(unknown, 0.8, 7e4);
+        let reliability = statistics.reliability(1.0).expect("trusted pixels");
+        assert!((reliability.spread[16] - 0.2).abs() < 0.02, "{}", reliability.spread[16]);
+        assert!((reliability.inlier[unknown] - 0.3).abs() < 0.03, "{}", reliability.inlier[unknown]);
+        assert_eq!(reliability.inlier[class(2, false, 0, 0)], DISTRUSTED as f32);
     }
 
     #[test]

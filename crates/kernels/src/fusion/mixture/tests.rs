@@ -363,7 +363,7 @@ fn reliability_is_learned_from_the_trusted_pixels() {
     let shown = |maps: &Maps| {
         let mut statistics = Statistics::default();
         statistics.add(&Frame { evidence: StereoEvidence::default(), ..maps.frame() }, 80.0);
-        statistics.reliability(1.0, f64::from(128_f32.ln())).expect("trusted pixels")
+        statistics.reliability(1.0).expect("trusted pixels")
     };
     let learned = shown(&maps);
     // The monocular depth is wrong by a factor of 1.1 + 0.3 sin cos: 0.1 in the mean, 0.15 around it.
@@ -387,9 +387,9 @@ fn reliability_is_learned_from_the_trusted_pixels() {
 fn without_trusted_pixels_nothing_is_learned() {
     let maps = Maps { disparity: vec![-16; 90 * 30], ..Maps::street(90, 30) };
     let mut statistics = Statistics::default();
-    assert!(statistics.reliability(1.0, 4.85).is_none());
+    assert!(statistics.reliability(1.0).is_none());
     statistics.add(&maps.frame(), 80.0);
-    assert!(statistics.reliability(1.0, 4.85).is_none() && statistics.frames() == 1 && statistics.trusted() == 0);
+    assert!(statistics.reliability(1.0).is_none() && statistics.frames() == 1 && statistics.trusted() == 0);
 }
 
 #[test]
