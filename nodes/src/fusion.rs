@@ -3,6 +3,7 @@
 mod confidence;
 mod facil;
 mod inverse_variance;
+mod learned;
 mod median;
 mod mixture;
 mod scale;
@@ -10,6 +11,7 @@ mod scale;
 pub(crate) use confidence::Confidence;
 pub(crate) use facil::Facil;
 pub(crate) use inverse_variance::InverseVariance;
+pub(crate) use learned::Learned;
 pub(crate) use median::MedianOf;
 pub(crate) use mixture::Mixture;
 pub(crate) use scale::Scale;
