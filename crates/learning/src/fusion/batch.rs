@@ -141,6 +141,6 @@ impl Seen {
         let target = if cell.mono > 0.0 { ln(target) } else { f32::NAN };
         // 5 % of depth.
         let is_shown = stereo.is_some_and(|stereo| (stereo - target).abs() < 0.05);
-        Self { stereo, mono: ln(cell.mono), target, weight: if is_shown { shown } else { 1.0 } }
+        Self { stereo, mono: ln(cell.mono), target, weight: if is_shown { shown } else { 1.0 }, is_shown }
     }
 }

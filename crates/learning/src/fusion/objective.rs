@@ -32,9 +32,8 @@ fn sums(map: &[f32], seen: &[Seen], size: Size) -> (Vec<f32>, Sums) {
         .map(|((slopes, map), seen)| add(map, seen, size.width, slopes))
         .collect();
     let mut all = Sums::default();
-    for Sums { weight, measured, loss } in of_windows {
+    for Sums { weight, measured } in of_windows {
         all.weight += weight;
-        all.loss += loss;
         all.measured.0 += measured.0;
         all.measured.1 += measured.1;
     }

@@ -120,11 +120,11 @@ fn small() -> Json {
 #[test]
 fn it_learns_to_prefer_the_monocular_estimate_where_stereo_is_wrong() {
     let learned = samples(5, 0);
-    let params = json!({ "steps": 240, "batch": 4, "window": null, "flip": false, "distortion": 0.05, "curve_every": 40,
+    let params = json!({ "steps": 800, "batch": 4, "window": null, "flip": false, "distortion": 0.05, "curve_every": 40,
         "learning_rate": 4e-3 });
     let (model, curve) = learn(&params, &learned, None, &Steps::endless(2)).expect("it learns");
     let (first, last) = (curve.points[0].loss, curve.points.last().expect("points").loss);
-    assert!(last < first - 0.5, "from {first} to {last}");
+    assert!(last < first - 0.25, "from {first} to {last}");
     // Other frames of the same road, all of stereo as it is.
     let other = samples(2, 3).encode();
     let other = SamplesView::read(&other).expect("samples");
@@ -160,7 +160,7 @@ fn it_learns_to_prefer_the_monocular_estimate_where_stereo_is_wrong() {
     // Stereo is off by 0.69, and the monocular estimate by 0.15 on average.
     assert!(mean(wrong.0, 0.25) < 0.25, "error where stereo is wrong: {}", mean(wrong.0, 0.25));
     assert!(mean(right.0, 0.75) < 0.05, "error where stereo is right: {}", mean(right.0, 0.75));
-    assert!(mean(wrong.1, 0.25) < 0.5 * mean(right.1, 0.75), "gates {} {}", mean(wrong.1, 0.25), mean(right.1, 0.75));
+    assert!(mean(wrong.1, 0.25) < mean(right.1, 0.75) - 0.25, "gates {} {}", mean(wrong.1, 0.25), mean(right.1, 0.75));
 }
 
 #[test]
