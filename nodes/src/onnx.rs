@@ -51,6 +51,7 @@ pub fn multiply_adds(model: &[u8], shapes: &[Vec<usize>]) -> Result<u64, String>
 
 pub(crate) use fit::{Fit, Fitted, PadAt, PadWith, Sizes};
 pub(crate) use flip::Flip;
+pub(crate) use input::colour;
 pub(crate) use network::Network;
 pub(crate) use params::{Channels, OnnxParams, Output, Resize, TensorLayout, check_preprocessing, check_resize};
 pub(crate) use pool::{CachedNetwork, PoolInput, Pools, declared, engine_key};

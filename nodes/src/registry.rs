@@ -7,7 +7,7 @@ use crate::depth::{FromDisparity, GuidedUpsampling};
 use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
 use crate::dora::Dora;
 use crate::filter::Median;
-use crate::fusion::{Confidence, Facil, InverseVariance, LearnReliability, MedianOf, Mixture, Scale};
+use crate::fusion::{Confidence, Facil, InverseVariance, LearnReliability, Learned, MedianOf, Mixture, Scale};
 use crate::mono::{GroundPlane, Onnx};
 use crate::network::OnnxNetwork;
 use crate::process::{Process, ProcessSource};
@@ -53,6 +53,7 @@ pub fn registry() -> Registry {
         .node::<OnnxNetwork>()
         .node::<Scale>()
         .node::<Confidence>()
+        .node::<Learned>()
         .node::<Mixture>()
         .node::<LearnReliability>()
         .node::<Facil>()

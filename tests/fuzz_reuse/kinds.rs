@@ -15,7 +15,11 @@ pub(crate) enum Type {
     Mask,
     Calibration,
     Samples,
+    /// Samples of `learn/fusion-samples`.
+    FusionSamples,
     Model,
+    /// A network of `learn/fusion`.
+    FusionModel,
     /// A value of the type `model` that is not a network: what a program returns once per stage.
     Bytes,
     Curve,
@@ -24,7 +28,10 @@ pub(crate) enum Type {
 impl Type {
     /// Whether there is one value per stage and not one per frame.
     pub(crate) const fn is_aggregate(self) -> bool {
-        matches!(self, Self::Samples | Self::Model | Self::Bytes | Self::Curve)
+        matches!(
+            self,
+            Self::Samples | Self::FusionSamples | Self::Model | Self::FusionModel | Self::Bytes | Self::Curve
+        )
     }
 }
 
@@ -244,6 +251,23 @@ pub(crate) const KINDS: &[Kind] = &[
         ..DEFAULT
     },
     Kind {
+        label: "fusion/learned",
+        kind: "fusion/learned",
+        inputs: &[
+            ("image", Type::Image),
+            ("disparity", Type::Disparity),
+            ("consistent", Type::Disparity),
+            ("mono", Type::Depth),
+            ("weight", Type::Weight),
+            ("calibration", Type::Calibration),
+            ("model", Type::FusionModel),
+        ],
+        outputs: &[("depth", Type::Depth), ("deviation", Type::Depth)],
+        parameters: &[("cap", CAPS)],
+        share: 1,
+        ..DEFAULT
+    },
+    Kind {
         label: "fusion/mixture",
         kind: "fusion/mixture",
         inputs: &[("disparity", Type::Disparity), ("mono", Type::Depth), ("calibration", Type::Calibration)],
@@ -392,6 +416,37 @@ pub(crate) const KINDS: &[Kind] = &[
         fixed: "{\"output_scale\": 16}",
         parameters: &[("cap", CAPS), ("output_scale", &["8", "16"])],
         model_files: &["pair-a.onnx", "pair-b.onnx"],
+        share: 2,
+        ..DEFAULT
+    },
+    Kind {
+        label: "learn/fusion",
+        kind: "learn/fusion",
+        contract: Contract::Aggregate,
+        inputs: &[("samples", Type::FusionSamples)],
+        optional_inputs: &[("validation", Type::FusionSamples)],
+        outputs: &[("model", Type::FusionModel), ("curve", Type::Curve)],
+        fixed: "{\"steps\": 1, \"batch\": 1, \"curve_every\": 1, \"window\": [32, 16]}",
+        parameters: &[("steps", &["1", "2"]), ("seed", &["1", "2"]), ("hidden", &["0.5", "0.6"])],
+        share: 1,
+        ..DEFAULT
+    },
+    Kind {
+        label: "learn/fusion-samples",
+        kind: "learn/fusion-samples",
+        contract: Contract::Ordered,
+        inputs: &[
+            ("image", Type::Image),
+            ("disparity", Type::Disparity),
+            ("consistent", Type::Disparity),
+            ("mono", Type::Depth),
+            ("weight", Type::Weight),
+            ("calibration", Type::Calibration),
+        ],
+        optional_inputs: &[("target", Type::Disparity)],
+        outputs: &[("samples", Type::FusionSamples)],
+        fixed: "{\"size\": [32, 32], \"coverage\": 0}",
+        parameters: &[("size", &["[32, 32]", "[64, 32]"]), ("least_disparity", &["0", "0.5", "2"])],
         share: 2,
         ..DEFAULT
     },

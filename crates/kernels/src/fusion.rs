@@ -6,6 +6,7 @@ pub mod facil;
 mod functions;
 pub mod fuse;
 pub mod inverse_variance;
+pub mod learned;
 pub mod median_of;
 pub mod mixture;
 pub mod scale;

@@ -56,6 +56,6 @@ pub mod tiles;
 pub mod velodyne;
 
 pub use filter::{convolve, edges, guided, median};
-pub use fusion::{align, confidence, facil, fuse, inverse_variance, median_of, mixture, scale};
+pub use fusion::{align, confidence, facil, fuse, inverse_variance, learned, median_of, mixture, scale};
 pub use image::{grey, resize};
 pub use stereo::{bm, census, depth, fill, left_right, params, rectify, sgbm, weighted_least_squares};

@@ -23,11 +23,13 @@
 //! assert_eq!(resolved["network"], "fcn-lite");
 //! ```
 
+mod fusion;
 mod networks;
 mod onnx;
 mod ops;
 mod samples;
 mod ssl;
+mod training;
 #[cfg(test)]
 mod written_networks;
 
@@ -36,5 +38,9 @@ use depthloom_graphs::Registry;
 /// Adds the kinds of this crate, one line each.
 #[must_use]
 pub fn register(registry: Registry) -> Registry {
-    registry.node::<samples::CollectSamples>().node::<ssl::Ssl>()
+    registry
+        .node::<samples::CollectSamples>()
+        .node::<samples::CollectFusionSamples>()
+        .node::<ssl::Ssl>()
+        .node::<fusion::TrainFusion>()
 }

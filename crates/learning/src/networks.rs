@@ -8,6 +8,7 @@ mod export;
 mod fcn_lite;
 mod fcn_vgg16;
 mod forward;
+mod fusion_unet;
 mod layout;
 mod unet_lite;
 mod unet_tiny;
@@ -17,6 +18,7 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use export::export;
 pub(crate) use forward::forward;
+pub(crate) use fusion_unet::FusionUnet;
 pub(crate) use layout::{ParameterLayout, layout};
 
 pub(crate) use crate::onnx::Meaning;
@@ -79,8 +81,43 @@ impl Network {
             Self::EigenCoarse => None,
         }
     }
+}
 
-    /// Lays the network out with `builder`, from its image to a map of one channel in [0, 1].
+/// What a network's file states about its input and output.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Interface {
+    /// Name of the input.
+    pub(crate) input: &'static str,
+    /// Planes of the input.
+    pub(crate) planes: usize,
+    /// How the input is made.
+    pub(crate) normalisation: &'static str,
+    /// What the output means.
+    pub(crate) output: &'static str,
+    /// Factor on the network's last layer, which is in [0, 1].
+    pub(crate) scale: f32,
+}
+
+/// A network as layers.
+pub(crate) trait Architecture: Copy {
+    fn name(self) -> &'static str;
+
+    fn interface(self) -> Interface;
+
+    /// Lays the network out with `builder`, from its planes to maps in [0, 1].
+    fn build<B: Builder>(self, builder: &mut B, planes: &B::Map) -> B::Map;
+}
+
+impl Architecture for Network {
+    fn name(self) -> &'static str {
+        self.name()
+    }
+
+    fn interface(self) -> Interface {
+        let (input, normalisation, meaning) = ("image", "RGB in [0,1], area resized", self.meaning());
+        Interface { input, planes: 3, normalisation, output: meaning.name(), scale: meaning.scale() }
+    }
+
     fn build<B: Builder>(self, builder: &mut B, image: &B::Map) -> B::Map {
         match self {
             Self::UnetLite => unet_lite::unet_lite(builder, image),
@@ -123,7 +160,7 @@ impl Conv {
     }
 }
 
-trait Builder {
+pub(crate) trait Builder {
     type Map: Clone;
 
     fn conv(&mut self, name: &str, x: &Self::Map, conv: Conv) -> Self::Map;

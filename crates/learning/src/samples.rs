@@ -1,6 +1,7 @@
 //! Training samples: images and targets at the network's size.
 
 mod format;
+mod fusion_node;
 mod node;
 mod sample;
 #[cfg(test)]
@@ -9,10 +10,11 @@ mod spool;
 mod target;
 mod view;
 
+pub(crate) use fusion_node::{CollectFusionSamples, FusionSamplesParams};
 pub(crate) use node::{CollectSamples, SamplesParams};
 #[cfg(test)]
-pub(crate) use sample::Sample;
+pub(crate) use sample::{Sample, cell_bytes};
 #[cfg(test)]
 pub(crate) use set::Samples;
-pub(crate) use view::SamplesView;
 pub(crate) use view::size_and_right;
+pub(crate) use view::{SampleView, SamplesView};

@@ -1,13 +1,12 @@
 //! `learn/ssl`: trains a network with the robot's own stereo.
 
 mod batch;
-mod checkpoint;
 mod fits;
 mod loss;
 mod node;
+mod objective;
 mod params;
 mod photometric;
-mod train;
 mod weights;
 
 pub(crate) use node::Ssl;

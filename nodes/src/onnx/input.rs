@@ -59,7 +59,7 @@ pub(super) fn resized(image: &Image, size: InputSize, resize: Resize, round: boo
     Ok(if size.channels == 1 { rgb.into_iter().step_by(3).collect() } else { rgb })
 }
 
-fn colour(image: &Image) -> std::borrow::Cow<'_, [u8]> {
+pub(crate) fn colour(image: &Image) -> std::borrow::Cow<'_, [u8]> {
     match image.pixels() {
         Pixels::Rgb(rgb) => rgb.as_raw().into(),
         Pixels::Grey(grey) => grey.iter().flat_map(|&value| [value; 3]).collect::<Vec<u8>>().into(),

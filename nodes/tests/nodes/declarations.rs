@@ -6,7 +6,7 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 27] = [
+const PORTS: [(&str, &[&str], &[&str]); 28] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
@@ -20,6 +20,11 @@ const PORTS: [(&str, &[&str], &[&str]); 27] = [
     ("fusion/confidence", &["mono", "stereo", "weight"], &["depth"]),
     ("fusion/facil", &["mono", "stereo", "weight"], &["depth"]),
     ("fusion/inverse-variance", &["mono", "stereo", "calibration"], &["depth", "deviation"]),
+    (
+        "fusion/learned",
+        &["image", "disparity", "consistent", "mono", "weight", "calibration", "model"],
+        &["depth", "deviation"],
+    ),
     ("fusion/median", &["mono", "stereo", "third"], &["depth"]),
     (
         "fusion/mixture",
@@ -159,6 +164,7 @@ fn defaults_are_the_golden_settings() {
         })
     );
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
+    assert_eq!(defaults("fusion/learned"), json!({ "cap": 80.0, "provider": "cpu", "threads": 1 }));
     // `mixture_oracle.py` and `local_mixture_oracle.py`; the first has no near rule.
     assert_eq!(
         defaults("fusion/mixture"),
@@ -232,6 +238,7 @@ fn parameters_that_no_schema_can_refuse_are_refused_by_name() {
         ("mono/onnx", json!({ "std": [1.0, 0.0, 1.0] }), "std"),
         ("mono/onnx", json!({ "round": false }), "round"),
         ("filter/median", json!({ "size": 4 }), "size"),
+        ("fusion/learned", json!({ "cap": 0 }), "cap"),
         ("fusion/mixture", json!({ "alignment": "global" }), "alignment"),
         ("fusion/mixture", json!({ "disparities": 0 }), "disparities"),
         ("fusion/mixture", json!({ "cap": 0 }), "cap"),

@@ -16,6 +16,7 @@ use image::{ImageBuffer, Luma, RgbImage};
 use serde_json::{Value as Json, json};
 
 use crate::call::{Values, call, model, open};
+use crate::learned_fusion::network as network_of_planes;
 use crate::steps::calibration;
 use crate::{images, kitti_family, kitti_raw, ros2_bag, stereo_sets};
 use depthloom_test_needs::onnx_file::{self, F32, Tensor};
@@ -185,6 +186,19 @@ fn calls() -> Vec<Calls> {
             [fusion.clone(), vec![("calibration", calibration(721.5377, 0.532_725))]].concat(),
         ),
         ("fusion/median", vec![json!({}), json!({ "of_two": "arithmetic" })], [fusion.clone(), vec![("third", depth(6, 4))]].concat()),
+        (
+            "fusion/learned",
+            vec![json!({}), json!({ "cap": null })],
+            vec![
+                ("image", image(0)),
+                ("disparity", disparity(10, 0)),
+                ("consistent", gappy()),
+                ("mono", depth(4, 6)),
+                ("weight", weight()),
+                ("calibration", calibration(72.0, 0.5)),
+                ("model", model(network_of_planes(8, 0, (32, 16), "fusion"))),
+            ],
+        ),
         (
             "fusion/mixture",
             vec![
@@ -369,7 +383,7 @@ fn digests() -> BTreeMap<String, Key> {
     let calls = calls();
     for node in registry.nodes() {
         let kind = node.declaration.kind;
-        if kind.ends_with("onnx")
+        if (kind.ends_with("onnx") || kind == "fusion/learned")
             && let Err(fault) = depthloom_nodes::onnx::find()
         {
             depthloom_test_needs::skipped(&format!("the digest of {kind}"), &fault.chain());

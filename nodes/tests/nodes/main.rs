@@ -15,6 +15,7 @@ mod images;
 mod kitti;
 mod kitti_family;
 mod kitti_raw;
+mod learned_fusion;
 mod mixture;
 mod network;
 mod recognise;

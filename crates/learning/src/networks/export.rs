@@ -1,24 +1,23 @@
 //! A network written as ONNX.
 
-use super::{Act, Builder, Conv, Network, Size};
+use super::{Act, Architecture, Builder, Conv, Interface, Size};
 use crate::onnx::{GraphBuilder, Metadata, Tensor, Weights};
-
-pub(crate) const INPUT: &str = "image";
 
 /// The ONNX file of `network` for images of `size` with the parameters `values`, in the order of
 /// [`layout`](super::layout()).
 ///
-/// Its input `image` is batch x 3 x height x width, RGB in [0, 1]; its output, batch x 1 x rows x columns, is named
-/// after its meaning.
-pub(crate) fn export(network: Network, size: Size, values: &[Vec<f32>], training_key: &str) -> Vec<u8> {
+/// Its input is batch x planes x height x width, for most networks the `image`, RGB in [0, 1]; its output, batch x
+/// maps x rows x columns, is named after its meaning.
+pub(crate) fn export(network: impl Architecture, size: Size, values: &[Vec<f32>], training_key: &str) -> Vec<u8> {
     let mut graph = GraphBuilder::new(network.name());
-    let image = graph.input(INPUT, &[3, size.height, size.width]);
+    let Interface { input, planes, normalisation, output, scale } = network.interface();
+    let image = graph.input(input, &[planes, size.height, size.width]);
     let mut writer = Writer { size, graph, values: values.iter() };
     let map = network.build(&mut writer, &image);
     assert!(writer.values.next().is_none(), "every parameter belongs to a layer");
-    let (meaning, mut graph) = (network.meaning(), writer.graph);
-    let scaled = graph.scale(map, meaning.scale());
-    let metadata = Metadata { size: [size.width, size.height], meaning, training_key };
+    let mut graph = writer.graph;
+    let scaled = graph.scale(map, scale);
+    let metadata = Metadata { size: [size.width, size.height], normalisation, output, training_key };
     graph.finish(scaled, &metadata)
 }
 

@@ -4,14 +4,14 @@ use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Tensor, activation, module};
 use depthloom_kernels::convolve::Activation;
 
-use super::{Act, Builder, Conv, Network, Size};
+use super::{Act, Architecture, Builder, Conv, Size};
 use crate::ops;
 
-/// The map of a batch of images, batch x 1 x rows x columns in [0, 1].
+/// The maps of a batch of images, batch x maps x rows x columns in [0, 1].
 ///
-/// `images` is batch x 3 x height x width in [0, 1]; `parameters` are those of [`layout`](super::layout()), in its
+/// `images` is batch x planes x height x width; `parameters` are those of [`layout`](super::layout()), in its
 /// order and flat.
-pub(crate) fn forward(network: Network, images: &Tensor<4>, parameters: &[Tensor<1>]) -> Tensor<4> {
+pub(crate) fn forward(network: impl Architecture, images: &Tensor<4>, parameters: &[Tensor<1>]) -> Tensor<4> {
     let [_, _, height, width] = images.dims();
     let mut layers = Layers { size: Size { width, height }, parameters: parameters.iter() };
     network.build(&mut layers, images)

@@ -1,6 +1,6 @@
 //! The parameters of a network: names, shapes, and what they begin with.
 
-use super::{Act, Builder, Conv, Network, Size};
+use super::{Act, Architecture, Builder, Conv, Size};
 use depthloom_random::SplitMix64;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -48,9 +48,9 @@ impl ParameterLayout {
     }
 }
 
-pub(crate) fn layout(network: Network, size: Size) -> ParameterLayout {
+pub(crate) fn layout(network: impl Architecture, size: Size) -> ParameterLayout {
     let mut lister = Lister { size, parameters: Vec::new() };
-    let map = network.build(&mut lister, &Shape { channels: 3, size });
+    let map = network.build(&mut lister, &Shape { channels: network.interface().planes, size });
     ParameterLayout { parameters: lister.parameters, map: map.size }
 }
 
@@ -122,7 +122,8 @@ impl Builder for Lister {
 
 #[cfg(test)]
 mod tests {
-    use super::{Network, ParameterLayout, Size, layout};
+    use super::{ParameterLayout, Size, layout};
+    use crate::networks::{FusionUnet, Network};
 
     #[test]
     fn networks_have_the_sizes_they_are_known_for() {
@@ -137,6 +138,7 @@ mod tests {
         let of_vgg = vgg.parameters.iter().filter(|parameter| parameter.name.starts_with("features."));
         assert_eq!(of_vgg.map(super::Parameter::len).sum::<usize>(), 14_714_688);
         assert!(vgg.parameters.iter().any(|parameter| parameter.name == "features.28.weight"));
+        assert_eq!(count(layout(FusionUnet, size)), 144_187);
         assert_eq!(layout(Network::EigenCoarse, size).map, Size { width: 40, height: 12 });
     }
 

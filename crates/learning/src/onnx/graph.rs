@@ -4,7 +4,7 @@ mod layers;
 
 use prost::Message;
 
-use super::metadata::{Metadata, NORMALISATION, names};
+use super::metadata::{Metadata, names};
 use depthloom_onnx::{
     AttributeProto, Dimension, DimensionProto, GraphProto, ModelProto, NodeProto, OperatorSetIdProto,
     StringStringEntryProto, TensorProto, TensorShapeProto, TensorTypeProto, TypeProto, ValueInfoProto, data_type,
@@ -62,7 +62,7 @@ impl GraphBuilder {
 
     /// The file: the graph with one output, which is named after its meaning.
     pub(crate) fn finish(mut self, output: Tensor, metadata: &Metadata<'_>) -> Vec<u8> {
-        let (before, after) = (self.name_of(output), metadata.meaning.name().replace('-', "_"));
+        let (before, after) = (self.name_of(output), metadata.output.replace('-', "_"));
         let is_used = self.values.iter().any(|known| known.name == after && known.name != before);
         assert!(!is_used, "the name {after} is used twice");
         assert!(!self.inputs.contains(&output), "the output is calculated");
@@ -72,8 +72,8 @@ impl GraphBuilder {
         let [width, height] = metadata.size;
         let metadata = [
             (names::INPUT_SIZE, format!("{width}x{height}")),
-            (names::NORMALISATION, NORMALISATION.to_owned()),
-            (names::OUTPUT, metadata.meaning.name().to_owned()),
+            (names::NORMALISATION, metadata.normalisation.to_owned()),
+            (names::OUTPUT, metadata.output.to_owned()),
             (names::TRAINING_KEY, metadata.training_key.to_owned()),
         ];
         let graph = GraphProto {

@@ -30,7 +30,10 @@ impl Meaning {
 pub(crate) struct Metadata<'a> {
     /// Columns and rows of the image it takes, px.
     pub(crate) size: [usize; 2],
-    pub(crate) meaning: Meaning,
+    /// How the image is brought to the network.
+    pub(crate) normalisation: &'a str,
+    /// What the output means, e.g. `disparity-share`; the output's name, with underscores.
+    pub(crate) output: &'a str,
     /// The key of the training run that made it.
     pub(crate) training_key: &'a str,
 }
@@ -45,6 +48,3 @@ pub(crate) mod names {
     /// The key of the training run.
     pub(crate) const TRAINING_KEY: &str = "depthloom.training_key";
 }
-
-/// What every network here is given: see `learn/samples`.
-pub(super) const NORMALISATION: &str = "RGB in [0,1], area resized";

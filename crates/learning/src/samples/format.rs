@@ -4,7 +4,7 @@
 //! |---|---|
 //! | 8 | `DLSAMPLE` |
 //! | 4 | version, 1 |
-//! | 4 | flags: bit 0, every sample has a right image; the others are 0 |
+//! | 4 | flags: bit 0, every sample has a right image; bit 1, every sample has cells for fusion; the others are 0 |
 //! | 4 + 4 | columns and rows, px |
 //! | 8 | number of samples |
 //!
@@ -17,16 +17,19 @@
 //! | 3 x rows x columns | left image, the planes of red, green and blue |
 //! | 3 x rows x columns | right image likewise, if flagged |
 //! | 2 x rows x columns | disparity as a share of the image's width (IEEE half, above 0); NaN = no target |
+//! | 7 x rows x columns | if flagged: stereo and the monocular estimate as such shares (IEEE half, 0 = invalid), then the |
+//! | | shares of the cell where stereo is valid and where the right view agrees, and confidence (0 to 255 each) |
 //!
 //! A number that is "none" is always the same NaN, so equal samples are equal bytes.
 
 use half::f16;
 
-use super::sample::Sample;
+use super::sample::{CELL_LEN, Sample};
 
 pub(super) const MAGIC: [u8; 8] = *b"DLSAMPLE";
 pub(super) const VERSION: u32 = 1;
 pub(super) const FLAG_RIGHT: u32 = 1;
+pub(super) const FLAG_CELLS: u32 = 2;
 /// The largest side of an image, px: more is a damaged file.
 pub(super) const LARGEST_SIDE: u32 = 1 << 14;
 /// Bytes before the first sample.
@@ -58,6 +61,7 @@ pub(super) struct Form {
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) has_right: bool,
+    pub(super) has_cells: bool,
 }
 
 impl Form {
@@ -66,12 +70,13 @@ impl Form {
     }
 
     pub(super) const fn sample_len(self) -> usize {
-        4 + 8 + self.pixels() * (3 + if self.has_right { 3 } else { 0 } + 2)
+        let (right, cells) = (if self.has_right { 3 } else { 0 }, if self.has_cells { CELL_LEN } else { 0 });
+        4 + 8 + self.pixels() * (3 + right + 2 + cells)
     }
 
     pub(super) fn header(self, count: u64) -> [u8; HEADER_LEN] {
         let mut header = [0; HEADER_LEN];
-        let flags = if self.has_right { FLAG_RIGHT } else { 0 };
+        let flags = if self.has_right { FLAG_RIGHT } else { 0 } | if self.has_cells { FLAG_CELLS } else { 0 };
         header[..8].copy_from_slice(&MAGIC);
         header[8..12].copy_from_slice(&VERSION.to_le_bytes());
         header[12..16].copy_from_slice(&flags.to_le_bytes());
@@ -86,6 +91,7 @@ impl Form {
         assert_eq!(sample.image.len(), 3 * pixels, "the image has the samples' size");
         assert_eq!(sample.right.as_ref().map(Vec::len), self.has_right.then_some(3 * pixels), "all or none is right");
         assert_eq!(sample.share.len(), pixels, "the target has the samples' size");
+        assert_eq!(sample.cells.as_ref().map(Vec::len), self.has_cells.then_some(pixels), "all or none has cells");
         let id_len = u32::try_from(sample.id.len()).expect("an id is short");
         out.reserve(self.sample_len() + sample.id.len());
         out.extend_from_slice(&id_len.to_le_bytes());
@@ -97,6 +103,7 @@ impl Form {
             let share = if share.is_nan() { f16::NAN } else { *share };
             out.extend_from_slice(&share.to_le_bytes());
         }
+        out.extend_from_slice(sample.cells.as_deref().unwrap_or_default().as_flattened());
     }
 }
 
@@ -112,13 +119,19 @@ mod tests {
         let share = prop_oneof![Just(f16::NAN), (1u16..0x7c00).prop_map(f16::from_bits)];
         let right = vec(any::<u8>(), 3 * pixels).prop_map(move |right| form.has_right.then_some(right));
         let scale = proptest::option::of(1e-3..1e4f64);
-        (".{0,12}", vec(any::<u8>(), 3 * pixels), right, vec(share, pixels), scale)
-            .prop_map(|(id, image, right, share, depth_scale)| Sample { id, image, right, share, depth_scale })
+        let cell = (1u16..0x7c00, 0u16..0x7c00, any::<[u8; 3]>()).prop_map(|(stereo, mono, shares)| {
+            let halves = [stereo.to_le_bytes(), mono.to_le_bytes()].concat();
+            std::array::from_fn(|at| if at < 4 { halves[at] } else { shares[at - 4] })
+        });
+        let cells = vec(cell, pixels).prop_map(move |cells: Vec<[u8; CELL_LEN]>| form.has_cells.then_some(cells));
+        (".{0,12}", vec(any::<u8>(), 3 * pixels), right, vec(share, pixels), scale, cells).prop_map(
+            |(id, image, right, share, depth_scale, cells)| Sample { id, image, right, share, depth_scale, cells },
+        )
     }
 
     fn samples() -> impl Strategy<Value = Samples> {
-        (1u32..6, 1u32..5, any::<bool>()).prop_flat_map(|(width, height, has_right)| {
-            vec(sample(Form { width, height, has_right }), 0..4).prop_map(move |items| Samples {
+        (1u32..6, 1u32..5, any::<bool>(), any::<bool>()).prop_flat_map(|(width, height, has_right, has_cells)| {
+            vec(sample(Form { width, height, has_right, has_cells }), 0..4).prop_map(move |items| Samples {
                 width,
                 height,
                 has_right,
@@ -129,7 +142,8 @@ mod tests {
 
     fn one() -> Samples {
         let share = vec![f16::NAN, f16::from_f32(0.25)];
-        let sample = Sample { id: "7".to_owned(), image: (1..7).collect(), right: None, share, depth_scale: Some(2.0) };
+        let (id, image) = ("7".to_owned(), (1..7).collect());
+        let sample = Sample { id, image, share, depth_scale: Some(2.0), ..Sample::default() };
         Samples { width: 2, height: 1, has_right: false, items: vec![sample] }
     }
 
@@ -172,6 +186,16 @@ mod tests {
         assert_eq!(with(HEADER_LEN + 4, 0xff), DecodeError::Id(0));
         assert_eq!(with(scale + 7, 0xc0), DecodeError::Value { sample: 0, what: "a depth scale" });
         assert_eq!(with(bytes.len() - 1, 0xb4), DecodeError::Value { sample: 0, what: "a target" });
+        // A valid cell without stereo, and a monocular estimate that is not a number.
+        let cells = |cell: [u8; CELL_LEN]| {
+            let mut samples = one();
+            samples.items[0].cells = Some(vec![[0; CELL_LEN], cell]);
+            Samples::decode(&samples.encode()).map(|_| ())
+        };
+        let wrong = Err(DecodeError::Value { sample: 0, what: "a share" });
+        assert_eq!(cells([0, 0, 0, 0x3c, 0, 0, 0]), Ok(()));
+        assert_eq!(cells([0, 0, 0, 0x3c, 1, 0, 0]), wrong);
+        assert_eq!(cells([0, 0, 0, 0x7e, 0, 0, 0]), wrong);
     }
 
     proptest! {

@@ -107,30 +107,7 @@ impl CollectSamples {
 
     const fn form(&self) -> Form {
         let has_right = matches!(self.has_right, Some(true));
-        Form { width: self.size[0], height: self.size[1], has_right }
-    }
-
-    fn small(&self, port: &str, image: &Image) -> Result<Vec<u8>, Fault> {
-        let (width, height) = image.dimensions();
-        let [columns, rows] = self.size;
-        if width < columns || height < rows {
-            return Err(Fault::new(format!(
-                "`{port}` is {width}x{height}, smaller than the network's image of {columns}x{rows}"
-            ))
-            .remedy("lower `size` (and the network's): training on enlarged images is not supported"));
-        }
-        let repeated: Vec<u8>;
-        let interleaved = match image.pixels() {
-            Pixels::Rgb(rgb) => rgb.as_raw(),
-            Pixels::Grey(grey) => {
-                repeated = grey.iter().flat_map(|&value| [value; 3]).collect();
-                &repeated
-            }
-        };
-        let mut small = vec![0; 3 * columns as usize * rows as usize];
-        let to = (columns as usize, rows as usize);
-        area_rgb8(interleaved, width as usize, height as usize, to.0, to.1, &mut small);
-        Ok((0..3).flat_map(|channel| small.iter().skip(channel).step_by(3)).copied().collect())
+        Form { width: self.size[0], height: self.size[1], has_right, has_cells: false }
     }
 
     /// The frame as a sample; `None` if it has no target.
@@ -143,9 +120,10 @@ impl CollectSamples {
         if let Some(right) = right {
             same_size(image, "right", right.dimensions())?;
         }
-        let small = self.small("image", image)?;
+        let image_size = image.dimensions();
+        let image = small(self.size, "image", image)?;
         let depth_scale = match inputs.optional::<Calibration>("calibration")? {
-            Some(calibration) => Some(depth_scale(calibration, image.dimensions().0)?),
+            Some(calibration) => Some(depth_scale(calibration, image_size.0)?),
             None => None,
         };
         if *self.has_right.get_or_insert(right.is_some()) != right.is_some() {
@@ -153,12 +131,12 @@ impl CollectSamples {
                 .remedy("leave `right` unwired, or select only frames with a right image"));
         }
         let (columns, rows) = (self.size[0] as usize, self.size[1] as usize);
-        let share = self.maps.target(disparity, mask, self.rule, columns, rows);
+        let share = self.maps.target(disparity, Some(mask), self.rule, columns, rows);
         if share.iter().all(|share: &f16| share.is_nan()) {
             return Ok(None);
         }
-        let right = right.map(|right| self.small("right", right)).transpose()?;
-        Ok(Some(Sample { id: frame.id.to_string(), image: small, right, share, depth_scale }))
+        let right = right.map(|right| small(self.size, "right", right)).transpose()?;
+        Ok(Some(Sample { id: frame.id.to_string(), image, right, share, depth_scale, cells: None }))
     }
 
     fn bytes(&mut self) -> std::io::Result<std::sync::Arc<[u8]>> {
@@ -183,13 +161,37 @@ impl OrderedNode for CollectSamples {
     }
 }
 
-fn unwritten(error: std::io::Error) -> Fault {
+/// The planes of red, green and blue at the network's size.
+pub(super) fn small(size: [u32; 2], port: &str, image: &Image) -> Result<Vec<u8>, Fault> {
+    let (width, height) = image.dimensions();
+    let [columns, rows] = size;
+    if width < columns || height < rows {
+        return Err(Fault::new(format!(
+            "`{port}` is {width}x{height}, smaller than the network's image of {columns}x{rows}"
+        ))
+        .remedy("lower `size` (and the network's): training on enlarged images is not supported"));
+    }
+    let repeated: Vec<u8>;
+    let interleaved = match image.pixels() {
+        Pixels::Rgb(rgb) => rgb.as_raw(),
+        Pixels::Grey(grey) => {
+            repeated = grey.iter().flat_map(|&value| [value; 3]).collect();
+            &repeated
+        }
+    };
+    let mut small = vec![0; 3 * columns as usize * rows as usize];
+    let to = (columns as usize, rows as usize);
+    area_rgb8(interleaved, width as usize, height as usize, to.0, to.1, &mut small);
+    Ok((0..3).flat_map(|channel| small.iter().skip(channel).step_by(3)).copied().collect())
+}
+
+pub(super) fn unwritten(error: std::io::Error) -> Fault {
     Fault::new(format!("failed to write samples to a temporary file in {}", std::env::temp_dir().display()))
         .because(error)
         .remedy("free some disk space, set TMPDIR to another folder, or raise `memory_mb`")
 }
 
-fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) -> Result<(), Fault> {
+pub(super) fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) -> Result<(), Fault> {
     let (columns, rows) = image.dimensions();
     if (columns, rows) == (width, height) {
         return Ok(());
@@ -200,7 +202,7 @@ fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) -> Result<(
 }
 
 /// `f * B / width`, metres: with a share `s`, depth is this over `s`.
-fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
+pub(super) fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
     if calibration.doffs_px != 0.0 {
         let doffs_px = calibration.doffs_px;
         let what = format!(

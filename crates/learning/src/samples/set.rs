@@ -21,7 +21,12 @@ pub(crate) struct Samples {
 impl Samples {
     /// The samples as bytes; equal samples give equal bytes.
     pub(crate) fn encode(&self) -> Vec<u8> {
-        let form = Form { width: self.width, height: self.height, has_right: self.has_right };
+        let form = Form {
+            width: self.width,
+            height: self.height,
+            has_right: self.has_right,
+            has_cells: self.items.iter().any(|sample| sample.cells.is_some()),
+        };
         let mut out = form.header(self.items.len() as u64).to_vec();
         for sample in &self.items {
             form.append(sample, &mut out);
@@ -44,6 +49,7 @@ impl SampleView<'_> {
             right: self.right.map(<[u8]>::to_vec),
             share: self.shares().collect(),
             depth_scale: self.depth_scale,
+            cells: self.cells.map(<[_]>::to_vec),
         }
     }
 }
@@ -59,7 +65,7 @@ impl PartialEq for Sample {
     fn eq(&self, other: &Self) -> bool {
         let same_share = |(a, b): (&f16, &f16)| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan();
         (&self.id, &self.image, &self.right) == (&other.id, &other.image, &other.right)
-            && self.depth_scale == other.depth_scale
+            && (self.depth_scale, &self.cells) == (other.depth_scale, &other.cells)
             && self.share.len() == other.share.len()
             && self.share.iter().zip(&other.share).all(same_share)
     }

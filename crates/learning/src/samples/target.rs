@@ -23,11 +23,11 @@ pub(super) struct Maps {
 impl Maps {
     /// The mean disparity over each cell as a share of the image's width; NaN where too little of the cell is known.
     ///
-    /// Disparity and mask are of one size, no smaller than `columns x rows`.
+    /// Without a mask, all pixels are confident. Disparity and mask are of one size, no smaller than `columns x rows`.
     pub(super) fn target(
         &mut self,
         disparity: &Disparity,
-        mask: &Mask,
+        mask: Option<&Mask>,
         rule: Rule,
         columns: usize,
         rows: usize,
@@ -36,9 +36,10 @@ impl Maps {
         let (width, height) = (width as usize, height as usize);
         self.disparity_px.clear();
         self.valid.clear();
-        for (&sixteenths, &set) in disparity.sixteenths_px.iter().zip(mask.set.iter()) {
+        for (pixel, &sixteenths) in disparity.sixteenths_px.iter().enumerate() {
             let px = f32::from(sixteenths) / 16.0;
-            let valid = set != 0 && f64::from(px) > rule.least_disparity_px;
+            let is_set = mask.is_none_or(|mask| mask.set.as_raw()[pixel] != 0);
+            let valid = is_set && f64::from(px) > rule.least_disparity_px;
             self.disparity_px.push(if valid { px } else { 0.0 });
             self.valid.push(if valid { 1.0 } else { 0.0 });
         }
@@ -73,7 +74,7 @@ mod tests {
         let disparity =
             Disparity { sixteenths_px: Raster::from_raw(width, height, sixteenths).unwrap(), min_disparity_px: 0 };
         let mask = Mask { set: Raster::from_raw(width, height, set).unwrap() };
-        Maps::default().target(&disparity, &mask, rule, columns, rows).into_iter().map(f32::from).collect()
+        Maps::default().target(&disparity, Some(&mask), rule, columns, rows).into_iter().map(f32::from).collect()
     }
 
     #[test]

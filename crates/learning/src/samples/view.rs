@@ -1,8 +1,10 @@
 //! Samples read from the encoded bytes, without a second copy.
 
+use depthloom_kernels::learned::Cell;
 use half::f16;
 
-use super::format::{DecodeError, FLAG_RIGHT, Form, HEADER_LEN, LARGEST_SIDE, MAGIC, VERSION};
+use super::format::{DecodeError, FLAG_CELLS, FLAG_RIGHT, Form, HEADER_LEN, LARGEST_SIDE, MAGIC, VERSION};
+use super::sample::{CELL_LEN, cell};
 
 #[derive(Clone, Debug)]
 pub(crate) struct SamplesView<'a> {
@@ -20,6 +22,7 @@ pub(crate) struct SampleView<'a> {
     /// `f * B / width`, metres; `None` without calibration.
     pub(crate) depth_scale: Option<f64>,
     share: &'a [[u8; 2]],
+    pub(super) cells: Option<&'a [[u8; CELL_LEN]]>,
 }
 
 impl SampleView<'_> {
@@ -27,6 +30,11 @@ impl SampleView<'_> {
     #[inline]
     pub(crate) fn share(&self, pixel: usize) -> f16 {
         f16::from_le_bytes(self.share[pixel])
+    }
+
+    /// What fusion sees of a pixel; the default where the samples have no cells.
+    pub(crate) fn cell(&self, pixel: usize) -> Cell {
+        self.cells.map(|cells| cell(cells[pixel])).unwrap_or_default()
     }
 
     pub(crate) fn shares(&self) -> impl Iterator<Item = f16> {
@@ -65,6 +73,11 @@ impl<'a> SamplesView<'a> {
         self.form.has_right
     }
 
+    /// Whether every sample has cells for fusion; without, none has.
+    pub(crate) const fn has_cells(&self) -> bool {
+        self.form.has_cells
+    }
+
     pub(crate) const fn len(&self) -> usize {
         self.items.len()
     }
@@ -97,13 +110,14 @@ fn header(bytes: &[u8]) -> Result<(Form, u64, &[u8]), DecodeError> {
     if version != VERSION {
         return Err(DecodeError::Version(version));
     }
-    if flags & !FLAG_RIGHT != 0 {
+    if flags & !(FLAG_RIGHT | FLAG_CELLS) != 0 {
         return Err(DecodeError::Flags(flags));
     }
     if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
         return Err(DecodeError::Size { width, height });
     }
-    Ok((Form { width, height, has_right: flags == FLAG_RIGHT }, count, rest))
+    let (has_right, has_cells) = (flags & FLAG_RIGHT != 0, flags & FLAG_CELLS != 0);
+    Ok((Form { width, height, has_right, has_cells }, count, rest))
 }
 
 /// The first of the samples in `rest`, and the bytes after it.
@@ -121,13 +135,22 @@ fn sample(form: Form, index: u64, count: u64, rest: &[u8]) -> Result<(SampleView
     let image = take(3 * form.pixels())?;
     let right = if form.has_right { Some(take(3 * form.pixels())?) } else { None };
     let (share, _) = take(2 * form.pixels())?.as_chunks::<2>();
+    let cells = if form.has_cells { Some(take(CELL_LEN * form.pixels())?.as_chunks::<CELL_LEN>().0) } else { None };
     let depth_scale = (!scale.is_nan()).then_some(scale);
     if depth_scale.is_some_and(|scale| !(scale > 0.0 && scale.is_finite())) {
         return Err(DecodeError::Value { sample: index, what: "a depth scale" });
     }
-    let sample = SampleView { id, image, right, depth_scale, share };
+    let sample = SampleView { id, image, right, depth_scale, share, cells };
     if !sample.shares().all(|share| share.is_nan() || share > f16::ZERO && share.is_finite()) {
         return Err(DecodeError::Value { sample: index, what: "a target" });
+    }
+    let is_sound = |&bytes: &[u8; CELL_LEN]| {
+        let Cell { stereo, covered, mono, .. } = cell(bytes);
+        let is_share = |share: f32| share.is_finite() && share.is_sign_positive();
+        is_share(stereo) && is_share(mono) && (covered == 0.0 || stereo > 0.0)
+    };
+    if !cells.is_none_or(|cells| cells.iter().all(is_sound)) {
+        return Err(DecodeError::Value { sample: index, what: "a share" });
     }
     Ok((sample, rest))
 }
@@ -145,6 +168,7 @@ mod tests {
             right: Some((7..13).collect()),
             share: vec![f16::NAN, f16::from_f32(0.25)],
             depth_scale: Some(2.0),
+            cells: None,
         };
         let bytes = Samples { width: 2, height: 1, has_right: true, items: vec![sample.clone(), sample] }.encode();
         let view = SamplesView::read(&bytes).unwrap();

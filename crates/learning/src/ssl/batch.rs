@@ -178,6 +178,7 @@ mod tests {
             right: None,
             share: (0..6).map(|p| if p == 4 { f16::NAN } else { f16::from_f32((p + 1) as f32 / 64.0) }).collect(),
             depth_scale: Some(0.5),
+            cells: None,
         };
         Samples { width: 3, height: 2, has_right: false, items: (0..count).map(item).collect() }.encode()
     }

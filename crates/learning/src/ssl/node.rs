@@ -1,31 +1,22 @@
 //! The kind `learn/ssl`.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Upstream};
-use depthloom_graphs::values::{Artifact, Curve};
-use depthloom_graphs::{
-    AggregateNode, Context, Fault, Host, Inputs, Instance, Key, Node, Outputs, Port, Value, ValueType,
-};
-use depthloom_threads::look_for_room;
-use rayon::ThreadPool;
-use rustix::time::{ClockId, clock_gettime};
+use depthloom_graphs::values::Artifact;
+use depthloom_graphs::{AggregateNode, Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, Value, ValueType};
 
-use super::checkpoint::Checkpoint;
 use super::fits::Form;
+use super::objective::SelfSupervision;
 use super::params::SslParams;
-use super::train::{State, Training};
 use super::weights;
 use crate::networks::{Network, ParameterLayout, export, layout};
 use crate::onnx::weights::NamedTensor;
 use crate::samples::SamplesView;
+use crate::training::{self, LIBRARY, check_curve, on_threads};
 
 /// Raised whenever equal samples and parameters give another network.
 const VERSION: u32 = 2;
-
-/// What computes gradients and steps, with its version.
-const LIBRARY: &str = "burn 0.22.1";
 
 pub(crate) struct Ssl {
     params: SslParams,
@@ -67,9 +58,7 @@ steps, the state is stored beside the run; if a run was killed or interrupted, r
     }
 
     fn check(params: &SslParams) -> Result<(), (&'static str, String)> {
-        if params.patience.is_some() && params.curve_every > params.steps {
-            return Err(("curve_every", "curve_every must not exceed steps if patience is set".to_owned()));
-        }
+        check_curve(&params.settings())?;
         if params.network == Network::FcnVgg16 && params.weights.is_none() {
             return Err((
                 "weights",
@@ -107,11 +96,9 @@ impl AggregateNode for Ssl {
         self.params.check_form(&form, validation.as_ref().map(Form::new).as_ref())?;
         self.params.check_patience(validation.is_some())?;
         let layout = layout(self.params.network, form.size);
-        let learn = || self.learn(&layout, &samples, validation.as_ref(), ctx.host);
-        let pool = pool(ctx.host.width(), self.params.batch)?;
-        let learned = pool.install(learn);
-        ctx.host.add_cpu_time(spent_ns(&pool));
-        let (values, curve) = learned?;
+        let objective = SelfSupervision::new(&self.params, layout.map, &samples, validation.as_ref());
+        let learn = || training::learn(&objective, &layout, || self.start(&layout), ctx.host);
+        let (values, curve) = on_threads(self.params.batch, ctx.host, learn)??;
         let key = ctx.host.key().map_or_else(String::new, |key| key.to_string());
         let file = export(self.params.network, form.size, &values, &key);
         Ok(Outputs::one("model", Value::Model(Arc::new(Artifact::model(file)))).with("curve", curve))
@@ -131,68 +118,6 @@ fn read<'a>(port: &str, artifact: &'a Artifact) -> Result<SamplesView<'a>, Fault
 }
 
 impl Ssl {
-    fn learn(
-        &self,
-        layout: &ParameterLayout,
-        samples: &SamplesView<'_>,
-        validation: Option<&SamplesView<'_>>,
-        host: &dyn Host,
-    ) -> Result<(Vec<Vec<f32>>, Curve), Fault> {
-        let checkpoint = host.checkpoint().map(Checkpoint::at);
-        let resumed_state = checkpoint.as_ref().and_then(|checkpoint| {
-            checkpoint.load(layout).unwrap_or_else(|unusable| {
-                host.notice(&format!("{unusable}: training starts from the first step"));
-                None
-            })
-        });
-        let state = match resumed_state {
-            Some(state) => {
-                host.info(&format!(
-                    "resumes at step {} of {} from a checkpoint of an earlier run",
-                    state.step, self.params.steps
-                ));
-                state
-            }
-            None => State { values: self.start(layout)?, ..State::default() },
-        };
-        let mut training = Training::resume(&self.params, layout, samples, validation, state);
-        let save = |training: &Training<'_>| match &checkpoint {
-            Some(checkpoint) => checkpoint.save(layout, &training.state()),
-            None => Ok(()),
-        };
-        let (began, first) = (Instant::now(), training.step());
-        while !training.is_finished() {
-            if host.stopping() {
-                save(&training)?;
-                return Err(Fault::Cancelled);
-            }
-            training.advance();
-            if training.has_diverged() {
-                return Err(diverged());
-            }
-            let step = training.step();
-            let seconds = began.elapsed().as_secs_f64();
-            let per_second = (step - first) as f64 / seconds.max(1e-9);
-            let left = self.params.steps.saturating_sub(step) as f64 / per_second;
-            let loss = training.loss().map_or_else(|| "no target yet".to_owned(), |loss| format!("loss {loss:.5}"));
-            host.progress(step, self.params.steps, &format!("{loss}, {per_second:.1} steps/s, {left:.0} s left"));
-            if step.is_multiple_of(self.params.checkpoint_every) && !training.is_finished() {
-                save(&training)?;
-            }
-        }
-        let learned = training.learned();
-        if learned.iter().flatten().any(|value| !value.is_finite()) {
-            return Err(diverged());
-        }
-        // The last state too: a run may end before the network is stored, and the next one then finds it complete.
-        if training.step() > first
-            && let Err(fault) = save(&training)
-        {
-            host.notice(&fault.chain());
-        }
-        Ok((learned, Curve { points: training.points().to_vec() }))
-    }
-
     /// The first values: random ones, and in their place what the file of weights has.
     fn start(&self, layout: &ParameterLayout) -> Result<Vec<Vec<f32>>, Fault> {
         let mut values = layout.start(self.params.seed);
@@ -214,42 +139,5 @@ fn arithmetic(network: Network) -> &'static str {
         #[cfg(target_arch = "x86_64")]
         Network::EigenCoarse if std::arch::is_x86_feature_detected!("fma") => "fma",
         Network::EigenCoarse => std::env::consts::ARCH,
-    }
-}
-
-/// CPU time of the pool's threads since they began, nanoseconds.
-fn spent_ns(pool: &ThreadPool) -> u64 {
-    let of_thread = |_: rayon::BroadcastContext<'_>| {
-        let time = clock_gettime(ClockId::ThreadCPUTime);
-        time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_nsec.unsigned_abs()
-    };
-    pool.broadcast(of_thread).into_iter().sum()
-}
-
-fn diverged() -> Fault {
-    Fault::new("training diverged: the loss or the weights are no longer finite numbers")
-        .remedy("lower `learning_rate`, or choose another `seed`")
-}
-
-/// The threads of one training. More than the batch has images would find nothing to do. Trainings at once have threads
-/// of their own, so that each one's CPU time is known; the cores they share.
-fn pool(width: usize, batch: u32) -> Result<ThreadPool, Fault> {
-    let named = |index: usize| format!("depthloom-learning-{index}");
-    let threads = width.min(batch as usize).max(1);
-    let start = |thread: rayon::ThreadBuilder| {
-        let builder = std::thread::Builder::new().name(named(thread.index()));
-        look_for_room().and_then(|()| builder.spawn(|| thread.run())).map(drop)
-    };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).spawn_handler(start).build();
-    pool.map_err(|error| Fault::new("failed to start the training threads").because(error))
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn the_librarys_version_is_that_of_the_lock_file() {
-        let (name, version) = super::LIBRARY.split_once(' ').unwrap();
-        let locked = include_str!("../../../../Cargo.lock");
-        assert!(locked.contains(&format!("name = \"{name}\"\nversion = \"{version}\"\n")), "{name} {version}");
     }
 }

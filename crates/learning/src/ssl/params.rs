@@ -6,17 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::loss::Loss;
 use crate::networks::{Meaning, Network};
-
-/// How the learning rate changes after its first value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum Schedule {
-    /// Half a cosine down to zero at the last step.
-    #[default]
-    Cosine,
-    /// Constant.
-    Constant,
-}
+use crate::training::{Schedule, Settings};
 
 /// Parameters of `learn/ssl`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -107,6 +97,11 @@ impl Default for SslParams {
 }
 
 impl SslParams {
+    pub(super) const fn settings(&self) -> Settings {
+        let Self { steps, learning_rate, schedule, curve_every, patience, checkpoint_every, .. } = *self;
+        Settings { steps, learning_rate, schedule, curve_every, patience, checkpoint_every }
+    }
+
     /// Whether network or loss use depth in metres.
     pub(super) fn needs_depth(&self) -> bool {
         self.loss == Loss::Depth || matches!(self.network.meaning(), Meaning::Depth { .. })

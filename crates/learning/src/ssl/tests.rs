@@ -26,6 +26,7 @@ fn samples(count: usize, seed: usize, right: bool) -> Samples {
             share: share.collect(),
             image,
             depth_scale: Some(0.3),
+            cells: None,
         }
     };
     Samples { width: 64, height: 32, has_right: right, items: (0..count).map(item).collect() }
@@ -268,6 +269,7 @@ fn what_does_not_fit_is_said_with_a_remedy() {
             right: None,
             share: vec![f16::from_f32(0.1); 40 * 32],
             depth_scale: None,
+            cells: None,
         }],
     };
     assert!(message(json!({}), &odd, None).contains("size: [64, 32]"));

@@ -4,7 +4,7 @@ use burn::tensor::ops::{ConvOptions, ConvTransposeOptions, MaxPoolOptions};
 use burn::tensor::{Device, Tensor, TensorData, activation, module};
 use depthloom_random::SplitMix64;
 
-use crate::networks::{Meaning, Network, Size, export, forward, layout};
+use crate::networks::{Architecture, FusionUnet, Interface, Network, Size, export, forward, layout};
 use crate::onnx::{GraphBuilder, Metadata, Weights};
 
 const BATCH: usize = 2;
@@ -20,7 +20,7 @@ pub(crate) struct Case {
     pub(crate) input: Numbers,
     pub(crate) output: Numbers,
     /// The output's name in the file.
-    pub(crate) output_name: &'static str,
+    pub(crate) output_name: String,
     /// How large the output can become.
     pub(crate) range: f32,
 }
@@ -28,11 +28,12 @@ pub(crate) struct Case {
 pub(crate) fn cases() -> Vec<Case> {
     let small = Size { width: 64, height: 32 };
     vec![
-        of_network("unet-lite", Network::UnetLite, Size { width: 320, height: 96 }),
-        of_network("unet-tiny", Network::UnetTiny, Size { width: 320, height: 96 }),
-        of_network("fcn-lite", Network::FcnLite, Size { width: 320, height: 96 }),
-        of_network("fcn-vgg16", Network::FcnVgg16, small),
-        of_network("eigen-coarse", Network::EigenCoarse, small),
+        of_network(Network::UnetLite, Size { width: 320, height: 96 }, 1.5),
+        of_network(Network::UnetTiny, Size { width: 320, height: 96 }, 1.5),
+        of_network(Network::FcnLite, Size { width: 320, height: 96 }, 1.5),
+        of_network(Network::FcnVgg16, small, 1.7),
+        of_network(Network::EigenCoarse, small, 2.0),
+        of_network(FusionUnet, small, 1.5),
         every_operator(),
     ]
 }
@@ -43,38 +44,31 @@ fn noise(seed: u64, count: usize, limit: f32) -> Vec<f32> {
 }
 
 /// Noise around grey, so that no channel is like another.
-fn image(size: Size) -> Numbers {
-    let shape = vec![BATCH, 3, size.height, size.width];
+fn image(planes: usize, size: Size) -> Numbers {
+    let shape = vec![BATCH, planes, size.height, size.width];
     let values = noise(5, shape.iter().product(), 0.5).into_iter().map(|value| value + 0.5).collect();
     Numbers { shape, values }
 }
 
-fn of_network(name: &'static str, network: Network, size: Size) -> Case {
+/// Weights of a start let little through to the end: `enlarged` (He, Zhang, Ren, Sun 2015), the map has all of its
+/// values.
+fn of_network(network: impl Architecture, size: Size, enlarged: f32) -> Case {
     let mut parameters = layout(network, size).start(7);
-    // Weights of a start let little through to the end: enlarged (He, Zhang, Ren, Sun 2015), the map has all of its
-    // values.
-    let enlarged = match network {
-        Network::UnetLite | Network::UnetTiny | Network::FcnLite => 1.5,
-        Network::FcnVgg16 => 1.7,
-        Network::EigenCoarse => 2.0,
-    };
     parameters.iter_mut().step_by(2).flatten().for_each(|weight| *weight *= enlarged);
     let file = export(network, size, &parameters, "a test");
-    let input = image(size);
+    let Interface { planes, output, scale, .. } = network.interface();
+    let input = image(planes, size);
     let tensors: Vec<Tensor<1>> = parameters.iter().map(|values| tensor(values, [values.len()])).collect();
-    let map = forward(network, &tensor(&input.values, [BATCH, 3, size.height, size.width]), &tensors);
-    let (range, output_name) = match network.meaning() {
-        Meaning::DisparityShare { scale } => (scale, "disparity_share"),
-        Meaning::Depth { farthest_m } => (farthest_m, "depth"),
-    };
-    Case { name, file, input, output: numbers(map * range), output_name, range }
+    let map = forward(network, &tensor(&input.values, [BATCH, planes, size.height, size.width]), &tensors);
+    let (name, output_name) = (network.name(), output.replace('-', "_"));
+    Case { name, file, input, output: numbers(map * scale), output_name, range: scale }
 }
 
 /// A convolution with stride and padding, the maximum of overlapping windows, a transposed convolution, a join, the
 /// functions, a dense layer and a map of its units.
 fn every_operator() -> Case {
     let size = Size { width: 24, height: 13 };
-    let input = image(size);
+    let input = image(3, size);
     let (conv, conv_bias) = (noise(11, 4 * 3 * 5 * 3, 0.3), noise(12, 4, 0.3));
     let (double, double_bias) = (noise(13, 4 * 2 * 4 * 4, 0.5), noise(14, 2, 0.3));
     let (dense, dense_bias) = (noise(15, 30 * 6 * 6 * 12, 0.2), noise(16, 30, 0.3));
@@ -97,11 +91,11 @@ fn every_operator() -> Case {
     let units = graph.linear("last", units, &last, &last_bias);
     let map = graph.reshape(units, &[1, 2, 3]);
     let map = graph.scale(map, 0.5);
-    let metadata =
-        Metadata { size: [size.width, size.height], meaning: Meaning::Depth { farthest_m: 0.5 }, training_key: "none" };
+    let size = [size.width, size.height];
+    let metadata = Metadata { size, normalisation: "none", output: "depth", training_key: "none" };
     let file = graph.finish(map, &metadata);
 
-    let x = tensor(&input.values, [BATCH, 3, size.height, size.width]);
+    let x = tensor(&input.values, [BATCH, 3, size[1], size[0]]);
     let options = ConvOptions::new([2, 2], [1, 1], [1, 1], 1);
     let x = module::conv2d(x, tensor(&conv, [4, 3, 5, 3]), Some(tensor(&conv_bias, [4])), options);
     let relu = activation::relu(x);
@@ -117,7 +111,7 @@ fn every_operator() -> Case {
     let units = linear(activation::sigmoid(linear(flat, &dense, &dense_bias)), &last, &last_bias);
     let map: Tensor<4> = units.reshape([BATCH, 1, 2, 3]);
     let output = numbers(map * 0.5);
-    Case { name: "every-operator", file, input, output, output_name: "depth", range: 1.0 }
+    Case { name: "every-operator", file, input, output, output_name: "depth".to_owned(), range: 1.0 }
 }
 
 fn tensor<const D: usize>(values: &[f32], shape: [usize; D]) -> Tensor<D> {

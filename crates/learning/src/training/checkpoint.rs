@@ -14,7 +14,7 @@ use depthloom_graphs::{Fault, Key, regular_file};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
-use super::train::{Best, State};
+use super::steps::{Best, State};
 use crate::networks::ParameterLayout;
 
 /// Raised whenever older files can no longer be read.
