@@ -39,7 +39,7 @@ impl Artifact {
         Self::new(Self::RELIABILITY, text.into_bytes())
     }
 
-    /// The content of a file as a value of a type; `None` for types whose values are no artefacts.
+    /// The content of a file as a value of a type; `None` for types of other values.
     pub(crate) fn of_type(value_type: ValueType, file: impl Into<Arc<[u8]>>) -> Option<Value> {
         let media_type = match value_type {
             ValueType::Samples => Self::SAMPLES,

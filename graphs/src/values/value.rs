@@ -133,7 +133,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// An artefact as a value of its type; `None` for types whose values are none.
+    /// An artefact as a value of a type; `None` for types of other values.
     pub fn from_artifact(value_type: ValueType, artifact: Arc<Artifact>) -> Option<Self> {
         match value_type {
             ValueType::Samples => Some(Self::Samples(artifact)),

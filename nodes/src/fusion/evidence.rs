@@ -1,4 +1,4 @@
-//! The inputs that tell how good stereo is, shared by `fusion/mixture` and `learn/reliability`.
+//! The inputs that show how good stereo is, shared by `fusion/mixture` and `learn/reliability`.
 
 use depthloom_graphs::values::{Calibration, Depth, Disparity, Weight};
 use depthloom_graphs::{Fault, Inputs, Port, ValueType};
@@ -47,11 +47,19 @@ pub(super) fn frame<'a>(inputs: &'a Inputs<'_>, searched: u32) -> Result<Frame<'
         same_size(("disparity", size), (port, other.sixteenths_px.dimensions()))?;
         disparities(other).map(Some)
     };
+    let range_end = f64::from(map.min_disparity_px) + f64::from(searched);
+    let largest = f64::from(map.sixteenths_px.iter().copied().max().unwrap_or(i16::MIN)) / 16.0;
+    if largest > range_end {
+        return Err(Fault::new(format!(
+            "`disparity` has {largest} px, but `disparities: {searched}` ends the search at {range_end} px"
+        ))
+        .remedy("give the matcher and this node the same `disparities`"));
+    }
     Ok(Frame {
         width: size.0 as usize,
         height: size.1 as usize,
         disparity: disparities(map)?,
-        range_end: (f64::from(map.min_disparity_px) + f64::from(searched)) as f32,
+        range_end: range_end as f32,
         geometry,
         mono,
         evidence: StereoEvidence {

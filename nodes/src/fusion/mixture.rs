@@ -133,6 +133,7 @@ pub(crate) struct MixtureParams {
     /// How monocular depth is aligned with stereo: `none` or `local`.
     pub alignment: Alignment,
     /// Number of disparities that stereo searched, px: `disparities` of the matcher. It decides which depths are near.
+    /// A disparity beyond is an error.
     #[schemars(range(min = 1, max = 4096))]
     pub disparities: u32,
     /// Standard deviation of the disparity of an inlier, px.

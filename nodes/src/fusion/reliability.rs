@@ -18,7 +18,7 @@ use crate::bounds::{above_zero, within};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct ReliabilityParams {
-    /// Number of disparities that stereo searched, px: `disparities` of the matcher.
+    /// Number of disparities that stereo searched, px: `disparities` of the matcher. A disparity beyond is an error.
     #[schemars(range(min = 1, max = 4096))]
     pub disparities: u32,
     /// Standard deviation of the disparity of an inlier, px.

@@ -222,3 +222,12 @@ fn learned_reliability_replaces_the_constants() {
     let fault = call("fusion/mixture", &json!({}), &wired).unwrap_err();
     assert!(fault.chain().contains("`reliability` cannot be read"), "{}", fault.chain());
 }
+
+#[test]
+fn a_disparity_beyond_the_search_is_refused() {
+    let disparity = disparity(Raster::from_raw(2, 1, vec![160, 65 * 16]).unwrap(), 0);
+    let inputs = [("disparity", disparity), ("mono", depth(2, &[5.0, 5.0])), ("calibration", calibration(100.0, 0.5))];
+    let fault = call("fusion/mixture", &json!({ "disparities": 64 }), &inputs).unwrap_err().chain();
+    assert!(fault.contains("has 65 px, but `disparities: 64` ends"), "{fault}");
+    call("fusion/mixture", &json!({ "disparities": 128 }), &inputs).unwrap();
+}

@@ -109,7 +109,7 @@ mod tests {
             maps[map] += change;
             loss(&maps, &seen, columns)
         };
-        // In `f64` and with a small step, because near the best spread the derivative vanishes and the curvature does not.
+        // In `f64` and with a small step: near the best spread the derivative vanishes and the curvature does not.
         let step = 1e-6;
         for (map, &slope) in slopes.iter().enumerate() {
             let expected = (changed(map, step) - changed(map, -step)) / (2.0 * step);

@@ -117,7 +117,7 @@ impl Prior {
     #[inline(always)]
     pub(super) fn odds_against(&self, frame: &Frame<'_>, row: Row<'_>, against: &mut [f32]) {
         let Row { y, disparity, apart, .. } = row;
-        Differences::of(frame, y, &disparity[..frame.width], apart);
+        Differences::write(frame, y, &disparity[..frame.width], apart);
         match self {
             Self::Rules(rules) => rules.odds_against(frame, y, row.mono, apart, row.support, against),
             Self::Learned(learned) => {
@@ -293,7 +293,7 @@ impl Evidence {
         let (width, evidence) = (frame.width, &frame.evidence);
         let at = y * width;
         let disparity = &frame.disparity.sixteenths[at..][..width];
-        Differences::of(frame, y, disparity, apart);
+        Differences::write(frame, y, disparity, apart);
         let least = frame.geometry.least_sixteenths();
         for ((trusted, apart), &disparity) in trusted.iter_mut().zip(apart).zip(disparity) {
             *trusted = u8::from(frame.disparity.is_valid(disparity, least) & (*apart <= CONSISTENT));
@@ -317,7 +317,7 @@ pub(super) struct Differences;
 impl Differences {
     /// Writes those of the pixels of row `y`; 0 without a right view.
     #[inline(always)]
-    pub(super) fn of(frame: &Frame<'_>, y: usize, disparity: &[i16], apart: &mut [i32]) {
+    pub(super) fn write(frame: &Frame<'_>, y: usize, disparity: &[i16], apart: &mut [i32]) {
         match frame.evidence.right {
             Some(right) => {
                 let row = &right.sixteenths[y * frame.width..][..frame.width];

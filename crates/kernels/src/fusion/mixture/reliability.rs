@@ -50,7 +50,7 @@ const MOST: usize = 3;
 const APART: usize = 2 * MOST * STEPS;
 /// Pixels with which the prior of a class, and the outliers of a depth, count as much as the mean of all.
 const REGULAR: f64 = 100.0;
-/// The same for the spread of a depth. Neighbouring pixels err alike, so many are needed.
+/// Pixels with which the spread of a depth counts as much as the mean: many, because neighbours have similar errors.
 const REGULAR_SPREAD: f64 = 10_000.0;
 /// Smallest and largest spread, and its first value.
 const LEAST_SPREAD: f64 = 0.02;
@@ -110,7 +110,7 @@ fn place(metres: f32) -> (usize, f32) {
 #[inline(always)]
 pub(super) fn spread_at(spread: &[f32; KNOTS], metres: f32) -> f32 {
     let (index, place) = place(metres);
-    // The last interval ends at the last knot, whatever `place` says of it.
+    // The last interval ends at the last knot.
     let index = index.min(KNOTS - 2);
     spread[index] + place * (spread[index + 1] - spread[index])
 }
@@ -185,7 +185,7 @@ impl Statistics {
         let least = geometry.least_sixteenths();
         for y in 0..height {
             let (disparity, mono) = (&sixteenths[y * width..][..width], &mono[y * width..][..width]);
-            Differences::of(frame, y, disparity, &mut self.apart);
+            Differences::write(frame, y, disparity, &mut self.apart);
             let counts = &mut self.counts;
             classes(frame, y, mono, &self.apart, self.support.row(y, width), &mut |x, class| {
                 let metres = mono[x];
@@ -215,8 +215,8 @@ impl Statistics {
         classes.filter(|(class, _)| is_trusted(*class)).flat_map(|(_, counts)| counts).sum()
     }
 
-    /// The reliability that explains the frames best, with the mixture's `stereo_noise` (px). `None` without a pixel of a
-    /// trusted class.
+    /// The reliability that explains the frames best, with the mixture's `stereo_noise` (px). `None` without a pixel
+    /// of a trusted class.
     #[must_use]
     pub fn reliability(&self, stereo_noise: f64) -> Option<Reliability> {
         if self.trusted() == 0 {
@@ -333,7 +333,8 @@ mod tests {
 
     #[test]
     fn the_prior_is_the_share_of_a_class_that_is_as_far_apart_as_trusted_pixels() {
-        // Trusted pixels are within 0.2 of mono, distrusted ones 0.8 farther; three of ten pixels of a class are inliers.
+        // Trusted pixels are within 0.2 of mono, distrusted ones 0.8 farther. Of another class, three of ten pixels are
+        // inliers and seven are outliers.
         let mut statistics = Statistics { frames: 1, metre_pixels: 4000.0, ..Statistics::default() };
         let mut add = |class: usize, apart: f64, pixels: f64| {
             for bin in 0..APART {

@@ -369,8 +369,8 @@ fn reliability_is_learned_from_the_trusted_pixels() {
     // The monocular depth is wrong by a factor of 1.1 + 0.3 sin cos: 0.1 in the mean, 0.15 around it.
     let at = |metres: f32| learned.spread[(0..KNOTS).find(|at| knot(*at) >= metres).unwrap()];
     assert!([10.0, 16.0].iter().all(|metres| (0.1..0.3).contains(&at(*metres))), "{:?}", learned.spread);
-    let of = |support, nearness| learned.inlier[class(0, true, support, nearness)];
-    assert_eq!(of(3, 0), 0.99);
+    let prior = |support, nearness| learned.inlier[class(0, true, support, nearness)];
+    assert_eq!(prior(3, 0), 0.99);
 
     for (i, disparity) in maps.disparity.iter_mut().enumerate() {
         if i % 171 > 130 {
@@ -379,8 +379,8 @@ fn reliability_is_learned_from_the_trusted_pixels() {
         }
     }
     let learned = shown(&maps);
-    let of = |support, nearness| learned.inlier[class(0, true, support, nearness)];
-    assert!(of(0, 1) < 0.5, "{}", of(0, 1));
+    let prior = |support, nearness| learned.inlier[class(0, true, support, nearness)];
+    assert!(prior(0, 1) < 0.5, "{}", prior(0, 1));
 }
 
 #[test]
