@@ -20,6 +20,7 @@ pub(crate) enum Type {
     Model,
     /// A network of `learn/fusion`.
     FusionModel,
+    Reliability,
     /// A value of the type `model` that is not a network: what a program returns once per stage.
     Bytes,
     Curve,
@@ -30,7 +31,13 @@ impl Type {
     pub(crate) const fn is_aggregate(self) -> bool {
         matches!(
             self,
-            Self::Samples | Self::FusionSamples | Self::Model | Self::FusionModel | Self::Bytes | Self::Curve
+            Self::Samples
+                | Self::FusionSamples
+                | Self::Model
+                | Self::FusionModel
+                | Self::Reliability
+                | Self::Bytes
+                | Self::Curve
         )
     }
 }
@@ -276,6 +283,7 @@ pub(crate) const KINDS: &[Kind] = &[
             ("unique", Type::Disparity),
             ("ambiguity", Type::Weight),
             ("confidence", Type::Weight),
+            ("reliability", Type::Reliability),
         ],
         outputs: &[
             ("depth", Type::Depth),
@@ -283,10 +291,11 @@ pub(crate) const KINDS: &[Kind] = &[
             ("inlier", Type::Weight),
             ("aligned", Type::Depth),
         ],
-        fixed: "{\"disparities\": 16}",
+        // At least as many as any matcher searches.
+        fixed: "{\"disparities\": 64}",
         parameters: &[
             ("alignment", &["\"none\"", "\"local\""]),
-            ("disparities", &["16", "32"]),
+            ("disparities", &["64", "128"]),
             ("cap", CAPS),
             ("prior.near", &["0.02", "1"]),
             ("local.sigma", &["3", "18"]),
@@ -447,6 +456,18 @@ pub(crate) const KINDS: &[Kind] = &[
         outputs: &[("samples", Type::FusionSamples)],
         fixed: "{\"size\": [32, 32], \"coverage\": 0}",
         parameters: &[("size", &["[32, 32]", "[64, 32]"]), ("least_disparity", &["0", "0.5", "2"])],
+        share: 2,
+        ..DEFAULT
+    },
+    Kind {
+        label: "learn/reliability",
+        kind: "learn/reliability",
+        contract: Contract::Ordered,
+        inputs: &[("disparity", Type::Disparity), ("mono", Type::Depth), ("calibration", Type::Calibration)],
+        optional_inputs: &[("right", Type::Disparity), ("unique", Type::Disparity), ("ambiguity", Type::Weight)],
+        outputs: &[("reliability", Type::Reliability)],
+        fixed: "{\"disparities\": 64}",
+        parameters: &[("disparities", &["64", "128"]), ("stereo_noise", &["0.5", "1"]), ("cap", CAPS)],
         share: 2,
         ..DEFAULT
     },
