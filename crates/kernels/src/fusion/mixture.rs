@@ -204,7 +204,7 @@ fn run<const CELL: usize>(
     // Without alignment nothing is blurred.
     let sigma = local.map_or(0.25, |local| local.sigma);
     scratch.prepare(frame, sigma, CELL, local.is_some());
-    scratch.support.prepare(level, mixture.prior.evidence(), frame);
+    scratch.support.prepare(level, &mixture.prior.evidence(), frame);
     let MixtureScratch { grid, row, observed, phases, node_row, nodes, down, blurred, lines, merged, .. } = scratch;
     let (grid, model) = (&*grid, &Model::new(mixture, frame, &scratch.support));
     if let Some(local) = local {

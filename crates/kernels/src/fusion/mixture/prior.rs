@@ -210,10 +210,10 @@ pub(super) struct SupportFactors {
 
 impl SupportFactors {
     /// Computes the factors of a frame.
-    pub(super) fn prepare(&mut self, level: Level, evidence: Evidence, frame: &Frame<'_>) {
+    pub(super) fn prepare(&mut self, level: Level, evidence: &Evidence, frame: &Frame<'_>) {
         self.factors.clear();
         if let Some(support) = &evidence.support {
-            level.run(Factors { evidence: &evidence, support, frame, into: self });
+            level.run(Factors { evidence, support, frame, into: self });
         }
     }
 

@@ -180,7 +180,7 @@ impl Statistics {
         let (metre_pixels, doffs) = (geometry.metre_pixels(), geometry.doffs_px as f32);
         self.frames += 1;
         self.metre_pixels += f64::from(metre_pixels);
-        self.support.prepare(Level::best(), Reliability::evidence(), frame);
+        self.support.prepare(Level::best(), &Reliability::evidence(), frame);
         self.apart.resize(width, 0);
         let least = geometry.least_sixteenths();
         for y in 0..height {
