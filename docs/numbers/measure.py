@@ -1,6 +1,7 @@
 """Measures the numbers that README and guide show, and writes them to this folder.
 
     python3 docs/numbers/measure.py kitti     # 15 minutes; needs ../shared (or DEPTHLOOM_SHARED), or KITTI_STEREO_2015
+    python3 docs/numbers/measure.py beyond    # 25 minutes; the same data
     python3 docs/numbers/measure.py speed     # 5 minutes; the same, and a quiet machine
     python3 docs/numbers/measure.py table1    # 3 minutes; a quiet machine
     python3 docs/numbers/measure.py build     # 15 minutes; a quiet machine and 6 GB of disk
@@ -85,6 +86,27 @@ def tables(out):
         path.write_text(path.read_text().replace(str(out), "kitti"))
 
 
+def beyond():
+    variables = os.environ | {"KITTI_STEREO_2015": str(kitti_folder()), "DEPTHLOOM_ONNX_ENGINE": "tract"}
+    with tempfile.TemporaryDirectory() as folder:
+        out = pathlib.Path(folder) / "beyond"
+        run([PROGRAM, "run", "experiments/beyond-table1.yaml", "--quiet", "--no-page", "--out", out], env=variables)
+        run([PROGRAM, "table", out, "--pixels", "all", "--ci", "--format", "csv", "--out", HERE / "beyond-table.csv"])
+        lines = []
+        for disparities in ["disparities_64", "disparities_128"]:
+            names = [f"{disparities}/{name}" for name in ["no_scaling", "mixture", "mixture_learned", "learned_fusion"]]
+            text = output([PROGRAM, "compare", out, *names, "--pixels", "all", "--format", "csv"])
+            lines += text.replace(str(out), "beyond").splitlines()[1 if lines else 0 :]
+        (HERE / "beyond-compare.csv").write_text("\n".join(lines) + "\n")
+        for kind, estimates, width, file in [
+            ("error-vs-distance", "stereo,mono,no_scaling,mixture", "two-columns", "beyond-distance.svg"),
+            ("sparsification", "mixture,mixture_learned,learned_fusion", "one-column", "beyond-sparsification.svg"),
+        ]:
+            figure = [PROGRAM, "figure", out, kind, "--variant", "disparities_64", "--estimates", estimates]
+            run([*figure, "--width", width, "--out", HERE.parent / "figures" / file])
+        write("beyond", {"engine": "tract"})
+
+
 def speed():
     kitti_folder()
     stereo = output(["bench/stereo.sh", "--threads", "1", "--modes", "sgbm", "hh", "bm"])
@@ -122,7 +144,7 @@ def build():
 
 
 if __name__ == "__main__":
-    parts = {"kitti": kitti, "speed": speed, "table1": table1, "build": build}
+    parts = {"kitti": kitti, "beyond": beyond, "speed": speed, "table1": table1, "build": build}
     if len(sys.argv) != 2 or sys.argv[1] not in parts:
         sys.exit(__doc__)
     if sys.argv[1] != "build" and not shutil.which(str(PROGRAM)):

@@ -5,6 +5,7 @@
 //! `DEPTHLOOM_WRITE_GUIDE=1` writes the generated parts: the reference, output that the pages show in full, figures,
 //! screenshots and blocks of numbers.
 
+mod beyond;
 mod links;
 mod numbers;
 mod page;

@@ -8,7 +8,7 @@ use std::fs;
 use serde_json::Value as Json;
 
 use super::page::{pages, read};
-use super::{book, writes};
+use super::{beyond, book, writes};
 use crate::support::{Row, number, read_csv, workspace};
 
 const README: &str = "../README.md";
@@ -26,6 +26,9 @@ fn rendered() -> BTreeMap<&'static str, String> {
         ("kitti-table", kitti.table()),
         ("kitti-differences", kitti.differences()),
         ("kitti-conditions", conditions(&measured["kitti"])),
+        ("beyond-table", beyond::table()),
+        ("beyond-differences", beyond::differences()),
+        ("beyond-conditions", engine(&measured["beyond"])),
         ("first-build", first_build(&measured)),
         ("build-time", build_time(&measured)),
         ("speed", speed(&measured)),
@@ -193,6 +196,11 @@ fn conditions(measured: &Json) -> String {
         measured["training_minutes"],
         measured["minutes"]
     )
+}
+
+fn engine(measured: &Json) -> String {
+    let [date, engine, machine] = ["date", "engine", "machine"].map(|key| text(&measured[key]));
+    format!("Computed on {date} with {engine} on {machine}.\n")
 }
 
 fn first_build(measured: &Json) -> String {
