@@ -9,7 +9,7 @@ use depthloom_graphs::Fault;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use run::{LIBRARY, check_curve, learn, on_threads};
+pub(crate) use run::{LIBRARY, check_curve, check_patience, learn, on_threads};
 
 /// How the learning rate changes after its first value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

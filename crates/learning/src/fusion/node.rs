@@ -11,7 +11,7 @@ use super::objective::Fusion;
 use super::params::FusionParams;
 use crate::networks::{FusionUnet, Size, export, layout};
 use crate::samples::{CollectFusionSamples, FusionSamplesParams, SamplesView};
-use crate::training::{self, LIBRARY, check_curve, on_threads};
+use crate::training::{self, LIBRARY, check_curve, check_patience, on_threads};
 
 /// Raised whenever equal samples and parameters give another network.
 const VERSION: u32 = 1;
@@ -65,7 +65,7 @@ The network is an ONNX file (opset 13): input `planes`, Nx8xHxW; output `fusion`
     }
 
     fn check_inputs(params: &FusionParams, upstream: &Upstream<'_>) -> Result<(), Fault> {
-        check_patience(params, upstream.at("validation").is_some())?;
+        check_patience(&params.settings(), upstream.at("validation").is_some())?;
         for port in ["samples", "validation"] {
             let Some(InputOrigin::Node(node)) = upstream.at(port) else { continue };
             if let Some(FusionSamplesParams { size: [width, height], .. }) = node.params_of(CollectFusionSamples::KIND)
@@ -92,7 +92,7 @@ impl AggregateNode for TrainFusion {
         let samples = read(params, "samples", inputs.get::<Artifact>("samples")?)?;
         let validation = inputs.optional::<Artifact>("validation")?;
         let validation = validation.map(|artifact| read(params, "validation", artifact)).transpose()?;
-        check_patience(params, validation.is_some())?;
+        check_patience(&params.settings(), validation.is_some())?;
         let size = Size { width: samples.width(), height: samples.height() };
         let layout = layout(FusionUnet, window(params, size));
         let objective = Fusion { params, samples: &samples, validation: validation.as_ref() };
@@ -102,14 +102,6 @@ impl AggregateNode for TrainFusion {
         let file = export(FusionUnet, size, &values, &key);
         Ok(Outputs::one("model", Value::Model(Arc::new(Artifact::model(file)))).with("curve", curve))
     }
-}
-
-fn check_patience(params: &FusionParams, has_validation: bool) -> Result<(), Fault> {
-    if params.patience.is_none() || has_validation {
-        return Ok(());
-    }
-    Err(Fault::new("`patience` waits for a better validation loss, and no samples are wired to `validation`")
-        .remedy("wire validation samples, or leave `patience` out"))
 }
 
 fn check_size(params: &FusionParams, port: &str, size: Size) -> Result<(), Fault> {

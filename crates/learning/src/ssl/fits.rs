@@ -9,6 +9,7 @@ use depthloom_graphs::contracts::{InputOrigin, Upstream};
 use super::params::SslParams;
 use crate::networks::Size;
 use crate::samples::{CollectSamples, SamplesParams, SamplesView, size_and_right};
+use crate::training::check_patience;
 
 /// The common properties of the samples at a port.
 #[derive(Clone, Copy, Debug)]
@@ -51,18 +52,10 @@ impl Form {
 
 impl SslParams {
     pub(super) fn check_upstream(&self, upstream: &Upstream<'_>) -> Result<(), Fault> {
-        self.check_patience(upstream.at("validation").is_some())?;
+        check_patience(&self.settings(), upstream.at("validation").is_some())?;
         let form = |port| upstream.at(port).and_then(Form::to_come);
         let Some(samples) = form("samples") else { return Ok(()) };
         self.check_form(&samples, form("validation").as_ref())
-    }
-
-    pub(super) fn check_patience(&self, has_validation: bool) -> Result<(), Fault> {
-        if self.patience.is_none() || has_validation {
-            return Ok(());
-        }
-        Err(Fault::new("`patience` waits for a better validation error, and no samples are wired to `validation`")
-            .remedy("wire validation samples, or leave `patience` out"))
     }
 
     /// Checks that network and losses can use samples of this form.

@@ -13,7 +13,7 @@ use super::weights;
 use crate::networks::{Network, ParameterLayout, export, layout};
 use crate::onnx::weights::NamedTensor;
 use crate::samples::SamplesView;
-use crate::training::{self, LIBRARY, check_curve, on_threads};
+use crate::training::{self, LIBRARY, check_curve, check_patience, on_threads};
 
 /// Raised whenever equal samples and parameters give another network.
 const VERSION: u32 = 2;
@@ -94,7 +94,7 @@ impl AggregateNode for Ssl {
         let validation = validation.map(|artifact| read("validation", artifact)).transpose()?;
         let form = Form::new(&samples);
         self.params.check_form(&form, validation.as_ref().map(Form::new).as_ref())?;
-        self.params.check_patience(validation.is_some())?;
+        check_patience(&self.params.settings(), validation.is_some())?;
         let layout = layout(self.params.network, form.size);
         let objective = SelfSupervision::new(&self.params, layout.map, &samples, validation.as_ref());
         let learn = || training::learn(&objective, &layout, || self.start(&layout), ctx.host);

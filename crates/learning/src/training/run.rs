@@ -85,6 +85,15 @@ pub(crate) fn on_threads<T: Send>(batch: u32, host: &dyn Host, train: impl FnOnc
     Ok(learned)
 }
 
+/// Refuses a `patience` without validation samples.
+pub(crate) fn check_patience(settings: &Settings, has_validation: bool) -> Result<(), Fault> {
+    if settings.patience.is_none() || has_validation {
+        return Ok(());
+    }
+    Err(Fault::new("`patience` waits for a better validation error, and no samples are wired to `validation`")
+        .remedy("wire validation samples, or leave `patience` out"))
+}
+
 /// Refuses a `patience` that never sees a point of the curve.
 pub(crate) fn check_curve(settings: &Settings) -> Result<(), (&'static str, String)> {
     if settings.patience.is_some() && settings.curve_every > settings.steps {
