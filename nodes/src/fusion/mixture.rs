@@ -331,7 +331,7 @@ impl Mixture {
     fn with(&self, reliability: Option<&Arc<Artifact>>) -> Result<mixture::Mixture, Fault> {
         let mut mixture = self.mixture.clone();
         if let Some(artifact) = reliability {
-            mixture.prior = Prior::Learned(Box::new(reliability::read(artifact)?));
+            mixture.prior = Prior::Learned(Box::new(reliability::read(artifact, self.disparities)?));
         }
         Ok(mixture)
     }

@@ -21,7 +21,7 @@ pub(crate) struct ReliabilityParams {
     /// Number of disparities that stereo searched, px: `disparities` of the matcher. A disparity beyond is an error.
     #[schemars(range(min = 1, max = 4096))]
     pub disparities: u32,
-    /// Standard deviation of the disparity of an inlier, px.
+    /// Standard deviation of the disparity of an inlier, px: that of the mixture.
     #[schemars(range(max = 100), extend("exclusiveMinimum" = 0))]
     pub stereo_noise: f64,
     /// Pixels count whose depth is below this in both estimates, metres: `cap` of both. `null` counts all.
@@ -61,7 +61,8 @@ Stereo is trusted where the views agree, the match is unique, at least 0.8 of th
 depth is far from the end of the range. There the prior is 0.99. The standard deviation of monocular log depth is \
 learned from these pixels, at quarters between powers of two metres from 0.5 to 128. Where the views disagree and less \
 than 0.3 of the window is trusted, the prior is 0.05. These pixels show how outliers are distributed. The prior of \
-other classes is the mean probability of an inlier. Classes and depths with few pixels are near the mean of all.\n\n\
+other classes is the mean probability of an inlier. Classes with less than about 100 pixels, and depths with less than \
+10000, are near the mean of all. Of what trusted pixels differ, at least half counts as monocular error.\n\n\
 A network errs less on frames that it was trained on. Learn the reliability from other frames, for example from those \
 that are fused.\n\n\
 The output is a JSON text. A run writes it to `models/STAGE.NODE.json`, and `reliability: { file: PATH }` reads it in \
@@ -97,7 +98,7 @@ impl OrderedNode for LearnReliability {
             Fault::new(format!("no pixel of {frames} is trusted, so nothing can be learned"))
                 .remedy("check that `disparity` and `mono` are valid at the same pixels, and that `disparities` is the matcher's")
         })?;
-        let file = File::new(&reliability, statistics.frames(), statistics.trusted());
+        let file = File::new(&reliability, params.disparities, statistics.frames(), statistics.trusted());
         let text = serde_json::to_string_pretty(&file)
             .map_err(|error| Fault::new("failed to write the reliability as JSON").because(error))?;
         Ok(Outputs::one("reliability", Value::Reliability(Artifact::reliability(text + "\n").into())))
@@ -111,6 +112,8 @@ const FORMAT: &str = "depthloom reliability 1";
 #[serde(deny_unknown_fields)]
 struct File {
     format: String,
+    /// Number of disparities that stereo searched, px.
+    disparities: u32,
     frames: u64,
     trusted_pixels: u64,
     mono_spread: Vec<Spread>,
@@ -138,7 +141,7 @@ struct Inlier {
 }
 
 impl File {
-    fn new(reliability: &Reliability, frames: u64, trusted_pixels: u64) -> Self {
+    fn new(reliability: &Reliability, disparities: u32, frames: u64, trusted_pixels: u64) -> Self {
         let knots = (0..KNOTS).map(|at| Spread { metres: knot(at), spread: reliability.spread[at] });
         let inlier = facts().map(|(agreement, unique, support)| {
             let prior = |nearness| reliability.inlier[class(agreement, unique, support, nearness)];
@@ -146,6 +149,7 @@ impl File {
         });
         Self {
             format: FORMAT.to_owned(),
+            disparities,
             frames,
             trusted_pixels,
             mono_spread: knots.collect(),
@@ -196,13 +200,20 @@ fn facts() -> impl Iterator<Item = (usize, bool, usize)> {
         .flat_map(move |agreement| [false, true].into_iter().flat_map(move |unique| supports(agreement, unique)))
 }
 
-/// Reads the output of `learn/reliability`.
-pub(super) fn read(artifact: &Artifact) -> Result<Reliability, Fault> {
+/// Reads the output of `learn/reliability` for a matcher that searched `disparities`.
+pub(super) fn read(artifact: &Artifact, disparities: u32) -> Result<Reliability, Fault> {
     let failed = || {
         Fault::new("the input `reliability` cannot be read")
             .remedy("wire the output of `learn/reliability`, or a file that it wrote: `models/STAGE.NODE.json`")
     };
     let file: File = serde_json::from_slice(&artifact.bytes).map_err(|error| failed().because(error))?;
+    if file.disparities != disparities {
+        return Err(Fault::new(format!(
+            "the input `reliability` was learned with {} disparities, and this node has {disparities}",
+            file.disparities
+        ))
+        .remedy("give `learn/reliability` and this node the `disparities` of the matcher"));
+    }
     file.reliability().map_err(|what| failed().because(Fault::new(what)))
 }
 
@@ -215,12 +226,13 @@ mod tests {
         let mut reliability = Reliability { inlier: [0.0; CLASSES], spread: [0.0; KNOTS] };
         reliability.inlier.iter_mut().enumerate().for_each(|(at, prior)| *prior = (at + 1) as f32 / 200.0);
         reliability.spread.iter_mut().enumerate().for_each(|(at, spread)| *spread = (at + 1) as f32 / 30.0);
-        let text = serde_json::to_string(&File::new(&reliability, 3, 7)).unwrap();
-        assert_eq!(read(&Artifact::reliability(text.clone())).unwrap(), reliability);
+        let text = serde_json::to_string(&File::new(&reliability, 64, 3, 7)).unwrap();
+        assert_eq!(read(&Artifact::reliability(text.clone()), 64).unwrap(), reliability);
+        assert!(read(&Artifact::reliability(text.clone()), 128).is_err());
         for (from, to) in
             [("reliability 1", "reliability 2"), ("\"metres\":0.625", "\"metres\":0.6"), ("true", "false")]
         {
-            assert!(read(&Artifact::reliability(text.replacen(from, to, 1))).is_err(), "{to}");
+            assert!(read(&Artifact::reliability(text.replacen(from, to, 1)), 64).is_err(), "{to}");
         }
     }
 }

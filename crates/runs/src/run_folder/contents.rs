@@ -37,7 +37,7 @@ const REPORT: [&str; 15] = [
     PAGE,
 ];
 /// The folders, and the extensions of the files in them.
-const FOLDERS: [(&str, &[&str]); 2] = [("experiment", &["yaml", "yml"]), (MODELS, &["onnx"])];
+const FOLDERS: [(&str, &[&str]); 2] = [("experiment", &["yaml", "yml"]), (MODELS, &["onnx", "json"])];
 
 /// Marks a folder that is not a run's, but has a report that depthloom wrote and may replace.
 const REPORT_MARKER: &str = ".depthloom-report";

@@ -124,6 +124,7 @@ mod tests {
         run(&out);
         fs::create_dir(out.join("models")).unwrap();
         fs::write(out.join("models/learn.train.onnx"), "network").unwrap();
+        fs::write(out.join("models/trust.reliability.json"), "{}").unwrap();
         let removal = Removal::prepare(&out).unwrap();
         assert!(refused(&out).contains("another process is writing to it"), "a removal locks the folder");
         removal.remove().unwrap();
