@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::book;
+use super::numbers::difference;
 use crate::support::{Row, number, read_csv};
 
 /// Rows of the table; stereo and the monocular estimate are the baselines of all.
@@ -77,19 +78,8 @@ pub(super) fn differences() -> String {
     {
         let is_of = |row: &&Row| row["variant"] == variant && row["estimate"] == estimate && row["score"] == metric;
         let row = rows.iter().find(is_of).unwrap_or_else(|| panic!("no {metric} of {variant}/{estimate}"));
-        let value = |column: &str| number(row, column);
-        let _ = writeln!(
-            text,
-            "| {} | `{estimate}` | {metric} | {:.digits$} | {:.digits$} | {:+.digits$} | {:+.digits$} to {:+.digits$} | {} of {} |",
-            variant.trim_start_matches("disparities_"),
-            value("baseline"),
-            value("value"),
-            value("difference"),
-            value("difference_low"),
-            value("difference_high"),
-            row["wins"],
-            row["frames"]
-        );
+        let disparities = variant.trim_start_matches("disparities_");
+        let _ = writeln!(text, "| {disparities} | `{estimate}` | {metric} | {}", difference(row, digits));
     }
     text
 }

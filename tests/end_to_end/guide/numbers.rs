@@ -157,24 +157,30 @@ impl Kitti {
         let mut text = "| pixels | metric | stereo | fused, no scaling | difference | 95 % interval | frames better |\n|---|---|---|---|---|---|---|\n".to_owned();
         for (pixels, rows) in [("all", &self.compare), ("common", &self.common)] {
             for metric in ["abs_rel", "a1", "rmse"] {
-                let row = self.difference(rows, metric);
-                let decimals = digits(metric);
-                let value = |column: &str| number(row, column);
                 let _ = writeln!(
                     text,
-                    "| `{pixels}` | {metric} | {:.decimals$} | {:.decimals$} | {:+.decimals$} | {:+.decimals$} to {:+.decimals$} | {} of {} |",
-                    value("baseline"),
-                    value("value"),
-                    value("difference"),
-                    value("difference_low"),
-                    value("difference_high"),
-                    row["wins"],
-                    row["frames"]
+                    "| `{pixels}` | {metric} | {}",
+                    difference(self.difference(rows, metric), digits(metric))
                 );
             }
         }
         text
     }
+}
+
+/// Baseline, value, difference, interval and wins of a row of `compare`, as cells.
+pub(super) fn difference(row: &Row, decimals: usize) -> String {
+    let value = |column: &str| number(row, column);
+    format!(
+        "{:.decimals$} | {:.decimals$} | {:+.decimals$} | {:+.decimals$} to {:+.decimals$} | {} of {} |",
+        value("baseline"),
+        value("value"),
+        value("difference"),
+        value("difference_low"),
+        value("difference_high"),
+        row["wins"],
+        row["frames"]
+    )
 }
 
 /// A number, bold where it is the best.
