@@ -283,6 +283,7 @@ pub(crate) const KINDS: &[Kind] = &[
             ("unique", Type::Disparity),
             ("ambiguity", Type::Weight),
             ("confidence", Type::Weight),
+            ("mono_deviation", Type::Depth),
             ("reliability", Type::Reliability),
         ],
         outputs: &[
@@ -498,6 +499,7 @@ pub(crate) const KINDS: &[Kind] = &[
         parameters: &[
             ("steps", &["1", "2"]),
             ("network", &["\"unet-lite\"", "\"fcn-lite\""]),
+            ("penalty", &["\"absolute\"", "\"berhu\""]),
             ("seed", &["1", "2", "\"${SEED:-3}\""]),
             ("flip", &["true", "false"]),
         ],

@@ -102,6 +102,7 @@ fn pixels(criterion: &mut Criterion) {
         range_end: 64.0,
         geometry: KITTI,
         mono: &mono,
+        mono_deviation: None,
         evidence: StereoEvidence {
             right: Some(Disparities { sixteenths: &right, invalid: 24 }),
             unique: Some(Disparities { sixteenths: &disparity, invalid: -16 }),

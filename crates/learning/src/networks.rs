@@ -47,6 +47,11 @@ pub(crate) enum Network {
 }
 
 impl Network {
+    #[cfg(test)]
+    pub(crate) const fn without_spread(self) -> Monocular {
+        Monocular { network: self, spread: false }
+    }
+
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::UnetLite => "unet-lite",
@@ -83,8 +88,8 @@ impl Network {
     }
 }
 
-/// What a network's file states about its input and output.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What a network's file states about its input and outputs.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Interface {
     /// Name of the input.
     pub(crate) input: &'static str,
@@ -92,9 +97,15 @@ pub(crate) struct Interface {
     pub(crate) planes: usize,
     /// How the input is made.
     pub(crate) normalisation: &'static str,
-    /// What the output means.
-    pub(crate) output: &'static str,
-    /// Factor on the network's last layer, which is in [0, 1].
+    /// One for each of the network's maps.
+    pub(crate) outputs: Vec<NetworkOutput>,
+}
+
+/// An output of a network's file: a map in [0, 1] times a factor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct NetworkOutput {
+    /// What it means.
+    pub(crate) name: &'static str,
     pub(crate) scale: f32,
 }
 
@@ -104,28 +115,50 @@ pub(crate) trait Architecture: Copy {
 
     fn interface(self) -> Interface;
 
-    /// Lays the network out with `builder`, from its planes to maps in [0, 1].
-    fn build<B: Builder>(self, builder: &mut B, planes: &B::Map) -> B::Map;
+    /// Lays the network out with `builder`, from its planes to maps in [0, 1], one for each output.
+    fn build<B: Builder>(self, builder: &mut B, planes: &B::Map) -> Vec<B::Map>;
 }
 
-impl Architecture for Network {
+/// A monocular network, with or without a map of its own uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Monocular {
+    pub(crate) network: Network,
+    /// Whether a second map predicts the error: the scale of a Laplace distribution of the log of the disparity share.
+    pub(crate) spread: bool,
+}
+
+impl Architecture for Monocular {
     fn name(self) -> &'static str {
-        self.name()
+        self.network.name()
     }
 
     fn interface(self) -> Interface {
-        let (input, normalisation, meaning) = ("image", "RGB in [0,1], area resized", self.meaning());
-        Interface { input, planes: 3, normalisation, output: meaning.name(), scale: meaning.scale() }
+        let (input, normalisation, meaning) = ("image", "RGB in [0,1], area resized", self.network.meaning());
+        let mut outputs = vec![NetworkOutput { name: meaning.name(), scale: meaning.scale() }];
+        if self.spread {
+            // The standard deviation of a Laplace distribution is sqrt(2) times its scale.
+            outputs.push(NetworkOutput { name: "spread", scale: std::f32::consts::SQRT_2 });
+        }
+        Interface { input, planes: 3, normalisation, outputs }
     }
 
-    fn build<B: Builder>(self, builder: &mut B, image: &B::Map) -> B::Map {
-        match self {
-            Self::UnetLite => unet_lite::unet_lite(builder, image),
-            Self::UnetTiny => unet_tiny::unet_tiny(builder, image),
-            Self::FcnLite => fcn_lite::fcn_lite(builder, image),
-            Self::FcnVgg16 => fcn_vgg16::fcn_vgg16(builder, image),
-            Self::EigenCoarse => eigen_coarse::eigen_coarse(builder, image),
+    fn build<B: Builder>(self, builder: &mut B, image: &B::Map) -> Vec<B::Map> {
+        let features = match self.network {
+            Network::UnetLite => unet_lite::unet_lite(builder, image),
+            Network::UnetTiny => unet_tiny::unet_tiny(builder, image),
+            Network::FcnLite => fcn_lite::fcn_lite(builder, image),
+            Network::FcnVgg16 => fcn_vgg16::fcn_vgg16(builder, image),
+            Network::EigenCoarse => {
+                assert!(!self.spread, "eigen-coarse predicts no spread");
+                return vec![eigen_coarse::eigen_coarse(builder, image)];
+            }
+        };
+        let mut maps = vec![unet_lite::last(builder, "last", &features, unet_lite::FIRST_BIAS)];
+        if self.spread {
+            // From a spread of 1/2, about the error at the start.
+            maps.push(unet_lite::last(builder, "last_spread", &features, 0.0));
         }
+        maps
     }
 }
 

@@ -7,7 +7,7 @@ use std::process::Command;
 use depthloom_test_needs::{python, shared, workspace};
 use tract_onnx::prelude::{Framework, InferenceModelExt, IntoRunnable, TValue, Tensor, tvec};
 
-use self::cases::{Case, cases};
+use self::cases::{Case, cases, with_spread};
 use crate::onnx::weights::decode_weights;
 
 /// The largest difference that is allowed, as a share of the output's range.
@@ -29,11 +29,32 @@ fn tract_computes_what_the_training_library_does() {
 }
 
 fn in_tract(case: &Case) -> tract_onnx::prelude::TractResult<(Vec<usize>, Vec<f32>)> {
+    let outputs = outputs_in_tract(case)?;
+    Ok(outputs.into_iter().next().expect("an output"))
+}
+
+fn outputs_in_tract(case: &Case) -> tract_onnx::prelude::TractResult<Vec<(Vec<usize>, Vec<f32>)>> {
     let model = tract_onnx::onnx().model_for_read(&mut case.file.as_slice())?;
     let image = Tensor::from_shape(&case.input.shape, &case.input.values)?;
     let outputs = model.into_optimized()?.into_runnable()?.run(tvec![TValue::from(image)])?;
-    let output = outputs[0].to_plain_array_view::<f32>()?;
-    Ok((output.shape().to_vec(), output.iter().copied().collect()))
+    let numbers = |output: &TValue| {
+        let output = output.to_plain_array_view::<f32>()?;
+        Ok((output.shape().to_vec(), output.iter().copied().collect()))
+    };
+    outputs.iter().map(numbers).collect()
+}
+
+#[test]
+fn the_spread_is_a_second_output_that_leaves_the_first_as_it_is() {
+    let (case, spread) = with_spread();
+    let outputs = outputs_in_tract(&case).expect("tract runs it");
+    assert_eq!(outputs.len(), 2);
+    for ((shape, found), (expected, range)) in outputs.iter().zip([(&case.output, case.range), (&spread, 2_f32.sqrt())])
+    {
+        assert_eq!(shape, &expected.shape);
+        let differences = found.iter().zip(&expected.values).map(|(a, b)| (a - b).abs());
+        assert!(differences.fold(0.0, f32::max) <= TOLERANCE * range);
+    }
 }
 
 #[test]

@@ -69,17 +69,30 @@ pub fn model(op: &str, axes: Option<i64>, inputs: &[Tensor<'_>], output: &Tensor
 /// Like [`model`], with attributes that are lists of integers.
 #[must_use]
 pub fn model_with(op: &str, attributes: &[(&str, &[i64])], inputs: &[Tensor<'_>], output: &Tensor<'_>) -> Vec<u8> {
-    let mut node = Message::default().text(1, inputs[0].0).text(2, output.0).text(4, op);
-    for (name, values) in attributes {
-        let attribute = Message::default().text(1, name);
-        let attribute = values.iter().fold(attribute, |attribute, value| attribute.varint(8, value.cast_unsigned()));
-        node = node.message(5, &attribute.varint(20, 7));
+    of_outputs(op, attributes, inputs, std::slice::from_ref(output))
+}
+
+/// Like [`model_with`], with a node for each output.
+#[must_use]
+pub fn of_outputs(op: &str, attributes: &[(&str, &[i64])], inputs: &[Tensor<'_>], outputs: &[Tensor<'_>]) -> Vec<u8> {
+    let mut graph = Message::default();
+    for output in outputs {
+        let mut node = Message::default().text(1, inputs[0].0).text(2, output.0).text(4, op);
+        for (name, values) in attributes {
+            let attribute = Message::default().text(1, name);
+            let attribute =
+                values.iter().fold(attribute, |attribute, value| attribute.varint(8, value.cast_unsigned()));
+            node = node.message(5, &attribute.varint(20, 7));
+        }
+        graph = graph.message(1, &node);
     }
-    let mut graph = Message::default().message(1, &node).text(2, "test");
+    graph = graph.text(2, "test");
     for input in inputs {
         graph = graph.message(11, &input.message());
     }
-    graph = graph.message(12, &output.message());
+    for output in outputs {
+        graph = graph.message(12, &output.message());
+    }
     let opset = Message::default().text(1, "").varint(2, 13);
     Message::default().varint(1, 8).message(7, &graph).message(8, &opset).0
 }

@@ -62,6 +62,7 @@ pub(super) fn frame<'a>(inputs: &'a Inputs<'_>, searched: u32) -> Result<Frame<'
         range_end: range_end as f32,
         geometry,
         mono,
+        mono_deviation: None,
         evidence: StereoEvidence {
             right: optional("right")?,
             unique: optional("unique")?,

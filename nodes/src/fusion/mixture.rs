@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use super::{evidence, reliability};
 use crate::bounds::{above_zero, within};
+use crate::shape::same_size;
 
 /// How the monocular estimate is aligned with stereo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -122,7 +123,7 @@ pub(crate) struct LocalParams {
 
 impl Default for LocalParams {
     fn default() -> Self {
-        Self { sigma: 18.0, regulariser: 0.05, iterations: 4, least_spread: 0.05 }
+        Self { sigma: 18.0, regulariser: 0.02, iterations: 4, least_spread: 0.05 }
     }
 }
 
@@ -225,7 +226,7 @@ impl Node for Mixture {
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {
             kind: "fusion/mixture",
-            version: 1,
+            version: 2,
             contract: Contract::Pure,
             summary: "Stereo and monocular depth, fused by the probability that stereo is an inlier; with uncertainty.",
             doc: "\
@@ -251,11 +252,19 @@ stereo, `inlier` is `p`, and `V` is `s_s^2`. Where both are invalid, so are the 
 second matcher with exchanged images, as for `disparity/left-right`. `unique` comes from a matcher with a uniqueness \
 check, such as `stereo/sgbm` with `uniqueness: 10`. Without `right`, every pixel counts as consistent. Without `unique` \
 and `ambiguity`, every match counts as unique.\n\n\
+With `mono_deviation`, such as the output `deviation` of `mono/onnx`, `s_m` before alignment is its ratio to `mono` \
+where both are valid.\n\n\
 With `reliability`, the prior and `s_m` before alignment are those that `learn/reliability` learned. Then `prior`, \
 `mono_spread` and `confidence` have no effect.",
             inputs: evidence::ports()
                 .into_iter()
                 .chain([
+                    Port::frame(
+                        "mono_deviation",
+                        ValueType::Depth,
+                        "Standard deviation of `mono`, metres; replaces `mono_spread` where it is valid.",
+                    )
+                    .optional(),
                     Port::frame("confidence", ValueType::Weight, "Confidence in stereo, `W_c`, in [0, 1].").optional(),
                     Port::once(
                         "reliability",
@@ -347,6 +356,10 @@ impl PureNode for Mixture {
         let mut frame = evidence::frame(inputs, self.disparities)?;
         let size = (frame.width as u32, frame.height as u32);
         frame.evidence.confidence = evidence::weight(inputs, "confidence", size)?;
+        if let Some(deviation) = inputs.optional::<Depth>("mono_deviation")? {
+            same_size(("disparity", size), ("mono_deviation", deviation.metres.dimensions()))?;
+            frame.mono_deviation = Some(&deviation.metres);
+        }
         let mut scratch = ctx.scratch.take::<MixtureScratch>();
         let [mut depth, mut deviation, mut inlier, mut aligned] = [(); 4].map(|()| Raster::<f32>::new(size.0, size.1));
         let mut fused =

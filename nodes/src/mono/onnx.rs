@@ -27,7 +27,7 @@ impl Node for Onnx {
     const OWN_PORTS: bool = true;
 
     fn declaration() -> NodeDeclaration {
-        let Signature { inputs, .. } = signature(None);
+        let Signature { inputs, .. } = signature(None, false);
         NodeDeclaration {
             kind: "mono/onnx",
             version: 3,
@@ -46,6 +46,8 @@ other use sees the cap at these pixels, or 1e6 m without a cap.\n\n\
 With `output: relative-inverse-depth` scale and shift are unknown, and there are no metres. The network's numbers, \
 times `output_scale`, are the output `inverse`, which only `fusion/scale` accepts (`mono: relative-inverse-depth`). \
 To score such a network without stereo, use `output: inverse-depth` with `align: scale-and-shift`.\n\n\
+With `spread_name`, a second output of the network is the standard deviation of log depth, a map of any size. Times \
+depth, it is the output `deviation`, in metres. It is invalid where the map is not above 0.\n\n\
 **Invalid pixels.** A pixel is invalid where the network returns NaN or infinity, or where such a value contributes \
 to a resized pixel. These pixels are counted and reported at the end of the run.\n\n\
 **Model.** The model is a file (`model: { file: net.onnx }`) with its weights inside, or the output of a training \
@@ -59,12 +61,12 @@ Rust, slower, and supports neither `threads` nor other providers than `cpu`. `DE
 part of the cache keys, and `environment.json` next to a recording names them. A GPU provider runs operators that it \
 lacks on the CPU, as ONNX Runtime does. A provider that is not available is an error.",
             inputs,
-            outputs: vec![DEPTH, INVERSE.optional()],
+            outputs: vec![DEPTH, DEVIATION.optional(), INVERSE.optional()],
         }
     }
 
     fn signature(params: &OnnxParams) -> Option<Signature> {
-        Some(signature(params.output))
+        Some(signature(params.output, params.spread_name.is_some()))
     }
 
     fn check(params: &OnnxParams) -> Result<(), (&'static str, String)> {
@@ -93,6 +95,11 @@ const DEPTH: Port = Port::frame(
     ValueType::Depth,
     "Depth, f32 metres, NaN = invalid; same size as the image. Absent with `output: relative-inverse-depth`.",
 );
+const DEVIATION: Port = Port::frame(
+    "deviation",
+    ValueType::Depth,
+    "With `spread_name`: standard deviation of `depth`, f32 metres, NaN = invalid.",
+);
 const INVERSE: Port = Port::frame(
     "inverse",
     ValueType::RelativeInverseDepth,
@@ -100,7 +107,7 @@ const INVERSE: Port = Port::frame(
      same size as the image.",
 );
 
-fn signature(output: Option<Output>) -> Signature {
+fn signature(output: Option<Output>, has_spread: bool) -> Signature {
     let is_relative = output == Some(Output::RelativeInverseDepth);
     let calibration = Port::frame(
         "calibration",
@@ -119,7 +126,11 @@ fn signature(output: Option<Output>) -> Signature {
     Signature {
         contract: Contract::Pure,
         inputs,
-        outputs: vec![if is_relative { INVERSE } else { DEPTH }],
+        outputs: match (is_relative, has_spread) {
+            (true, _) => vec![INVERSE],
+            (false, true) => vec![DEPTH, DEVIATION],
+            (false, false) => vec![DEPTH],
+        },
         observes: None,
     }
 }
@@ -145,6 +156,42 @@ impl Onnx {
             _ => 1.0,
         };
         (self.params.output_scale * of_lengths) as f32
+    }
+
+    /// An output of the network at the size of the image, times `scale`; NaN where it is not finite.
+    fn full_size(
+        &self,
+        Maps { mut values, mut size }: Maps,
+        scale: f32,
+        fitted: &Fitted,
+        ctx: &mut Context<'_>,
+    ) -> Result<Vec<f32>, Fault> {
+        let of_network = count_non_finite(&values);
+        let too_large = |error: TooMuch| Fault::new(error.to_string());
+        if fitted.pads() {
+            // The padding of the mirrored image is on the other side: it is removed before both are joined.
+            let maps = values.chunks_exact(size.0 * size.1).map(|map| fitted.map_back(map.to_vec(), size));
+            values = maps.collect::<Result<Vec<_>, _>>().map_err(too_large)?.concat();
+            size = fitted.from;
+        }
+        let (map, of_mirrored) = values.split_at_mut(size.0 * size.1);
+        if self.params.flip != Flip::None {
+            self.params.flip.join(map, of_mirrored, size.0);
+        }
+        if scale != 1.0 {
+            map.iter_mut().for_each(|value| *value *= scale);
+        }
+        // Multiplication may overflow; and with `flip` one of the two outputs may be finite.
+        let seen = of_network.max(count_non_finite(map));
+        if seen > 0 {
+            ctx.host.warn_n(seen as u64, "pixels of the network's output are NaN or infinite, and so invalid");
+        }
+        // Infinity would become the cap: non-finite values are invalid, whether or not a map is resized.
+        map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = f32::NAN);
+        match fitted.pads() {
+            true => Ok(map.to_vec()),
+            false => fitted.map_back(map.to_vec(), size).map_err(too_large),
+        }
     }
 
     fn metres(&self, meaning: Output, map: &[f32], calibration: &Calibration, width: usize, out: &mut [f32]) {
@@ -179,53 +226,41 @@ impl PureNode for Onnx {
         let (columns, rows) = image.dimensions();
         let width = columns as usize;
         let fitted = network.fitted((width, rows as usize))?;
-        let Maps { mut values, mut size } = network.run(image, &fitted, &self.preprocessing())?;
-        let of_network = count_non_finite(&values);
-        let too_large = |error: TooMuch| Fault::new(error.to_string());
-        if fitted.pads() {
-            // The padding of the mirrored image is on the other side: it is removed before both are joined.
-            let maps = values.chunks_exact(size.0 * size.1).map(|map| fitted.map_back(map.to_vec(), size));
-            values = maps.collect::<Result<Vec<_>, _>>().map_err(too_large)?.concat();
-            size = fitted.from;
-        }
-        let (map, of_mirrored) = values.split_at_mut(size.0 * size.1);
-        if self.params.flip != Flip::None {
-            self.params.flip.join(map, of_mirrored, size.0);
-        }
+        let mut maps = network.run(image, &fitted, &self.preprocessing())?.into_iter();
         let scale = self.scale(network.meaning, &fitted);
-        if scale != 1.0 {
-            map.iter_mut().for_each(|value| *value *= scale);
-        }
-        // Multiplication may overflow; and with `flip` one of the two outputs may be finite.
-        let seen = of_network.max(count_non_finite(map));
-        if seen > 0 {
-            ctx.host.warn_n(seen as u64, "pixels of the network's output are NaN or infinite, and so invalid");
-        }
-        // Infinity would become the cap: non-finite values are invalid, whether or not a map is resized.
-        map.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = f32::NAN);
-        let full = match fitted.pads() {
-            true => map.to_vec(),
-            false => fitted.map_back(map.to_vec(), size).map_err(too_large)?,
-        };
+        let map = maps.next().ok_or_else(|| Fault::new("the network returned no output"))?;
+        let full = self.full_size(map, scale, &fitted, ctx)?;
+        let spread = maps.next().map(|spread| self.full_size(spread, 1.0, &fitted, ctx)).transpose()?;
         if network.meaning == Output::RelativeInverseDepth {
             let values = Raster::from_raw(columns, rows, full).ok_or_else(|| Fault::new("a map lost its size"))?;
             return Ok(Outputs::one("inverse", RelativeInverseDepth { values }));
         }
         let calibration = inputs.get::<Calibration>("calibration")?;
         let metres = filled((columns, rows), |out| self.metres(network.meaning, &full, calibration, width, out));
+        let deviation = spread.map(|spread| {
+            let mut deviation = metres.clone();
+            for (deviation, spread) in deviation.iter_mut().zip(spread) {
+                *deviation = if spread > 0.0 { *deviation * spread } else { f32::NAN };
+            }
+            Depth { metres: deviation }
+        });
         let nowhere = full.iter().filter(|value| **value <= 0.0).count() as u64;
-        match network.meaning {
+        let outputs = match network.meaning {
             Output::InverseDepth => {
                 if nowhere > 0 {
                     ctx.host.warn_n(nowhere, "pixels of inverse depth are not above 0: `align: scale-and-shift` uses them unchanged, everything else treats them as the largest depth");
                 }
-                Ok(Outputs::one("depth", Value::depth_from_inverse(Depth { metres }, &full)))
+                Outputs::one("depth", Value::depth_from_inverse(Depth { metres }, &full))
             }
             Output::Depth if nowhere > 0 => {
                 ctx.host.warn_n(nowhere, "pixels of depth are not above 0; they were set to 0.001 m");
-                Ok(Outputs::one("depth", Depth { metres }))
+                Outputs::one("depth", Depth { metres })
             }
-            _ => Ok(Outputs::one("depth", Depth { metres })),
-        }
+            _ => Outputs::one("depth", Depth { metres }),
+        };
+        Ok(match deviation {
+            Some(deviation) => outputs.with("deviation", deviation),
+            None => outputs,
+        })
     }
 }

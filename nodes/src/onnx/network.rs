@@ -57,6 +57,9 @@ impl Network {
         }
         let output = map_output(outputs, params.output_name.as_deref(), (sizes.width, sizes.height))?;
         check_output(output)?;
+        let spread = params.spread_name.as_deref().map(|name| outlet("output", outputs, Some(name))).transpose();
+        let spread = spread.map_err(|fault| fault.remedy("correct `spread_name`, or leave it out"))?;
+        spread.map_or(Ok(()), check_output)?;
         let images = batch(&named, output, params.flip.images())?;
         let input = PoolInput { name: input.name.clone(), axes, images, planes: axes.channels.unwrap_or(3) };
         let engine = (params.provider, params.threads);
@@ -64,7 +67,12 @@ impl Network {
             params: params.clone(),
             sizes,
             meaning: meaning(&declared, params)?,
-            pools: Pools::new(model, engine, vec![input], vec![output.name.clone()]),
+            pools: Pools::new(
+                model,
+                engine,
+                vec![input],
+                std::iter::once(output).chain(spread).map(|output| output.name.clone()).collect(),
+            ),
         };
         check_largest(&declared)?;
         let (Some(width), Some(height)) = (sizes.width, sizes.height) else { return Ok(network) };
@@ -87,29 +95,39 @@ impl Network {
         Fitted::new(from, self.sizes, self.params.fit, PadAt::BottomRight)
     }
 
-    /// With `flip`, the map of the mirrored image follows that of the image.
-    pub(crate) fn run(&self, image: &Image, fitted: &Fitted, preprocessing: &Preprocessing) -> Result<Maps, Fault> {
+    /// The maps of depth and, with `spread_name`, of its standard deviation. With `flip`, the map of the mirrored image
+    /// follows that of the image.
+    pub(crate) fn run(
+        &self,
+        image: &Image,
+        fitted: &Fitted,
+        preprocessing: &Preprocessing,
+    ) -> Result<Vec<Maps>, Fault> {
         self.check_memory(fitted.to)?;
         let pool = self.pools.get(fitted.to)?;
         let views: &[bool] = if self.params.flip == Flip::None { &[false] } else { &[false, true] };
-        let mut all = Maps { values: Vec::new(), size: (0, 0) };
+        let empty = || Maps { values: Vec::new(), size: (0, 0) };
+        let mut all: Vec<Maps> = self.pools.outputs.iter().map(|_| empty()).collect();
         for views in views.chunks(self.input().images) {
             let mut tensor = Vec::new();
             for &mirrored in views {
                 let planes = preprocessing.planes(image, self.input().planes, fitted, mirrored).map_err(too_large)?;
                 self.input().axes.laid_out(&planes, &mut tensor);
             }
-            let mut found = self.maps(&pool, &tensor, fitted.to)?;
-            all.values.append(&mut found.values);
-            all.size = found.size;
+            for (all, mut found) in all.iter_mut().zip(self.maps(&pool, &tensor, fitted.to)?) {
+                all.values.append(&mut found.values);
+                all.size = found.size;
+            }
         }
         Ok(all)
     }
 
-    fn maps(&self, pool: &Pool, tensor: &[f32], of_image: (usize, usize)) -> Result<Maps, Fault> {
-        let given = pool.run(&[tensor])?.pop().ok_or_else(|| Fault::new("the network returned no output"))?;
+    fn maps(&self, pool: &Pool, tensor: &[f32], of_image: (usize, usize)) -> Result<Vec<Maps>, Fault> {
         let batch = (self.input().images, of_image);
-        map_of(given, &self.pools.outputs[0], batch, self.params.head, self.params.layout)
+        // Several maps of depth may share an output; the spread has its own.
+        let heads = [self.params.head, None];
+        let outputs = pool.run(&[tensor])?.into_iter().zip(&self.pools.outputs).zip(heads);
+        outputs.map(|((given, name), head)| map_of(given, name, batch, head, self.params.layout)).collect()
     }
 
     fn input(&self) -> &PoolInput {

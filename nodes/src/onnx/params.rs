@@ -147,6 +147,9 @@ pub(crate) struct OnnxParams {
     pub input_name: Option<String>,
     /// Name of the network's output; `null` uses the first whose shape is that of a map.
     pub output_name: Option<String>,
+    /// Name of an output with the standard deviation of log depth, a map of its own; with it, the node has the output
+    /// `deviation`. Networks that `learn/ssl` trained with `spread: true` name it `spread`.
+    pub spread_name: Option<String>,
     /// Index of the map to use if an output holds several (heads, channels): from 0, or -1 for the last.
     pub head: Option<i64>,
     /// What the output means: `disparity-share`, `disparity-px`, `inverse-depth`, `relative-inverse-depth` or `depth`.
@@ -190,6 +193,7 @@ impl Default for OnnxParams {
             round: true,
             input_name: None,
             output_name: None,
+            spread_name: None,
             head: None,
             output: None,
             output_scale: 1.0,
@@ -227,6 +231,11 @@ impl OnnxParams {
     /// Parameters that exclude each other.
     pub(crate) fn check(&self) -> Result<(), (&'static str, String)> {
         check_preprocessing(self.std, self.resize, self.round)?;
+        if self.spread_name.is_some() && self.output == Some(Output::RelativeInverseDepth) {
+            let what =
+                "spread_name is set, but `output: relative-inverse-depth` has no depth, so no standard deviation";
+            return Err(("spread_name", what.to_owned()));
+        }
         let is_custom = self.mean == [0.0; 3] && self.std == [1.0; 3];
         if self.normalisation != Normalisation::Custom && !is_custom {
             let what = "normalisation replaces `mean` and `std`: remove these, or use `normalisation: custom`";

@@ -222,6 +222,16 @@ fn calls() -> Vec<Calls> {
             vec![("disparity", gappy()), ("mono", depth(2, 0)), ("calibration", calibration(721.5377, 0.532_725))],
         ),
         (
+            "fusion/mixture",
+            vec![json!({})],
+            vec![
+                ("disparity", gappy()),
+                ("mono", depth(2, 0)),
+                ("calibration", calibration(721.5377, 0.532_725)),
+                ("mono_deviation", depth(5, 3)),
+            ],
+        ),
+        (
             "learn/reliability",
             vec![json!({}), json!({ "disparities": 128, "stereo_noise": 0.5, "cap": null })],
             vec![("disparity", disparity(10, 0)), ("mono", depth(4, 6)), ("calibration", calibration(72.0, 0.5))],

@@ -125,14 +125,14 @@ fn mixtures_with_the_constants_of_the_trials_have_their_scores() {
         );
         worst[0] = worst[0].max(compare(&depth, &frame, &golden.join("mixture/scores.csv"), "mixture"));
         let depth = fused(
-            &json!({ "prior": { "support": null } }),
+            &json!({ "prior": { "support": null }, "local": { "regulariser": 0.05 } }),
             &[("disparity", &fixed), ("right", &right), ("unique", &unique)],
         );
         let scores = golden.join("local_mixture/scores_64.csv");
         worst[1] = worst[1].max(compare(&depth, &frame, &scores, "local_mixture"));
         let [fixed, right, unique] = stereo(&frame, 128, 128);
         let depth = fused(
-            &json!({ "disparities": 128, "prior": { "support": null } }),
+            &json!({ "disparities": 128, "prior": { "support": null }, "local": { "regulariser": 0.05 } }),
             &[("disparity", &fixed), ("right", &right), ("unique", &unique)],
         );
         let scores = golden.join("local_mixture/scores_128.csv");

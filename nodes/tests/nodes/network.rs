@@ -98,6 +98,28 @@ fn metadata_of_a_model_may_state_the_meaning_of_its_output() {
     assert!(run(&json!({}), &saying("warmth")).unwrap_err().contains("which is not supported"));
 }
 
+#[test]
+fn a_second_output_is_the_standard_deviation_of_log_depth() {
+    if !can_run("a_second_output_is_the_standard_deviation_of_log_depth") {
+        return;
+    }
+    // Two outputs of the same numbers, .2 .4 .8 1.
+    let outputs = [Tensor("share", F32, &[1, 1, 2, 4]), Tensor("spread", F32, &[1, 1, 2, 4])];
+    let network =
+        model(onnx_file::of_outputs("ReduceMean", &[("axes", &[1])], &[Tensor("image", F32, &[1, 3, 2, 4])], &outputs));
+    let inputs = [("image", image()), ("calibration", calibration(10.0, 2.0)), ("model", network)];
+    let maps = |params: Json| call("mono/onnx", &params, &inputs).map_err(|fault| fault.chain());
+    let values = maps(json!({ "spread_name": "spread", "cap": 20 })).unwrap();
+    assert_close(metres(&values["depth"]), [20.0, 12.5, 6.25, 5.0]);
+    assert_close(metres(&values["deviation"]), [4.0, 5.0, 5.0, 5.0]);
+    // The factor on the output is not one on its spread, and the mirror image counts in both.
+    let values = maps(json!({ "spread_name": "spread", "output_scale": 0.5, "flip": "mean" })).unwrap();
+    assert_close(metres(&values["deviation"]), [10.0, 10.0, 10.0, 10.0]);
+    assert!(!maps(json!({})).unwrap().contains_key("deviation"));
+    let error = maps(json!({ "spread_name": "doubt" })).unwrap_err();
+    assert!(error.contains("no output `doubt`; it has share, spread"), "{error}");
+}
+
 /// A host that counts warnings.
 #[derive(Default)]
 struct Listening(std::sync::Mutex<Vec<(u64, String)>>);

@@ -13,7 +13,8 @@
 //! V = q (1 / (1 / s_s^2 + 1 / s_m^2) + (m - z)^2) + (1 - q) (s_m^2 + (z_m - z)^2)     its variance
 //! ```
 //!
-//! With local alignment `z_m` and `s_m` follow from the inliers around each pixel ([`Local`]).
+//! The standard deviation `s_m` of a pixel is [`Frame::mono_deviation`] over depth, or else that of the mixture. With
+//! local alignment `z_m` and `s_m` follow from the inliers around each pixel ([`Local`]).
 //!
 //! # Arithmetic
 //! With `P = 1 / s_s^2`, `M = s_m^2`, `t = 1 + P M`, `g = 1 - 1 / t` and `u = z_s - z_m` the same is
@@ -78,7 +79,8 @@ pub struct Mixture {
     pub alignment: Alignment,
     /// Standard deviation of the disparity of an inlier, px.
     pub stereo_noise: f32,
-    /// Standard deviation of the logarithm of monocular depth; not used with [`Prior::Learned`], which has its own.
+    /// Standard deviation of the logarithm of monocular depth; not used with [`Prior::Learned`], which has its own, nor
+    /// where [`Frame::mono_deviation`] is valid.
     pub mono_spread: f32,
     /// Range of log disparities over which outliers are uniform.
     pub outliers: f32,
@@ -103,20 +105,27 @@ pub struct Frame<'a> {
     pub geometry: Geometry,
     /// Monocular depth, metres; valid where it is finite and above 0.
     pub mono: &'a [f32],
+    /// Standard deviation of monocular depth, metres; where it and depth are valid, it replaces the spread of the
+    /// mixture.
+    pub mono_deviation: Option<&'a [f32]>,
     /// What else is known about stereo.
     pub evidence: StereoEvidence<'a>,
 }
 
 impl Frame<'_> {
     fn check_sizes(&self) {
-        let Self { width, height, disparity, mono, evidence, .. } = self;
+        let Self { width, height, disparity, mono, mono_deviation, evidence, .. } = self;
         let sized = |what: &str, len: usize| check(what, len, *width, *height, 1);
         sized("disparity", disparity.sixteenths.len());
         sized("mono", mono.len());
         for (what, map) in [("right disparity", evidence.right), ("unique disparity", evidence.unique)] {
             map.inspect(|map| sized(what, map.sixteenths.len()));
         }
-        for (what, map) in [("ambiguity", evidence.ambiguity), ("confidence", evidence.confidence)] {
+        for (what, map) in [
+            ("ambiguity", evidence.ambiguity),
+            ("confidence", evidence.confidence),
+            ("monocular deviation", *mono_deviation),
+        ] {
             map.inspect(|map| sized(what, map.len()));
         }
     }

@@ -6,19 +6,20 @@ use crate::onnx::{GraphBuilder, Metadata, Tensor, Weights};
 /// The ONNX file of `network` for images of `size` with the parameters `values`, in the order of
 /// [`layout`](super::layout()).
 ///
-/// Its input is batch x planes x height x width, for most networks the `image`, RGB in [0, 1]; its output, batch x
-/// maps x rows x columns, is named after its meaning.
+/// Its input is batch x planes x height x width, for most networks the `image`, RGB in [0, 1]; its outputs, batch x
+/// maps x rows x columns, are named after their meaning.
 pub(crate) fn export(network: impl Architecture, size: Size, values: &[Vec<f32>], training_key: &str) -> Vec<u8> {
     let mut graph = GraphBuilder::new(network.name());
-    let Interface { input, planes, normalisation, output, scale } = network.interface();
+    let Interface { input, planes, normalisation, outputs } = network.interface();
     let image = graph.input(input, &[planes, size.height, size.width]);
     let mut writer = Writer { size, graph, values: values.iter() };
-    let map = network.build(&mut writer, &image);
+    let maps = network.build(&mut writer, &image);
     assert!(writer.values.next().is_none(), "every parameter belongs to a layer");
     let mut graph = writer.graph;
-    let scaled = graph.scale(map, scale);
-    let metadata = Metadata { size: [size.width, size.height], normalisation, output, training_key };
-    graph.finish(scaled, &metadata)
+    let scaled: Vec<(Tensor, &str)> =
+        maps.iter().zip(&outputs).map(|(map, output)| (graph.scale(*map, output.scale), output.name)).collect();
+    let metadata = Metadata { size: [size.width, size.height], normalisation, training_key };
+    graph.finish(&scaled, &metadata)
 }
 
 struct Writer<'a> {

@@ -1,9 +1,9 @@
 //! `fcn-lite`: `unet-lite` without its skips, to see what they are worth.
 
-use super::unet_lite::{BOTTOM, LEVELS, last, twice};
+use super::unet_lite::{BOTTOM, LEVELS, twice};
 use super::{Builder, Conv};
 
-/// Everything the map knows has passed the bottom.
+/// Everything the map knows has passed the bottom. Returns the features of the last level.
 pub(super) fn fcn_lite<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
     let mut x = image.clone();
     for (level, &channels) in LEVELS.iter().enumerate() {
@@ -17,5 +17,5 @@ pub(super) fn fcn_lite<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
             x = builder.conv(&format!("up{level}.conv"), &x, Conv::three(channels));
         }
     }
-    last(builder, &x)
+    x
 }

@@ -14,7 +14,8 @@ use crate::ops;
 pub(crate) fn forward(network: impl Architecture, images: &Tensor<4>, parameters: &[Tensor<1>]) -> Tensor<4> {
     let [_, _, height, width] = images.dims();
     let mut layers = Layers { size: Size { width, height }, parameters: parameters.iter() };
-    network.build(&mut layers, images)
+    let maps = network.build(&mut layers, images);
+    if maps.len() == 1 { maps[0].clone() } else { Tensor::cat(maps, 1) }
 }
 
 struct Layers<'a> {

@@ -3,7 +3,7 @@
 use depthloom_kernels::learned::{MAPS, PLANES};
 
 use super::unet_lite::twice;
-use super::{Act, Architecture, Builder, Conv, Interface};
+use super::{Act, Architecture, Builder, Conv, Interface, NetworkOutput};
 
 /// Channels of the levels, finest first.
 const LEVELS: [usize; 4] = [8, 16, 24, 32];
@@ -26,11 +26,12 @@ impl Architecture for FusionUnet {
 
     fn interface(self) -> Interface {
         let normalisation = "RGB in [0,1]; ln stereo/mono; coverage; ln mono; consistency; confidence; area resized";
-        Interface { input: "planes", planes: PLANES, normalisation, output: "fusion", scale: 1.0 }
+        let outputs = vec![NetworkOutput { name: "fusion", scale: 1.0 }];
+        Interface { input: "planes", planes: PLANES, normalisation, outputs }
     }
 
     /// As `unet-lite`, but the finest level has a skip: which of two depths is right changes from pixel to pixel.
-    fn build<B: Builder>(self, builder: &mut B, planes: &B::Map) -> B::Map {
+    fn build<B: Builder>(self, builder: &mut B, planes: &B::Map) -> Vec<B::Map> {
         let (mut levels, mut x) = (Vec::new(), planes.clone());
         for (level, &channels) in LEVELS.iter().enumerate() {
             x = twice(builder, &format!("down{level}"), &x, channels);
@@ -45,6 +46,6 @@ impl Architecture for FusionUnet {
         }
         // From zero: half of stereo, no residual, a spread of 10 % of depth.
         let x = builder.conv("last", &x, Conv { act: Act::None, ..Conv::three(MAPS) });
-        builder.sigmoid(&x)
+        vec![builder.sigmoid(&x)]
     }
 }

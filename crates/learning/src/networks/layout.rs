@@ -50,8 +50,8 @@ impl ParameterLayout {
 
 pub(crate) fn layout(network: impl Architecture, size: Size) -> ParameterLayout {
     let mut lister = Lister { size, parameters: Vec::new() };
-    let map = network.build(&mut lister, &Shape { channels: network.interface().planes, size });
-    ParameterLayout { parameters: lister.parameters, map: map.size }
+    let maps = network.build(&mut lister, &Shape { channels: network.interface().planes, size });
+    ParameterLayout { parameters: lister.parameters, map: maps[0].size }
 }
 
 #[derive(Clone, Copy)]
@@ -123,28 +123,29 @@ impl Builder for Lister {
 #[cfg(test)]
 mod tests {
     use super::{ParameterLayout, Size, layout};
-    use crate::networks::{FusionUnet, Network};
+    use crate::networks::{FusionUnet, Monocular, Network};
 
     #[test]
     fn networks_have_the_sizes_they_are_known_for() {
         let size = Size { width: 320, height: 96 };
         // `../shared/models/ssl_unet.onnx` has as many.
         let count = |layout: ParameterLayout| layout.parameters.iter().map(super::Parameter::len).sum::<usize>();
-        assert_eq!(count(layout(Network::UnetLite, size)), 1_071_417);
-        assert_eq!(layout(Network::UnetLite, size).map, size);
-        assert_eq!(count(layout(Network::UnetTiny, size)), 70_791);
+        assert_eq!(count(layout(Network::UnetLite.without_spread(), size)), 1_071_417);
+        assert_eq!(layout(Network::UnetLite.without_spread(), size).map, size);
+        assert_eq!(count(layout(Monocular { network: Network::UnetLite, spread: true }, size)), 1_071_417 + 8 * 9 + 1);
+        assert_eq!(count(layout(Network::UnetTiny.without_spread(), size)), 70_791);
         // VGG-16's convolutions have 14,714,688 parameters (torchvision: `vgg16().features`).
-        let vgg = layout(Network::FcnVgg16, size);
+        let vgg = layout(Network::FcnVgg16.without_spread(), size);
         let of_vgg = vgg.parameters.iter().filter(|parameter| parameter.name.starts_with("features."));
         assert_eq!(of_vgg.map(super::Parameter::len).sum::<usize>(), 14_714_688);
         assert!(vgg.parameters.iter().any(|parameter| parameter.name == "features.28.weight"));
         assert_eq!(count(layout(FusionUnet, size)), 144_187);
-        assert_eq!(layout(Network::EigenCoarse, size).map, Size { width: 40, height: 12 });
+        assert_eq!(layout(Network::EigenCoarse.without_spread(), size).map, Size { width: 40, height: 12 });
     }
 
     #[test]
     fn equal_seeds_begin_equally() {
-        let layout = layout(Network::FcnLite, Size { width: 64, height: 32 });
+        let layout = layout(Monocular { network: Network::FcnLite, spread: true }, Size { width: 64, height: 32 });
         assert!(layout.start(3) == layout.start(3) && layout.start(3) != layout.start(4));
         let last = layout.parameters.iter().position(|parameter| parameter.name == "last.bias").unwrap();
         assert_eq!(layout.start(3)[last], [-2.0]);

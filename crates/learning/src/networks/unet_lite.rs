@@ -12,6 +12,8 @@ pub(super) const FIRST_BIAS: f32 = -2.0;
 
 /// Two 3x3 convolutions a level, the maximum of 2x2 between them; upwards a transposed convolution, the level's own map
 /// beside it (not on the finest level, where it would cost most) and one convolution.
+///
+/// Returns the features of the last level.
 pub(super) fn unet_lite<B: Builder>(builder: &mut B, image: &B::Map) -> B::Map {
     unet(builder, image, LEVELS, BOTTOM)
 }
@@ -33,7 +35,7 @@ pub(super) fn unet<B: Builder>(builder: &mut B, image: &B::Map, channels: [usize
             x = builder.conv(&format!("up{level}.conv"), &x, Conv::three(channels));
         }
     }
-    last(builder, &x)
+    x
 }
 
 pub(super) fn twice<B: Builder>(builder: &mut B, name: &str, x: &B::Map, channels: usize) -> B::Map {
@@ -42,7 +44,7 @@ pub(super) fn twice<B: Builder>(builder: &mut B, name: &str, x: &B::Map, channel
 }
 
 /// One channel in [0, 1].
-pub(super) fn last<B: Builder>(builder: &mut B, x: &B::Map) -> B::Map {
-    let x = builder.conv("last", x, Conv { act: Act::None, bias: FIRST_BIAS, ..Conv::three(1) });
+pub(super) fn last<B: Builder>(builder: &mut B, name: &str, x: &B::Map, bias: f32) -> B::Map {
+    let x = builder.conv(name, x, Conv { act: Act::None, bias, ..Conv::three(1) });
     builder.sigmoid(&x)
 }

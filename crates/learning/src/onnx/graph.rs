@@ -60,25 +60,22 @@ impl GraphBuilder {
         &self.values[tensor.0].dims
     }
 
-    /// The file: the graph with one output, which is named after its meaning.
-    pub(crate) fn finish(mut self, output: Tensor, metadata: &Metadata<'_>) -> Vec<u8> {
-        let (before, after) = (self.name_of(output), metadata.output.replace('-', "_"));
-        let is_used = self.values.iter().any(|known| known.name == after && known.name != before);
-        assert!(!is_used, "the name {after} is used twice");
-        assert!(!self.inputs.contains(&output), "the output is calculated");
-        let mentions = self.nodes.iter_mut().flat_map(|node| node.input.iter_mut().chain(&mut node.output));
-        mentions.filter(|name| **name == before).for_each(|name| name.clone_from(&after));
-        self.values[output.0].name = after;
+    /// The file: the graph with its outputs, each with its meaning, e.g. `disparity-share`; their names are the
+    /// meanings, with underscores.
+    pub(crate) fn finish(mut self, outputs: &[(Tensor, &str)], metadata: &Metadata<'_>) -> Vec<u8> {
+        for (output, meaning) in outputs {
+            self.rename(*output, &meaning.replace('-', "_"));
+        }
         let [width, height] = metadata.size;
         let metadata = [
             (names::INPUT_SIZE, format!("{width}x{height}")),
             (names::NORMALISATION, metadata.normalisation.to_owned()),
-            (names::OUTPUT, metadata.output.to_owned()),
+            (names::OUTPUT, outputs[0].1.to_owned()),
             (names::TRAINING_KEY, metadata.training_key.to_owned()),
         ];
         let graph = GraphProto {
             input: self.inputs.iter().map(|&input| self.value_info(input)).collect(),
-            output: vec![self.value_info(output)],
+            output: outputs.iter().map(|(output, _)| self.value_info(*output)).collect(),
             node: self.nodes,
             name: self.name,
             initializer: self.initializers,
@@ -96,6 +93,16 @@ impl GraphBuilder {
                 .collect(),
         };
         model.encode_to_vec()
+    }
+
+    fn rename(&mut self, output: Tensor, name: &str) {
+        let before = self.name_of(output);
+        let is_used = self.values.iter().any(|known| known.name == name && known.name != before);
+        assert!(!is_used, "the name {name} is used twice");
+        assert!(!self.inputs.contains(&output), "the output is calculated");
+        let mentions = self.nodes.iter_mut().flat_map(|node| node.input.iter_mut().chain(&mut node.output));
+        mentions.filter(|mention| **mention == before).for_each(|mention| name.clone_into(mention));
+        name.clone_into(&mut self.values[output.0].name);
     }
 
     fn value(&mut self, name: &str, dims: Vec<usize>) -> Tensor {

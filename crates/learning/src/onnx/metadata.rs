@@ -32,8 +32,6 @@ pub(crate) struct Metadata<'a> {
     pub(crate) size: [usize; 2],
     /// How the image is brought to the network.
     pub(crate) normalisation: &'a str,
-    /// What the output means, e.g. `disparity-share`; the output's name, with underscores.
-    pub(crate) output: &'a str,
     /// The key of the training run that made it.
     pub(crate) training_key: &'a str,
 }
@@ -43,7 +41,7 @@ pub(crate) mod names {
     pub(crate) const INPUT_SIZE: &str = "depthloom.input_size";
     /// How the image is brought to the network.
     pub(crate) const NORMALISATION: &str = "depthloom.normalisation";
-    /// What the output means, as `mono/onnx` names it.
+    /// What the first output means, as `mono/onnx` names it.
     pub(crate) const OUTPUT: &str = "depthloom.output";
     /// The key of the training run.
     pub(crate) const TRAINING_KEY: &str = "depthloom.training_key";

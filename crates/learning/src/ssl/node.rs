@@ -33,13 +33,15 @@ impl Node for Ssl {
             contract: Contract::Once,
             summary: "Trains a monocular network with the robot's own stereo, without ground truth.",
             doc: "\
-The loss is that of the paper, the masked mean absolute error `l = mean over C of |Z_m - Z_s|` (Martins et al. 2018), on inverse depth, depth or log depth. \
+The loss is that of the paper, the masked mean absolute error `l = mean over C of |Z_m - Z_s|` (Martins et al. 2018), on inverse depth, depth or log depth. With \
+`penalty: berhu`, errors above a fifth of the batch's largest count by their square (Laina et al. 2016). \
 With `photometric`, the left-right photometric loss of Godard et al. 2017 is added. The optimiser is Adam. A step's samples and their augmentation depend \
 only on `seed` and the step, and gradients are added in a fixed order. So the same samples give the same network, bit for bit, with any number of workers. This \
 also holds after a kill and a resume.\n\n\
 The network is an ONNX file (opset 13). Its input is `image`, Nx3xHxW, RGB in [0, 1], area resized to the samples' size. Its output is `disparity_share` \
 (disparity as a share of the image's width) or `depth` (metres, `eigen-coarse`). Its metadata state input size, normalisation, meaning and the training's cache \
-key.\n\n\
+key. With `spread`, a second output, `spread`, is the standard deviation of log depth. The loss is then the negative log likelihood of a Laplace \
+distribution, `|e| / b + ln b` (Kendall, Gal 2017), whose gradient is weighted by `sqrt(b)` (Seitzer et al. 2022).\n\n\
 The networks are `unet-lite` (1.07 M parameters), `unet-tiny` (70 k parameters), `fcn-lite` (without skips), `fcn-vgg16` and `eigen-coarse`. \
 `fcn-vgg16` is the network of the paper; its first 8 convolutions keep the weights of the file `weights` (with the names of torchvision: `features.0.weight`). \
 `eigen-coarse` is the paper's on-board network.\n\n\
@@ -66,7 +68,7 @@ steps, the state is stored beside the run; if a run was killed or interrupted, r
                     .to_owned(),
             ));
         }
-        Ok(())
+        params.check_spread()
     }
 
     fn check_inputs(params: &SslParams, upstream: &Upstream<'_>) -> Result<(), Fault> {
@@ -81,7 +83,7 @@ steps, the state is stored beside the run; if a run was killed or interrupted, r
     fn build(params: SslParams) -> Result<Instance, Fault> {
         let weights = params.weights.as_ref().map(|file| weights::read(file.path())).transpose()?;
         if let (Some(tensors), Some(file), Some(size)) = (&weights, &params.weights, params.network.any_size()) {
-            weights::matched(&layout(params.network, size), tensors, file.path())?;
+            weights::matched(&layout(params.architecture(), size), tensors, file.path())?;
         }
         Ok(Instance::Once(Box::new(Self { params, weights })))
     }
@@ -95,12 +97,12 @@ impl AggregateNode for Ssl {
         let form = Form::new(&samples);
         self.params.check_form(&form, validation.as_ref().map(Form::new).as_ref())?;
         check_patience(&self.params.settings(), validation.is_some())?;
-        let layout = layout(self.params.network, form.size);
+        let layout = layout(self.params.architecture(), form.size);
         let objective = SelfSupervision::new(&self.params, layout.map, &samples, validation.as_ref());
         let learn = || training::learn(&objective, &layout, || self.start(&layout), ctx.host);
         let (values, curve) = on_threads(self.params.batch, ctx.host, learn)??;
         let key = ctx.host.key().map_or_else(String::new, |key| key.to_string());
-        let file = export(self.params.network, form.size, &values, &key);
+        let file = export(self.params.architecture(), form.size, &values, &key);
         Ok(Outputs::one("model", Value::Model(Arc::new(Artifact::model(file)))).with("curve", curve))
     }
 }

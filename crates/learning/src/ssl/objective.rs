@@ -1,9 +1,11 @@
 //! The objective of `learn/ssl`: the error against stereo, and the photometric loss.
 
+use std::ops::Range;
+
 use burn::tensor::Tensor;
 
 use super::batch::Batch;
-use super::loss::MaskedError;
+use super::loss::{MaskedError, Penalty};
 use super::params::SslParams;
 use super::photometric::Photometric;
 use crate::networks::{Size, forward};
@@ -33,7 +35,18 @@ impl<'a> SelfSupervision<'a> {
     }
 
     const fn masked_error(&self) -> MaskedError {
-        MaskedError { loss: self.params.loss, meaning: self.params.network.meaning(), cap_m: self.params.cap as f32 }
+        let (meaning, cap_m) = (self.params.network.meaning(), self.params.cap as f32);
+        MaskedError { loss: self.params.loss, meaning, cap_m, knee: f32::INFINITY }
+    }
+
+    /// Splits the network's maps into disparities and, with `spread`, spreads.
+    fn maps(&self, maps: &[f32]) -> (Vec<f32>, Vec<f32>) {
+        if !self.params.spread {
+            return (maps.to_vec(), Vec::new());
+        }
+        let area = self.map.width * self.map.height;
+        let every_second = |first: usize| maps.chunks_exact(area).skip(first).step_by(2).flatten().copied().collect();
+        (every_second(0), every_second(1))
     }
 
     fn input(&self, batch: &Batch) -> Input {
@@ -47,7 +60,7 @@ impl<'a> SelfSupervision<'a> {
         let (mut sum, mut count) = (0.0, 0);
         for start in (0..samples.len()).step_by(self.params.batch as usize) {
             let batch = Batch::plain(samples, start..samples.len().min(start + self.params.batch as usize));
-            let (map, shares) = (maps(self.input(&batch)), at_map(&batch.shares, size, self.map));
+            let ((map, _), shares) = (self.maps(&maps(self.input(&batch))), at_map(&batch.shares, size, self.map));
             let area = map.len() / batch.count;
             for (i, &k) in batch.depth_scales.iter().enumerate() {
                 let range = i * area..(i + 1) * area;
@@ -73,34 +86,50 @@ impl Objective for SelfSupervision<'_> {
     }
 
     fn forward(&self, input: &Tensor<4>, parameters: &[Tensor<1>]) -> Tensor<4> {
-        forward(self.params.network, input, parameters)
+        forward(self.params.architecture(), input, parameters)
     }
 
-    /// The gradient of the loss by the map; sum and number of absolute errors.
-    fn slopes(&self, map: &[f32], batch: &Batch) -> Slopes {
-        let error = self.masked_error();
+    /// The gradient of the loss by the maps; sum and number of absolute errors.
+    fn slopes(&self, maps: &[f32], batch: &Batch) -> Slopes {
+        let mut error = self.masked_error();
+        let (map, spreads) = self.maps(maps);
         let area = map.len() / batch.count;
         let full = self.size();
         let shares = at_map(&batch.shares, full, self.map);
-        let mut slopes = vec![0.0; map.len()];
+        let (mut slopes, mut spread_slopes) = (vec![0.0; map.len()], vec![0.0; spreads.len()]);
+        let samples = || (0..batch.count).map(|i| (i * area..(i + 1) * area, batch.depth_scales[i]));
+        if self.params.penalty == Penalty::Berhu {
+            let of_sample = |(range, k): (Range<usize>, f32)| error.largest(&map[range.clone()], &shares[range], k);
+            error.knee = 0.2 * samples().map(of_sample).fold(0.0, f32::max);
+        }
         let (mut sum, mut count) = (0.0, 0);
-        for i in 0..batch.count {
-            let range = i * area..(i + 1) * area;
-            let (more, of_them) =
-                error.add(&map[range.clone()], &shares[range.clone()], batch.depth_scales[i], &mut slopes[range]);
+        for (range, k) in samples() {
+            let (map, shares, slopes) = (&map[range.clone()], &shares[range.clone()], &mut slopes[range.clone()]);
+            let (more, of_them) = if self.params.spread {
+                error.add_likelihood([map, &spreads[range.clone()]], shares, k, [slopes, &mut spread_slopes[range]])
+            } else {
+                error.add(map, shares, k, slopes)
+            };
             sum += more;
             count += of_them;
         }
         let each = 1.0 / count.max(1) as f32;
-        slopes.iter_mut().for_each(|slope| *slope *= each);
+        slopes.iter_mut().chain(&mut spread_slopes).for_each(|slope| *slope *= each);
         if self.params.photometric > 0.0 {
             let weight = (self.params.photometric / batch.count as f64) as f32;
             Photometric { meaning: self.params.network.meaning(), map: self.map, image: full }.add(
-                map,
+                &map,
                 batch,
                 weight,
                 &mut slopes,
             );
+        }
+        if self.params.spread {
+            slopes = slopes
+                .chunks_exact(area)
+                .zip(spread_slopes.chunks_exact(area))
+                .flat_map(|(a, b)| [a, b].concat())
+                .collect();
         }
         Slopes { by_map: slopes, measured: (sum, count) }
     }

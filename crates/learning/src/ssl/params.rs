@@ -4,8 +4,8 @@ use depthloom_graphs::contracts::DataPath;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::loss::Loss;
-use crate::networks::{Meaning, Network};
+use super::loss::{Loss, Penalty};
+use crate::networks::{Meaning, Monocular, Network};
 use crate::training::{Schedule, Settings};
 
 /// Parameters of `learn/ssl`.
@@ -16,6 +16,11 @@ pub(crate) struct SslParams {
     pub(crate) network: Network,
     /// The measure of the absolute error: `inverse-depth`, `depth` (the paper's) or `log-depth`.
     pub(crate) loss: Loss,
+    /// How errors count: `absolute` (the paper's) or `berhu`.
+    pub(crate) penalty: Penalty,
+    /// Whether the network also learns the standard deviation of its log depth: a second output, `spread`, that
+    /// `mono/onnx` reads with `spread_name: spread`. Requires the loss `log-depth` and the penalty `absolute`.
+    pub(crate) spread: bool,
     /// Larger depths are clamped to this, metres; only for the loss `depth`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub(crate) cap: f64,
@@ -75,6 +80,8 @@ impl Default for SslParams {
         Self {
             network: Network::UnetLite,
             loss: Loss::InverseDepth,
+            penalty: Penalty::Absolute,
+            spread: false,
             cap: 80.0,
             photometric: 0.0,
             steps: 2000,
@@ -100,6 +107,22 @@ impl SslParams {
     pub(super) const fn settings(&self) -> Settings {
         let Self { steps, learning_rate, schedule, curve_every, patience, checkpoint_every, .. } = *self;
         Settings { steps, learning_rate, schedule, curve_every, patience, checkpoint_every }
+    }
+
+    /// Checks that the network and the loss can learn a spread.
+    pub(super) fn check_spread(&self) -> Result<(), (&'static str, String)> {
+        let refused = |why: &str| Err(("spread", format!("spread is true, but {why}")));
+        match (self.spread, self.network, self.loss, self.penalty) {
+            (false, ..) => Ok(()),
+            (_, Network::EigenCoarse, ..) => refused("eigen-coarse predicts no spread: choose another `network`"),
+            (_, _, Loss::InverseDepth | Loss::Depth, _) => refused("it is that of log depth: set `loss: log-depth`"),
+            (.., Penalty::Berhu) => refused("its loss has its own penalty: set `penalty: absolute`"),
+            _ => Ok(()),
+        }
+    }
+
+    pub(super) const fn architecture(&self) -> Monocular {
+        Monocular { network: self.network, spread: self.spread }
     }
 
     /// Whether network or loss use depth in metres.

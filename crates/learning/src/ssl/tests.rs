@@ -145,7 +145,7 @@ fn the_papers_network_keeps_its_first_eight_convolutions() {
     use crate::networks::{Network, Size, layout};
     use crate::onnx::weights::decode_weights;
     let folder = tempfile::tempdir().expect("a folder");
-    let layout = layout(Network::FcnVgg16, Size { width: 64, height: 32 });
+    let layout = layout(Network::FcnVgg16.without_spread(), Size { width: 64, height: 32 });
     let pretrained = layout.start(77);
     let frozen = || layout.parameters.iter().zip(&pretrained).filter(|(parameter, _)| parameter.frozen);
     let bytes: Vec<Vec<u8>> =

@@ -85,7 +85,7 @@ mod tests {
     const SIZE: Size = Size { width: 32, height: 32 };
 
     fn of_vgg(leave_out: &str, wrong: &str) -> Vec<NamedTensor> {
-        let parameters = layout(Network::FcnVgg16, SIZE).parameters;
+        let parameters = layout(Network::FcnVgg16.without_spread(), SIZE).parameters;
         let frozen = parameters.into_iter().filter(|p| p.frozen && p.name != leave_out);
         frozen
             .map(|p| {
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn frozen_parameters_are_taken_from_the_file() {
-        let layout = layout(Network::FcnVgg16, SIZE);
+        let layout = layout(Network::FcnVgg16.without_spread(), SIZE);
         let mut values = layout.start(1);
         fill(&layout, &of_vgg("", ""), Path::new("vgg.onnx"), &mut values).unwrap();
         for (parameter, values) in layout.parameters.iter().zip(&values) {
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn missing_tensors_and_wrong_shapes_are_named() {
-        let layout = layout(Network::FcnVgg16, SIZE);
+        let layout = layout(Network::FcnVgg16.without_spread(), SIZE);
         let message = |file: &[NamedTensor]| {
             let fault = fill(&layout, file, Path::new("vgg.onnx"), &mut layout.start(1)).unwrap_err();
             format!("{} ({})", fault.chain(), fault.remedy_text().unwrap_or_default())

@@ -187,7 +187,7 @@ mod tests {
     #[test]
     fn a_state_reads_back_bit_for_bit_and_a_damaged_one_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let layout = layout(Network::UnetLite, Size { width: 32, height: 32 });
+        let layout = layout(Network::UnetLite.without_spread(), Size { width: 32, height: 32 });
         let state = state(&layout);
         let checkpoint = Checkpoint::at(folder.path().join("checkpoints/this.checkpoint"));
         assert!(checkpoint.load(&layout).unwrap().is_none());
@@ -198,7 +198,7 @@ mod tests {
             std::fs::write(&checkpoint.path, &whole[..cut]).unwrap();
             assert!(matches!(checkpoint.load(&layout), Err(Unusable::Damaged(_))), "{cut} bytes");
         }
-        let other = crate::networks::layout(Network::FcnVgg16, Size { width: 32, height: 32 });
+        let other = crate::networks::layout(Network::FcnVgg16.without_spread(), Size { width: 32, height: 32 });
         std::fs::write(&checkpoint.path, &whole).unwrap();
         assert!(matches!(checkpoint.load(&other), Err(Unusable::Foreign(_))));
     }
@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn fault_46_a_flipped_bit_of_a_checkpoint_is_detected() {
         let folder = tempfile::tempdir().unwrap();
-        let layout = layout(Network::FcnLite, Size { width: 32, height: 32 });
+        let layout = layout(Network::FcnLite.without_spread(), Size { width: 32, height: 32 });
         let checkpoint = Checkpoint::at(folder.path().join("this.checkpoint"));
         checkpoint.save(&layout, &state(&layout)).unwrap();
         let mut bytes = std::fs::read(&checkpoint.path).unwrap();

@@ -4,7 +4,9 @@ use burn::tensor::ops::{ConvOptions, ConvTransposeOptions, MaxPoolOptions};
 use burn::tensor::{Device, Tensor, TensorData, activation, module};
 use depthloom_random::SplitMix64;
 
-use crate::networks::{Architecture, FusionUnet, Interface, Network, Size, export, forward, layout};
+use crate::networks::{
+    Architecture, FusionUnet, Interface, Monocular, Network, NetworkOutput, Size, export, forward, layout,
+};
 use crate::onnx::{GraphBuilder, Metadata, Weights};
 
 const BATCH: usize = 2;
@@ -28,11 +30,11 @@ pub(crate) struct Case {
 pub(crate) fn cases() -> Vec<Case> {
     let small = Size { width: 64, height: 32 };
     vec![
-        of_network(Network::UnetLite, Size { width: 320, height: 96 }, 1.5),
-        of_network(Network::UnetTiny, Size { width: 320, height: 96 }, 1.5),
-        of_network(Network::FcnLite, Size { width: 320, height: 96 }, 1.5),
-        of_network(Network::FcnVgg16, small, 1.7),
-        of_network(Network::EigenCoarse, small, 2.0),
+        of_network(Network::UnetLite.without_spread(), Size { width: 320, height: 96 }, 1.5),
+        of_network(Network::UnetTiny.without_spread(), Size { width: 320, height: 96 }, 1.5),
+        of_network(Network::FcnLite.without_spread(), Size { width: 320, height: 96 }, 1.5),
+        of_network(Network::FcnVgg16.without_spread(), small, 1.7),
+        of_network(Network::EigenCoarse.without_spread(), small, 2.0),
         of_network(FusionUnet, small, 1.5),
         every_operator(),
     ]
@@ -56,12 +58,30 @@ fn of_network(network: impl Architecture, size: Size, enlarged: f32) -> Case {
     let mut parameters = layout(network, size).start(7);
     parameters.iter_mut().step_by(2).flatten().for_each(|weight| *weight *= enlarged);
     let file = export(network, size, &parameters, "a test");
-    let Interface { planes, output, scale, .. } = network.interface();
+    let Interface { planes, outputs, .. } = network.interface();
+    let NetworkOutput { name: output, scale } = outputs[0];
     let input = image(planes, size);
     let tensors: Vec<Tensor<1>> = parameters.iter().map(|values| tensor(values, [values.len()])).collect();
     let map = forward(network, &tensor(&input.values, [BATCH, planes, size.height, size.width]), &tensors);
     let (name, output_name) = (network.name(), output.replace('-', "_"));
     Case { name, file, input, output: numbers(map * scale), output_name, range: scale }
+}
+
+/// A network with two outputs, the first of them in the case.
+pub(crate) fn with_spread() -> (Case, Numbers) {
+    let network = Monocular { network: Network::UnetTiny, spread: true };
+    let mut case = of_network(network, Size { width: 64, height: 32 }, 1.5);
+    let Numbers { shape, values } = &case.output;
+    let [batch, maps, height, width] = shape[..] else { panic!("batch x maps x rows x columns") };
+    assert_eq!((batch, maps), (BATCH, 2));
+    let map = |map: usize, scale: f32| {
+        let of_image = |image: usize| &values[(image * maps + map) * height * width..][..height * width];
+        let values = (0..batch).flat_map(of_image).map(|value| value / case.range * scale).collect();
+        Numbers { shape: vec![batch, 1, height, width], values }
+    };
+    let [first, spread] = [map(0, case.range), map(1, std::f32::consts::SQRT_2)];
+    case.output = first;
+    (case, spread)
 }
 
 /// A convolution with stride and padding, the maximum of overlapping windows, a transposed convolution, a join, the
@@ -92,8 +112,8 @@ fn every_operator() -> Case {
     let map = graph.reshape(units, &[1, 2, 3]);
     let map = graph.scale(map, 0.5);
     let size = [size.width, size.height];
-    let metadata = Metadata { size, normalisation: "none", output: "depth", training_key: "none" };
-    let file = graph.finish(map, &metadata);
+    let metadata = Metadata { size, normalisation: "none", training_key: "none" };
+    let file = graph.finish(&[(map, "depth")], &metadata);
 
     let x = tensor(&input.values, [BATCH, 3, size[1], size[0]]);
     let options = ConvOptions::new([2, 2], [1, 1], [1, 1], 1);

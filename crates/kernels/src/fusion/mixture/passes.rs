@@ -10,6 +10,9 @@ use crate::simd::Pass;
 /// Standard deviation of stereo's log depth, at least.
 const LEAST_STEREO_SPREAD: f32 = 1e-3;
 
+/// Bounds of the standard deviation of monocular log depth of a pixel.
+const MONO_SPREADS: (f32, f32) = (1e-3, 10.0);
+
 /// Added to the blurred weights before they divide.
 const LEAST_WEIGHT: f32 = 1e-6;
 
@@ -140,6 +143,15 @@ impl<'a> Model<'a> {
             Some(knots) => {
                 for (spread, mono) in spread.iter_mut().zip(&row.mono) {
                     *spread = spread_at(knots, *mono);
+                }
+            }
+        }
+        if let Some(deviation) = self.frame.mono_deviation {
+            let pixels = spread.iter_mut().zip(&row.mono).zip(&deviation[y * self.frame.width..]);
+            for ((spread, mono), deviation) in pixels.take(self.frame.width) {
+                let relative = deviation / mono;
+                if relative > 0.0 && relative.is_finite() {
+                    *spread = relative.clamp(MONO_SPREADS.0, MONO_SPREADS.1);
                 }
             }
         }

@@ -58,6 +58,7 @@ impl Maps {
             range_end: 64.0,
             geometry: KITTI,
             mono: &self.mono,
+            mono_deviation: None,
             evidence: StereoEvidence {
                 right: Some(Disparities { sixteenths: &self.right, invalid: -1040 }),
                 unique: Some(Disparities { sixteenths: &self.unique, invalid: -16 }),
@@ -182,7 +183,8 @@ fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]
         }
         prior
     };
-    let (mut z_m, mut s_m) = (z_0.clone(), vec![f64::from(mixture.mono_spread); pixels]);
+    let most: Vec<f64> = (0..pixels).map(|i| spread(mixture, frame, i)).collect();
+    let (mut z_m, mut s_m) = (z_0.clone(), most.clone());
     let posterior = |i: usize, z_m: f64, s_m: f64| {
         let variance = s_s[i] * s_s[i] + s_m * s_m;
         let density = libm::exp(-0.5 * (z_s[i] - z_m) * (z_s[i] - z_m) / variance)
@@ -191,7 +193,7 @@ fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]
         if valid[i] { inlier / (inlier + (1.0 - prior(i)) / f64::from(mixture.outliers)) } else { 0.0 }
     };
     if let Alignment::Local(local) = &mixture.alignment {
-        let (least, most) = (f64::from(local.least_spread), f64::from(mixture.mono_spread));
+        let least = f64::from(local.least_spread);
         for _ in 0..local.iterations {
             let mut maps = [(); 3].map(|()| vec![0.0; pixels]);
             for i in 0..pixels {
@@ -205,7 +207,7 @@ fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]
                 let spread = (second[i] / (weight[i] + 1e-6) - mean * mean).max(0.0).sqrt();
                 let share = weight[i] / regular;
                 z_m[i] = z_0[i] + first[i] / regular;
-                s_m[i] = (share * spread.max(least) + (1.0 - share) * most).clamp(least, most);
+                s_m[i] = (share * spread.max(least) + (1.0 - share) * most[i]).max(least).min(most[i]);
             }
         }
     }
@@ -220,6 +222,13 @@ fn expected(mixture: &Mixture, rules: &Rules, frame: &Frame<'_>) -> Vec<[f64; 4]
         out.push([libm::exp(z).min(cap), variance.sqrt(), q, libm::exp(z_m[i]).min(cap)]);
     }
     out
+}
+
+/// The standard deviation of monocular log depth before alignment.
+fn spread(mixture: &Mixture, frame: &Frame<'_>, i: usize) -> f64 {
+    let deviation = frame.mono_deviation.map_or(NAN, |deviation| deviation[i]);
+    let relative = f64::from(deviation) / f64::from(frame.mono[i]);
+    if relative > 0.0 { relative } else { f64::from(mixture.mono_spread) }
 }
 
 /// OpenCV's `GaussianBlur` of 32-bit float images.
@@ -249,9 +258,14 @@ fn every_alignment_is_the_definition() {
     let maps = Maps::street(171, 74);
     let support = Some(Support { radius: 4, low: 0.1, high: 0.5, floor: 0.2 });
     let rules = Rules { unique_most: 0.6, unconfident: 0.7, support, ..RULES };
-    for alignment in alignments() {
+    // Some pixels have no deviation of their own, and some are surer than any alignment.
+    let deviation = |(i, mono): (usize, &f32)| if i % 5 == 0 { NAN } else { mono * (0.02 + 0.1 * (i % 7) as f32) };
+    let deviation: Vec<f32> = maps.mono.iter().enumerate().map(deviation).collect();
+    for (alignment, mono_deviation) in
+        alignments().into_iter().flat_map(|one| [None, Some(&deviation[..])].map(|own| (one.clone(), own)))
+    {
         let mixture = Mixture { prior: Prior::Rules(rules.clone()), ..mixture(alignment) };
-        let frame = maps.frame();
+        let frame = Frame { mono_deviation, ..maps.frame() };
         let [depth, deviation, inlier, aligned] = fused(&mixture, &frame);
         let expected = expected(&mixture, &rules, &frame);
         let filtered = median(&expected, &frame);

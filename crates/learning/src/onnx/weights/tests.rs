@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use prost::Message;
 
 use super::{NamedTensor, TensorError, WeightsError, decode_weights};
-use crate::networks::{Network, Size, export, layout};
+use crate::networks::{Monocular, Network, Size, export, layout};
 use depthloom_onnx::{GraphProto, ModelProto, NodeProto, TensorProto, data_type};
 
 /// A `.safetensors` file: the header's length in 8 bytes, the header, the elements.
@@ -104,7 +104,8 @@ fn onnx_constants_are_raw_or_in_the_field_of_their_type() {
 #[test]
 fn a_written_network_gives_its_parameters_back() {
     let size = Size { width: 32, height: 32 };
-    for network in [Network::UnetLite, Network::EigenCoarse] {
+    for (network, spread) in [(Network::UnetLite, false), (Network::UnetTiny, true), (Network::EigenCoarse, false)] {
+        let network = Monocular { network, spread };
         let layout = layout(network, size);
         let values = layout.start(3);
         let read = decode_weights(Path::new("network.onnx"), &export(network, size, &values, "none")).unwrap();
