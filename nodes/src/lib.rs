@@ -26,6 +26,7 @@ mod fusion;
 mod geometry;
 mod mono;
 mod network;
+mod predictions;
 mod registry;
 mod score;
 mod shape;

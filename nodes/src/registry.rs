@@ -3,8 +3,8 @@
 use depthloom_graphs::Registry;
 
 use crate::confidence::{Edges, Sobel};
-use crate::depth::{FromDisparity, GuidedUpsampling};
-use crate::disparity::{Fill, LeftRight, Speckle, WeightedLeastSquares};
+use crate::depth::{DepthFiles, FromDisparity, GuidedUpsampling};
+use crate::disparity::{DisparityFiles, Fill, LeftRight, Speckle, WeightedLeastSquares};
 use crate::dora::Dora;
 use crate::filter::Median;
 use crate::fusion::{Confidence, Facil, InverseVariance, LearnReliability, Learned, MedianOf, Mixture, Scale};
@@ -44,6 +44,8 @@ pub fn registry() -> Registry {
         .node::<Speckle>()
         .node::<Fill>()
         .node::<WeightedLeastSquares>()
+        .node::<DisparityFiles>()
+        .node::<DepthFiles>()
         .node::<FromDisparity>()
         .node::<GuidedUpsampling>()
         .node::<Edges>()

@@ -5,7 +5,7 @@ mod dataset;
 mod driving_stereo;
 mod eth3d_two_view;
 mod evaluation;
-mod files;
+pub(crate) mod files;
 mod images;
 mod kitti;
 mod middlebury;

@@ -272,7 +272,7 @@ fn a_file_that_changes_while_a_node_reads_it_fails_the_frame() {
     std::fs::write(&path, "before").unwrap();
     let mut bench = Bench::new(&[""]);
     bench.stage("look", Numbers::new(1));
-    let observes = Some(Observation { files: vec![folder.path().join("{frame}.txt")] });
+    let observes = Some(Observation { files: vec![folder.path().join("{frame}.txt")], ..Observation::default() });
     let planned = PlannedNode { observes, ..planned("writer", Contract::Pure, [source(0), None, None]) };
     bench.node(planned, Instance::Pure(Box::new(Writer(path))));
     let notebook = Notebook::with_parts(1);

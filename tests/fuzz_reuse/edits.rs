@@ -1,7 +1,7 @@
 //! Random edits, as people make them between two runs.
 
 use crate::experiment::{Change, Experiment, Id, Score, set};
-use crate::files::{Content, MODULE, Network, ROOTS, TEXTS, add_pair};
+use crate::files::{Content, MAPS, MODULE, Network, ROOTS, TEXTS, add_pair};
 use crate::generate;
 use crate::sequence::{EarlierRun, State};
 use depthloom_test_needs::random::Random;
@@ -462,6 +462,10 @@ fn add_or_remove_frame(state: &mut State, random: &mut Random, _: &[EarlierRun])
 }
 
 fn change_text(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Option<String> {
+    if random.chance(3) {
+        state.files.insert(MAPS.to_owned(), Content::Maps(random.below(100) as u32));
+        return Some(format!("change the content of {MAPS}"));
+    }
     let path = random.pick(&TEXTS);
     state.files.insert(path.to_owned(), Content::Text(random.below(100) as u32));
     Some(format!("change the content of {path}"))

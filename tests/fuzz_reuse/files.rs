@@ -26,6 +26,8 @@ pub(crate) enum Content {
     Truth { depth: u16 },
     /// A number as text.
     Text(u32),
+    /// An NPY array of small maps, one per index of a frame, that begins with this number.
+    Maps(u32),
     /// A network of one operator.
     Network(Network),
     /// A node in Python that imports the module.
@@ -52,6 +54,8 @@ pub(crate) type Files = BTreeMap<String, Content>;
 
 /// Roots of the image data sets.
 pub(crate) const ROOTS: [&str; 2] = ["data-a", "data-b"];
+/// The array of `depth/files` and `disparity/files`.
+pub(crate) const MAPS: &str = "maps.npy";
 /// Texts that programs read.
 pub(crate) const TEXTS: [&str; 3] = ["gain-a.txt", "gain-b.txt", NEVER_REUSED];
 /// The text that only programs with neither `version` nor `code` read.
@@ -88,6 +92,7 @@ pub(crate) fn first(random: &mut Random, has_python: bool) -> Files {
     for text in TEXTS {
         files.insert(text.to_owned(), Content::Text(random.below(100) as u32));
     }
+    files.insert(MAPS.to_owned(), Content::Maps(random.below(100) as u32));
     let networks = [
         ("net-a.onnx", Network::Mean),
         ("net-b.onnx", Network::Maximum),
@@ -113,6 +118,14 @@ pub(crate) fn texture(seed: u32, x: u32, y: u32) -> u8 {
     ((mixed ^ (mixed >> 15)).wrapping_mul(2_246_822_519) >> 24) as u8
 }
 
+/// 64 maps of 2x2 bytes.
+fn maps(first: u32) -> Vec<u8> {
+    let header = "{'descr': '|u1', 'fortran_order': False, 'shape': (64, 2, 2), }\n";
+    let numbers = (0..64 * 4).map(|at| (1 + (first + at) % 60) as u8);
+    let length = (header.len() as u16).to_le_bytes();
+    [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes()].concat().into_iter().chain(numbers).collect()
+}
+
 impl Content {
     fn bytes(self) -> Vec<u8> {
         let mut bytes = Cursor::new(Vec::new());
@@ -128,6 +141,7 @@ impl Content {
             Self::PythonNode => return PYTHON_NODE.as_bytes().to_vec(),
             Self::PythonModule(number) => return format!("FACTOR = {number}\n").into_bytes(),
             Self::Text(number) => return number.to_string().into_bytes(),
+            Self::Maps(first) => return maps(first),
             Self::Network(network) => return network.bytes(),
         }
         bytes.into_inner()

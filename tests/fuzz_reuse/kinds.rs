@@ -205,6 +205,31 @@ pub(crate) const KINDS: &[Kind] = &[
         ..DEFAULT
     },
     Kind {
+        label: "depth/files",
+        kind: "depth/files",
+        inputs: IMAGE,
+        outputs: DEPTH,
+        fixed: "{\"files\": \"maps.npy\", \"resize\": \"nearest\"}",
+        parameters: &[
+            ("divide_by", &["1", "2"]),
+            ("resize", &["\"nearest\"", "\"bilinear\""]),
+            ("quantity", &["\"depth\"", "\"inverse-depth\""]),
+            ("cap", CAPS),
+        ],
+        share: 2,
+        ..DEFAULT
+    },
+    Kind {
+        label: "disparity/files",
+        kind: "disparity/files",
+        inputs: IMAGE,
+        outputs: DISPARITY,
+        fixed: "{\"files\": \"maps.npy\", \"resize\": \"nearest\", \"divide_by\": 4}",
+        parameters: &[("invalid", &["7", "null"]), ("divide_by", &["4", "5"])],
+        share: 2,
+        ..DEFAULT
+    },
+    Kind {
         label: "disparity/fill",
         kind: "disparity/fill",
         inputs: DISPARITY,

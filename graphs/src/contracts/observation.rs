@@ -1,5 +1,6 @@
 //! What a node observes of a frame besides the values at its inputs.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Deserializer, Serialize};
@@ -16,6 +17,8 @@ use crate::regular_file;
 pub struct Observation {
     /// Paths of files; `{frame}` stands for the frame's id and `{index}` for its index.
     pub files: Vec<PathBuf>,
+    /// Files by the id of their frame, beside those.
+    pub by_id: BTreeMap<String, PathBuf>,
 }
 
 const FRAME: &str = "{frame}";
@@ -43,7 +46,7 @@ impl Observation {
             let parts = text.split(FRAME).map(|part| part.replace(INDEX, &frame.index.to_string()));
             PathBuf::from(parts.collect::<Vec<_>>().join(&*frame.id))
         };
-        self.files.iter().map(fill)
+        self.files.iter().map(fill).chain(self.by_id.get(&*frame.id).cloned())
     }
 
     /// A hash of the frame's files, missing ones included; `None` if there are no files to read.
@@ -51,18 +54,17 @@ impl Observation {
     /// # Errors
     /// The file that cannot be read.
     pub fn content(&self, frame: &Frame) -> Result<Option<Key>, Fault> {
-        if self.files.is_empty() {
+        if self.files.is_empty() && self.by_id.is_empty() {
             return Ok(None);
         }
-        let mut key = Key::build("files of a frame").number(self.files.len() as u64);
-        for path in self.files_of(frame) {
+        let files: Vec<PathBuf> = self.files_of(frame).collect();
+        let mut key = Key::build("files of a frame").number(files.len() as u64);
+        for path in files {
             key = match regular_file::open(&path).and_then(Key::of_reader) {
                 Ok(content) => key.number(1).key(&content),
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => key.number(0),
                 Err(error) => {
-                    return Err(
-                        Fault::new(format!("failed to read {}, which `reads` names", path.display())).because(error)
-                    );
+                    return Err(Fault::new(format!("failed to read {}", path.display())).because(error));
                 }
             };
         }
@@ -104,7 +106,11 @@ mod tests {
 
     #[test]
     fn placeholders_stand_for_the_id_and_the_index_of_a_frame() {
-        let observation = Observation { files: vec![PathBuf::from("p/{frame}_{index}.npy"), PathBuf::from("all.txt")] };
+        let by_id = [("b".to_owned(), PathBuf::from("b.npy"))].into();
+        let files = vec![PathBuf::from("p/{frame}_{index}.npy"), PathBuf::from("all.txt")];
+        let observation = Observation { files, by_id };
+        let of_b: Vec<_> = observation.files_of(&Frame::at_10_hz("b", 1)).collect();
+        assert_eq!(of_b, ["p/b_1.npy", "all.txt", "b.npy"].map(PathBuf::from));
         let files: Vec<_> = observation.files_of(&Frame::at_10_hz("a{index}", 7)).collect();
         assert_eq!(files, [PathBuf::from("p/a{index}_7.npy"), PathBuf::from("all.txt")]);
         assert_eq!(Observation::is_per_frame(Path::new("p/{frame}.npy")), Ok(true));
@@ -115,7 +121,7 @@ mod tests {
     #[test]
     fn the_hash_of_files_follows_their_content_and_whether_they_exist() {
         let folder = tempfile::tempdir().expect("a folder");
-        let observation = Observation { files: vec![folder.path().join("{frame}.npy")] };
+        let observation = Observation { files: vec![folder.path().join("{frame}.npy")], ..Observation::default() };
         let content = |id: &str| observation.content(&Frame::at_10_hz(id, 0)).expect("it can be read");
         let missing = content("a");
         std::fs::write(folder.path().join("a.npy"), "1").expect("it is written");

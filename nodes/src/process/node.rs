@@ -181,7 +181,7 @@ later, even if depthloom itself was killed. A daemon that leaves the group is no
 
     fn signature(params: &ProcessParams) -> Option<Signature> {
         let FramePaths(files) = &params.reads;
-        let observes = (!files.is_empty()).then(|| Observation { files: files.clone() });
+        let observes = (!files.is_empty()).then(|| Observation { files: files.clone(), ..Observation::default() });
         Some(Signature { observes, ..params.ports.signature(params.contract.contract()) })
     }
 

@@ -239,7 +239,7 @@ and failures are those of the node `process`.",
         let frames = places.into_iter().map(|place| frames[place].clone()).collect();
         // By now its first process has reported what it imports.
         let program_key = params.program_key(pool.launch())?;
-        let observes = Observation { files: params.reads.0 };
+        let observes = Observation { files: params.reads.0, ..Observation::default() };
         Ok(Box::new(Self { pool, program_key, observes, frames, warnings: warnings.into_warnings() }))
     }
 }

@@ -25,7 +25,7 @@ use crate::sources::dataset::folders::{existing_file, existing_folder};
 use crate::sources::dataset::frame_files::{File, Files, LEFT, Part, RIGHT, TRUTH};
 use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, depth_port, image_port, required};
 use crate::sources::evaluation::with_optional;
-use crate::sources::files::{float_file, image_file};
+use crate::sources::files::{self, MapChoice, image_file};
 use crate::sources::true_disparity;
 
 const KIND: &str = "images";
@@ -148,7 +148,7 @@ The id of a frame is the text that `*` stands for, or the column `frame` of the 
 If the cameras have distortion or rotation, and `rectified` is not set, pairs are rectified when they are read, as \
 OpenCV's `initUndistortRectifyMap` and `remap` (linear) do. Pixels outside the camera's image are black. The size \
 does not change.\n\n\
-**Ground truth** is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM or NPY, with the size of the left image. It is \
+**Ground truth** is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM, NPY, NPZ or EXR, with the size of the left image. It is \
 depth along the optical axis or disparity, see `ground_truth.unit` and `ground_truth.divide_by`. Values that are 0, negative, \
 infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs)`.",
             outputs: outputs(true, Some(true)),
@@ -398,10 +398,7 @@ impl Images {
     }
 
     fn truth_numbers(&self, file: &File) -> Result<Raster<f32>, Fault> {
-        if file.bytes.starts_with(b"Pf") || file.bytes.starts_with(b"\x93NUMPY") {
-            return float_file::map_f32(&file.path, &file.bytes);
-        }
-        let (numbers, bits) = image_file::numbers(&file.path, &file.bytes)?;
+        let (numbers, bits) = files::numbers(&file.path, &file.bytes, MapChoice::default())?;
         if bits == 8 && self.truth.is_of_more_bits() {
             let most = 255.0 / self.truth.divide_by;
             let what = format!("the file has 8 bits, and no number in it is above {most} {}", self.truth.unit.name());

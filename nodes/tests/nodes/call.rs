@@ -30,6 +30,9 @@ pub(crate) fn call(kind: &str, params: &Json, inputs: &[(&str, Value)]) -> Resul
     let mut scratch = Scratch::default();
     let (inputs, ctx) = (Inputs::new(ports, &values), &mut Context::new(&InlineHost, &mut scratch));
     let outputs = match node.build(&resolved)? {
+        Instance::Pure(instance) if signature.observes.is_some() => {
+            instance.process_frame(&Frame::at_10_hz("0", 0), &inputs, ctx)?
+        }
         Instance::Pure(instance) => instance.process(&inputs, ctx)?,
         Instance::Ordered(mut instance) => {
             instance.process(&Frame::at_10_hz("0", 0), &inputs, ctx)?;

@@ -6,11 +6,13 @@ use depthloom_graphs::Port;
 use serde_json::{Value as Json, json};
 
 /// The kinds the language's documentation names, with their ports.
-const PORTS: [(&str, &[&str], &[&str]); 28] = [
+const PORTS: [(&str, &[&str], &[&str]); 30] = [
     ("confidence/edges", &["image"], &["mask"]),
     ("confidence/sobel", &["image"], &["weight"]),
+    ("depth/files", &["image"], &["depth"]),
     ("depth/from-disparity", &["disparity", "calibration"], &["depth"]),
     ("depth/guided-upsampling", &["image", "depth"], &["depth"]),
+    ("disparity/files", &["image"], &["disparity"]),
     ("disparity/fill", &["disparity"], &["disparity"]),
     ("disparity/left-right", &["left", "right"], &["disparity"]),
     ("disparity/speckle", &["disparity"], &["disparity"]),
@@ -203,6 +205,7 @@ fn resolving_twice_changes_nothing() {
         // What has no ports by itself is given some.
         let least = match node.declaration.kind {
             "process" => json!({ "command": ["true"], "ports": { "inputs": { "a": { "type": "depth" } } } }),
+            "depth/files" | "disparity/files" => json!({ "files": "{frame}.npy" }),
             "dora" => json!({ "path": "a.py", "ports": { "inputs": { "a": "depth" }, "outputs": { "b": "depth" } } }),
             "onnx" => {
                 json!({ "ports": { "inputs": { "a": { "type": "depth" } }, "outputs": { "b": { "type": "mask" } } } })

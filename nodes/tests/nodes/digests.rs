@@ -18,7 +18,7 @@ use serde_json::{Value as Json, json};
 use crate::call::{Values, call, model, open};
 use crate::learned_fusion::network as network_of_planes;
 use crate::steps::calibration;
-use crate::{images, kitti_family, kitti_raw, ros2_bag, stereo_sets};
+use crate::{images, kitti_family, kitti_raw, predictions, ros2_bag, stereo_sets};
 use depthloom_test_needs::onnx_file::{self, F32, Tensor};
 
 const WIDTH: u32 = 90;
@@ -122,7 +122,10 @@ fn relative_inverse_depth(seed: u64) -> Value {
 type Calls = (&'static str, Vec<Json>, Vec<(&'static str, Value)>);
 
 #[expect(clippy::too_many_lines, reason = "one list of cases")]
-fn calls() -> Vec<Calls> {
+fn calls(folder: &Path) -> Vec<Calls> {
+    let maps = folder.join("maps.npy");
+    let numbers: Vec<f32> = (0..24).map(|at| at as f32 * 0.7 - 1.0).collect();
+    fs::write(&maps, predictions::npy("(1, 4, 6)", &numbers)).unwrap();
     let network = onnx_file::model(
         "Identity",
         None,
@@ -138,6 +141,22 @@ fn calls() -> Vec<Calls> {
     vec![
         ("confidence/edges", vec![json!({}), json!({ "threshold": 30.5 })], vec![("image", image(0))]),
         ("confidence/sobel", vec![json!({}), json!({ "threshold": 400, "sigma": 2.5 })], vec![("image", image(0))]),
+        (
+            "depth/files",
+            vec![
+                json!({ "files": maps, "resize": "nearest", "cap": 10 }),
+                json!({ "files": maps, "resize": "bilinear", "quantity": "inverse-depth", "unit": "millimetres" }),
+            ],
+            vec![("image", image(0))],
+        ),
+        (
+            "disparity/files",
+            vec![
+                json!({ "files": maps, "resize": "nearest" }),
+                json!({ "files": maps, "resize": "bilinear", "unit": "share", "divide_by": 100 }),
+            ],
+            vec![("image", image(0))],
+        ),
         (
             "depth/from-disparity",
             vec![json!({}), json!({ "cap": null })],
@@ -390,7 +409,8 @@ fn add(digest: Digest, value: &Value) -> Digest {
 fn digests() -> BTreeMap<String, Key> {
     let registry = depthloom_nodes::registry();
     let mut digests = BTreeMap::new();
-    let calls = calls();
+    let folder = tempfile::tempdir().unwrap();
+    let calls = calls(folder.path());
     for node in registry.nodes() {
         let kind = node.declaration.kind;
         if (kind.ends_with("onnx") || kind == "fusion/learned")

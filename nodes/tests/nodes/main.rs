@@ -18,6 +18,7 @@ mod kitti_raw;
 mod learned_fusion;
 mod mixture;
 mod network;
+mod predictions;
 mod recognise;
 mod road;
 mod ros2_bag;

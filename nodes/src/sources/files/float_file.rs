@@ -2,10 +2,13 @@
 //! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>), recognised by their first bytes.
 //! Nothing is allocated before a header's size is compared with the bytes that follow it.
 
+use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
-use depthloom_graphs::Fault;
 use depthloom_graphs::values::Raster;
+use depthloom_graphs::{Fault, regular_file};
+
+use super::shortened;
 
 /// Bytes.
 const LONGEST_HEADER: usize = 4096;
@@ -14,24 +17,33 @@ const LONGEST_HEADER: usize = 4096;
 /// is ignored, as by Middlebury's tools), rows from bottom to top. NPY: two dimensions, row-major, floats or integers
 /// of either byte order.
 pub(crate) fn map_f32(path: &Path, bytes: &[u8]) -> Result<Raster<f32>, Fault> {
+    slice_f32(path, bytes, None)
+}
+
+/// As [`map_f32`], of an NPY array of three dimensions the map `slice`.
+pub(crate) fn slice_f32(path: &Path, bytes: &[u8], slice: Option<u64>) -> Result<Raster<f32>, Fault> {
     let read = match bytes {
         [b'P', b'f', ..] => pfm(bytes),
         [b'P', b'F', ..] => Err(Wrong::Kind("it is a PFM of three channels: maps have one (`Pf`)".to_owned())),
-        [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => npy(bytes),
+        [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => npy(bytes, slice),
         _ => Err(Wrong::Kind(format!("it is neither a PFM nor an NPY file ({} bytes)", bytes.len()))),
     };
-    read.map_err(|wrong| {
-        let (what, remedy) = match wrong {
-            Wrong::Kind(what) => (what, "a map is a PFM of one channel (`Pf`) or an NPY array of two dimensions"),
-            Wrong::Bytes(what) => (what, "the file is incomplete or damaged: copy or download it again"),
-        };
-        Fault::new(format!("{}: {what}", path.display())).remedy(remedy)
-    })
+    read.map_err(|wrong| wrong.fault(path))
 }
 
 enum Wrong {
     Kind(String),
     Bytes(String),
+}
+
+impl Wrong {
+    fn fault(self, path: &Path) -> Fault {
+        let (what, remedy) = match self {
+            Self::Kind(what) => (what, "a map is a PFM of one channel (`Pf`) or an NPY array of two dimensions"),
+            Self::Bytes(what) => (what, "the file is incomplete or damaged: copy or download it again"),
+        };
+        Fault::new(format!("{}: {what}", path.display())).remedy(remedy)
+    }
 }
 
 fn pfm(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
@@ -76,46 +88,138 @@ fn check_size((width, height): (u32, u32), bytes_per_pixel: usize, body: &[u8]) 
     }
 }
 
-fn npy(bytes: &[u8]) -> Result<Raster<f32>, Wrong> {
-    let cut = || Wrong::Bytes("its NPY header is cut off".to_owned());
-    let (length, start) = match bytes.get(6).ok_or_else(cut)? {
-        1 => (usize::from(u16::from_le_bytes(*bytes.get(8..).and_then(<[u8]>::first_chunk).ok_or_else(cut)?)), 10),
-        2 | 3 => (u32::from_le_bytes(*bytes.get(8..).and_then(<[u8]>::first_chunk).ok_or_else(cut)?) as usize, 12),
-        version => return Err(Wrong::Kind(format!("it is of version {version} of NPY, and 1 to 3 are read"))),
-    };
-    if length > LONGEST_HEADER {
-        return Err(Wrong::Kind(format!(
-            "its NPY header has the length {length} bytes, and a map's is below {LONGEST_HEADER}"
-        )));
+/// The first axis of an array of maps counts them; `slice` selects one. Other axes of length 1 are ignored.
+fn npy(bytes: &[u8], slice: Option<u64>) -> Result<Raster<f32>, Wrong> {
+    let header = NpyHeader::read(bytes)?;
+    let (size, first) = header.map(slice)?;
+    let body = bytes.get(header.start..).unwrap_or_default();
+    if body.len() as u128 != header.bytes() {
+        return Err(header.wrong_length(body.len() as u64));
     }
-    let text = bytes.get(start..start + length).ok_or_else(cut)?;
-    let text = std::str::from_utf8(text).map_err(|_| Wrong::Bytes("its NPY header is not text".to_owned()))?;
-    let entry = |key: &str| {
-        let behind = text.split_once(&format!("'{key}'")).map(|(_, behind)| behind.trim_start());
-        behind.and_then(|behind| behind.strip_prefix(':')).map(str::trim_start)
-    };
-    let missing = |key: &str| Wrong::Kind(format!("its NPY header has no `{key}` of a plain array"));
-    let sample = entry("descr").and_then(|text| text.strip_prefix('\'')).and_then(|text| text.split('\'').next());
-    let sample = sample.ok_or_else(|| missing("descr"))?;
-    if !entry("fortran_order").ok_or_else(|| missing("fortran_order"))?.starts_with("False") {
-        return Err(Wrong::Kind("its columns come first: write np.ascontiguousarray(map)".to_owned()));
+    let bytes_of_map = size.0 as usize * size.1 as usize * header.sample.bytes();
+    let first = first as usize * bytes_of_map;
+    Ok(header.raster(size, &body[first..first + bytes_of_map]))
+}
+
+/// Reads one map of an NPY file of several, and nothing else of it.
+///
+/// Row 0 is the top row. Infinite and NaN become NaN.
+pub(crate) fn npy_slice(path: &Path, slice: u64) -> Result<Raster<f32>, Fault> {
+    let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
+    let mut file = regular_file::open(path).map_err(failed)?;
+    let length = file.metadata().map_err(failed)?.len();
+    let mut head = Vec::new();
+    file.by_ref().take(LONGEST_HEADER as u64 + 12).read_to_end(&mut head).map_err(failed)?;
+    let wrong = |wrong: Wrong| wrong.fault(path);
+    let header = NpyHeader::read(&head).map_err(wrong)?;
+    let (size, first) = header.map(Some(slice)).map_err(wrong)?;
+    let body = length.saturating_sub(header.start as u64);
+    if u128::from(body) != header.bytes() {
+        return Err(wrong(header.wrong_length(body)));
     }
-    let shape = entry("shape").and_then(|text| text.strip_prefix('(')).and_then(|text| text.split(')').next());
-    let shape = shape.ok_or_else(|| missing("shape"))?;
-    let sizes: Vec<u32> = shape.split(',').filter_map(|size| size.trim().parse().ok()).collect();
-    let [height, width] = sizes[..] else {
-        return Err(Wrong::Kind(format!("its shape is ({}), and a map has two dimensions", shortened(shape))));
-    };
-    let Some(kind) = Sample::parse(sample) else {
-        return Err(Wrong::Kind(format!(
-            "its numbers are `{}`, and those of a map are floats of 32 or 64 bits, or integers",
-            shortened(sample)
-        )));
-    };
-    let body = &bytes[start + length..];
-    check_size((width, height), kind.bytes(), body)?;
-    let samples = body.chunks_exact(kind.bytes()).map(|bytes| known(kind.number(bytes))).collect();
-    Ok(Raster::from_raw(width, height, samples).expect("one number per pixel"))
+    let bytes_of_map = size.0 as usize * size.1 as usize * header.sample.bytes();
+    let mut map = vec![0; bytes_of_map];
+    file.seek(SeekFrom::Start(header.start as u64 + first * bytes_of_map as u64)).map_err(failed)?;
+    file.read_exact(&mut map).map_err(failed)?;
+    Ok(header.raster(size, &map))
+}
+
+struct NpyHeader {
+    sample: Sample,
+    shape: Vec<u64>,
+    /// Where the numbers begin.
+    start: usize,
+}
+
+impl NpyHeader {
+    fn read(bytes: &[u8]) -> Result<Self, Wrong> {
+        let cut = || Wrong::Bytes("its NPY header is cut off".to_owned());
+        let (length, start) = match bytes.get(6).ok_or_else(cut)? {
+            1 => (usize::from(u16::from_le_bytes(*bytes.get(8..).and_then(<[u8]>::first_chunk).ok_or_else(cut)?)), 10),
+            2 | 3 => (u32::from_le_bytes(*bytes.get(8..).and_then(<[u8]>::first_chunk).ok_or_else(cut)?) as usize, 12),
+            version => return Err(Wrong::Kind(format!("it is of version {version} of NPY, and 1 to 3 are read"))),
+        };
+        if length > LONGEST_HEADER {
+            return Err(Wrong::Kind(format!(
+                "its NPY header has the length {length} bytes, and a map's is below {LONGEST_HEADER}"
+            )));
+        }
+        let text = bytes.get(start..start + length).ok_or_else(cut)?;
+        let text = std::str::from_utf8(text).map_err(|_| Wrong::Bytes("its NPY header is not text".to_owned()))?;
+        let entry = |key: &str| {
+            let behind = text.split_once(&format!("'{key}'")).map(|(_, behind)| behind.trim_start());
+            behind.and_then(|behind| behind.strip_prefix(':')).map(str::trim_start)
+        };
+        let missing = |key: &str| Wrong::Kind(format!("its NPY header has no `{key}` of a plain array"));
+        let sample = entry("descr").and_then(|text| text.strip_prefix('\'')).and_then(|text| text.split('\'').next());
+        let sample = sample.ok_or_else(|| missing("descr"))?;
+        if !entry("fortran_order").ok_or_else(|| missing("fortran_order"))?.starts_with("False") {
+            return Err(Wrong::Kind("its columns come first: write np.ascontiguousarray(map)".to_owned()));
+        }
+        let shape = entry("shape").and_then(|text| text.strip_prefix('(')).and_then(|text| text.split(')').next());
+        let shape = shape.ok_or_else(|| missing("shape"))?;
+        let shape = shape.split(',').filter_map(|size| size.trim().parse().ok()).collect();
+        let Some(sample) = Sample::parse(sample) else {
+            return Err(Wrong::Kind(format!(
+                "its numbers are `{}`, and those of a map are floats of 32 or 64 bits, or integers",
+                shortened(sample)
+            )));
+        };
+        Ok(Self { sample, shape, start: start + length })
+    }
+
+    /// The size of a map (columns, rows), and which of the maps `slice` is.
+    fn map(&self, slice: Option<u64>) -> Result<((u32, u32), u64), Wrong> {
+        let mut sides = self.shape.as_slice();
+        let text = || shortened(&self.shape.iter().map(u64::to_string).collect::<Vec<_>>().join(", "));
+        if let Some(slice) = slice {
+            let count = match sides {
+                [count, rest @ ..] if rest.len() >= 2 => {
+                    sides = rest;
+                    *count
+                }
+                _ => {
+                    return Err(Wrong::Kind(format!(
+                        "its shape is ({}), and an array of maps has frames x rows x columns",
+                        text()
+                    )));
+                }
+            };
+            if slice >= count {
+                return Err(Wrong::Kind(format!("it has {count} maps, and number {slice} (from 0) is needed")));
+            }
+        }
+        let mut sides = sides.to_vec();
+        while sides.len() > 2
+            && let Some(at) = sides.iter().position(|side| *side == 1)
+        {
+            sides.remove(at);
+        }
+        let sizes: Vec<u32> = sides.iter().filter_map(|side| u32::try_from(*side).ok()).collect();
+        let [height, width] = sizes[..] else {
+            return Err(Wrong::Kind(format!("its shape is ({}), and a map has two dimensions", text())));
+        };
+        if width == 0 || height == 0 {
+            return Err(Wrong::Kind(format!("its shape is ({}): it has no pixels", text())));
+        }
+        Ok(((width, height), slice.unwrap_or(0)))
+    }
+
+    /// Of all its numbers.
+    fn bytes(&self) -> u128 {
+        self.shape.iter().fold(self.sample.bytes() as u128, |bytes, side| bytes.saturating_mul(u128::from(*side)))
+    }
+
+    fn wrong_length(&self, have: u64) -> Wrong {
+        let shape = self.shape.iter().map(u64::to_string).collect::<Vec<_>>();
+        let needed = self.bytes();
+        Wrong::Bytes(format!("its header states {}, which needs {needed} bytes, but it has {have}", shape.join("x")))
+    }
+
+    fn raster(&self, size: (u32, u32), bytes: &[u8]) -> Raster<f32> {
+        let samples = bytes.chunks_exact(self.sample.bytes()).map(|bytes| known(self.sample.number(bytes))).collect();
+        Raster::from_raw(size.0, size.1, samples).expect("one number per pixel")
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -163,17 +267,13 @@ const fn known(number: f32) -> f32 {
     if number.is_finite() { number } else { f32::NAN }
 }
 
-fn shortened(text: &str) -> String {
-    if text.chars().count() <= 40 { text.to_owned() } else { text.chars().take(40).chain("...".chars()).collect() }
-}
-
 #[cfg(test)]
 mod tests {
     use std::path::Path;
 
     use proptest::prelude::*;
 
-    use super::map_f32;
+    use super::{map_f32, npy_slice, slice_f32};
 
     fn pfm(header: &str, numbers: &[f32], bytes: fn(f32) -> [u8; 4]) -> Vec<u8> {
         [header.as_bytes(), &numbers.iter().flat_map(|number| bytes(*number)).collect::<Vec<u8>>()].concat()
@@ -222,6 +322,32 @@ mod tests {
         assert_eq!(read(&npy("|u1", "(1, 3)", &[0, 7, 255])).2, [0.0, 7.0, 255.0]);
         assert_eq!(read(&npy(">i2", "(2, 1)", &[-3_i16, 500].map(i16::to_be_bytes).concat())).2, [-3.0, 500.0]);
         assert_eq!(read(&npy("<u2", "(1, 1)", &65535_u16.to_le_bytes())).2, [65535.0]);
+    }
+
+    #[test]
+    fn one_map_of_an_array_of_maps_is_read() {
+        let numbers: Vec<u8> = (0..12_u16).flat_map(u16::to_le_bytes).collect();
+        let file = npy("<u2", "(3, 2, 2)", &numbers);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("all.npy");
+        std::fs::write(&path, &file).unwrap();
+        for (slice, expected) in [(0, [0.0, 1.0, 2.0, 3.0]), (2, [8.0, 9.0, 10.0, 11.0])] {
+            assert_eq!(slice_f32(&path, &file, Some(slice)).unwrap().into_raw(), expected);
+            assert_eq!(npy_slice(&path, slice).unwrap().into_raw(), expected);
+        }
+        for error in [slice_f32(&path, &file, Some(3)), npy_slice(&path, 3)] {
+            let error = error.unwrap_err().to_string();
+            assert!(error.contains("all.npy: it has 3 maps, and number 3 (from 0) is needed"), "{error}");
+        }
+        // Axes of length 1 are ignored, beside that of the frames.
+        let one = npy("<u2", "(3, 1, 2, 2)", &numbers);
+        assert_eq!(slice_f32(&path, &one, Some(1)).unwrap().into_raw(), [4.0, 5.0, 6.0, 7.0]);
+        assert_eq!(read(&npy("<u2", "(1, 3, 4, 1)", &numbers)).0, 4);
+        let flat = npy("<u2", "(3, 4)", &numbers);
+        assert!(slice_f32(&path, &flat, Some(0)).unwrap_err().to_string().contains("frames x rows x columns"));
+        std::fs::write(&path, &file[..file.len() - 2]).unwrap();
+        let error = npy_slice(&path, 0).unwrap_err().to_string();
+        assert!(error.contains("its header states 3x2x2, which needs 24 bytes, but it has 22"), "{error}");
     }
 
     #[test]
