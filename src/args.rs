@@ -15,6 +15,7 @@ macro_rules! examples {
 mod analyse;
 mod compare;
 mod dora;
+mod evaluate;
 mod experiment;
 mod export;
 mod figure;
@@ -34,12 +35,15 @@ use depthloom_terminal::CliError;
 pub(crate) use analyse::AnalyseArgs;
 pub(crate) use compare::{CompareArgs, CompareBy};
 pub(crate) use dora::{DoraArgs, DoraNodeArgs};
+pub(crate) use evaluate::{
+    AlignOption, EvaluateArgs, ForEstimate, MatchOption, ProtocolOption, QuantityOption, ResizeOption, UnitOption,
+};
 pub(crate) use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, GraphFormat, PlanArgs};
 pub(crate) use export::{ColoursOption, ExportArgs};
 pub(crate) use figure::{FigureArgs, FigureFormat};
 pub(crate) use inspect::InspectArgs;
 pub(crate) use recording::VerifyArgs;
-pub(crate) use run::{ReportArgs, RunArgs};
+pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs};
 pub(crate) use runs::{DiffArgs, PruneArgs, RecoverArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, TimingsArgs};
 pub(crate) use table::{ExplainArgs, PixelsOption, RowsOption, ScoresArgs, TableArgs, TableFormat, TypesettingArgs};
 
@@ -80,7 +84,7 @@ pub(crate) enum Colour {
 pub(crate) const GROUPS: [(&str, &[&str]); 6] = [
     ("Author", &["new", "check", "plan", "graph", "nodes", "schema"]),
     ("Data", &["inspect", "synth"]),
-    ("Run", &["run", "dora"]),
+    ("Run", &["run", "evaluate", "dora"]),
     ("Results", &["report", "table", "compare", "explain", "analyse", "figure", "export"]),
     ("Runs and recordings", &["runs", "verify"]),
     ("Setup", &["doctor", "completions", "man"]),
@@ -125,6 +129,11 @@ pub(crate) enum Command {
     ///
     /// It records every intermediate value, scores the estimates against ground truth, and prints the table.
     Run(RunArgs),
+    /// Evaluate predictions of other programs.
+    ///
+    /// It reads depth or disparity maps from files, scores them against the ground truth of a data set, and writes a run
+    /// like any other. No YAML is needed.
+    Evaluate(EvaluateArgs),
     /// Print the experiment as a dora dataflow.
     ///
     /// Every node becomes a process of its own, on one machine or several; `dora run` runs the dataflow. The command
@@ -356,7 +365,7 @@ pub(crate) struct PartArgs {
 }
 
 /// The form of an output.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct JsonArgs {
     /// Print one JSON object instead of text.
     #[arg(long)]

@@ -1,6 +1,7 @@
 //! The commands by workflow, and what they print with `--json`.
 
 pub(crate) mod analysis;
+pub(crate) mod evaluate;
 pub(crate) mod experiments;
 pub(crate) mod inspect;
 pub(crate) mod recordings;

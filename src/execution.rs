@@ -5,7 +5,7 @@ mod folder;
 mod observers;
 mod programs;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use depthloom_analysis::{Prepared, ReportOptions, SAMPLES, SampleSink, Summary, plan_key};
@@ -75,14 +75,14 @@ pub(crate) struct RemoteNodes<'a> {
     pub window: usize,
 }
 
-/// Runs what is ready: records, scores and prints.
+/// Runs what is ready: records, scores and prints. Returns the folder of the run, too.
 pub(crate) fn carry_out(
     args: &RunArgs,
     loaded: Loaded,
     mut ready: Ready,
     interrupt: &Interrupt,
     remote: Option<&RemoteNodes<'_>>,
-) -> Result<ExitCode, CliError> {
+) -> Result<(ExitCode, PathBuf), CliError> {
     let Loaded { stored, read, .. } = loaded;
     let plan = ready.plan.clone();
     if args.samples {
@@ -150,10 +150,11 @@ pub(crate) fn carry_out(
     if args.page.open {
         page::open(&out);
     }
-    Ok(incomplete.map_or(ExitCode::Success, |stop| {
+    let exit = incomplete.map_or(ExitCode::Success, |stop| {
         say(&stop);
         stop.exit
-    }))
+    });
+    Ok((exit, out))
 }
 
 /// Whether nothing but errors is printed while it runs.

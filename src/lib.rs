@@ -116,6 +116,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
     diagnostics::set_colour(cli.color);
     match cli.command {
         Command::Run(args) => commands::experiments::run::run(&args, registry),
+        Command::Evaluate(args) => commands::evaluate::evaluate(&args, registry),
         Command::Check(args) => commands::experiments::check::check(&args, registry),
         Command::Inspect(args) => commands::inspect::inspect(&args, registry),
         Command::Plan(args) => commands::experiments::plan::plan(&args, registry),

@@ -14,6 +14,7 @@
 pub mod dora;
 pub mod grey;
 pub mod onnx;
+pub mod predictions;
 pub mod process;
 pub mod sources;
 
@@ -26,7 +27,6 @@ mod fusion;
 mod geometry;
 mod mono;
 mod network;
-mod predictions;
 mod registry;
 mod score;
 mod shape;

@@ -1,12 +1,13 @@
 //! Maps that another program predicted, read from files: what `depth/files` and `disparity/files` share.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use depthloom_graphs::contracts::{FramePaths, Observation};
 use depthloom_graphs::values::{Image, Raster};
-use depthloom_graphs::{Fault, Frame, Inputs, Key};
+use depthloom_graphs::{Fault, Frame, Inputs, Key, regular_file};
 use depthloom_kernels::resize::bilinear_f32;
 use depthloom_threads::locked;
 use schemars::JsonSchema;
@@ -45,6 +46,42 @@ pub(crate) struct PredictedMap {
     pub(crate) numbers: Raster<f32>,
     /// Columns of the image for each column of the file.
     pub(crate) enlarged: f64,
+}
+
+/// A map as its file has it.
+#[derive(Clone, Debug)]
+pub struct FileMap {
+    /// The numbers; NaN where they are not finite.
+    pub numbers: Raster<f32>,
+    /// Bits per number in the file.
+    pub bits: u32,
+}
+
+/// Reads the map of a file, or one of an array of maps.
+///
+/// # Errors
+/// Why the file has no such map.
+pub fn read_map(path: &Path, array: Option<&str>, slice: Option<u64>) -> Result<FileMap, Fault> {
+    let is_archive = || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz"));
+    let (numbers, bits) = match slice {
+        Some(slice) if !is_archive() => (float_file::npy_slice(path, slice)?, 32),
+        _ => files::numbers(path, &image_file::read(path)?, MapChoice { name: array, slice })?,
+    };
+    Ok(FileMap { numbers, bits })
+}
+
+/// The number of maps of an NPY or NPZ array of three dimensions; `None` of other files.
+///
+/// # Errors
+/// Why the file cannot be read.
+pub fn maps_in_array(path: &Path, array: Option<&str>) -> Result<Option<u64>, Fault> {
+    let mut head = Vec::new();
+    let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
+    regular_file::open(path).map_err(failed)?.take(1 << 13).read_to_end(&mut head).map_err(failed)?;
+    if files::is_archive(&head) {
+        head = files::member(path, &image_file::read(path)?, array)?;
+    }
+    Ok(float_file::maps(&head))
 }
 
 /// What the documentation of both kinds has in common.

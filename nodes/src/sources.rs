@@ -6,7 +6,7 @@ mod driving_stereo;
 mod eth3d_two_view;
 mod evaluation;
 pub(crate) mod files;
-mod images;
+pub mod images;
 mod kitti;
 mod middlebury;
 mod read_ahead;

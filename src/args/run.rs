@@ -134,7 +134,7 @@ impl RunArgs {
 }
 
 /// Options of `report.html`.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct PageArgs {
     /// Do not write `report.html`.
     ///

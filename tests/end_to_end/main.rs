@@ -17,6 +17,7 @@ mod determinism;
 mod disparity_scores;
 #[cfg(target_os = "linux")]
 mod dora;
+mod evaluate;
 mod experiments;
 mod export;
 mod failing_disk;

@@ -107,6 +107,9 @@ const SMALLEST_INVERSE: f32 = 1e-6;
 
 impl Node for DepthFiles {
     type Params = DepthFilesParams;
+    // The frame's files are observed.
+    const OWN_PORTS: bool = true;
+    const OWN_INPUTS: bool = false;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {

@@ -82,6 +82,9 @@ pub(crate) struct DisparityFiles {
 
 impl Node for DisparityFiles {
     type Params = DisparityFilesParams;
+    // The frame's files are observed.
+    const OWN_PORTS: bool = true;
+    const OWN_INPUTS: bool = false;
 
     fn declaration() -> NodeDeclaration {
         NodeDeclaration {

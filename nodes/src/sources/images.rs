@@ -16,6 +16,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use self::globs::natural_text;
+pub use self::globs::{Match, files as files_of_pattern};
 use self::pairs::{Pairs, by_list, by_names};
 use self::truth::{ImagesTruth, TruthOf, TruthUnit};
 use crate::sources::calibration::camera_files::{self, CameraPair, FORMS};

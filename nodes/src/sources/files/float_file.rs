@@ -124,6 +124,13 @@ pub(crate) fn npy_slice(path: &Path, slice: u64) -> Result<Raster<f32>, Fault> {
     Ok(header.raster(size, &map))
 }
 
+/// The number of maps of an NPY array of three dimensions; `None` of other bytes.
+pub(crate) fn maps(bytes: &[u8]) -> Option<u64> {
+    let shape = NpyHeader::read(bytes.starts_with(b"\x93NUMPY").then_some(bytes)?).ok()?.shape;
+    let [count, rest @ ..] = &shape[..] else { return None };
+    (rest.iter().filter(|side| **side != 1).count() >= 2 && rest.len() >= 2).then_some(*count)
+}
+
 struct NpyHeader {
     sample: Sample,
     shape: Vec<u64>,

@@ -6,16 +6,19 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Fault;
 
+/// A file that a pattern matches.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Match {
+pub struct Match {
     /// What each `*` and `?` matched.
     pub open: Vec<String>,
+    /// The file.
     pub path: PathBuf,
 }
 
 impl Match {
-    /// Without leading zeros.
-    pub(super) fn numbers(&self) -> Vec<String> {
+    /// The numbers in what `*` and `?` matched, without leading zeros.
+    #[must_use]
+    pub fn numbers(&self) -> Vec<String> {
         let runs = self.open.iter().flat_map(|text| text.split(|c: char| !c.is_ascii_digit()));
         let significant = |digits: &str| match digits.trim_start_matches('0') {
             "" => "0".to_owned(),
@@ -24,7 +27,9 @@ impl Match {
         runs.filter(|run| !run.is_empty()).map(significant).collect()
     }
 
-    pub(super) fn name(&self) -> String {
+    /// What `*` and `?` matched, joined by `_`; of a pattern without them, the file's name without its extension.
+    #[must_use]
+    pub fn name(&self) -> String {
         let open: Vec<&str> = self.open.iter().map(String::as_str).filter(|text| !text.is_empty()).collect();
         match open.is_empty() {
             true => self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -33,8 +38,12 @@ impl Match {
     }
 }
 
-/// In natural order: `9` before `10`.
-pub(super) fn files(root: &Path, pattern: &str) -> Result<Vec<Match>, Fault> {
+/// The files that a pattern matches, in natural order: `9` before `10`. `*` stands for any text within a name, `?` for
+/// one character; a pattern is relative to `root`.
+///
+/// # Errors
+/// The folder that cannot be listed.
+pub fn files(root: &Path, pattern: &str) -> Result<Vec<Match>, Fault> {
     let parts: Vec<&str> = pattern.split('/').filter(|part| !part.is_empty() && *part != ".").collect();
     let start = if pattern.starts_with('/') { PathBuf::from("/") } else { root.to_owned() };
     let mut found = vec![Match { open: Vec::new(), path: start }];
