@@ -131,8 +131,8 @@ pub(crate) enum Command {
     Run(RunArgs),
     /// Evaluate predictions of other programs.
     ///
-    /// It reads depth or disparity maps from files, scores them against the ground truth of a data set, and writes a run
-    /// like any other. No YAML is needed.
+    /// It reads depth or disparity maps from files, scores them against the ground truth of a data set, and writes a
+    /// run like any other. No YAML is needed.
     Evaluate(EvaluateArgs),
     /// Print the experiment as a dora dataflow.
     ///

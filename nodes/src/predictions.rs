@@ -88,8 +88,8 @@ pub fn maps_in_array(path: &Path, array: Option<&str>) -> Result<Option<u64>, Fa
 pub(crate) const DOC: &str = "\
 **Files.** `files` names one file per frame with a placeholder: `{frame}` is the id of a frame, `{index}` its index. \
 Or it is a list of files, with the ids of their frames in `frames`. Or it is one NPY or NPZ array of all frames \
-(frames x rows x columns): `frames` has the ids in its order; without `frames`, a map's number is the index of its \
-frame.\n\n\
+(frames x rows x columns), and `frames` has the ids in its order. Without `frames`, a map's number is the index of \
+its frame.\n\n\
 **Formats.** PNG, TIFF and PNM with one channel of 8 or 16 bits, TIFF of 32-bit floats, PFM, NPY, NPZ and EXR; the \
 content decides, not the name. The number in the file is divided by `divide_by`. Numbers that are infinite, NaN, or \
 equal to `invalid` are invalid.\n\n\

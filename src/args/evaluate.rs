@@ -93,7 +93,7 @@ pub(crate) struct ForEstimate<T> {
 
 impl<T> ForEstimate<T> {
     /// The last value for an estimate, or else the last one for all.
-    pub(crate) fn of<'a>(values: &'a [Self], name: &str) -> Option<&'a T> {
+    pub(crate) fn value_for<'a>(values: &'a [Self], name: &str) -> Option<&'a T> {
         let named = values.iter().rfind(|value| value.name.as_deref() == Some(name));
         named.or_else(|| values.iter().rfind(|value| value.name.is_none())).map(|value| &value.value)
     }
@@ -130,9 +130,9 @@ fn word(text: &str) -> Result<ForEstimate<String>, String> {
 #[derive(Debug, Args)]
 #[command(after_long_help = examples![
     guide: "how-to/predictions.md",
-    "evaluate --ground-truth kitti/stereo2015:/data/kitti_stereo_2015 mine='preds/*.npy' --frames 150..=155" => "metrics of depths on disk",
-    "evaluate --ground-truth kitti/stereo2015:/data/kitti_stereo_2015 sgbm='sgbm/*.png' mine='preds/*.npy' --baseline sgbm" => "compare two programs",
-    "evaluate --ground-truth images:/data/robot --with left=cam0/*.png --with right=cam1/*.png net=depth.npy --print-yaml" => "the equivalent experiment",
+    "evaluate --ground-truth kitti/stereo2015:street mine='preds/*.png'" => "metrics of depths or disparities on disk",
+    "evaluate --ground-truth kitti/stereo2015:street sgbm='sgbm/*.png' mine='preds/*.png' --baseline sgbm" => "compare two programs",
+    "evaluate --ground-truth kitti/stereo2015:street mine='preds/*.png' --print-yaml" => "the equivalent experiment",
 ])]
 pub(crate) struct EvaluateArgs {
     /// Evaluate these predictions: a name, and the files or one array of all frames

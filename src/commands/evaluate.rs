@@ -266,9 +266,9 @@ impl Prediction {
         if name == "source" {
             return Err(CliError::usage("`source` is the name of the data set", "choose another name"));
         }
-        let array = ForEstimate::of(&args.array, name).cloned();
+        let array = ForEstimate::value_for(&args.array, name).cloned();
         let matched = match_files(args, name, pattern, array.as_deref(), target.frames())?;
-        let invalid = ForEstimate::of(&args.invalid, name).copied();
+        let invalid = ForEstimate::value_for(&args.invalid, name).copied();
         matched.check(args, name, array.as_deref(), invalid, &mut |position| target.image_size(position))?;
         let first = matched.map(reference.frame(), &target.frames()[reference.frame()], array.as_deref())?;
         let detected = detect::detect(args, name, &first, invalid, reference)?;

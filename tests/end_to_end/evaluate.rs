@@ -1,4 +1,4 @@
-//! `depthloom evaluate`: predictions on disk have the metrics of the nodes that made them, and broken ones are reported.
+//! `depthloom evaluate`: predictions on disk have the metrics of the nodes that made them; broken ones are reported.
 
 use std::fs;
 use std::path::PathBuf;

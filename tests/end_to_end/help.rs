@@ -76,6 +76,10 @@ fn prepare(folder: &Path, first: &str) {
     small("runs/first/two", &["--set", "compare.stereo.with.block=7"]);
     run(&["synth", "data", "--frames", "2", "--width", "320", "--height", "96", "--quiet"]);
     fs::rename(folder.join("data"), folder.join("street")).expect("renamed");
+    // Predictions: here the ground truth itself.
+    for predictions in ["preds", "sgbm"] {
+        copy(&folder.join("street/training/disp_noc_0"), &folder.join(predictions));
+    }
     fs::create_dir(folder.join("archive")).expect("made");
     fs::copy(folder.join("runs/first/one/recording.mcap"), folder.join("copied.mcap")).expect("copied");
     // An interrupted run: its recording has no end.

@@ -24,8 +24,8 @@ pub(crate) enum DisparityUnit {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct DisparityFilesParams {
-    /// Path with `{frame}` or `{index}`, a list of paths, or one array of all frames; relative to the folder of the YAML
-    /// file.
+    /// Path with `{frame}` or `{index}`, a list of paths, or one array of all frames; relative to the folder of the
+    /// YAML file.
     #[schemars(extend("mandatory" = true))]
     pub files: FramePaths,
     /// Ids of the frames, in the order of a list of files or of the maps of an array.

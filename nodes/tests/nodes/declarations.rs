@@ -177,8 +177,8 @@ fn defaults_are_the_golden_settings() {
     );
     assert_eq!(defaults("fusion/confidence"), json!({ "weighting": "full" }));
     assert_eq!(defaults("fusion/learned"), json!({ "cap": 80.0, "provider": "cpu", "threads": 1 }));
-    // `mixture_oracle.py` and `local_mixture_oracle.py`; the first has no near rule. `regulariser` is 0.05 there; 0.02 is
-    // better in every fold of `experiments/cross-validation.yaml`.
+    // `mixture_oracle.py` and `local_mixture_oracle.py`; the first has no near rule. `regulariser` is 0.05 there; 0.02
+    // is better in every fold of `experiments/cross-validation.yaml`.
     assert_eq!(
         defaults("fusion/mixture"),
         json!({

@@ -106,9 +106,9 @@ pub(super) fn detect(
     invalid: Option<f64>,
     reference: &Reference,
 ) -> Result<Detected, CliError> {
-    let quantity = ForEstimate::of(&args.quantity, name).copied();
-    let unit = ForEstimate::of(&args.unit, name).copied();
-    let divide_by = ForEstimate::of(&args.divide_by, name).copied();
+    let quantity = ForEstimate::value_for(&args.quantity, name).copied();
+    let unit = ForEstimate::value_for(&args.unit, name).copied();
+    let divide_by = ForEstimate::value_for(&args.divide_by, name).copied();
     if let Some(divisor) = divide_by
         && (divisor <= 0.0 || !divisor.is_finite())
     {
