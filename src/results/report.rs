@@ -70,6 +70,10 @@ pub(crate) fn analyse(
 }
 
 pub(crate) fn summary(report: &Summary, folder: &Path) -> String {
+    let has_model = |extension: &str| {
+        let models = std::fs::read_dir(folder.join(MODELS)).into_iter().flatten().flatten();
+        models.into_iter().any(|entry| entry.path().extension().is_some_and(|found| found == extension))
+    };
     let files = [
         (folder.join(RECORDING).is_file(), "what was recorded", "recording.mcap (MCAP viewers open it, too)"),
         (report.scored, "scores per frame", "scores.{csv,parquet}"),
@@ -78,7 +82,8 @@ pub(crate) fn summary(report: &Summary, folder: &Path) -> String {
         (folder.join(SAMPLES).is_file(), "one row per scored pixel", "samples.parquet (`depthloom analyse` reads it)"),
         (report.learning_curves > 0, "learning curves", "learning_curves.{csv,parquet,svg}"),
         (folder.join(PAGE).is_file(), "all of it on one page", "report.html (`depthloom report RUN --open`)"),
-        (folder.join(MODELS).is_dir(), "learnt models", "models/<stage>.<node>.onnx"),
+        (has_model("onnx"), "learnt models", "models/<stage>.<node>.onnx"),
+        (has_model("json"), "learned reliability", "models/<stage>.<node>.json"),
     ];
     let there = files.iter().filter(|(is_there, ..)| *is_there);
     let list: String = there.map(|(_, what, file)| format!("  {what:24}{file}\n")).collect();

@@ -2,11 +2,12 @@
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
 use depthloom_graphs::values::{Artifact, Depth, Raster, Weight};
-use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
+use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::mixture::{self, Fused, MixtureScratch, Prior, Rules};
+use depthloom_threads::locked;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use super::{evidence, reliability};
 use crate::bounds::{above_zero, within};
@@ -216,8 +217,10 @@ fn positive(name: &'static str, value: f64, most: f64) -> Result<(), (&'static s
 }
 
 pub(crate) struct Mixture {
-    mixture: mixture::Mixture,
+    mixture: Arc<mixture::Mixture>,
     disparities: u32,
+    /// With the last reliability that was read, by the hash of its content.
+    learned: Mutex<Option<(Key, Arc<mixture::Mixture>)>>,
 }
 
 impl Node for Mixture {
@@ -331,17 +334,24 @@ With `reliability`, the prior and `s_m` before alignment are those that `learn/r
     }
 
     fn build(params: MixtureParams) -> Result<Instance, Fault> {
-        Ok(Instance::Pure(Box::new(Self { mixture: params.for_kernel(), disparities: params.disparities })))
+        let (mixture, disparities) = (Arc::new(params.for_kernel()), params.disparities);
+        Ok(Instance::Pure(Box::new(Self { mixture, disparities, learned: Mutex::default() })))
     }
 }
 
 impl Mixture {
     /// With what was learned, if it is wired.
-    fn with(&self, reliability: Option<&Arc<Artifact>>) -> Result<mixture::Mixture, Fault> {
-        let mut mixture = self.mixture.clone();
-        if let Some(artifact) = reliability {
-            mixture.prior = Prior::Learned(Box::new(reliability::read(artifact, self.disparities)?));
+    fn with(&self, reliability: Option<&Arc<Artifact>>) -> Result<Arc<mixture::Mixture>, Fault> {
+        let Some(artifact) = reliability else { return Ok(Arc::clone(&self.mixture)) };
+        let mut learned = locked(&self.learned);
+        if let Some((hash, mixture)) = &*learned
+            && *hash == artifact.hash
+        {
+            return Ok(Arc::clone(mixture));
         }
+        let prior = Prior::Learned(Box::new(reliability::read(artifact, self.disparities)?));
+        let mixture = Arc::new(mixture::Mixture { prior, ..(*self.mixture).clone() });
+        *learned = Some((artifact.hash, Arc::clone(&mixture)));
         Ok(mixture)
     }
 }

@@ -125,17 +125,12 @@ fn check_size(params: &FusionParams, port: &str, size: Size) -> Result<(), Fault
     Ok(())
 }
 
-/// The samples at a port, without a copy.
+/// The samples at a port, with cells and of a size that the network takes.
 fn read<'a>(params: &FusionParams, port: &str, artifact: &'a Artifact) -> Result<SamplesView<'a>, Fault> {
-    let damaged = |error| Fault::new(format!("the input `{port}` cannot be read as samples")).because(error);
-    let samples = SamplesView::read(&artifact.bytes).map_err(damaged)?;
-    if samples.len() > 0 && !samples.has_cells() {
+    let samples = SamplesView::at_port(port, artifact)?;
+    if !samples.has_cells() {
         return Err(Fault::new(format!("the samples at `{port}` have no stereo and no monocular depth"))
             .remedy("collect them with `learn/fusion-samples`"));
-    }
-    if !samples.has_target() {
-        return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target"))
-            .remedy("check that the stage has frames, and that `target` has valid pixels"));
     }
     check_size(params, port, Size { width: samples.width(), height: samples.height() })?;
     Ok(samples)

@@ -1,5 +1,7 @@
 //! Samples read from the encoded bytes, without a second copy.
 
+use depthloom_graphs::Fault;
+use depthloom_graphs::values::Artifact;
 use depthloom_kernels::learned::Cell;
 use half::f16;
 
@@ -43,6 +45,18 @@ impl SampleView<'_> {
 }
 
 impl<'a> SamplesView<'a> {
+    /// The samples at a port of a training, without a copy, since a large set would not fit into memory twice.
+    pub(crate) fn at_port(port: &str, artifact: &'a Artifact) -> Result<Self, Fault> {
+        let damaged = |error| Fault::new(format!("the input `{port}` cannot be read as samples")).because(error);
+        let samples = Self::read(&artifact.bytes).map_err(damaged)?;
+        if samples.has_target() {
+            return Ok(samples);
+        }
+        Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target")).remedy(
+            "check that the stage has frames, and that `target`, and `mask` at `learn/samples`, leave valid pixels",
+        ))
+    }
+
     /// Reads the output of `learn/samples`, without a copy.
     pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let (form, count, mut rest) = header(bytes)?;

@@ -91,9 +91,9 @@ steps, the state is stored beside the run; if a run was killed or interrupted, r
 
 impl AggregateNode for Ssl {
     fn run(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let samples = read("samples", inputs.get::<Artifact>("samples")?)?;
+        let samples = SamplesView::at_port("samples", inputs.get::<Artifact>("samples")?)?;
         let validation = inputs.optional::<Artifact>("validation")?;
-        let validation = validation.map(|artifact| read("validation", artifact)).transpose()?;
+        let validation = validation.map(|artifact| SamplesView::at_port("validation", artifact)).transpose()?;
         let form = Form::new(&samples);
         self.params.check_form(&form, validation.as_ref().map(Form::new).as_ref())?;
         check_patience(&self.params.settings(), validation.is_some())?;
@@ -105,18 +105,6 @@ impl AggregateNode for Ssl {
         let file = export(self.params.architecture(), form.size, &values, &key);
         Ok(Outputs::one("model", Value::Model(Arc::new(Artifact::model(file)))).with("curve", curve))
     }
-}
-
-/// The samples at a port, without a copy, since a large set would not fit into memory twice.
-fn read<'a>(port: &str, artifact: &'a Artifact) -> Result<SamplesView<'a>, Fault> {
-    let damaged = |error| Fault::new(format!("the input `{port}` cannot be read as samples")).because(error);
-    let samples = SamplesView::read(&artifact.bytes).map_err(damaged)?;
-    if !samples.has_target() {
-        return Err(Fault::new(format!("there are no samples at `{port}`: no frame had a target")).remedy(
-            "check that the stage has frames, and that the mask and disparity at `learn/samples` leave valid pixels",
-        ));
-    }
-    Ok(samples)
 }
 
 impl Ssl {
