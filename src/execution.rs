@@ -75,20 +75,22 @@ pub(crate) struct RemoteNodes<'a> {
     pub window: usize,
 }
 
-/// Runs what is ready: records, scores and prints. Returns the folder of the run, too.
+/// Runs what is ready: records, scores and prints. Returns the folder of the run, too. `found` are warnings of the
+/// command.
 pub(crate) fn carry_out(
     args: &RunArgs,
     loaded: Loaded,
     mut ready: Ready,
     interrupt: &Interrupt,
     remote: Option<&RemoteNodes<'_>>,
+    found: &[String],
 ) -> Result<(ExitCode, PathBuf), CliError> {
     let Loaded { stored, read, .. } = loaded;
     let plan = ready.plan.clone();
     if args.samples {
         depthloom_analysis::check_samples(&plan).map_err(failed)?;
     }
-    let of_sources = [std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
+    let of_sources = [found.to_vec(), std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     print_warnings(args, &of_sources);
     let (folder, resumable) = make_folder(args, &plan, &stored, &read)?;
     let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &args.folder.path(), &plan);

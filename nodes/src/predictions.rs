@@ -148,7 +148,7 @@ impl PredictedMaps {
 pub(crate) struct PredictionReader {
     maps: PredictedMaps,
     observation: Observation,
-    /// Whether one array has the maps of all frames.
+    /// Whether one file has the maps of all frames, or of the only one.
     is_array: bool,
     /// The last array that was decompressed, with the hash of its archive.
     archive: Mutex<Option<(Key, Arc<Vec<u8>>)>>,
@@ -217,7 +217,10 @@ impl PredictionReader {
     /// The numbers of a file, and its bits per number.
     fn numbers(&self, path: &Path, frame: &Frame) -> Result<(Raster<f32>, u32), Fault> {
         let name = self.maps.array.as_deref();
-        if !self.is_array {
+        // A list of one file.
+        let is_single = || Ok::<_, Fault>(self.maps.frames.len() == 1 && maps_in_array(path, name)?.is_none());
+        if !self.is_array || is_single()? {
+            self.check_frame(frame)?;
             return files::numbers(path, &image_file::read(path)?, MapChoice { name, slice: None });
         }
         let slice = match &self.maps.frames[..] {
@@ -234,6 +237,17 @@ impl PredictionReader {
             return float_file::slice_f32(path, &array, Some(slice)).map(|map| (map, 32));
         }
         float_file::npy_slice(path, slice).map(|map| (map, 32))
+    }
+
+    /// Refuses a frame that a list of one file does not have.
+    fn check_frame(&self, frame: &Frame) -> Result<(), Fault> {
+        match &self.maps.frames[..] {
+            [only] if self.is_array && **only != *frame.id => {
+                Err(Fault::new(format!("`files` has no file for the frame `{}`", frame.id))
+                    .remedy("add its file to `files` and its id to `frames`, or select fewer frames at the source"))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The array of an NPZ file; `None` of other files.

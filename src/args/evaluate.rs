@@ -172,7 +172,10 @@ pub(crate) struct EvaluateArgs {
     #[arg(long, value_name = "[NAME=]NUMBER", value_parser = number)]
     pub divide_by: Vec<ForEstimate<f64>>,
 
-    /// Treat this number as invalid, beside NaN, infinity and numbers that are not above 0.
+    /// Treat this number as invalid, beside NaN and infinity.
+    ///
+    /// Depths and disparities that are not above 0 are invalid, too. In inverse depth they are the largest depth, or
+    /// what `--align scale-and-shift` makes of them.
     #[arg(long, value_name = "[NAME=]NUMBER", value_parser = number, allow_hyphen_values = true)]
     pub invalid: Vec<ForEstimate<f64>>,
 

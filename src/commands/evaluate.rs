@@ -26,6 +26,7 @@ use crate::args::{
 };
 use crate::commands::analysis::compare;
 use crate::execution::carry_out;
+use crate::output::diagnostics::print_warning;
 use crate::signals;
 
 /// The name of the experiment, as messages show it.
@@ -33,6 +34,11 @@ const FILE: &str = "evaluate.yaml";
 
 /// Frames that are searched for ground truth.
 const MOST_TRIED: usize = 20;
+/// Frames that a prediction is compared with, until one has numbers.
+const MOST_COMPARED_FRAMES: usize = 5;
+
+/// Words that mean something else in an experiment.
+const RESERVED: [&str; 9] = ["source", "score", "null", "true", "false", "yes", "no", "on", "off"];
 
 /// An estimate: its files and what their numbers are.
 struct Prediction {
@@ -41,6 +47,8 @@ struct Prediction {
     detected: Detected,
     invalid: Option<f64>,
     array: Option<String>,
+    /// Warnings about its maps.
+    noticed: Vec<String>,
 }
 
 /// The data set with the ground truth.
@@ -53,13 +61,20 @@ struct Target {
 
 pub(crate) fn evaluate(args: &EvaluateArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let target = Target::open(args, registry)?;
-    let reference = target.reference()?;
+    let references = target.with_ground_truth()?;
     let is_of_disparity = matches!(args.protocol, ProtocolOption::KittiStereo | ProtocolOption::Middlebury);
+    if is_of_disparity && args.align.is_some() {
+        return Err(CliError::usage("--align is not part of a protocol of disparities", "leave it out"));
+    }
     let mut predictions: Vec<Prediction> = Vec::new();
     for written in &args.predictions {
-        let prediction = Prediction::new(args, written, &target, &reference)?;
-        if predictions.iter().any(|other| other.name == prediction.name) {
-            let what = format!("the name `{}` is given twice", prediction.name);
+        let prediction = Prediction::new(args, written, &target, &references)?;
+        let is_taken = |other: &Prediction| {
+            let (one, two) = (&other.name, &prediction.name);
+            one == two || *one == format!("{two}_disparity") || *two == format!("{one}_disparity")
+        };
+        if predictions.iter().any(is_taken) {
+            let what = format!("the name `{}` is taken by another estimate", prediction.name);
             return Err(CliError::usage(what, "give every estimate a name of its own"));
         }
         if is_of_disparity && prediction.detected.quantity != QuantityOption::Disparity {
@@ -69,13 +84,15 @@ pub(crate) fn evaluate(args: &EvaluateArgs, registry: &Registry) -> Result<ExitC
         predictions.push(prediction);
     }
     check_names(args, &predictions)?;
-    let quiet = args.quiet || args.output.json;
-    if !quiet && !args.print_yaml {
-        for prediction in &predictions {
-            prediction.describe(args);
-        }
+    let found: Vec<String> = predictions.iter().map(Prediction::text).collect();
+    if !(args.quiet || args.output.json || args.print_yaml) {
+        found.iter().for_each(say);
     }
-    let yaml = experiment(args, &target, &predictions)?;
+    let warnings: Vec<String> = predictions.iter().flat_map(|prediction| prediction.warnings(args)).collect();
+    if args.print_yaml {
+        warnings.iter().for_each(|warning| print_warning(warning));
+    }
+    let yaml = experiment(args, &target, &target.read(references[0])?, &predictions)?;
     if args.print_yaml {
         print(yaml)?;
         return Ok(ExitCode::Success);
@@ -87,9 +104,9 @@ pub(crate) fn evaluate(args: &EvaluateArgs, registry: &Registry) -> Result<ExitC
     })?;
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| CliError::of_missing(&missing))?;
     let interrupt = signals::listen("stopping: frames in flight are finished")?;
-    let (exit, folder) = carry_out(&run_args(args), loaded, ready, &interrupt, None)?;
+    let (exit, folder) = carry_out(&run_args(args), loaded, ready, &interrupt, None, &warnings)?;
     match &args.baseline {
-        Some(baseline) if predictions.len() > 1 => compare_with(baseline, &folder, exit),
+        Some(baseline) if predictions.len() > 1 && exit == ExitCode::Success => compare_with(baseline, &folder, exit),
         _ => Ok(exit),
     }
 }
@@ -177,6 +194,10 @@ impl Target {
             };
             insert(&mut with, key, serde_json::from_str(value).unwrap_or_else(|_| value.into()));
         }
+        let is_of_disparity = matches!(args.protocol, ProtocolOption::KittiStereo | ProtocolOption::Middlebury);
+        if is_of_disparity && takes("disparities") && !with.contains_key("disparities") {
+            with.insert("disparities".to_owned(), true.into());
+        }
         if let Some(frames) = &args.frames {
             with.insert("frames".to_owned(), serde_json::from_str(frames).unwrap_or_else(|_| frames.clone().into()));
         }
@@ -199,25 +220,32 @@ impl Target {
         let (host, mut scratch) = (depthloom_graphs::contracts::InlineHost, Scratch::default());
         let read = self.source.read(FrameIndex(position), &mut Context::new(&host, &mut scratch));
         let outputs = read.map_err(|fault| CliError::from_error(ExitCode::Usage, &fault))?.outputs;
-        Ok(Reference::new(position, outputs.entries()))
+        Ok(Reference::new(outputs.entries()))
     }
 
     fn image_size(&self, position: usize) -> Result<(u32, u32), CliError> {
         self.read(position).map(|frame| frame.size())
     }
 
-    /// The first frame that has ground truth, as predictions are compared with it.
-    fn reference(&self) -> Result<Reference, CliError> {
+    /// Positions of the first frames that have ground truth.
+    fn with_ground_truth(&self) -> Result<Vec<usize>, CliError> {
+        let mut found = Vec::new();
         for position in 0..self.frames().len().min(MOST_TRIED) {
-            let found = self.read(position)?;
-            if found.has_ground_truth() {
-                return Ok(found);
+            if self.read(position)?.has_ground_truth() {
+                found.push(position);
+            }
+            // One is enough for most predictions.
+            if found.len() == MOST_COMPARED_FRAMES {
+                break;
             }
         }
-        Err(CliError::usage(
-            "the first frames have no ground truth",
-            "choose other frames, or set the source's parameters for ground truth by --with",
-        ))
+        if found.is_empty() {
+            return Err(CliError::usage(
+                "the first frames have no ground truth",
+                "choose other frames, or set the source's parameters for ground truth by --with",
+            ));
+        }
+        Ok(found)
     }
 }
 
@@ -253,7 +281,7 @@ fn opened(entry: &SourceEntry, with: &Map<String, Json>) -> Result<Opened, CliEr
 }
 
 impl Prediction {
-    fn new(args: &EvaluateArgs, written: &str, target: &Target, reference: &Reference) -> Result<Self, CliError> {
+    fn new(args: &EvaluateArgs, written: &str, target: &Target, references: &[usize]) -> Result<Self, CliError> {
         let Some((name, pattern)) = written.split_once('=') else {
             let what = format!("`{written}` has no name");
             return Err(CliError::usage(what, format!("write NAME=FILES, e.g. mine='{written}'")));
@@ -263,27 +291,33 @@ impl Prediction {
             let what = format!("`{name}` is not a name of an estimate");
             return Err(CliError::usage(what, "use lower-case letters, digits and `_`, and begin with a letter"));
         }
-        if name == "source" {
-            return Err(CliError::usage("`source` is the name of the data set", "choose another name"));
+        if RESERVED.contains(&name) {
+            return Err(CliError::usage(format!("`{name}` is not a name of an estimate"), "choose another name"));
         }
         let array = ForEstimate::value_for(&args.array, name).cloned();
         let matched = match_files(args, name, pattern, array.as_deref(), target.frames())?;
         let invalid = ForEstimate::value_for(&args.invalid, name).copied();
-        matched.check(args, name, array.as_deref(), invalid, &mut |position| target.image_size(position))?;
-        let first = matched.map(reference.frame(), &target.frames()[reference.frame()], array.as_deref())?;
-        let detected = detect::detect(args, name, &first, invalid, reference)?;
-        Ok(Self { name: name.to_owned(), matched, detected, invalid, array })
+        let noticed = matched.check(args, name, (array.as_deref(), invalid), target)?;
+        let mut detected = Detected::default();
+        for &position in references {
+            let map = matched.map(position, array.as_deref())?;
+            detected = detect::detect(args, name, &map, invalid, &target.read(position)?)?;
+            if detected.is_compared() {
+                break;
+            }
+        }
+        Ok(Self { name: name.to_owned(), matched, detected, invalid, array, noticed })
     }
 
-    /// Prints what was found.
-    fn describe(&self, args: &EvaluateArgs) {
-        say(format_args!("{}: {}; {}", self.name, self.matched.text(), self.detected.text()));
-        if let Some(warning) = self.detected.warning(args) {
-            crate::output::diagnostics::print_warning(&format!("{}: {warning}", self.name));
-        }
-        for warning in self.matched.warnings() {
-            crate::output::diagnostics::print_warning(&format!("{}: {warning}", self.name));
-        }
+    /// What was found, in one line.
+    fn text(&self) -> String {
+        format!("{}: {}; {}", self.name, self.matched.text(), self.detected.text())
+    }
+
+    fn warnings(&self, args: &EvaluateArgs) -> Vec<String> {
+        let warnings =
+            self.detected.warnings(args).into_iter().chain(self.noticed.clone()).chain(self.matched.warnings());
+        warnings.map(|warning| format!("{}: {warning}", self.name)).collect()
     }
 }
 

@@ -126,8 +126,7 @@ fn predictions_have_the_metrics_of_the_nodes_that_made_them() {
 #[test]
 fn disparities_are_scored_as_benchmarks_do() {
     let made = Predictions::new();
-    let arguments =
-        ["sgbm=out/look/stereo/disparity/*.png", "--with", "disparities=true", "--protocol", "kitti-stereo"];
+    let arguments = ["sgbm=out/look/stereo/disparity/*.png", "--protocol", "kitti-stereo"];
     made.printed(&[&arguments[..], &["--out", "evaluated"]].concat());
     for pixels in ["valid", "filled"] {
         let expected = made.metrics("made", "disparity", pixels);
@@ -167,6 +166,49 @@ fn units_are_detected_and_files_are_matched_by_number_or_by_order() {
 }
 
 #[test]
+fn what_looks_wrong_is_a_warning() {
+    let made = Predictions::new();
+    let depth = |frame: usize| numbers(made.path(&format!("out/look/depth/depth/{frame:06}_10.npy")));
+    for folder in ["normalised", "zeros", "mixed"] {
+        fs::create_dir(made.path(folder)).expect("made");
+    }
+    for frame in 0..3 {
+        let write = |folder: &str, number: &dyn Fn(f32) -> f32| {
+            let file = made.path(&format!("{folder}/{frame:06}_10.npy"));
+            fs::write(file, npy("(96, 320)", depth(frame).into_iter().map(number))).expect("written");
+        };
+        let unit = if frame == 1 { 1000.0 } else { 1.0 };
+        write("normalised", &|metres| metres / 80.0);
+        write("zeros", &|metres| if metres.is_nan() { 0.0 } else { 1.0 / metres });
+        write("mixed", &|metres| if frame == 2 { f32::NAN } else { metres * unit });
+    }
+    let text = made.printed(&["x=normalised/*.npy", "--align", "median", "--out", "one"]);
+    assert!(text.contains("x: 3 files, matched by id; depth in metres (detected"), "{text}");
+    assert!(!text.contains("warning"), "{text}");
+    // As many frames as the array has maps: one.
+    let text = made.printed(&["x=normalised/*.npy", "--frames", "0..1", "--align", "median", "--out", "two"]);
+    assert!(text.contains("2 files match no frame and are not used"), "{text}");
+    // Warnings are in the JSON object, where programs read them.
+    let arguments = ["zeros=zeros/*.npy", "mixed=mixed/*.npy", "--json", "--out", "three"];
+    let printed = made.evaluate(&arguments);
+    let run: Json = serde_json::from_slice(&printed.stdout).expect("JSON");
+    let warnings = run["warnings"].to_string();
+    for expected in [
+        "% of its numbers are 0, which is the largest depth",
+        "mixed: numbers differ by a factor of",
+        "mixed: all pixels are invalid in mixed/000002_10.npy",
+    ] {
+        assert!(warnings.contains(expected), "{expected} is not in {warnings}");
+    }
+    let text = made.printed(&["x=normalised/*.npy", "--quantity", "inverse-depth", "--out", "four"]);
+    assert!(text.contains("x: its numbers contradict --quantity"), "{text}");
+    // Two folders with files of the same names are two estimates, also where they are compared.
+    let arguments = ["a=normalised/*.npy", "b=mixed/*.npy", "--align", "median", "--baseline", "a", "--out", "five"];
+    let printed = String::from_utf8_lossy(&made.evaluate(&arguments).stdout).into_owned();
+    assert!(printed.contains("p_holm") && !printed.contains("identical on both sides"), "{printed}");
+}
+
+#[test]
 fn broken_predictions_are_reported_before_anything_runs() {
     let made = Predictions::new();
     let write = |file: &str, bytes: &[u8]| {
@@ -194,19 +236,21 @@ fn broken_predictions_are_reported_before_anything_runs() {
             .expect("PNG");
         bytes.into_inner()
     });
+    write("bra{ces}/000000_10.npy", &map(5.0));
+    write("low.npy", &npy("(3, 50, 320)", vec![1.0; 3 * 50 * 320]));
     write("two.npy", &npy("(2, 96, 320)", vec![1.0; 2 * 96 * 320]));
     for (arguments, expected) in [
         (&["x=nothing/*.npy"][..], "x: no file matches `nothing/*.npy`"),
         (&["good/*.npy"], "`good/*.npy` has no name"),
         (&["Bad=good/*.npy"], "`Bad` is not a name of an estimate"),
-        (&["source=good/*.npy"], "`source` is the name of the data set"),
-        (&["x=good/*.npy", "x=nan/*.npy"], "cannot be used"),
-        (&["x=good/*.npy", "x=good/*.npy"], "the name `x` is given twice"),
+        (&["source=good/*.npy"], "`source` is not a name of an estimate"),
+        (&["x=good/*.npy", "y=nan/*.npy"], "y: no file has a valid number"),
+        (&["x=good/*.npy", "x=good/*.npy"], "the name `x` is taken by another estimate"),
         (&["x=small/*.npy"], "is 160x48, and the image is 320x96"),
-        (&["x=nan/*.npy"], "has no valid number"),
-        (&["x=good/*.npy", "--invalid", "5"], "has no valid number"),
+        (&["x=nan/*.npy"], "no file has a valid number"),
+        (&["x=good/*.npy", "--invalid", "5"], "no file has a valid number"),
         (&["x=text/*.png"], "000000_10.png"),
-        (&["x=mixed/*.npy"], "3 files cannot be used"),
+        (&["x=mixed/*.npy"], "3 maps cannot be used"),
         (&["x=missing/*.npy"], "no single file for 1 of 3 frames: 000001_10"),
         (&["x=double/*.npy"], "no single file for 3 of 3 frames"),
         (&["x=missing/*.npy", "--match", "order"], "2 files for 3 frames"),
@@ -216,7 +260,11 @@ fn broken_predictions_are_reported_before_anything_runs() {
         (&["x=good/*.npy", "--unit", "metres", "--quantity", "disparity"], "--unit does not fit the quantity"),
         (&["x=good/*.npy", "--divide-by", "0"], "--divide-by is 0"),
         (&["x=good/*.npy", "--baseline", "z"], "--baseline names `z`"),
-        (&["x=good/*.npy", "--protocol", "middlebury"], "has no ground-truth disparity"),
+        (&["x=out/look/depth/depth/*.npy", "--protocol", "middlebury"], "they are depths"),
+        (&["x=good/*.npy", "--protocol", "kitti-stereo", "--align", "median"], "--align is not part"),
+        (&["x=good"], "it is a folder: name its files"),
+        (&["x=bra{ces}/*.npy"], "has braces"),
+        (&["x=low.npy"], "the map of 000000_10 in low.npy is 320x50"),
         (&["x=good/*.npy", "--frames", "7..9"], "7"),
         (&["x=good/*.npy", "--with", "split"], "--with is `split`, expected KEY=VALUE"),
         (&["x=good/*.npy", "--with", "spilt=training"], "spilt"),

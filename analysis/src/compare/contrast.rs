@@ -204,6 +204,7 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
     let tested = values().fold(Key::build("tested").text(metric.name), |key, (one, two)| {
         key.number(one.to_bits()).number(two.to_bits())
     });
+    let is_equal = differences.iter().all(|difference| *difference == 0.0);
     let contrast = Contrast {
         pair: place,
         metric,
@@ -215,12 +216,12 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
         ties: ours.len() as u64 - wins - losses,
         losses,
         test: SignedRank::test(&differences),
-        is_identical: pair.is_identical(),
+        // One node may read files of several folders: then its values differ.
+        is_identical: is_equal && pair.is_identical(),
         p_holm: None,
         tested: tested.finish(),
         verdict: Verdict::Unclear,
     };
-    let is_equal = differences.iter().all(|difference| *difference == 0.0);
     Some(Sample { contrast, baseline, other, is_equal })
 }
 

@@ -3,11 +3,12 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::{Frame, counted};
+use depthloom_graphs::{Fault, Frame, counted};
 use depthloom_nodes::predictions::{FileMap, maps_in_array, read_map};
 use depthloom_nodes::sources::images::{Match, files_of_pattern};
 use depthloom_terminal::{CliError, ExitCode};
 
+use super::Target;
 use crate::args::{EvaluateArgs, MatchOption};
 
 /// The largest number of files that a message lists.
@@ -68,7 +69,15 @@ pub(super) fn match_files(
     let files = files_of_pattern(Path::new(""), pattern).map_err(failed)?;
     if files.is_empty() {
         let what = format!("{name}: no file matches `{pattern}`");
-        return Err(CliError::usage(what, "correct the pattern; quote it, so that the shell does not change it"));
+        let remedy = match Path::new(pattern).is_dir() {
+            true => format!("it is a folder: name its files, e.g. {name}='{}/*.npy'", pattern.trim_end_matches('/')),
+            false => "correct the pattern; quote it, so that the shell does not change it".to_owned(),
+        };
+        return Err(CliError::usage(what, remedy));
+    }
+    if let Some(file) = files.iter().find(|file| file.path.to_string_lossy().contains(['{', '}'])) {
+        let what = format!("{name}: the path {} has braces", file.path.display());
+        return Err(CliError::usage(what, "rename it: in an experiment, braces stand for the id of a frame"));
     }
     if let [only] = &files[..]
         && let Some(maps) = maps_in_array(&only.path, array).map_err(failed)?
@@ -141,32 +150,67 @@ pub(super) fn match_files(
     ))
 }
 
+/// The first texts of a list.
+fn listed(texts: &[String], between: &str) -> String {
+    let more = texts.len().saturating_sub(MOST_LISTED);
+    let more = if more > 0 { format!("{between}and {more} more") } else { String::new() };
+    format!("{}{more}", texts[..texts.len().min(MOST_LISTED)].join(between))
+}
+
+/// Medians of the numbers of two frames that differ by more than this factor have different units.
+const SAME_UNIT: f32 = 50.0;
+
+fn warnings(empty: &[String], stretched: &BTreeSet<(u32, u32)>, mut medians: Vec<(f32, String)>) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if !empty.is_empty() {
+        warnings.push(format!("all pixels are invalid in {}", listed(empty, ", ")));
+    }
+    if stretched.len() > 1 {
+        warnings.push(
+            "frames have different sizes, but the maps of one array have one size: they are stretched".to_owned(),
+        );
+    }
+    medians.sort_by(|a, b| a.0.total_cmp(&b.0));
+    if let (Some((least, first)), Some((most, last))) = (medians.first(), medians.last())
+        && most / least > SAME_UNIT
+    {
+        warnings.push(format!(
+            "numbers differ by a factor of {:.0} between {first} and {last}: do they have one unit?",
+            most / least
+        ));
+    }
+    warnings
+}
+
 impl Matched {
     /// The map of a frame, as its file has it.
-    pub(super) fn map(&self, position: usize, _frame: &Frame, array: Option<&str>) -> Result<FileMap, CliError> {
-        let read = match self {
-            Self::Files { files, .. } => read_map(&files[position], array, None),
-            Self::Array(path) => read_map(path, array, Some(position as u64)),
-        };
-        read.map_err(|fault| CliError::from_error(ExitCode::Usage, &fault))
+    pub(super) fn map(&self, position: usize, array: Option<&str>) -> Result<FileMap, CliError> {
+        self.read(position, array).map_err(|fault| CliError::from_error(ExitCode::Usage, &fault))
     }
 
-    /// Reads every file, and reports all that is wrong with them.
+    const fn frames(&self, all: usize) -> usize {
+        match self {
+            Self::Files { files, .. } => files.len(),
+            Self::Array(_) => all,
+        }
+    }
+
+    /// Reads every map, and reports all that is wrong with them. Returns warnings.
     pub(super) fn check(
         &self,
         args: &EvaluateArgs,
         name: &str,
-        array: Option<&str>,
-        invalid: Option<f64>,
-        size_of_frame: &mut dyn FnMut(usize) -> Result<(u32, u32), CliError>,
-    ) -> Result<(), CliError> {
-        let Self::Files { files, .. } = self else { return Ok(()) };
-        let mut wrong = Vec::new();
-        let mut sizes = 0;
+        (array, invalid): (Option<&str>, Option<f64>),
+        target: &Target,
+    ) -> Result<Vec<String>, CliError> {
+        let (mut wrong, mut empty, mut sizes, mut medians) = (Vec::new(), Vec::new(), 0, Vec::new());
         // Most frames have the size of the first: images are read only where a map has another.
-        let usual = size_of_frame(0)?;
-        for (position, path) in files.iter().enumerate() {
-            let map = match read_map(path, array, None) {
+        let usual = target.image_size(0)?;
+        let frames = self.frames(target.frames().len());
+        let mut stretched = BTreeSet::new();
+        for position in 0..frames {
+            let called = self.called(position, target);
+            let map = match self.read(position, array) {
                 Ok(map) => map,
                 Err(fault) => {
                     wrong.push(fault.chain());
@@ -174,30 +218,55 @@ impl Matched {
                 }
             };
             let (width, height) = map.numbers.dimensions();
-            let image = if (width, height) == usual { usual } else { size_of_frame(position)? };
+            let image = if (width, height) == usual { usual } else { target.image_size(position)? };
             if args.resize.is_none() && (width, height) != image {
                 sizes += 1;
                 let (columns, rows) = image;
-                wrong.push(format!("{} is {width}x{height}, and the image is {columns}x{rows}", path.display()));
-            } else if !map.numbers.iter().any(|number| number.is_finite() && Some(f64::from(*number)) != invalid) {
-                wrong.push(format!("{} has no valid number", path.display()));
+                wrong.push(format!("{called} is {width}x{height}, and the image is {columns}x{rows}"));
+                continue;
+            }
+            if args.resize.is_some() && matches!(self, Self::Array(_)) {
+                stretched.insert(target.image_size(position)?);
+            }
+            let mut numbers: Vec<f32> = map.numbers.iter().copied().filter(|number| *number > 0.0).collect();
+            numbers.retain(|number| number.is_finite() && Some(f64::from(*number)) != invalid);
+            let middle = numbers.len() / 2;
+            match numbers.is_empty() {
+                true => empty.push(called),
+                false => medians.push((*numbers.select_nth_unstable_by(middle, f32::total_cmp).1, called)),
             }
         }
-        if wrong.is_empty() {
-            return Ok(());
+        if wrong.is_empty() && empty.len() == frames {
+            let what = format!("{name}: no file has a valid number");
+            return Err(CliError::usage(what, "check --invalid, and how the files were written"));
         }
-        let (count, more) = (wrong.len(), wrong.len().saturating_sub(MOST_LISTED));
-        wrong.truncate(MOST_LISTED);
-        let more = if more > 0 { format!("\n  and {more} more") } else { String::new() };
-        let what = format!("{name}: {} cannot be used:\n  {}{more}", counted(count, "file"), wrong.join("\n  "));
+        if wrong.is_empty() {
+            return Ok(warnings(&empty, &stretched, medians));
+        }
+        let count = wrong.len();
+        let what = format!("{name}: {} cannot be used:\n  {}", counted(count, "map"), listed(&wrong, "\n  "));
         Err(CliError::usage(
             what,
             if sizes == count {
                 "if they are predictions for these images, set `--resize bilinear`, or `--resize nearest` for sparse maps"
             } else {
-                "write these files again, or select other frames by --frames"
+                "write these files again, name an array of them by --array, or select other frames by --frames"
             },
         ))
+    }
+
+    fn called(&self, position: usize, target: &Target) -> String {
+        match self {
+            Self::Files { files, .. } => files[position].display().to_string(),
+            Self::Array(path) => format!("the map of {} in {}", target.frames()[position].id, path.display()),
+        }
+    }
+
+    fn read(&self, position: usize, array: Option<&str>) -> Result<FileMap, Fault> {
+        match self {
+            Self::Files { files, .. } => read_map(&files[position], array, None),
+            Self::Array(path) => read_map(path, array, Some(position as u64)),
+        }
     }
 
     pub(super) fn text(&self) -> String {

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use depthloom_terminal::CliError;
 use serde_json::{Map, Value as Json, json};
 
+use super::detect::Reference;
 use super::matching::Matched;
 use super::{Prediction, Target};
 use crate::args::{AlignOption, EvaluateArgs, ProtocolOption, QuantityOption, ResizeOption, UnitOption};
@@ -12,12 +13,18 @@ use crate::args::{AlignOption, EvaluateArgs, ProtocolOption, QuantityOption, Res
 /// Ports with ground-truth disparity, in the order of preference.
 const TRUE_DISPARITIES: [&str; 3] = ["disp_occ", "disp_noc", "disparity"];
 
-pub(super) fn experiment(args: &EvaluateArgs, target: &Target, predictions: &[Prediction]) -> Result<String, CliError> {
+pub(super) fn experiment(
+    args: &EvaluateArgs,
+    target: &Target,
+    first: &Reference,
+    predictions: &[Prediction],
+) -> Result<String, CliError> {
     let is_of_disparity = matches!(args.protocol, ProtocolOption::KittiStereo | ProtocolOption::Middlebury);
     let truth = if is_of_disparity {
-        TRUE_DISPARITIES.into_iter().find(|port| target.has(port)).ok_or_else(|| {
+        // A data set may lack the files of one of them.
+        TRUE_DISPARITIES.into_iter().find(|port| first.has(port)).ok_or_else(|| {
             let what = format!("{} has no ground-truth disparity, which this --protocol needs", target.kind);
-            CliError::usage(what, "set it by --with (e.g. disparities=true), or choose another --protocol")
+            CliError::usage(what, "set the source's parameters by --with, or choose another --protocol")
         })?
     } else if target.has("depth") {
         "depth"
@@ -121,14 +128,14 @@ fn template(files: &[String], target: &Target) -> Option<String> {
 /// The parameters of the scores.
 fn protocol(args: &EvaluateArgs) -> Map<String, Json> {
     let score = match args.protocol {
-        ProtocolOption::Martins2018 => json!({ "preset": "martins2018" }),
+        ProtocolOption::Martins2018 => json!({ "preset": "martins2018", "sets": ["all", "valid"] }),
         ProtocolOption::Monodepth2 => json!({ "preset": "monodepth2" }),
-        ProtocolOption::KittiDepth => json!({ "preset": "kitti-depth" }),
+        ProtocolOption::KittiDepth => json!({ "preset": "kitti-depth", "sets": ["all", "valid"] }),
         ProtocolOption::Eigen => json!({ "preset": "martins2018", "crop": "eigen", "sets": ["valid"] }),
         ProtocolOption::Garg => json!({ "preset": "martins2018", "crop": "garg", "sets": ["valid"] }),
         ProtocolOption::Nyu => json!({ "preset": "martins2018", "max_m": 10, "sets": ["valid"] }),
         ProtocolOption::KittiStereo => {
-            json!({ "sets": ["valid", "filled"], "mean": "pixels", "metrics": ["epe", "d1"] })
+            json!({ "sets": ["valid", "filled", "all"], "mean": "pixels", "metrics": ["epe", "d1"] })
         }
         ProtocolOption::Middlebury => {
             json!({ "sets": ["valid", "all"], "metrics": ["epe", "bad_0.5", "bad_1", "bad_2", "bad_4"] })

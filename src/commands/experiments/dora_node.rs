@@ -50,7 +50,7 @@ pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<E
             let workers = window + Options::default().workers;
             loaded.plan = ready.plan.clone();
             let remote_nodes = RemoteNodes { observer: &remote, workers, window };
-            carry_out(&dora.run, loaded, ready, &interrupt, Some(&remote_nodes)).map(|(exit, _)| exit)
+            carry_out(&dora.run, loaded, ready, &interrupt, Some(&remote_nodes), &[]).map(|(exit, _)| exit)
         });
         // No part needs to wait any longer, also after an error. A part that does not receive this notices the end of
         // this process.

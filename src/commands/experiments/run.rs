@@ -17,5 +17,5 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliEr
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| CliError::of_missing(&missing))?;
     let interrupt = signals::listen("stopping: frames in flight are finished, training is checkpointed")?;
-    carry_out(args, loaded, ready, &interrupt, None).map(|(exit, _)| exit)
+    carry_out(args, loaded, ready, &interrupt, None, &[]).map(|(exit, _)| exit)
 }

@@ -40,7 +40,21 @@ pub(super) fn channel(path: &Path, bytes: &[u8], name: Option<&str>) -> Result<R
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
         .map_err(|error| damaged(error.to_string()))?;
-    let layer = image.layer_data;
+    let (window, layer) = (image.attributes.display_window, image.layer_data);
+    let position = layer.attributes.layer_position;
+    if (window.size, window.position) != (layer.size, position) {
+        let what = format!(
+            "{} has a data window of {}x{} px at ({}, {}), which is not its display window of {}x{} px",
+            path.display(),
+            layer.size.width(),
+            layer.size.height(),
+            position.x(),
+            position.y(),
+            window.size.width(),
+            window.size.height()
+        );
+        return Err(Fault::new(what).remedy("write all pixels of the image"));
+    }
     let channels = &layer.channel_data.list;
     let named = |name: &str| channels.iter().find(|channel| channel.name == *name);
     let found = match (name, &channels[..]) {
@@ -48,6 +62,14 @@ pub(super) fn channel(path: &Path, bytes: &[u8], name: Option<&str>) -> Result<R
         (None, [only]) => Some(only),
         (None, _) => USUAL.iter().find_map(|name| named(name)),
     };
+    // A picture in colour is not a map.
+    if let (None, [Some(red), Some(green)]) = (name, ["R", "G"].map(named))
+        && found.is_some_and(|found| std::ptr::eq(found, red))
+        && red.sample_data != green.sample_data
+    {
+        return Err(Fault::new(format!("{} is a colour image: its channels differ", path.display()))
+            .remedy("write one number per pixel, or name a channel by `array`"));
+    }
     let found = found.ok_or_else(|| {
         let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
         let what = match name {

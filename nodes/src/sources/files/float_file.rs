@@ -168,7 +168,7 @@ impl NpyHeader {
         let shape = shape.split(',').filter_map(|size| size.trim().parse().ok()).collect();
         let Some(sample) = Sample::parse(sample) else {
             return Err(Wrong::Kind(format!(
-                "its numbers are `{}`, and those of a map are floats of 32 or 64 bits, or integers",
+                "its numbers are `{}`, and those of a map are floats of 16, 32 or 64 bits, or integers: write map.astype(np.float32)",
                 shortened(sample)
             )));
         };
@@ -241,8 +241,8 @@ impl Sample {
         let [order, kind, bytes] = *text.as_bytes() else { return None };
         let bytes = usize::from(bytes.checked_sub(b'0')?);
         let is_known = match kind {
-            b'f' => matches!(bytes, 4 | 8),
-            b'u' | b'i' => matches!(bytes, 1 | 2 | 4),
+            b'f' => matches!(bytes, 2 | 4 | 8),
+            b'u' | b'i' => matches!(bytes, 1 | 2 | 4 | 8),
             _ => false,
         };
         let is_ordered = matches!(order, b'<' | b'>') || order == b'|' && bytes == 1;
@@ -262,6 +262,7 @@ impl Sample {
         let bits = u64::from_le_bytes(wide);
         let empty = 64 - 8 * self.bytes as u32;
         match (self.kind, self.bytes) {
+            (b'f', 2) => half::f16::from_bits(bits as u16).to_f32(),
             (b'f', 4) => f32::from_bits(bits as u32),
             (b'f', _) => f64::from_bits(bits) as f32,
             (b'i', _) => ((bits << empty) as i64 >> empty) as f32,
@@ -327,6 +328,8 @@ mod tests {
         assert_eq!((width, height, map[0], map[2], map[3], map[1].is_nan()), (2, 2, 1.5, -2.0, 4.0, true));
         assert_eq!(read(&npy(">f8", "(1, 2)", &[0.5_f64, 3.0].map(f64::to_be_bytes).concat())).2, [0.5, 3.0]);
         assert_eq!(read(&npy("|u1", "(1, 3)", &[0, 7, 255])).2, [0.0, 7.0, 255.0]);
+        assert_eq!(read(&npy("<f2", "(1, 2)", &[0x00, 0x3c, 0x00, 0xc0])).2, [1.0, -2.0]);
+        assert_eq!(read(&npy("<i8", "(1, 1)", &(-7_i64).to_le_bytes())).2, [-7.0]);
         assert_eq!(read(&npy(">i2", "(2, 1)", &[-3_i16, 500].map(i16::to_be_bytes).concat())).2, [-3.0, 500.0]);
         assert_eq!(read(&npy("<u2", "(1, 1)", &65535_u16.to_le_bytes())).2, [65535.0]);
     }
