@@ -21,7 +21,7 @@ pub(crate) fn member(path: &Path, bytes: &[u8], name: Option<&str>) -> Result<Ve
             .remedy("the file is incomplete or damaged: copy or download it again")
     };
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| damaged(&error))?;
-    let names: Result<Vec<_>, _> = archive.file_names().map(|name| name.map(|name| name.into_owned())).collect();
+    let names: Result<Vec<_>, _> = archive.file_names().map(|name| name.map(std::borrow::Cow::into_owned)).collect();
     let names = names.map_err(|error| damaged(&error))?;
     let arrays: Vec<&str> = names.iter().map(|name| name.strip_suffix(".npy").unwrap_or(name)).collect();
     let wrong = |what: String, remedy: &str| Fault::new(format!("{} {what}", path.display())).remedy(remedy);
