@@ -7,7 +7,7 @@ use depthloom_graphs::chain;
 use depthloom_runs::{TIMINGS, end, failed, open_frames};
 use depthloom_terminal::{CliError, ExitCode, say};
 
-use crate::args::{RowsOption, TableArgs};
+use crate::args::{PixelsOption, RowsOption, TableArgs};
 use crate::output::delivery::Delivery;
 use crate::signals;
 
@@ -63,6 +63,10 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, Cl
     if args.effects.is_some() || args.best_per_zone.is_some() || args.rows == RowsOption::Score || args.ci.is_some() {
         let what = "a table of several runs supports neither --effects, --best-per-zone, `--rows score` nor --ci";
         return Err(CliError::usage(what, "leave them out, or name one run"));
+    }
+    if args.scores.pixels == Some(PixelsOption::Common) {
+        let what = "`--pixels common` needs estimates of a single run: each run has common pixels of its own";
+        return Err(CliError::usage(what, "name one run, or choose another `--pixels`"));
     }
     let paths = args.runs.iter().map(|run| args.folder.recording(run, "table")).collect::<Result<Vec<_>, _>>()?;
     let interrupt = signals::listen("stopping")?;

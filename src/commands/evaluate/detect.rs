@@ -307,14 +307,14 @@ mod tests {
 
     #[test]
     fn ranks_show_whether_numbers_grow_with_depth() {
-        let of = |number: fn(f64) -> f64| {
+        let correlation = |number: fn(f64) -> f64| {
             let pairs: Vec<(f64, f64)> = (1..50).map(|at| (number(f64::from(at)), f64::from(at))).collect();
             rank_correlation(&pairs)
         };
-        assert!(of(|metres| metres / 80.0).is_some_and(|order| (order - 1.0).abs() < 1e-9));
-        assert!(of(|metres| 0.3 - 1.0 / metres).is_some_and(|order| (order - 1.0).abs() < 1e-9));
-        assert!(of(|metres| -metres).is_some_and(|order| (order + 1.0).abs() < 1e-9));
-        assert_eq!(of(|_| 4.0), None);
+        assert!(correlation(|metres| metres / 80.0).is_some_and(|order| (order - 1.0).abs() < 1e-9));
+        assert!(correlation(|metres| 0.3 - 1.0 / metres).is_some_and(|order| (order - 1.0).abs() < 1e-9));
+        assert!(correlation(|metres| -metres).is_some_and(|order| (order + 1.0).abs() < 1e-9));
+        assert_eq!(correlation(|_| 4.0), None);
         // SciPy: spearmanr([1, 2, 2, 3], [1, 2, 3, 4]) is 0.9486832980505139.
         let ties = rank_correlation(&[(1.0, 1.0), (2.0, 2.0), (2.0, 3.0), (3.0, 4.0)]).expect("it varies");
         assert!((ties - 0.948_683_298_050_513_9).abs() < 1e-12, "{ties}");
