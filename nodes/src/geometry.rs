@@ -1,8 +1,18 @@
-//! A calibration as the kernels take it.
+//! A calibration as the kernels take it, and depth from its inverse.
 
 use depthloom_graphs::values::Calibration;
-use depthloom_kernels::depth::Geometry;
+use depthloom_kernels::depth::{Geometry, depth_from_share};
 
 pub(crate) const fn geometry(calibration: &Calibration) -> Geometry {
     Geometry { focal_px: calibration.focal_px, baseline_metres: calibration.baseline_m, doffs_px: calibration.doffs_px }
+}
+
+/// 1/m.
+const SMALLEST_INVERSE: f32 = 1e-6;
+
+/// Metres from 1/m, at most `cap`; numbers below 1e-6 count as 1e-6, NaN stays NaN.
+pub(crate) fn depth_from_inverse(inverse: &[f32], cap: f32, out: &mut [f32]) {
+    // 1 / x is f * B / (x * width) with all of f, B and width one.
+    let unit = Geometry { focal_px: 1.0, baseline_metres: 1.0, doffs_px: 0.0 };
+    depth_from_share(inverse, 1, unit, SMALLEST_INVERSE, cap, out);
 }

@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::shape::filled;
-use crate::sources::files::{self, MapChoice, float_file, image_file};
+use crate::sources::files::{self, float_file, image_file};
 
 /// How a map of another size than the image is resized.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -57,17 +57,61 @@ pub struct FileMap {
     pub bits: u32,
 }
 
-/// Reads the map of a file, or one of an array of maps.
-///
-/// # Errors
-/// Why the file has no such map.
-pub fn read_map(path: &Path, array: Option<&str>, slice: Option<u64>) -> Result<FileMap, Fault> {
-    let is_archive = || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz"));
-    let (numbers, bits) = match slice {
-        Some(slice) if !is_archive() => (float_file::npy_slice(path, slice)?, 32),
-        _ => files::numbers(path, &image_file::read(path)?, MapChoice { name: array, slice })?,
-    };
-    Ok(FileMap { numbers, bits })
+/// Reads maps of files, and single maps of arrays.
+#[derive(Debug, Default)]
+pub struct MapReader {
+    /// The last array that was decompressed, with the hash of its archive.
+    archive: Mutex<Option<(Key, Arc<Vec<u8>>)>>,
+}
+
+impl MapReader {
+    /// The map of a file, or of an array of maps the map `slice`. `array` is the name of an NPZ file's array, or of an
+    /// EXR file's channel.
+    ///
+    /// # Errors
+    /// Why the file has no such map.
+    pub fn read(&self, path: &Path, array: Option<&str>, slice: Option<u64>) -> Result<FileMap, Fault> {
+        let (numbers, bits) = match slice {
+            None => files::numbers(path, &image_file::read(path)?, array)?,
+            Some(slice) => match self.decompressed(path, array)? {
+                Some(array) => (float_file::slice_f32(path, &array, Some(slice))?, 32),
+                None => (float_file::npy_slice(path, slice)?, 32),
+            },
+        };
+        Ok(FileMap { numbers, bits })
+    }
+
+    /// The array of an NPZ file; `None` of other files.
+    fn decompressed(&self, path: &Path, array: Option<&str>) -> Result<Option<Arc<Vec<u8>>>, Fault> {
+        if !files::is_archive(&head(path)?) {
+            return Ok(None);
+        }
+        let bytes = image_file::read(path)?;
+        let hash = Key::of_content(&bytes);
+        let mut archive = locked(&self.archive);
+        match &*archive {
+            Some((known, array)) if *known == hash => Ok(Some(Arc::clone(array))),
+            _ => {
+                let array = Arc::new(files::member(path, &bytes, array)?);
+                *archive = Some((hash, Arc::clone(&array)));
+                Ok(Some(array))
+            }
+        }
+    }
+}
+
+/// The first bytes of a file, as many as the header of an NPY file has.
+fn head(path: &Path) -> Result<Vec<u8>, Fault> {
+    let mut head = Vec::new();
+    let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
+    regular_file::open(path).map_err(failed)?.take(1 << 13).read_to_end(&mut head).map_err(failed)?;
+    Ok(head)
+}
+
+/// The pixel of a map with the side `own` that is nearest to the pixel `at` of an image with the side `side`.
+#[must_use]
+pub const fn nearest(at: u32, own: u32, side: u32) -> u32 {
+    ((2 * at as u64 + 1) * own as u64 / (2 * side as u64)) as u32
 }
 
 /// The number of maps of an NPY or NPZ array of three dimensions; `None` of other files.
@@ -75,9 +119,7 @@ pub fn read_map(path: &Path, array: Option<&str>, slice: Option<u64>) -> Result<
 /// # Errors
 /// Why the file cannot be read.
 pub fn maps_in_array(path: &Path, array: Option<&str>) -> Result<Option<u64>, Fault> {
-    let mut head = Vec::new();
-    let failed = |error: std::io::Error| Fault::new(format!("failed to read {}", path.display())).because(error);
-    regular_file::open(path).map_err(failed)?.take(1 << 13).read_to_end(&mut head).map_err(failed)?;
+    let mut head = head(path)?;
     if files::is_archive(&head) {
         head = files::member(path, &image_file::read(path)?, array)?;
     }
@@ -150,8 +192,7 @@ pub(crate) struct PredictionReader {
     observation: Observation,
     /// Whether one file has the maps of all frames, or of the only one.
     is_array: bool,
-    /// The last array that was decompressed, with the hash of its archive.
-    archive: Mutex<Option<(Key, Arc<Vec<u8>>)>>,
+    reader: MapReader,
 }
 
 impl PredictionReader {
@@ -161,7 +202,7 @@ impl PredictionReader {
             [only] => !Observation::is_per_frame(only).unwrap_or(false),
             _ => false,
         };
-        Self { maps, observation, is_array, archive: Mutex::default() }
+        Self { maps, observation, is_array, reader: MapReader::default() }
     }
 
     /// The map of a frame, at the size of the image at the input `image`.
@@ -179,7 +220,8 @@ impl PredictionReader {
             ))
             .remedy("correct `files`, or select fewer frames at the source"));
         }
-        let (mut numbers, bits) = self.numbers(&path, frame)?;
+        let FileMap { mut numbers, bits } =
+            self.reader.read(&path, self.maps.array.as_deref(), self.slice(&path, frame)?)?;
         let PredictedMaps { divide_by, invalid, resize, .. } = &self.maps;
         if bits == 8 && *divide_by >= 256.0 {
             let what = format!("{} has 8 bits: no number in it is above {:.3}", path.display(), 255.0 / divide_by);
@@ -202,9 +244,7 @@ impl PredictionReader {
                 return Err(Fault::new(what).remedy("set `resize: bilinear`, or `resize: nearest` for a sparse map"));
             }
             ResizeMap::Nearest => Raster::from_fn(size.0, size.1, |x, y| {
-                let nearest =
-                    |at: u32, own: u32, size: u32| (2 * u64::from(at) + 1) * u64::from(own) / (2 * u64::from(size));
-                *numbers.get_pixel(nearest(x, own.0, size.0) as u32, nearest(y, own.1, size.1) as u32)
+                *numbers.get_pixel(nearest(x, own.0, size.0), nearest(y, own.1, size.1))
             }),
             ResizeMap::Bilinear => filled(size, |out| {
                 let sides = [own.0, own.1, size.0, size.1].map(|side| side as usize);
@@ -214,62 +254,22 @@ impl PredictionReader {
         Ok(PredictedMap { numbers, enlarged })
     }
 
-    /// The numbers of a file, and its bits per number.
-    fn numbers(&self, path: &Path, frame: &Frame) -> Result<(Raster<f32>, u32), Fault> {
-        let name = self.maps.array.as_deref();
-        // A list of one file.
-        let is_single = || Ok::<_, Fault>(self.maps.frames.len() == 1 && maps_in_array(path, name)?.is_none());
-        if !self.is_array || is_single()? {
-            self.check_frame(frame)?;
-            return files::numbers(path, &image_file::read(path)?, MapChoice { name, slice: None });
-        }
-        let slice = match &self.maps.frames[..] {
-            [] => frame.index,
-            ids => {
-                let at = ids.iter().position(|id| **id == *frame.id);
-                at.ok_or_else(|| {
-                    Fault::new(format!("`frames` does not have the frame `{}`", frame.id))
-                        .remedy("list the ids of all frames, in the order of the array")
-                })? as u64
-            }
-        };
-        if let Some(array) = self.decompressed(path)? {
-            return float_file::slice_f32(path, &array, Some(slice)).map(|map| (map, 32));
-        }
-        float_file::npy_slice(path, slice).map(|map| (map, 32))
-    }
-
-    /// Refuses a frame that a list of one file does not have.
-    fn check_frame(&self, frame: &Frame) -> Result<(), Fault> {
-        match &self.maps.frames[..] {
-            [only] if self.is_array && **only != *frame.id => {
-                Err(Fault::new(format!("`files` has no file for the frame `{}`", frame.id))
-                    .remedy("add its file to `files` and its id to `frames`, or select fewer frames at the source"))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// The array of an NPZ file; `None` of other files.
-    fn decompressed(&self, path: &Path) -> Result<Option<Arc<Vec<u8>>>, Fault> {
-        if path.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("npz")) {
+    /// The number of the frame's map in an array of all frames; `None` if the frame has a file of its own.
+    fn slice(&self, path: &Path, frame: &Frame) -> Result<Option<u64>, Fault> {
+        if !self.is_array {
             return Ok(None);
         }
-        let bytes = image_file::read(path)?;
-        if !files::is_archive(&bytes) {
-            return Err(Fault::new(format!("{} is not an NPZ file ({} bytes)", path.display(), bytes.len()))
-                .remedy("write it with np.savez"));
+        let ids = &self.maps.frames;
+        if ids.is_empty() {
+            return Ok(Some(frame.index));
         }
-        let hash = Key::of_content(&bytes);
-        let mut archive = locked(&self.archive);
-        match &*archive {
-            Some((known, array)) if *known == hash => Ok(Some(Arc::clone(array))),
-            _ => {
-                let array = Arc::new(files::member(path, &bytes, self.maps.array.as_deref())?);
-                *archive = Some((hash, Arc::clone(&array)));
-                Ok(Some(array))
-            }
-        }
+        let at = ids.iter().position(|id| **id == *frame.id).ok_or_else(|| {
+            Fault::new(format!("`frames` does not have the frame `{}`", frame.id))
+                .remedy("list the ids of all frames, in the order of `files` or of the array")
+        })?;
+        // A list of one file is not an array.
+        let is_single = ids.len() == 1 && maps_in_array(path, self.maps.array.as_deref())?.is_none();
+        Ok((!is_single).then_some(at as u64))
     }
 }
 

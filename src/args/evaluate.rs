@@ -54,6 +54,13 @@ pub(crate) enum ProtocolOption {
     Middlebury,
 }
 
+impl ProtocolOption {
+    /// Whether it scores disparities and not depths.
+    pub(crate) const fn is_of_disparity(self) -> bool {
+        matches!(self, Self::KittiStereo | Self::Middlebury)
+    }
+}
+
 /// How estimates without a metric scale are aligned, frame by frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum AlignOption {

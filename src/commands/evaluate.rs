@@ -14,16 +14,14 @@ use depthloom_graphs::language::{self, Options};
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::registry::SourceEntry;
-use depthloom_graphs::{Context, Frame, Registry, Scratch, Source, Value, ValueType};
+use depthloom_graphs::{Context, Frame, Registry, Scratch, Source, Value};
 use depthloom_terminal::{CliError, ExitCode, Problem, print, say};
 use serde_json::{Map, Value as Json};
 
 use self::detect::{Detected, Reference};
 use self::matching::{Matched, match_files};
 use self::text::experiment;
-use crate::args::{
-    Cli, Command, EvaluateArgs, ExecArgs, ExperimentArgs, ForEstimate, ProtocolOption, QuantityOption, RunArgs,
-};
+use crate::args::{Cli, Command, EvaluateArgs, ExecArgs, ExperimentArgs, ForEstimate, QuantityOption, RunArgs};
 use crate::commands::analysis::compare;
 use crate::execution::carry_out;
 use crate::output::diagnostics::print_warning;
@@ -56,13 +54,12 @@ struct Target {
     kind: String,
     with: Map<String, Json>,
     source: Box<dyn Source>,
-    ports: Vec<(&'static str, ValueType)>,
 }
 
 pub(crate) fn evaluate(args: &EvaluateArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let target = Target::open(args, registry)?;
     let references = target.with_ground_truth()?;
-    let is_of_disparity = matches!(args.protocol, ProtocolOption::KittiStereo | ProtocolOption::Middlebury);
+    let is_of_disparity = args.protocol.is_of_disparity();
     if is_of_disparity && args.align.is_some() {
         return Err(CliError::usage("--align is not part of a protocol of disparities", "leave it out"));
     }
@@ -194,26 +191,22 @@ impl Target {
             };
             insert(&mut with, key, serde_json::from_str(value).unwrap_or_else(|_| value.into()));
         }
-        let is_of_disparity = matches!(args.protocol, ProtocolOption::KittiStereo | ProtocolOption::Middlebury);
+        let is_of_disparity = args.protocol.is_of_disparity();
         if is_of_disparity && takes("disparities") && !with.contains_key("disparities") {
             with.insert("disparities".to_owned(), true.into());
         }
         if let Some(frames) = &args.frames {
             with.insert("frames".to_owned(), serde_json::from_str(frames).unwrap_or_else(|_| frames.clone().into()));
         }
-        let (source, ports) = opened(entry, &with)?;
+        let source = opened(entry, &with)?;
         if source.frames().is_empty() {
             return Err(CliError::usage(format!("{} has no frames", args.ground_truth), "correct --frames or --with"));
         }
-        Ok(Self { kind: kind.to_owned(), with, source, ports })
+        Ok(Self { kind: kind.to_owned(), with, source })
     }
 
     fn frames(&self) -> &[Frame] {
         self.source.frames()
-    }
-
-    fn has(&self, port: &str) -> bool {
-        self.ports.iter().any(|(name, _)| *name == port)
     }
 
     fn read(&self, position: usize) -> Result<Reference, CliError> {
@@ -234,7 +227,7 @@ impl Target {
             if self.read(position)?.has_ground_truth() {
                 found.push(position);
             }
-            // One is enough for most predictions.
+            // The later ones are for predictions without a valid number on the first.
             if found.len() == MOST_COMPARED_FRAMES {
                 break;
             }
@@ -262,9 +255,7 @@ fn insert(with: &mut Map<String, Json>, key: &str, value: Json) {
     }
 }
 
-type Opened = (Box<dyn Source>, Vec<(&'static str, ValueType)>);
-
-fn opened(entry: &SourceEntry, with: &Map<String, Json>) -> Result<Opened, CliError> {
+fn opened(entry: &SourceEntry, with: &Map<String, Json>) -> Result<Box<dyn Source>, CliError> {
     let resolved = entry.resolve(&Json::Object(with.clone())).map_err(|error| {
         let place = if error.path.is_empty() { "--with".to_owned() } else { error.path.join(".") };
         CliError::usage(
@@ -272,12 +263,7 @@ fn opened(entry: &SourceEntry, with: &Map<String, Json>) -> Result<Opened, CliEr
             "correct --ground-truth, --frames or --with",
         )
     })?;
-    let failed = |fault| CliError::from_error(ExitCode::Usage, &fault);
-    let ports = entry.outputs(&resolved).map_err(failed)?;
-    let off = entry.switched_off(&resolved).map_err(failed)?;
-    let ports = ports.iter().filter(|port| off.iter().all(|off| off.output != port.name));
-    let ports = ports.map(|port| (port.name, port.value_type)).collect();
-    Ok((entry.open(&resolved).map_err(failed)?, ports))
+    entry.open(&resolved).map_err(|fault| CliError::from_error(ExitCode::Usage, &fault))
 }
 
 impl Prediction {

@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::bounds::above_zero;
+use crate::geometry::depth_from_inverse;
 use crate::predictions::{self, PredictedMap, PredictedMaps, PredictionReader, ResizeMap, missing_array};
 use crate::shape::filled;
 
@@ -102,9 +103,6 @@ pub(crate) struct DepthFiles {
     reader: PredictionReader,
 }
 
-/// 1/m.
-const SMALLEST_INVERSE: f32 = 1e-6;
-
 impl Node for DepthFiles {
     type Params = DepthFilesParams;
     // The frame's files are observed.
@@ -153,25 +151,18 @@ impl PureNode for DepthFiles {
             LengthUnit::Metres => 1.0,
             LengthUnit::Millimetres => 1000.0,
         };
-        let metres = |metres: &dyn Fn(f32) -> f32| {
-            filled(numbers.dimensions(), |out: &mut [f32]| {
-                out.iter_mut().zip(numbers.iter()).for_each(|(out, number)| *out = metres(*number).min(cap));
-            })
-        };
-        // `min` ignores NaN: an invalid pixel must stay one.
-        let keep_nan = |number: f32, depth: f32| if number.is_nan() { f32::NAN } else { depth };
+        let size = numbers.dimensions();
         Ok(match self.params.quantity {
             Quantity::Depth => {
-                let mut metres = metres(&|number| number / unit);
-                for (metres, number) in metres.iter_mut().zip(numbers.iter()) {
-                    *metres = if *number > 0.0 { *metres } else { f32::NAN };
-                }
+                let metres = |number: f32| if number > 0.0 { (number / unit).min(cap) } else { f32::NAN };
+                let metres = filled(size, |out: &mut [f32]| {
+                    out.iter_mut().zip(numbers.iter()).for_each(|(out, number)| *out = metres(*number));
+                });
                 Outputs::one("depth", Depth { metres })
             }
             Quantity::InverseDepth => {
                 let inverse: Vec<f32> = numbers.iter().map(|number| number * unit).collect();
-                let mut metres = metres(&|number| 1.0 / (number * unit).max(SMALLEST_INVERSE));
-                metres.iter_mut().zip(&inverse).for_each(|(metres, number)| *metres = keep_nan(*number, *metres));
+                let metres = filled(size, |out| depth_from_inverse(&inverse, cap, out));
                 Outputs::one("depth", Value::depth_from_inverse(Depth { metres }, &inverse))
             }
         })

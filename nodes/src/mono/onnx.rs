@@ -5,17 +5,15 @@ use std::sync::Arc;
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Signature};
 use depthloom_graphs::values::{Artifact, Calibration, Depth, Image, Raster, RelativeInverseDepth};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
-use depthloom_kernels::depth::{Geometry, depth_from_share};
+use depthloom_kernels::depth::depth_from_share;
 use depthloom_kernels::memory::TooMuch;
 
-use crate::geometry::geometry;
+use crate::geometry::{depth_from_inverse, geometry};
 use crate::onnx::{self, Fitted, Flip, Maps, Network, OnnxParams, Output, PadWith, Preprocessing, count_non_finite};
 use crate::shape::filled;
 
 /// Metres; the value that metrics clamp to.
 const NEAREST_M: f32 = 1e-3;
-/// 1/m.
-const SMALLEST_INVERSE: f32 = 1e-6;
 
 pub(crate) struct Onnx {
     params: OnnxParams,
@@ -201,9 +199,7 @@ impl Onnx {
                 depth_from_share(map, width, geometry(calibration), self.params.floor_px as f32, cap, out);
             }
             Output::InverseDepth | Output::RelativeInverseDepth => {
-                // 1 / x is f * B / (x * width) with all of f, B and width one.
-                let unit = Geometry { focal_px: 1.0, baseline_metres: 1.0, doffs_px: 0.0 };
-                depth_from_share(map, 1, unit, SMALLEST_INVERSE, cap, out);
+                depth_from_inverse(map, cap, out);
             }
             Output::Depth => {
                 for (metres, &value) in out.iter_mut().zip(map) {

@@ -13,29 +13,20 @@ use depthloom_graphs::values::Raster;
 
 pub(crate) use archive::{is_archive, member};
 
-/// The map to read of a file with several.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct MapChoice<'a> {
-    /// Of an NPZ file the name of the array, of an EXR file that of the channel.
-    pub name: Option<&'a str>,
-    /// Of an array of three dimensions, the number of the map.
-    pub slice: Option<u64>,
-}
-
 /// A map of numbers, and the bits per number in its file.
 ///
 /// Formats: PNG, TIFF and PNM with one channel of 8 or 16 bits, TIFF of 32-bit floats, PFM, NPY, NPZ and EXR. Row 0 is
-/// the top row.
-pub(crate) fn numbers(path: &Path, bytes: &[u8], choice: MapChoice<'_>) -> Result<(Raster<f32>, u32), Fault> {
+/// the top row. `name` is that of an NPZ file's array, or of an EXR file's channel.
+pub(crate) fn numbers(path: &Path, bytes: &[u8], name: Option<&str>) -> Result<(Raster<f32>, u32), Fault> {
     if is_archive(bytes) {
-        let array = member(path, bytes, choice.name)?;
-        return float_file::slice_f32(path, &array, choice.slice).map(|map| (map, 32));
+        let array = member(path, bytes, name)?;
+        return float_file::map_f32(path, &array).map(|map| (map, 32));
     }
     if bytes.starts_with(exr_file::MAGIC) {
-        return exr_file::channel(path, bytes, choice.name).map(|map| (map, 32));
+        return exr_file::channel(path, bytes, name).map(|map| (map, 32));
     }
     if bytes.starts_with(b"Pf") || bytes.starts_with(b"PF") || bytes.starts_with(b"\x93NUMPY") {
-        return float_file::slice_f32(path, bytes, choice.slice).map(|map| (map, 32));
+        return float_file::map_f32(path, bytes).map(|map| (map, 32));
     }
     image_file::numbers(path, bytes)
 }

@@ -26,7 +26,7 @@ use crate::sources::dataset::folders::{existing_file, existing_folder};
 use crate::sources::dataset::frame_files::{File, Files, LEFT, Part, RIGHT, TRUTH};
 use crate::sources::dataset::{DatasetKind, FrameFiles, Listing, depth_port, image_port, required};
 use crate::sources::evaluation::with_optional;
-use crate::sources::files::{self, MapChoice, image_file};
+use crate::sources::files::{self, image_file};
 use crate::sources::true_disparity;
 
 const KIND: &str = "images";
@@ -399,7 +399,7 @@ impl Images {
     }
 
     fn truth_numbers(&self, file: &File) -> Result<Raster<f32>, Fault> {
-        let (numbers, bits) = files::numbers(&file.path, &file.bytes, MapChoice::default())?;
+        let (numbers, bits) = files::numbers(&file.path, &file.bytes, None)?;
         if bits == 8 && self.truth.is_of_more_bits() {
             let most = 255.0 / self.truth.divide_by;
             let what = format!("the file has 8 bits, and no number in it is above {most} {}", self.truth.unit.name());

@@ -2,7 +2,7 @@
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Calibration, Pixels};
-use depthloom_nodes::predictions::FileMap;
+use depthloom_nodes::predictions::{FileMap, nearest};
 use depthloom_terminal::CliError;
 
 use super::numbers;
@@ -63,9 +63,7 @@ impl Reference {
         let (own, size) = (map.numbers.dimensions(), self.size);
         self.depth.iter().enumerate().filter_map(move |(at, metres)| {
             let (x, y) = (at as u32 % size.0, at as u32 / size.0);
-            let nearest =
-                |at: u32, own: u32, size: u32| (2 * u64::from(at) + 1) * u64::from(own) / (2 * u64::from(size));
-            let number = map.numbers.get_pixel(nearest(x, own.0, size.0) as u32, nearest(y, own.1, size.1) as u32).0[0];
+            let number = map.numbers.get_pixel(nearest(x, own.0, size.0), nearest(y, own.1, size.1)).0[0];
             let is_number = number.is_finite() && Some(f64::from(number)) != invalid;
             let is_valid = is_number && *metres > 0.0 && metres.is_finite();
             is_valid.then(|| (f64::from(number), f64::from(*metres)))
@@ -166,7 +164,7 @@ pub(super) fn detect(
     let all: Vec<(f64, f64)> = reference.pairs(map, invalid).collect();
     let pairs: Vec<(f64, f64)> = all.iter().step_by(all.len().div_ceil(MOST_COMPARED).max(1)).copied().collect();
     let order = rank_correlation(&pairs);
-    let is_disparity_protocol = matches!(args.protocol, ProtocolOption::KittiStereo | ProtocolOption::Middlebury);
+    let is_disparity_protocol = args.protocol.is_of_disparity();
     if is_disparity_protocol && quantity.is_none() && order.is_some_and(|order| order > DECISIVE) {
         let what = format!(
             "{name}: the numbers grow with the distance, so they are depths, and this --protocol scores disparities"
@@ -175,7 +173,7 @@ pub(super) fn detect(
     }
     // Scale and shift are unknown: the numbers are inverse depth, whatever their scale.
     let is_relative = args.align == Some(AlignOption::ScaleAndShift);
-    let fits = |(of, in_unit, _): &(QuantityOption, UnitOption, f64)| {
+    let fits = |(of, in_unit, divisor): &(QuantityOption, UnitOption, f64)| {
         let is_depth = *of == QuantityOption::Depth;
         let is_in_order = match order {
             Some(order) if order.abs() > DECISIVE => is_depth == (order > 0.0),
@@ -187,6 +185,7 @@ pub(super) fn detect(
             && (!is_disparity_protocol || *of == QuantityOption::Disparity)
             && (!is_relative || quantity.is_some() || unit.is_some() || *of != QuantityOption::Disparity)
             && (*of != QuantityOption::Disparity || reference.calibration.is_some())
+            && (*divisor < 256.0 || map.bits > 8)
     };
     let mut candidates: Vec<(QuantityOption, UnitOption, f64)> = CANDIDATES.into_iter().filter(fits).collect();
     if let Some(divisor) = divide_by {
@@ -218,9 +217,6 @@ pub(super) fn detect(
         let is_depth = quantity == QuantityOption::Depth;
         order.is_some_and(|order| order.abs() > DECISIVE && is_depth != (order > 0.0))
     });
-    if detected.divide_by >= 256.0 && map.bits == 8 {
-        detected.divide_by = 1.0;
-    }
     Ok(detected)
 }
 
@@ -278,7 +274,7 @@ impl Detected {
         let most: f64 = if self.is_divided { 1.5 } else { 1.15 };
         let ratio = self.ratio.filter(|ratio| !is_aligned && ratio.ln().abs() > most.ln());
         let is_inverse = self.quantity == QuantityOption::InverseDepth;
-        let is_of_disparity = matches!(args.protocol, ProtocolOption::KittiStereo | ProtocolOption::Middlebury);
+        let is_of_disparity = args.protocol.is_of_disparity();
         let align = if is_of_disparity { "" } else { ", or use --align" };
         let warnings = [
             ratio.map(|ratio| {

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::{Fault, Frame, counted};
-use depthloom_nodes::predictions::{FileMap, maps_in_array, read_map};
+use depthloom_nodes::predictions::{FileMap, MapReader, maps_in_array};
 use depthloom_nodes::sources::images::{Match, files_of_pattern};
 use depthloom_terminal::{CliError, ExitCode};
 
@@ -18,8 +18,8 @@ const MOST_LISTED: usize = 5;
 pub(super) enum Matched {
     /// One per frame, in the order of the frames.
     Files { files: Vec<PathBuf>, how: &'static str, surplus: Vec<PathBuf> },
-    /// One array of all frames.
-    Array(PathBuf),
+    /// One array of all frames, and its reader.
+    Array(PathBuf, MapReader),
 }
 
 /// A way to find the file of a frame by its name.
@@ -87,7 +87,7 @@ pub(super) fn match_files(
             let what = format!("{name}: {path} has {maps} maps, and {frames} are evaluated");
             return Err(CliError::usage(what, "select the frames of the array by --frames"));
         }
-        return Ok(Matched::Array(only.path.clone()));
+        return Ok(Matched::Array(only.path.clone(), MapReader::default()));
     }
     let by_order = |how| {
         let (files, surplus) = files.split_at(frames.len());
@@ -191,7 +191,7 @@ impl Matched {
     const fn frames(&self, all: usize) -> usize {
         match self {
             Self::Files { files, .. } => files.len(),
-            Self::Array(_) => all,
+            Self::Array(..) => all,
         }
     }
 
@@ -225,7 +225,7 @@ impl Matched {
                 wrong.push(format!("{called} is {width}x{height}, and the image is {columns}x{rows}"));
                 continue;
             }
-            if args.resize.is_some() && matches!(self, Self::Array(_)) {
+            if args.resize.is_some() && matches!(self, Self::Array(..)) {
                 stretched.insert(target.image_size(position)?);
             }
             let mut numbers: Vec<f32> = map.numbers.iter().copied().filter(|number| *number > 0.0).collect();
@@ -258,21 +258,21 @@ impl Matched {
     fn called(&self, position: usize, target: &Target) -> String {
         match self {
             Self::Files { files, .. } => files[position].display().to_string(),
-            Self::Array(path) => format!("the map of {} in {}", target.frames()[position].id, path.display()),
+            Self::Array(path, _) => format!("the map of {} in {}", target.frames()[position].id, path.display()),
         }
     }
 
     fn read(&self, position: usize, array: Option<&str>) -> Result<FileMap, Fault> {
         match self {
-            Self::Files { files, .. } => read_map(&files[position], array, None),
-            Self::Array(path) => read_map(path, array, Some(position as u64)),
+            Self::Files { files, .. } => MapReader::default().read(&files[position], array, None),
+            Self::Array(path, reader) => reader.read(path, array, Some(position as u64)),
         }
     }
 
     pub(super) fn text(&self) -> String {
         match self {
             Self::Files { files, how, .. } => format!("{}, matched {how}", counted(files.len(), "file")),
-            Self::Array(path) => format!("the array {}, one map per frame in their order", path.display()),
+            Self::Array(path, _) => format!("the array {}, one map per frame in their order", path.display()),
         }
     }
 

@@ -19,14 +19,14 @@ pub(super) fn experiment(
     first: &Reference,
     predictions: &[Prediction],
 ) -> Result<String, CliError> {
-    let is_of_disparity = matches!(args.protocol, ProtocolOption::KittiStereo | ProtocolOption::Middlebury);
+    let is_of_disparity = args.protocol.is_of_disparity();
     let truth = if is_of_disparity {
         // A data set may lack the files of one of them.
         TRUE_DISPARITIES.into_iter().find(|port| first.has(port)).ok_or_else(|| {
             let what = format!("{} has no ground-truth disparity, which this --protocol needs", target.kind);
             CliError::usage(what, "set the source's parameters by --with, or choose another --protocol")
         })?
-    } else if target.has("depth") {
+    } else if first.has("depth") {
         "depth"
     } else {
         let what = format!("{} has no ground-truth depth with these parameters", target.kind);
@@ -73,7 +73,7 @@ fn reader(args: &EvaluateArgs, target: &Target, prediction: &Prediction) -> Json
     let mut with = Map::new();
     let ids = || Json::from(target.frames().iter().map(|frame| Json::from(&*frame.id)).collect::<Vec<_>>());
     match matched {
-        Matched::Array(path) => {
+        Matched::Array(path, _) => {
             with.insert("files".to_owned(), path.to_string_lossy().into());
             with.insert("frames".to_owned(), ids());
         }

@@ -1,5 +1,6 @@
 //! The objective of `learn/ssl`: the error against stereo, and the photometric loss.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use burn::tensor::Tensor;
@@ -40,13 +41,14 @@ impl<'a> SelfSupervision<'a> {
     }
 
     /// Splits the network's maps into disparities and, with `spread`, spreads.
-    fn maps(&self, maps: &[f32]) -> (Vec<f32>, Vec<f32>) {
+    fn maps<'m>(&self, maps: &'m [f32]) -> (Cow<'m, [f32]>, Vec<f32>) {
         if !self.params.spread {
-            return (maps.to_vec(), Vec::new());
+            return (Cow::Borrowed(maps), Vec::new());
         }
         let area = self.map.width * self.map.height;
-        let every_second = |first: usize| maps.chunks_exact(area).skip(first).step_by(2).flatten().copied().collect();
-        (every_second(0), every_second(1))
+        let every_second =
+            |first: usize| -> Vec<f32> { maps.chunks_exact(area).skip(first).step_by(2).flatten().copied().collect() };
+        (Cow::Owned(every_second(0)), every_second(1))
     }
 
     fn input(&self, batch: &Batch) -> Input {
@@ -60,7 +62,8 @@ impl<'a> SelfSupervision<'a> {
         let (mut sum, mut count) = (0.0, 0);
         for start in (0..samples.len()).step_by(self.params.batch as usize) {
             let batch = Batch::plain(samples, start..samples.len().min(start + self.params.batch as usize));
-            let ((map, _), shares) = (self.maps(&maps(self.input(&batch))), at_map(&batch.shares, size, self.map));
+            let (maps, shares) = (maps(self.input(&batch)), at_map(&batch.shares, size, self.map));
+            let (map, _) = self.maps(&maps);
             let area = map.len() / batch.count;
             for (i, &k) in batch.depth_scales.iter().enumerate() {
                 let range = i * area..(i + 1) * area;
