@@ -1,10 +1,31 @@
 //! A calibration as the kernels take it, and depth from its inverse.
 
 use depthloom_graphs::values::Calibration;
+use depthloom_graphs::{Fault, Inputs};
 use depthloom_kernels::depth::{Geometry, depth_from_share};
 
 pub(crate) const fn geometry(calibration: &Calibration) -> Geometry {
     Geometry { focal_px: calibration.focal_px, baseline_metres: calibration.baseline_m, doffs_px: calibration.doffs_px }
+}
+
+/// The input `calibration` of a node that converts between disparity and depth.
+///
+/// # Errors
+/// It is that of a single camera.
+pub(crate) fn pair_calibration<'a>(inputs: &'a Inputs<'_>) -> Result<&'a Calibration, Fault> {
+    of_pair(inputs.get::<Calibration>("calibration")?)
+}
+
+/// # Errors
+/// The calibration is that of a single camera.
+pub(crate) fn of_pair(calibration: &Calibration) -> Result<&Calibration, Fault> {
+    match calibration.is_single_camera() {
+        true => {
+            Err(Fault::new("`calibration` is that of a single camera: a disparity has no depth without a baseline")
+                .remedy("set `baseline_m` in the calibration of the source, or use depths"))
+        }
+        false => Ok(calibration),
+    }
 }
 
 /// 1/m.

@@ -1,6 +1,7 @@
-//! The calibration of a rectified stereo pair.
+//! The calibration of a rectified stereo pair, or of a single camera.
 
-/// Intrinsics of the left camera of a rectified pair, and the pair's baseline.
+/// Intrinsics of the left camera of a rectified pair, and the pair's baseline; or of a single camera, with a baseline
+/// of 0, as in ROS.
 ///
 /// The matrices are those of ROS' and Foxglove's `CameraCalibration`, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,7 +16,7 @@ pub struct Calibration {
     pub cx_px: f64,
     /// Principal point, row, pixels.
     pub cy_px: f64,
-    /// Distance between the two cameras' centres, metres.
+    /// Distance between the two cameras' centres, metres; 0 for a single camera.
     pub baseline_m: f64,
     /// How much farther right the right camera's principal point is, pixels: the negative disparity of infinity.
     /// Usually 0; `doffs` of Middlebury.
@@ -39,6 +40,11 @@ impl Calibration {
         p[2] = self.cx_px + self.doffs_px;
         p[3] = -self.focal_baseline_px_m();
         p
+    }
+
+    /// Whether there is no second camera: no disparity has a depth.
+    pub const fn is_single_camera(&self) -> bool {
+        self.baseline_m == 0.0
     }
 
     /// `f * B`, pixel metres.

@@ -84,21 +84,26 @@ impl Disparity {
 }
 
 impl Calibration {
-    /// All numbers are finite; image size, focal length and baseline are greater than 0.
+    /// All numbers are finite, image size and focal length are greater than 0, and the baseline is not negative.
     fn validate(&self) -> Result<(), String> {
         if self.width == 0 || self.height == 0 {
             return Err(format!("its image size is {}x{}; both must be greater than 0", self.width, self.height));
         }
+        let any = "finite";
         let numbers = [
-            ("focal_px", self.focal_px, true),
-            ("cx_px", self.cx_px, false),
-            ("cy_px", self.cy_px, false),
-            ("baseline_m", self.baseline_m, true),
-            ("doffs_px", self.doffs_px, false),
+            ("focal_px", self.focal_px, self.focal_px > 0.0, "finite and greater than 0"),
+            ("cx_px", self.cx_px, true, any),
+            ("cy_px", self.cy_px, true, any),
+            (
+                "baseline_m",
+                self.baseline_m,
+                self.baseline_m >= 0.0,
+                "finite, and greater than 0 or, for a single camera, 0",
+            ),
+            ("doffs_px", self.doffs_px, true, any),
         ];
-        for (name, number, is_positive) in numbers {
-            if !number.is_finite() || is_positive && number <= 0.0 {
-                let allowed = if is_positive { "finite and greater than 0" } else { "finite" };
+        for (name, number, is_allowed, allowed) in numbers {
+            if !number.is_finite() || !is_allowed {
                 return Err(format!("its `{name}` is {number:?}; it must be {allowed}"));
             }
         }
@@ -202,13 +207,14 @@ mod tests {
     }
 
     #[test]
-    fn cameras_have_a_positive_size_focal_length_and_baseline() {
+    fn cameras_have_a_positive_size_and_focal_length_and_no_negative_baseline() {
         let (width, height) = (160, 48);
         let right =
             Calibration { width, height, focal_px: 90.0, cx_px: -1.0, cy_px: 0.0, baseline_m: 0.5, doffs_px: -3.0 };
         assert_eq!(Value::from(right.clone()).validate(), Ok(()));
         assert!(error(Calibration { focal_px: -90.0, ..right.clone() }).contains("`focal_px` is -90.0"));
-        assert!(error(Calibration { baseline_m: 0.0, ..right.clone() }).contains("`baseline_m` is 0.0"));
+        assert!(error(Calibration { baseline_m: -0.5, ..right.clone() }).contains("`baseline_m` is -0.5"));
+        assert_eq!(Value::from(Calibration { baseline_m: 0.0, ..right.clone() }).validate(), Ok(()));
         assert!(error(Calibration { cx_px: f64::NAN, ..right.clone() }).contains("`cx_px` is NaN; it must be finite"));
         assert!(error(Calibration { doffs_px: f64::INFINITY, ..right.clone() }).contains("`doffs_px` is inf"));
         assert!(error(Calibration { width: 0, ..right }).contains("its image size is 0x48"));

@@ -1,14 +1,14 @@
 //! `depth/from-disparity`: metres from disparity and calibration.
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
-use depthloom_graphs::values::{Calibration, Depth, Disparity};
+use depthloom_graphs::values::{Depth, Disparity};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::depth::{Geometry, depth_from_disparity, truth_from_disparity};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::bounds::above_zero;
-use crate::geometry::geometry;
+use crate::geometry::{geometry, pair_calibration};
 use crate::shape::filled;
 
 /// Parameters of `depth/from-disparity`.
@@ -82,7 +82,7 @@ impl FromDisparity {
 impl PureNode for FromDisparity {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let disparity = &inputs.get::<Disparity>("disparity")?.sixteenths_px;
-        let geometry = geometry(inputs.get::<Calibration>("calibration")?);
+        let geometry = geometry(pair_calibration(inputs)?);
         let metres = filled(disparity.dimensions(), |out| match inputs.value("disparity") {
             Some(Value::FloatDisparity(map)) => self.write_depths(map.px(), geometry, out),
             _ => depth_from_disparity(disparity, geometry, self.cap_m(), out),

@@ -1,12 +1,12 @@
 //! The inputs that show how good stereo is, shared by `fusion/mixture` and `learn/reliability`.
 
-use depthloom_graphs::values::{Calibration, Depth, Disparity, Weight};
+use depthloom_graphs::values::{Depth, Disparity, Weight};
 use depthloom_graphs::{Fault, Inputs, Port, ValueType};
 use depthloom_kernels::mixture::{Disparities, Frame, StereoEvidence};
 use std::sync::Arc;
 
 use crate::disparity::invalid;
-use crate::geometry::geometry;
+use crate::geometry::{geometry, pair_calibration};
 use crate::shape::same_size;
 
 /// The ports that [`frame`] reads.
@@ -39,7 +39,7 @@ fn disparities(map: &Disparity) -> Result<Disparities<'_>, Fault> {
 /// A frame of a matcher that searched `searched` disparities.
 pub(super) fn frame<'a>(inputs: &'a Inputs<'_>, searched: u32) -> Result<Frame<'a>, Fault> {
     let (map, mono) = (inputs.get::<Disparity>("disparity")?, &inputs.get::<Depth>("mono")?.metres);
-    let geometry = geometry(inputs.get::<Calibration>("calibration")?);
+    let geometry = geometry(pair_calibration(inputs)?);
     let size = map.sixteenths_px.dimensions();
     same_size(("disparity", size), ("mono", mono.dimensions()))?;
     let optional = |port: &'static str| -> Result<Option<Disparities<'_>>, Fault> {

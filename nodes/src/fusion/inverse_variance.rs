@@ -1,13 +1,14 @@
 //! `fusion/inverse-variance`: stereo and monocular depth, weighted by constant noise models.
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
-use depthloom_graphs::values::{Calibration, Depth};
+use depthloom_graphs::values::Depth;
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, ValueType};
 use depthloom_kernels::inverse_variance::{Deviations, fuse};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::bounds::within;
+use crate::geometry::pair_calibration;
 use crate::shape::{filled, same_size};
 
 /// Parameters of `fusion/inverse-variance`.
@@ -69,7 +70,7 @@ impl PureNode for InverseVariance {
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let mono = &inputs.get::<Depth>("mono")?.metres;
         let stereo = &inputs.get::<Depth>("stereo")?.metres;
-        let focal_baseline_px_m = inputs.get::<Calibration>("calibration")?.focal_baseline_px_m();
+        let focal_baseline_px_m = pair_calibration(inputs)?.focal_baseline_px_m();
         let size = mono.dimensions();
         same_size(("mono", size), ("stereo", stereo.dimensions()))?;
         let deviations = Deviations {

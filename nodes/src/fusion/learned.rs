@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
-use depthloom_graphs::values::{Artifact, Calibration, Depth, Image, Raster, Weight};
+use depthloom_graphs::values::{Artifact, Depth, Image, Raster, Weight};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Port, PureNode, Value, ValueType};
 use depthloom_kernels::learned::{Cell, FrameMaps, MAPS, PLANES, apply, cells};
 use depthloom_kernels::resize::area_rgb8;
@@ -11,6 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::bounds::above_zero;
+use crate::geometry::pair_calibration;
 use crate::onnx::{self, PoolInput, Pools, Provider, TensorLayout, shape_text};
 use crate::shape::same_size;
 
@@ -168,7 +169,7 @@ impl PureNode for Learned {
 
     fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let network = self.network(inputs.get::<Artifact>("model")?)?;
-        let (image, calibration) = (inputs.get::<Image>("image")?, inputs.get::<Calibration>("calibration")?);
+        let (image, calibration) = (inputs.get::<Image>("image")?, pair_calibration(inputs)?);
         let (stereo, consistent) = (disparity(inputs, "disparity")?, disparity(inputs, "consistent")?);
         let (mono, weight) = (&inputs.get::<Depth>("mono")?.metres, &inputs.get::<Weight>("weight")?.share);
         let (columns, rows) = image.dimensions();

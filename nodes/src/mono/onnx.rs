@@ -8,7 +8,7 @@ use depthloom_graphs::{Context, Fault, Inputs, Instance, Key, Node, Outputs, Por
 use depthloom_kernels::depth::depth_from_share;
 use depthloom_kernels::memory::TooMuch;
 
-use crate::geometry::{depth_from_inverse, geometry};
+use crate::geometry::{depth_from_inverse, geometry, of_pair};
 use crate::onnx::{self, Fitted, Flip, Maps, Network, OnnxParams, Output, PadWith, Preprocessing, count_non_finite};
 use crate::shape::filled;
 
@@ -232,6 +232,9 @@ impl PureNode for Onnx {
             return Ok(Outputs::one("inverse", RelativeInverseDepth { values }));
         }
         let calibration = inputs.get::<Calibration>("calibration")?;
+        if matches!(network.meaning, Output::DisparityShare | Output::DisparityPx) {
+            of_pair(calibration)?;
+        }
         let metres = filled((columns, rows), |out| self.metres(network.meaning, &full, calibration, width, out));
         let deviation = spread.map(|spread| {
             let mut deviation = metres.clone();

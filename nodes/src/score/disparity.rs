@@ -9,6 +9,7 @@ use depthloom_kernels::fill::fill_background;
 use depthloom_scores::{DisparityMaps, DisparityScoreParams, DisparityScores, Family};
 
 use super::{clues, doc};
+use crate::geometry::of_pair;
 use crate::shape::same_size;
 
 const BEFORE: &str = "\
@@ -91,8 +92,8 @@ impl PureNode for ScoreDisparity {
         same_size(("estimate", estimate.dimensions()), ("ground_truth", size))?;
         let clues = clues::read(inputs, size)?;
         let calibration = inputs.optional::<Calibration>("calibration")?;
-        if self.bands && calibration.is_none() {
-            return Err(Fault::new("`zones.distance_m` needs a calibration on every frame"));
+        if self.bands {
+            of_pair(calibration.ok_or_else(|| Fault::new("`zones.distance_m` needs a calibration on every frame"))?)?;
         }
         let (width, height) = (size.0 as usize, size.1 as usize);
         let filled = self.scores.asks_for_filled().then(|| {

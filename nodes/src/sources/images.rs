@@ -1,4 +1,4 @@
-//! `images`: your own pairs.
+//! `images`: your own pairs, or images of a single camera.
 
 mod globs;
 mod pairs;
@@ -9,7 +9,9 @@ mod truth;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey};
+use depthloom_graphs::contracts::{
+    DataPath, Frame, FrameSelection, Recognised, SourceDeclaration, Survey, SwitchedOff,
+};
 use depthloom_graphs::values::{Calibration, Depth, Image, Raster, TrueDisparity};
 use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
@@ -17,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use self::globs::natural_text;
 pub use self::globs::{Match, files as files_of_pattern};
-use self::pairs::{Pairs, by_list, by_names};
+use self::pairs::{Pairs, by_list, by_names, list_has_pairs};
 use self::truth::{ImagesTruth, TruthOf, TruthUnit};
 use crate::sources::calibration::camera_files::{self, CameraPair, FORMS};
 use crate::sources::calibration::rectified_pair::{check_plausible, middle};
@@ -40,10 +42,10 @@ const CALIBRATIONS: [Part; 4] = ["calibration", "calibration_2", "calibration_3"
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct ImagesCalibration {
-    /// Focal length of the rectified pair, px.
+    /// Focal length of the rectified pair or of the single camera, px.
     #[schemars(extend("minimum" = 1, "maximum" = 1_000_000))]
     pub focal_px: Option<f64>,
-    /// Distance between the cameras' centres, metres.
+    /// Distance between the cameras' centres, metres. Optional without right images; then no disparity has a depth.
     #[schemars(extend("minimum" = 0.0001, "maximum" = 10_000))]
     pub baseline_m: Option<f64>,
     /// Column of the principal point, px; (0, 0) is the centre of the first pixel. The default is the centre of the
@@ -91,9 +93,10 @@ pub(crate) struct ImagesParams {
     pub root: DataPath,
     /// Pattern of the left images. `*` stands for any text within a name: `cam0/*.png`, `*_left.png`.
     pub left: Option<String>,
-    /// Pattern of the right images: `cam1/*.png`, `*_right.png`.
+    /// Pattern of the right images: `cam1/*.png`, `*_right.png`. Leave it out for a single camera; the output `right` does not
+    /// exist then.
     pub right: Option<String>,
-    /// CSV file that replaces `left` and `right`: columns left,right[,ground_truth][,frame], one row per pair.
+    /// CSV file that replaces `left` and `right`: columns left[,right][,ground_truth][,frame], one row per frame.
     pub list: Option<String>,
     /// Cameras: numbers of a rectified pair (`focal_px`, `baseline_m`), or `files`. Without it there is no output
     /// `calibration`.
@@ -132,10 +135,11 @@ impl DatasetKind for Images {
         SourceDeclaration {
             kind: KIND,
             version: VERSION,
-            summary: "Your own image pairs: two file patterns or a list, a calibration, and optional ground truth.",
+            summary: "Your own images, pairs or of a single camera: file patterns or a list, calibration, ground truth.",
             doc: "\
 **Images** are PNG, JPEG, WebP, TIFF or PNM with 8 or 16 bits, decoded to the pixels of OpenCV's `imread` (the EXIF \
-orientation is applied). Two patterns find them (`left: cam0/*.png`, `right: cam1/*.png`), or a CSV list names them.\n\n\
+orientation is applied). Two patterns find them (`left: cam0/*.png`, `right: cam1/*.png`), or a CSV list names them. \
+Images of a single camera have only `left`.\n\n\
 **Pairs.** Two files form a pair if `*` stands for the same text in both. If no two files match in this way, files \
 pair if the numbers in that text are equal. If that matches none either, files pair by order, with a warning; this \
 is refused if the counts differ or if numbers (times) contradict it. Numbers in names sort as numbers: 9 before 10. \
@@ -146,13 +150,15 @@ The id of a frame is the text that `*` stands for, or the column `frame` of the 
 (`stereoRectify` with `CALIB_ZERO_DISPARITY`).\n\
 - ROS: two `camera_info` files with `plumb_bob`, `rational_polynomial` or `equidistant`.\n\
 - Kalibr: `cam0`, `cam1` with `radtan` or `equidistant`.\n\n\
+A single camera is calibrated with numbers: `focal_px`, and `cx_px`, `cy_px` where they are known. Without `baseline_m`, nodes \
+that convert between disparity and depth refuse the calibration.\n\n\
 If the cameras have distortion or rotation, and `rectified` is not set, pairs are rectified when they are read, as \
 OpenCV's `initUndistortRectifyMap` and `remap` (linear) do. Pixels outside the camera's image are black. The size \
 does not change.\n\n\
 **Ground truth** is 8- or 16-bit PNG or TIFF, 32-bit float TIFF, PFM, NPY, NPZ or EXR, with the size of the left image. It is \
 depth along the optical axis or disparity, see `ground_truth.unit` and `ground_truth.divide_by`. Values that are 0, negative, \
 infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs)`.",
-            outputs: outputs(true, Some(true)),
+            outputs: outputs([true; 3], Some(true)),
         }
     }
 
@@ -160,7 +166,7 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
         let ImagesParams { root, left, right, list, calibration, ground_truth, .. } = params;
         required("root", root, LAYOUT)?;
         match (list, left, right) {
-            (None, Some(_), Some(_)) => {}
+            (None, Some(_), _) => {}
             (Some(_), None, None) if ground_truth.files.is_none() => {}
             (Some(_), None, None) => {
                 let what = "`ground_truth.files` cannot be combined with `list`: name the ground-truth files in the column `ground_truth` of the list";
@@ -170,12 +176,13 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
                 return Err(("list", "list cannot be combined with `left` and `right`: use one of the two".to_owned()));
             }
             (None, None, None) => {
-                let what = "left and right are missing: set e.g. `left: cam0/*.png` and `right: cam1/*.png`, or `list: pairs.csv`";
+                let what = "left is missing: set e.g. `left: cam0/*.png` and, for pairs, `right: cam1/*.png`, or `list: pairs.csv`";
                 return Err(("left", what.to_owned()));
             }
-            (None, left, _) => {
-                let missing = if left.is_none() { "left" } else { "right" };
-                return Err((missing, format!("`{missing}` is missing: a pair needs both `left` and `right`")));
+            (None, None, Some(_)) => {
+                let what =
+                    "`left` is missing: a pair needs both `left` and `right`; the images of a single camera are `left`";
+                return Err(("left", what.to_owned()));
             }
         }
         let numbers = calibration.focal_px.is_some() || calibration.baseline_m.is_some();
@@ -186,19 +193,43 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
         if calibration.files.len() > CALIBRATIONS.len() {
             return Err(("calibration", format!("a calibration has at most {} files", CALIBRATIONS.len())));
         }
-        if (numbers || centre) && (calibration.focal_px.is_none() || calibration.baseline_m.is_none()) {
-            return Err(("calibration", "a calibration in numbers needs `focal_px` and `baseline_m`".to_owned()));
+        if (numbers || centre) && calibration.focal_px.is_none() {
+            let what = "a calibration in numbers needs `focal_px`, and for pairs `baseline_m`";
+            return Err(("calibration", what.to_owned()));
         }
         if calibration.rectified && calibration.alpha.is_some() {
             return Err(("calibration", "what is `rectified` already has no `alpha`".to_owned()));
         }
-        Ok(())
+        match has_pairs(params) {
+            true if numbers && calibration.baseline_m.is_none() => {
+                let what = "a calibration of pairs in numbers needs `focal_px` and `baseline_m`";
+                Err(("calibration", what.to_owned()))
+            }
+            false if !calibration.files.is_empty() => {
+                let what = "`files` calibrate pairs, and there is no `right`: set `focal_px` and, where known, `cx_px` and `cy_px`";
+                Err(("calibration", what.to_owned()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn switched_off(params: &ImagesParams) -> Vec<SwitchedOff> {
+        if has_pairs(params) {
+            return Vec::new();
+        }
+        let remedy = match &params.list {
+            Some(list) => format!("add the column `right` to {list}"),
+            None => "set `right` in the source: the pattern of the right images".to_owned(),
+        };
+        vec![SwitchedOff { output: "right", why: "the images are of a single camera".to_owned(), remedy }]
     }
 
     fn outputs(params: &ImagesParams) -> Result<Vec<Port>, Fault> {
         let has_truth = params.ground_truth.files.is_some() || params.list.is_some();
         let truth = has_truth.then_some(params.ground_truth.unit == TruthUnit::Pixels);
-        Ok(outputs(params.calibration.is_given(), truth))
+        let calibration = &params.calibration;
+        let has_baseline = calibration.baseline_m.is_some() || !calibration.files.is_empty();
+        Ok(outputs([has_pairs(params), calibration.is_given(), has_baseline], truth))
     }
 
     fn list(params: &ImagesParams) -> Result<(Listing, Self), Fault> {
@@ -232,10 +263,13 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
     }
 
     fn values(&self, files: &Files, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
-        let pair = files.pair_of_bits(self.bits, ctx)?;
-        let size = pair.0.dimensions();
-        let (calibration, is_moved, (left, right)) = self.calibrated(files, pair)?;
-        let mut outputs = Outputs::one("left", left).with("right", right);
+        let (left, right) = match files.get(RIGHT) {
+            Some(_) => files.pair_of_bits(self.bits, ctx).map(|(left, right)| (left, Some(right)))?,
+            None => (files.left_of_bits(self.bits, ctx)?, None),
+        };
+        let size = left.dimensions();
+        let (calibration, is_moved, (left, right)) = self.calibrated(files, (left, right))?;
+        let mut outputs = with_optional(Outputs::one("left", left), "right", right);
         if let Some(file) = files.get(TRUTH) {
             if is_moved && self.truth.of == TruthOf::Left {
                 let what = format!(
@@ -251,7 +285,8 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
             let numbers = self.truth.numbers(&numbers);
             if self.truth.unit == TruthUnit::Pixels {
                 let truth = TrueDisparity { px: numbers };
-                let depth = calibration.as_ref().map(|calibration| true_disparity::depth(&truth, calibration));
+                let of_pair = calibration.as_ref().filter(|calibration| !calibration.is_single_camera());
+                let depth = of_pair.map(|calibration| true_disparity::depth(&truth, calibration));
                 outputs = with_optional(outputs, "depth", depth).with("disparity", truth);
             } else {
                 outputs = outputs.with("depth", Depth { metres: numbers });
@@ -261,16 +296,29 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
     }
 }
 
-fn outputs(calibration: bool, truth: Option<bool>) -> Vec<Port> {
-    let mut ports = vec![
-        image_port("left", "Left image, 8 bit; with the bytes of its file if it is unchanged."),
-        image_port("right", "Right image, 8 bit, same size as `left`; with the bytes of its file if it is unchanged."),
-    ];
+fn has_pairs(params: &ImagesParams) -> bool {
+    match &params.list {
+        Some(list) => list_has_pairs(&params.root.path().join(list)),
+        None => params.right.is_some(),
+    }
+}
+
+fn outputs([pairs, calibration, baseline]: [bool; 3], truth: Option<bool>) -> Vec<Port> {
+    let mut ports = vec![image_port(
+        "left",
+        "Left image, 8 bit; with the bytes of its file if it is unchanged. The image of a single camera.",
+    )];
+    if pairs {
+        ports.push(image_port(
+            "right",
+            "Right image, 8 bit, same size as `left`; with the bytes of its file if it is unchanged. Absent for a single camera.",
+        ));
+    }
     if calibration {
         let doc = "Focal length, principal point, baseline of the rectified pair; with the parameter `calibration`.";
         ports.push(Port::frame("calibration", ValueType::Calibration, doc).optional());
     }
-    if truth.is_some_and(|is_disparity| calibration || !is_disparity) {
+    if truth.is_some_and(|is_disparity| baseline || !is_disparity) {
         ports.push(
             depth_port("Ground-truth depth, metres, NaN = unknown; absent if a frame has no ground truth.").optional(),
         );
@@ -285,9 +333,9 @@ fn outputs(calibration: bool, truth: Option<bool>) -> Vec<Port> {
 impl Images {
     fn new(params: &ImagesParams) -> Result<Self, Vec<Fault>> {
         let given = &params.calibration;
-        let calibration = match (given.focal_px.zip(given.baseline_m), given.files.is_empty()) {
-            (Some((focal_px, baseline_m)), _) => {
-                let centre_px = [given.cx_px, given.cy_px];
+        let calibration = match (given.focal_px, given.files.is_empty()) {
+            (Some(focal_px), _) => {
+                let (baseline_m, centre_px) = (given.baseline_m.unwrap_or(0.0), [given.cx_px, given.cy_px]);
                 Cameras::Numbers { focal_px, baseline_m, centre_px, doffs_px: given.doffs_px }
             }
             (None, true) => Cameras::Unknown,
@@ -329,10 +377,12 @@ impl Images {
         existing_folder(root, LAYOUT).map_err(|fault| vec![fault])?;
         let Pairs { rows, faults, warnings, unpaired } = match (&params.list, &params.left, &params.right) {
             (Some(list), ..) => by_list(root, &root.join(list)).map_err(|fault| vec![fault])?,
-            (None, left, right) => {
-                let text = |pattern: &Option<String>| pattern.clone().unwrap_or_default();
-                by_names(root, &text(left), &text(right), params.ground_truth.files.as_deref())?
-            }
+            (None, left, right) => by_names(
+                root,
+                &left.clone().unwrap_or_default(),
+                right.as_deref(),
+                params.ground_truth.files.as_deref(),
+            )?,
         };
         let mut listing = Listing::default();
         (listing.faults, listing.warnings, listing.unpaired) = (faults, warnings, unpaired);
@@ -347,7 +397,9 @@ impl Images {
             let Some(row) = rows[at].take() else { continue };
             let mut files = FrameFiles::default();
             files.add(LEFT, Ok(row.left));
-            files.add(RIGHT, row.right);
+            if let Some(right) = row.right.transpose() {
+                files.add(RIGHT, right);
+            }
             if let Cameras::Files { bytes, .. } = &self.calibration {
                 for (part, (path, _)) in CALIBRATIONS.into_iter().zip(bytes) {
                     files.add(part, Ok(path.clone()));
@@ -377,7 +429,9 @@ impl Images {
                     baseline_m: *baseline_m,
                     doffs_px: *doffs_px,
                 };
-                check_plausible(&calibration)
+                // A single camera has no baseline to check.
+                let baseline_m = if calibration.is_single_camera() { 1.0 } else { calibration.baseline_m };
+                check_plausible(&Calibration { baseline_m, ..calibration.clone() })
                     .map_err(|wrong| Fault::new(format!("the calibration cannot be: {}", wrong.what)))?;
                 Ok((Some(calibration), false, pair))
             }
@@ -392,7 +446,13 @@ impl Images {
                     let named: Vec<String> = bytes.iter().map(|(path, _)| path.display().to_string()).collect();
                     Fault::Failed(error).map_what(|what| format!("{}: {what}", named.join(", ")))
                 })?;
-                let pair = rectifier.pair(pair.0, pair.1);
+                let pair = match pair {
+                    (left, Some(right)) => {
+                        let (left, right) = rectifier.pair(left, right);
+                        (left, Some(right))
+                    }
+                    single => single,
+                };
                 Ok((Some(rectifier.calibration.clone()), rectifier.moves_pixels(), pair))
             }
         }
@@ -412,4 +472,5 @@ impl Images {
     }
 }
 
-type Pair = (Image, Image);
+/// A left image, and the right one if there is any.
+type Pair = (Image, Option<Image>);

@@ -9,6 +9,7 @@ use depthloom_kernels::memory::TooMuch;
 
 use super::onnx_network::{PairNetwork, View};
 use super::onnx_params::{StereoOnnxParams, StereoOutput};
+use crate::geometry::pair_calibration;
 use crate::onnx::{self, Fitted, Preprocessing, count_non_finite};
 use crate::shape::{filled, same_size};
 
@@ -176,7 +177,7 @@ impl PureNode for StereoOnnx {
         let size = left.dimensions();
         same_size(("left", size), ("right", right.dimensions()))?;
         let calibration = match self.params.wants_calibration() {
-            true => Some(inputs.get::<Calibration>("calibration")?),
+            true => Some(pair_calibration(inputs)?),
             false => None,
         };
         let network = self.network(inputs.get::<Artifact>("model")?)?;
@@ -199,7 +200,7 @@ impl PureNode for StereoOnnx {
             if is_disparity && self.params.min_disparity >= 0 && nearly_all_negative(&px, self.params.output_scale) {
                 ctx.host.warn("more than 90 % of the network's disparities are negative, and so invalid: set `output_scale: -1` if the network outputs negative disparities");
             }
-            self.pixels(&mut px, &fitted, calibration.map(AsRef::as_ref));
+            self.pixels(&mut px, &fitted, calibration);
             if view.mirrored {
                 px.chunks_exact_mut(fitted.from.0).for_each(<[f32]>::reverse);
                 outputs = outputs.with("disparity_right", disparity(&px, -1.0, size));

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{InlineHost, SourceDeclaration};
+use depthloom_graphs::contracts::InlineHost;
 use depthloom_graphs::values::Raster;
-use depthloom_graphs::{Context, Fault, Frame, Host, Inputs, Instance, Key, Registry, Scratch, Source, Value};
+use depthloom_graphs::{Context, Fault, Frame, Host, Inputs, Instance, Key, Port, Registry, Scratch, Source, Value};
 use serde_json::Value as Json;
 
 /// The values at a node's output ports.
@@ -56,7 +56,7 @@ pub(crate) fn value(kind: &str, params: &Json, inputs: &[(&str, &Value)]) -> Val
 /// A source, opened.
 pub(crate) struct Opened {
     pub source: Box<dyn Source>,
-    declaration: SourceDeclaration,
+    outputs: Vec<Port>,
 }
 
 /// Opens a source as the runner does.
@@ -65,7 +65,7 @@ pub(crate) fn open(kind: &str, params: &Json) -> Result<Opened, Fault> {
     let entry = registry.source_kind(kind).unwrap_or_else(|| panic!("{kind} is not registered"));
     let resolved =
         entry.resolve(params).map_err(|error| Fault::new(format!("{}: {}", error.path.join("."), error.what)))?;
-    Ok(Opened { source: entry.open(&resolved)?, declaration: entry.declaration.clone() })
+    Ok(Opened { source: entry.open(&resolved)?, outputs: entry.outputs(&resolved)? })
 }
 
 impl Opened {
@@ -79,8 +79,8 @@ impl Opened {
         let mut scratch = Scratch::default();
         let key = self.source.key(position)?;
         let read = self.source.read(position, &mut Context::new(host, &mut scratch))?;
-        let outputs = read.outputs.in_order_of(&self.declaration.outputs)?;
-        let named = self.declaration.outputs.iter().zip(outputs);
+        let outputs = read.outputs.in_order_of(&self.outputs)?;
+        let named = self.outputs.iter().zip(outputs);
         assert_eq!(key, read.key, "a key is known before the frame is read");
         Ok((named.filter_map(|(port, value)| Some((port.name, value?))).collect(), read.key))
     }

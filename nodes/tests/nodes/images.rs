@@ -110,6 +110,53 @@ fn rgb(values: &Values, port: &str) -> RgbImage {
 }
 
 #[test]
+fn images_of_a_single_camera_need_no_right_image_and_no_baseline() {
+    let read = |source: &Opened, at: usize| source.read(FrameIndex(at)).unwrap().0;
+    let set = pairs(Folder::new());
+    set.map("depth/1.png", 2500);
+    set.map("depth/2.png", 1500);
+    let single = json!({
+        "right": null,
+        "calibration": { "focal_px": 20 },
+        "ground_truth": { "files": "depth/*.png", "unit": "millimetres" },
+    });
+    let source = set.open(&single);
+    assert_eq!(ids(&source), ["0 1", "1 2", "2 10"]);
+    let values = read(&source, 0);
+    let mut ports: Vec<&str> = values.keys().map(|port| &**port).collect();
+    ports.sort_unstable();
+    assert_eq!(ports, ["calibration", "depth", "left"]);
+    let calibration = calibration(&values);
+    assert_eq!((calibration.focal_px, calibration.baseline_m, calibration.cx_px), (20.0, 0.0, 19.5));
+    assert!(calibration.is_single_camera());
+    assert_eq!(metres(&values["depth"])[2 * 40 + 3], 2.5);
+    // The third image has no ground truth.
+    assert!(!read(&source, 2).contains_key("depth"));
+
+    // A disparity has a depth if a baseline is known: 10 px m.
+    let disparities = |baseline: Json| {
+        let of_disparity = json!({
+            "right": null,
+            "calibration": { "focal_px": 20, "baseline_m": baseline },
+            "ground_truth": { "files": "depth/*.png", "unit": "pixels", "divide_by": 256 },
+        });
+        read(&set.open(&of_disparity), 0)
+    };
+    assert_eq!(metres(&disparities(json!(0.5))["depth"])[2 * 40 + 3], 10.0 / (2500.0 / 256.0));
+    let without = disparities(Json::Null);
+    assert!(without.contains_key("disparity") && !without.contains_key("depth"));
+
+    set.text("list.csv", "left,ground_truth,frame\ncam0/2.png,depth/2.png,b\ncam0/1.png,,a\n");
+    let listed = set.open(&json!({
+        "left": null, "right": null, "list": "list.csv", "calibration": null,
+        "ground_truth": { "unit": "millimetres" },
+    }));
+    assert_eq!(ids(&listed), ["0 b", "1 a"]);
+    assert_eq!(metres(&read(&listed, 0)["depth"])[2 * 40 + 3], 1.5);
+    assert!(!read(&listed, 1).contains_key("right"));
+}
+
+#[test]
 fn fault_52_images_of_12_bits_are_read_with_their_bits_which_decide_the_frames_key() {
     let set = Folder::new();
     let deep = ImageBuffer::from_fn(40, 30, |x, _| Luma([x as u16 * 100]));
@@ -545,6 +592,8 @@ fn broken_data_are_named_with_a_remedy() {
         ("no images named", json!({ "left": null, "right": null })),
         ("a calibration twice", json!({ "calibration": { "focal_px": 20, "baseline_m": 0.5, "files": ["x"] } })),
         ("half of a calibration", json!({ "calibration": { "focal_px": 20 } })),
+        ("right images alone", json!({ "left": null })),
+        ("files that calibrate a pair", json!({ "right": null, "calibration": { "files": ["left.yaml"] } })),
     ] {
         add(what, &set, more);
     }

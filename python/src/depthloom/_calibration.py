@@ -1,4 +1,4 @@
-"""The calibration of a rectified pair."""
+"""The calibration of a rectified pair, or of a single camera."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Calibration:
     focal_px: float
     cx_px: float
     cy_px: float
-    #: The distance between the two cameras' centres, metres.
+    #: The distance between the two cameras' centres, metres; 0 for a single camera.
     baseline_m: float
     #: The right camera's principal point minus the left one's, in x: depth is `focal_px * baseline_m / (disparity + doffs_px)`.
     doffs_px: float

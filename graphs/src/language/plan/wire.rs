@@ -194,12 +194,14 @@ impl<'r> Reachable<'r, '_, '_> {
             }
             None => {
                 let known: Vec<&str> = ports.iter().map(|port| port.name).collect();
-                let error = Diagnostic::error(&output.place, format!("{owner} has no output `{}`", output.text));
-                report.push(error.label("no such output").maybe_help(names::suggestion(
-                    &output.text,
-                    "outputs",
-                    &known,
-                )));
+                let what = format!("{owner} has no output `{}`", output.text);
+                let source = names.source.as_ref().filter(|_| node.is_none());
+                let off = source.and_then(|source| source.switched_off.iter().find(|off| off.output == output.text));
+                let (what, help) = match off {
+                    Some(SwitchedOff { why, remedy, .. }) => (format!("{what}: {why}"), Some(remedy.clone())),
+                    None => (what, names::suggestion(&output.text, "outputs", &known)),
+                };
+                report.push(Diagnostic::error(&output.place, what).label("no such output").maybe_help(help));
                 None
             }
         }

@@ -34,6 +34,14 @@ impl File {
         String::from_utf8_lossy(&self.bytes).into_owned()
     }
 
+    fn image_of_bits(&self, bits: Option<u32>, ctx: &Context<'_>) -> Result<Image, Fault> {
+        let (image, brightest) = image_file::image_of_bits(&self.path, Arc::clone(&self.bytes), bits)?;
+        if let Some(warning) = brightest.and_then(|brightest| brightest.warning(bits)) {
+            ctx.host.warn(warning);
+        }
+        Ok(image)
+    }
+
     pub(crate) fn fault(&self, what: impl std::fmt::Display) -> Fault {
         Fault::new(format!("{}: {what}", self.path.display()))
     }
@@ -63,17 +71,15 @@ impl Files {
 
     /// 16-bit samples use the lowest `bits`.
     pub(crate) fn pair_of_bits(&self, bits: Option<u32>, ctx: &Context<'_>) -> Result<(Image, Image), Fault> {
-        let image = |part| {
-            let file = self.required(part)?;
-            let (image, brightest) = image_file::image_of_bits(&file.path, Arc::clone(&file.bytes), bits)?;
-            if let Some(warning) = brightest.and_then(|brightest| brightest.warning(bits)) {
-                ctx.host.warn(warning);
-            }
-            Ok::<_, Fault>((file, image))
-        };
-        let ((_, left), (file, right)) = (image(LEFT)?, image(RIGHT)?);
+        let (left, file) = (self.left_of_bits(bits, ctx)?, self.required(RIGHT)?);
+        let right = file.image_of_bits(bits, ctx)?;
         self.same_size_as_left(left.dimensions(), file, right.dimensions())?;
         Ok((left, right))
+    }
+
+    /// 16-bit samples use the lowest `bits`.
+    pub(crate) fn left_of_bits(&self, bits: Option<u32>, ctx: &Context<'_>) -> Result<Image, Fault> {
+        self.required(LEFT)?.image_of_bits(bits, ctx)
     }
 
     /// `unit` is `disparity` (px) or `metres`, times 256. `None` if the frame has no such file.

@@ -1,6 +1,8 @@
-//! Pairs images by their names, by their order if names have nothing in common, or by a list.
+//! Pairs images, and finds their ground truth, by names, by order if names have nothing in common, or by a list. Images
+//! of a single camera have no right image.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::{Fault, regular_file};
@@ -9,13 +11,14 @@ use crate::sources::dataset::folders::existing_file;
 use crate::sources::images::globs::{Match, files};
 
 const SAY: &str = "write the text that differs between left and right, and `*` for the rest, as in `*_left.png` and `*_right.png`, or set \
-    `list:`, a CSV file with the columns left,right[,ground_truth][,frame]";
+    `list:`, a CSV file with the columns left[,right][,ground_truth][,frame]";
 
 #[derive(Debug)]
 pub(super) struct Row {
     pub id: String,
     pub left: PathBuf,
-    pub right: Result<PathBuf, Fault>,
+    /// `None` for a single camera.
+    pub right: Result<Option<PathBuf>, Fault>,
     pub truth: Result<Option<PathBuf>, Fault>,
 }
 
@@ -29,7 +32,7 @@ pub(super) struct Pairs {
     pub unpaired: Vec<String>,
 }
 
-pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>) -> Result<Pairs, Vec<Fault>> {
+pub(super) fn by_names(root: &Path, left: &str, right: Option<&str>, truth: Option<&str>) -> Result<Pairs, Vec<Fault>> {
     let named = |pattern: &str| {
         let found = files(root, pattern)?;
         let place = root.join(pattern);
@@ -41,22 +44,19 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
         }
     };
     let truths = truth.map(named).transpose();
-    let (lefts, rights, truths) = match (named(left), named(right), truths) {
+    let rights = right.map(named).transpose();
+    let (lefts, rights, truths) = match (named(left), rights, truths) {
         (Ok(lefts), Ok(rights), Ok(truths)) => (lefts, rights, truths),
         (left, right, truth) => return Err([left.err(), right.err(), truth.err()].into_iter().flatten().collect()),
     };
-    let of_rights: BTreeSet<&Path> = rights.iter().map(|right| right.path.as_path()).collect();
-    if let Some(both) = lefts.iter().find(|one| of_rights.contains(one.path.as_path())) {
-        let what = format!("{} is a left and a right image: `{left}` and `{right}` both name it", both.path.display());
-        return Err(vec![Fault::new(what).remedy(SAY)]);
-    }
     let mut pairs = Pairs::default();
-    let partners = partners(&lefts, &rights, ("left", "right")).map_err(|fault| vec![fault])?;
-    pairs.warnings.extend(partners.warning.clone());
-    pairs.unpaired.extend(left_over(&partners.without(&rights), "right image", "left image"));
+    let rights = match (rights, right) {
+        (Some(rights), Some(right)) => right_images(root, (left, &lefts), (right, &rights), &mut pairs)?,
+        _ => lefts.iter().map(|_| Ok(None)).collect(),
+    };
     let truths = match truths {
         Some(truths) => {
-            let partners = self::partners(&lefts, &truths, ("left", "ground_truth")).map_err(|fault| vec![fault])?;
+            let partners = partners(&lefts, &truths, ("left", "ground_truth")).map_err(|fault| vec![fault])?;
             pairs.warnings.extend(partners.warning.clone());
             let without =
                 lefts.iter().zip(&partners.positions).filter(|(_, partner)| partner.is_none()).map(|(left, _)| left);
@@ -66,17 +66,38 @@ pub(super) fn by_names(root: &Path, left: &str, right: &str, truth: Option<&str>
         }
         None => vec![None; lefts.len()],
     };
-    for ((one, partner), truth) in lefts.iter().zip(&partners.positions).zip(truths) {
-        let right = partner.map(|at| rights[at].path.clone()).ok_or_else(|| {
-            let what = format!("{} has no right image among {}", one.path.display(), root.join(right).display());
-            Fault::new(what).remedy(
-                "each left image needs a right image; remove left images without one, or exclude them with `frames:`",
-            )
-        });
+    for ((one, right), truth) in lefts.iter().zip(rights).zip(truths) {
         pairs.rows.push(Row { id: one.name(), left: one.path.clone(), right, truth: Ok(truth) });
     }
     make_ids_unique(&mut pairs, root);
     Ok(pairs)
+}
+
+/// The right image of each left image.
+fn right_images(
+    root: &Path,
+    (left, lefts): (&str, &[Match]),
+    (right, rights): (&str, &[Match]),
+    pairs: &mut Pairs,
+) -> Result<Vec<Result<Option<PathBuf>, Fault>>, Vec<Fault>> {
+    let of_rights: BTreeSet<&Path> = rights.iter().map(|right| right.path.as_path()).collect();
+    if let Some(both) = lefts.iter().find(|one| of_rights.contains(one.path.as_path())) {
+        let what = format!("{} is a left and a right image: `{left}` and `{right}` both name it", both.path.display());
+        return Err(vec![Fault::new(what).remedy(SAY)]);
+    }
+    let partners = partners(lefts, rights, ("left", "right")).map_err(|fault| vec![fault])?;
+    pairs.warnings.extend(partners.warning.clone());
+    pairs.unpaired.extend(left_over(&partners.without(rights), "right image", "left image"));
+    let partner = |(one, partner): (&Match, &Option<usize>)| match partner {
+        Some(at) => Ok(Some(rights[*at].path.clone())),
+        None => {
+            let what = format!("{} has no right image among {}", one.path.display(), root.join(right).display());
+            Err(Fault::new(what).remedy(
+                "each left image needs a right image; remove left images without one, or exclude them with `frames:`",
+            ))
+        }
+    };
+    Ok(lefts.iter().zip(&partners.positions).map(partner).collect())
 }
 
 /// Uses complete paths as ids where the open parts of the pattern are not unique.
@@ -181,8 +202,9 @@ fn contradiction(files: &[Match], others: &[Match]) -> Option<usize> {
 
 /// Bytes.
 const MOST_BYTES: u64 = 64 << 20;
+const LONGEST_HEADER: u64 = 4096;
 
-const LIST: &str = "a list is a CSV file: a header with the columns left,right[,ground_truth][,frame], then one row per pair; paths are relative to `root`";
+const LIST: &str = "a list is a CSV file: a header with the columns left[,right][,ground_truth][,frame], then one row per frame; paths are relative to `root`";
 
 const COLUMNS: [&str; 4] = ["left", "right", "ground_truth", "frame"];
 
@@ -203,8 +225,8 @@ pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
             return Err(at(line + 1, format!("the column `{known}` appears twice")).remedy(LIST));
         }
     }
-    if let Some(missing) = ["left", "right"].into_iter().find(|name| !places.contains_key(name)) {
-        return Err(at(line + 1, format!("the column `{missing}` is missing")).remedy(LIST));
+    if !places.contains_key("left") {
+        return Err(at(line + 1, "the column `left` is missing".to_owned()).remedy(LIST));
     }
     let mut pairs = Pairs::default();
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
@@ -226,7 +248,7 @@ pub(super) fn by_list(root: &Path, list: &Path) -> Result<Pairs, Fault> {
         }
     }
     if pairs.rows.is_empty() && pairs.faults.is_empty() {
-        return Err(Fault::new(format!("{} names no pair", list.display())).remedy(LIST));
+        return Err(Fault::new(format!("{} names no frame", list.display())).remedy(LIST));
     }
     Ok(pairs)
 }
@@ -238,14 +260,28 @@ fn row(root: &Path, places: &BTreeMap<&str, usize>, columns: usize, text: &str) 
     }
     let field = |name: &str| places.get(name).map(|at| fields[*at].trim()).filter(|text| !text.is_empty());
     let path = |name: &str| field(name).map(|text| root.join(text)).ok_or_else(|| format!("`{name}` is empty"));
-    let (left, right) = (path("left")?, path("right")?);
+    let left = path("left")?;
+    let right = places.contains_key("right").then(|| path("right")).transpose()?;
     let there = |path: PathBuf| existing_file(path, "paths in a list are relative to `root`");
     let stem = || Path::new(field("left").unwrap_or_default()).with_extension("").to_string_lossy().into_owned();
     let id = field("frame").map_or_else(stem, ToOwned::to_owned);
     let truth = path("ground_truth").ok().map(there).transpose();
     // Of two missing files the first is reported.
-    let right = there(left.clone()).and_then(|_| there(right));
+    let right = there(left.clone()).and_then(|_| right.map(there).transpose());
     Ok(Row { id, left, right, truth })
+}
+
+/// Whether the header of a list has the column `right`. A list that cannot be read is reported when it is opened.
+pub(super) fn list_has_pairs(list: &Path) -> bool {
+    let mut head = Vec::new();
+    let read = regular_file::open(list).and_then(|file| file.take(LONGEST_HEADER).read_to_end(&mut head));
+    let text = String::from_utf8_lossy(&head);
+    let header = text.trim_start_matches('\u{feff}').lines().find(|line| !line.trim().is_empty()).and_then(fields);
+    let has = |name: &str, columns: &[String]| columns.iter().any(|column| column.trim().eq_ignore_ascii_case(name));
+    match (read, header) {
+        (Ok(_), Some(columns)) => has("right", &columns) || !has("left", &columns),
+        _ => true,
+    }
 }
 
 /// CSV with quotes; `None` if a quote is not closed.

@@ -1,4 +1,5 @@
-//! Recognises pairs of images: two folders, or two series of names in one, that are called left and right.
+//! Recognises pairs of images: two folders, or two series of names in one, that are called left and right. Without a
+//! pair, images of a single camera with ground truth.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -71,6 +72,37 @@ pub(super) fn recognise(root: &Path) -> Vec<Recognised> {
         found.extend(
             lists.iter().map(|list| known(json!({ "root": root, "list": list }), &format!("as listed in {list}"))),
         );
+    }
+    if found.is_empty() {
+        found.extend(single_cameras(root, &folders, &of_images));
+    }
+    found
+}
+
+/// Folders of images beside a folder that is called depth, with the first line of ground truth that fits.
+fn single_cameras(
+    root: &Path,
+    folders: &BTreeMap<String, Vec<String>>,
+    of_images: &BTreeMap<&str, Vec<&str>>,
+) -> Vec<Recognised> {
+    let is_truth = |folder: &str| {
+        let name = folder.rsplit('/').next().unwrap_or_default().to_ascii_lowercase();
+        TRUTHS.iter().any(|(word, _)| name.contains(word))
+    };
+    let mut found = Vec::new();
+    for (folder, files) in of_images.iter().filter(|(folder, _)| !folder.is_empty() && !is_truth(folder)) {
+        let left = format!("{folder}/{}", all_of(files));
+        let lines = truths(folders, of_images, &left, &[]);
+        if lines.is_empty() {
+            continue;
+        }
+        let mut one =
+            Recognised::new(format!("images of a single camera, {left}"), json!({ "root": root, "left": left }));
+        one.alternatives.push(
+            "calibration: { focal_px: 700 }   # yours, where a node needs it; cx_px, cy_px where known".to_owned(),
+        );
+        one.alternatives.extend(lines);
+        found.push(one);
     }
     found
 }
@@ -296,6 +328,26 @@ mod tests {
         assert!(recognised(&["im0.png", "im1.png", "im2.png", "im3.png"]).is_empty());
         assert!(recognised(&["a/1.png", "b/1.png", "run_0/1.png", "run_1/1.png"]).is_empty());
         assert!(recognised(&[]).is_empty());
+    }
+
+    #[test]
+    fn images_of_a_single_camera_are_recognised_by_their_ground_truth() {
+        let root = tempfile::tempdir().expect("a folder");
+        for file in
+            ["scene/rgb/1.png", "scene/rgb/2.png", "scene/depth/1.png", "scene/depth/2.png", "scene/notes/a.png"]
+        {
+            let path = root.path().join(file);
+            std::fs::create_dir_all(path.parent().expect("it has one")).expect("made");
+            std::fs::write(path, "").expect("written");
+        }
+        let found = recognise(root.path());
+        let described: Vec<(&str, &str)> = found
+            .iter()
+            .map(|one| (one.params["left"].as_str().unwrap_or(""), one.alternatives.last().map_or("", String::as_str)))
+            .collect();
+        let truth =
+            "ground_truth: { files: \"scene/depth/*.png\", unit: millimetres }   # or metres; of disparity pixels";
+        assert_eq!(described, [("scene/rgb/*.png", truth)]);
     }
 
     #[test]
