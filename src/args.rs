@@ -44,7 +44,9 @@ pub(crate) use figure::{FigureArgs, FigureFormat};
 pub(crate) use inspect::InspectArgs;
 pub(crate) use recording::VerifyArgs;
 pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs};
-pub(crate) use runs::{DiffArgs, PruneArgs, RecoverArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, TimingsArgs};
+pub(crate) use runs::{
+    DiffArgs, ListArgs, NoteArgs, PruneArgs, RecoverArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, TagArgs, TimingsArgs,
+};
 pub(crate) use table::{ExplainArgs, PixelsOption, RowsOption, ScoresArgs, TableArgs, TableFormat, TypesettingArgs};
 
 use crate::completion::{folders, runs};

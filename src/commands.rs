@@ -47,6 +47,7 @@ outputs! {
     "run" => crate::execution::Run,
     "runs-diff" => depthloom_verify::RunDifference,
     "runs-list" => recordings::runs::RunsList,
+    "runs-notes" => recordings::runs::RunsNotes,
     "runs-prune" => recordings::runs::RunsPrune,
     "runs-recover" => recordings::runs::Recover,
     "runs-rm" => recordings::runs::RunsRm,

@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::{ArgGroup, Args, Subcommand};
 use clap_complete::engine::ArgValueCompleter;
 
+use depthloom_runs::{Condition, parse_tag};
 use depthloom_terminal::{parse_age, parse_size};
 
 use super::RunsFolder;
@@ -41,16 +42,20 @@ pub(crate) enum RunsCommand {
     /// List runs, newest first.
     ///
     /// It is what `runs` does without a command.
-    #[command(after_long_help = examples![
-        guide: "how-to/manage-runs.md",
-        "runs list" => "the runs in the folder `runs`",
-        "runs list --runs archive" => "the runs in another folder",
-    ])]
-    List,
+    List(ListArgs),
     /// Show the details of a run.
     ///
     /// It prints the experiment, the state, when and how the run was made, and its files.
     Show(ShowArgs),
+    /// Add, remove or print tags of a run.
+    ///
+    /// Tags are stored in the run's folder. `runs list --where tag=NAME` selects by tag, and `prune` keeps runs that
+    /// have one.
+    Tag(TagArgs),
+    /// Write, remove or print a note on a run.
+    ///
+    /// The note is stored in the run's folder. `runs show` prints it, and `prune` keeps runs that have one.
+    Note(NoteArgs),
     /// Show why two runs differ.
     ///
     /// It prints the changed values of the experiment, and the nodes that changed because of a parameter, version,
@@ -71,9 +76,72 @@ pub(crate) enum RunsCommand {
     Rm(RmArgs),
     /// Remove runs by age, size or number.
     ///
-    /// It keeps runs that are in progress, folders with files of others, and runs that the experiment of a kept run
-    /// names.
+    /// It keeps runs that are in progress, folders with files of others, runs with a tag or a note, and runs that the
+    /// experiment of a kept run names.
     Prune(PruneArgs),
+}
+
+#[derive(Debug, Default, Args)]
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
+    "runs list" => "the runs in the folder `runs`",
+    "runs list --runs archive" => "the runs in another folder",
+    "runs list --where compare.stereo.with.block=5 --where state=complete" => "complete runs in which a variant has this parameter",
+    "runs list --where tag=paper --names" => "names alone, for `depthloom table $(...)`",
+])]
+pub(crate) struct ListArgs {
+    /// List only runs that fulfil this condition, e.g. `compare.stereo.with.block=5`.
+    ///
+    /// The operators are = != < <= > >=. On the left is the path of a parameter with its defaults filled in
+    /// (`STAGE.NODE.with.NAME`, `sources.NAME.with.NAME`), of a `kind` (`STAGE.NODE.kind`), or one of `best`,
+    /// `experiment`, `frames`, `state`, `tag` and `variants`. A run with several variants is listed if one of them
+    /// fulfils it. Repeat the option for more conditions: a run must fulfil all.
+    #[arg(long = "where", value_name = "CONDITION")]
+    pub conditions: Vec<Condition>,
+
+    /// Print only names, one per line.
+    #[arg(long, conflicts_with = "json")]
+    pub names: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
+    "runs tag @latest paper" => "add a tag",
+    "runs tag @latest" => "print the tags",
+])]
+pub(crate) struct TagArgs {
+    /// Tag this run: its folder, a unique prefix of its name, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// Add these tags (default: print the tags).
+    #[arg(value_name = "TAG", value_parser = parse_tag)]
+    pub tags: Vec<String>,
+
+    /// Remove the tags instead.
+    #[arg(long, requires = "tags")]
+    pub remove: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_long_help = examples![
+    guide: "how-to/manage-runs.md",
+    "runs note @latest 'block 9 was a mistake'" => "write a note",
+    "runs note @latest" => "print it",
+])]
+pub(crate) struct NoteArgs {
+    /// Write on this run: its folder, a unique prefix of its name, or `@latest`.
+    #[arg(add = ArgValueCompleter::new(runs))]
+    pub run: PathBuf,
+
+    /// Write this text in place of the earlier note (default: print the note).
+    #[arg(value_name = "TEXT")]
+    pub text: Option<String>,
+
+    /// Remove the note.
+    #[arg(long, conflicts_with = "text")]
+    pub remove: bool,
 }
 
 #[derive(Debug, Args)]

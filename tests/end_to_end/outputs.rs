@@ -176,6 +176,7 @@ fn every_json_output_matches_its_schema() {
     check("plan-reuse", 0, &["plan", "outputs.yaml", "--reuse", "--json"]);
     check("runs-list", 0, &["runs", "--json"]);
     check("runs-show", 0, &["runs", "show", first, "--json"]);
+    check("runs-notes", 0, &["runs", "tag", first, "paper", "--json"]);
     check("runs-diff", 0, &["runs", "diff", first, "runs/outputs/second", "--json"]);
     check("runs-prune", 0, &["runs", "prune", "--keep", "1", "--dry-run", "--json"]);
     check("runs-rm", 0, &["runs", "rm", "runs/outputs/second", "--json"]);

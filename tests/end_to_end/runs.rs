@@ -407,3 +407,44 @@ fn prune_keeps_runs_by_its_rules_and_runs_that_others_read() {
     assert_eq!(paths(&here.json(&["runs", "prune", "--max-size", "0"])).len(), 4);
     assert_eq!(here.json(&["runs"])["runs"], json!([]));
 }
+
+#[test]
+fn runs_are_tagged_noted_and_selected_by_conditions() {
+    let here = Here::new();
+    here.run("runs/five", &[]);
+    here.run("runs/nine", &["--set", "look.stereo.with.block=9"]);
+    let printed = |arguments: &[&str]| text(&succeed(&mut here.command(arguments)));
+    let list = |conditions: &[&str]| {
+        let conditions = conditions.iter().flat_map(|condition| ["--where", condition]);
+        let arguments: Vec<&str> = ["runs", "list", "--names"].into_iter().chain(conditions).collect();
+        printed(&arguments)
+    };
+    assert_eq!(list(&["look.stereo.with.block=9"]), "nine\n");
+    // The default of the kind counts, although the experiment does not write it.
+    assert_eq!(list(&["look.stereo.with.block<9"]), "five\n");
+    assert_eq!(list(&["look.stereo.kind=stereo/sgbm", "sources.street.with.width=320", "frames=2"]), "nine\nfive\n");
+    assert_eq!(list(&["state=complete", "best>1000"]), "");
+    let unknown = here.fails(&["runs", "list", "--where", "look.stereo.with.blok=9"], 2);
+    assert!(unknown.contains("no run has `look.stereo.with.blok`"), "{unknown}");
+    assert!(unknown.contains("look.stereo.with.block"), "{unknown}");
+    assert!(here.fails(&["runs", "list", "--where", "block"], 2).contains("a condition is PATH=VALUE"));
+
+    assert_eq!(printed(&["runs", "tag", "nine", "paper", "draft"]), "draft\npaper\n");
+    assert_eq!(printed(&["runs", "tag", "nine", "draft", "--remove"]), "paper\n");
+    assert!(here.fails(&["runs", "tag", "nine", "draft", "--remove"], 2).contains("has no tag `draft`"));
+    assert!(here.fails(&["runs", "tag", "nine", "a b"], 2).contains("a tag has 1 to 64 letters"));
+    printed(&["runs", "note", "five", "the default\nof OpenCV"]);
+    assert_eq!(printed(&["runs", "note", "five"]), "the default\nof OpenCV\n");
+    assert_eq!((list(&["tag=paper"]), list(&["tag!=paper"])), ("nine\n".to_owned(), "five\n".to_owned()));
+    let table = printed(&["runs"]);
+    assert!(table.contains("tags") && table.contains("paper") && table.contains("the default..."), "{table}");
+    let shown = here.json(&["runs", "show", "five"]);
+    assert_eq!((&shown["note"], &shown["tags"]), (&json!("the default\nof OpenCV"), &json!([])));
+    let kept = here.json(&["runs", "prune", "--max-size", "0"]);
+    let why: Vec<&Json> = kept["kept"].as_array().expect("a list").iter().map(|run| &run["why"]).collect();
+    assert_eq!((why, &kept["removed"]), (vec![&json!("it has a note"), &json!("it has the tag `paper`")], &json!([])));
+    printed(&["runs", "note", "five", "--remove"]);
+    assert!(!here.path().join("runs/five/notes.json").exists());
+    // The files of notes are depthloom's own: a run with them can be removed by name.
+    assert!(printed(&["runs", "rm", "five", "nine"]).contains("removed runs/nine"));
+}

@@ -13,6 +13,8 @@ pub const TIMINGS: &str = "timings.parquet";
 pub const OUTDATED: &str = "recording.outdated.mcap";
 /// The file that marks a run's folder.
 pub const MARKER: &str = "depthloom-run.json";
+/// Tags and a note of a run.
+pub const NOTES: &str = "notes.json";
 /// The folder of trained models in a run's folder.
 pub const MODELS: &str = "models";
 

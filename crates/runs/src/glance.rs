@@ -6,12 +6,13 @@ use std::path::Path;
 
 use depthloom_analysis::BestValue;
 use depthloom_graphs::{Remedied, chain, counted};
-use depthloom_recording::{Condition, Recording};
+use depthloom_recording::{Condition, RecordedPlan, Recording};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::files::RECORDING;
 use crate::found::FoundRun;
+use crate::notes::Notes;
 use crate::run_folder::is_held;
 
 /// The state of a run.
@@ -68,11 +69,23 @@ pub struct Glance {
     pub best: Option<Best>,
     /// What is wrong with it.
     pub trouble: Option<String>,
+    /// The tags and the note that it was given.
+    #[serde(flatten)]
+    pub notes: Notes,
 }
 
 impl Glance {
     /// Summarises a run; a run that another process is writing is not read.
     pub fn at(run: &FoundRun) -> Self {
+        Self::with_plan(run).0
+    }
+
+    /// As [`at`](Self::at), with the plan of its recording if that can be read.
+    pub fn with_plan(run: &FoundRun) -> (Self, Option<RecordedPlan>) {
+        let (notes, notes_trouble) = match Notes::read(&run.path) {
+            Ok(notes) => (notes, None),
+            Err(error) => (Notes::default(), Some(error.message.what)),
+        };
         let state = if is_held(&run.path) && !run.has_finished() { State::Running } else { State::Unfinished };
         let glance = Self {
             name: run.name.clone(),
@@ -85,22 +98,23 @@ impl Glance {
             failed_frames: 0,
             bytes: bytes_in(&run.path),
             best: None,
-            trouble: None,
+            trouble: notes_trouble,
+            notes,
         };
         if state == State::Running {
-            return glance;
+            return (glance, None);
         }
         let path = run.path.join(RECORDING);
         match Recording::open(&path) {
-            Ok(recording) => glance.with(&recording, run.has_finished()),
+            Ok(recording) => (glance.with(&recording, run.has_finished()), Some(recording.plan().clone())),
             // For a run that ended before its first frame.
-            Err(_) if !run.has_finished() && !path.exists() => glance,
+            Err(_) if !run.has_finished() && !path.exists() => (glance, None),
             Err(error) => {
                 let trouble = match error.remedy() {
                     Some(remedy) => format!("{}; {remedy}", chain(&error)),
                     None => chain(&error),
                 };
-                Self { state: State::Unreadable, trouble: Some(trouble), ..glance }
+                (Self { state: State::Unreadable, trouble: Some(trouble), ..glance }, None)
             }
         }
     }
@@ -124,7 +138,7 @@ impl Glance {
             failed_frames: frames().filter(|frame| !frame.failures.is_empty()).count() as u64,
             // A run without scores has no best score.
             best: depthloom_analysis::best_value(recording, &|| false).ok().flatten().map(Best::from),
-            trouble,
+            trouble: trouble.or_else(|| self.trouble.clone()),
             ..self
         }
     }

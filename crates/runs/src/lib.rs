@@ -5,6 +5,7 @@
 
 #![forbid(unsafe_code)]
 
+mod condition;
 pub mod environment;
 mod failures;
 mod files;
@@ -12,17 +13,20 @@ mod found;
 mod glance;
 pub mod models;
 mod named;
+mod notes;
 mod opening;
 mod plain;
 pub mod reuse;
 pub mod run_folder;
 mod timings;
 
+pub use condition::{Condition, condition_paths};
 pub use failures::{FrameFailure, Frames, frames_and_failures};
-pub use files::{FOLDER, MARKER, MODELS, OUTDATED, RECORDING, TIMINGS, next_outdated, outdated_files};
+pub use files::{FOLDER, MARKER, MODELS, NOTES, OUTDATED, RECORDING, TIMINGS, next_outdated, outdated_files};
 pub use found::{FoundRun, all, in_folder};
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};
+pub use notes::{Notes, parse_tag};
 pub use opening::{
     end, failed, is_recording, open, open_frames, partial_with, read_failed, recording_in, remedy_of_partial,
     run_failed,

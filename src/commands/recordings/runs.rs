@@ -2,6 +2,7 @@
 
 mod diff;
 mod list;
+mod notes;
 mod prune;
 mod recover;
 mod rm;
@@ -16,20 +17,24 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 pub(crate) use list::RunsList;
+pub(crate) use notes::RunsNotes;
 pub(crate) use prune::RunsPrune;
 pub(crate) use recover::Recover;
 pub(crate) use rm::RunsRm;
 pub(crate) use show::RunsShow;
 pub(crate) use timings::Timings;
 
-use crate::args::{RunsArgs, RunsCommand};
+use crate::args::{ListArgs, RunsArgs, RunsCommand};
 use crate::output::diagnostics::{Error, print_stop};
 use crate::output::{self, CommandOutput};
 
 /// Lists runs, or executes one of the commands for runs.
 pub(crate) fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
     match &args.command {
-        None | Some(RunsCommand::List) => list::list(args),
+        None => list::list(args, &ListArgs::default()),
+        Some(RunsCommand::List(command)) => list::list(args, command),
+        Some(RunsCommand::Tag(command)) => notes::tag(args, command),
+        Some(RunsCommand::Note(command)) => notes::note(args, command),
         Some(RunsCommand::Show(command)) => show::show(args, command),
         Some(RunsCommand::Diff(command)) => diff::diff(args, command),
         Some(RunsCommand::Timings(command)) => timings::timings(args, command),

@@ -43,7 +43,9 @@ pub(super) struct KeptRun {
 pub(super) fn prune(args: &RunsArgs, rules: &PruneArgs) -> Result<ExitCode, CliError> {
     let runs: Vec<Run> = all_in(args)?.into_iter().map(Run::new).collect();
     let chosen = chosen(&runs, rules, Utc::now());
+    let (marked, chosen): (Vec<usize>, Vec<usize>) = chosen.into_iter().partition(|&run| runs[run].mark.is_some());
     let (chosen, mut kept) = without_those_that_are_read(&runs, &chosen);
+    kept.extend(marked.iter().filter_map(|&run| Some((&runs[run], runs[run].mark.clone()?))));
     let selected = || runs.iter().filter(|run| run.is_of(rules));
     let mut removed = RemovedRuns::default();
     for run in chosen.iter().map(|&run| &runs[run]) {
@@ -77,12 +79,16 @@ struct Run {
     state: State,
     experiment: Option<String>,
     bytes: u64,
+    /// The tag or note for which it is kept.
+    mark: Option<String>,
 }
 
 impl Run {
     fn new(found: FoundRun) -> Self {
-        let Glance { state, experiment, bytes, .. } = Glance::at(&found);
-        Self { found, state, experiment, bytes }
+        let Glance { state, experiment, bytes, notes, .. } = Glance::at(&found);
+        let tag = notes.tags.first().map(|tag| format!("it has the tag `{tag}`"));
+        let mark = tag.or_else(|| notes.note.map(|_| "it has a note".to_owned()));
+        Self { found, state, experiment, bytes, mark }
     }
 
     fn is_of(&self, rules: &PruneArgs) -> bool {
@@ -183,7 +189,7 @@ mod tests {
     fn run(experiment: &str, days: i64, bytes: u64, state: State) -> Run {
         let time = DateTime::<Utc>::UNIX_EPOCH - TimeDelta::days(days);
         let found = FoundRun { name: format!("{experiment}/{days}"), path: PathBuf::new(), time };
-        Run { found, state, experiment: Some(experiment.to_owned()), bytes }
+        Run { found, state, experiment: Some(experiment.to_owned()), bytes, mark: None }
     }
 
     fn rules() -> PruneArgs {

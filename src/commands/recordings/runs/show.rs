@@ -10,7 +10,7 @@ use serde_json::Value as Json;
 use crate::args::{RunsArgs, ShowArgs};
 use crate::output;
 use depthloom_graphs::counted;
-use depthloom_runs::{Best, File, FoundRun, Glance, RECORDING, State, environment, files_in, models, named};
+use depthloom_runs::{Best, File, FoundRun, Glance, Notes, RECORDING, State, environment, files_in, models, named};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 
 const NAMED: usize = 12;
@@ -30,6 +30,8 @@ pub(crate) struct RunsShow {
     bytes: u64,
     best: Option<Best>,
     trouble: Option<String>,
+    #[serde(flatten)]
+    notes: Notes,
     description: Option<String>,
     stages: Vec<Stage>,
     /// The content of `environment.json`; null if the file is missing.
@@ -78,6 +80,7 @@ pub(super) fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliErro
             bytes: glance.bytes,
             best: glance.best,
             trouble: glance.trouble,
+            notes: glance.notes,
             description: plan.map(|plan| plan.description.trim().to_owned()),
             stages: recording.iter().flat_map(stages).collect(),
             environment,
@@ -106,6 +109,12 @@ pub(super) fn show(args: &RunsArgs, show: &ShowArgs) -> Result<ExitCode, CliErro
     }
     if let Some(best) = &glance.best {
         row("best score", best.text());
+    }
+    if !glance.notes.tags.is_empty() {
+        row("tags", glance.notes.tags.iter().map(String::as_str).collect::<Vec<_>>().join(", "));
+    }
+    if let Some(note) = &glance.notes.note {
+        row("note", note.replace('\n', " "));
     }
     if let Some(trouble) = &glance.trouble {
         row("trouble", trouble.clone());
