@@ -131,7 +131,7 @@ impl Table {
     }
 
     fn has_marks(&self) -> bool {
-        self.columns.iter().any(|column| column.best.contains(&true))
+        self.columns.iter().any(|column| column.marks.contains(&best::Mark::Best))
     }
 
     /// Describes marked cells, if any.

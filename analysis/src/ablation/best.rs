@@ -3,23 +3,27 @@
 use std::collections::HashSet;
 
 use super::{Ablation, Row};
-use crate::tables::best::{Candidate, best};
+use crate::tables::best::{Candidate, Mark, marks};
 
-/// For each metric and row, whether the row is the best among comparable rows.
-pub(crate) struct Best(Vec<Vec<bool>>);
+/// For each metric and row, whether the row is the best or second best among comparable rows.
+pub(crate) struct Best(Vec<Vec<Mark>>);
 
 impl Best {
     /// The best rows of each metric, by the [rule for all tables](crate::tables::best).
     pub(crate) fn new(ablation: &Ablation<'_>, rows: &[Row]) -> Self {
-        let best_by_metric = |metric: usize| {
+        let marks_by_metric = |metric: usize| {
             let candidate = |row: &Row| candidate(ablation, row, metric, row.comparable_by(metric));
-            best(&rows.iter().map(candidate).collect::<Vec<_>>())
+            marks(&rows.iter().map(candidate).collect::<Vec<_>>())
         };
-        Self((0..ablation.metrics.len()).map(best_by_metric).collect())
+        Self((0..ablation.metrics.len()).map(marks_by_metric).collect())
     }
 
     /// Whether a row has the best value of a metric among two or more comparable rows. All equal rows are best.
     pub(crate) fn is_best(&self, metric: usize, row: usize) -> bool {
+        self.mark(metric, row) == Mark::Best
+    }
+
+    pub(crate) fn mark(&self, metric: usize, row: usize) -> Mark {
         self.0[metric][row]
     }
 }

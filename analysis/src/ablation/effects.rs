@@ -108,7 +108,7 @@ pub(crate) fn table(ablation: &Ablation<'_>, selection: &Selection, measure: &st
             cells.key("axis", |line| &line.axis).once(),
             Column::levels("level", levels, |line| lines[line].level_is_number),
             cells.count("rows", |line| line.rows),
-            mean.marked(lines.iter().map(|line| line.is_best).collect()),
+            mean.marked(lines.iter().map(|line| line.is_best.into()).collect()),
             cells.number("difference", |line| line.difference).decimals(decimals),
             cells.share("share", |line| line.share).once(),
         ])

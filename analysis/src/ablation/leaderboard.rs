@@ -16,7 +16,7 @@ use crate::error::{AnalysisError, caught};
 use crate::input::condition::recording_notes;
 use crate::input::parameters::parameter_changes;
 use crate::scores::incomplete_frames;
-use crate::tables::best::{Candidate, best};
+use crate::tables::best::{Candidate, marks};
 use crate::tables::{Column, Format, Rows, Table};
 
 /// A run of a [leaderboard](leaderboard()).
@@ -208,8 +208,8 @@ impl<'a> Board<'a> {
             metric.map_or_else(Candidate::default, |metric| candidate(ablation, &entry.row, metric, class))
         };
         let candidates: Vec<Candidate> = self.entries.iter().map(candidate).collect();
-        let best = best(&candidates);
-        Ok(column.metric(self.metrics[place]).marked(order.iter().map(|&place| best[place]).collect()))
+        let marks = marks(&candidates);
+        Ok(column.metric(self.metrics[place]).marked(order.iter().map(|&place| marks[place]).collect()))
     }
 
     /// The parameters in which entries differ: `stage.node.parameter`, and the value of each entry. `None` if variants

@@ -92,7 +92,7 @@ impl Ranking {
                 columns.push(column);
                 continue;
             };
-            columns.push(column.marked(order.iter().map(|&row| best.is_best(metric, row)).collect()));
+            columns.push(column.marked(order.iter().map(|&row| best.mark(metric, row)).collect()));
             if let Some(resampling) = &self.intervals {
                 let zone = ablation.zone(selection)?;
                 let statistic = |row: &&Row| ablation.statistic(row.part_with(metric), Some(metric), zone);

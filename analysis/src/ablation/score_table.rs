@@ -13,6 +13,7 @@ use crate::error::AnalysisError;
 use crate::input::paper::paper_scores;
 use crate::scores::metrics_of;
 use crate::statistics::{Interval, Resampling};
+use crate::tables::best::Mark;
 use crate::tables::{
     Cells, Column, DIMENSIONLESS, JsonRow, KEY_COLUMNS, Orientation, RowKey, Rows, Table, key_columns, unit_of,
 };
@@ -54,8 +55,8 @@ pub(crate) struct ScoreTableRow {
     /// One value per metric of the table.
     pub(crate) values: Vec<Option<f64>>,
     pub(crate) intervals: Vec<Option<Interval>>,
-    /// Whether a value is the best among two or more comparable ones.
-    pub(crate) best: Vec<bool>,
+    /// Whether a value is the best, or second best, among comparable ones.
+    pub(crate) marks: Vec<Mark>,
     /// The share of pixels with ground truth that are valid; `None` if it was not recorded.
     pub(crate) density: Option<f64>,
     /// The published numbers, if any, of the eight default metrics of `score/depth`.
@@ -128,7 +129,7 @@ impl ScoreTable {
                 class: row.comparable,
                 values: places.iter().map(|place| row.values[(*place)?]).collect(),
                 intervals: metrics.iter().map(|_| all_intervals.next().flatten()).collect(),
-                best: places.iter().map(|place| place.is_some_and(|place| best.is_best(place, at))).collect(),
+                marks: places.iter().map(|place| place.map_or(Mark::None, |place| best.mark(place, at))).collect(),
                 density: row.density,
                 paper: if with_paper { paper_scores(estimate, row.set) } else { None },
             }
@@ -147,8 +148,8 @@ impl ScoreTable {
         columns.extend([rows.key("group", |row| &row.group).in_text(), rows.key("name", |row| &row.name).in_text()]);
         let mut paper = Vec::new();
         for (at, &metric) in self.metrics.iter().enumerate() {
-            let best = self.rows.iter().map(|row| row.best[at]).collect();
-            let column = rows.metric(metric, |row| row.values[at]).decimals(metric.decimals).marked(best);
+            let marks = self.rows.iter().map(|row| row.marks[at]).collect();
+            let column = rows.metric(metric, |row| row.values[at]).decimals(metric.decimals).marked(marks);
             columns.push(Column { shown: Some(metric.plain.to_owned()), latex: Some(metric.latex.into()), ..column });
             if self.intervals.is_some() {
                 let intervals = self.rows.iter().map(|row| row.intervals[at]).collect();
@@ -195,7 +196,7 @@ impl ScoreTable {
 
     /// Describes the marked values; `None` if no value is marked.
     pub(crate) fn marks(&self) -> Option<&'static str> {
-        let has_marks = self.rows.iter().any(|row| row.best.contains(&true));
+        let has_marks = self.rows.iter().any(|row| row.marks.contains(&Mark::Best));
         let classes: HashSet<usize> = self.rows.iter().filter_map(|row| row.class).collect();
         has_marks.then_some(match classes.len() {
             1 => "best over all pixels with ground truth",

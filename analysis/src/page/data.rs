@@ -19,6 +19,7 @@ use crate::input::timings::Timing;
 use crate::report::ReportData;
 use crate::scores::FrameScore;
 use crate::statistics::Interval;
+use crate::tables::best::Mark;
 use crate::tables::{RowKeys, plan_key, variant_of};
 
 /// The maximum number of listed failures.
@@ -68,7 +69,7 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
             "density": number(row.density, TABLED),
             "means": row.values.iter().map(|value| number(*value, TABLED)).collect::<Vec<_>>(),
             "intervals": row.intervals.iter().map(|interval| interval.map(ends)).collect::<Vec<_>>(),
-            "best": (0..table.metrics.len()).filter(|&metric| row.best[metric]).collect::<Vec<_>>(),
+            "best": (0..table.metrics.len()).filter(|&metric| row.marks[metric] == Mark::Best).collect::<Vec<_>>(),
             "paper": paper.map(|_| papers()),
         })
     });

@@ -1,7 +1,8 @@
-//! The rule for best values, shared by tables in all formats, pages and figures.
+//! The rule for best and second best values, shared by tables in all formats, pages and figures.
 //!
 //! A value competes within its class: the same frames with the same number of pixels, ground truth and scoring. In a
-//! class of two or more, the best value and all equal values are marked. An estimate without valid pixels, or without
+//! class of two or more, the best value and all equal values are marked; in a class of three or more, the next value is
+//! second best. An estimate without valid pixels, or without
 //! pixels within a factor of 1.25^3 of the ground truth, is never best. Otherwise `silog` would prefer an estimate that
 //! is invalid everywhere, because invalid pixels count as a constant.
 
@@ -28,24 +29,44 @@ impl Candidate {
     }
 }
 
-/// For each candidate, whether it is best: whether its value is the largest.
-pub(crate) fn best(candidates: &[Candidate]) -> Vec<bool> {
-    let mut classes: HashMap<usize, (usize, Option<f64>)> = HashMap::new();
+/// How a value compares with those of its class.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Mark {
+    #[default]
+    None,
+    Best,
+    Second,
+}
+
+impl From<bool> for Mark {
+    fn from(is_best: bool) -> Self {
+        if is_best { Self::Best } else { Self::None }
+    }
+}
+
+/// For each candidate, whether its value is the largest, or the next, of its class.
+pub(crate) fn marks(candidates: &[Candidate]) -> Vec<Mark> {
+    // Of each class, the size and the values that compete.
+    let mut classes: HashMap<usize, (usize, Vec<f64>)> = HashMap::new();
     for candidate in candidates {
         let Some(class) = candidate.class else { continue };
-        let (size, best) = classes.entry(class).or_default();
+        let (size, values) = classes.entry(class).or_default();
         *size += 1;
-        if let Some((_, value)) = candidate.competing() {
-            *best = Some(best.map_or(value, |known| known.max(value)));
-        }
+        values.extend(candidate.competing().map(|(_, value)| value));
     }
-    let is_best = |candidate: &Candidate| {
-        candidate.competing().is_some_and(|(class, value)| {
-            let (size, best) = classes[&class];
-            size > 1 && best == Some(value)
-        })
+    for (_, values) in classes.values_mut() {
+        values.sort_by(|a, b| b.total_cmp(a));
+        values.dedup();
+    }
+    let mark = |candidate: &Candidate| {
+        let Some((class, value)) = candidate.competing() else { return Mark::None };
+        match &classes[&class] {
+            (2.., values) if values[0] == value => Mark::Best,
+            (3.., values) if values.get(1) == Some(&value) => Mark::Second,
+            _ => Mark::None,
+        }
     };
-    candidates.iter().map(is_best).collect()
+    candidates.iter().map(mark).collect()
 }
 
 #[cfg(test)]
@@ -54,6 +75,19 @@ mod tests {
 
     fn candidate(class: Option<usize>, value: f64) -> Candidate {
         Candidate { class, value: Some(value), a3: None, density: None }
+    }
+
+    fn best(candidates: &[Candidate]) -> Vec<bool> {
+        marks(candidates).into_iter().map(|mark| mark == Mark::Best).collect()
+    }
+
+    #[test]
+    fn the_next_value_of_three_or_more_is_second() {
+        let values = |values: &[f64]| values.iter().map(|value| candidate(Some(0), *value)).collect::<Vec<_>>();
+        assert_eq!(marks(&values(&[1.0, 3.0, 2.0, 2.0])), [Mark::None, Mark::Best, Mark::Second, Mark::Second]);
+        assert_eq!(marks(&values(&[3.0, 3.0, 1.0])), [Mark::Best, Mark::Best, Mark::Second]);
+        assert_eq!(marks(&values(&[3.0, 1.0])), [Mark::Best, Mark::None]);
+        assert_eq!(marks(&values(&[0.0, -0.0, -1.0])), [Mark::Best, Mark::Best, Mark::Second]);
     }
 
     #[test]

@@ -6,6 +6,7 @@ use depthloom_scores::Metric;
 
 use super::unit_of;
 use crate::statistics::Interval;
+use crate::tables::best::Mark;
 
 /// A column of a [`Table`](super::Table).
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +21,7 @@ pub(crate) struct Column {
     pub(crate) more_is_better: Option<bool>,
     pub(crate) cells: Cells,
     /// Whether each cell is marked; empty: none.
-    pub(crate) best: Vec<bool>,
+    pub(crate) marks: Vec<Mark>,
     /// Whether it is repeated in each block of a table that is too wide.
     pub(crate) is_key: bool,
     /// Whether text shows it only at the [starts](super::Table::starts).
@@ -142,7 +143,7 @@ impl Column {
             latex: None,
             more_is_better: None,
             cells,
-            best: Vec::new(),
+            marks: Vec::new(),
             is_key: false,
             is_axis: false,
             once: false,
@@ -200,8 +201,8 @@ impl Column {
         Self { more_is_better: Some(more_is_better), ..self }
     }
 
-    pub(crate) fn marked(self, best: Vec<bool>) -> Self {
-        Self { best, ..self }
+    pub(crate) fn marked(self, marks: Vec<Mark>) -> Self {
+        Self { marks, ..self }
     }
 
     /// Names and formats a column of numbers of a metric.
@@ -224,8 +225,8 @@ impl Column {
         self
     }
 
-    pub(super) fn is_best(&self, row: usize) -> bool {
-        self.best.get(row).is_some_and(|is_best| *is_best)
+    pub(super) fn mark(&self, row: usize) -> Mark {
+        self.marks.get(row).copied().unwrap_or_default()
     }
 
     pub(super) fn is_text(&self) -> bool {

@@ -2,6 +2,7 @@
 
 use super::layout::{TextCell, TextColumn, are_together, blocks, capitalised};
 use super::{Orientation, Table};
+use crate::tables::best::Mark;
 
 /// The available width in digits of `\footnotesize` (4.25 pt): the 345 pt of an article's page, and the 240 pt of one
 /// of two columns.
@@ -14,7 +15,7 @@ const GAP: usize = 2;
 const ROWS: usize = 55;
 
 impl Table {
-    /// In LaTeX, for the package `booktabs`, with caption and label; the best in bold.
+    /// In LaTeX, for the package `booktabs`, with caption and label; the best in bold, the second best underlined.
     #[must_use]
     pub fn latex(&self) -> String {
         let columns = self.layout(true);
@@ -45,7 +46,9 @@ impl Table {
 fn caption(table: &Table) -> String {
     let mut text = format!("{}.", capitalised(&escaped(&table.about)));
     if let Some(marks) = table.marks() {
-        text.push_str(&format!(" {} in bold.", capitalised(marks)));
+        let has_second = table.columns.iter().any(|column| column.marks.contains(&Mark::Second));
+        let second = if has_second { ", second best underlined" } else { "" };
+        text.push_str(&format!(" {} in bold{second}.", capitalised(marks)));
     }
     for note in &table.notes {
         let note = escaped(note);
@@ -109,7 +112,11 @@ fn cell(cell: &TextCell, is_text: bool) -> String {
         (None, true) => number(&cell.text),
         (None, false) => escaped(&cell.text),
     };
-    let text = if cell.is_best { format!("\\textbf{{{text}}}") } else { text };
+    let text = match cell.mark {
+        Mark::Best => format!("\\textbf{{{text}}}"),
+        Mark::Second => format!("\\underline{{{text}}}"),
+        Mark::None => text,
+    };
     cell.suffix.as_ref().map_or_else(|| text.clone(), |suffix| format!("{text} {}", escaped(suffix)))
 }
 

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Column, Orientation, Table};
+use crate::tables::best::Mark;
 
 /// A column of text.
 #[derive(Default)]
@@ -28,7 +29,7 @@ pub(super) struct TextCell {
     pub(super) text: String,
     /// The replacement in LaTeX.
     pub(super) latex: Option<Cow<'static, str>>,
-    pub(super) is_best: bool,
+    pub(super) mark: Mark,
     /// Text after the cell: an interval, or a number to compare with.
     pub(super) suffix: Option<String>,
 }
@@ -82,7 +83,7 @@ impl Table {
                 }
                 continue;
             }
-            let cell = |row| TextCell { text: text(row), latex: None, is_best: column.is_best(row), suffix: None };
+            let cell = |row| TextCell { text: text(row), latex: None, mark: column.mark(row), suffix: None };
             columns.push(TextColumn {
                 group: String::new(),
                 name: column.shown.as_ref().unwrap_or(&column.name).clone(),
@@ -92,7 +93,7 @@ impl Table {
                 is_text: column.is_text(),
                 is_key: column.is_key,
                 joins: column.joins,
-                has_marks: column.best.contains(&true),
+                has_marks: column.marks.contains(&Mark::Best),
             });
         }
         columns
@@ -109,7 +110,7 @@ impl Table {
         let name = |(column, _): (&Column, _)| TextCell {
             text: with_arrow(column.shown.as_ref().unwrap_or(&column.name), column.more_is_better),
             latex: column.latex.clone(),
-            is_best: false,
+            mark: Mark::None,
             suffix: None,
         };
         let names = self.metrics().map(name).collect();
@@ -123,7 +124,7 @@ impl Table {
                 TextCell {
                     text: column.cells.text(row).unwrap_or_else(|| "-".to_owned()),
                     latex: None,
-                    is_best: column.is_best(row),
+                    mark: column.mark(row),
                     suffix: (!suffix.is_empty()).then(|| suffix.join(" ")),
                 }
             };

@@ -2,6 +2,7 @@
 
 use super::Table;
 use super::layout::{TextCell, TextColumn, capitalised};
+use crate::tables::best::Mark;
 
 impl Table {
     /// In Markdown (GitHub's), the best in bold.
@@ -38,7 +39,7 @@ fn heading(column: &TextColumn) -> String {
 
 fn cell(cell: &TextCell) -> String {
     let text = escaped(&cell.text);
-    let text = if cell.is_best { format!("**{text}**") } else { text };
+    let text = if cell.mark == Mark::Best { format!("**{text}**") } else { text };
     cell.suffix.as_ref().map_or_else(|| text.clone(), |suffix| format!("{text} {suffix}"))
 }
 

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use super::Table;
 use super::layout::{TextColumn, are_together, blocks};
+use crate::tables::best::Mark;
 
 /// The maximum length of a cell. The middle of longer texts is omitted, unless two texts would become equal.
 const LONGEST: usize = 40;
@@ -70,7 +71,7 @@ fn heading(column: &TextColumn) -> String {
 
 fn cell(column: &TextColumn, row: usize) -> String {
     let cell = &column.cells[row];
-    let mark = match (cell.is_best, column.has_marks) {
+    let mark = match (cell.mark == Mark::Best, column.has_marks) {
         (true, _) => "*",
         (false, true) => " ",
         (false, false) => "",

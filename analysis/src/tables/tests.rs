@@ -8,9 +8,10 @@ use polars::prelude::{
 use polars_parquet::write::schema_to_metadata_key;
 use serde_json::{Value as Json, json};
 
+use super::best::Mark;
 use super::*;
 
-/// Two axes, a score and a share; the second row is best.
+/// Two axes, a score and a share; the second row is best, the first second best.
 fn table() -> Table {
     let text = |cells: [&str; 3]| cells.map(|cell| (!cell.is_empty()).then(|| cell.to_owned()));
     let rows = Rows(&[(Some(0.125), Some(0.5), 6_u64), (Some(0.1), Some(1.0), 6), (None, None, 5)]);
@@ -24,7 +25,7 @@ fn table() -> Table {
             Column::new("estimate", Cells::Text(text(["a/x", "b/x", "c/x"]).to_vec())).in_files(),
             Column::levels("block", text(["3", "3", "9"]), |_| true).once(),
             Column::new("mode", Cells::Text(text(["hh", "sgbm & more", ""]).to_vec())).key(),
-            rows.number("abs_rel", |row| row.0).better(false).marked(vec![false, true, false]),
+            rows.number("abs_rel", |row| row.0).better(false).marked(vec![Mark::Second, Mark::Best, Mark::None]),
             rows.share("density", |row| row.1).better(true),
             rows.count("frames", |row| row.2),
         ])
@@ -77,7 +78,7 @@ fn latex_tables_have_a_fixed_size_a_caption_and_a_label() {
 % \\usepackage{booktabs}
 \\begin{table}[t]
 \\centering
-\\caption{All pixels with ground truth, preset martins2018, mean over 6 frames; 3 rows by abs\\_rel. Best in bold. One row failed.}
+\\caption{All pixels with ground truth, preset martins2018, mean over 6 frames; 3 rows by abs\\_rel. Best in bold, second best underlined. One row failed.}
 \\label{tab:street-1-variants}
 \\footnotesize
 \\setlength{\\tabcolsep}{4pt}
@@ -85,7 +86,7 @@ fn latex_tables_have_a_fixed_size_a_caption_and_a_label() {
 \\toprule
 block & mode & abs\\_rel $\\downarrow$ & density $\\uparrow$ & frames \\\\
 \\midrule
-3 & hh & 0.125 & 50.0 \\% & 6 \\\\
+3 & hh & \\underline{0.125} & 50.0 \\% & 6 \\\\
  & sgbm \\& more & \\textbf{0.100} & 100.0 \\% & 6 \\\\
 \\addlinespace
 9 & -- & -- & -- & 5 \\\\
@@ -104,8 +105,8 @@ fn latex_tables_use_published_names_and_minus_signs() {
     let rows = Rows(&[(0.5, -0.125), (0.25, 0.125)]);
     let columns = vec![
         Column::levels("min", ["-63", "a-b"].map(|level| Some(level.to_owned())), |row| row == 0),
-        rows.metric(d1, |row| Some(row.0)).decimals(2).marked(vec![true, false]),
-        rows.number("difference", |row| row.1).decimals(2).marked(vec![true, false]),
+        rows.metric(d1, |row| Some(row.0)).decimals(2).marked(vec![Mark::Best, Mark::None]),
+        rows.number("difference", |row| row.1).decimals(2).marked(vec![Mark::Best, Mark::None]),
     ];
     let latex = Table::new(columns).latex();
     for part in [

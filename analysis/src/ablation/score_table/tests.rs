@@ -78,7 +78,7 @@ fn table_of_sources(
 
 /// The marked columns of each line.
 fn marked(table: &ScoreTable) -> [Vec<usize>; 8] {
-    std::array::from_fn(|line| (0..table.rows.len()).filter(|row| table.rows[*row].best[line]).collect())
+    std::array::from_fn(|line| (0..table.rows.len()).filter(|row| table.rows[*row].marks[line] == Mark::Best).collect())
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn disparities_have_a_best_value_on_every_comparable_set() {
     let table = table_of(&scores, &estimates, false);
     let line = table.metrics.iter().position(|metric| metric.name == "d1").unwrap();
     let marked: Vec<(&str, PixelSet)> = (0..table.rows.len())
-        .filter(|row| table.rows[*row].best[line])
+        .filter(|row| table.rows[*row].marks[line] == Mark::Best)
         .map(|row| (table.rows[row].label.as_str(), table.rows[row].set))
         .collect();
     assert_eq!(marked, [("no_scaling/disparity", PixelSet::Filled), ("no_scaling/disparity", PixelSet::All)]);
