@@ -27,7 +27,7 @@ use crate::ablation::{Ablation, Row, Selection, scored, select_frames, shared_sc
 use crate::error::{AnalysisError, caught, listed, unknown};
 use crate::estimates::{Estimate, estimate_names, estimates};
 use crate::scores::FrameScore;
-use crate::statistics::Resampling;
+use crate::statistics::{Grouping, Resampling};
 use crate::tables::Typesetting;
 use contrast::contrasts;
 use frames::{Paired, ScoredBy};
@@ -47,8 +47,8 @@ fn significance(resampling: &Resampling) -> f64 {
 }
 
 /// The note for comparisons over few frames.
-fn few_frames(frames: usize) -> Option<String> {
-    let frames = (frames < FEW).then(|| counted(frames, "frame"))?;
+fn few_frames(units: usize, unit: &str) -> Option<String> {
+    let frames = (units < FEW).then(|| counted(units, unit))?;
     Some(format!("only {frames}: with so few, intervals are too narrow and tests have little power"))
 }
 
@@ -72,6 +72,8 @@ pub struct CompareOptions {
     pub baseline: Option<String>,
     /// The resampling of frames for intervals. Its confidence is also that of tests.
     pub resampling: Resampling,
+    /// The groups of frames that are resampled and ranked together; `None`: each frame alone.
+    pub grouping: Option<Grouping>,
     /// Limits on changes that make the comparison fail, for example `fused.abs_rel > +1%`.
     pub fail_if: Vec<String>,
     /// The typesetting of the table.

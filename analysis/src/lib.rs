@@ -47,7 +47,7 @@ pub use query::{Bins, By, Inquiry, Outlier, SampleSet, Unit, analyse, samples_ma
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
 pub use samples::{SAMPLES, SamplesWritten, check_samples, write_samples};
 pub use scores::FrameScore;
-pub use statistics::{Interval, IntervalMethod, Resampling};
+pub use statistics::{Grouping, Interval, IntervalMethod, Resampling};
 pub use tables::{
     COMMON, KEY_COLUMNS, Level, RowKey, RowKeys, TABLE_FORMAT, TABLE_MARK, Table, TableOutput, Typesetting, plan_key,
     variant_of,

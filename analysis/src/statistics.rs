@@ -5,6 +5,7 @@
 //! (`tests/fixtures/golden/statistics.json`).
 
 mod bootstrap;
+mod groups;
 mod holm;
 mod normal;
 mod signed_rank;
@@ -12,6 +13,8 @@ mod weighted;
 
 pub(crate) use bootstrap::Statistic;
 pub use bootstrap::{Interval, IntervalMethod, Resampling};
+pub use groups::Grouping;
+pub(crate) use groups::Groups;
 pub(crate) use holm::holm;
 pub(crate) use signed_rank::SignedRank;
 pub(crate) use weighted::Weighted;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
-use depthloom_analysis::{Bins, IntervalMethod, Resampling};
+use depthloom_analysis::{Bins, Grouping, IntervalMethod, Resampling};
 
 use super::{RunsFolder, ScoresArgs, TableOutputArgs, TypesettingArgs};
 use crate::completion::{metrics, runs};
@@ -63,6 +63,7 @@ pub(crate) enum CompareBy {
     "compare @latest '*/fused' --metrics abs_rel --baseline best" => "which estimates are as good as the best, and which are not",
     "compare first/one first/two" => "is the second run better than the first?",
     "compare @latest base/stereo base/mono --by distance" => "at which distances each of the two is better",
+    "compare @latest base small_blocks --group blocks:2" => "blocks of frames of a video are resampled together",
     "compare first/one first/two --fail-if 'fused.abs_rel > +1%'" => "for CI: exit code 3 if it is worse",
     "compare first/one:base/fused first/two:base/fused --json" => "for programs",
 ])]
@@ -112,6 +113,16 @@ pub(crate) struct CompareArgs {
 
     #[command(flatten)]
     pub intervals: IntervalArgs,
+
+    /// Resample and rank groups of frames, e.g. `sequence` (default: each frame).
+    ///
+    /// Use it for video, whose frames are correlated: intervals over single frames are then too narrow.
+    ///
+    /// - `sequence`: a group ends where the folder in the frame's id changes, or where frame numbers restart
+    /// - `blocks:N`: N consecutive frames
+    /// - a CSV file with the columns `frame,group`
+    #[arg(long, value_name = "GROUPS", value_parser = Grouping::parse, conflicts_with = "by", verbatim_doc_comment)]
+    pub group: Option<Grouping>,
 
     /// Fail if this limit is exceeded, e.g. `fused.abs_rel > +1%`. Can be repeated.
     ///

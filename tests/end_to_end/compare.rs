@@ -71,6 +71,8 @@ fn differences_intervals_and_tests_match_scipy() {
         (&["run", "plain/raw", "plain/smooth", "--confidence", "90", "--resamples", "999"], &["run"], 8),
         (&["run", "other", "--estimates", "large/*"], &["run", "other"], 2 * 8),
         (&["run:plain/raw", "other:strict/raw", "--metrics", "rmse_log"], &["run", "other"], 1),
+        (&["run", "*/smooth", "--group", "blocks:2", "--metrics", "abs_rel,rmse,a1"], &["run"], 2 * 3),
+        (&["run", "*/raw", "--group", "blocks:2", "--mean", "pixels", "--metrics", "rmse,a1"], &["run"], 2 * 2),
     ] {
         let resamples: &[&str] = if arguments.contains(&"--resamples") { &[] } else { &["--resamples", "10000"] };
         let compared = json(folder, &[arguments, resamples].concat());
@@ -82,6 +84,36 @@ fn differences_intervals_and_tests_match_scipy() {
         let checked = succeed(&mut check);
         assert_eq!(String::from_utf8_lossy(&checked.stdout).trim(), tests.to_string(), "{arguments:?}");
     }
+}
+
+#[test]
+fn groups_of_frames_are_the_units_of_intervals_and_tests() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let compare_in =
+        |groups: &str| json(folder, &["run", "plain/raw", "strict/raw", "--metrics", "abs_rel", "--group", groups]);
+    std::fs::write(folder.join("groups.csv"), "frame,group\n".to_owned() + &lines(7, |frame| usize::from(frame == 3)))
+        .expect("written");
+    for (groups, units, unit) in
+        [("blocks:3", 3, "blocks of 3 frames"), ("sequence", 1, "sequences"), ("groups.csv", 2, "groups of groups.csv")]
+    {
+        let compared = compare_in(groups);
+        assert_eq!(compared["method"]["unit"], unit);
+        let row = &compared["rows"][0];
+        let count = |name: &str| row[name].as_u64().expect("a number");
+        assert_eq!((count("frames"), count("wins") + count("ties") + count("losses")), (7, units), "{groups}");
+        // One group cannot be resampled.
+        assert_eq!(row["difference_low"].is_null(), units == 1, "{groups}");
+    }
+    std::fs::write(folder.join("groups.csv"), "frame,group\n".to_owned() + &lines(6, |_| 0)).expect("written");
+    let missing = refused(folder, &["run", "plain/raw", "strict/raw", "--group", "groups.csv"]);
+    assert!(missing.contains("groups.csv has no group for frame `000006_10`"), "{missing}");
+}
+
+/// The lines of a file of groups.
+fn lines(frames: usize, group: impl Fn(usize) -> usize) -> String {
+    (0..frames).map(|frame| format!("{frame:06}_10,{}\n", group(frame))).collect()
 }
 
 #[test]

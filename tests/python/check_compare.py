@@ -38,6 +38,17 @@ def near(found, expected, what):
     assert math.isclose(found, expected, rel_tol=1e-6, abs_tol=1e-12), f"{what}: {found} is not {expected}"
 
 
+def blocks(terms, size):
+    """The sums of consecutive frames."""
+    starts = np.arange(0, len(terms[0]), size)
+    return [np.add.reduceat(np.asarray(term, dtype=float), starts) for term in terms]
+
+
+def value(terms, form):
+    mean = terms[1] / terms[0]
+    return np.sqrt(mean) if form == "root mean" else mean
+
+
 def main():
     with open(sys.argv[1]) as file:
         compared = json.load(file)
@@ -66,6 +77,12 @@ def main():
         near(row["baseline"], means[0], what)
         near(row["value"], means[1], what)
         near(row["difference"], means[1] - means[0], what)
+        if method["unit"] != "frames":
+            size = int(method["unit"].split()[2])
+            if row["mean"] == "frames":
+                terms = [[np.ones_like(x), x, 0 * x] for x in values]
+            terms = [blocks(of, size) for of in terms]
+            values = [value(of, form) for of in terms]
         low, high = interval(*terms, form=form, method=method["interval"], **settings)
         near(row["difference_low"], low, f"lower end, {what}")
         near(row["difference_high"], high, f"upper end, {what}")

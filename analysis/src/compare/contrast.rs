@@ -9,7 +9,8 @@ use serde::Serialize;
 
 use super::{CompareOptions, Pair};
 use crate::error::AnalysisError;
-use crate::statistics::{Interval, SignedRank, Statistic, Weighted, holm};
+use crate::scores::FrameScore;
+use crate::statistics::{Grouping, Groups, Interval, SignedRank, Statistic, Weighted, holm};
 
 /// A metric of a pair.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,11 +19,13 @@ pub(super) struct Contrast {
     pub(super) metric: &'static Metric,
     /// The number of frames on which both have the metric.
     pub(super) frames: usize,
+    /// The number of sampling units: of frames, or of their groups.
+    pub(super) units: usize,
     /// The value of each side over these frames.
     pub(super) baseline: f64,
     pub(super) value: f64,
     pub(super) interval: Option<Interval>,
-    /// The number of frames on which the other side is better, equal, and worse.
+    /// The number of units on which the other side is better, equal, and worse.
     pub(super) wins: u64,
     pub(super) ties: u64,
     pub(super) losses: u64,
@@ -126,11 +129,12 @@ pub(super) fn contrasts(
 ) -> Result<Vec<Contrast>, AnalysisError> {
     let is_requested =
         |metric: &Metric| options.scores.is_empty() || options.scores.iter().any(|name| name == metric.name);
+    let groups = options.grouping.as_ref().map(Grouping::open).transpose()?;
     let mut samples = Vec::new();
     for (place, pair) in pairs.iter().enumerate() {
         let both = pair.baseline.estimate.metrics.iter().filter(|of| pair.other.estimate.metrics.contains(of));
         for metric in both.copied().filter(|metric| is_requested(metric)) {
-            samples.extend(sample(place, pair, metric, pair.mean(options)));
+            samples.extend(sample(place, pair, metric, pair.mean(options), groups.as_ref())?);
         }
     }
     // Nodes with different keys may have equal values.
@@ -141,7 +145,7 @@ pub(super) fn contrasts(
     }
     let number = |sample: &Sample| -> (usize, Box<Statistic<'_>>) {
         let (baseline, other) = (sample.baseline.clone(), sample.other.clone());
-        (sample.contrast.frames, Box::new(move |times: &[f64]| other.value(times) - baseline.value(times)))
+        (sample.contrast.units, Box::new(move |times: &[f64]| other.value(times) - baseline.value(times)))
     };
     let numbers: Vec<_> = samples.iter().map(number).collect();
     let intervals = options.resampling.intervals_of(&numbers, stop)?;
@@ -174,46 +178,69 @@ pub(super) fn tests(contrasts: &[Contrast]) -> usize {
     tested.map(|of| of.tested).collect::<BTreeSet<Key>>().len()
 }
 
-/// The smallest corrected probability that this number of tests and frames allows, if all differences have one sign.
+/// The smallest corrected probability that this number of tests and units allows, if all differences have one sign.
 /// `None` without tests.
 pub(super) fn smallest_reachable(contrasts: &[Contrast]) -> Option<f64> {
-    let most = contrasts.iter().filter(|of| of.p_holm.is_some()).map(|of| of.frames).max()?;
-    let one_sign: Vec<f64> = (1..=most).map(|frame| frame as f64).collect();
+    let most = contrasts.iter().filter(|of| of.p_holm.is_some()).map(|of| of.units).max()?;
+    let one_sign: Vec<f64> = (1..=most).map(|unit| unit as f64).collect();
     Some((SignedRank::test(&one_sign)?.p * tests(contrasts) as f64).min(1.0))
 }
 
 /// A metric of a pair on the frames on which both have it. `None` if there is no such frame, or if the value of a data
 /// set cannot be computed from the values of frames.
-fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) -> Option<Sample> {
-    let frames = pair.paired.frames.iter().map(|(one, two)| (&one.row, &two.row));
+///
+/// # Errors
+/// If the file of groups has no group for a frame.
+fn sample(
+    place: usize,
+    pair: &Pair<'_>,
+    metric: &'static Metric,
+    mean: Mean,
+    groups: Option<&Groups>,
+) -> Result<Option<Sample>, AnalysisError> {
     let both = |(one, two): (&ScoreRow, &ScoreRow)| Some((one.get(metric)?, two.get(metric)?));
-    let has = |frame: &(&ScoreRow, &ScoreRow)| both(*frame).is_some();
-    let (ours, theirs): (Vec<&ScoreRow>, Vec<&ScoreRow>) = frames.filter(has).unzip();
+    let frames = pair.paired.frames.iter().filter(|(one, two)| both((&one.row, &two.row)).is_some());
+    let frames: Vec<(&FrameScore, &FrameScore)> = frames.copied().collect();
+    let (ours, theirs): (Vec<&ScoreRow>, Vec<&ScoreRow>) = frames.iter().map(|(one, two)| (&one.row, &two.row)).unzip();
     if ours.is_empty() {
-        return None;
+        return Ok(None);
     }
     let settings = |side: &super::ScoredBy<'_>| side.estimate.settings.unwrap_or_default();
-    let baseline = Weighted::new(metric, mean, &settings(&pair.baseline), ours.iter().copied())?;
-    let other = Weighted::new(metric, mean, &settings(&pair.other), theirs.iter().copied())?;
-    let values = || ours.iter().zip(&theirs).filter_map(|(one, two)| both((one, two)));
-    let count = |is: &dyn Fn(f64, f64) -> bool| values().filter(|(one, two)| is(*one, *two)).count() as u64;
+    let weighted = |side: &super::ScoredBy<'_>, rows: &[&ScoreRow]| {
+        Weighted::new(metric, mean, &settings(side), rows.iter().copied())
+    };
+    let (Some(baseline), Some(other)) = (weighted(&pair.baseline, &ours), weighted(&pair.other, &theirs)) else {
+        return Ok(None);
+    };
+    let groups = groups.map(|groups| pair.groups(groups, &frames)).transpose()?;
+    let of_frames = || ours.iter().zip(&theirs).filter_map(|(one, two)| both((one, two)));
+    let (baseline, other, values): (_, _, Vec<(f64, f64)>) = match groups {
+        None => (baseline, other, of_frames().collect()),
+        Some(groups) => {
+            let (baseline, other) = (baseline.grouped(&groups), other.grouped(&groups));
+            let values = baseline.of_each().into_iter().zip(other.of_each()).collect();
+            (baseline, other, values)
+        }
+    };
+    let count = |is: &dyn Fn(f64, f64) -> bool| values.iter().filter(|(one, two)| is(*one, *two)).count() as u64;
     let good = |value| metric.goodness(value);
     let wins = count(&|one, two| good(two) > good(one));
     let losses = count(&|one, two| good(two) < good(one));
-    let differences: Vec<f64> = values().map(|(one, two)| two - one).collect();
-    let tested = values().fold(Key::build("tested").text(metric.name), |key, (one, two)| {
+    let differences: Vec<f64> = values.iter().map(|(one, two)| two - one).collect();
+    let tested = of_frames().fold(Key::build("tested").text(metric.name), |key, (one, two)| {
         key.number(one.to_bits()).number(two.to_bits())
     });
-    let is_equal = differences.iter().all(|difference| *difference == 0.0);
+    let is_equal = of_frames().all(|(one, two)| one == two);
     let contrast = Contrast {
         pair: place,
         metric,
         frames: ours.len(),
+        units: values.len(),
         baseline: baseline.of_all_frames(),
         value: other.of_all_frames(),
         interval: None,
         wins,
-        ties: ours.len() as u64 - wins - losses,
+        ties: values.len() as u64 - wins - losses,
         losses,
         test: SignedRank::test(&differences),
         // One node may read files of several folders: then its values differ.
@@ -222,10 +249,20 @@ fn sample(place: usize, pair: &Pair<'_>, metric: &'static Metric, mean: Mean) ->
         tested: tested.finish(),
         verdict: Verdict::Unclear,
     };
-    Some(Sample { contrast, baseline, other, is_equal })
+    Ok(Some(Sample { contrast, baseline, other, is_equal }))
 }
 
 impl Pair<'_> {
+    /// The group of each frame, by the baseline's run.
+    fn groups(&self, groups: &Groups, frames: &[(&FrameScore, &FrameScore)]) -> Result<Vec<usize>, AnalysisError> {
+        let recorded = self.baseline.run.recording.frames(self.baseline.estimate.run);
+        let named = |(one, _): &(&FrameScore, &FrameScore)| {
+            let frame = &recorded[one.position.0];
+            (&*frame.id, frame.index)
+        };
+        groups.of_frames(&frames.iter().map(named).collect::<Vec<_>>())
+    }
+
     /// How the value of a data set is averaged.
     pub(super) fn mean(&self, options: &CompareOptions) -> Mean {
         options.selection.mean.unwrap_or(self.baseline.estimate.mean)

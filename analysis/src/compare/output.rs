@@ -9,7 +9,7 @@ use serde_json::Value as Json;
 use super::contrast::Verdicts;
 use super::limit::JudgedLimit;
 use crate::input::parameters::Changed;
-use crate::statistics::Resampling;
+use crate::statistics::{Grouping, Resampling};
 use crate::tables::JsonRow;
 
 /// The output of `compare`: differences, with intervals and tests.
@@ -37,6 +37,8 @@ pub(crate) struct CompareMethod {
     pub(super) confidence: f64,
     resamples: u64,
     seed: u64,
+    /// What is resampled and ranked: `frames`, or groups of frames.
+    unit: String,
     /// `wilcoxon`.
     test: &'static str,
     /// `holm`.
@@ -46,12 +48,13 @@ pub(crate) struct CompareMethod {
 }
 
 impl CompareMethod {
-    pub(super) fn new(resampling: &Resampling, tests: usize) -> Self {
+    pub(super) fn new(resampling: &Resampling, grouping: Option<&Grouping>, tests: usize) -> Self {
         Self {
             interval: resampling.method.name(),
             confidence: resampling.confidence,
             resamples: resampling.resamples.into(),
             seed: resampling.seed,
+            unit: grouping.map_or_else(|| "frames".to_owned(), Grouping::unit),
             test: "wilcoxon",
             correction: "holm",
             tests: tests as u64,

@@ -62,7 +62,7 @@ impl<'a> Compared<'a> {
             let recording_notes = recording_notes(run.recording);
             notes.extend(recording_notes.into_iter().map(|note| format!("{prefix}{note}")));
         }
-        let method = CompareMethod::new(&options.resampling, tests(contrasts));
+        let method = CompareMethod::new(&options.resampling, options.grouping.as_ref(), tests(contrasts));
         let compared_with = vec![format!("{}-compared-{}", plan.experiment, first.title)];
         let starts: Vec<usize> =
             (0..contrasts.len()).filter(|&row| row == 0 || contrasts[row].pair != contrasts[row - 1].pair).collect();
@@ -161,17 +161,18 @@ impl<'a> Compared<'a> {
             let label = &self.pair(contrast).other.estimate.label;
             notes.push(format!("{label} is identical on both sides, so it is not tested"));
         }
-        let frames = || self.contrasts.iter().map(|contrast| contrast.frames);
+        let units = || self.contrasts.iter().map(|contrast| contrast.units);
+        let unit = if self.options.grouping.is_some() { "group" } else { "frame" };
         let resampling = &self.options.resampling;
         if let Some(p) = smallest_reachable(self.contrasts).filter(|p| *p >= 1.0 - resampling.confidence) {
             notes.push(format!(
-                "no verdict is possible: with {} of {} the smallest possible p_holm is {p:.3}, not below {}; use more frames, fewer sides or fewer `--metrics`",
+                "no verdict is possible: with {} of {} the smallest possible p_holm is {p:.3}, not below {}; use more {unit}s, fewer sides or fewer `--metrics`",
                 counted(tests(self.contrasts), "test"),
-                counted(frames().max().unwrap_or(0), "frame"),
+                counted(units().max().unwrap_or(0), unit),
                 significance(resampling),
             ));
         }
-        notes.extend(few_frames(frames().min().unwrap_or(0)));
+        notes.extend(few_frames(units().min().unwrap_or(0), unit));
         distinct(notes)
     }
 
@@ -194,10 +195,17 @@ impl<'a> Compared<'a> {
         let frames = || self.contrasts.iter().map(|contrast| contrast.frames as u64);
         let frames = frames().min().unwrap_or(0)..=frames().max().unwrap_or(0);
         let is_all = |mean| self.contrasts.iter().all(|contrast| self.pair(contrast).mean(self.options) == mean);
+        let over = match &self.options.grouping {
+            None => "frames".to_owned(),
+            Some(grouping) => {
+                let units: Vec<usize> = self.contrasts.iter().map(|contrast| contrast.units).collect();
+                format!("{} {}", units.iter().max().unwrap_or(&0), grouping.unit())
+            }
+        };
         let test = match method.tests {
             0 => "nothing was tested, because no value differs".to_owned(),
             tests => format!(
-                "p: Wilcoxon signed rank over frames, two-sided; p_holm: corrected for the {} here; verdict: p_holm below {} and an interval without 0",
+                "p: Wilcoxon signed rank over {over}, two-sided; p_holm: corrected for the {} here; verdict: p_holm below {} and an interval without 0",
                 counted(tests, "test"),
                 significance(&self.options.resampling),
             ),
@@ -208,7 +216,7 @@ impl<'a> Compared<'a> {
             distinct(pixels).join(" and "),
             distinct(presets).join(" and "),
             averaged(frames, is_all),
-            self.options.resampling.about(),
+            self.options.resampling.about_units(&over),
         )
     }
 

@@ -81,8 +81,13 @@ impl Resampling {
     /// Describes the intervals: `95 % BCa bootstrap over frames, 10000 resamples, seed 1`.
     #[must_use]
     pub fn about(&self) -> String {
+        self.about_units("frames")
+    }
+
+    /// As [`about`](Self::about), with the units that are resampled.
+    pub(crate) fn about_units(&self, units: &str) -> String {
         let (method, resamples, seed) = (self.method.name(), self.resamples, self.seed);
-        format!("{} {method} bootstrap over frames, {resamples} resamples, seed {seed}", self.level())
+        format!("{} {method} bootstrap over {units}, {resamples} resamples, seed {seed}", self.level())
     }
 
     /// `95 %`.

@@ -90,6 +90,22 @@ impl Weighted {
         }
     }
 
+    /// The same data set with groups of frames in place of frames. `groups` has the group of each frame, from 0.
+    pub(crate) fn grouped(&self, groups: &[usize]) -> Self {
+        let count = groups.iter().max().map_or(0, |last| last + 1);
+        let mut terms = vec![[0.0; 3]; count];
+        for (term, group) in self.terms.iter().zip(groups) {
+            terms[*group].iter_mut().zip(term).for_each(|(sum, part)| *sum += part);
+        }
+        Self { form: self.form, terms }
+    }
+
+    /// The value of each frame, or group, alone.
+    pub(crate) fn of_each(&self) -> Vec<f64> {
+        let alone = |term: &[f64; 3]| Self { form: self.form, terms: vec![*term] }.of_all_frames();
+        self.terms.iter().map(alone).collect()
+    }
+
     /// The value over all frames with weight 1.
     pub(crate) fn of_all_frames(&self) -> f64 {
         self.value(&vec![1.0; self.terms.len()])
@@ -127,6 +143,24 @@ mod tests {
                 let values: Vec<f64> = rows.iter().map(|row| row.get(metric).unwrap()).collect();
                 assert_eq!(weighted(Mean::Frames).of_all_frames(), values.iter().sum::<f64>() / 3.0, "to the bit");
                 near(weighted(Mean::Frames).value(&[2.0, 0.0, 1.0]), (2.0 * values[0] + values[2]) / 3.0);
+            }
+        }
+    }
+
+    #[test]
+    fn groups_have_the_value_of_their_frames() {
+        let settings = Preset::Martins2018.settings();
+        let rows = rows(&settings);
+        for metric in depthloom_scores::Family::Depth.defaults() {
+            for mean in [Mean::Frames, Mean::Pixels] {
+                let weighted = Weighted::new(metric, mean, &settings, &rows).unwrap();
+                let grouped = weighted.grouped(&[0, 1, 0]);
+                let near =
+                    |a: f64, b: f64| assert!((a - b).abs() <= 1e-12 * (1.0 + b.abs()), "{metric:?}: {a}, not {b}");
+                near(grouped.of_all_frames(), weighted.of_all_frames());
+                let each = grouped.of_each();
+                near(each[0], weighted.value(&[1.0, 0.0, 1.0]));
+                near(each[1], weighted.value(&[0.0, 1.0, 0.0]));
             }
         }
     }

@@ -52,6 +52,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
             Some(CompareBy::Distance) => Resampling::OF_ERRORS,
             None => Resampling::OF_SCORES,
         }),
+        grouping: args.group.clone(),
         fail_if: args.fail_if.clone(),
         typesetting: args.typesetting.typesetting(),
     };

@@ -31,7 +31,7 @@ pub(super) fn comparison(
     let handovers = pairs.iter().flat_map(|pair| pair.handovers.iter().map(move |handover| (pair, handover)));
     notes
         .splice(0..0, handovers.map(|(pair, (by, handover))| handover_note(pair, *by, handover.as_ref(), &resampling)));
-    notes.extend(few_frames(pairs.iter().map(|pair| pair.frames).min().unwrap_or(0)));
+    notes.extend(few_frames(pairs.iter().map(|pair| pair.frames).min().unwrap_or(0), "frame"));
     let titles: Vec<String> = pairs
         .iter()
         .map(|pair| format!("{} compared with {}", pair.estimates[1].title, pair.estimates[0].title))
