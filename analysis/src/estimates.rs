@@ -193,6 +193,17 @@ pub(crate) fn check_patterns(patterns: &str, estimates: &[Estimate]) -> Result<(
     }
 }
 
+/// The patterns that match an estimate, separated by commas; `None` if none does.
+pub(crate) fn matching_patterns(patterns: &str, estimates: &[Estimate]) -> Option<String> {
+    let names = estimate_names(estimates);
+    let is_one = |pattern: &&str| names.iter().any(|name| glob(pattern, name));
+    if is_one(&patterns) {
+        return Some(patterns.to_owned());
+    }
+    let found: Vec<&str> = patterns.split(',').map(str::trim).filter(is_one).collect();
+    (!found.is_empty()).then(|| found.join(","))
+}
+
 /// Describes the scoring: `preset martins2018`, `preset martins2018 with max_m 50 and crop garg`. Parameters that only
 /// select rows are not included.
 fn preset(params: &serde_json::Value) -> String {

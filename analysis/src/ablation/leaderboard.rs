@@ -13,6 +13,7 @@ use super::comparability::Classes;
 use super::front::{Better, Goal, fronts, sort_best_first};
 use super::{Ablation, Costs, Ranking, Row, Selection};
 use crate::error::{AnalysisError, caught};
+use crate::estimates::{Estimate, check_patterns, matching_patterns};
 use crate::input::condition::recording_notes;
 use crate::input::parameters::parameter_changes;
 use crate::scores::incomplete_frames;
@@ -63,6 +64,10 @@ pub fn leaderboard(
                 Ablation::new(run.recording.plan(), estimates, scores, source, run.costs)
             })
             .collect();
+        if let Some(patterns) = &selection.estimates {
+            let all: Vec<Estimate> = opened.iter().flat_map(|(estimates, _)| estimates.iter().cloned()).collect();
+            check_patterns(patterns, &all)?;
+        }
         let mut table = Board::new(runs, &ablations, selection, ranking)?.table(selection, ranking)?;
         for (run, (estimates, scores)) in runs.iter().zip(&opened) {
             let frames = selected_frames(run.recording, selection)?;
@@ -95,6 +100,14 @@ impl<'a> Board<'a> {
         metrics.dedup();
         let (mut classes, mut entries) = (Classes::default(), Vec::new());
         for (run, ablation) in ablations.iter().enumerate() {
+            // A name has to exist in one of the runs, not in each.
+            let patterns = selection.estimates.as_deref();
+            let patterns = patterns.map(|patterns| matching_patterns(patterns, ablation.estimates));
+            let selection = &match patterns {
+                Some(None) => continue,
+                Some(estimates) => Selection { estimates, ..selection.clone() },
+                None => selection.clone(),
+            };
             let zone = ablation.zone(selection)?;
             for row in ranking.rows(ablation, ablation.rows(selection)?)?.0 {
                 let class = |metric: &&Metric| {
@@ -129,11 +142,13 @@ impl<'a> Board<'a> {
     }
 
     fn table(&self, selection: &Selection, ranking: &Ranking) -> Result<Table, AnalysisError> {
+        // The first run with a selected estimate.
+        let lead = self.entries.first().map_or(0, |entry| entry.run);
         let first: Vec<Row> =
-            self.entries.iter().filter(|entry| entry.run == 0).map(|entry| entry.row.clone()).collect();
+            self.entries.iter().filter(|entry| entry.run == lead).map(|entry| entry.row.clone()).collect();
         let by = match ranking.sort.as_ref().or_else(|| ranking.pareto.first()) {
             Some(sort) => sort,
-            None => self.ablations[0].metrics[self.ablations[0].first_error(&first)].name,
+            None => self.ablations[lead].metrics[self.ablations[lead].first_error(&first)].name,
         };
         let number = |place: usize, name: &str| self.number(&self.entries[place], name);
         let mut order: Vec<usize> = (0..self.entries.len()).collect();
@@ -161,14 +176,15 @@ impl<'a> Board<'a> {
         for name in &names {
             columns.push(self.column(name, &order)?);
         }
-        let about = self.ablations[0].about(&first, selection)?;
+        let about = self.ablations[lead].about(&first, selection)?;
         let count =
             if order.len() == all { format!("{all} rows") } else { format!("the first {} of {all} rows", order.len()) };
         let notes = names
             .contains(&"ms")
             .then(|| "ms: the runs were timed at different times and perhaps on different machines".to_owned());
         let label = [vec!["leaderboard".to_owned()], selection.label()].concat().join("-");
-        let about = format!("{} runs; in the first run: {about}; {count} by {by}", self.runs.len());
+        let run = if lead == 0 { "the first run" } else { self.runs[lead].called };
+        let about = format!("{} runs; in {run}: {about}; {count} by {by}", self.runs.len());
         Ok(Table { about, label, notes: notes.into_iter().collect(), ..Table::new(columns) })
     }
 

@@ -92,7 +92,9 @@ fn single_cameras(
     let mut found = Vec::new();
     for (folder, files) in of_images.iter().filter(|(folder, _)| !folder.is_empty() && !is_truth(folder)) {
         let left = format!("{folder}/{}", all_of(files));
-        let lines = truths(folders, of_images, &left, &[]);
+        let mut lines = truths(folders, of_images, &left, &[]);
+        // Disparities belong to a pair, of which one half is missing.
+        lines.retain(|line| !line.contains("unit: pixels"));
         if lines.is_empty() {
             continue;
         }
